@@ -1,0 +1,592 @@
+/*
+ * json.c - see json.h
+ *
+ * cJSON accepts duplicate keys, reads 1e999 as infinity and prints numbers to within an epsilon.  A first pass over
+ * the text checks what it lets pass (structure, depth, keys, numbers, UTF-8); only then does cJSON build the tree.
+ */
+#include "modal/json.h"
+#include <ctype.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct scan {
+    const char *start, *at, *end;
+    int depth;
+    char path[128];
+    struct modal_error *err;
+};
+
+static enum modal_status scan_fail(const struct scan *s, const char *what)
+{
+    return modal_fail_field(s->err, MODAL_BAD_INPUT, s->path, "JSON: %s at byte %td", what, s->at - s->start);
+}
+
+static void skip_space(struct scan *s)
+{
+    while (s->at < s->end && memchr(" \t\r\n", *s->at, 4) != NULL)
+        s->at++;
+}
+
+static enum modal_status scan_value(struct scan *s);
+
+/* The length of the UTF-8 sequence at P, 0 if malformed (overlong, surrogate, out of range, cut). */
+static int utf8_length(const unsigned char *p, const unsigned char *end)
+{
+    static const struct { unsigned char mask, lead; unsigned least; } forms[] = {
+        { 0x80, 0x00, 0 }, { 0xe0, 0xc0, 0x80 }, { 0xf0, 0xe0, 0x800 }, { 0xf8, 0xf0, 0x10000 } };
+
+    for (int n = 0; n < 4; n++) {
+        if ((p[0] & forms[n].mask) != forms[n].lead)
+            continue;
+        unsigned code = p[0] & (unsigned char)~forms[n].mask;
+        if (end - p < n + 1)
+            return 0;
+        for (int i = 1; i <= n; i++) {
+            if ((p[i] & 0xc0) != 0x80)
+                return 0;
+            code = code << 6 | (p[i] & 0x3f);
+        }
+        return code >= forms[n].least && code <= 0x10ffff && (code < 0xd800 || code > 0xdfff) ? n + 1 : 0;
+    }
+    return 0;
+}
+
+static enum modal_status scan_string(struct scan *s)
+{
+    s->at++;
+    while (s->at < s->end && *s->at != '"') {
+        int n = utf8_length((const unsigned char *)s->at, (const unsigned char *)s->end);
+        if (n == 0)
+            return scan_fail(s, "not UTF-8");
+        if ((unsigned char)*s->at < 0x20)
+            return scan_fail(s, "a control character in a string");
+        if (*s->at == '\\') {
+            if (s->end - s->at < 2 || strchr("\"\\/bfnrtu", s->at[1]) == NULL)
+                return scan_fail(s, "an unknown escape");
+            if (s->at[1] == 'u' && (s->end - s->at < 6 || strspn(s->at + 2, "0123456789abcdefABCDEF") < 4
+                                    || memcmp(s->at + 2, "0000", 4) == 0))
+                return scan_fail(s, "a bad \\u escape");
+            n = 2;
+        }
+        s->at += n;
+    }
+    if (s->at >= s->end)
+        return scan_fail(s, "an unterminated string");
+    s->at++;
+    return MODAL_OK;
+}
+
+static const char *digits(const char *p, const char *end)
+{
+    while (p < end && isdigit((unsigned char)*p))
+        p++;
+    return p;
+}
+
+static enum modal_status scan_number(struct scan *s)
+{
+    const char *p = s->at, *q;
+    char text[512];
+
+    if (p < s->end && *p == '-')
+        p++;
+    q = digits(p, s->end);
+    if (q == p || (*p == '0' && q - p > 1))
+        return scan_fail(s, "not a JSON value (NaN and Infinity are not accepted)");
+    p = q;
+    if (p < s->end && *p == '.') {
+        q = digits(++p, s->end);
+        if (q == p)
+            return scan_fail(s, "a malformed number");
+        p = q;
+    }
+    if (p < s->end && (*p == 'e' || *p == 'E')) {
+        p++;
+        if (p < s->end && (*p == '+' || *p == '-'))
+            p++;
+        q = digits(p, s->end);
+        if (q == p)
+            return scan_fail(s, "a malformed number");
+        p = q;
+    }
+    if ((size_t)(p - s->at) >= sizeof text)
+        return scan_fail(s, "a number of more than 511 characters");
+    memcpy(text, s->at, (size_t)(p - s->at));
+    text[p - s->at] = '\0';
+    if (!isfinite(strtod(text, NULL)))
+        return scan_fail(s, "a number that overflows a double");
+    s->at = p;
+    return MODAL_OK;
+}
+
+/* A key as it stands between its quotes; duplicates are found by comparing unescaped text only where no escape occurs. */
+struct key { const char *text; size_t length; };
+
+static int compare_keys(const void *a, const void *b)
+{
+    const struct key *x = a, *y = b;
+    size_t n = x->length < y->length ? x->length : y->length;
+    int order = memcmp(x->text, y->text, n);
+
+    return order != 0 ? order : (x->length > y->length) - (x->length < y->length);
+}
+
+static enum modal_status check_duplicates(struct scan *s, struct key *keys, size_t count)
+{
+    char name[64];
+
+    qsort(keys, count, sizeof *keys, compare_keys);
+    for (size_t i = 1; i < count; i++)
+        if (compare_keys(&keys[i - 1], &keys[i]) == 0) {
+            snprintf(name, sizeof name, "%.*s", (int)(keys[i].length < 63 ? keys[i].length : 63), keys[i].text);
+            char path[128];
+            json_path(path, s->path, name);
+            return modal_fail_field(s->err, MODAL_BAD_INPUT, path, "JSON: the key \"%s\" stands twice in one object", name);
+        }
+    return MODAL_OK;
+}
+
+static enum modal_status scan_object(struct scan *s)
+{
+    enum modal_status rc = MODAL_OK;
+    struct key *keys = NULL;
+    size_t count = 0, room = 0;
+    char base[128];
+
+    memcpy(base, s->path, sizeof base);
+    s->at++;
+    skip_space(s);
+    if (s->at < s->end && *s->at == '}') {
+        s->at++;
+        return MODAL_OK;
+    }
+    for (;;) {
+        skip_space(s);
+        if (s->at >= s->end || *s->at != '"') {
+            rc = scan_fail(s, "a key was expected");
+            goto out;
+        }
+        const char *from = s->at + 1;
+        if ((rc = scan_string(s)) != MODAL_OK)
+            goto out;
+        if (memchr(from, '\\', (size_t)(s->at - 1 - from)) != NULL) {   /* so that duplicates cannot hide */
+            rc = scan_fail(s, "an escape in a key");
+            goto out;
+        }
+        if (count == room) {
+            struct key *more = realloc(keys, (room = 2 * room + 8) * sizeof *keys);
+            if (more == NULL) {
+                rc = modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
+                goto out;
+            }
+            keys = more;
+        }
+        keys[count++] = (struct key) { from, (size_t)(s->at - 1 - from) };
+        skip_space(s);
+        if (s->at >= s->end || *s->at != ':') {
+            rc = scan_fail(s, "':' was expected");
+            goto out;
+        }
+        s->at++;
+        char name[64];
+        snprintf(name, sizeof name, "%.*s", (int)(keys[count - 1].length < 63 ? keys[count - 1].length : 63), from);
+        json_path(s->path, base, name);
+        if ((rc = scan_value(s)) != MODAL_OK)
+            goto out;
+        memcpy(s->path, base, sizeof base);
+        skip_space(s);
+        if (s->at < s->end && *s->at == ',') {
+            s->at++;
+            continue;
+        }
+        if (s->at < s->end && *s->at == '}') {
+            s->at++;
+            break;
+        }
+        rc = scan_fail(s, "',' or '}' was expected");
+        goto out;
+    }
+    rc = check_duplicates(s, keys, count);
+out:
+    free(keys);
+    return rc;
+}
+
+static enum modal_status scan_array(struct scan *s)
+{
+    char base[128];
+    size_t index = 0;
+
+    memcpy(base, s->path, sizeof base);
+    s->at++;
+    skip_space(s);
+    if (s->at < s->end && *s->at == ']') {
+        s->at++;
+        return MODAL_OK;
+    }
+    for (;;) {
+        char name[32];
+        snprintf(name, sizeof name, "[%zu]", index++);
+        json_path(s->path, base, name);
+        enum modal_status rc = scan_value(s);
+        if (rc != MODAL_OK)
+            return rc;
+        memcpy(s->path, base, sizeof base);
+        skip_space(s);
+        if (s->at < s->end && *s->at == ',') {
+            s->at++;
+            continue;
+        }
+        if (s->at < s->end && *s->at == ']') {
+            s->at++;
+            return MODAL_OK;
+        }
+        return scan_fail(s, "',' or ']' was expected");
+    }
+}
+
+static enum modal_status scan_value(struct scan *s)
+{
+    static const char *const words[] = { "true", "false", "null" };
+    enum modal_status rc;
+
+    skip_space(s);
+    if (s->at >= s->end)
+        return scan_fail(s, "a value was expected");
+    if (*s->at == '"')
+        return scan_string(s);
+    if (*s->at == '{' || *s->at == '[') {
+        if (s->depth >= JSON_DEPTH_MOST)
+            return modal_fail_field(s->err, MODAL_BAD_INPUT, "", "JSON: nested deeper than %d at byte %td", JSON_DEPTH_MOST, s->at - s->start);
+        s->depth++;
+        rc = *s->at == '{' ? scan_object(s) : scan_array(s);
+        s->depth--;
+        return rc;
+    }
+    for (int i = 0; i < 3; i++)
+        if ((size_t)(s->end - s->at) >= strlen(words[i]) && memcmp(s->at, words[i], strlen(words[i])) == 0) {
+            s->at += strlen(words[i]);
+            return MODAL_OK;
+        }
+    return scan_number(s);
+}
+
+enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err)
+{
+    struct scan s = { .start = text, .at = text, .end = text + length, .err = err };
+    enum modal_status rc = scan_value(&s);
+
+    if (rc != MODAL_OK)
+        return rc;
+    skip_space(&s);
+    if (s.at != s.end)
+        return scan_fail(&s, "text after the value");
+    cJSON *value = cJSON_ParseWithLength(text, length);
+    if (value == NULL)
+        return modal_fail(err, MODAL_BAD_INPUT, "JSON: not readable");
+    *out = value;
+    return MODAL_OK;
+}
+
+struct text { char *x; size_t length, room; bool failed; };
+
+static void put(struct text *t, const char *bytes, size_t n)
+{
+    if (t->failed)
+        return;
+    if (t->length + n + 1 > t->room) {
+        size_t room = 2 * t->room + n + 64;
+        char *more = realloc(t->x, room);
+        if (more == NULL) {
+            t->failed = true;
+            return;
+        }
+        t->x = more;
+        t->room = room;
+    }
+    memcpy(t->x + t->length, bytes, n);
+    t->length += n;
+    t->x[t->length] = '\0';
+}
+
+static void put_string(struct text *t, const char *s)
+{
+    put(t, "\"", 1);
+    for (const char *p = s; *p != '\0'; p++) {
+        char escape[8];
+        if (*p == '"' || *p == '\\')
+            put(t, (char[]) { '\\', *p }, 2);
+        else if ((unsigned char)*p < 0x20)
+            put(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*p));
+        else
+            put(t, p, 1);
+    }
+    put(t, "\"", 1);
+}
+
+static void put_number(struct text *t, double x)
+{
+    char s[40];
+    int n = 0;
+
+    if (!isfinite(x)) {
+        put(t, "null", 4);
+        return;
+    }
+    for (int precision = 15; precision <= 17; precision++) {
+        n = snprintf(s, sizeof s, "%.*g", precision, x);
+        if (strtod(s, NULL) == x)
+            break;
+    }
+    put(t, s, (size_t)n);
+}
+
+static void put_value(struct text *t, const cJSON *v)
+{
+    if (cJSON_IsObject(v) || cJSON_IsArray(v)) {
+        put(t, cJSON_IsObject(v) ? "{" : "[", 1);
+        for (const cJSON *child = v->child; child != NULL; child = child->next) {
+            if (child != v->child)
+                put(t, ",", 1);
+            if (cJSON_IsObject(v)) {
+                put_string(t, child->string);
+                put(t, ":", 1);
+            }
+            put_value(t, child);
+        }
+        put(t, cJSON_IsObject(v) ? "}" : "]", 1);
+    } else if (cJSON_IsString(v)) {
+        put_string(t, v->valuestring);
+    } else if (cJSON_IsNumber(v)) {
+        put_number(t, v->valuedouble);
+    } else if (cJSON_IsRaw(v)) {
+        put(t, v->valuestring, strlen(v->valuestring));
+    } else {
+        const char *word = cJSON_IsTrue(v) ? "true" : cJSON_IsFalse(v) ? "false" : "null";
+        put(t, word, strlen(word));
+    }
+}
+
+char *json_print(const cJSON *value)
+{
+    struct text t = { 0 };
+
+    put_value(&t, value);
+    if (t.failed) {
+        free(t.x);
+        return NULL;
+    }
+    return t.x;
+}
+
+void json_path(char out[128], const char *base, const char *key)
+{
+    char path[256];
+
+    snprintf(path, sizeof path, "%s%s%s", base, base[0] != '\0' && key[0] != '[' ? "." : "", key);
+    snprintf(out, 128, "%.127s", path);
+}
+
+/* "a, b, c" of a NULL-terminated list. */
+static void list_words(char *out, size_t room, const char *const *words)
+{
+    size_t n = 0;
+
+    out[0] = '\0';
+    for (int i = 0; words[i] != NULL && n < room; i++)
+        n += (size_t)snprintf(out + n, room - n, "%s%s", i ? ", " : "", words[i]);
+}
+
+static bool is_word(const char *s, const char *const *words, int *index)
+{
+    for (int i = 0; words[i] != NULL; i++)
+        if (strcmp(s, words[i]) == 0) {
+            *index = i;
+            return true;
+        }
+    return false;
+}
+
+enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err)
+{
+    char path[128], list[400];
+    int index;
+
+    if (!cJSON_IsObject(object))
+        return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object", base[0] ? base : "the document");
+    for (const cJSON *child = object->child; child != NULL; child = child->next)
+        if (!is_word(child->string, names, &index)) {
+            json_path(path, base, child->string);
+            list_words(list, sizeof list, names);
+            return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"; accepted: %s", child->string, list);
+        }
+    return MODAL_OK;
+}
+
+static enum modal_status wrong_type(const cJSON *item, const char *base, const char *key, const char *accepted,
+                                    struct modal_error *err)
+{
+    char path[128], *text = json_print(item);
+    enum modal_status rc;
+
+    json_path(path, base, key);
+    rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %.80s; accepted: %s", path, text ? text : "?", accepted);
+    free(text);
+    return rc;
+}
+
+enum modal_status json_get_number(const cJSON *object, const char *base, const char *key, double low, double high,
+                                  double *out, struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    char accepted[96];
+
+    if (item == NULL)
+        return MODAL_OK;
+    if (!cJSON_IsNumber(item) || !(item->valuedouble >= low && item->valuedouble <= high)) {
+        if (isinf(low) && isinf(high))
+            snprintf(accepted, sizeof accepted, "a number");
+        else if (isinf(high))
+            snprintf(accepted, sizeof accepted, "a number of at least %g", low);
+        else
+            snprintf(accepted, sizeof accepted, "a number from %g to %g", low, high);
+        return wrong_type(item, base, key, accepted, err);
+    }
+    *out = item->valuedouble;
+    return MODAL_OK;
+}
+
+enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low, int high, int *out,
+                               struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    char accepted[96];
+
+    if (item == NULL)
+        return MODAL_OK;
+    if (!cJSON_IsNumber(item) || item->valuedouble != floor(item->valuedouble) || !(item->valuedouble >= low && item->valuedouble <= high)) {
+        snprintf(accepted, sizeof accepted, "a whole number from %d to %d", low, high);
+        return wrong_type(item, base, key, accepted, err);
+    }
+    *out = (int)item->valuedouble;
+    return MODAL_OK;
+}
+
+enum modal_status json_get_bool(const cJSON *object, const char *base, const char *key, bool *out,
+                                struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+
+    if (item == NULL)
+        return MODAL_OK;
+    if (!cJSON_IsBool(item))
+        return wrong_type(item, base, key, "true, false", err);
+    *out = cJSON_IsTrue(item);
+    return MODAL_OK;
+}
+
+enum modal_status json_get_string(const cJSON *object, const char *base, const char *key, const char **out,
+                                  struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+
+    if (item == NULL)
+        return MODAL_OK;
+    if (!cJSON_IsString(item))
+        return wrong_type(item, base, key, "a string", err);
+    *out = item->valuestring;
+    return MODAL_OK;
+}
+
+static enum modal_status need(const cJSON *object, const char *base, const char *key, const char *accepted, struct modal_error *err)
+{
+    char path[128];
+
+    if (cJSON_GetObjectItemCaseSensitive(object, key) != NULL)
+        return MODAL_OK;
+    json_path(path, base, key);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is missing; accepted: %s", path, accepted);
+}
+
+enum modal_status json_need_number(const cJSON *object, const char *base, const char *key, double low, double high,
+                                   double *out, struct modal_error *err)
+{
+    enum modal_status rc = need(object, base, key, "a number", err);
+
+    return rc == MODAL_OK ? json_get_number(object, base, key, low, high, out, err) : rc;
+}
+
+enum modal_status json_need_string(const cJSON *object, const char *base, const char *key, const char **out,
+                                   struct modal_error *err)
+{
+    enum modal_status rc = need(object, base, key, "a string", err);
+
+    return rc == MODAL_OK ? json_get_string(object, base, key, out, err) : rc;
+}
+
+enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key, const char *const *words,
+                                  int *out, struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    char list[400];
+
+    if (item == NULL || (cJSON_IsString(item) && is_word(item->valuestring, words, out)))
+        return MODAL_OK;
+    list_words(list, sizeof list, words);
+    return wrong_type(item, base, key, list, err);
+}
+
+enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key, double low, double high,
+                                   double **out, size_t *count, struct modal_error *err)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, key), *item;
+    size_t n = 0;
+    double *x;
+    char name[160], accepted[96];
+
+    *out = NULL;
+    *count = 0;
+    if (list == NULL)
+        return MODAL_OK;
+    if (!cJSON_IsArray(list))
+        return wrong_type(list, base, key, "a list of numbers", err);
+    x = malloc(((size_t)cJSON_GetArraySize(list) + 1) * sizeof *x);
+    if (x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "JSON: out of memory");
+    cJSON_ArrayForEach(item, list) {
+        if (!cJSON_IsNumber(item) || !(item->valuedouble >= low && item->valuedouble <= high)) {
+            free(x);
+            snprintf(name, sizeof name, "%.100s[%zu]", key, n);
+            snprintf(accepted, sizeof accepted, "a number from %g to %g", low, high);
+            return wrong_type(item, base, name, accepted, err);
+        }
+        x[n++] = item->valuedouble;
+    }
+    *out = x;
+    *count = n;
+    return MODAL_OK;
+}
+
+cJSON *json_complex(double re, double im)
+{
+    return json_numbers((double[]) { re, im }, 2);
+}
+
+cJSON *json_numbers(const double *x, size_t count)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (size_t i = 0; i < count; i++)
+        cJSON_AddItemToArray(list, isfinite(x[i]) ? cJSON_CreateNumber(x[i]) : cJSON_CreateNull());
+    return list;
+}
+
+void json_set_number(cJSON *object, const char *key, double value)
+{
+    if (isfinite(value))
+        cJSON_AddNumberToObject(object, key, value);
+    else
+        cJSON_AddNullToObject(object, key);
+}

@@ -1,0 +1,56 @@
+/* json.h - strict JSON: reading that refuses what cJSON would let pass, checked access, exact printing */
+#ifndef MODAL_JSON_H
+#define MODAL_JSON_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <cjson/cJSON.h>
+#include "modal/error.h"
+
+enum { JSON_DEPTH_MOST = 32 };
+
+/*
+ * Parse TEXT (LENGTH bytes, need not end in 0) into *OUT; the caller frees it with cJSON_Delete.
+ * Refused with MODAL_BAD_INPUT, naming the byte: anything that is not one JSON value, nesting past
+ * JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), NaN and Infinity, numbers that overflow a double, bytes
+ * that are not UTF-8, a zero byte or the escape of one.
+ */
+enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err);
+
+/* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit; non-finite
+ * numbers print as null.  The caller frees the text with free(); NULL when memory runs out. */
+char *json_print(const cJSON *value);
+
+/* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" -> "a". */
+void json_path(char out[128], const char *base, const char *key);
+
+/* Every key of OBJECT must be one of NAMES (NULL-terminated); else MODAL_BAD_INPUT names it and lists them. */
+enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err);
+
+/* Checked access: the member KEY of OBJECT into *OUT, which keeps its value (the default) where KEY is absent.
+ * A wrong type or a value outside [low, high] is MODAL_BAD_INPUT with the path, the value and what is accepted. */
+enum modal_status json_get_number(const cJSON *object, const char *base, const char *key, double low, double high,
+                                  double *out, struct modal_error *err);
+enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low, int high, int *out,
+                               struct modal_error *err);
+enum modal_status json_get_bool(const cJSON *object, const char *base, const char *key, bool *out,
+                                struct modal_error *err);
+/* The string stays owned by OBJECT. */
+enum modal_status json_get_string(const cJSON *object, const char *base, const char *key, const char **out,
+                                  struct modal_error *err);
+/* As above, but absence is an error too. */
+enum modal_status json_need_number(const cJSON *object, const char *base, const char *key, double low, double high,
+                                   double *out, struct modal_error *err);
+enum modal_status json_need_string(const cJSON *object, const char *base, const char *key, const char **out,
+                                   struct modal_error *err);
+/* One of WORDS (NULL-terminated); its index into *OUT. */
+enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key, const char *const *words,
+                                  int *out, struct modal_error *err);
+/* A list of numbers; the caller frees *OUT.  Absent: *out NULL, *count 0. */
+enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key, double low, double high,
+                                   double **out, size_t *count, struct modal_error *err);
+
+/* Building results. */
+cJSON *json_complex(double re, double im);                 /* [re, im] */
+cJSON *json_numbers(const double *x, size_t count);
+void json_set_number(cJSON *object, const char *key, double value);   /* non-finite: null */
+#endif

@@ -1,0 +1,83 @@
+/* program.h - a scene lowered to numbers: all that solvers and integrators read
+ *
+ * The motion of a program, x its n dofs, z its n_linear linear states, Omega = omega:
+ *
+ *     M(t) x'' + C(t) x' + K(t) x + sum_laws f(d, d', memory) = F z + p(t)                     (1)
+ *     E z' = A z + Bx x + Bv x' + Ba x''                                                       (2)
+ *     M(t) = M_0 + sum_k [ Mc_k cos(k Omega t) + Ms_k sin(k Omega t) ], C and K alike          (3)
+ *
+ * and its outputs y = Yx x + Yv x' + Ya x'' + Yz z.  Five kinds of things, and no effect's type among them: what a
+ * scene does not list has left no trace here.
+ */
+#ifndef MODAL_PROGRAM_H
+#define MODAL_PROGRAM_H
+#include <stdint.h>
+#include "modal/error.h"
+#include "modal/linalg/sparse.h"
+#include "modal/scene/law.h"
+
+enum { PROGRAM_M, PROGRAM_C, PROGRAM_K };
+
+struct program_harmonic {             /* (3): one k >= 1; the n x n matrices may be empty (m = 0) */
+    int k;
+    struct sparse cosine[3], sine[3]; /* by PROGRAM_M, PROGRAM_C, PROGRAM_K */
+};
+
+struct program_load {                 /* p(t) on one dof */
+    int dof;
+    enum program_load_type { LOAD_HARMONIC, LOAD_IMPULSE, LOAD_HALF_SINE, LOAD_ONE_MINUS_COSINE, LOAD_STEP, LOAD_TABLE } type;
+    int k;                            /* HARMONIC: cosine cos(k Omega t) + sine sin(k Omega t) */
+    double cosine, sine;
+    double amplitude, duration, start;/* pulses; IMPULSE: amplitude in N s at t = start */
+    int points;                       /* TABLE: linear between points, 0 outside */
+    double *time, *force;
+    int dof_sine;                     /* >= 0: on turning axes, a fixed-frame load is p cos(Omega t) on dof and */
+    double turn;                      /* turn * p sin(Omega t) on dof_sine */
+};
+
+struct program_output {               /* one channel of `simulate` */
+    char *name;
+    struct triplet *terms;            /* i: 0 x, 1 x', 2 x'', 3 z; j: which; value: coefficient */
+    int count;
+};
+
+struct program_effect {               /* one row of plan.effects, in the scene's order */
+    char *type;
+    int states;                       /* that it added */
+    int64_t evaluations;              /* counted by whoever runs the program */
+    double seconds;                   /* evaluations x calibrated unit cost */
+    bool active;
+};
+
+struct program {
+    int n;                            /* dofs */
+    char **dofs;                      /* their names */
+    struct sparse constant[3];        /* M_0, C_0, K_0 */
+    int harmonics;
+    struct program_harmonic *harmonic;/* ascending k */
+
+    int n_linear;                     /* linear states z */
+    struct sparse E, A, Bx, Bv, Ba;   /* (2) */
+    struct sparse F;                  /* n x n_linear, (1) */
+
+    int laws;
+    struct law *law;
+    int loads;
+    struct program_load *load;
+    int outputs;
+    struct program_output *output;
+    int effects;
+    struct program_effect *effect;
+
+    double *x0, *v0;                  /* initial state */
+    double omega, period;             /* rad/s, s; 0: the scene gave none */
+    double frame_speed;               /* of turning axes, for outputs in the fixed frame; 0: none */
+    char hash[65];                    /* SHA-256-like hex over all numbers above (FNV-based is not enough: see program.c) */
+};
+
+enum program_class { PROGRAM_LINEAR_CONSTANT, PROGRAM_LINEAR_PERIODIC, PROGRAM_NONLINEAR };
+enum program_class program_class(const struct program *p);
+int program_dof(const struct program *p, const char *name);   /* -1: no such dof */
+void program_free(struct program *p);
+
+#endif

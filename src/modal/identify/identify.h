@@ -1,0 +1,155 @@
+/* identify.h - modes of a free response: frequencies, damping, stability of constant or periodic systems
+ *
+ * The whole way, one module each:
+ *
+ *   record     the batch checked, cut (window, band, difference, detrend), scaled: L rows of unit rms   record.h
+ *   pod        many channels to few signals s_i v_i^T                                                  pod.h
+ *   hankel     the pair (14), (18)                                                                    hankel.h
+ *   rank       candidates for the order                                                                 rank.h
+ *   transition multipliers of Q, Qhat, B or Bhat                                                  transition.h
+ *   exponents  corrected (10)                                                                      exponents.h
+ *   refine     variable projection on the exponents, standard errors                                  refine.h
+ *   order      BIC over the candidates                                                                 order.h
+ *   synthesis  amplitudes, shapes, eq. (25), harmonics g_jk                             synthesis.h, harmonics.h
+ *   verdict    stable, unstable, undecided; clusters; diagnostics                                    verdict.h
+ *
+ * Poles, multipliers and exponents: conventions of exponents.h.  Damping ratio -Re/|lambda|: positive decays.
+ */
+#ifndef MODAL_IDENTIFY_H
+#define MODAL_IDENTIFY_H
+#include <complex.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include "modal/batch.h"
+#include "modal/error.h"
+#include "modal/identify/rank.h"
+
+enum identify_method {
+    IDENTIFY_AUTO,                    /* partial-floquet on candidates, refined */
+    IDENTIFY_PARTIAL_FLOQUET,         /* Qhat (17) */
+    IDENTIFY_PARTIAL_FLOQUET_FULL,    /* Q (16) */
+    IDENTIFY_AUTOREGRESSIVE,          /* Bhat (21) */
+    IDENTIFY_AUTOREGRESSIVE_FULL,     /* B (20) */
+    IDENTIFY_METHOD_COUNT
+};
+extern const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1];
+
+enum identify_choice { CHOICE_DEFAULT, CHOICE_NO, CHOICE_YES };
+enum identify_detrend { DETREND_NONE, DETREND_MEAN, DETREND_LINEAR, DETREND_COUNT };
+extern const char *const identify_detrend_names[DETREND_COUNT + 1];
+
+enum {
+    IDENTIFY_SAMPLES_LEAST = 8,
+    IDENTIFY_ORDER_MOST = 400,           /* exponents looked for */
+    IDENTIFY_CHANNELS_MOST = 10000000,
+    IDENTIFY_DIAGNOSTICS_MOST = 64,
+    IDENTIFY_STAGES = 12
+};
+
+/* Zero everywhere is the default procedure. */
+struct identify_options {
+    enum identify_method method;
+    bool signals_all;             /* no POD: the channels themselves */
+    const int *channels;          /* a choice of channels, in their order; NULL: all */
+    int channel_count;
+    double pod_energy;            /* 0: rounding or noise floor */
+    int pod_rank;                 /* 0: by energy */
+    struct rank_options rank;
+    enum identify_detrend detrend;
+    int rows, columns;            /* of H0, per signal; 0: hankel_default_sizes */
+    int stride;                   /* samples between columns, systems without period; 0: 1 */
+    double window[2];             /* s, [t0, t1]; both 0: the whole record */
+    double band[2];               /* Hz; both 0: all */
+    double period;                /* s; 0: the batch's; < 0: none, whatever the batch says */
+    bool difference;              /* h[k+p] - h[k]: a periodic orbit removed */
+    enum identify_choice refine;  /* default: yes for IDENTIFY_AUTO, else no */
+    bool shapes;
+    double target_error;          /* stop the ladder here; 0: none */
+    double target_seconds;
+
+    /* CPU seconds, for the cost of each stage; and whether to stop.  Each may be NULL. */
+    double (*clock)(void *context);
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+struct identify_harmonic { int k; double magnitude; };
+
+struct identify_mode {
+    double complex exponent;      /* principal value, Im >= 0 */
+    double complex resolved;      /* + i resolved_k 2 pi / period; Im >= 0 */
+    double complex multiplier;    /* over the period, or one sample as sent */
+    double amplitude;             /* rms of its part over the record, channels scaled to unit rms */
+    double energy;                /* its share of the modes' energy, 0..1 */
+    double persistence;           /* share of orders and windows that show it; NAN: not looked */
+    double residual;              /* relative change of its columns in the Hankel pair: |H1 v - rho H0 v| / |H1 v| */
+    /* standard deviations; NAN: unknown */
+    double std_re, std_im;        /* of the exponent */
+    double std_multiplier, std_frequency_hz, std_damping_ratio;
+    double bar;                   /* on |multiplier|: the largest of Jacobian, jackknife, backward pair */
+    int resolved_k;
+    double runner_up;             /* magnitude of the second harmonic over the first; 1: a tie */
+    struct identify_harmonic *harmonics;   /* periodic systems, by descending magnitude */
+    int harmonic_count;
+    double complex *shape;        /* one number a channel chosen, largest 1; NULL: not asked */
+    double mpc;                   /* modal phase collinearity of the shape, 0..1 */
+};
+
+struct identify_candidate { int order; double bic, residual; bool refined, converged, chosen; };
+struct identify_pole { int order; double complex exponent; double std_re, std_im; int cluster; /* -1: none */ };
+struct identify_cluster {
+    double complex centroid;      /* mean multiplier */
+    double radius;
+    int *members; int member_count;        /* of modes */
+    bool near_defective;
+};
+struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -1: none */ };
+struct identify_stage { const char *name; double seconds; };
+
+struct identify_result {
+    struct identify_mode *modes; int mode_count;      /* by descending amplitude */
+    double *offset;               /* per channel in its unit, where a null exponent was found; else NULL */
+
+    enum { VERDICT_UNDECIDED, VERDICT_STABLE, VERDICT_UNSTABLE } verdict;
+    double max_multiplier, margin, margin_std;        /* NAN where there is no mode */
+
+    int pod_rank, hankel_rank;
+    enum rank_rule rule;          /* the one that chose */
+    double energy;                /* sum s_i kept by the POD or the Hankel matrix */
+    double *singular; int singular_count;             /* of H0, over the first; leading ones */
+
+    int channel_count;            /* chosen; their indices in the batch: */
+    int *channel;
+    double *rms_error;            /* per channel, its unit: (25) */
+    double *relative_error;       /* over the channel's rms; NAN for a zero channel */
+    double total_relative_error;
+
+    struct identify_candidate *candidates; int candidate_count;
+    struct identify_pole *poles; int pole_count;      /* stabilisation: every candidate's */
+    struct identify_cluster *clusters; int cluster_count;
+    struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;
+
+    struct identify_stage stages[IDENTIFY_STAGES]; int stage_count;
+
+    /* What the answer rests on, options after defaults. */
+    struct identify_options used; /* pointers NULL */
+    double period;                /* s, 0: none */
+    double dt;                    /* of the samples used */
+    int samples;                  /* rows used */
+    int decimation, shift, rows, columns;
+    int freedom;                  /* L - r: equations less unknowns per phase and signal */
+};
+
+/*
+ * Identify BATCH (borrowed).  *out is empty on failure; the caller frees it with identify_result_done.
+ * Fails with MODAL_BAD_INPUT, err->field naming the option ("rank.fixed"), attribute ("dt", "period") or dataset ("signals": text
+ * with the first offending channel and sample); MODAL_TOO_LARGE; MODAL_NO_MEMORY; MODAL_NO_CONVERGENCE; MODAL_CANCELLED.
+ */
+enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
+                                 struct identify_result *out, struct modal_error *err);
+void identify_result_done(struct identify_result *result);
+
+/* Add a diagnostic; more than IDENTIFY_DIAGNOSTICS_MOST are dropped. */
+void identify_diagnose(struct identify_result *result, const char *code, int channel, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+#endif

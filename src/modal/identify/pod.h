@@ -1,0 +1,24 @@
+/* pod.h - proper orthogonal modes: many channels reduced to few signals */
+#ifndef MODAL_POD_H
+#define MODAL_POD_H
+#include "modal/error.h"
+#include "modal/linalg/matrix.h"
+
+struct pod_options {
+    double energy;   /* keep sum_{i<=r} s_i >= energy * sum; 0: everything above rounding, at most `most` */
+    int rank;        /* keep exactly so many (or all there are); 0: by energy */
+    int most;        /* signals at most; 0: 40 */
+};
+
+struct pod {
+    struct matrix signals;   /* L x r, column i = s_i v_i (23), in the units of Y; owned */
+    struct matrix modes;     /* S x r, orthonormal columns u_i: Y = signals * modes^T + rest; owned */
+    double *s; int count;    /* r singular values; owned */
+    double energy;           /* kept share of sum s (as far as computed: an upper bound where Lanczos stopped early) */
+};
+
+/* Y: L x S, kept. */
+enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out,
+                             struct modal_error *err);
+void pod_done(struct pod *p);
+#endif

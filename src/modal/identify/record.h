@@ -1,0 +1,27 @@
+/* record.h - the batch as identification works on it: checked, cut, scaled, in columns */
+#ifndef MODAL_RECORD_H
+#define MODAL_RECORD_H
+#include "modal/identify/identify.h"
+#include "modal/linalg/matrix.h"
+
+/*
+ * Y is L x S: column s is one channel (or, after pod_reduce, one proper orthogonal signal) at equal steps, contiguous.
+ * Channel c of the batch is scale[c] * exp2(0) * column c where no POD was made; zero channels have scale 0 and a zero column.
+ */
+struct record {
+    struct matrix Y;            /* owned */
+    double step;                /* s between rows */
+    double dt;                  /* of the batch as sent */
+    double t0;                  /* of row 0, s from the batch's first sample */
+    double period;              /* s; 0: none */
+    int per_period;             /* period / step where that is an integer; 0: it is not, or there is no period */
+    int decimation;             /* step = decimation * dt */
+    double shift_rad_s;         /* band: the demodulation frequency; 0: none */
+    int *channel; int channels; /* owned: indices into the batch */
+    double *scale;              /* owned, per channel: rms of what was cut from the batch */
+};
+
+enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out,
+                              struct modal_error *err);
+void record_done(struct record *r);
+#endif

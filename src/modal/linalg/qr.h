@@ -1,0 +1,15 @@
+/* qr.h - Householder QR of a tall matrix */
+#ifndef MODAL_QR_H
+#define MODAL_QR_H
+#include "modal/error.h"
+#include "modal/linalg/matrix.h"
+
+/*
+ * A = Q R, m >= n.  A (m x n) becomes Q with orthonormal columns; R (n x n, or x NULL: not wanted) the upper triangle, zeros
+ * below.  Fails with MODAL_BAD_INPUT (m < n), MODAL_NO_MEMORY.
+ */
+enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct modal_error *err);
+
+/* The factor R alone (n x n, zeros below), A destroyed. */
+enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err);
+#endif

@@ -25,6 +25,8 @@ struct law_force {
     double fv[LAW_INPUTS_MOST][LAW_INPUTS_MOST];   /* df_i/dv_j */
     double *memory;                                /* out: `memory` doubles after the step */
     bool acts;                                     /* slipping, in contact, ... : not in its rest regime */
+    int regime;                                    /* which smooth piece this is: within one, f is analytic; 0 for smooth
+                                                    * laws (stepping locates the instants where it changes) */
 };
 
 struct law_class {
@@ -44,5 +46,27 @@ struct law {
     int memory;                       /* doubles of state (iwan: one a slider) */
     void *data;                       /* its numbers, as its class lays them out */
 };
+
+/* Release law->data; the struct itself is the caller's. */
+void law_done(struct law *law);
+
+/*
+ * Constructors: fill OUT's kind, memory and data; who lowers the effect sets effect, dof and to.  Arrays are copied.
+ * Ranges are checked by the caller, who knows the scene's paths; the constructors fail with MODAL_NO_MEMORY, and
+ * law_lua with MODAL_BAD_INPUT (err->field: "source", which the caller prefixes) where the source does not compile or
+ * defines no function `force`.
+ */
+enum modal_status law_polynomial_spring(const double *coefficients, int count, struct law *out, struct modal_error *err);
+enum modal_status law_polynomial_damper(const double *coefficients, int count, struct law *out, struct modal_error *err);
+enum modal_status law_jenkins(double stiffness, double limit, struct law *out, struct modal_error *err);
+enum modal_status law_iwan(const double *stiffnesses, const double *limits, int count, struct law *out, struct modal_error *err);
+enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides, struct law *out,
+                          struct modal_error *err);
+enum modal_status law_coulomb(double limit, struct law *out, struct modal_error *err);
+enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out, struct modal_error *err);
+/* inputs: d[0] normal, d[1] tangential; the normal force is max(0, preload + normal_stiffness d[0]). */
+enum modal_status law_contact_friction(double normal_stiffness, double preload, double tangential_stiffness, double mu,
+                                       struct law *out, struct modal_error *err);
+enum modal_status law_lua(const char *source, struct law *out, struct modal_error *err);
 
 #endif

@@ -31,14 +31,14 @@ struct program_load {                 /* p(t) on one dof */
     double amplitude, duration, start;/* pulses; IMPULSE: amplitude in N s at t = start */
     int points;                       /* TABLE: linear between points, 0 outside */
     double *time, *force;
-    int dof_sine;                     /* >= 0: on turning axes, a fixed-frame load is p cos(Omega t) on dof and */
-    double turn;                      /* turn * p sin(Omega t) on dof_sine */
+    int dof_sine;                     /* >= 0: on turning axes, a fixed-frame load p is p cos(frame_speed t) on dof and */
+    double turn;                      /* turn * p sin(frame_speed t) on dof_sine; -1: axes do not turn */
 };
 
 struct program_output {               /* one channel of `simulate` */
     char *name;
-    struct triplet *terms;            /* i: 0 x, 1 x', 2 x'', 3 z; j: which; value: coefficient */
-    int count;
+    struct triplet *terms;            /* i: 0 x, 1 x', 2 x'', 3 z, j: which, value: coefficient; i + 4: the term times */
+    int count;                        /* cos(frame_speed t), i + 8: times sin(frame_speed t) */
 };
 
 struct program_effect {               /* one row of plan.effects, in the scene's order */
@@ -72,12 +72,17 @@ struct program {
     double *x0, *v0;                  /* initial state */
     double omega, period;             /* rad/s, s; 0: the scene gave none */
     double frame_speed;               /* of turning axes, for outputs in the fixed frame; 0: none */
-    char hash[65];                    /* SHA-256-like hex over all numbers above (FNV-based is not enough: see program.c) */
+    char hash[65];                    /* SHA-256, hex, over all of the above but counters: see program.c */
 };
 
 enum program_class { PROGRAM_LINEAR_CONSTANT, PROGRAM_LINEAR_PERIODIC, PROGRAM_NONLINEAR };
 enum program_class program_class(const struct program *p);
 int program_dof(const struct program *p, const char *name);   /* -1: no such dof */
+/* "linear-constant", "linear-periodic", "nonlinear". */
+const char *program_class_name(enum program_class class);
+/* 2 x dofs + linear states + the laws' memory. */
+int program_states(const struct program *p);
+void program_hash(struct program *p);                          /* fill p->hash */
 void program_free(struct program *p);
 
 #endif

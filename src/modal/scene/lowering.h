@@ -1,0 +1,133 @@
+/* lowering.h - what structures and effects write a scene into: entries, states, laws, by name and path
+ *
+ * How to add an effect: write src/modal/scene/effects/<name>.c with one function `lower` and one row,
+ *
+ *     static const char *const keys[] = { "dof", "to", "stiffness", NULL };       (besides "type")
+ *     static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+ *     {
+ *         struct local_ends at;
+ *         double k = 0;
+ *         enum modal_status rc = lowering_ends(l, e, &at, err);
+ *         if (rc == MODAL_OK)
+ *             rc = json_need_number(e->json, e->path, "stiffness", 0, HUGE_VAL, &k, err);
+ *         if (rc == MODAL_OK)
+ *             lowering_between(l, PROGRAM_K, at, k);
+ *         return rc;
+ *     }
+ *     const struct scene_effect_kind effect_spring = { "spring", keys, NULL, lower };
+ *
+ * and name the row in effects.c.  A structure is the same: one file, one row, one line in structures.c.
+ *
+ * The structure is lowered first, then the effects in the scene's order, then excitation, initial state and sensors.
+ * Adding never fails: running out of memory is remembered and reported once, by scene_lower.
+ */
+#ifndef MODAL_LOWERING_H
+#define MODAL_LOWERING_H
+#include <stdbool.h>
+#include "modal/error.h"
+#include "modal/json.h"
+#include "modal/scene/program.h"
+
+enum {
+    LOWERING_DOFS_MOST = 10000,
+    LOWERING_ENTRIES_MOST = 20000000,
+    LOWERING_STATES_MOST = 2000,
+    LOWERING_HARMONIC_MOST = 1000,
+    LOWERING_LOADS_MOST = 4096,
+    LOWERING_POINTS_MOST = 1000000,    /* of a table */
+};
+
+struct lowering;
+
+struct scene_effect {                  /* one entry of the scene's effects */
+    const cJSON *json;
+    const char *path;                  /* "effects[2]" */
+    int index;                         /* its row of program.effect */
+};
+
+struct scene_effect_kind {
+    const char *name;
+    const char *const *keys;           /* accepted besides "type", NULL-terminated; checked before `lower` */
+    const char *const *structures;     /* that take it, NULL-terminated; NULL: all */
+    enum modal_status (*lower)(struct lowering *l, const struct scene_effect *e, struct modal_error *err);
+};
+
+struct scene_structure_kind {
+    const char *name;
+    const char *const *keys;           /* besides "type" */
+    /* Dofs, then M, C, K entries; what effects will ask for goes into l->mesh.  PATH is "structure". */
+    enum modal_status (*lower)(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err);
+    /* strain_rate_damping, C = mu K of the elastic members; NULL: mu times the structure's own K. */
+    enum modal_status (*strain_rate)(struct lowering *l, double mu, struct modal_error *err);
+    /* A sensor that names no dof (wing: station, position), into the output row; NULL: dofs only. */
+    enum modal_status (*sensor)(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
+                                struct modal_error *err);
+    /* After all effects, before excitation: what depends on them all (ends in series, ...); NULL: nothing. */
+    enum modal_status (*finish)(struct lowering *l, struct modal_error *err);
+    void (*mesh_free)(void *mesh);     /* NULL: free() */
+};
+
+struct lowering_entries { struct triplet *x; int count, room; };
+
+struct lowering_harmonic {             /* cosine and sine entries of M, C, K at one k */
+    int k;
+    struct lowering_entries cosine[3], sine[3];
+};
+
+enum lowering_block { LOWER_E, LOWER_A, LOWER_BX, LOWER_BV, LOWER_BA, LOWER_F, LOWER_BLOCKS };
+
+struct lowering {
+    struct program *p;                 /* its n, dofs, omega, laws, loads, outputs grow here; matrices come at the end */
+    const struct scene_structure_kind *structure;
+    void *mesh;                        /* the structure's own numbers, freed by mesh_free */
+    int effect;                        /* row of program.effect being lowered; -1: the structure */
+    double mass_per_length;            /* of a distributed structure, for viscous_damping; 0: none */
+    /* On turning axes, a load fixed in space on dof i also acts on turn_partner[i], times turn_sign[i] (see
+     * program_load.dof_sine); both NULL: axes do not turn.  The lowering frees them. */
+    int *turn_partner;
+    double *turn_sign;
+
+    struct lowering_entries constant[3];
+    int structural[3];                 /* of constant[i], the first so many are the structure's own */
+    struct lowering_harmonic *harmonic;
+    int harmonics;
+    struct lowering_entries block[LOWER_BLOCKS];
+    bool no_memory, too_many;
+};
+
+/* Dofs, by the structure: appended in order; the name is copied.  Returns the index. */
+int lowering_add_dof(struct lowering *l, const char *name);
+
+/* Entries; an index of -1 (ground, a support) adds nothing. */
+void lowering_add(struct lowering *l, int matrix, int i, int j, double value);
+/* The constant part of a harmonic matrix: cosine * cos(k Omega t) + sine * sin(k Omega t).  k = 0 is lowering_add of cosine. */
+void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine, double sine);
+/* N x N element matrix (row-major) at dofs INDEX. */
+void lowering_add_element(struct lowering *l, int matrix, int n, const int *index, const double *values);
+/* COUNT linear states for the effect being lowered; the first one's index. */
+int lowering_add_states(struct lowering *l, int count);
+void lowering_add_block(struct lowering *l, enum lowering_block block, int i, int j, double value);
+/* The law becomes the program's (LAW is emptied), with the effect being lowered; dof and to are already set. */
+void lowering_add_law(struct lowering *l, struct law *law);
+/* A term of an output row: quantity 0 x, 1 x', 2 x'', 3 z (program.h lists the turning ones). */
+void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j, double value);
+
+/* The dof that KEY of JSON names, -1 for "ground"; unknown or (if NEEDED) absent: MODAL_BAD_INPUT with the path. */
+enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, bool needed,
+                               int *dof, struct modal_error *err);
+
+/* `dof` and `to` (default ground) of a local effect. */
+struct local_ends { int dof, to; };
+enum modal_status lowering_ends(const struct lowering *l, const struct scene_effect *e, struct local_ends *at,
+                                struct modal_error *err);
+/* value * [1 -1; -1 1] between the ends. */
+void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value);
+void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at, double cosine, double sine);
+
+/* omega > 0, or MODAL_BAD_INPUT at "omega": for effects and loads that need it. */
+enum modal_status lowering_need_omega(const struct lowering *l, const char *who, struct modal_error *err);
+
+/* The structure's own matrix (no effects), dense n x n by columns; the caller frees it.  NULL: no memory. */
+double *lowering_structural_dense(const struct lowering *l, int matrix);
+
+#endif

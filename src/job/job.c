@@ -1,11 +1,13 @@
 /* job.c - the table of kinds, and the one way through it; see job.h */
 #include "job/job.h"
+#include "job/tradeoff.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* Kinds, each a file of this folder. */
 const struct job_kind job_kinds[] = {
+    { "tradeoff", JOB_ON_EITHER, tradeoff_run },
     { NULL, JOB_ON_BATCH, NULL },
 };
 

@@ -1,0 +1,34 @@
+/* batch_file.h - a user's batch: an HDF5 file read into memory, and one written
+ *
+ * For clients only: the daemon opens no file it did not write.  The file's layout is that of the contract: dataset
+ * `signals`, n_samples x n_channels of any number type, with attributes `dt` [s], `period` [s], `units` and `channels`
+ * (names) on it or on the file's root; other attributes are kept as provenance.
+ */
+#ifndef STORE_BATCH_FILE_H
+#define STORE_BATCH_FILE_H
+#include <stddef.h>
+#include "modal/batch.h"
+#include "modal/error.h"
+#include "modal/json.h"
+
+struct batch_file {
+    struct batch batch;      /* points into what follows */
+    double *signals;
+    char **names;            /* NULL where the file names no channels */
+    char *units;             /* or NULL */
+    cJSON *attributes;       /* all others, an object: numbers, strings and lists of them */
+};
+
+/*
+ * Read PATH; the caller ends *OUT with batch_file_done.  MODAL_BAD_INPUT, with the dataset or attribute in err->field, for
+ * what is not such a file: no HDF5 file, truncated, no dataset `signals` (field "signals"), its type or rank wrong, `dt`
+ * missing or not one positive number, names that are not one for each channel, no such file (field "file").  MODAL_TOO_LARGE,
+ * MODAL_NO_MEMORY.  The samples themselves are judged by the job.
+ */
+enum modal_status batch_file_read(const char *path, struct batch_file *out, struct modal_error *err);
+void batch_file_done(struct batch_file *file);
+
+/* Write BATCH to PATH with ATTRIBUTES (an object, or NULL), by PATH.tmp and rename. */
+enum modal_status batch_file_write(const char *path, const struct batch *batch, const cJSON *attributes, struct modal_error *err);
+
+#endif

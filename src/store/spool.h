@@ -1,0 +1,71 @@
+/* spool.h - large inputs as files of the data folder, filled by chunks and then never changed
+ *
+ * An input being uploaded is DIR/spool/ID.part: an HDF5 file whose dataset (`signals`, float64, samples x channels; or
+ * `scene`, uint8) is contiguous, with its final shape and attributes from the start and its blocks reserved, so that
+ * chunks are written at their offset and no later write meets a full disk.  Sealing checks the length, hashes, syncs,
+ * renames to ID.h5, syncs the folder.  After that the file is never written again; any HDF5 tool can open it, workers map it.
+ *
+ * Chunks arrive in order.  One thread at a time works on an upload; different uploads are independent.
+ */
+#ifndef STORE_SPOOL_H
+#define STORE_SPOOL_H
+#include <stddef.h>
+#include <stdint.h>
+#include "modal/error.h"
+#include "store/identity.h"
+
+enum {
+    SPOOL_CHANNELS_MOST = 65536,
+    SPOOL_NAME_MOST = 256,                  /* bytes of a channel's name, or of `units` */
+    SPOOL_ATTRIBUTES_MOST = 256 * 1024,     /* bytes of the attributes' text */
+};
+#define SPOOL_BYTES_MOST ((uint64_t)1 << 40)
+
+struct upload;
+
+/* Begin upload ID in the data folder DIR: its file made, its space reserved, both durable.
+ * MODAL_BAD_INPUT (a shape out of range; the field is named), MODAL_STORAGE_FULL (nothing is left behind), MODAL_IO. */
+enum modal_status upload_begin(const char *dir, int64_t id, const struct input_shape *shape, struct upload **out,
+                               struct modal_error *err);
+/* Go on with upload ID after a restart: its first RECEIVED bytes, which the ledger holds as durable, are read back, checked
+ * against the CRC-32C of each of CHUNKS (in order, covering them) and hashed.  MODAL_CORRUPT names the chunk that differs. */
+struct chunk_record;
+enum modal_status upload_resume(const char *dir, int64_t id, const struct input_shape *shape, const struct chunk_record *chunks,
+                                size_t count, struct upload **out, struct modal_error *err);
+
+uint64_t upload_received(const struct upload *upload);   /* bytes written so far: the offset of the next chunk */
+uint64_t upload_offset(const struct upload *upload);     /* of the data in the file */
+uint32_t upload_crc(const struct upload *upload);        /* CRC-32C of the bytes written so far */
+
+/* Write the chunk at OFFSET, which must be upload_received; *CRC (may be NULL) is its CRC-32C.  It is durable, and may be put
+ * in the ledger, after the next upload_sync.  MODAL_BAD_FRAME: out of order, or past the end. */
+enum modal_status upload_write(struct upload *upload, uint64_t offset, const void *data, size_t length, uint32_t *crc,
+                               struct modal_error *err);
+enum modal_status upload_sync(struct upload *upload, struct modal_error *err);
+/* Seal it; its identity into SHA256.  MODAL_BAD_FRAME where bytes are missing.  The handle remains, to be closed. */
+enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err);
+/* Release the handle; the file stays as it is. */
+void upload_close(struct upload *upload);
+
+/* Remove input ID, sealed or not; absent is no error. */
+enum modal_status spool_remove(const char *dir, int64_t id, struct modal_error *err);
+/* The path of sealed input ID. */
+void spool_path(char path[4096], const char *dir, int64_t id);
+/* Each file of the spool and the results: what recovery compares with the ledger, to remove orphans and report the missing. */
+enum spool_file { SPOOL_PART, SPOOL_SEALED, SPOOL_RESULT, SPOOL_OTHER };
+enum modal_status spool_list(const char *dir, void (*found)(void *context, enum spool_file what, int64_t id, uint64_t bytes,
+                                                           const char *path), void *context, struct modal_error *err);
+/* Bytes of spool, results and ledger on disk, and bytes free for us on the file system. */
+enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *available, struct modal_error *err);
+
+/* The data of a sealed input, mapped read-only for a worker.  The whole of it is checked against CRC: MODAL_CORRUPT. */
+struct spool_map { const void *data; size_t length; void *base; size_t mapped; };
+enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct spool_map *out,
+                            struct modal_error *err);
+void spool_unmap(struct spool_map *map);
+
+/* Keep BYTES of DIR/RESERVE in hand, or give them up when the disk is full, so that results and deletes still pass. */
+enum modal_status reserve_hold(const char *dir, uint64_t bytes, struct modal_error *err);
+enum modal_status reserve_release(const char *dir, struct modal_error *err);
+
+#endif

@@ -1,0 +1,37 @@
+/* limits.h - every size and count of proto/PROTOCOL.md, section 8; each is tested by tests/unit/test_wire.c */
+#ifndef WIRE_LIMITS_H
+#define WIRE_LIMITS_H
+
+#define WIRE_VERSION   "MODALD1"     /* frame 0 between clients and daemon */
+#define WIRE_WORKER    "MODALW1"     /* frame 0 between workers and daemon */
+
+enum {
+    WIRE_FRAMES_MOST     = 8,
+    WIRE_VERB_MOST       = 16,
+    WIRE_HEADER_MOST     = 65536,
+    WIRE_BODY_MOST       = 1048576,           /* one body frame */
+    WIRE_ID_MOST         = 64,
+    WIRE_KEY_MOST        = 128,
+    WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body */
+    WIRE_CHUNK_MOST      = 262144,
+    WIRE_CHANNELS_MOST   = 65536,
+    WIRE_NAME_MOST       = 256,               /* a channel's name, units */
+    WIRE_ATTRIBUTES_MOST = 16384,             /* as JSON */
+    WIRE_SCENE_MOST      = 16777216,
+    WIRE_DOCUMENT_MOST   = 67108864,
+    WIRE_STDERR_MOST     = 65536,
+    WIRE_PAGE_MOST       = 1000,              /* jobs in an answer to LIST */
+    WIRE_PAGE_DEFAULT    = 100,
+    WIRE_TIMEOUT_MOST    = 3600,              /* s, of WAIT */
+    WIRE_TIMEOUT_DEFAULT = 30,
+    WIRE_UPLOADS_MOST    = 64,                /* open, a user */
+    WIRE_WAITS_MOST      = 4096,              /* a user */
+    WIRE_SUBSCRIPTIONS_MOST = 64,             /* a user */
+    WIRE_PRIORITY_DEFAULT = 100,
+    WIRE_ATTEMPTS_MOST   = 10,
+    WIRE_ATTEMPTS_DEFAULT = 3,
+};
+
+#define WIRE_INTEGER_MOST 9007199254740992.0  /* 2^53 */
+
+#endif

@@ -1,7 +1,6 @@
 /* lanczos.h - leading singular triplets of an operator, by Golub-Kahan bidiagonalisation with full reorthogonalisation */
 #ifndef MODAL_LANCZOS_H
 #define MODAL_LANCZOS_H
-#include <stdbool.h>
 #include "modal/error.h"
 #include "modal/linalg/matrix.h"
 
@@ -17,7 +16,6 @@ struct lanczos_options {
     int wanted;         /* triplets; 1 .. min(m, n) */
     int steps;          /* most steps; 0: min(m, n) */
     double tolerance;   /* a triplet has converged when its residual <= tolerance * s[0]; 0: 1e-14 */
-    bool all_or_floor;  /* also stop once every s above the rounding floor has been found */
 };
 
 struct lanczos_result {
@@ -31,8 +29,8 @@ struct lanczos_result {
  *   U    m x wanted, VT wanted x n: the vectors; x NULL: not wanted, each on its own
  *
  * The start vector is fixed, so the answer is the same every time.  Every new vector is orthogonalised twice against all before it: no
- * ghosts, and the vectors are orthonormal to rounding.  A breakdown (an invariant subspace) is continued with a fresh
- * orthogonal vector, so that the rank is exhausted before the iteration ends.
+ * ghosts, and the vectors are orthonormal to rounding.  A breakdown (an invariant subspace) is continued with a fresh orthogonal
+ * vector; where that one too is mapped to nothing above rounding, the rank is exhausted and the iteration ends.
  * Fails with what the operator fails with, MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE (the small SVD).
  */
 enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanczos_options *opt, double *s,

@@ -1,6 +1,7 @@
 /* svd.h - thin singular value decompositions of dense matrices, and the norms that scale them */
 #ifndef MODAL_SVD_H
 #define MODAL_SVD_H
+#include <stdbool.h>
 #include <stddef.h>
 #include "modal/error.h"
 #include "modal/linalg/matrix.h"

@@ -1,0 +1,115 @@
+/*
+ * svd.c - thin singular value decompositions
+ *
+ * LAPACK's drivers scale by norm only where it nears overflow, and our callers square what they get; so A is divided here by the power of two at or
+ * below its largest magnitude, which is exact, and the values are multiplied back.  dgesdd can fail to converge on rare matrices where
+ * dgesvd succeeds [LUG, xGESDD]; A is kept for that second attempt.
+ *
+ * [LUG] LAPACK Users' Guide, 3rd ed., 1999.
+ */
+#include "modal/linalg/svd.h"
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+double largest_magnitude(const double *x, size_t count)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < count; i++) {
+        double a = fabs(x[i]);
+        if (isnan(a))
+            return a;
+        if (a > most)
+            most = a;
+    }
+    return most;
+}
+
+double safe_norm(const double *x, size_t count)
+{
+    double most = largest_magnitude(x, count), sum = 0;
+
+    if (most == 0 || !isfinite(most))
+        return most;
+    for (size_t i = 0; i < count; i++) {
+        double a = x[i] / most;
+        sum += a * a;
+    }
+    return most * sqrt(sum);
+}
+
+static double largest_of(const struct matrix *A)
+{
+    double most = 0;
+
+    for (int j = 0; j < A->n; j++) {
+        double a = largest_magnitude(A->x + (size_t)j * A->ld, A->m);
+        if (isnan(a))
+            return a;
+        if (a > most)
+            most = a;
+    }
+    return most;
+}
+
+static void scale_by(struct matrix *A, int exponent)
+{
+    for (int j = 0; j < A->n; j++)
+        for (int i = 0; i < A->m; i++) {
+            double *a = A->x + i + (size_t)j * A->ld;
+            *a = ldexp(*a, exponent);
+        }
+}
+
+/* One of the two drivers; the copy, where given, is A as it was. */
+static int decompose(const struct matrix *A, double *s, struct matrix *U, struct matrix *VT, double *copy)
+{
+    int k = A->m < A->n ? A->m : A->n;
+    double *superb, none = 0;
+    int info;
+    char job = U != NULL ? 'S' : 'N';
+    double *u = U != NULL ? U->x : &none, *vt = U != NULL ? VT->x : &none;
+    int ldu = U != NULL ? U->ld : 1, ldvt = U != NULL ? VT->ld : 1;
+
+    info = LAPACKE_dgesdd(LAPACK_COL_MAJOR, job, A->m, A->n, A->x, A->ld, s, u, ldu, vt, ldvt);
+    if (info <= 0)
+        return info;
+    superb = malloc(sizeof *superb * k);
+    if (superb == NULL)
+        return LAPACK_WORK_MEMORY_ERROR;
+    info = LAPACKE_dgesvd(LAPACK_COL_MAJOR, job, job, A->m, A->n, copy, A->m, s, u, ldu, vt, ldvt, superb);
+    free(superb);
+    return info;
+}
+
+enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct matrix *VT, struct modal_error *err)
+{
+    int k = A->m < A->n ? A->m : A->n, exponent = 0, info;
+    double most = largest_of(A), *copy;
+    bool vectors = U != NULL && U->x != NULL;
+
+    if (k == 0)
+        return MODAL_OK;
+    if (!isfinite(most))
+        return modal_fail(err, MODAL_BAD_INPUT, "svd: the %d x %d matrix has an entry that is not finite", A->m, A->n);
+    if (most > 0) {
+        frexp(most, &exponent);
+        scale_by(A, -exponent);
+    }
+    copy = malloc(sizeof *copy * A->m * A->n);
+    if (copy == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "svd: no memory for %d x %d", A->m, A->n);
+    for (int j = 0; j < A->n; j++)
+        memcpy(copy + (size_t)j * A->m, A->x + (size_t)j * A->ld, sizeof *copy * A->m);
+    info = decompose(A, s, vectors ? U : NULL, vectors ? VT : NULL, copy);
+    free(copy);
+    if (info == LAPACK_WORK_MEMORY_ERROR || info == LAPACK_TRANSPOSE_MEMORY_ERROR)
+        return modal_fail(err, MODAL_NO_MEMORY, "svd: no memory for the workspace of %d x %d", A->m, A->n);
+    if (info != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "svd: dgesdd and dgesvd failed on %d x %d (info %d)", A->m, A->n, info);
+    for (int i = 0; i < k; i++)
+        s[i] = ldexp(s[i], exponent);
+    return MODAL_OK;
+}

@@ -6,11 +6,14 @@
 #ifndef MODAL_LAW_H
 #define MODAL_LAW_H
 #include <stdbool.h>
+#include <stddef.h>
 #include "modal/error.h"
 
-enum { LAW_INPUTS_MOST = 2 };
+enum { LAW_INPUTS_MOST = 2, LAW_TERMS_MOST = 64, LAW_SOURCE_MOST = 65536 };
 
 struct law;
+struct orbit;
+struct law_pieces;
 
 struct law_point {                    /* one instant, reached from the one before */
     double t;                         /* s */
@@ -34,8 +37,14 @@ struct law_class {
     int inputs;                       /* 1 or 2 */
     bool reads_velocity, reads_time;
     bool smooth;                      /* analytic in d and v: no events to locate */
+    bool set_valued;                  /* rigid Coulomb: at v = 0 any f in [-limit, limit]; `force` gives 0 there */
     enum modal_status (*force)(const struct law *law, const struct law_point *at, struct law_force *out,
                                struct modal_error *err);
+    /* The exact force of a periodic motion, cut at its events (pieces.h); NULL: the law is sampled. */
+    enum modal_status (*pieces)(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
+                                struct modal_error *err);
+    /* The start of a period: forget every call before it (memory of a user's law); NULL: nothing to forget. */
+    void (*restart)(const struct law *law);
     void (*free)(struct law *law);    /* of law->data; NULL: free() */
 };
 
@@ -44,29 +53,48 @@ struct law {
     int effect;                       /* row of program.effect */
     int dof[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];
     int memory;                       /* doubles of state (iwan: one a slider) */
+    int degree;                       /* of the force as a polynomial in d and v; 0: none */
+    double limit;                     /* set_valued: the friction's strength, N */
     void *data;                       /* its numbers, as its class lays them out */
 };
+
+/*
+ * Constructors: each fills *OUT but for `effect`, `dof` and `to`, which the caller sets (it preset to ground, -1).
+ * Numbers are copied.  Fails with MODAL_NO_MEMORY, or MODAL_BAD_INPUT where a number is not finite or out of the range
+ * named here (the caller checks first to name a scene's path; this is the last line).  law_done frees.
+ */
+/* f = sum_i c[i] d^(i+1), i = 0 .. count-1; count <= LAW_TERMS_MOST.  (A cubic spring is {0, 0, c}.) */
+enum modal_status law_polynomial_spring(const double *c, int count, struct law *out, struct modal_error *err);
+/* f = sum_i c[i] d^i v */
+enum modal_status law_polynomial_damper(const double *c, int count, struct law *out, struct modal_error *err);
+/* Elastic, perfectly plastic: a spring `stiffness` > 0 in series with a slider that holds up to `limit` >= 0.
+ * Its memory is the slider's place z: f = stiffness (d - z), |f| <= limit; z = 0 at the start. */
+enum modal_status law_jenkins(double stiffness, double limit, struct law *out, struct modal_error *err);
+/* `count` Jenkins elements side by side; memory: their sliders' places. */
+enum modal_status law_iwan(const double *stiffness, const double *limit, int count, struct law *out,
+                           struct modal_error *err);
+/* f = stiffness (d - clearance)(1 + dissipation v) where d > clearance, never pulling; both_sides: and its mirror
+ * image below -clearance (clearance >= 0 then).  stiffness >= 0, dissipation >= 0 in s/m. */
+enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides, struct law *out,
+                          struct modal_error *err);
+/* Rigid friction: f = limit sign(v); at rest whatever holds it, up to limit. */
+enum modal_status law_coulomb(double limit, struct law *out, struct modal_error *err);
+/* f = limit tanh(v / velocity), velocity > 0 */
+enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out, struct modal_error *err);
+/* Inputs: 0 normal, 1 tangential.  Normal force N = max(0, preload + normal_stiffness d_0), f_0 = N; tangential a
+ * Jenkins element of tangential_stiffness whose limit is mu N of the moment.  Memory: the slider's place. */
+enum modal_status law_contact_friction(double normal_stiffness, double preload, double tangential_stiffness, double mu,
+                                       struct law *out, struct modal_error *err);
+/* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and memory (lua.c).  A
+ * source that does not compile, or defines no function `force`, is MODAL_BAD_INPUT (err->field: "source", which the caller
+ * prefixes), one that fails when called MODAL_ELEMENT_FAILED; both name the line.  restart empties its memory. */
+enum modal_status law_lua(const char *source, struct law *out, struct modal_error *err);
 
 /* Release law->data; the struct itself is the caller's. */
 void law_done(struct law *law);
 
-/*
- * Constructors: fill OUT's kind, memory and data; who lowers the effect sets effect, dof and to.  Arrays are copied.
- * Ranges are checked by the caller, who knows the scene's paths; the constructors fail with MODAL_NO_MEMORY, and
- * law_lua with MODAL_BAD_INPUT (err->field: "source", which the caller prefixes) where the source does not compile or
- * defines no function `force`.
- */
-enum modal_status law_polynomial_spring(const double *coefficients, int count, struct law *out, struct modal_error *err);
-enum modal_status law_polynomial_damper(const double *coefficients, int count, struct law *out, struct modal_error *err);
-enum modal_status law_jenkins(double stiffness, double limit, struct law *out, struct modal_error *err);
-enum modal_status law_iwan(const double *stiffnesses, const double *limits, int count, struct law *out, struct modal_error *err);
-enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides, struct law *out,
-                          struct modal_error *err);
-enum modal_status law_coulomb(double limit, struct law *out, struct modal_error *err);
-enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out, struct modal_error *err);
-/* inputs: d[0] normal, d[1] tangential; the normal force is max(0, preload + normal_stiffness d[0]). */
-enum modal_status law_contact_friction(double normal_stiffness, double preload, double tangential_stiffness, double mu,
-                                       struct law *out, struct modal_error *err);
-enum modal_status law_lua(const char *source, struct law *out, struct modal_error *err);
+/* What constructors share: an empty law of KIND, and finiteness. */
+void law_clear(struct law *law, const struct law_class *kind);
+enum modal_status law_check(const char *what, double value, double low, struct modal_error *err);
 
 #endif

@@ -1,0 +1,78 @@
+/*
+ * coulomb.c - friction without a spring: rigid, and rounded off
+ *
+ *     rigid    f = limit sign(v), at rest any f in [-limit, limit]            (1)
+ *     rounded  f = limit tanh(v / v0)                                         (2)
+ *
+ * (1) is set-valued: what holds a body at rest follows from the balance, not from the motion, so `force` gives 0 at
+ * v = 0 and the class says `set_valued`.  (2) is analytic, with a boundary layer of v0 that a sampling must resolve.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include "modal/scene/law.h"
+
+struct coulomb {
+    double limit, velocity;
+};
+
+static enum modal_status rigid_force(const struct law *law, const struct law_point *at, struct law_force *out,
+                                     struct modal_error *err)
+{
+    const struct coulomb *c = law->data;
+
+    (void)err;
+    out->f[0] = at->v[0] > 0 ? c->limit : at->v[0] < 0 ? -c->limit : 0;    /* (1) */
+    out->fd[0][0] = out->fv[0][0] = 0;
+    out->acts = at->v[0] != 0;
+    out->regime = (at->v[0] > 0) - (at->v[0] < 0);
+    return MODAL_OK;
+}
+
+static enum modal_status rounded_force(const struct law *law, const struct law_point *at, struct law_force *out,
+                                       struct modal_error *err)
+{
+    const struct coulomb *c = law->data;
+    double tanh_v = tanh(at->v[0] / c->velocity);
+
+    (void)err;
+    out->f[0] = c->limit * tanh_v;                                          /* (2) */
+    out->fd[0][0] = 0;
+    out->fv[0][0] = c->limit / c->velocity * (1 - tanh_v) * (1 + tanh_v);
+    out->acts = true;
+    out->regime = 0;
+    return MODAL_OK;
+}
+
+static const struct law_class rigid_class = { .name = "coulomb", .inputs = 1, .reads_velocity = true,
+                                              .set_valued = true, .force = rigid_force };
+static const struct law_class rounded_class = { .name = "regularised_coulomb", .inputs = 1, .reads_velocity = true,
+                                                .smooth = true, .force = rounded_force };
+
+static enum modal_status coulomb_new(const struct law_class *kind, double limit, double velocity, struct law *out,
+                                     struct modal_error *err)
+{
+    struct coulomb *c;
+
+    if (law_check("limit", limit, 0, err) != MODAL_OK)
+        return MODAL_BAD_INPUT;
+    if (!(velocity > 0) || !isfinite(velocity))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "velocity", "velocity is %g; accepted: finite and > 0", velocity);
+    c = malloc(sizeof *c);
+    if (c == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "coulomb: no memory");
+    *c = (struct coulomb) { limit, velocity };
+    law_clear(out, kind);
+    out->data = c;
+    out->limit = limit;
+    return MODAL_OK;
+}
+
+enum modal_status law_coulomb(double limit, struct law *out, struct modal_error *err)
+{
+    return coulomb_new(&rigid_class, limit, 1, out, err);
+}
+
+enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out, struct modal_error *err)
+{
+    return coulomb_new(&rounded_class, limit, velocity, out, err);
+}

@@ -1,0 +1,268 @@
+/*
+ * lua.c - a user's own force, in Lua, in a sandbox
+ *
+ *     function force(t, x, v, memory) return ... end
+ *
+ * x and v are d and its rate; the number returned resists like any law's.  `memory` is a table, empty at the start of a
+ * period, that lives over it.  Each law has a Lua state of its own, so elements share no globals.  Of the libraries only
+ * math is open, without random; of the base, what cannot load code or reach outside (see base_kept).
+ *
+ * Limits: INSTRUCTIONS a call (a hook counts), BYTES a state (the allocator counts); passing one is a failure like any
+ * other, named with its line.  Derivatives are central differences, with h = cbrt(eps) max(|d|, scale), scale the largest
+ * |d| (|v|) seen so far: error of order h^2, about 1e-10 of the force.  A difference must not be remembered, so
+ * `memory` is copied before it and put back.
+ */
+#include <float.h>
+#include <lauxlib.h>
+#include <lua.h>
+#include <lualib.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/law.h"
+
+enum { INSTRUCTIONS = 1000000, BYTES = 8 << 20, HOOK_STEP = 10000, MEMORY_DEPTH = 8 };
+
+struct lua_law {
+    lua_State *L;
+    size_t used, most;
+    long left;                    /* instructions of this call */
+    double scale_d, scale_v;
+};
+
+static void *allocate(void *context, void *block, size_t old, size_t size)
+{
+    struct lua_law *s = context;
+    void *moved;
+
+    if (block == NULL)
+        old = 0;
+    if (size == 0) {
+        free(block);
+        s->used -= old;
+        return NULL;
+    }
+    if (size > old && s->used + (size - old) > s->most)
+        return NULL;
+    moved = realloc(block, size);
+    if (moved != NULL)
+        s->used += size - old;
+    return moved;
+}
+
+static void count_instructions(lua_State *L, lua_Debug *at)
+{
+    struct lua_law *s;
+
+    (void)at;
+    lua_getallocf(L, (void **)&s);
+    s->left -= HOOK_STEP;
+    if (s->left < 0)
+        luaL_error(L, "more than %d instructions in one call", INSTRUCTIONS);
+}
+
+static const char *const base_kept[] = { "assert", "error", "ipairs", "math", "next", "pairs", "select", "tonumber",
+                                         "tostring", "type", "rawequal", "rawget", "rawset", "rawlen", "_VERSION", NULL };
+
+/* Open the base and math, then keep only what base_kept names. */
+static int open_sandbox(lua_State *L)
+{
+    luaL_requiref(L, "_G", luaopen_base, 1);
+    luaL_requiref(L, "math", luaopen_math, 1);
+    lua_pushnil(L);
+    lua_setfield(L, -2, "random");
+    lua_pushnil(L);
+    lua_setfield(L, -2, "randomseed");
+    lua_settop(L, 0);
+    lua_newtable(L);
+    for (int i = 0; base_kept[i] != NULL; i++) {
+        lua_getglobal(L, base_kept[i]);
+        lua_setfield(L, 1, base_kept[i]);
+    }
+    lua_pushvalue(L, 1);
+    lua_setfield(L, 1, "_G");
+    lua_rawseti(L, LUA_REGISTRYINDEX, LUA_RIDX_GLOBALS);
+    return 0;
+}
+
+/* Run the chunk under the sandbox's globals; leaves nothing. */
+static int load_source(lua_State *L)
+{
+    const char *source = lua_touserdata(L, 1);
+
+    open_sandbox(L);
+    if (luaL_loadbufferx(L, source, strlen(source), "=source", "t") != LUA_OK)
+        return lua_error(L);
+    lua_call(L, 0, 0);
+    if (lua_getglobal(L, "force") != LUA_TFUNCTION)
+        return luaL_error(L, "the source defines no function `force`");
+    lua_setfield(L, LUA_REGISTRYINDEX, "force");
+    lua_newtable(L);
+    lua_setfield(L, LUA_REGISTRYINDEX, "memory");
+    return 0;
+}
+
+static int call_force(lua_State *L)                /* t, x, v -> number */
+{
+    lua_getfield(L, LUA_REGISTRYINDEX, "force");
+    lua_insert(L, 1);
+    lua_getfield(L, LUA_REGISTRYINDEX, "memory");
+    lua_call(L, 4, 1);
+    if (!lua_isnumber(L, -1) || lua_type(L, -1) != LUA_TNUMBER)
+        return luaL_error(L, "force returned %s, not a number", luaL_typename(L, -1));
+    return 1;
+}
+
+static void copy_table(lua_State *L, int from, int depth)     /* pushes a copy of the table at FROM */
+{
+    luaL_checkstack(L, 8, "memory is nested too deep");
+    if (depth > MEMORY_DEPTH)
+        luaL_error(L, "memory is nested deeper than %d tables", MEMORY_DEPTH);
+    lua_newtable(L);
+    for (lua_pushnil(L); lua_next(L, from) != 0; lua_pop(L, 1)) {
+        lua_pushvalue(L, -2);
+        if (lua_istable(L, -2))
+            copy_table(L, lua_gettop(L) - 1, depth + 1);
+        else
+            lua_pushvalue(L, -2);
+        lua_rawset(L, -5);
+    }
+}
+
+static int memory_copy(lua_State *L)               /* name from, name to: in the registry */
+{
+    lua_getfield(L, LUA_REGISTRYINDEX, lua_tostring(L, 1));
+    if (!lua_istable(L, -1))
+        lua_newtable(L);
+    copy_table(L, lua_gettop(L), 0);
+    lua_setfield(L, LUA_REGISTRYINDEX, lua_tostring(L, 2));
+    return 0;
+}
+
+static enum modal_status failed(struct lua_law *s, enum modal_status status, struct modal_error *err)
+{
+    const char *text = lua_tostring(s->L, -1);
+    enum modal_status rc = modal_fail_field(err, status, "source", "lua: %.400s", text ? text : "failed without a message");
+
+    lua_settop(s->L, 0);
+    return rc;
+}
+
+static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to, struct modal_error *err)
+{
+    s->left = INSTRUCTIONS;
+    lua_pushcfunction(s->L, memory_copy);
+    lua_pushstring(s->L, from);
+    lua_pushstring(s->L, to);
+    return lua_pcall(s->L, 2, 0, 0) == LUA_OK ? MODAL_OK : failed(s, MODAL_ELEMENT_FAILED, err);
+}
+
+static enum modal_status call(struct lua_law *s, double t, double d, double v, double *f, struct modal_error *err)
+{
+    s->left = INSTRUCTIONS;
+    lua_settop(s->L, 0);
+    lua_pushcfunction(s->L, call_force);
+    lua_pushnumber(s->L, t);
+    lua_pushnumber(s->L, d);
+    lua_pushnumber(s->L, v);
+    if (lua_pcall(s->L, 3, 1, 0) != LUA_OK)
+        return failed(s, MODAL_ELEMENT_FAILED, err);
+    *f = lua_tonumber(s->L, -1);
+    lua_settop(s->L, 0);
+    if (!isfinite(*f))
+        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: force(%.9g, %.9g, %.9g, memory) is not finite", t, d, v);
+    return MODAL_OK;
+}
+
+/* The central difference over d (or v), memory as it was before the call. */
+static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v, double *out, struct modal_error *err)
+{
+    double x = over_v ? at->v[0] : at->d[0], *scale = over_v ? &s->scale_v : &s->scale_d, h, up, down, f[2];
+    enum modal_status rc = MODAL_OK;
+
+    *scale = fmax(*scale, fabs(x));
+    h = cbrt(DBL_EPSILON) * (*scale > 0 ? fmax(fabs(x), 0.1 * *scale) : 1);
+    up = x + h;
+    down = x - h;
+    for (int i = 0; rc == MODAL_OK && i < 2; i++) {
+        double moved = i == 0 ? up : down;
+
+        rc = copy_memory(s, "before", "memory", err);
+        if (rc == MODAL_OK)
+            rc = call(s, at->t, over_v ? at->d[0] : moved, over_v ? moved : at->v[0], &f[i], err);
+    }
+    if (rc == MODAL_OK)
+        *out = (f[0] - f[1]) / (up - down);
+    return rc;
+}
+
+static enum modal_status lua_force(const struct law *law, const struct law_point *at, struct law_force *out,
+                                   struct modal_error *err)
+{
+    struct lua_law *s = law->data;
+    enum modal_status rc = copy_memory(s, "memory", "before", err);
+
+    if (rc == MODAL_OK)
+        rc = slope(s, at, false, &out->fd[0][0], err);
+    if (rc == MODAL_OK)
+        rc = slope(s, at, true, &out->fv[0][0], err);
+    if (rc == MODAL_OK)
+        rc = copy_memory(s, "before", "memory", err);
+    if (rc == MODAL_OK)
+        rc = call(s, at->t, at->d[0], at->v[0], &out->f[0], err);
+    out->acts = true;
+    out->regime = 0;
+    return rc;
+}
+
+static void lua_restart(const struct law *law)
+{
+    struct lua_law *s = law->data;
+
+    lua_settop(s->L, 0);
+    lua_newtable(s->L);                 /* a table of no entries: within BYTES, which memory was given back to */
+    lua_setfield(s->L, LUA_REGISTRYINDEX, "memory");
+}
+
+static void lua_free(struct law *law)
+{
+    struct lua_law *s = law->data;
+
+    if (s != NULL && s->L != NULL)
+        lua_close(s->L);
+    free(s);
+}
+
+static const struct law_class lua_class = { .name = "lua", .inputs = 1, .reads_velocity = true, .reads_time = true,
+                                            .force = lua_force, .restart = lua_restart, .free = lua_free };
+
+enum modal_status law_lua(const char *source, struct law *out, struct modal_error *err)
+{
+    struct lua_law *s;
+    enum modal_status rc;
+
+    if (strlen(source) > LAW_SOURCE_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "source", "lua: %zu bytes; the most is %d", strlen(source), LAW_SOURCE_MOST);
+    s = calloc(1, sizeof *s);
+    if (s != NULL) {
+        s->most = BYTES;
+        s->L = lua_newstate(allocate, s);
+    }
+    if (s == NULL || s->L == NULL) {
+        free(s);
+        return modal_fail(err, MODAL_NO_MEMORY, "lua: no memory for a state");
+    }
+    s->left = INSTRUCTIONS;
+    lua_sethook(s->L, count_instructions, LUA_MASKCOUNT, HOOK_STEP);
+    lua_pushcfunction(s->L, load_source);
+    lua_pushlightuserdata(s->L, (void *)(size_t)source);
+    if (lua_pcall(s->L, 1, 0, 0) != LUA_OK) {
+        rc = failed(s, MODAL_BAD_INPUT, err);
+        lua_close(s->L);
+        free(s);
+        return rc;
+    }
+    law_clear(out, &lua_class);
+    out->data = s;
+    return MODAL_OK;
+}

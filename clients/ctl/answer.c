@@ -1,0 +1,54 @@
+/* answer.c - see answer.h */
+#include "answer.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum modal_status answer_json(const cJSON *document, struct modal_error *err)
+{
+    char *text = json_print(document);
+    bool written = text != NULL && puts(text) != EOF && fflush(stdout) == 0;
+
+    if (text == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "no memory to print the answer");
+    free(text);
+    return written ? MODAL_OK : modal_fail(err, MODAL_IO, "stdout: the answer could not be written");
+}
+
+cJSON *answer_error(const struct modal_error *err, const cJSON *detail)
+{
+    cJSON *document = cJSON_CreateObject(), *error = cJSON_AddObjectToObject(document, "error");
+
+    cJSON_AddStringToObject(error, "code", modal_status_code(err->status));
+    cJSON_AddStringToObject(error, "message", err->message);
+    if (err->field[0] != 0)
+        cJSON_AddStringToObject(error, "field", err->field);
+    if (detail != NULL)
+        cJSON_AddItemToObject(error, "detail", cJSON_Duplicate(detail, true));
+    return document;
+}
+
+int answer_failure(bool json, const struct modal_error *err, const cJSON *detail)
+{
+    cJSON *document = answer_error(err, detail);
+
+    if (json)
+        answer_json(document, NULL);
+    else if (err->field[0] != 0)
+        fprintf(stderr, "modalctl: %s: %s: %s\n", modal_status_code(err->status), err->field, err->message);
+    else
+        fprintf(stderr, "modalctl: %s: %s\n", modal_status_code(err->status), err->message);
+    cJSON_Delete(document);
+    return modal_status_exit(err->status);
+}
+
+int answer_job_exit(const cJSON *job)
+{
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(job, "error");
+    const char *state = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(job, "state"));
+    const char *code = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(error, "code"));
+
+    if (state != NULL && strcmp(state, "done") == 0)
+        return 0;
+    return code != NULL && modal_status_exit(modal_status_from_code(code)) == 2 ? 2 : 1;
+}

@@ -1,0 +1,20 @@
+/* answer.h - what modalctl says: one JSON document on stdout, or text; errors as values of the same kind */
+#ifndef CTL_ANSWER_H
+#define CTL_ANSWER_H
+#include <stdbool.h>
+#include "modal/error.h"
+#include "modal/json.h"
+
+/* One line of JSON on stdout. A failed write is MODAL_IO. */
+enum modal_status answer_json(const cJSON *document, struct modal_error *err);
+
+/* {"error":{"code","message","field"?,"detail"?}}; DETAIL is borrowed, may be NULL.  The caller frees the answer. */
+cJSON *answer_error(const struct modal_error *err, const cJSON *detail);
+
+/* Say that ERR ended the command: as JSON on stdout, or as text on stderr. Returns the exit status. */
+int answer_failure(bool json, const struct modal_error *err, const cJSON *detail);
+
+/* The exit status of a finished job's document: 0 done, else that of its error (2 for bad input, 1 for the rest). */
+int answer_job_exit(const cJSON *job);
+
+#endif

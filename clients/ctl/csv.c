@@ -1,0 +1,297 @@
+/* csv.c - see csv.h
+ *
+ * Time t_k, k = 0 .. n-1, is taken as t_0 + k dt with dt = (t_{n-1} - t_0) / (n - 1); the deviation is
+ * max_k |t_k - t_0 - k dt| / dt, in steps.  The file is refused where it passes CSV_UNEVEN_MOST: a sample displaced by
+ * a part d of a step is wrong by about omega dt d of its amplitude.
+ */
+#include "csv.h"
+#include <ctype.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+struct table {
+    const char *path;
+    char separator;             /* ' ': any blanks */
+    size_t columns, rows, room; /* room: doubles allocated */
+    double *x;
+    char **names, **units;      /* columns each, or NULL */
+};
+
+static char separator_of(const char *line)
+{
+    return strchr(line, ';') ? ';' : strchr(line, '\t') ? '\t' : strchr(line, ',') ? ',' : ' ';
+}
+
+/* The next field of *REST, blanks and quotes around it taken off; NULL at the end. */
+static char *next_field(char **rest, char separator)
+{
+    char *field = *rest, *end;
+
+    if (field == NULL)
+        return NULL;
+    if (separator == ' ') {
+        field += strspn(field, " \t");
+        if (*field == 0)
+            return *rest = NULL;
+        end = field + strcspn(field, " \t");
+        *rest = *end ? end + 1 : NULL;
+        *end = 0;
+        return field;
+    }
+    field = strsep(rest, (char[]) { separator, 0 });
+    field += strspn(field, " \t");
+    for (end = field + strlen(field); end > field && isspace((unsigned char)end[-1]); )
+        *--end = 0;
+    if (end - field >= 2 && field[0] == '"' && end[-1] == '"') {
+        end[-1] = 0;
+        field++;
+    }
+    return field;
+}
+
+static bool read_number(char *field, char separator, double *value)
+{
+    char *end, *comma = separator != ',' ? strchr(field, ',') : NULL;
+
+    if (comma != NULL)
+        *comma = '.';
+    *value = strtod(field, &end);
+    return end != field && *end == 0;
+}
+
+/* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts lines from 1. */
+static char *next_line(char **rest, size_t *number)
+{
+    char *line;
+
+    while ((line = strsep(rest, "\n")) != NULL) {
+        size_t length = strlen(line);
+        ++*number;
+        if (length > 0 && line[length - 1] == '\r')
+            line[--length] = 0;
+        if (line[strspn(line, " \t")] != 0 && line[0] != '#' && line[0] != '%')
+            return line;
+    }
+    return NULL;
+}
+
+/* How many fields of LINE are numbers, and how many there are; LINE is left as it was. */
+static size_t count_numbers(const char *line, char separator, size_t *fields)
+{
+    char *copy = strdup(line), *rest = copy, *field;
+    size_t numbers = 0;
+    double value;
+
+    *fields = 0;
+    while (copy != NULL && (field = next_field(&rest, separator)) != NULL) {
+        ++*fields;
+        numbers += read_number(field, separator, &value);
+    }
+    free(copy);
+    return numbers;
+}
+
+static void free_words(char **words, size_t count)
+{
+    for (size_t i = 0; words != NULL && i < count; i++)
+        free(words[i]);
+    free(words);
+}
+
+static char **split_words(char *line, char separator, size_t count)
+{
+    char **words = calloc(count, sizeof *words), *field;
+
+    for (size_t i = 0; words != NULL && i < count && (field = next_field(&line, separator)) != NULL; i++)
+        words[i] = strdup(field);
+    return words;
+}
+
+static enum modal_status add_row(struct table *table, char *line, size_t number, struct modal_error *err)
+{
+    size_t column = 0, need = (table->rows + 1) * table->columns;
+    char *field;
+
+    if (need > SIGNALS_VALUES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: more than %zu values", table->path, SIGNALS_VALUES_MOST);
+    if (need > table->room) {
+        size_t room = 2 * need + 1024;
+        double *x = realloc(table->x, room * sizeof *x);
+        if (x == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %zu values", table->path, room);
+        table->x = x;
+        table->room = room;
+    }
+    while ((field = next_field(&line, table->separator)) != NULL) {
+        char said[64];
+        if (column == table->columns && *field == 0 && line == NULL)
+            break;                                              /* a separator at the line's end */
+        if (column == table->columns)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu has more than %zu columns", table->path, number, table->columns);
+        snprintf(said, sizeof said, "%s", field);
+        if (!read_number(field, table->separator, &table->x[table->rows * table->columns + column]))
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu, column %zu: \"%.60s\" is not a number", table->path, number, column + 1, said);
+        column++;
+    }
+    if (column != table->columns)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu has %zu columns, not %zu", table->path, number, column, table->columns);
+    table->rows++;
+    return MODAL_OK;
+}
+
+/* Names, where the first line has no number at all; then units, where the second has none either. */
+static char *read_head(struct table *table, char **rest, size_t *number)
+{
+    char *line = next_line(rest, number);
+    size_t fields = 0;
+
+    if (line == NULL)
+        return NULL;
+    table->separator = separator_of(line);
+    size_t numbers = count_numbers(line, table->separator, &table->columns);
+    if (numbers > 0)
+        return line;
+    table->names = split_words(line, table->separator, table->columns);
+    line = next_line(rest, number);
+    if (line != NULL && count_numbers(line, table->separator, &fields) == 0 && fields == table->columns) {
+        table->units = split_words(line, table->separator, table->columns);
+        line = next_line(rest, number);
+    }
+    return line;
+}
+
+static enum modal_status read_table(char *text, struct table *table, struct modal_error *err)
+{
+    char *rest = text, *line;
+    size_t number = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (strncmp(rest, "\xef\xbb\xbf", 3) == 0)
+        rest += 3;
+    line = read_head(table, &rest, &number);
+    if (table->columns > 0 && line != NULL && line[strlen(line) - 1] == table->separator && table->names == NULL)
+        table->columns--;                                       /* a separator at the line's end */
+    if (line == NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no line of numbers; accepted: HDF5, CSV, WAV, FLAC", table->path);
+    if (table->columns > SIGNALS_CHANNELS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: %zu columns; at most %d", table->path, table->columns, SIGNALS_CHANNELS_MOST);
+    for (; line != NULL && rc == MODAL_OK; line = next_line(&rest, &number))
+        rc = add_row(table, line, number, err);
+    return rc;
+}
+
+/* "t", "time", "Zeit", "Time [s]", "t_s", "time (sec)" */
+static bool names_time(const char *name)
+{
+    static const char *const words[] = { "time", "zeit", "temps", "tiempo", "t" };
+
+    for (size_t i = 0; name != NULL && i < sizeof words / sizeof *words; i++) {
+        size_t n = strlen(words[i]);
+        if (strncasecmp(name, words[i], n) == 0 && !isalnum((unsigned char)name[n]))
+            return true;
+    }
+    return false;
+}
+
+static double deviation_of(const struct table *table, size_t column, double *dt)
+{
+    const double *t = table->x + column;
+    size_t n = table->rows, c = table->columns;
+    double most = 0;
+
+    *dt = n < 2 ? 0 : (t[(n - 1) * c] - t[0]) / (double)(n - 1);
+    for (size_t k = 0; k < n && *dt > 0; k++) {
+        double off = fabs(t[k * c] - t[0] - (double)k * *dt) / *dt;
+        if (!(off <= most))
+            most = off;
+    }
+    return *dt > 0 ? most : HUGE_VAL;
+}
+
+/* The column of time, or -1. */
+static enum modal_status find_time(const struct table *table, double given_dt, int *column, double *dt, struct modal_error *err)
+{
+    double off;
+
+    *column = -1;
+    *dt = given_dt;
+    for (size_t i = 0; table->names != NULL && i < table->columns && *column < 0; i++)
+        if (names_time(table->names[i]))
+            *column = (int)i;
+    if (*column < 0) {
+        if (table->names != NULL || given_dt > 0 || table->columns < 2 || deviation_of(table, 0, dt) > CSV_UNEVEN_MOST) {
+            *dt = given_dt;
+            return MODAL_OK;
+        }
+        *column = 0;
+        return MODAL_OK;
+    }
+    if (given_dt > 0)
+        return MODAL_OK;
+    off = deviation_of(table, (size_t)*column, dt);
+    if (!(off <= CSV_UNEVEN_MOST))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: column %d is time, but its steps are uneven: a sample is %.3g steps from its place, "
+                                "accepted: %g; resample, or say --dt", table->path, *column + 1, off, CSV_UNEVEN_MOST);
+    return MODAL_OK;
+}
+
+static char *same_unit(char **units, size_t columns, int time)
+{
+    const char *one = NULL;
+
+    for (size_t i = 0; units != NULL && i < columns; i++) {
+        if ((int)i == time || units[i] == NULL)
+            continue;
+        if (one != NULL && strcmp(one, units[i]) != 0)
+            return NULL;
+        one = units[i];
+    }
+    return one ? strdup(one) : NULL;
+}
+
+/* Everything but the column of time into OUT; names move. */
+static enum modal_status take_signals(struct table *table, int time, struct signals *out, struct modal_error *err)
+{
+    size_t channels = table->columns - (time >= 0), s = 0, to = 0;
+
+    if (channels == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no channel beside time", table->path);
+    out->units = same_unit(table->units, table->columns, time);
+    if (table->names != NULL) {
+        out->names = calloc(channels, sizeof *out->names);
+        for (size_t i = 0; out->names != NULL && i < table->columns; i++)
+            if ((int)i != time) {
+                out->names[s++] = table->names[i];
+                table->names[i] = NULL;
+            }
+    }
+    for (size_t k = 0; k < table->rows; k++)
+        for (size_t i = 0; i < table->columns; i++)
+            if ((int)i != time)
+                table->x[to++] = table->x[k * table->columns + i];
+    out->samples = table->rows;
+    out->channels = channels;
+    out->x = table->x;
+    table->x = NULL;
+    return MODAL_OK;
+}
+
+enum modal_status csv_read(char *text, const char *path, double dt, struct signals *out, struct modal_error *err)
+{
+    struct table table = { .path = path };
+    int time = -1;
+    enum modal_status rc = read_table(text, &table, err);
+
+    if (rc == MODAL_OK)
+        rc = find_time(&table, dt, &time, &out->dt, err);
+    if (rc == MODAL_OK)
+        rc = take_signals(&table, time, out, err);
+    free_words(table.names, table.columns);
+    free_words(table.units, table.columns);
+    free(table.x);
+    return rc;
+}

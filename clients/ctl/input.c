@@ -1,0 +1,101 @@
+/* input.c - see input.h */
+#include "input.h"
+#include <stdlib.h>
+#include <string.h>
+#include "option.h"
+#include "scene_file.h"
+#include "store/identity.h"
+
+static enum modal_status hash(struct input *input, struct modal_error *err)
+{
+    struct input_shape shape = { .type = INPUT_SCENE };
+    const void *data = input->scene_text;
+    size_t length;
+    uint8_t digest[32];
+    enum modal_status rc;
+
+    if (input->scene != NULL) {
+        length = strlen(input->scene_text);
+        shape.length = length;
+    } else {
+        shape = (struct input_shape) { .type = INPUT_BATCH, .samples = input->batch.samples, .channels = input->batch.channels,
+                                       .dt = input->batch.dt, .period = input->batch.period, .units = input->batch.units,
+                                       .names = input->batch.names };
+        data = input->batch.signals;
+        length = input->batch.samples * input->batch.channels * sizeof(double);
+    }
+    rc = identity_of(&shape, data, length, digest, err);
+    if (rc == MODAL_OK)
+        identity_hex(digest, input->sha256);
+    return rc;
+}
+
+static enum modal_status read_scene(const char *path, struct input *out, struct modal_error *err)
+{
+    enum modal_status rc = scene_file_read(path, &out->scene, err);
+
+    if (rc == MODAL_OK && (out->scene_text = json_print(out->scene)) == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for the scene", path);
+    return rc;
+}
+
+static enum modal_status read_batch(const char *path, const struct args *args, struct input *out, struct modal_error *err)
+{
+    struct signals_options options = { .dt = args->dt, .scale = args->scale };
+    enum modal_status rc = signals_read(path, &options, &out->signals, err);
+
+    out->batch = signals_batch(&out->signals);
+    return rc;
+}
+
+/* Is a tradeoff's input a scene?  By what it is of; else by the file's first byte that is not blank. */
+static bool wants_scene(const struct input *input, const char *of, const char *path)
+{
+    if (input->kind->input != JOB_ON_EITHER)
+        return input->kind->input == JOB_ON_SCENE;
+    if (of == NULL)
+        of = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(input->options, "of"));
+    if (of != NULL)
+        return strcmp(of, "identify") != 0;
+    size_t length = strlen(path);
+    return length > 5 && strcmp(path + length - 5, ".json") == 0;
+}
+
+static enum modal_status find_kind(const char *name, struct input *out, struct modal_error *err)
+{
+    struct job_result unused;
+    struct job_request request = { .kind = name };
+
+    out->kind = job_kind_find(name);
+    return out->kind != NULL ? MODAL_OK : job_run(&request, &unused, err);     /* whose message lists the kinds */
+}
+
+enum modal_status input_read(const char *kind, const char *of, const char *path, const struct args *args,
+                             struct input *out, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    *out = (struct input) { .options = args->options };
+    rc = find_kind(kind, out, err);
+    if (rc == MODAL_OK && of != NULL) {
+        out->own_options = cJSON_Duplicate(args->options, true);
+        out->options = out->own_options;
+        rc = option_set_text(out->own_options, "of", of, err);
+    }
+    if (rc == MODAL_OK)
+        rc = wants_scene(out, of, path) ? read_scene(path, out, err) : read_batch(path, args, out, err);
+    if (rc == MODAL_OK)
+        rc = hash(out, err);
+    if (rc != MODAL_OK)
+        input_done(out);
+    return rc;
+}
+
+void input_done(struct input *input)
+{
+    signals_done(&input->signals);
+    cJSON_Delete(input->scene);
+    free(input->scene_text);
+    cJSON_Delete(input->own_options);
+    *input = (struct input) { 0 };
+}

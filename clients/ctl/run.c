@@ -1,0 +1,108 @@
+/* run.c - a kind of job as a verb: in this process, or by the daemon; the same document either way */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+#include "answer.h"
+#include "input.h"
+#include "remote.h"
+#include "show.h"
+#include "store/batch_file.h"
+#include "verbs.h"
+
+struct limit { double end; bool passed; };       /* seconds of the monotonic clock; 0: none */
+
+static double now(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static bool past_limit(void *context)
+{
+    struct limit *limit = context;
+
+    return limit->passed = limit->passed || (limit->end > 0 && now() > limit->end);
+}
+
+static void print_progress(void *context, const cJSON *event)
+{
+    const cJSON *fraction = cJSON_GetObjectItemCaseSensitive(event, "fraction");
+
+    (void)context;
+    if (cJSON_IsNumber(fraction))
+        fprintf(stderr, "\r%3.0f %%\r", 100 * fraction->valuedouble);
+}
+
+static enum modal_status run_here(const struct input *input, const struct args *args, struct job_result *out, struct modal_error *err)
+{
+    double most = args->run_limit > 0 && (args->timeout < 0 || args->run_limit < args->timeout) ? args->run_limit : args->timeout;
+    struct limit limit = { .end = most >= 0 ? now() + most : 0 };
+    struct job_request request = {
+        .kind = input->kind->name, .options = input->options, .batch = input->scene ? NULL : &input->batch,
+        .scene = input->scene, .input_sha256 = input->sha256, .attributes = input->signals.attributes,
+        .progress = isatty(STDERR_FILENO) ? print_progress : NULL, .cancelled = past_limit, .context = &limit,
+    };
+    enum modal_status rc = job_run(&request, out, err);
+
+    if (rc == MODAL_CANCELLED && limit.passed)
+        rc = most == args->run_limit ? modal_fail(err, MODAL_RUN_LIMIT, "the run limit of %g s passed", most)
+                                     : modal_fail(err, MODAL_TIMEOUT, "not finished in %g s", most);
+    return rc;
+}
+
+static enum modal_status write_signals(const struct job_result *result, const char *path, struct modal_error *err)
+{
+    if (path == NULL)
+        return MODAL_OK;
+    if (result->batch.samples == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "this job gives no signals to write to %s", path);
+    return batch_file_write(path, &result->batch, cJSON_GetObjectItemCaseSensitive(result->result, "provenance"), err);
+}
+
+/* What stands behind the verb: FILE, or for `tradeoff` OF FILE. */
+static enum modal_status read_input(const struct verb *verb, const struct args *args, struct input *input, struct modal_error *err)
+{
+    bool tradeoff = strcmp(verb->name, "tradeoff") == 0;
+    const char *of = tradeoff && args->words == 3 ? args->word[1] : NULL;
+
+    if (strcmp(verb->name, "simulate") == 0 && args->output == NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 for its signals");
+    return input_read(verb->name, of, args->word[args->words - 1], args, input, err);
+}
+
+static enum modal_status show(const struct verb *verb, const struct args *args, const struct job_result *result, struct modal_error *err)
+{
+    enum modal_status rc = write_signals(result, args->output, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (args->json)
+        return answer_json(result->result, err);
+    show_result(verb->name, result->result);
+    if (args->output != NULL)
+        printf("\n%zu samples x %zu channels in %s\n", result->batch.samples, result->batch.channels, args->output);
+    return MODAL_OK;
+}
+
+int run_job(const struct verb *verb, const struct args *args)
+{
+    struct modal_error err = { 0 };
+    struct job_result result = { 0 };
+    struct input input = { 0 };
+    cJSON *detail = NULL;
+    enum modal_status rc = read_input(verb, args, &input, &err);
+
+    if (rc == MODAL_OK)
+        rc = args->local ? run_here(&input, args, &result, &err) : remote_run(&input, args, &result, &detail, &err);
+    if (rc == MODAL_OK)
+        rc = show(verb, args, &result, &err);
+    int status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
+    cJSON_Delete(detail);
+    job_result_done(&result);
+    input_done(&input);
+    return status;
+}

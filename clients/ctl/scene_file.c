@@ -1,0 +1,194 @@
+/* scene_file.c - see scene_file.h */
+#include "scene_file.h"
+#include <hdf5.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "signals.h"
+
+static const char *const matrices[] = { "M", "K", "C", "G", NULL };
+
+#define BAD_FILE(...) modal_fail_field(err, MODAL_BAD_INPUT, "structure.file", __VA_ARGS__)
+
+/* A dataset of numbers with RANK dimensions, as doubles; the caller frees *X. */
+static enum modal_status read_numbers(hid_t at, const char *name, int rank, hsize_t *dims, double **x, struct modal_error *err)
+{
+    hid_t set = H5Dopen2(at, name, H5P_DEFAULT), space = H5I_INVALID_HID, type = H5I_INVALID_HID;
+    enum modal_status rc = MODAL_OK;
+    hssize_t count = 0;
+    double *values = NULL;
+
+    if (set < 0)
+        return BAD_FILE("no dataset \"%s\"", name);
+    space = H5Dget_space(set);
+    type = H5Dget_type(set);
+    H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
+    if (space < 0 || (class != H5T_FLOAT && class != H5T_INTEGER) || H5Sget_simple_extent_ndims(space) != rank) {
+        rc = BAD_FILE("dataset \"%s\" is not %d-dimensional numbers", name, rank);
+        goto out;
+    }
+    H5Sget_simple_extent_dims(space, dims, NULL);
+    count = H5Sget_simple_extent_npoints(space);
+    if (count < 0 || (size_t)count > SIGNALS_VALUES_MOST / 16) {
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "structure.file", "dataset \"%s\": more than %zu values", name, SIGNALS_VALUES_MOST / 16);
+        goto out;
+    }
+    values = malloc((size_t)count * sizeof *values + 1);
+    if (values == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for dataset \"%s\"", name);
+    else if (H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0)
+        rc = BAD_FILE("dataset \"%s\" cannot be read", name);
+    else {
+        *x = values;
+        values = NULL;
+    }
+out:
+    free(values);
+    if (type >= 0) H5Tclose(type);
+    if (space >= 0) H5Sclose(space);
+    H5Dclose(set);
+    return rc;
+}
+
+static cJSON *sparse_form(hsize_t m, hsize_t n, const double *pointers, const double *columns, const double *values, hsize_t count)
+{
+    cJSON *form = cJSON_CreateObject();
+
+    cJSON_AddItemToObject(form, "shape", json_numbers((double[]) { (double)m, (double)n }, 2));
+    cJSON_AddItemToObject(form, "row_pointers", json_numbers(pointers, m + 1));
+    cJSON_AddItemToObject(form, "columns", json_numbers(columns, count));
+    cJSON_AddItemToObject(form, "values", json_numbers(values, count));
+    return form;
+}
+
+/* The entries of a dense matrix that are not exactly 0. */
+static enum modal_status take_dense(hid_t file, const char *name, cJSON **out, struct modal_error *err)
+{
+    hsize_t dims[2] = { 0 }, count = 0;
+    double *x = NULL, *pointers = NULL, *columns = NULL, *values = NULL;
+    enum modal_status rc = read_numbers(file, name, 2, dims, &x, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    pointers = malloc((dims[0] + 1) * sizeof *pointers);
+    columns = malloc(dims[0] * dims[1] * sizeof *columns + 1);
+    values = malloc(dims[0] * dims[1] * sizeof *values + 1);
+    if (pointers == NULL || columns == NULL || values == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for matrix %s", name);
+        goto out;
+    }
+    for (hsize_t i = 0; i < dims[0]; i++) {
+        pointers[i] = (double)count;
+        for (hsize_t j = 0; j < dims[1]; j++)
+            if (x[i * dims[1] + j] != 0) {
+                columns[count] = (double)j;
+                values[count++] = x[i * dims[1] + j];
+            }
+    }
+    pointers[dims[0]] = (double)count;
+    *out = sparse_form(dims[0], dims[1], pointers, columns, values, count);
+out:
+    free(x); free(pointers); free(columns); free(values);
+    return rc;
+}
+
+/* A group of compressed rows: `data`, `indices`, `indptr`; square, as every matrix here. */
+static enum modal_status take_csr(hid_t file, const char *name, cJSON **out, struct modal_error *err)
+{
+    hid_t group = H5Gopen2(file, name, H5P_DEFAULT);
+    hsize_t n = 0, count = 0, indices = 0;
+    double *pointers = NULL, *columns = NULL, *values = NULL;
+    enum modal_status rc = group < 0 ? BAD_FILE("\"%s\" is neither a dataset nor a group", name) : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        rc = read_numbers(group, "indptr", 1, &n, &pointers, err);
+    if (rc == MODAL_OK)
+        rc = read_numbers(group, "indices", 1, &indices, &columns, err);
+    if (rc == MODAL_OK)
+        rc = read_numbers(group, "data", 1, &count, &values, err);
+    if (rc == MODAL_OK && (n < 2 || indices != count || pointers[n - 1] != (double)count))
+        rc = BAD_FILE("group \"%s\": %llu pointers, %llu indices, %llu values do not belong together", name,
+                      (unsigned long long)n, (unsigned long long)indices, (unsigned long long)count);
+    if (rc == MODAL_OK)
+        *out = sparse_form(n - 1, n - 1, pointers, columns, values, count);
+    free(pointers); free(columns); free(values);
+    if (group >= 0) H5Gclose(group);
+    return rc;
+}
+
+static enum modal_status take_matrix(hid_t file, const char *name, cJSON **out, struct modal_error *err)
+{
+    H5O_info_t info;
+
+    *out = NULL;
+    if (H5Lexists(file, name, H5P_DEFAULT) <= 0)
+        return MODAL_OK;
+    if (H5Oget_info_by_name(file, name, &info, H5P_DEFAULT) < 0)
+        return BAD_FILE("\"%s\" cannot be read", name);
+    return info.type == H5O_TYPE_GROUP ? take_csr(file, name, out, err) : take_dense(file, name, out, err);
+}
+
+/* `dir` of the scene's own path + NAME, unless NAME is absolute. */
+static void beside(char *out, size_t size, const char *scene_path, const char *name)
+{
+    const char *slash = strrchr(scene_path, '/');
+
+    snprintf(out, size, "%.*s%s", name[0] == '/' || slash == NULL ? 0 : (int)(slash - scene_path + 1), scene_path, name);
+}
+
+static enum modal_status inline_file(cJSON *structure, const char *scene_path, struct modal_error *err)
+{
+    const cJSON *key = cJSON_GetObjectItemCaseSensitive(structure, "file");
+    enum modal_status rc = MODAL_OK;
+    char path[4096];
+    hid_t file;
+
+    if (key == NULL)
+        return MODAL_OK;
+    if (!cJSON_IsString(key))
+        return BAD_FILE("accepted: the name of an HDF5 file");
+    beside(path, sizeof path, scene_path, key->valuestring);
+    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+    file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
+    if (file < 0)
+        return BAD_FILE("%.300s: no such HDF5 file", path);
+    for (int i = 0; rc == MODAL_OK && matrices[i] != NULL; i++) {
+        cJSON *matrix = NULL;
+        rc = take_matrix(file, matrices[i], &matrix, err);
+        if (rc == MODAL_OK && matrix != NULL && cJSON_HasObjectItem(structure, matrices[i])) {
+            cJSON_Delete(matrix);
+            rc = BAD_FILE("matrix %s stands in the scene and in the file", matrices[i]);
+        } else if (rc == MODAL_OK && matrix != NULL) {
+            cJSON_AddItemToObject(structure, matrices[i], matrix);
+        }
+    }
+    H5Fclose(file);
+    if (rc == MODAL_OK)
+        cJSON_DeleteItemFromObjectCaseSensitive(structure, "file");
+    return rc;
+}
+
+enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_error *err)
+{
+    char *text = NULL;
+    size_t length = 0;
+    cJSON *scene = NULL, *inner;
+    enum modal_status rc = signals_read_text(path, SCENE_TEXT_MOST, &text, &length, err);
+
+    if (rc == MODAL_OK)
+        rc = json_read(text, length, &scene, err);
+    if (rc != MODAL_OK && err != NULL && err->field[0] == 0)
+        snprintf(err->field, sizeof err->field, "scene");
+    if (rc == MODAL_OK && !cJSON_IsObject(scene))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "scene", "%s: accepted: a JSON object", path);
+    if (rc == MODAL_OK) {
+        inner = cJSON_GetObjectItemCaseSensitive(scene, "scene");
+        rc = inline_file(cJSON_GetObjectItemCaseSensitive(inner ? inner : scene, "structure"), path, err);
+    }
+    free(text);
+    if (rc == MODAL_OK)
+        *out = scene;
+    else
+        cJSON_Delete(scene);
+    return rc;
+}

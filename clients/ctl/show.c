@@ -1,0 +1,273 @@
+/* show.c - see show.h */
+#include "show.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static const cJSON *get(const cJSON *object, const char *key)
+{
+    return cJSON_GetObjectItemCaseSensitive(object, key);
+}
+
+/* NaN where it is absent or null: prints as "-". */
+static double number(const cJSON *object, const char *key)
+{
+    const cJSON *item = get(object, key);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
+
+static double part(const cJSON *pair, int i)
+{
+    const cJSON *item = cJSON_GetArrayItem(pair, i);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
+
+static const char *text(const cJSON *object, const char *key)
+{
+    const char *s = cJSON_GetStringValue(get(object, key));
+
+    return s ? s : "-";
+}
+
+static void cell(int width, const char *format, double value)
+{
+    char s[48];
+
+    if (isfinite(value))
+        snprintf(s, sizeof s, format, value);
+    else
+        snprintf(s, sizeof s, "-");
+    printf(" %*s", width, s);
+}
+
+static const char *verdict(const cJSON *stability)
+{
+    const cJSON *stable = get(stability, "stable");
+
+    return cJSON_IsTrue(stable) ? "stable" : cJSON_IsFalse(stable) ? "unstable" : stability ? "undecided" : "-";
+}
+
+static void show_stability(const cJSON *stability)
+{
+    if (stability == NULL || cJSON_IsNull(stability))
+        return;
+    printf("%s", verdict(stability));
+    if (isfinite(number(stability, "margin")))
+        printf(", margin %.4g 1/s", number(stability, "margin"));
+    if (isfinite(number(stability, "margin_std")))
+        printf(" +- %.2g", number(stability, "margin_std"));
+    if (isfinite(number(stability, "max_multiplier")))
+        printf(", largest multiplier %.8g", number(stability, "max_multiplier"));
+    putchar('\n');
+}
+
+static void show_diagnostics(const cJSON *result)
+{
+    const cJSON *d;
+
+    cJSON_ArrayForEach(d, get(result, "diagnostics"))
+        printf("note %s: %s\n", text(d, "code"), text(d, "message"));
+}
+
+static void show_cost(const cJSON *result)
+{
+    const cJSON *cost = get(result, "cost"), *stage;
+
+    if (cost == NULL)
+        return;
+    printf("cost: %.3g s, %.3g s CPU", number(cost, "wall_s"), number(cost, "cpu_s"));
+    if (isfinite(number(cost, "peak_bytes")))
+        printf(", %.3g MB", number(cost, "peak_bytes") / 1e6);
+    cJSON_ArrayForEach(stage, get(cost, "stages"))
+        printf("; %s %.2g s", stage->string, stage->valuedouble);
+    putchar('\n');
+}
+
+static void show_plan(const cJSON *result)
+{
+    const cJSON *plan = get(result, "plan"), *effect;
+
+    if (plan == NULL)
+        return;
+    printf("plan: %s, %g states, %s\n", text(plan, "class"), number(plan, "states"), text(plan, "integrator"));
+    cJSON_ArrayForEach(effect, get(plan, "effects"))
+        printf("  %-22s %4g states  %8g evaluations  %9.2e s  %s\n", text(effect, "type"), number(effect, "states"),
+               number(effect, "evaluations"), number(effect, "seconds"), cJSON_IsTrue(get(effect, "active")) ? "active" : "at rest");
+}
+
+static void show_mode(int i, const cJSON *mode)
+{
+    const cJSON *std = get(mode, "std");
+
+    printf("%3d", i);
+    cell(14, "%.8g", number(mode, "frequency_hz"));
+    cell(9, "%.1e", number(std, "frequency_hz"));
+    cell(14, "%.7g", number(mode, "damping_ratio"));
+    cell(9, "%.1e", number(std, "damping_ratio"));
+    cell(13, "%.6g", part(get(mode, "exponent"), 0));
+    cell(13, "%.8g", part(get(mode, "exponent"), 1));
+    cell(10, "%.3g", number(mode, "amplitude"));
+    cell(9, "%.1e", number(mode, "residual"));
+    cell(4, "%g", number(mode, "resolved_k"));
+    putchar('\n');
+}
+
+static void show_identify(const cJSON *result)
+{
+    const cJSON *mode, *signal, *rebuilt = get(result, "reconstruction");
+    int i = 0;
+
+    printf("%3s %14s %9s %14s %9s %13s %13s %10s %9s %4s\n", "", "frequency Hz", "+-", "damping ratio", "+-",
+           "Re 1/s", "Im rad/s", "amplitude", "residual", "k");
+    cJSON_ArrayForEach(mode, get(result, "modes"))
+        show_mode(i++, mode);
+    show_stability(get(result, "stability"));
+    printf("reconstruction: relative error");
+    cell(0, "%.3g", number(rebuilt, "relative_error"));
+    putchar('\n');
+    cJSON_ArrayForEach(signal, get(rebuilt, "signals")) {
+        printf("  %-20s rms error", text(signal, "name"));
+        cell(10, "%.3g", number(signal, "rms_error"));
+        printf("  relative");
+        cell(10, "%.3g", number(signal, "relative_error"));
+        putchar('\n');
+    }
+    printf("rank: %g proper orthogonal, %g Hankel (%s)\n", number(get(result, "rank"), "pod"), number(get(result, "rank"), "hankel"),
+           text(get(result, "rank"), "rule"));
+}
+
+static void show_harmonics(const cJSON *result)
+{
+    const cJSON *dof;
+
+    cJSON_ArrayForEach(dof, get(result, "harmonics")) {
+        int n = cJSON_GetArraySize(get(dof, "k"));
+        for (int i = 0; i < n && i < 12; i++) {
+            double re = part(get(dof, "re"), i), im = part(get(dof, "im"), i);
+            printf("  %-12s %4g %16.9g %12.6g rad\n", i ? "" : text(dof, "dof"), part(get(dof, "k"), i), hypot(re, im), atan2(im, re));
+        }
+        if (n > 12)
+            printf("  %-12s ... %d harmonics\n", "", n);
+    }
+}
+
+static void show_points(const cJSON *result)
+{
+    const cJSON *point, *special;
+
+    printf("%16s %10s %12s %12s\n", text(result, "parameter"), "converged", "|X_1|", "stability");
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        const cJSON *first = cJSON_GetArrayItem(get(point, "harmonics"), 0);
+        printf("%16.9g %10s", number(point, "omega"), cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
+        cell(12, "%.6g", hypot(part(get(first, "re"), 1), part(get(first, "im"), 1)));
+        printf(" %12s\n", verdict(get(point, "stability")));
+    }
+    cJSON_ArrayForEach(special, get(result, "folds"))
+        printf("fold at %.9g\n", number(special, "omega"));
+    cJSON_ArrayForEach(special, get(result, "bifurcations"))
+        printf("%s at %.9g\n", text(special, "type"), number(special, "omega"));
+}
+
+static void show_steady(const cJSON *result)
+{
+    if (get(result, "points") != NULL) {
+        show_points(result);
+        return;
+    }
+    printf("%s, omega %.9g rad/s, %s, %g iterations, residual %.2e, truncation error %.2e\n",
+           cJSON_IsTrue(get(result, "converged")) ? "converged" : "NOT converged", number(result, "omega"), text(result, "method"),
+           number(result, "iterations"), number(result, "residual"), number(result, "truncation_error"));
+    printf("  %-12s %4s %16s %12s\n", "dof", "k", "|X_k|", "phase");
+    show_harmonics(result);
+    show_stability(get(result, "stability"));
+}
+
+static void show_pairs(const char *title, const cJSON *list)
+{
+    const cJSON *pair;
+
+    if (list == NULL)
+        return;
+    printf("%-14s %16s %16s %16s\n", title, "re", "im", "magnitude");
+    cJSON_ArrayForEach(pair, list) {
+        printf("%14s", "");
+        cell(16, "%.10g", part(pair, 0));
+        cell(16, "%.10g", part(pair, 1));
+        cell(16, "%.10g", hypot(part(pair, 0), part(pair, 1)));
+        putchar('\n');
+    }
+}
+
+static void show_floquet(const cJSON *result)
+{
+    show_pairs("multipliers", get(result, "multipliers"));
+    show_pairs("exponents", get(result, "exponents"));
+    show_stability(get(result, "stability"));
+}
+
+static void show_tradeoff(const cJSON *result)
+{
+    const cJSON *rung;
+    int i = 0, recommended = cJSON_IsNumber(get(result, "recommended")) ? get(result, "recommended")->valueint : -1;
+
+    printf("%3s %12s %12s %7s  settings\n", "", "error", "seconds", "pareto");
+    cJSON_ArrayForEach(rung, get(result, "rungs")) {
+        char *settings = json_print(get(rung, "settings"));
+        printf("%3d", i);
+        cell(12, "%.3e", number(rung, "error"));
+        cell(12, "%.3e", number(rung, "seconds"));
+        printf(" %7s  %s%s\n", cJSON_IsTrue(get(rung, "pareto")) ? "yes" : "", settings ? settings : "", i == recommended ? "  <- recommended" : "");
+        cJSON_free(settings);
+        i++;
+    }
+}
+
+static void show_ablate(const cJSON *result)
+{
+    const cJSON *effect, *change;
+
+    printf("%-24s %12s  change without it\n", "effect", "seconds");
+    cJSON_ArrayForEach(effect, get(result, "effects")) {
+        printf("%-24s", text(effect, "type"));
+        cell(12, "%.3e", number(effect, "seconds"));
+        cJSON_ArrayForEach(change, get(effect, "change"))
+            if (cJSON_IsNumber(change))
+                printf("  %s %.4g", change->string, change->valuedouble);
+        putchar('\n');
+    }
+}
+
+static void show_sweep(const cJSON *result)
+{
+    const cJSON *point;
+
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        char *index = json_print(get(point, "index"));
+        printf("%-12s %s", index ? index : "", verdict(get(point, "stability")));
+        cell(14, "%.9g", number(get(point, "stability"), "max_multiplier"));
+        putchar('\n');
+        cJSON_free(index);
+    }
+}
+
+static void show_nothing(const cJSON *result)
+{
+    (void)result;
+}
+
+static const struct { const char *kind; void (*show)(const cJSON *); } shows[] = {
+    { "identify", show_identify }, { "steady", show_steady }, { "simulate", show_nothing }, { "floquet", show_floquet },
+    { "tradeoff", show_tradeoff }, { "ablate", show_ablate }, { "sweep", show_sweep },
+};
+
+void show_result(const char *kind, const cJSON *result)
+{
+    for (size_t i = 0; i < sizeof shows / sizeof shows[0]; i++)
+        if (strcmp(shows[i].kind, kind) == 0)
+            shows[i].show(result);
+    show_plan(result);
+    show_diagnostics(result);
+    show_cost(result);
+}

@@ -1,0 +1,44 @@
+/* signals.h - a user's file of signals, read here, on the user's side: HDF5, CSV, WAV, FLAC
+ *
+ * The kind of a file is told by its first bytes: HDF5's signature, RIFF or fLaC; text is CSV.
+ */
+#ifndef CTL_SIGNALS_H
+#define CTL_SIGNALS_H
+#include "modal/batch.h"
+#include "modal/error.h"
+#include "modal/json.h"
+
+/* Limits of a file read here. */
+#define SIGNALS_VALUES_MOST ((size_t)1 << 31)      /* doubles: 16 GB */
+enum { SIGNALS_CHANNELS_MOST = 65536 };
+
+struct signals {
+    size_t samples, channels;
+    double *x;                  /* sample k of channel s: x[k * channels + s] */
+    double dt, period;          /* s; 0: the file did not say */
+    char **names;               /* channels, or NULL */
+    char *units;                /* or NULL */
+    cJSON *attributes;          /* anything else that the file says: provenance; or NULL */
+};
+
+struct signals_options {
+    double dt;                  /* 0: from the file */
+    double scale;               /* 0: 1 */
+};
+
+/*
+ * Read PATH into *OUT; signals_done frees what it holds.  MODAL_BAD_INPUT: no such file, not one of the kinds,
+ * damaged, not numbers, uneven time (with its deviation).  What a batch must be beyond that (length, dt, finite
+ * values) is identify's to check.
+ */
+enum modal_status signals_read(const char *path, const struct signals_options *options, struct signals *out,
+                               struct modal_error *err);
+void signals_done(struct signals *signals);
+
+/* A view: borrows everything from SIGNALS. */
+struct batch signals_batch(const struct signals *signals);
+
+/* A text file whole, with a 0 behind it; the caller frees it.  MODAL_BAD_INPUT if it cannot be read, MODAL_TOO_LARGE. */
+enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length, struct modal_error *err);
+
+#endif

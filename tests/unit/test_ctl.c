@@ -1,0 +1,168 @@
+/* test_ctl.c - modalctl's reading of a user's words and files */
+#include "check.h"
+#include <stdlib.h>
+#include "ctl/args.h"
+#include "ctl/csv.h"
+#include "ctl/option.h"
+
+static const cJSON *option_of(cJSON *options, const char *text, const char *key)
+{
+    CHECK(option_add(options, text, NULL) == MODAL_OK);
+    return cJSON_GetObjectItemCaseSensitive(options, key);
+}
+
+TEST(an_option_is_a_number_a_word_a_truth_or_a_list)
+{
+    cJSON *o = cJSON_CreateObject();
+    const cJSON *list;
+
+    CHECK_NEAR(option_of(o, "pod.energy=0.9371", "pod.energy")->valuedouble, 0.9371, 0);
+    CHECK(cJSON_IsTrue(option_of(o, "shapes=true", "shapes")));
+    CHECK(cJSON_IsNull(option_of(o, "period=null", "period")));
+    CHECK_STRING(option_of(o, "rank.rule=bic", "rank.rule")->valuestring, "bic");
+    CHECK_STRING(option_of(o, "signals=nan", "signals")->valuestring, "nan");
+    list = option_of(o, "band=3500,3700.5", "band");
+    CHECK(cJSON_GetArraySize(list) == 2);
+    CHECK_NEAR(cJSON_GetArrayItem(list, 1)->valuedouble, 3700.5, 0);
+    list = option_of(o, "signals=floor 1,floor 2", "signals");
+    CHECK_STRING(cJSON_GetArrayItem(list, 1)->valuestring, "floor 2");
+    list = option_of(o, "window=[0.25,7]", "window");
+    CHECK_NEAR(cJSON_GetArrayItem(list, 0)->valuedouble, 0.25, 0);
+    cJSON_Delete(o);
+}
+
+TEST(an_option_said_twice_is_the_last_one)
+{
+    cJSON *o = cJSON_CreateObject();
+
+    option_of(o, "rows=31", "rows");
+    CHECK_NEAR(option_of(o, "rows=47", "rows")->valuedouble, 47, 0);
+    CHECK(cJSON_GetArraySize(o) == 1);
+    cJSON_Delete(o);
+}
+
+TEST(an_option_without_key_value_or_range_is_refused_by_name)
+{
+    static const struct { const char *text, *field; } wrong[] = {
+        { "rows", "rows" }, { "=7", "option" }, { "rows=", "rows" }, { "rows=1e999", "rows" }, { "band=1,1e999", "band" },
+        { "window=[1,2", "window" },
+    };
+
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        cJSON *o = cJSON_CreateObject();
+        struct modal_error err = { 0 };
+        CHECK(option_add(o, wrong[i].text, &err) == MODAL_BAD_INPUT);
+        CHECK_STRING(err.field, wrong[i].field);
+        CHECK(o->child == NULL);
+        cJSON_Delete(o);
+    }
+}
+
+TEST(options_stand_anywhere_and_several_may_follow_one_o)
+{
+    static const char *const argv[] = { "modalctl", "identify", "-o", "rank.fixed=6", "band=3500,3700", "bell.flac", "--json", "--timeout=2.5", "--local" };
+    struct args args;
+
+    CHECK(args_read(9, argv, &args, NULL) == MODAL_OK);
+    CHECK(args.words == 2 && args.json && args.local);
+    CHECK_STRING(args.word[1], "bell.flac");
+    CHECK_NEAR(args.timeout, 2.5, 0);
+    CHECK(cJSON_GetArraySize(args.options) == 2);
+    args_done(&args);
+}
+
+TEST(an_option_that_the_verb_does_not_take_is_refused)
+{
+    static const char *const argv[] = { "modalctl", "floquet", "--sweep", "omega=1:2:3", "x.json" };
+    struct modal_error err = { 0 };
+    struct args args;
+
+    CHECK(args_read(5, argv, &args, NULL) == MODAL_OK);
+    CHECK(args_check(&args, "floquet", TAKES_OPTIONS, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, "sweep");
+    CHECK(args_check(&args, "steady", TAKES_OPTIONS | TAKES_CURVE, &err) == MODAL_OK);
+    args_done(&args);
+}
+
+static enum modal_status read_csv(const char *text, double dt, struct signals *out, struct modal_error *err)
+{
+    char *copy = strdup(text);
+    enum modal_status rc;
+
+    *out = (struct signals) { 0 };
+    rc = csv_read(copy, "test.csv", dt, out, err);
+    free(copy);
+    return rc;
+}
+
+TEST(a_named_column_of_time_gives_dt_and_leaves_the_channels)
+{
+    struct signals s;
+
+    CHECK(read_csv("# made by hand\nTime [s],tip,root\n0.5,1.25,-3\n0.75,2.5,-4e-3\n1.0,3.5,7\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(s.samples == 3 && s.channels == 2);
+    CHECK_NEAR(s.dt, 0.25, 0);
+    CHECK_STRING(s.names[1], "root");
+    CHECK_NEAR(s.x[3], -4e-3, 0);
+    signals_done(&s);
+}
+
+TEST(semicolons_allow_the_decimal_comma_and_a_row_of_units)
+{
+    struct signals s;
+
+    CHECK(read_csv("\xef\xbb\xbf\"Zeit\";\"Weg\"\r\ns;m\r\n0,0;1,5\r\n0,1;2,5\r\n0,2;-3,25\r\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(s.samples == 3 && s.channels == 1);
+    CHECK_NEAR(s.dt, 0.1, 1e-16);
+    CHECK_NEAR(s.x[2], -3.25, 0);
+    CHECK_STRING(s.names[0], "Weg");
+    CHECK_STRING(s.units, "m");
+    signals_done(&s);
+}
+
+TEST(without_names_a_growing_first_column_is_time_unless_dt_is_given)
+{
+    struct signals s;
+
+    CHECK(read_csv("0 4\n0.5 5\n1.0 7\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(s.channels == 1 && s.names == NULL);
+    signals_done(&s);
+    CHECK(read_csv("0 4\n0.5 5\n1.0 7\n", 0.125, &s, NULL) == MODAL_OK);
+    CHECK(s.channels == 2);
+    signals_done(&s);
+}
+
+/* 0, 1, 2.1, 3: dt = 1 and sample 2 is a tenth of a step from its place. */
+TEST(uneven_time_is_refused_with_its_deviation)
+{
+    struct modal_error err = { 0 };
+    struct signals s;
+
+    CHECK(read_csv("t,y\n0,1\n1,2\n2.1,3\n3,4\n", 0, &s, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, "time");
+    CHECK(strstr(err.message, "0.1 steps") != NULL);
+    CHECK(s.x == NULL);
+}
+
+TEST(a_line_that_is_no_row_of_numbers_is_named)
+{
+    static const char *const wrong[] = { "a,b\n1,2\n3\n", "a,b\n1,2\n3,4,5\n", "a,b\n1,2\n3,x\n", "a,b\n1,2\n3,\n" };
+
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        struct modal_error err = { 0 };
+        struct signals s;
+        CHECK(read_csv(wrong[i], 0.1, &s, &err) == MODAL_BAD_INPUT);
+        CHECK(strstr(err.message, "line 3") != NULL);
+        CHECK_STRING(err.field, "signals");
+    }
+}
+
+TEST(text_without_numbers_is_no_batch)
+{
+    static const char *const wrong[] = { "", "\n\n", "# nothing\n", "just,names\n", "time\n0\n1\n2\n" };
+
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        struct signals s;
+        CHECK(read_csv(wrong[i], 0, &s, NULL) == MODAL_BAD_INPUT);
+    }
+}

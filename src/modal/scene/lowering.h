@@ -59,7 +59,7 @@ struct scene_structure_kind {
     enum modal_status (*lower)(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err);
     /* strain_rate_damping, C = mu K of the elastic members; NULL: mu times the structure's own K. */
     enum modal_status (*strain_rate)(struct lowering *l, double mu, struct modal_error *err);
-    /* A sensor that names no dof (wing: station, position), into the output row; NULL: dofs only. */
+    /* A sensor that names no dof or names a frame (wing: station, position), into the output row, `name` too; NULL: none. */
     enum modal_status (*sensor)(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
                                 struct modal_error *err);
     /* After all effects, before excitation: what depends on them all (ends in series, ...); NULL: nothing. */
@@ -86,6 +86,7 @@ struct lowering {
      * program_load.dof_sine); both NULL: axes do not turn.  The lowering frees them. */
     int *turn_partner;
     double *turn_sign;
+    bool names_frames;                 /* loads may say "frame": "fixed" or "rotating" */
 
     struct lowering_entries constant[3];
     int structural[3];                 /* of constant[i], the first so many are the structure's own */

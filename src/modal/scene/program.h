@@ -44,6 +44,7 @@ struct program_output {               /* one channel of `simulate` */
 struct program_effect {               /* one row of plan.effects, in the scene's order */
     char *type;
     int states;                       /* that it added */
+    char *law_text;                   /* of an effect with laws: its own JSON, for the hash; else NULL */
     int64_t evaluations;              /* counted by whoever runs the program */
     double seconds;                   /* evaluations x calibrated unit cost */
     bool active;

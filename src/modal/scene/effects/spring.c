@@ -1,0 +1,19 @@
+/* spring.c - a linear spring: stiffness [N/m] between `dof` and `to`, of any sign */
+#include <math.h>
+#include "modal/scene/lowering.h"
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+{
+    struct local_ends at;
+    double stiffness = 0;
+    enum modal_status rc = lowering_ends(l, e, &at, err);
+
+    if (rc == MODAL_OK)
+        rc = json_need_number(e->json, e->path, "stiffness", -HUGE_VAL, HUGE_VAL, &stiffness, err);
+    if (rc == MODAL_OK)
+        lowering_between(l, PROGRAM_K, at, stiffness);
+    return rc;
+}
+
+static const char *const keys[] = { "dof", "to", "stiffness", NULL };
+const struct scene_effect_kind effect_spring = { "spring", keys, NULL, lower };

@@ -1,0 +1,227 @@
+/* lowering.c - see lowering.h */
+#include "modal/scene/lowering.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Grow an array that has COUNT of ROOM elements in use by one more; false: no memory. */
+static bool grow(struct lowering *l, void **x, int count, int *room, size_t size)
+{
+    if (count < *room)
+        return true;
+    int more = *room < 16 ? 16 : 2 * *room;
+    void *bigger = realloc(*x, (size_t)more * size);
+    if (bigger == NULL) {
+        l->no_memory = true;
+        return false;
+    }
+    *x = bigger;
+    *room = more;
+    return true;
+}
+
+static void append(struct lowering *l, struct lowering_entries *e, int i, int j, double value)
+{
+    if (e->count >= LOWERING_ENTRIES_MOST) {
+        l->too_many = true;
+        return;
+    }
+    if (grow(l, (void **)&e->x, e->count, &e->room, sizeof *e->x))
+        e->x[e->count++] = (struct triplet) { i, j, value };
+}
+
+int lowering_add_dof(struct lowering *l, const char *name)
+{
+    struct program *p = l->p;
+    char **dofs = realloc(p->dofs, ((size_t)p->n + 1) * sizeof *dofs);
+
+    if (dofs != NULL)
+        p->dofs = dofs;
+    if (dofs == NULL || (dofs[p->n] = strdup(name)) == NULL) {
+        l->no_memory = true;
+        return -1;
+    }
+    return p->n++;
+}
+
+void lowering_add(struct lowering *l, int matrix, int i, int j, double value)
+{
+    if (i >= 0 && j >= 0)
+        append(l, &l->constant[matrix], i, j, value);
+}
+
+/* The harmonic k, made in ascending order where it is new; NULL: no memory. */
+static struct lowering_harmonic *harmonic(struct lowering *l, int k)
+{
+    int at = 0;
+
+    while (at < l->harmonics && l->harmonic[at].k < k)
+        at++;
+    if (at < l->harmonics && l->harmonic[at].k == k)
+        return &l->harmonic[at];
+    struct lowering_harmonic *more = realloc(l->harmonic, ((size_t)l->harmonics + 1) * sizeof *more);
+    if (more == NULL) {
+        l->no_memory = true;
+        return NULL;
+    }
+    l->harmonic = more;
+    memmove(more + at + 1, more + at, (size_t)(l->harmonics - at) * sizeof *more);
+    more[at] = (struct lowering_harmonic) { .k = k };
+    l->harmonics++;
+    return &more[at];
+}
+
+void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine, double sine)
+{
+    if (k == 0) {
+        lowering_add(l, matrix, i, j, cosine);
+        return;
+    }
+    if (i < 0 || j < 0 || (cosine == 0 && sine == 0))
+        return;
+    struct lowering_harmonic *h = harmonic(l, k);
+    if (h == NULL)
+        return;
+    if (cosine != 0)
+        append(l, &h->cosine[matrix], i, j, cosine);
+    if (sine != 0)
+        append(l, &h->sine[matrix], i, j, sine);
+}
+
+void lowering_add_element(struct lowering *l, int matrix, int n, const int *index, const double *values)
+{
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            if (values[i * n + j] != 0)
+                lowering_add(l, matrix, index[i], index[j], values[i * n + j]);
+}
+
+int lowering_add_states(struct lowering *l, int count)
+{
+    int first = l->p->n_linear;
+
+    if (count > LOWERING_STATES_MOST - first) {
+        l->too_many = true;
+        return -1;
+    }
+    l->p->n_linear += count;
+    if (l->effect >= 0)
+        l->p->effect[l->effect].states += count;
+    return first;
+}
+
+void lowering_add_block(struct lowering *l, enum lowering_block block, int i, int j, double value)
+{
+    if (i >= 0 && j >= 0 && value != 0)
+        append(l, &l->block[block], i, j, value);
+}
+
+void lowering_add_law(struct lowering *l, struct law *law)
+{
+    struct program *p = l->p;
+    struct law *more = realloc(p->law, ((size_t)p->laws + 1) * sizeof *more);
+
+    if (more == NULL) {
+        l->no_memory = true;
+        law_done(law);
+        return;
+    }
+    p->law = more;
+    law->effect = l->effect;
+    more[p->laws++] = *law;
+    if (l->effect >= 0)
+        p->effect[l->effect].states += law->memory;
+    *law = (struct law) { 0 };
+}
+
+void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j, double value)
+{
+    if (j < 0)
+        return;
+    struct triplet *more = realloc(out->terms, ((size_t)out->count + 1) * sizeof *more);
+    if (more == NULL) {
+        l->no_memory = true;
+        return;
+    }
+    out->terms = more;
+    more[out->count++] = (struct triplet) { quantity, j, value };
+}
+
+enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, bool needed,
+                               int *dof, struct modal_error *err)
+{
+    const char *name = NULL;
+    char path[128];
+    enum modal_status rc = needed ? json_need_string(json, base, key, &name, err) : json_get_string(json, base, key, &name, err);
+
+    if (rc != MODAL_OK || name == NULL)
+        return rc;
+    if (strcmp(name, "ground") == 0) {
+        *dof = -1;
+        return MODAL_OK;
+    }
+    int found = program_dof(l->p, name);
+    if (found < 0) {
+        json_path(path, base, key);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "no dof \"%.40s\" in this structure; its dofs run from %s to %s", name,
+                                l->p->n > 0 ? l->p->dofs[0] : "-", l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
+    }
+    *dof = found;
+    return MODAL_OK;
+}
+
+enum modal_status lowering_ends(const struct lowering *l, const struct scene_effect *e, struct local_ends *at,
+                                struct modal_error *err)
+{
+    struct local_ends ends = { -1, -1 };
+    char path[128];
+    enum modal_status rc = lowering_dof(l, e->json, e->path, "dof", true, &ends.dof, err);
+
+    if (rc == MODAL_OK)
+        rc = lowering_dof(l, e->json, e->path, "to", false, &ends.to, err);
+    if (rc != MODAL_OK)
+        return rc;
+    if (ends.dof == ends.to) {
+        json_path(path, e->path, ends.dof < 0 ? "dof" : "to");
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s: `dof` and `to` are one place; they must differ", e->path);
+    }
+    *at = ends;
+    return MODAL_OK;
+}
+
+void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value)
+{
+    if (value == 0)
+        return;
+    lowering_add(l, matrix, at.dof, at.dof, value);
+    lowering_add(l, matrix, at.to, at.to, value);
+    lowering_add(l, matrix, at.dof, at.to, -value);
+    lowering_add(l, matrix, at.to, at.dof, -value);
+}
+
+void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at, double cosine, double sine)
+{
+    lowering_add_harmonic(l, matrix, k, at.dof, at.dof, cosine, sine);
+    lowering_add_harmonic(l, matrix, k, at.to, at.to, cosine, sine);
+    lowering_add_harmonic(l, matrix, k, at.dof, at.to, -cosine, -sine);
+    lowering_add_harmonic(l, matrix, k, at.to, at.dof, -cosine, -sine);
+}
+
+enum modal_status lowering_need_omega(const struct lowering *l, const char *who, struct modal_error *err)
+{
+    if (l->p->omega > 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "%s needs the scene's omega [rad/s], a number > 0", who);
+}
+
+double *lowering_structural_dense(const struct lowering *l, int matrix)
+{
+    int n = l->p->n;
+    double *a = calloc((size_t)n * (size_t)n + 1, sizeof *a);
+
+    for (int e = 0; a != NULL && e < l->structural[matrix]; e++) {
+        const struct triplet *t = &l->constant[matrix].x[e];
+        a[t->i + (size_t)t->j * (size_t)n] += t->value;
+    }
+    return a;
+}

@@ -1,0 +1,215 @@
+/* program.c - see program.h
+ *
+ * The hash runs over every number of the program in the order of its declaration, lengths first, doubles by their
+ * eight bytes (little-endian hosts), names with their lengths: two programs with one hash step and solve alike.
+ * Counters (evaluations, seconds, active) are left out: they are what running a program writes.  Laws enter by their
+ * class's name, dofs and memory, and by the text of their effect, which holds all their numbers.
+ */
+#include "modal/scene/program.h"
+#include <stdlib.h>
+#include <string.h>
+#include "modal/sha256.h"
+
+static void add_int(struct sha256 *s, int64_t x)
+{
+    sha256_add(s, &x, sizeof x);
+}
+
+static void add_doubles(struct sha256 *s, const double *x, int count)
+{
+    add_int(s, count);
+    for (int i = 0; x != NULL && i < count; i++) {
+        double value = x[i] == 0 ? 0 : x[i];             /* -0 and 0 are one number */
+        sha256_add(s, &value, sizeof value);
+    }
+}
+
+static void add_text(struct sha256 *s, const char *text)
+{
+    add_int(s, (int64_t)strlen(text));
+    sha256_add(s, text, strlen(text));
+}
+
+static void add_sparse(struct sha256 *s, const struct sparse *a)
+{
+    int entries = a->start != NULL ? a->start[a->m] : 0;
+
+    add_int(s, a->m);
+    add_int(s, a->n);
+    for (int i = 0; a->start != NULL && i <= a->m; i++)
+        add_int(s, a->start[i]);
+    for (int k = 0; k < entries; k++)
+        add_int(s, a->index[k]);
+    add_doubles(s, a->value, entries);
+}
+
+static void add_load(struct sha256 *s, const struct program_load *load)
+{
+    const double numbers[] = { load->cosine, load->sine, load->amplitude, load->duration, load->start, load->turn };
+
+    add_int(s, load->dof);
+    add_int(s, load->type);
+    add_int(s, load->k);
+    add_doubles(s, numbers, 6);
+    add_doubles(s, load->time, load->points);
+    add_doubles(s, load->force, load->points);
+    add_int(s, load->dof_sine);
+}
+
+static void add_law(struct sha256 *s, const struct law *law)
+{
+    add_text(s, law->kind->name);
+    add_int(s, law->effect);
+    for (int i = 0; i < law->kind->inputs; i++) {
+        add_int(s, law->dof[i]);
+        add_int(s, law->to[i]);
+    }
+    add_int(s, law->memory);
+}
+
+static void add_output(struct sha256 *s, const struct program_output *output)
+{
+    add_text(s, output->name);
+    add_int(s, output->count);
+    for (int i = 0; i < output->count; i++) {
+        add_int(s, output->terms[i].i);
+        add_int(s, output->terms[i].j);
+        add_doubles(s, &output->terms[i].value, 1);
+    }
+}
+
+static void add_matrices(struct sha256 *s, const struct program *p)
+{
+    const struct sparse *blocks[] = { &p->E, &p->A, &p->Bx, &p->Bv, &p->Ba, &p->F };
+
+    for (int i = 0; i < 3; i++)
+        add_sparse(s, &p->constant[i]);
+    add_int(s, p->harmonics);
+    for (int h = 0; h < p->harmonics; h++) {
+        add_int(s, p->harmonic[h].k);
+        for (int i = 0; i < 3; i++) {
+            add_sparse(s, &p->harmonic[h].cosine[i]);
+            add_sparse(s, &p->harmonic[h].sine[i]);
+        }
+    }
+    add_int(s, p->n_linear);
+    for (int i = 0; i < 6; i++)
+        add_sparse(s, blocks[i]);
+}
+
+void program_hash(struct program *p)
+{
+    struct sha256 s;
+    const double numbers[] = { p->omega, p->period, p->frame_speed };
+
+    sha256_start(&s);
+    add_int(&s, p->n);
+    for (int i = 0; i < p->n; i++)
+        add_text(&s, p->dofs[i]);
+    add_matrices(&s, p);
+    add_int(&s, p->laws);
+    for (int i = 0; i < p->laws; i++)
+        add_law(&s, &p->law[i]);
+    add_int(&s, p->loads);
+    for (int i = 0; i < p->loads; i++)
+        add_load(&s, &p->load[i]);
+    add_int(&s, p->outputs);
+    for (int i = 0; i < p->outputs; i++)
+        add_output(&s, &p->output[i]);
+    add_int(&s, p->effects);
+    for (int i = 0; i < p->effects; i++) {
+        add_text(&s, p->effect[i].type);
+        add_int(&s, p->effect[i].states);
+        add_text(&s, p->effect[i].law_text != NULL ? p->effect[i].law_text : "");
+    }
+    add_doubles(&s, p->x0, p->n);
+    add_doubles(&s, p->v0, p->n);
+    add_doubles(&s, numbers, 3);
+    sha256_hex(&s, p->hash);
+}
+
+enum program_class program_class(const struct program *p)
+{
+    return p->laws > 0 ? PROGRAM_NONLINEAR : p->harmonics > 0 ? PROGRAM_LINEAR_PERIODIC : PROGRAM_LINEAR_CONSTANT;
+}
+
+const char *program_class_name(enum program_class class)
+{
+    static const char *const names[] = { "linear-constant", "linear-periodic", "nonlinear" };
+
+    return names[class];
+}
+
+int program_states(const struct program *p)
+{
+    int states = 2 * p->n + p->n_linear;
+
+    for (int i = 0; i < p->laws; i++)
+        states += p->law[i].memory;
+    return states;
+}
+
+int program_dof(const struct program *p, const char *name)
+{
+    for (int i = 0; i < p->n; i++)
+        if (strcmp(p->dofs[i], name) == 0)
+            return i;
+    return -1;
+}
+
+static void free_law(struct law *law)
+{
+    if (law->kind != NULL && law->kind->free != NULL)
+        law->kind->free(law);
+    else
+        free(law->data);
+}
+
+static void free_matrices(struct program *p)
+{
+    for (int i = 0; i < 3; i++)
+        sparse_done(&p->constant[i]);
+    for (int h = 0; h < p->harmonics; h++)
+        for (int i = 0; i < 3; i++) {
+            sparse_done(&p->harmonic[h].cosine[i]);
+            sparse_done(&p->harmonic[h].sine[i]);
+        }
+    free(p->harmonic);
+    sparse_done(&p->E);
+    sparse_done(&p->A);
+    sparse_done(&p->Bx);
+    sparse_done(&p->Bv);
+    sparse_done(&p->Ba);
+    sparse_done(&p->F);
+}
+
+void program_free(struct program *p)
+{
+    if (p == NULL)
+        return;
+    free_matrices(p);
+    for (int i = 0; i < p->n; i++)
+        free(p->dofs[i]);
+    free(p->dofs);
+    for (int i = 0; i < p->laws; i++)
+        free_law(&p->law[i]);
+    free(p->law);
+    for (int i = 0; i < p->loads; i++) {
+        free(p->load[i].time);
+        free(p->load[i].force);
+    }
+    free(p->load);
+    for (int i = 0; i < p->outputs; i++) {
+        free(p->output[i].name);
+        free(p->output[i].terms);
+    }
+    free(p->output);
+    for (int i = 0; i < p->effects; i++) {
+        free(p->effect[i].type);
+        free(p->effect[i].law_text);
+    }
+    free(p->effect);
+    free(p->x0);
+    free(p->v0);
+    free(p);
+}

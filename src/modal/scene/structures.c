@@ -1,0 +1,12 @@
+/* structures.c - the table of structures: one line each (lowering.h says how to add one) */
+#include "modal/scene/lowering.h"
+#include "modal/scene/scene.h"
+
+extern const struct scene_structure_kind structure_matrices, structure_chain, structure_beam;
+
+const struct scene_structure_kind *const scene_structures[] = {
+    &structure_matrices,
+    &structure_chain,
+    &structure_beam,
+    NULL,
+};

@@ -1,0 +1,13 @@
+/* beam.h - the mesh that the structure `beam` leaves for its effects */
+#ifndef MODAL_SCENE_BEAM_H
+#define MODAL_SCENE_BEAM_H
+
+enum { BEAM_ELEMENTS_MOST = 2000 };
+
+struct beam_mesh {
+    int elements;
+    double h;                                   /* m, of one element */
+    int dof[2 * (BEAM_ELEMENTS_MOST + 1)];      /* w and th of node i at 2 i, 2 i + 1; -1: held by a support */
+};
+
+#endif

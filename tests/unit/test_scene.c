@@ -1,0 +1,336 @@
+#include "check.h"
+#include <stdlib.h>
+#include "modal/json.h"
+#include "modal/scene/lowering.h"
+#include "modal/scene/scene.h"
+#include "modal/sha256.h"
+
+/* The scene of TEXT, single quotes for double ones. */
+static cJSON *scene_of(const char *text)
+{
+    struct modal_error err;
+    char *copy = strdup(text);
+    cJSON *scene = NULL;
+
+    for (char *c = copy; *c != '\0'; c++)
+        if (*c == '\'')
+            *c = '"';
+    if (json_read(copy, strlen(copy), &scene, &err) != MODAL_OK)
+        fail_msg("%s: %s", copy, err.message);
+    free(copy);
+    return scene;
+}
+
+static struct program *lower(const char *text)
+{
+    struct modal_error err;
+    struct program *p = NULL;
+    cJSON *scene = scene_of(text);
+
+    if (scene_lower(scene, NULL, &p, &err) != MODAL_OK)
+        fail_msg("%s: %s: %s", text, err.field, err.message);
+    cJSON_Delete(scene);
+    return p;
+}
+
+/* TEXT fails with STATUS at FIELD, and the output is left alone. */
+static void refused(const char *text, enum modal_status status, const char *field)
+{
+    struct modal_error err = { 0 };
+    struct program *before = (struct program *)&err, *p = before;
+    cJSON *scene = scene_of(text);
+
+    if (scene_lower(scene, NULL, &p, &err) != status)
+        fail_msg("%s: not refused as %s", text, modal_status_code(status));
+    if (strcmp(err.field, field) != 0)
+        fail_msg("%s: refused at %s (%s), not %s", text, err.field, err.message, field);
+    CHECK(p == before);
+    cJSON_Delete(scene);
+}
+
+static double entry(const struct sparse *a, int i, int j)
+{
+    for (int k = a->start[i]; k < a->start[i + 1]; k++)
+        if (a->index[k] == j)
+            return a->value[k];
+    return 0;
+}
+
+#define CHAIN "'structure':{'type':'chain','masses':[2.5,3.5],'springs':[10,20,40],'dampers':[1,2,4]}"
+
+TEST(a_chain_has_the_matrices_of_its_elements)
+{
+    struct program *p = lower("{" CHAIN "}");
+
+    CHECK(p->n == 2 && program_class(p) == PROGRAM_LINEAR_CONSTANT && program_states(p) == 4);
+    CHECK_STRING(p->dofs[1], "x2");
+    CHECK(entry(&p->constant[PROGRAM_M], 1, 1) == 3.5);
+    CHECK(entry(&p->constant[PROGRAM_K], 0, 0) == 30 && entry(&p->constant[PROGRAM_K], 0, 1) == -20);
+    CHECK(entry(&p->constant[PROGRAM_K], 1, 1) == 60 && entry(&p->constant[PROGRAM_C], 1, 1) == 6);
+    program_free(p);
+}
+
+TEST(sparse_matrices_lower_to_the_program_of_nested_lists)
+{
+    struct program *dense = lower("{'structure':{'type':'matrices','M':[[2,0.5],[0.5,3]],'K':[[5,-1],[-2,7]],'C':[[0.1,0],[0,0.2]]}}");
+    struct program *sparse = lower("{'structure':{'type':'matrices','M':{'shape':[2,2],'row_pointers':[0,2,4],'columns':[0,1,0,1],'values':[2,0.5,0.5,3]},"
+                                   "'K':[[5,-1],[-2,7]],'C':{'shape':[2,2],'row_pointers':[0,1,2],'columns':[0,1],'values':[0.1,0.2]}}}");
+
+    CHECK_STRING(sparse->hash, dense->hash);
+    program_free(dense);
+    program_free(sparse);
+}
+
+TEST(gyroscopic_matrices_come_times_the_speed)
+{
+    struct program *p = lower("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,3],[-3,0]],'speed':0.5,'dofs':['a','b']}}");
+
+    CHECK(entry(&p->constant[PROGRAM_C], 0, 1) == 1.5 && entry(&p->constant[PROGRAM_C], 1, 0) == -1.5);
+    CHECK_STRING(p->dofs[0], "a");
+    program_free(p);
+}
+
+/* The pinned-pinned beam's first frequency is (pi/l)^2 sqrt(EI/m); four cubic elements are 2.6e-4 high at most. */
+TEST(a_beam_resists_a_uniform_curvature_as_the_closed_form)
+{
+    struct program *p = lower("{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24}}");
+    double x[8], f = 0;
+
+    CHECK(p->n == 8);
+    CHECK_STRING(p->dofs[0], "th0");
+    CHECK_STRING(p->dofs[7], "th4");
+    /* w = x (l - x) has w'' = -2: the energy is EI 4 l / 2, exact in cubic elements. */
+    for (int i = 0, d = 0; i <= 4; i++) {
+        double at = 1.7 * i / 4;
+        if (i > 0 && i < 4)
+            x[d++] = at * (1.7 - at);
+        x[d++] = 1.7 - 2 * at;
+    }
+    for (int i = 0; i < 8; i++)
+        for (int j = 0; j < 8; j++)
+            f += x[i] * entry(&p->constant[PROGRAM_K], i, j) * x[j];
+    CHECK_NEAR(f, 6570 * 4 * 1.7, 1e-11 * 6570 * 4 * 1.7);
+    program_free(p);
+}
+
+/* P/2 int w'^2 = P l^3 / 6 for w = x (l - x). */
+TEST(an_axial_load_is_the_geometric_stiffness_times_minus_its_compression)
+{
+    static const char *const texts[] = {
+        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},'omega':9,'effects':[{'type':'axial_load','mean':13}]}",
+        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},'omega':9,'effects':[{'type':'axial_load','amplitude':13}]}" };
+    struct program *mean = lower(texts[0]), *pulse = lower(texts[1]);
+    double x[8], f = 0, g = 0;
+
+    CHECK(program_class(mean) == PROGRAM_LINEAR_CONSTANT && program_class(pulse) == PROGRAM_LINEAR_PERIODIC);
+    CHECK(pulse->harmonics == 1 && pulse->harmonic[0].k == 1);
+    for (int i = 0, d = 0; i <= 4; i++) {
+        double at = 1.7 * i / 4;
+        if (i > 0 && i < 4)
+            x[d++] = at * (1.7 - at);
+        x[d++] = 1.7 - 2 * at;
+    }
+    for (int i = 0; i < 8; i++)
+        for (int j = 0; j < 8; j++) {
+            f += x[i] * entry(&mean->constant[PROGRAM_K], i, j) * x[j];
+            g += x[i] * entry(&pulse->harmonic[0].cosine[PROGRAM_K], i, j) * x[j];
+        }
+    CHECK_NEAR(f, 6570 * 4 * 1.7 - 13 * 1.7 * 1.7 * 1.7 / 3, 1e-11 * 6570 * 7);
+    CHECK_NEAR(g, -13 * 1.7 * 1.7 * 1.7 / 3, 1e-12 * 22);
+    program_free(mean);
+    program_free(pulse);
+}
+
+TEST(parametric_stiffness_keeps_its_phase)
+{
+    struct program *p = lower("{" CHAIN ",'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','to':'x2','stiffness':3,'k':2,'phase':0.3}]}");
+
+    CHECK(p->harmonics == 1 && p->harmonic[0].k == 2);
+    CHECK_NEAR(entry(&p->harmonic[0].cosine[PROGRAM_K], 0, 1), -3 * cos(0.3), 1e-15);
+    CHECK_NEAR(entry(&p->harmonic[0].sine[PROGRAM_K], 0, 0), -3 * sin(0.3), 1e-15);
+    program_free(p);
+}
+
+/* Phi^T C Phi of modal damping is diag(2 zeta w): its trace against M^-1 is the sum of 2 zeta_i w_i. */
+TEST(modal_damping_gives_the_modes_their_ratios)
+{
+    struct program *p = lower("{'structure':{'type':'chain','masses':[2,2],'springs':[8,5,8]},'effects':[{'type':'modal_damping','ratios':[0.01,0.03]}]}");
+    const struct sparse *C = &p->constant[PROGRAM_C];
+    double w1 = sqrt(8 / 2.0), w2 = sqrt(18 / 2.0);      /* in phase, out of phase */
+
+    CHECK_NEAR(entry(C, 0, 0) + entry(C, 0, 1), 2 * 2 * 0.01 * w1, 1e-14);
+    CHECK_NEAR(entry(C, 0, 0) - entry(C, 0, 1), 2 * 2 * 0.03 * w2, 1e-14);
+    program_free(p);
+}
+
+TEST(damping_of_the_structure_ignores_the_other_effects)
+{
+    struct program *p = lower("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1000},{'type':'rayleigh_damping','alpha':0.5,'beta':0.25},"
+                              "{'type':'strain_rate_damping','mu':2}]}");
+
+    CHECK_NEAR(entry(&p->constant[PROGRAM_C], 0, 0), 3 + 0.5 * 2.5 + 0.25 * 30 + 2 * 30, 1e-13);
+    CHECK_NEAR(entry(&p->constant[PROGRAM_C], 0, 1), -2 - 0.25 * 20 - 2 * 20, 1e-13);
+    CHECK(entry(&p->constant[PROGRAM_K], 0, 0) == 1030);
+    program_free(p);
+}
+
+TEST(local_laws_sit_at_their_dofs_with_their_effects)
+{
+    struct program *p = lower("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'friction','dof':'x2','to':'x1','stiffness':3,'limit':2},"
+                              "{'type':'gap','dof':'x1','stiffness':3,'clearance':-0.1},{'type':'cubic_spring','dof':'x2','coefficient':0}]}");
+
+    CHECK(p->laws == 2 && program_class(p) == PROGRAM_NONLINEAR && p->effects == 4);
+    CHECK(p->law[0].effect == 1 && p->law[0].dof[0] == 1 && p->law[0].to[0] == 0);
+    CHECK(p->law[1].effect == 2 && p->law[1].dof[0] == 0 && p->law[1].to[0] == -1);
+    CHECK(p->effect[0].active && !p->effect[1].active && !p->effect[3].active);
+    program_free(p);
+}
+
+/* For each effect, a scene with it beside others: lowered without it, and without its row in the table. */
+TEST(a_scene_without_an_effect_is_the_scene_without_its_module)
+{
+    static const char *const others = "{'type':'spring','dof':'th0','stiffness':7},{'type':'cubic_spring','dof':'w1','coefficient':3}";
+    static const char *const effects[] = {
+        "{'type':'damper','dof':'w1','coefficient':2}", "{'type':'polynomial_spring','dof':'w1','coefficients':[1,2]}",
+        "{'type':'friction','dof':'w1','stiffness':2,'limit':3}", "{'type':'gap','dof':'w1','stiffness':2,'clearance':3}",
+        "{'type':'parametric_stiffness','dof':'w1','stiffness':2}", "{'type':'polynomial_damper','dof':'w1','coefficients':[-1,0,1]}",
+        "{'type':'coulomb','dof':'w1','limit':2}", "{'type':'regularised_coulomb','dof':'w1','limit':2,'velocity':1e-3}",
+        "{'type':'iwan','dof':'w1','stiffnesses':[2,3],'limits':[3,4]}", "{'type':'lua','dof':'w1','source':'function force(t,x,v,m) return x end'}",
+        "{'type':'contact_friction','normal':'w1','tangential':'w2','normal_stiffness':2,'preload':1,'tangential_stiffness':2,'mu':0.2}",
+        "{'type':'axial_load','mean':1,'amplitude':2}", "{'type':'viscous_damping','per_length':2}", "{'type':'strain_rate_damping','mu':2}",
+        "{'type':'modal_damping','ratio':0.1}", "{'type':'rayleigh_damping','alpha':2}" };
+    char text[2048];
+
+    for (size_t i = 0; i < sizeof effects / sizeof *effects; i++) {
+        static struct scene_options options;
+        const struct scene_effect_kind *table[64] = { NULL };
+        struct program *with, *without, *never = NULL;
+        cJSON *effect = scene_of(effects[i]);
+        int n = 0;
+
+        for (int k = 0; scene_effects[k] != NULL; k++)
+            if (strcmp(scene_effects[k]->name, cJSON_GetObjectItem(effect, "type")->valuestring) != 0)
+                table[n++] = scene_effects[k];
+        snprintf(text, sizeof text, "{'structure':{'type':'beam','length':1,'elements':3,'EI':2,'mass_per_length':3},'omega':4,'effects':[%s,%s]}", others, effects[i]);
+        with = lower(text);
+        cJSON *scene = scene_of(text);
+        memset(&options, 0, sizeof options);
+        options.without[2] = true;
+        CHECK(scene_lower(scene, &options, &without, NULL) == MODAL_OK);
+        cJSON_Delete(scene);
+        snprintf(text, sizeof text, "{'structure':{'type':'beam','length':1,'elements':3,'EI':2,'mass_per_length':3},'omega':4,'effects':[%s]}", others);
+        scene = scene_of(text);
+        memset(&options, 0, sizeof options);
+        options.effects = table;
+        CHECK(scene_lower(scene, &options, &never, NULL) == MODAL_OK);
+        CHECK_STRING(without->hash, never->hash);
+        CHECK(strcmp(with->hash, never->hash) != 0);
+        program_free(with);
+        program_free(without);
+        program_free(never);
+        cJSON_Delete(scene);
+        cJSON_Delete(effect);
+    }
+}
+
+TEST(loads_initial_state_and_sensors_find_their_dofs)
+{
+    struct program *p = lower("{" CHAIN ",'omega':3,'excitation':[{'dof':'x2','k':2,'cos':1.5,'sin':-2},{'dof':'x1','type':'half_sine','amplitude':10,'duration':0.05},"
+                              "{'dof':'x1','type':'table','points':[[0,1],[0.5,2],[2,0]]}],'initial':{'x':{'x2':0.5},'v':{'x1':-1}},"
+                              "'sensors':[{'dof':'x2','derivative':2},{'dof':'x1'}]}");
+
+    CHECK(p->loads == 3 && p->load[0].dof == 1 && p->load[0].k == 2 && p->load[0].sine == -2);
+    CHECK(p->load[1].type == LOAD_HALF_SINE && p->load[1].duration == 0.05 && p->load[2].points == 3 && p->load[2].force[1] == 2);
+    CHECK(p->x0[1] == 0.5 && p->v0[0] == -1 && p->x0[0] == 0);
+    CHECK(p->outputs == 2 && p->output[0].terms[0].i == 2 && p->output[0].terms[0].j == 1);
+    CHECK_STRING(p->output[0].name, "x2_ddot");
+    program_free(p);
+}
+
+TEST(what_is_wrong_in_a_scene_is_named_by_its_path)
+{
+    static const struct { const char *text, *field; } bad[] = {
+        { "{}", "structure" },
+        { "{'structure':{'type':'cable'}}", "structure.type" },
+        { "{'structure':{'type':'chain','masses':[1],'springs':[1,1],'speed':1}}", "structure.speed" },
+        { "{'structure':{'type':'chain','masses':[1,0],'springs':[1,1,1]}}", "structure.masses[1]" },
+        { "{'structure':{'type':'chain','masses':[1,2],'springs':[1,1]}}", "structure.springs" },
+        { "{'structure':{'type':'chain','masses':[1,2]}}", "structure.springs" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1]]}}", "structure.K" },
+        { "{'structure':{'type':'matrices','M':[[1,2],[3,4]],'K':[[1,0],[0,1]]}}", "structure.M" },
+        { "{'structure':{'type':'matrices','M':[[1,2],[2,1]],'K':[[1,0],[0,1]]}}", "structure" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,0]],'K':[[1,0],[0,1]]}}", "structure" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,1],[1,0]],'speed':1}}", "structure.G" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,1],[-1,0]]}}", "structure.speed" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,'a']]}}", "structure.K[1][1]" },
+        { "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'dofs':['ground']}}", "structure.dofs[0]" },
+        { "{'structure':{'type':'matrices','file':'X.h5'}}", "structure.file" },
+        { "{'structure':{'type':'matrices','M':{'shape':[1,1],'row_pointers':[0,1],'columns':[1],'values':[1]},'K':[[1]]}}", "structure.M" },
+        { "{'structure':{'type':'beam','length':1,'elements':2,'EI':1,'mass_per_length':-1}}", "structure.mass_per_length" },
+        { "{'structure':{'type':'beam','length':1,'elements':2,'EI':1,'mass_per_length':1,'supports':['pinned','glued']}}", "structure.supports[1]" },
+        { "{'structure':{'type':'beam','length':1,'elements':1,'EI':1,'mass_per_length':1,'supports':['clamped','clamped']}}", "structure.elements" },
+        { "{" CHAIN ",'effect':[]}", "effect" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'spin'}]}", "effects[1].type" },
+        { "{" CHAIN ",'effects':[{'type':'axial_load','mean':1}]}", "effects[0].type" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x9','stiffness':1}]}", "effects[0].dof" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','to':'x1','stiffness':1}]}", "effects[0].to" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'ground','stiffness':1}]}", "effects[0].dof" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stifness':1}]}", "effects[0].stifness" },
+        { "{" CHAIN ",'effects':[{'type':'friction','dof':'x1','stiffness':1,'limit':-1}]}", "effects[0].limit" },
+        { "{" CHAIN ",'effects':[{'type':'iwan','dof':'x1','stiffnesses':[1,2],'limits':[1]}]}", "effects[0].limits" },
+        { "{" CHAIN ",'effects':[{'type':'gap','dof':'x1','stiffness':1,'clearance':-1,'both_sides':true}]}", "effects[0].clearance" },
+        { "{" CHAIN ",'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}", "omega" },
+        { "{" CHAIN ",'effects':[{'type':'polynomial_spring','dof':'x1'}]}", "effects[0].coefficients" },
+        { "{" CHAIN ",'effects':[{'type':'modal_damping','ratios':[1,2,3]}]}", "effects[0].ratios" },
+        { "{" CHAIN ",'effects':[{'type':'lua','dof':'x1','source':'function force('}]}", "effects[0].source" },
+        { "{" CHAIN ",'omega':0}", "omega" },
+        { "{" CHAIN ",'omega':1,'period':5,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}", "period" },
+        { "{" CHAIN ",'initial':{'x':{'w9':1}}}", "initial.x.w9" },
+        { "{" CHAIN ",'sensors':[{'dof':'x1','derivative':3}]}", "sensors[0].derivative" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','k':1,'cos':1}]}", "omega" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'half_sine','amplitude':1}]}", "excitation[0].duration" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'table','points':[[0,1],[0,2]]}]}", "excitation[0].points[1]" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'step','amplitude':1,'frame':'fixed'}]}", "excitation[0].frame" },
+    };
+
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        refused(bad[i].text, MODAL_BAD_INPUT, bad[i].field);
+}
+
+TEST(a_record_has_duration_over_dt_plus_one_samples)
+{
+    static const struct { const char *time; long samples; } cases[] = {
+        { "{'dt':0.1,'duration':1}", 11 }, { "{'dt':0.001,'duration':0.3}", 301 }, { "{'dt':0.3,'duration':1}", 4 }, { "{'dt':0.1,'duration':0}", 1 },
+        { "{'dt':0.0078539816339744833,'periods':3}", 301 } };      /* 2 pi / 8 / 100 */
+    char text[512];
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct scene_time t;
+        snprintf(text, sizeof text, "{" CHAIN ",'omega':8,'time':%s}", cases[i].time);
+        struct program *p = lower(text);
+        cJSON *scene = scene_of(text);
+        CHECK(scene_time(scene, p, &t, NULL) == MODAL_OK);
+        CHECK(t.samples == cases[i].samples);
+        cJSON_Delete(scene);
+        program_free(p);
+    }
+}
+
+/* The examples published with FIPS 180: "abc", and 56 bytes, where the length no longer fits the first block. */
+TEST(the_hash_is_sha_256)
+{
+    static const char *const cases[][2] = {
+        { "abc", "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" },
+        { "abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq", "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1" },
+        { "", "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855" } };
+
+    for (int i = 0; i < 3; i++) {
+        struct sha256 s;
+        char hex[65];
+        sha256_start(&s);
+        for (const char *c = cases[i][0]; *c != '\0'; c++)
+            sha256_add(&s, c, 1);
+        sha256_hex(&s, hex);
+        CHECK_STRING(hex, cases[i][1]);
+    }
+}

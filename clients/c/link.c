@@ -17,6 +17,7 @@
 #include "wire/limits.h"
 
 static const double first_patience = 2;      /* s: nobody there at the start */
+static const double lost_patience = 30;      /* s: a daemon that was there comes back in this time */
 static const double usual_patience = 5;      /* s: no answer, ask again */
 
 struct link {
@@ -25,7 +26,7 @@ struct link {
     bool ready, was_ready, refused;
     unsigned generation;                     /* connections lost */
     unsigned told;                           /* losses that link_receive has reported */
-    double opened;
+    double since;                            /* of the connection's absence */
     int64_t next_id;
 };
 
@@ -108,7 +109,7 @@ enum modal_status link_open(const char *endpoint, const char *keyfile, struct li
 
     if (link == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for a connection");
-    link->opened = link_now();
+    link->since = link_now();
     link->next_id = 1;
     link->endpoint = endpoint ? strdup(endpoint) : default_endpoint();
     link->context = zmq_ctx_new();
@@ -166,6 +167,7 @@ static void listen(struct link *link)
             link->ready = link->was_ready = true;
         } else if (event == ZMQ_EVENT_DISCONNECTED) {
             link->generation += link->ready;
+            link->since = link->ready ? link_now() : link->since;
             link->ready = false;
         } else if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) {
             link->refused = true;
@@ -267,6 +269,19 @@ enum modal_status link_error(const struct link_message *message, cJSON **detail,
     return modal_fail_field(err, modal_status_from_code(code), field ? field : "", "%s", text ? text : "the daemon gave no reason");
 }
 
+/* Has nobody been there for too long to go on hoping? */
+static bool given_up(const struct link *link, double now)
+{
+    if (link->ready)
+        return false;
+    return link->was_ready ? now > link->since + lost_patience : link->refused || now > link->since + first_patience;
+}
+
+bool link_lost(const struct link *link)
+{
+    return given_up(link, link_now());
+}
+
 static enum modal_status nobody(const struct link *link, struct modal_error *err)
 {
     if (link->refused)
@@ -294,7 +309,7 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
     listen(link);
     while (!send_now(link, ask, header)) {
         double now = link_now();
-        if (!link->was_ready && (link->refused || now > link->opened + first_patience)) {
+        if (given_up(link, now)) {
             rc = nobody(link, err);
             break;
         }
@@ -355,7 +370,7 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
             link_message_done(out);             /* a late answer to what was given up */
         }
         double now = link_now();
-        if (!link->was_ready && (link->refused || now > link->opened + first_patience))
+        if (given_up(link, now))
             return nobody(link, err);
         if (now >= deadline)
             return link->ready ? modal_fail(err, MODAL_TIMEOUT, "%s: no answer to %s in time", link->endpoint, ask->verb) : nobody(link, err);

@@ -46,7 +46,7 @@ struct link_ask {
 /*
  * Ask and wait for the answer, until DEADLINE; asked again after a lost connection.  An ERROR of the daemon is
  * returned as its status and text, its `detail` into *DETAIL (may be NULL; the caller's).  MODAL_NO_SERVER: nobody
- * there for 2 s at the start, or at DEADLINE no connection; MODAL_DENIED: our key was refused; MODAL_TIMEOUT: connected, but
+ * there for 2 s at the start, for 30 s later on, or at DEADLINE; MODAL_DENIED: our key was refused; MODAL_TIMEOUT: connected, but
  * no answer by DEADLINE.
  */
 enum modal_status link_question(struct link *link, const struct link_ask *ask, double deadline, struct link_message *out,
@@ -59,6 +59,8 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
 enum modal_status link_receive(struct link *link, double deadline, struct link_message *out, struct modal_error *err);
 /* An ERROR message as status, text and detail. */
 enum modal_status link_error(const struct link_message *message, cJSON **detail, struct modal_error *err);
+/* Has nobody been there for so long that a question would give up? */
+bool link_lost(const struct link *link);
 int64_t link_message_id(const struct link_message *message);   /* -1: none of ours */
 
 #endif

@@ -1,0 +1,401 @@
+/* client.c - see client.h */
+#include "client.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include "store/identity.h"
+#include "wire/request.h"
+
+static const double wait_slice = 20, watched_slice = 0.5;    /* s of one WAIT */
+static const double chunk_patience = 10;                     /* s without an answer to any chunk */
+
+static double number(const cJSON *object, const char *key, double otherwise)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
+}
+
+static const char *text(const cJSON *object, const char *key)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
+
+    return s ? s : "";
+}
+
+static void tell(const struct client_progress *progress, const char *what, double fraction)
+{
+    if (progress != NULL && progress->tell != NULL)
+        progress->tell(progress->context, what, fraction);
+}
+
+const void *client_input_bytes(const struct client_input *input, size_t *length)
+{
+    *length = input->batch ? input->batch->samples * input->batch->channels * sizeof(double) : strlen(input->scene);
+    return input->batch ? (const void *)input->batch->signals : input->scene;
+}
+
+/* The description of section 4, UPLOAD, into HEADER. */
+static void describe(cJSON *header, const struct client_input *input)
+{
+    const struct batch *b = input->batch;
+    struct wire_input w = { .content = WIRE_SCENE };
+    cJSON *names = b && b->names ? cJSON_CreateStringArray((const char **)b->names, (int)b->channels) : NULL;
+
+    if (b != NULL)
+        w = (struct wire_input) { .content = WIRE_BATCH, .samples = b->samples, .channels = b->channels, .dt = b->dt, .period = b->period,
+                                  .names = names, .units = b->units && b->units[0] ? b->units : NULL, .attributes = input->attributes };
+    client_input_bytes(input, &w.bytes);
+    wire_input_write(header, &w);
+    cJSON_Delete(names);
+}
+
+static enum modal_status identity(const struct client_input *input, char sha256[65], struct modal_error *err)
+{
+    struct input_shape shape = { .type = INPUT_SCENE };
+    uint8_t digest[32];
+    size_t length;
+    const void *bytes = client_input_bytes(input, &length);
+    enum modal_status rc;
+
+    if (input->sha256 != NULL) {
+        snprintf(sha256, 65, "%s", input->sha256);
+        return MODAL_OK;
+    }
+    shape.length = length;
+    if (input->batch != NULL)
+        shape = (struct input_shape) { .type = INPUT_BATCH, .samples = input->batch->samples, .channels = input->batch->channels,
+                                       .dt = input->batch->dt, .period = input->batch->period, .units = input->batch->units,
+                                       .names = input->batch->names };
+    rc = identity_of(&shape, bytes, length, digest, err);
+    if (rc == MODAL_OK)
+        identity_hex(digest, sha256);
+    return rc;
+}
+
+struct upload {
+    char id[128];
+    size_t total, present, credit;
+    bool sealed;
+};
+
+static void take_upload(const cJSON *answer, struct upload *up)
+{
+    if (text(answer, "upload")[0] != 0)
+        snprintf(up->id, sizeof up->id, "%s", text(answer, "upload"));
+    up->present = (size_t)number(answer, "present", (double)up->present);
+    up->credit = (size_t)number(answer, "credit", (double)up->credit);
+    up->sealed = strcmp(text(answer, "state"), "sealed") == 0;
+}
+
+static cJSON *upload_header(const char *op, const char *id)
+{
+    cJSON *header = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(header, "op", op);
+    if (id != NULL)
+        cJSON_AddStringToObject(header, "upload", id);
+    return header;
+}
+
+static enum modal_status begin(struct link *link, const struct client_input *input, const char *sha256, double deadline,
+                               struct upload *up, cJSON **detail, struct modal_error *err)
+{
+    cJSON *header = upload_header("begin", NULL), *answer = NULL;
+    enum modal_status rc;
+
+    cJSON_AddStringToObject(header, "sha256", sha256);
+    describe(header, input);
+    rc = client_ask(link, "UPLOAD", header, deadline, &answer, NULL, detail, err);
+    if (rc == MODAL_OK)
+        take_upload(answer, up);
+    cJSON_Delete(answer);
+    return rc;
+}
+
+static enum modal_status send_chunk(struct link *link, const struct upload *up, size_t offset, const char *data, size_t length,
+                                    double deadline, struct modal_error *err)
+{
+    cJSON *header = upload_header("chunk", up->id);
+    int64_t id;
+
+    cJSON_AddNumberToObject(header, "offset", (double)offset);
+    cJSON_AddNumberToObject(header, "crc32c", wire_crc32c(data, length));
+    return link_send(link, &(struct link_ask) { .verb = "UPLOAD", .header = header, .body = data, .length = length }, deadline, &id, err);
+}
+
+/* One message about our chunks into UP.  MODAL_NO_SERVER, MODAL_BUSY: begin again. */
+static enum modal_status take_answer(struct link *link, struct upload *up, double deadline, cJSON **detail, struct modal_error *err)
+{
+    struct link_message message;
+    enum modal_status rc = link_receive(link, fmin(deadline, link_now() + chunk_patience), &message, err);
+
+    if (rc == MODAL_TIMEOUT && link_now() < deadline)
+        return MODAL_NO_SERVER;
+    if (rc != MODAL_OK)
+        return rc;
+    if (message.type == LINK_REPLY && strcmp(text(message.header, "upload"), up->id) == 0)
+        take_upload(message.header, up);
+    else if (message.type == LINK_ERROR && strcmp(text(message.header, "verb"), "UPLOAD") == 0)
+        rc = link_error(&message, detail, err);
+    link_message_done(&message);
+    return rc;
+}
+
+/* Chunks from what is present to the end, as far ahead as the credit lets us. */
+static enum modal_status send_chunks(struct link *link, const char *bytes, struct upload *up, const struct client_progress *progress,
+                                     double deadline, cJSON **detail, struct modal_error *err)
+{
+    size_t sent = up->present;
+    enum modal_status rc = MODAL_OK;
+
+    while (rc == MODAL_OK && up->present < up->total) {
+        while (rc == MODAL_OK && sent < up->total) {
+            size_t length = up->total - sent < WIRE_CHUNK_MOST ? up->total - sent : WIRE_CHUNK_MOST;
+            if (sent > up->present && sent + length - up->present > up->credit)
+                break;
+            rc = send_chunk(link, up, sent, bytes + sent, length, deadline, err);
+            sent += length;
+        }
+        if (rc == MODAL_OK)
+            rc = take_answer(link, up, deadline, detail, err);
+        tell(progress, "upload", (double)up->present / (double)up->total);
+    }
+    return rc;
+}
+
+static void rest(const cJSON *detail)
+{
+    double s = fmin(fmax(number(detail, "retry_after_s", 0.2), 0.01), 5);
+    struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
+
+    nanosleep(&t, NULL);
+}
+
+static enum modal_status seal(struct link *link, const char *sha256, struct upload *up, double deadline, cJSON **detail, struct modal_error *err)
+{
+    cJSON *header = upload_header("seal", up->id), *answer = NULL;
+
+    cJSON_AddStringToObject(header, "sha256", sha256);
+    enum modal_status rc = client_ask(link, "UPLOAD", header, deadline, &answer, NULL, detail, err);
+    cJSON_Delete(answer);
+    return rc;
+}
+
+enum modal_status client_upload(struct link *link, const struct client_input *input, const struct client_progress *progress,
+                                double deadline, char id[128], cJSON **detail, struct modal_error *err)
+{
+    struct upload up = { 0 };
+    const char *bytes = client_input_bytes(input, &up.total);
+    char sha256[65];
+    cJSON *why = NULL;
+    enum modal_status rc = identity(input, sha256, err);
+
+    while (rc == MODAL_OK) {
+        rc = begin(link, input, sha256, deadline, &up, &why, err);
+        if (rc == MODAL_OK && !up.sealed)
+            rc = send_chunks(link, bytes, &up, progress, deadline, &why, err);
+        if (rc == MODAL_OK)
+            break;
+        if ((rc != MODAL_BUSY && rc != MODAL_NO_SERVER) || link_now() >= deadline || link_lost(link))
+            break;
+        rest(why);
+        cJSON_Delete(why);
+        why = NULL;
+        rc = MODAL_OK;
+    }
+    if (rc == MODAL_OK && !up.sealed)
+        rc = seal(link, sha256, &up, deadline, &why, err);
+    if (rc == MODAL_OK)
+        memcpy(id, up.id, sizeof up.id);
+    if (detail != NULL && why != NULL)
+        *detail = why;
+    else
+        cJSON_Delete(why);
+    return rc;
+}
+
+cJSON *client_submit_header(const struct client_job *job, const struct client_input *input, const char *upload)
+{
+    cJSON *header = cJSON_CreateObject(), *in = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(header, "kind", job->kind);
+    if (job->options != NULL && job->options->child != NULL)
+        cJSON_AddItemToObject(header, "options", cJSON_Duplicate(job->options, true));
+    if (upload != NULL)
+        cJSON_AddStringToObject(in, "upload", upload);
+    else if (input->batch != NULL)
+        describe(in, input);
+    else
+        cJSON_AddStringToObject(in, "content", "scene");
+    cJSON_AddItemToObject(header, "input", in);
+    if (job->key != NULL)
+        cJSON_AddStringToObject(header, "key", job->key);
+    if (job->priority >= 0)
+        cJSON_AddNumberToObject(header, "priority", job->priority);
+    if (job->run_limit > 0)
+        cJSON_AddNumberToObject(header, "run_limit_s", job->run_limit);
+    if (job->deadline > 0)
+        cJSON_AddNumberToObject(header, "deadline_s", job->deadline);
+    if (job->fresh)
+        cJSON_AddTrueToObject(header, "fresh");
+    return header;
+}
+
+/* The answer's header as a document: without what belongs to the message. */
+static cJSON *document(struct link_message *message)
+{
+    cJSON *doc = message->header;
+
+    message->header = NULL;
+    cJSON_DeleteItemFromObjectCaseSensitive(doc, "id");
+    cJSON_DeleteItemFromObjectCaseSensitive(doc, "verb");
+    return doc;
+}
+
+enum modal_status client_submit(struct link *link, const struct client_job *job, const struct client_input *input,
+                                const struct client_progress *progress, double deadline, cJSON **doc, cJSON **detail,
+                                struct modal_error *err)
+{
+    struct link_ask ask = { .verb = "SUBMIT", .once = job->key == NULL };
+    struct link_message answer;
+    char upload[128];
+    const void *bytes = client_input_bytes(input, &ask.length);
+    bool small = ask.length <= WIRE_INLINE_MOST;
+    enum modal_status rc = small ? MODAL_OK : client_upload(link, input, progress, deadline, upload, detail, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    ask.header = client_submit_header(job, input, small ? NULL : upload);
+    ask.body = small ? bytes : NULL;
+    rc = link_question(link, &ask, deadline, &answer, detail, err);
+    if (rc != MODAL_OK)
+        return rc;
+    *doc = document(&answer);
+    link_message_done(&answer);
+    return MODAL_OK;
+}
+
+enum modal_status client_ask(struct link *link, const char *verb, cJSON *header, double deadline, cJSON **answer, char **body,
+                             cJSON **detail, struct modal_error *err)
+{
+    struct link_message message;
+    enum modal_status rc = link_question(link, &(struct link_ask) { .verb = verb, .header = header }, deadline, &message, detail, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    *answer = document(&message);
+    if (body != NULL) {
+        *body = message.body;
+        message.body = NULL;
+    }
+    link_message_done(&message);
+    return MODAL_OK;
+}
+
+static cJSON *job_header(const char *job)
+{
+    cJSON *header = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(header, "job", job);
+    return header;
+}
+
+enum modal_status client_do(struct link *link, const char *verb, const char *job, double deadline, cJSON **doc, cJSON **detail,
+                            struct modal_error *err)
+{
+    return client_ask(link, verb, job_header(job), deadline, doc, NULL, detail, err);
+}
+
+bool client_ended(const cJSON *doc)
+{
+    static const char *const ends[] = { "done", "failed", "cancelled", "dead" };
+
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
+        if (strcmp(text(doc, "state"), ends[i]) == 0)
+            return true;
+    return false;
+}
+
+/* One WAIT of at most SLICE seconds. */
+static enum modal_status wait_once(struct link *link, const char *job, double slice, double deadline, cJSON **doc, cJSON **detail,
+                                   struct modal_error *err)
+{
+    struct link_ask ask = { .verb = "WAIT", .header = job_header(job), .patience = slice + 5 };
+    struct link_message answer;
+    enum modal_status rc;
+
+    cJSON_AddNumberToObject(ask.header, "timeout_s", fmax(0, fmin(slice, deadline - link_now())));
+    rc = link_question(link, &ask, deadline + 1, &answer, detail, err);    /* the daemon's timer ends first */
+    if (rc != MODAL_OK)
+        return rc;
+    cJSON_Delete(*doc);
+    *doc = document(&answer);
+    link_message_done(&answer);
+    return MODAL_OK;
+}
+
+enum modal_status client_wait(struct link *link, const char *job, const struct client_progress *progress, double deadline,
+                              cJSON **doc, cJSON **detail, struct modal_error *err)
+{
+    double slice = progress != NULL && progress->tell != NULL ? watched_slice : wait_slice;
+    enum modal_status rc;
+
+    *doc = NULL;
+    for (;;) {
+        rc = wait_once(link, job, slice, deadline, doc, detail, err);
+        if (rc != MODAL_OK || client_ended(*doc))
+            return rc;
+        tell(progress, text(*doc, "state"), number(cJSON_GetObjectItemCaseSensitive(*doc, "progress"), "fraction", 0));
+        if (link_now() >= deadline)
+            return modal_fail(err, MODAL_TIMEOUT, "job %.64s is %s; not finished in time", job, text(*doc, "state"));
+    }
+}
+
+/* Bytes from OFFSET on, up to one frame of them. */
+static enum modal_status fetch(struct link *link, const char *job, const char *part, size_t offset, double deadline,
+                               struct link_message *answer, cJSON **detail, struct modal_error *err)
+{
+    cJSON *header = job_header(job);
+
+    cJSON_AddStringToObject(header, "part", part);
+    cJSON_AddNumberToObject(header, "offset", (double)offset);
+    return link_question(link, &(struct link_ask) { .verb = "RESULT", .header = header }, deadline, answer, detail, err);
+}
+
+enum modal_status client_result(struct link *link, const char *job, const char *part, double deadline, char **bytes, size_t *length,
+                                cJSON **description, cJSON **detail, struct modal_error *err)
+{
+    size_t used = 0, total = 1;
+    char *all = NULL;
+    enum modal_status rc = MODAL_OK;
+
+    while (rc == MODAL_OK && used < total) {
+        struct link_message answer;
+        rc = fetch(link, job, part, used, deadline, &answer, detail, err);
+        if (rc != MODAL_OK)
+            break;
+        total = (size_t)number(answer.header, "total", 0);
+        if (all == NULL && (all = malloc(total + 1)) == NULL)
+            rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of job %.64s", total, job);
+        else if (used + answer.length > total || (answer.length == 0 && total > 0))
+            rc = modal_fail(err, MODAL_BAD_FRAME, "the daemon's answer to RESULT has %zu bytes at %zu of %zu", answer.length, used, total);
+        else {
+            memcpy(all + used, answer.body ? answer.body : "", answer.length);
+            used += answer.length;
+            if (description != NULL && *description == NULL)
+                *description = cJSON_DetachItemFromObjectCaseSensitive(answer.header, "batch");
+        }
+        link_message_done(&answer);
+    }
+    if (rc != MODAL_OK) {
+        free(all);
+        return rc;
+    }
+    all[total] = 0;
+    *bytes = all;
+    *length = total;
+    return MODAL_OK;
+}

@@ -8,6 +8,12 @@
 
 #define JOB_TAKES (TAKES_OPTIONS | TAKES_SUBMIT | TAKES_TIMEOUT)
 
+/* A sweep can be long: on a server it is only waited for with --wait. */
+static int run_sweep(const struct verb *verb, const struct args *args)
+{
+    return args->local || args->wait ? run_job(verb, args) : submit_one("sweep", NULL, args->word[1], args);
+}
+
 static const struct verb verbs[] = {
     { "identify", "BATCH",             "modes of a batch of signals (HDF5, CSV, WAV, FLAC)",  1, 1, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
     { "steady",   "SCENE.json",        "steady-state response of a scene",                    1, 1, JOB_TAKES | TAKES_CURVE | TAKES_PLOT, run_job },
@@ -15,7 +21,24 @@ static const struct verb verbs[] = {
     { "floquet",  "SCENE.json",        "exact multipliers of a linear scene",                 1, 1, JOB_TAKES | TAKES_PLOT, run_job },
     { "tradeoff", "identify|steady|simulate FILE", "error against time over the ladder of settings", 2, 2, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
     { "ablate",   "SCENE.json",        "each effect's cost and influence",                    1, 1, JOB_TAKES, run_job },
-    { "sweep",    "FILE.json",         "a scene over a grid of its values",                   1, 1, JOB_TAKES | TAKES_WAIT | TAKES_PLOT, run_job },
+    { "sweep",    "FILE.json",         "a scene over a grid of its values",                   1, 1, JOB_TAKES | TAKES_WAIT | TAKES_PLOT, run_sweep },
+    { "submit",   "KIND FILE",         "put a job on the queue; or many: --from LIST.jsonl",  0, 3, JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
+    { "status",   "JOB",               "a job's state now (JOB is an id, or key:K)",          1, 1, TAKES_TIMEOUT, run_status },
+    { "wait",     "JOB",               "until it has ended, with its result",                 1, 1, TAKES_TIMEOUT, run_wait },
+    { "result",   "JOB",               "a done job's result; -O its signals",                 1, 1, TAKES_TIMEOUT | TAKES_OUTPUT, run_result },
+    { "stderr",   "JOB",               "the last words of a worker that died of it",          1, 1, TAKES_TIMEOUT, run_stderr },
+    { "cancel",   "JOB",               "end it, queued or running",                           1, 1, TAKES_TIMEOUT, run_cancel },
+    { "retry",    "JOB",               "a dead job, once more",                               1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },
+    { "delete",   "JOB",               "forget an ended job and its result",                  1, 1, TAKES_TIMEOUT, run_delete },
+    { "list",     "",                  "your jobs, a page",                                   0, 0, TAKES_LIST | TAKES_TIMEOUT, run_list },
+    { "watch",    "[JOB]",             "events as they happen; --name STREAM: live modes",    0, 1, TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM, run_watch },
+    { "stats",    "",                  "counts and sizes of the service",                     0, 0, TAKES_TIMEOUT, run_stats },
+    { "whoami",   "",                  "user, role, limits and use",                          0, 0, TAKES_TIMEOUT, run_whoami },
+    { "hello",    "",                  "versions and limits of the daemon",                   0, 0, TAKES_TIMEOUT, run_hello },
+    { "metrics",  "",                  "Prometheus text",                                     0, 0, TAKES_TIMEOUT, run_metrics },
+    { "drain",    "",                  "take and start no more jobs (admin)",                 0, 0, TAKES_TIMEOUT, run_drain },
+    { "undrain",  "",                  "take and start jobs again (admin)",                   0, 0, TAKES_TIMEOUT, run_undrain },
+    { "keygen",   "FILE [SERVER-KEY]", "a new pair of CURVE keys",                            1, 2, 0, run_keygen },
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 

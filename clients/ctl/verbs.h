@@ -13,4 +13,28 @@ struct verb {
 /* The kinds of jobs as verbs (run.c): read the input, run it here or on the server, show the result. */
 int run_job(const struct verb *verb, const struct args *args);
 
+/* The queue (queue.c). */
+int run_submit(const struct verb *verb, const struct args *args);
+int run_status(const struct verb *verb, const struct args *args);
+int run_wait(const struct verb *verb, const struct args *args);
+int run_result(const struct verb *verb, const struct args *args);
+int run_stderr(const struct verb *verb, const struct args *args);
+int run_cancel(const struct verb *verb, const struct args *args);
+int run_retry(const struct verb *verb, const struct args *args);
+int run_delete(const struct verb *verb, const struct args *args);
+int run_list(const struct verb *verb, const struct args *args);
+int run_hello(const struct verb *verb, const struct args *args);
+int run_stats(const struct verb *verb, const struct args *args);
+int run_whoami(const struct verb *verb, const struct args *args);
+int run_metrics(const struct verb *verb, const struct args *args);
+int run_drain(const struct verb *verb, const struct args *args);
+int run_undrain(const struct verb *verb, const struct args *args);
+
+/* Submit PATH as a job of KIND (OF: of a tradeoff, or NULL), say its document; the exit status. */
+int submit_one(const char *kind, const char *of, const char *path, const struct args *args);
+
+int run_bulk(const struct args *args);                                    /* bulk.c: submit --from */
+int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
+int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */
+
 #endif

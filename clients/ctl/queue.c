@@ -1,0 +1,366 @@
+/* queue.c - the verbs of the queue: one question, one document */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include "answer.h"
+#include "remote.h"
+#include "show.h"
+#include "store/batch_file.h"
+#include "verbs.h"
+
+/* What a verb of the queue works with; queue_end releases it and says how it ended. */
+struct session {
+    const struct args *args;
+    struct link *link;
+    double deadline;
+    cJSON *doc, *detail;
+    struct modal_error err;
+};
+
+static enum modal_status begin(struct session *s, const struct args *args)
+{
+    *s = (struct session) { .args = args, .deadline = remote_deadline(args) };
+    if (args->local)
+        return modal_fail_field(&s->err, MODAL_BAD_INPUT, "local", "%s speaks of a daemon's queue; --local has none", args->word[0]);
+    return remote_open(args, &s->link, &s->err);
+}
+
+static int end(struct session *s, enum modal_status rc, int status)
+{
+    if (rc != MODAL_OK)
+        status = answer_failure(s->args->json, &s->err, s->detail);
+    cJSON_Delete(s->doc);
+    cJSON_Delete(s->detail);
+    link_close(s->link);
+    return status;
+}
+
+static const char *word(const cJSON *object, const char *key)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
+
+    return s ? s : "-";
+}
+
+static double number(const cJSON *object, const char *key)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : 0;
+}
+
+static void show_time(double utc)
+{
+    time_t t = (time_t)utc;
+    struct tm parts;
+    char s[32] = "-";
+
+    if (utc > 0 && gmtime_r(&t, &parts) != NULL)
+        strftime(s, sizeof s, "%Y-%m-%d %H:%M:%SZ", &parts);
+    printf("%-21s", s);
+}
+
+/* One line a job. */
+static void show_job(const cJSON *doc)
+{
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(doc, "error");
+
+    printf("%-20s %-10s %-10s %2.0f  ", word(doc, "job"), word(doc, "kind"), word(doc, "state"), number(doc, "attempts"));
+    show_time(number(doc, "submitted"));
+    printf("%s", word(doc, "key"));
+    if (cJSON_IsNumber(cJSON_GetObjectItemCaseSensitive(doc, "position")))
+        printf("  (%.0f before it)", number(doc, "position"));
+    if (error != NULL)
+        printf("  %s: %s", word(error, "code"), word(error, "message"));
+    putchar('\n');
+}
+
+static enum modal_status say_job(struct session *s)
+{
+    const cJSON *result = cJSON_GetObjectItemCaseSensitive(s->doc, "result");
+
+    if (s->args->json)
+        return answer_json(s->doc, &s->err);
+    show_job(s->doc);
+    if (result != NULL)
+        show_result(word(result, "kind"), result);
+    return MODAL_OK;
+}
+
+/* status, cancel, delete */
+static int run_plain(const struct args *args, const char *protocol_verb)
+{
+    struct session s;
+    enum modal_status rc = begin(&s, args);
+
+    if (rc == MODAL_OK)
+        rc = client_do(s.link, protocol_verb, args->word[1], s.deadline, &s.doc, &s.detail, &s.err);
+    if (rc == MODAL_OK)
+        rc = say_job(&s);
+    return end(&s, rc, 0);
+}
+
+int run_status(const struct verb *verb, const struct args *args) { (void)verb; return run_plain(args, "STATUS"); }
+int run_cancel(const struct verb *verb, const struct args *args) { (void)verb; return run_plain(args, "CANCEL"); }
+int run_delete(const struct verb *verb, const struct args *args) { (void)verb; return run_plain(args, "DELETE"); }
+
+/* Why a document has no result: its own error, and where the daemon has none, one made from the state. */
+static void add_error(cJSON *doc, const struct modal_error *err, const cJSON *detail)
+{
+    cJSON *error;
+
+    if (cJSON_HasObjectItem(doc, "error"))
+        return;
+    error = answer_error(err, detail);
+    cJSON_AddItemToObject(doc, "error", cJSON_DetachItemFromObjectCaseSensitive(error, "error"));
+    cJSON_Delete(error);
+}
+
+/* Wait for JOB and complete its document; the exit status into *STATUS. */
+static enum modal_status wait_for(struct session *s, const char *job, int *status)
+{
+    char name[160];
+    cJSON *first = s->doc;
+    enum modal_status rc;
+
+    snprintf(name, sizeof name, "%s", job);
+    rc = client_wait(s->link, name, remote_progress(), s->deadline, &s->doc, &s->detail, &s->err);
+    if (s->doc == NULL)
+        s->doc = first;
+    else
+        cJSON_Delete(first);
+    if (rc == MODAL_OK && (rc = remote_job_error(s->doc, NULL, &s->err)) == MODAL_OK)
+        rc = remote_add_result(s->link, s->doc, s->deadline, &s->detail, &s->err);
+    *status = modal_status_exit(rc);
+    if (rc == MODAL_OK || s->doc == NULL || rc == MODAL_NO_SERVER)
+        return rc;
+    add_error(s->doc, &s->err, s->detail);
+    return MODAL_OK;
+}
+
+int run_wait(const struct verb *verb, const struct args *args)
+{
+    struct session s;
+    int status = 0;
+    enum modal_status rc = begin(&s, args);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = wait_for(&s, args->word[1], &status);
+    if (rc == MODAL_OK)
+        rc = say_job(&s);
+    return end(&s, rc, status);
+}
+
+int run_retry(const struct verb *verb, const struct args *args)
+{
+    struct session s;
+    int status = 0;
+    enum modal_status rc = begin(&s, args);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = client_do(s.link, "RETRY", args->word[1], s.deadline, &s.doc, &s.detail, &s.err);
+    if (rc == MODAL_OK && args->wait)
+        rc = wait_for(&s, args->word[1], &status);
+    if (rc == MODAL_OK)
+        rc = say_job(&s);
+    return end(&s, rc, status);
+}
+
+/* Submit INPUT and, where asked to, wait. */
+static int submit_input(const struct input *input, const struct args *args)
+{
+    struct client_input in = remote_input(input);
+    struct client_job job = remote_job(input, args, NULL);
+    struct session s;
+    int status = 0;
+    enum modal_status rc = begin(&s, args);
+
+    if (rc == MODAL_OK)
+        rc = client_submit(s.link, &job, &in, remote_progress(), s.deadline, &s.doc, &s.detail, &s.err);
+    if (rc == MODAL_OK && args->wait)
+        rc = wait_for(&s, word(s.doc, "job"), &status);
+    if (rc == MODAL_OK)
+        rc = say_job(&s);
+    return end(&s, rc, status);
+}
+
+int submit_one(const char *kind, const char *of, const char *path, const struct args *args)
+{
+    struct modal_error err = { 0 };
+    struct input input;
+    int status;
+
+    if (input_read(kind, of, path, args, &input, &err) != MODAL_OK)
+        return answer_failure(args->json, &err, NULL);
+    status = submit_input(&input, args);
+    input_done(&input);
+    return status;
+}
+
+int run_submit(const struct verb *verb, const struct args *args)
+{
+    struct modal_error err = { 0 };
+
+    (void)verb;
+    if (args->from != NULL)
+        return run_bulk(args);
+    if (args->words < 3 || (args->words == 4 && strcmp(args->word[1], "tradeoff") != 0)) {
+        modal_fail_field(&err, MODAL_BAD_INPUT, "arguments", "submit takes KIND FILE, tradeoff OF FILE, or --from LIST.jsonl");
+        return answer_failure(args->json, &err, NULL);
+    }
+    return submit_one(args->word[1], args->words == 4 ? args->word[2] : NULL, args->word[args->words - 1], args);
+}
+
+/* -O FILE: the signals of a simulate job as a batch. */
+static enum modal_status save_signals(struct session *s, const char *job)
+{
+    struct job_result out = { 0 };
+    enum modal_status rc = remote_signals(s->link, job, s->deadline, &out, &s->detail, &s->err);
+
+    if (rc == MODAL_OK)
+        rc = batch_file_write(s->args->output, &out.batch, cJSON_GetObjectItemCaseSensitive(s->doc, "provenance"), &s->err);
+    job_result_done(&out);
+    return rc;
+}
+
+int run_result(const struct verb *verb, const struct args *args)
+{
+    struct session s;
+    char *text = NULL;
+    size_t length = 0;
+    enum modal_status rc = begin(&s, args);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = client_result(s.link, args->word[1], "document", s.deadline, &text, &length, NULL, &s.detail, &s.err);
+    if (rc == MODAL_OK)
+        rc = json_read(text, length, &s.doc, &s.err);
+    if (rc == MODAL_OK && args->output != NULL)
+        rc = save_signals(&s, args->word[1]);
+    if (rc == MODAL_OK && args->json)
+        rc = answer_json(s.doc, &s.err);
+    else if (rc == MODAL_OK)
+        show_result(word(s.doc, "kind"), s.doc);
+    free(text);
+    return end(&s, rc, 0);
+}
+
+/* stderr of a worker that died of JOB */
+int run_stderr(const struct verb *verb, const struct args *args)
+{
+    struct session s;
+    char *text = NULL;
+    size_t length = 0;
+    enum modal_status rc = begin(&s, args);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = client_result(s.link, args->word[1], "stderr", s.deadline, &text, &length, NULL, &s.detail, &s.err);
+    if (rc == MODAL_OK && args->json) {
+        s.doc = cJSON_CreateObject();
+        cJSON_AddStringToObject(s.doc, "job", args->word[1]);
+        cJSON_AddStringToObject(s.doc, "stderr", text);
+        rc = answer_json(s.doc, &s.err);
+    } else if (rc == MODAL_OK) {
+        fwrite(text, 1, length, stdout);
+    }
+    free(text);
+    return end(&s, rc, 0);
+}
+
+static cJSON *list_header(const struct args *args)
+{
+    cJSON *header = cJSON_CreateObject();
+
+    if (args->state != NULL)
+        cJSON_AddStringToObject(header, "state", args->state);
+    if (args->kind != NULL)
+        cJSON_AddStringToObject(header, "kind", args->kind);
+    if (args->limit > 0)
+        cJSON_AddNumberToObject(header, "limit", args->limit);
+    if (args->after != NULL)
+        cJSON_AddStringToObject(header, "after", args->after);
+    return header;
+}
+
+int run_list(const struct verb *verb, const struct args *args)
+{
+    struct session s;
+    cJSON *answer = NULL;
+    const cJSON *job;
+    char *body = NULL;
+    enum modal_status rc = begin(&s, args);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = client_ask(s.link, "LIST", list_header(args), s.deadline, &answer, &body, &s.detail, &s.err);
+    if (rc == MODAL_OK)
+        rc = json_read(body ? body : "", body ? strlen(body) : 0, &s.doc, &s.err);
+    if (rc == MODAL_OK && args->json)
+        rc = answer_json(s.doc, &s.err);
+    else if (rc == MODAL_OK) {
+        cJSON_ArrayForEach(job, cJSON_GetObjectItemCaseSensitive(s.doc, "jobs"))
+            show_job(job);
+        if (cJSON_IsString(cJSON_GetObjectItemCaseSensitive(s.doc, "next")))
+            printf("more: --after %s\n", word(s.doc, "next"));
+    }
+    cJSON_Delete(answer);
+    free(body);
+    return end(&s, rc, 0);
+}
+
+/* A document a person reads as indented lines. */
+static void show_lines(const cJSON *object, int indent)
+{
+    const cJSON *item;
+
+    cJSON_ArrayForEach(item, object) {
+        char *value = cJSON_IsObject(item) ? NULL : json_print(item);
+        printf("%*s%-*s%s\n", indent, "", 24 - indent, item->string ? item->string : "", value ? value : "");
+        if (value == NULL)
+            show_lines(item, indent + 2);
+        free(value);
+    }
+}
+
+static int run_header(const struct args *args, const char *protocol_verb)
+{
+    struct session s;
+    enum modal_status rc = begin(&s, args);
+
+    if (rc == MODAL_OK)
+        rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), s.deadline, &s.doc, NULL, &s.detail, &s.err);
+    if (rc == MODAL_OK && args->json)
+        rc = answer_json(s.doc, &s.err);
+    else if (rc == MODAL_OK)
+        show_lines(s.doc, 0);
+    return end(&s, rc, 0);
+}
+
+int run_hello(const struct verb *verb, const struct args *args)   { (void)verb; return run_header(args, "HELLO"); }
+int run_stats(const struct verb *verb, const struct args *args)   { (void)verb; return run_header(args, "STATS"); }
+int run_whoami(const struct verb *verb, const struct args *args)  { (void)verb; return run_header(args, "WHOAMI"); }
+int run_drain(const struct verb *verb, const struct args *args)   { (void)verb; return run_header(args, "DRAIN"); }
+int run_undrain(const struct verb *verb, const struct args *args) { (void)verb; return run_header(args, "UNDRAIN"); }
+
+int run_metrics(const struct verb *verb, const struct args *args)
+{
+    struct session s;
+    char *body = NULL;
+    enum modal_status rc = begin(&s, args);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = client_ask(s.link, "METRICS", cJSON_CreateObject(), s.deadline, &s.doc, &body, &s.detail, &s.err);
+    if (rc == MODAL_OK && args->json) {
+        cJSON_AddStringToObject(s.doc, "metrics", body ? body : "");
+        rc = answer_json(s.doc, &s.err);
+    } else if (rc == MODAL_OK) {
+        fputs(body ? body : "", stdout);
+    }
+    free(body);
+    return end(&s, rc, 0);
+}

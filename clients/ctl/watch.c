@@ -1,0 +1,123 @@
+/* watch.c - events as they happen: one line each; ends with the job watched, at --timeout, or by a signal */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "answer.h"
+#include "remote.h"
+#include "verbs.h"
+
+static const char *word(const cJSON *object, const char *key)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
+
+    return s ? s : "-";
+}
+
+static double number(const cJSON *object, const char *key, double otherwise)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
+}
+
+/* f, zeta and their bars of each mode of a stream's window */
+static void show_modes(const cJSON *event)
+{
+    const cJSON *mode;
+
+    cJSON_ArrayForEach(mode, cJSON_GetObjectItemCaseSensitive(event, "modes")) {
+        const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
+        printf("  %.6g Hz +- %.1e  zeta %.5g +- %.1e", number(mode, "frequency_hz", NAN), number(std, "frequency_hz", NAN),
+               number(mode, "damping_ratio", NAN), number(std, "damping_ratio", NAN));
+    }
+}
+
+static void show_event(const cJSON *event)
+{
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(event, "error");
+
+    printf("%8.0f  %-8s %-20s", number(event, "number", NAN), word(event, "event"), cJSON_HasObjectItem(event, "stream") ? word(event, "stream") : word(event, "job"));
+    if (cJSON_HasObjectItem(event, "state"))
+        printf(" %s", word(event, "state"));
+    show_modes(event);
+    if (error != NULL)
+        printf("  %s: %s", word(error, "code"), word(error, "message"));
+    putchar('\n');
+    fflush(stdout);
+}
+
+static cJSON *subscription(const struct args *args, double from)
+{
+    cJSON *header = cJSON_CreateObject();
+
+    if (args->words > 1)
+        cJSON_AddStringToObject(header, args->name ? "stream" : "job", args->word[1]);
+    else if (args->name != NULL)
+        cJSON_AddStringToObject(header, "stream", args->name);
+    if (from >= 0)
+        cJSON_AddNumberToObject(header, "from", from);
+    return header;
+}
+
+/* Say one EVENT; *NEXT becomes the number to go on from. */
+static enum modal_status say(struct link_message *message, const struct args *args, double *next, bool *ended, struct modal_error *err)
+{
+    static const char *const ends[] = { "done", "failed", "cancelled", "dead", "closed" };
+    enum modal_status rc = MODAL_OK;
+
+    cJSON_DeleteItemFromObjectCaseSensitive(message->header, "subscription");
+    *next = fmax(*next, number(message->header, "number", -1) + 1);
+    if (args->json)
+        rc = answer_json(message->header, err);
+    else
+        show_event(message->header);
+    for (size_t i = 0; args->words > 1 && i < sizeof ends / sizeof ends[0]; i++)
+        *ended |= strcmp(word(message->header, "state"), ends[i]) == 0;
+    return rc;
+}
+
+/* Until the connection is lost (MODAL_NO_SERVER), the deadline, or the end of what is watched. */
+static enum modal_status follow(struct link *link, const struct args *args, double deadline, double *next, bool *ended, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    while (rc == MODAL_OK && !*ended) {
+        struct link_message message;
+        rc = link_receive(link, deadline, &message, err);
+        if (rc != MODAL_OK)
+            break;
+        if (message.type == LINK_EVENT)
+            rc = say(&message, args, next, ended, err);
+        link_message_done(&message);
+    }
+    return rc;
+}
+
+int run_watch(const struct verb *verb, const struct args *args)
+{
+    struct modal_error err = { 0 };
+    struct link *link = NULL;
+    cJSON *answer = NULL, *detail = NULL;
+    double deadline = remote_deadline(args), next = args->after ? strtod(args->after, NULL) : args->words > 1 ? 0 : -1;
+    bool ended = false;
+    enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "watch needs a daemon") : remote_open(args, &link, &err);
+    int status;
+
+    (void)verb;
+    while (rc == MODAL_OK && !ended) {
+        rc = client_ask(link, "EVENTS", subscription(args, next), fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
+        cJSON_Delete(answer);
+        answer = NULL;
+        if (rc == MODAL_OK)
+            rc = follow(link, args, deadline, &next, &ended, &err);
+        if (rc == MODAL_NO_SERVER && !link_lost(link) && link_now() < deadline)
+            rc = MODAL_OK;                     /* subscribe again, from where we were */
+    }
+    if (rc == MODAL_TIMEOUT && args->words < 2)
+        rc = MODAL_OK;                         /* watched as long as was asked */
+    status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
+    cJSON_Delete(detail);
+    link_close(link);
+    return status;
+}

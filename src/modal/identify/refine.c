@@ -1,0 +1,731 @@
+/* refine.c - variable projection on the exponents
+ *
+ * With the basis Phi(lambda), L x q, of synthesis.h (for a pair the columns Re z^l and -Im z^l, for a real multiplier z^l;
+ * z = e^{lambda tau}) and weights w_c = 1 / sigma_c the data are fitted by
+ *
+ *     min over lambda, C of  F = sum_c w_c^2 |y_c - Phi c_c|^2.                                             (1)
+ *
+ * C is linear: C = R11^{-1} Q1^T Y from Phi = Q1 R11 [GP73].  What is left is P y_c, P = I - Q1 Q1^T, and its derivative
+ * in a parameter alpha is, after Kaufman [K75] (the term dropped is of the size of the residual),
+ *
+ *     d(P y_c) = -P (dPhi / dalpha) c_c.                                                                     (2)
+ *
+ * Every derivative of Phi lies in the columns D = diag(l) Phi:  for c = b_r, b_i of a pair,
+ *
+ *     d/d(Re): b_r D_1 + b_i D_2,      d/d(Im): -b_i D_1 + b_r D_2,                                          (3)
+ *
+ * so one QR of [Phi D] gives all:  P D = Q2 R22, and the least-squares problem for the step delta
+ *
+ *     min sum_c w_c^2 |Q2^T y_c - R22 K_c delta|^2,   K_c from (3),                                          (4)
+ *
+ * has q rows a channel instead of L.  It is reduced to a triangle R_J panel by panel (never J^T J), and damped after
+ * Levenberg and Marquardt with Nielsen's rule for the damping [N99].  Since sum of squares of Q2 Q2^T is what (4) sees, with s^2 = F / (degrees of
+ * freedom),
+ *
+ *     covariance = s^2 (R_J^T R_J)^{-1}                                                                      (5)
+ *
+ * is the Cramer-Rao bound of white Gaussian noise at the residual's own level, amplitudes and phases unknown; a step is
+ * small against the standard errors of every combination of parameters at once when |R_J delta| <= 1e-3 s.
+ *
+ * The sigma_c are unknown too: each signal's comes from its own residual, and (1) is solved again until they settle, which
+ * is maximum likelihood and costs nothing against knowing them (the information matrix is block diagonal).  Where a signal
+ * leaves too few degrees of freedom for that, all share one.  Signals that carry less noise then weigh more.
+ *
+ * Rounding.  A phase theta l is known to theta l DBL_EPSILON / 2, so the residual of perfect data is not DBL_EPSILON but about
+ *
+ *     floor = (4 + theta_max L / 4) DBL_EPSILON rms(y).                                                     (6)
+ *
+ * Below it nothing is signal.  It bounds sigma_c in the weights and in
+ *
+ *     BIC = sum_g n_g ln max(rss_g / n_g, floor_g^2) + k ln n,                                               (7)
+ *
+ * n_g = L x phases, n = sum n_g, k = S q + 2 x parameters: an exponent's error falls as n^{-3/2}, not n^{-1/2}, so that
+ * Schwarz's expansion charges it between 2 and 3 times what it charges an amplitude; and a search over all frequencies
+ * finds more in noise than one given column does.
+ *
+ * Growth: columns are divided by their largest entry, and |Re lambda| tau L stays below GROWTH_MOST, so nothing overflows.
+ *
+ * [GP73] Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.   [K75] Kaufman, BIT 15 (1975) 49-57.
+ * [N99]  Nielsen, IMM-REP-1999-05, Technical University of Denmark.
+ */
+#include "modal/identify/refine.h"
+#include "modal/identify/exponents.h"
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
+static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
+enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5 };
+
+/* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
+struct point { double *a, *b; };
+
+struct work {
+    const struct refine_data *data;
+    const struct matrix *Y;
+    int L, S, phases, groups;
+    int count, order, parameters;
+    const bool *fixed;
+    enum pole_kind *kind;
+    int *column, *first;         /* of each pole: its first column in Phi, its first parameter or -1 */
+    int most_columns;            /* min(L, 2 order): columns of Q */
+    int panel;                   /* columns of Y at a time */
+    double *basis;               /* L x 2 order: [Phi D], then Q */
+    double *tau;                 /* Householder */
+    double *R;                   /* most_columns x 2 order */
+    double *Z;                   /* most_columns x panel: Q^T Y */
+    double *C;                   /* order x panel */
+    double *rest;                /* L x panel: P Y */
+    double *stack;               /* rows of (4) of one panel below the triangle so far */
+    int stack_rows;
+    double *weight;              /* per group */
+    double *energy;              /* per group: sum of squares of Y */
+    double *floor2;              /* per group: (6)^2 */
+};
+
+/* What one evaluation of (1) gives. */
+struct evaluation {
+    double F;                    /* weighted sum of squares */
+    double *rss;                 /* per group, unweighted */
+    double *T;                   /* (parameters + 1)^2: triangle [R_J, g; 0, *] */
+    bool degenerate;
+};
+
+static void work_done(struct work *w)
+{
+    free(w->kind), free(w->column), free(w->first);
+    free(w->basis), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack);
+    free(w->weight), free(w->energy), free(w->floor2);
+}
+
+static double *numbers(size_t m, size_t n)
+{
+    return calloc(m * n > 0 ? m * n : 1, sizeof(double));
+}
+
+/* Columns and parameters of each pole; false: no memory. */
+static bool work_layout(struct work *w, const double complex *lambda)
+{
+    w->kind = malloc((size_t)w->count * sizeof *w->kind);
+    w->column = malloc((size_t)w->count * sizeof *w->column);
+    w->first = malloc((size_t)w->count * sizeof *w->first);
+    if (w->kind == NULL || w->column == NULL || w->first == NULL)
+        return false;
+    for (int j = 0; j < w->count; j++) {
+        w->kind[j] = pole_kind(lambda[j], w->data->tau);
+        int n = w->kind[j] == POLE_PAIR ? 2 : 1;
+        w->column[j] = w->order;
+        w->order += n;
+        w->first[j] = w->fixed != NULL && w->fixed[j] ? -1 : w->parameters;
+        w->parameters += w->first[j] < 0 ? 0 : n;
+    }
+    return true;
+}
+
+static bool work_allocate(struct work *w)
+{
+    int q = w->order, P = w->parameters + 1;
+    size_t L = (size_t)w->L;
+
+    w->most_columns = w->L < 2 * q ? w->L : 2 * q;
+    w->panel = PANEL_ENTRIES / w->L;
+    w->panel = w->panel < 4 ? 4 : w->panel;
+    w->panel = w->panel > w->S ? w->S : w->panel;
+    w->stack_rows = P + w->panel * (w->most_columns - q);
+    w->basis = numbers(L, 2 * (size_t)q), w->tau = numbers((size_t)w->most_columns, 1);
+    w->R = numbers((size_t)w->most_columns, 2 * (size_t)q);
+    w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
+    w->rest = numbers(L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
+    w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
+    w->floor2 = numbers((size_t)w->groups, 1);
+    return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL
+        && w->stack != NULL && w->weight != NULL && w->energy != NULL && w->floor2 != NULL;
+}
+
+/* x = e^{(a + ib) l - reference}, l = 0 .. L-1, real and minus imaginary part.  The phase of each block is exact to its rounded b. */
+static void powers(double a, double b, double reference, int L, double *re, double *im)
+{
+    double tr[POWERS], ti[POWERS];
+    int table = L < POWERS ? L : POWERS;
+
+    for (int j = 0; j < table; j++) {
+        double e = L <= POWERS ? exp(a * j - reference) : exp(a * j);
+        tr[j] = e * cos(b * j), ti[j] = -e * sin(b * j);
+    }
+    if (L <= POWERS) {
+        memcpy(re, tr, (size_t)L * sizeof *re), memcpy(im, ti, (size_t)L * sizeof *im);
+        return;
+    }
+    for (int k = 0; k < L; k += POWERS) {
+        double high = b * k, low = fma(b, k, -high), e = exp(a * k - reference);
+        double c = e * (cos(high) - low * sin(high)), s = -e * (sin(high) + low * cos(high));
+        int n = L - k < POWERS ? L - k : POWERS;
+        for (int j = 0; j < n; j++) {
+            re[k + j] = c * tr[j] - s * ti[j];
+            im[k + j] = c * ti[j] + s * tr[j];
+        }
+    }
+}
+
+static void real_powers(double a, double reference, bool alternate, int L, double *x)
+{
+    for (int l = 0; l < L; l++)
+        x[l] = (alternate && l % 2 ? -1 : 1) * exp(a * l - reference);
+}
+
+/* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the column only. */
+static void fill_basis(struct work *w, const struct point *at)
+{
+    int L = w->L;
+
+    for (int j = 0; j < w->count; j++) {
+        double *x = w->basis + (size_t)w->column[j] * (size_t)L;
+        double a = at->a[j], reference = a > 0 ? a * (L - 1) : 0;
+        double centre = a == 0 ? 0.5 * (L - 1) : a > 0 ? L - 1 - fmin(0.5 * L, 1 / a) : fmin(0.5 * L, -1 / a);
+        if (w->kind[j] == POLE_PAIR)
+            powers(a, at->b[j], reference, L, x, x + L);
+        else
+            real_powers(a, reference, w->kind[j] == POLE_NEGATIVE, L, x);
+        for (int c = 0; c < (w->kind[j] == POLE_PAIR ? 2 : 1); c++) {
+            double *d = x + (size_t)(w->order + c) * (size_t)L, *p = x + (size_t)c * (size_t)L;
+            for (int l = 0; l < L; l++)
+                d[l] = (l - centre) * p[l];
+        }
+    }
+}
+
+/* [Phi D] = Q R; false where Phi is numerically singular. */
+static enum modal_status factor(struct work *w, bool *regular, struct modal_error *err)
+{
+    int L = w->L, q = w->order, k = w->most_columns;
+
+    *regular = true;
+    if (LAPACKE_dgeqrf(LAPACK_COL_MAJOR, L, 2 * q, w->basis, L, w->tau) != 0)
+        return modal_fail(err, MODAL_NO_MEMORY, "refine: dgeqrf");
+    for (int j = 0; j < 2 * q; j++)
+        for (int i = 0; i < k; i++)
+            w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
+    for (int j = 0; j < q; j++)
+        if (!(fabs(w->R[j + j * k]) > 4 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
+            *regular = false;
+    if (LAPACKE_dorgqr(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau) != 0)
+        return modal_fail(err, MODAL_NO_MEMORY, "refine: dorgqr");
+    return MODAL_OK;
+}
+
+/* The rows of (4) of channel c of a panel, at ROW of the stack. */
+static void channel_rows(struct work *w, int c, double weight, int row)
+{
+    int q = w->order, k = w->most_columns, P = w->parameters + 1, ld = w->stack_rows, rows = k - q;
+    const double *R22 = w->R + q + q * k, *C = w->C + c * q;
+
+    for (int j = 0; j < w->count; j++) {
+        int i = w->column[j], p = w->first[j];
+        if (p < 0)
+            continue;
+        double *x = w->stack + row + p * ld;
+        const double *d1 = R22 + i * k, *d2 = d1 + k;
+        for (int l = 0; l < rows; l++) {
+            if (w->kind[j] != POLE_PAIR) {
+                x[l] = weight * C[i] * d1[l];
+            } else {
+                x[l] = weight * (C[i] * d1[l] + C[i + 1] * d2[l]);                                            /* (3) */
+                x[l + ld] = weight * (C[i] * d2[l] - C[i + 1] * d1[l]);
+            }
+        }
+    }
+    for (int l = 0; l < rows; l++)
+        w->stack[row + l + (P - 1) * ld] = weight * w->Z[q + l + c * k];
+}
+
+/* The stack's triangle back to its top. */
+static enum modal_status reduce_stack(struct work *w, int rows, double *T, struct modal_error *err)
+{
+    int P = w->parameters + 1, n = rows < P ? rows : P;
+    double tau[REFINE_ORDER_MOST + 1];
+
+    if (P > REFINE_ORDER_MOST + 1)
+        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d parameters; accepted: %d", P - 1, REFINE_ORDER_MOST);
+    if (LAPACKE_dgeqrf(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau) != 0)
+        return modal_fail(err, MODAL_NO_MEMORY, "refine: dgeqrf");
+    memset(T, 0, (size_t)P * (size_t)P * sizeof *T);
+    for (int j = 0; j < P; j++)
+        for (int i = 0; i <= j && i < n; i++)
+            T[i + j * P] = w->stack[i + j * w->stack_rows];
+    return MODAL_OK;
+}
+
+static void triangle_to_stack(struct work *w, const double *T)
+{
+    int P = w->parameters + 1;
+
+    for (int j = 0; j < P; j++)
+        memcpy(w->stack + j * w->stack_rows, T + j * P, (size_t)P * sizeof *T);
+}
+
+/* One panel of channels c0 .. c0+n-1: its projections, its residual, its rows of (4). */
+static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
+{
+    int L = w->L, q = w->order, k = w->most_columns, P = w->parameters + 1;
+    const double *Y = w->Y->x + (size_t)c0 * (size_t)w->Y->ld;
+
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, n, L, 1, w->basis, L, Y, w->Y->ld, 0, w->Z, k);
+    for (int c = 0; c < n; c++)
+        memcpy(w->rest + (size_t)c * (size_t)L, Y + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof *Y);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, n, q, -1, w->basis, L, w->Z, k, 1, w->rest, L);
+    for (int c = 0; c < n; c++) {
+        memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
+        double r = cblas_dnrm2(L, w->rest + (size_t)c * (size_t)L, 1);
+        e->rss[(c0 + c) / w->phases] += r * r;
+    }
+    if (w->parameters == 0 || k == q)
+        return MODAL_OK;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
+    for (int c = 0; c < n; c++)
+        channel_rows(w, c, w->weight[(c0 + c) / w->phases], P + c * (k - q));
+    triangle_to_stack(w, e->T);
+    return reduce_stack(w, P + n * (k - q), e->T, err);
+}
+
+static void weigh(const struct work *w, struct evaluation *e)
+{
+    e->F = 0;
+    for (int g = 0; g < w->groups; g++)
+        e->F += w->weight[g] * w->weight[g] * e->rss[g];
+}
+
+static enum modal_status evaluate(struct work *w, const struct point *at, struct evaluation *e, struct modal_error *err)
+{
+    enum modal_status rc;
+    bool regular;
+
+    e->F = HUGE_VAL, e->degenerate = true;
+    memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
+    memset(e->T, 0, (size_t)(w->parameters + 1) * (size_t)(w->parameters + 1) * sizeof *e->T);
+    fill_basis(w, at);
+    rc = factor(w, &regular, err);
+    if (rc != MODAL_OK || !regular)
+        return rc;
+    for (int c = 0; c < w->S && rc == MODAL_OK; c += w->panel)
+        rc = panel_pass(w, c, w->S - c < w->panel ? w->S - c : w->panel, e, err);
+    weigh(w, e);
+    e->degenerate = !isfinite(e->F);
+    return rc;
+}
+
+static double freedom(const struct work *w)
+{
+    return (double)w->S * (w->L - w->order) - w->parameters;
+}
+
+/* (6), for the fastest pole. */
+static void set_floor(struct work *w, const struct point *at)
+{
+    double most = 0, n = (double)w->L * w->phases;
+
+    for (int j = 0; j < w->count; j++)
+        most = fmax(most, w->kind[j] == POLE_PAIR ? at->b[j] : fabs(at->a[j]));
+    for (int g = 0; g < w->groups; g++) {
+        double f = (4 + most * w->L / 4) * DBL_EPSILON;
+        w->floor2[g] = f * f * w->energy[g] / n;
+    }
+}
+
+/* Weights from residuals; an all-zero signal has none.  Returns the largest relative change. */
+static double set_weights(struct work *w, const double *rss, bool equal)
+{
+    double n = (double)w->L * w->phases, own = freedom(w) / w->groups, change = 0, pooled = 0, share = 0;
+
+    for (int g = 0; g < w->groups; g++) {
+        pooled += fmax(rss[g], n * w->floor2[g]);
+        share += w->energy[g] > 0;
+    }
+    for (int g = 0; g < w->groups; g++) {
+        double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : fmax(rss[g], n * w->floor2[g]);
+        double weight = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
+        if (w->energy[g] > 0)
+            change = fmax(change, w->weight[g] > 0 ? fabs(weight / w->weight[g] - 1) : 1);
+        w->weight[g] = weight;
+    }
+    return change;
+}
+
+/* The damped step: min |[R_J; sqrt(mu) diag] delta - [g; 0]|. False where it has no solution. */
+static bool damped_step(int n, const double *T, double mu, double *A, double *delta)
+{
+    int ld = 2 * n, P = n + 1;
+
+    memset(A, 0, (size_t)ld * (size_t)n * sizeof *A);
+    memset(delta, 0, (size_t)ld * sizeof *delta);
+    for (int j = 0; j < n; j++) {
+        memcpy(A + j * ld, T + j * P, (size_t)(j + 1) * sizeof *A);
+        double norm = cblas_dnrm2(j + 1, T + j * P, 1);
+        A[n + j + j * ld] = sqrt(mu) * (norm > 0 ? norm : 1);
+    }
+    memcpy(delta, T + n * P, (size_t)n * sizeof *delta);
+    if (LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', ld, n, 1, A, ld, delta, ld) != 0)
+        return false;
+    for (int i = 0; i < n; i++)
+        if (!isfinite(delta[i]))
+            return false;
+    return true;
+}
+
+/* |g|^2 - |g - R_J delta|^2: what (4) promises. */
+static double promised(int n, const double *T, const double *delta)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++) {
+        double x = 0, g = T[i + n * (n + 1)];
+        for (int j = i; j < n; j++)
+            x += T[i + j * (n + 1)] * delta[j];
+        sum += x * (2 * g - x);
+    }
+    return sum;
+}
+
+static double guard(const struct work *w, double a)
+{
+    return fmin(fmax(a, -fmin(DECAY_MOST, GROWTH_MOST)), GROWTH_MOST / w->L);
+}
+
+static bool at_guard(const struct work *w, const struct point *at)
+{
+    for (int j = 0; j < w->count; j++)
+        if (w->first[j] >= 0 && (at->a[j] <= -DECAY_MOST || at->a[j] >= GROWTH_MOST / w->L))
+            return true;
+    return false;
+}
+
+/* No step turns a phase over the record by more than a few radians: another line is another minimum. */
+static void take_step(const struct work *w, const struct point *from, const double *delta, struct point *to)
+{
+    double most = 0, scale;
+
+    for (int i = 0; i < w->parameters; i++)
+        most = fmax(most, fabs(delta[i]) * w->L);
+    scale = most > 6 ? 6 / most : 1;
+    for (int j = 0; j < w->count; j++) {
+        int p = w->first[j];
+        to->a[j] = from->a[j], to->b[j] = from->b[j];
+        if (p < 0)
+            continue;
+        to->a[j] = guard(w, from->a[j] + scale * delta[p]);
+        if (w->kind[j] == POLE_PAIR) {
+            double b = fabs(from->b[j] + scale * delta[p + 1]);        /* conjugates are the same pair */
+            to->b[j] = fmin(b > M_PI ? fabs(2 * M_PI - b) : b, nextafter(M_PI, 0));
+            to->b[j] = fmax(to->b[j], 1e-12);
+        }
+    }
+}
+
+static bool is_rounding(const struct work *w, const struct evaluation *e)
+{
+    double n = (double)w->L * w->phases;
+
+    for (int g = 0; g < w->groups; g++)
+        if (e->rss[g] > n * w->floor2[g])
+            return false;
+    return true;
+}
+
+struct search {
+    struct point at, trial;
+    struct evaluation now, next;
+    double *A, *delta;            /* of damped_step */
+    int iterations, evaluations;
+};
+
+static bool point_new(struct point *p, int count)
+{
+    p->a = numbers((size_t)count, 1), p->b = numbers((size_t)count, 1);
+    return p->a != NULL && p->b != NULL;
+}
+
+static bool evaluation_new(struct evaluation *e, const struct work *w)
+{
+    e->rss = numbers((size_t)w->groups, 1);
+    e->T = numbers((size_t)w->parameters + 1, (size_t)w->parameters + 1);
+    return e->rss != NULL && e->T != NULL;
+}
+
+static bool search_new(struct search *s, const struct work *w)
+{
+    size_t n = (size_t)w->parameters;
+
+    s->A = numbers(2 * n, n), s->delta = numbers(2 * n, 1);
+    return point_new(&s->at, w->count) && point_new(&s->trial, w->count) && evaluation_new(&s->now, w)
+        && evaluation_new(&s->next, w) && s->A != NULL && s->delta != NULL;
+}
+
+static void search_done(struct search *s)
+{
+    free(s->at.a), free(s->at.b), free(s->trial.a), free(s->trial.b);
+    free(s->now.rss), free(s->now.T), free(s->next.rss), free(s->next.T), free(s->A), free(s->delta);
+}
+
+static void swap_in(struct search *s)
+{
+    struct point p = s->at;
+    struct evaluation e = s->now;
+
+    s->at = s->trial, s->trial = p;
+    s->now = s->next, s->next = e;
+}
+
+/* Levenberg-Marquardt with the weights as they are. */
+static enum modal_status descend(struct work *w, struct search *s, int most, double step, enum refine_end *end,
+                                 struct modal_error *err)
+{
+    int n = w->parameters, failures = 0;
+    double mu = 1e-4, grow = 2;
+
+    *end = REFINE_STALLED;
+    while (s->iterations < most) {
+        double noise = sqrt(s->now.F / fmax(freedom(w), 1)), gain, promise;
+        bool settled = cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * noise;
+        enum modal_status rc;
+
+        if (settled || failures > 12) {
+            *end = settled ? REFINE_CONVERGED : is_rounding(w, &s->now) ? REFINE_ROUNDING : REFINE_STALLED;
+            return MODAL_OK;
+        }
+        s->iterations++, s->evaluations++;
+        if (!damped_step(n, s->now.T, mu, s->A, s->delta)) {
+            mu = fmax(mu, 1e-12) * grow, grow *= 2, failures++;
+            continue;
+        }
+        take_step(w, &s->at, s->delta, &s->trial);
+        rc = evaluate(w, &s->trial, &s->next, err);
+        if (rc != MODAL_OK)
+            return rc;
+        promise = promised(n, s->now.T, s->delta);
+        gain = (s->now.F - s->next.F) / promise;
+        if (!s->next.degenerate && s->next.F < s->now.F) {
+            bool tiny = s->now.F - s->next.F <= 1e-9 * s->now.F && is_rounding(w, &s->next);
+            swap_in(s);
+            mu *= fmax(1.0 / 9, 1 - pow(2 * fmin(gain, 1) - 1, 3)), grow = 2, failures = 0;
+            if (tiny) {
+                *end = REFINE_ROUNDING;
+                return MODAL_OK;
+            }
+        } else {
+            if (is_rounding(w, &s->now) && ++failures >= 3) {
+                *end = REFINE_ROUNDING;
+                return MODAL_OK;
+            }
+            mu *= grow, grow *= 2, failures++;
+        }
+    }
+    return MODAL_OK;
+}
+
+/* Descend, weigh anew, until the weights settle. */
+static enum modal_status search(struct work *w, struct search *s, const struct refine_options *opt, double *start,
+                                enum refine_end *end, struct modal_error *err)
+{
+    int most = opt->iterations > 0 ? opt->iterations : 60;
+    double step = opt->step > 0 ? opt->step : 1e-3;
+    enum modal_status rc;
+
+    set_floor(w, &s->at);
+    for (int g = 0; g < w->groups; g++)
+        w->weight[g] = 1;
+    rc = evaluate(w, &s->at, &s->now, err);
+    *end = REFINE_DEGENERATE;
+    if (rc != MODAL_OK || s->now.degenerate)
+        return rc;
+    *start = 0;
+    for (int g = 0; g < w->groups; g++)
+        *start += s->now.rss[g];
+    *start = sqrt(*start);
+    for (int round = 0; round < ROUNDS; round++) {
+        if (set_weights(w, s->now.rss, opt->equal_noise) < 0.02 && round > 0)
+            break;
+        s->evaluations++;
+        rc = evaluate(w, &s->at, &s->now, err);       /* the triangle under the new weights */
+        if (rc != MODAL_OK)
+            return rc;
+        if (w->parameters == 0) {
+            *end = REFINE_CONVERGED;
+            return MODAL_OK;
+        }
+        rc = descend(w, s, most, step, end, err);
+        if (rc != MODAL_OK || *end == REFINE_STALLED)
+            return rc;
+    }
+    if (at_guard(w, &s->at))
+        *end = REFINE_BOUNDED;
+    return MODAL_OK;
+}
+
+static double bic(const struct work *w, const double *rss)   /* (7) */
+{
+    double n = (double)w->L * w->phases, sum = 0, used = 0, live = 0;
+
+    for (int g = 0; g < w->groups; g++) {
+        if (w->energy[g] == 0)
+            continue;
+        sum += n * log(fmax(rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
+        used += n, live += w->phases;
+    }
+    return sum + (live * w->order + 2.0 * w->parameters) * log(fmax(used, 2));
+}
+
+/* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */
+static void covariance(const struct work *w, const struct evaluation *e, double tau, double *cov)
+{
+    int n = w->parameters, P = n + 1;
+    double s2 = fmax(e->F / fmax(freedom(w), 1), DBL_MIN) / (tau * tau);
+    double *R = cov;              /* invert in place, then multiply up */
+
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++)
+            R[i + j * n] = i <= j ? e->T[i + j * P] : 0;
+    bool singular = n > 0 && LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', n, R, n) != 0;
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i <= j; i++) {
+            double sum = 0;
+            for (int l = j; l < n; l++)          /* row i of R^{-1} times row j, both from column j on */
+                sum += R[i + l * n] * R[j + l * n];
+            R[i + j * n] = singular ? NAN : s2 * sum;
+        }
+    for (int j = 0; j < n; j++)
+        for (int i = j + 1; i < n; i++)
+            R[i + j * n] = R[j + i * n];
+}
+
+static bool refined_new(struct refined *r, const struct work *w)
+{
+    size_t count = (size_t)w->count, n = (size_t)w->parameters, groups = (size_t)w->groups;
+
+    *r = (struct refined) { .poles = w->count, .order = w->order, .parameters = w->parameters, .groups = w->groups };
+    r->lambda = calloc(count, sizeof *r->lambda);
+    r->first = calloc(count, sizeof *r->first);
+    r->covariance = numbers(n, n);
+    r->std_re = numbers(count, 1), r->std_im = numbers(count, 1);
+    r->noise = numbers(groups, 1), r->floor = numbers(groups, 1);
+    return r->lambda != NULL && r->first != NULL && r->covariance != NULL && r->std_re != NULL && r->std_im != NULL
+        && r->noise != NULL && r->floor != NULL;
+}
+
+void refined_done(struct refined *r)
+{
+    free(r->lambda), free(r->first), free(r->covariance), free(r->std_re), free(r->std_im), free(r->noise);
+    free(r->floor);
+    *r = (struct refined) { 0 };
+}
+
+bool refined_converged(const struct refined *r)
+{
+    return r->end == REFINE_CONVERGED || r->end == REFINE_ROUNDING;
+}
+
+static void report(const struct work *w, const struct search *s, double tau, struct refined *r)
+{
+    double n = (double)w->L * w->phases, own = fmax(freedom(w) / w->groups, 1), total = 0;
+    bool known = !s->now.degenerate;
+
+    memcpy(r->first, w->first, (size_t)w->count * sizeof *r->first);
+    covariance(w, &s->now, tau, r->covariance);
+    for (int j = 0; j < w->count; j++) {
+        int p = w->first[j], P = w->parameters;
+        double b = w->kind[j] == POLE_PAIR ? s->at.b[j] / tau : w->kind[j] == POLE_NEGATIVE ? M_PI / tau : 0;
+        if (p >= 0)
+            r->lambda[j] = CMPLX(s->at.a[j] / tau, b);
+        r->std_re[j] = p < 0 ? 0 : known ? sqrt(r->covariance[p + p * P]) : NAN;
+        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0 : known ? sqrt(r->covariance[p + 1 + (p + 1) * P]) : NAN;
+    }
+    for (int g = 0; g < w->groups; g++) {
+        r->noise[g] = known ? sqrt(s->now.rss[g] / own) : NAN;
+        r->floor[g] = sqrt(w->floor2[g]);
+        total += s->now.rss[g];
+    }
+    (void)n;
+    r->residual = known ? sqrt(total) : NAN;
+    r->bic = known ? bic(w, s->now.rss) : HUGE_VAL;
+    r->iterations = s->iterations, r->evaluations = s->evaluations;
+}
+
+static enum modal_status check(const struct refine_data *d, const double complex *start, int count, struct modal_error *err)
+{
+    int phases = d->phases > 0 ? d->phases : 1, order = 0;
+
+    if (d->Y->m < 2 || d->Y->n < 1 || !(d->tau > 0) || d->Y->n % phases != 0)
+        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d rows, %d columns, %d phases, step %g", d->Y->m, d->Y->n, phases, d->tau);
+    for (int j = 0; j < count; j++) {
+        if (!isfinite(creal(start[j])) || !isfinite(cimag(start[j])))
+            return modal_fail(err, MODAL_BAD_INPUT, "refine: pole %d is not finite", j);
+        order += pole_order(start[j], d->tau);
+    }
+    if (count < 1 || order > REFINE_ORDER_MOST || order >= d->Y->m)
+        return modal_fail(err, MODAL_BAD_INPUT, "refine: order %d; accepted: 1 to %d and below the %d rows", order,
+                          REFINE_ORDER_MOST, d->Y->m);
+    return MODAL_OK;
+}
+
+static void set_energy(struct work *w)
+{
+    for (int c = 0; c < w->S; c++) {
+        double r = cblas_dnrm2(w->L, w->Y->x + (size_t)c * (size_t)w->Y->ld, 1);
+        w->energy[c / w->phases] += r * r;
+    }
+}
+
+enum modal_status refine_poles(const struct refine_data *data, const double complex *start, int count, const bool *fixed,
+                               const struct refine_options *options, struct refined *out, struct modal_error *err)
+{
+    struct refine_options opt = options != NULL ? *options : (struct refine_options) { 0 };
+    struct work w = { .data = data, .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count, .fixed = fixed,
+                      .phases = data->phases > 0 ? data->phases : 1 };
+    struct search s = { 0 };
+    struct refined r = { 0 };
+    enum modal_status rc = check(data, start, count, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    w.groups = w.S / w.phases;
+    if (!work_layout(&w, start) || !work_allocate(&w) || !search_new(&s, &w) || !refined_new(&r, &w)) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S, w.order);
+        goto out;
+    }
+    set_energy(&w);
+    for (int j = 0; j < count; j++) {
+        s.at.a[j] = w.first[j] < 0 ? creal(start[j]) * data->tau : guard(&w, creal(start[j]) * data->tau);
+        s.at.b[j] = cimag(start[j]) * data->tau;
+        r.lambda[j] = start[j];
+    }
+    rc = search(&w, &s, &opt, &r.start, &r.end, err);
+    if (rc != MODAL_OK)
+        goto out;
+    report(&w, &s, data->tau, &r);
+    *out = r;
+    r = (struct refined) { 0 };
+out:
+    refined_done(&r);
+    search_done(&s);
+    work_done(&w);
+    return rc;
+}
+
+void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz, double *damping_ratio,
+                 double *multiplier)
+{
+    double re = creal(r->lambda[pole]), im = cimag(r->lambda[pole]), w = hypot(re, im);
+    double vr = r->std_re[pole] * r->std_re[pole], vi = r->std_im[pole] * r->std_im[pole], cross = 0;
+    int p = r->first[pole], n = r->parameters;
+
+    if (p >= 0 && p + 1 < n && r->std_im[pole] > 0)
+        cross = r->covariance[p + (p + 1) * n];
+    if (frequency_hz != NULL)         /* d|lambda| = (re dre + im dim) / |lambda| */
+        *frequency_hz = w > 0 ? sqrt(fmax(re * re * vr + im * im * vi + 2 * re * im * cross, 0)) / w / (2 * M_PI) : sqrt(vr) / (2 * M_PI);
+    if (damping_ratio != NULL)        /* d(-re/|lambda|) = (-im^2 dre + re im dim) / |lambda|^3 */
+        *damping_ratio = w > 0 ? fabs(im) * sqrt(fmax(im * im * vr + re * re * vi - 2 * re * im * cross, 0)) / (w * w * w) : NAN;
+    if (multiplier != NULL)
+        *multiplier = exp(re * tau) * tau * sqrt(vr + vi);
+}

@@ -1,0 +1,72 @@
+/* refine.h - exponents refined by variable projection, and their standard errors: the statistically efficient estimate */
+#ifndef MODAL_REFINE_H
+#define MODAL_REFINE_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/error.h"
+#include "modal/linalg/matrix.h"
+
+enum { REFINE_ORDER_MOST = 400, REFINE_ITERATIONS_MOST = 200 };
+
+/*
+ * The data: Y, L rows a step tau apart, S columns, with the model of synthesis.h.  A periodic system with Ns signals of p
+ * samples a period is L periods of Ns p columns and tau = T: column k + p s is sample k of signal s, and `phases` = p.
+ * `phases` columns in a row share one noise level; S is a multiple of it.
+ */
+struct refine_data {
+    const struct matrix *Y;      /* borrowed; scaled so that squares neither overflow nor underflow */
+    double tau;                  /* s */
+    int phases;                  /* 0: 1 */
+};
+
+struct refine_options {
+    int iterations;              /* most Levenberg-Marquardt steps; 0: 60 */
+    double step;                 /* converged once the next step is less than this times the standard errors; 0: 1e-3 */
+    bool equal_noise;            /* one noise level for all columns; else one for each signal, from its own residual */
+};
+
+enum refine_end {
+    REFINE_CONVERGED,            /* the next step is below options.step standard errors */
+    REFINE_ROUNDING,             /* the residual is rounding: as exact as the arithmetic lets it be */
+    REFINE_STALLED,              /* no step lowers the residual, or too many steps: not converged */
+    REFINE_BOUNDED,              /* a pole sits at the guard of growth or decay: the model is wrong */
+    REFINE_DEGENERATE            /* two poles coincide, or there are more unknowns than rows */
+};
+
+struct refined {
+    int poles, order;            /* entries of lambda; columns of the basis */
+    int parameters;              /* real unknowns in the exponents that are not fixed */
+    double complex *lambda;      /* 1/s, as listed on the way in */
+    double *covariance;          /* parameters x parameters, (1/s)^2; NAN where degenerate */
+    int *first;                  /* per pole: its first parameter (Re; then Im for a pair), -1 if fixed */
+    double *std_re, *std_im;     /* per pole, 1/s; 0 for what is fixed or exact by kind (Im of a real pole) */
+    int groups;                  /* signals: S / phases */
+    double *noise;               /* per signal: standard deviation of the residual, units of Y, unfloored */
+    double *floor;               /* per signal: what rounding alone leaves */
+    double residual, start;      /* Frobenius norm of Y - fit: at the end, at the start */
+    double bic;                  /* Bayes information criterion of the fit, residuals floored at rounding; see refine.c */
+    int iterations, evaluations;
+    enum refine_end end;
+};
+
+/*
+ * Refine COUNT poles, listed as in exponents.h, from START.
+ *
+ *   fixed   COUNT flags, or NULL: poles that keep their value (the null exponent of an offset)
+ *   out     on success the caller's, to refined_done; lambda holds the best iterate, whatever `end` says
+ *
+ * Everything is deterministic.  Fails with MODAL_BAD_INPUT (COUNT < 1, order past REFINE_ORDER_MOST or not below L; a pole
+ * that is not finite; an empty Y), MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE (LAPACK).
+ */
+enum modal_status refine_poles(const struct refine_data *data, const double complex *start, int count, const bool *fixed,
+                               const struct refine_options *options, struct refined *out, struct modal_error *err);
+void refined_done(struct refined *r);
+
+/* Converged to the bound or to rounding? */
+bool refined_converged(const struct refined *r);
+
+/* Standard deviations that follow from a pole's 2 x 2 covariance: of |lambda| / 2 pi, of the damping ratio, and of the multiplier
+ * (its modulus times |std of lambda| tau).  Each pointer may be NULL. */
+void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz, double *damping_ratio,
+                 double *multiplier);
+#endif

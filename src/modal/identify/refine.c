@@ -210,7 +210,7 @@ static enum modal_status factor(struct work *w, bool *regular, struct modal_erro
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
     for (int j = 0; j < q; j++)
-        if (!(fabs(w->R[j + j * k]) > 4 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
+        if (!(fabs(w->R[j + j * k]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
             *regular = false;
     if (LAPACKE_dorgqr(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau) != 0)
         return modal_fail(err, MODAL_NO_MEMORY, "refine: dorgqr");
@@ -628,7 +628,7 @@ bool refined_converged(const struct refined *r)
 
 static void report(const struct work *w, const struct search *s, double tau, struct refined *r)
 {
-    double n = (double)w->L * w->phases, own = fmax(freedom(w) / w->groups, 1), total = 0;
+    double own = fmax(freedom(w) / w->groups, 1), total = 0;
     bool known = !s->now.degenerate;
 
     memcpy(r->first, w->first, (size_t)w->count * sizeof *r->first);
@@ -636,7 +636,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j], P = w->parameters;
         double b = w->kind[j] == POLE_PAIR ? s->at.b[j] / tau : w->kind[j] == POLE_NEGATIVE ? M_PI / tau : 0;
-        if (p >= 0)
+        if (p >= 0 && known)
             r->lambda[j] = CMPLX(s->at.a[j] / tau, b);
         r->std_re[j] = p < 0 ? 0 : known ? sqrt(r->covariance[p + p * P]) : NAN;
         r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0 : known ? sqrt(r->covariance[p + 1 + (p + 1) * P]) : NAN;
@@ -646,7 +646,6 @@ static void report(const struct work *w, const struct search *s, double tau, str
         r->floor[g] = sqrt(w->floor2[g]);
         total += s->now.rss[g];
     }
-    (void)n;
     r->residual = known ? sqrt(total) : NAN;
     r->bic = known ? bic(w, s->now.rss) : HUGE_VAL;
     r->iterations = s->iterations, r->evaluations = s->evaluations;

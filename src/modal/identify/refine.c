@@ -72,7 +72,9 @@ struct work {
     const bool *fixed;
     enum pole_kind *kind;
     int *column, *first;         /* of each pole: its first column in Phi, its first parameter or -1 */
-    int most_columns;            /* min(L, 2 order): columns of Q */
+    bool look;                   /* no derivatives: Phi alone */
+    int columns;                 /* of [Phi D], or of Phi */
+    int most_columns;            /* min(L, columns): columns of Q */
     int panel;                   /* columns of Y at a time */
     double *basis;               /* L x 2 order: [Phi D], then Q */
     double *tau;                 /* Householder */
@@ -131,13 +133,14 @@ static bool work_allocate(struct work *w)
     int q = w->order, P = w->parameters + 1;
     size_t L = (size_t)w->L;
 
-    w->most_columns = w->L < 2 * q ? w->L : 2 * q;
+    w->columns = w->look ? q : 2 * q;
+    w->most_columns = w->L < w->columns ? w->L : w->columns;
     w->panel = PANEL_ENTRIES / w->L;
     w->panel = w->panel < 4 ? 4 : w->panel;
     w->panel = w->panel > w->S ? w->S : w->panel;
     w->stack_rows = P + w->panel * (w->most_columns - q);
-    w->basis = numbers(L, 2 * (size_t)q), w->tau = numbers((size_t)w->most_columns, 1);
-    w->R = numbers((size_t)w->most_columns, 2 * (size_t)q);
+    w->basis = numbers(L, (size_t)w->columns), w->tau = numbers((size_t)w->most_columns, 1);
+    w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
     w->rest = numbers(L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
     w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
@@ -190,7 +193,7 @@ static void fill_basis(struct work *w, const struct point *at)
             powers(a, at->b[j], reference, L, x, x + L);
         else
             real_powers(a, reference, w->kind[j] == POLE_NEGATIVE, L, x);
-        for (int c = 0; c < (w->kind[j] == POLE_PAIR ? 2 : 1); c++) {
+        for (int c = 0; !w->look && c < (w->kind[j] == POLE_PAIR ? 2 : 1); c++) {
             double *d = x + (size_t)(w->order + c) * (size_t)L, *p = x + (size_t)c * (size_t)L;
             for (int l = 0; l < L; l++)
                 d[l] = (l - centre) * p[l];
@@ -204,9 +207,9 @@ static enum modal_status factor(struct work *w, bool *regular, struct modal_erro
     int L = w->L, q = w->order, k = w->most_columns;
 
     *regular = true;
-    if (LAPACKE_dgeqrf(LAPACK_COL_MAJOR, L, 2 * q, w->basis, L, w->tau) != 0)
+    if (LAPACKE_dgeqrf(LAPACK_COL_MAJOR, L, w->columns, w->basis, L, w->tau) != 0)
         return modal_fail(err, MODAL_NO_MEMORY, "refine: dgeqrf");
-    for (int j = 0; j < 2 * q; j++)
+    for (int j = 0; j < w->columns; j++)
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
     for (int j = 0; j < q; j++)
@@ -547,14 +550,14 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
     for (int round = 0; round < ROUNDS; round++) {
         if (set_weights(w, s->now.rss, opt->equal_noise) < 0.02 && round > 0)
             break;
+        if (w->parameters == 0 || w->look) {
+            *end = w->look ? REFINE_LOOKED : REFINE_CONVERGED;
+            return MODAL_OK;
+        }
         s->evaluations++;
         rc = evaluate(w, &s->at, &s->now, err);       /* the triangle under the new weights */
         if (rc != MODAL_OK)
             return rc;
-        if (w->parameters == 0) {
-            *end = REFINE_CONVERGED;
-            return MODAL_OK;
-        }
         rc = descend(w, s, most, step, end, err);
         if (rc != MODAL_OK || *end == REFINE_STALLED)
             return rc;
@@ -629,17 +632,17 @@ bool refined_converged(const struct refined *r)
 static void report(const struct work *w, const struct search *s, double tau, struct refined *r)
 {
     double own = fmax(freedom(w) / w->groups, 1), total = 0;
-    bool known = !s->now.degenerate;
+    bool known = !s->now.degenerate, errors = known && !w->look;
 
     memcpy(r->first, w->first, (size_t)w->count * sizeof *r->first);
     covariance(w, &s->now, tau, r->covariance);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j], P = w->parameters;
         double b = w->kind[j] == POLE_PAIR ? s->at.b[j] / tau : w->kind[j] == POLE_NEGATIVE ? M_PI / tau : 0;
-        if (p >= 0 && known)
+        if (p >= 0 && errors)
             r->lambda[j] = CMPLX(s->at.a[j] / tau, b);
-        r->std_re[j] = p < 0 ? 0 : known ? sqrt(r->covariance[p + p * P]) : NAN;
-        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0 : known ? sqrt(r->covariance[p + 1 + (p + 1) * P]) : NAN;
+        r->std_re[j] = p < 0 ? 0 : errors ? sqrt(r->covariance[p + p * P]) : NAN;
+        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0 : errors ? sqrt(r->covariance[p + 1 + (p + 1) * P]) : NAN;
     }
     for (int g = 0; g < w->groups; g++) {
         r->noise[g] = known ? sqrt(s->now.rss[g] / own) : NAN;
@@ -681,7 +684,7 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
 {
     struct refine_options opt = options != NULL ? *options : (struct refine_options) { 0 };
     struct work w = { .data = data, .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count, .fixed = fixed,
-                      .phases = data->phases > 0 ? data->phases : 1 };
+                      .phases = data->phases > 0 ? data->phases : 1, .look = opt.iterations < 0 };
     struct search s = { 0 };
     struct refined r = { 0 };
     enum modal_status rc = check(data, start, count, err);

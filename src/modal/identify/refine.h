@@ -20,7 +20,7 @@ struct refine_data {
 };
 
 struct refine_options {
-    int iterations;              /* most Levenberg-Marquardt steps; 0: 60 */
+    int iterations;              /* most Levenberg-Marquardt steps; 0: 60; < 0: none, only look: residual, noise, bic */
     double step;                 /* converged once the next step is less than this times the standard errors; 0: 1e-3 */
     bool equal_noise;            /* one noise level for all columns; else one for each signal, from its own residual */
 };
@@ -30,7 +30,8 @@ enum refine_end {
     REFINE_ROUNDING,             /* the residual is rounding: as exact as the arithmetic lets it be */
     REFINE_STALLED,              /* no step lowers the residual, or too many steps: not converged */
     REFINE_BOUNDED,              /* a pole sits at the guard of growth or decay: the model is wrong */
-    REFINE_DEGENERATE            /* two poles coincide, or there are more unknowns than rows */
+    REFINE_DEGENERATE,           /* two poles coincide, or there are more unknowns than rows */
+    REFINE_LOOKED                /* options.iterations < 0: the poles are the start, without standard errors */
 };
 
 struct refined {

@@ -1,0 +1,252 @@
+/*
+ * order.c - a ladder of orders, each candidate refined where it can win, decided by BIC
+ *
+ * The criterion is (7) of refine.c, with residuals floored at rounding: on perfect data it ends where the residual
+ * reaches the floor, since more poles only cost.  The ladder has three passes.
+ *
+ * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing.
+ * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
+ *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
+ *    (limits of accuracy: 1.05 to 4.2), so refining lowers the residual of a right order by little: by less than
+ *
+ *        reach = REACH per datum.                                                                    (1)
+ *
+ * 3. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
+ *    zero within its error becomes a constant, with one parameter less, if BIC falls.
+ */
+#include "modal/identify/order.h"
+#include "modal/identify/exponents.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double REACH = 0.02;
+
+struct climb {
+    const struct refine_data *data;
+    const struct order_source *source;
+    const struct order_options *opt;
+    struct order_choice choice;
+    int room;
+    double complex *lambda;         /* source->most + 1 */
+    bool *fixed;
+};
+
+static double bic_of(const struct climb *c, int i)
+{
+    return i < 0 ? HUGE_VAL : c->choice.candidates[i].fit.bic;
+}
+
+/* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is nothing to fit. */
+static enum modal_status try_poles(struct climb *c, int r, const double complex *lambda, int count, const bool *fixed,
+                                   bool refine, int *at, struct modal_error *err)
+{
+    struct refine_options opt = c->opt->refine;
+    struct order_candidate *k;
+    enum modal_status rc;
+
+    *at = -1;
+    if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", r);
+    if (count < 1 || poles_order(lambda, count, c->data->tau) >= c->data->Y->m)
+        return MODAL_OK;
+    if (c->choice.count == c->room) {
+        int room = c->room * 2 + 16;
+        k = realloc(c->choice.candidates, sizeof *k * (size_t)room);
+        if (k == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "order: no memory for %d candidates", room);
+        c->choice.candidates = k, c->room = room;
+    }
+    if (!refine)
+        opt.iterations = -1;
+    k = &c->choice.candidates[c->choice.count];
+    *k = (struct order_candidate) { .r = r, .refined = refine };
+    rc = refine_poles(c->data, lambda, count, fixed, &opt, &k->fit, err);
+    if (rc == MODAL_OK)
+        *at = c->choice.count++;
+    return rc;
+}
+
+/* Pass 1.  The index of the least. */
+static enum modal_status look(struct climb *c, int *least, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    int best_r = 0;
+
+    *least = -1;
+    for (int r = 1; r <= c->source->most && (r <= best_r + ORDER_AHEAD || *least < 0) && rc == MODAL_OK; r++) {
+        int count = 0, at;
+        if (c->opt->fixed > 0 && r != c->opt->fixed)
+            continue;
+        rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
+        if (rc == MODAL_OK)
+            rc = try_poles(c, r, c->lambda, count, NULL, false, &at, err);
+        if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least))
+            *least = at, best_r = r;
+    }
+    return rc;
+}
+
+/* Candidate I, looked at so far, refined in its place; a fit that refining made worse is kept as it was. */
+static enum modal_status refine_candidate(struct climb *c, int i, struct modal_error *err)
+{
+    struct order_candidate *k = &c->choice.candidates[i];
+    struct refined fit;
+    enum modal_status rc;
+
+    if (k->refined || k->fit.end == REFINE_DEGENERATE)
+        return MODAL_OK;
+    if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", k->r);
+    rc = refine_poles(c->data, k->fit.lambda, k->fit.poles, NULL, &c->opt->refine, &fit, err);
+    if (rc != MODAL_OK)
+        return rc;
+    refined_done(&k->fit);
+    k->fit = fit, k->refined = true;
+    return MODAL_OK;
+}
+
+/* From `least` in direction `step`, until two refined neighbours in a row are worse than the best. */
+static enum modal_status refine_side(struct climb *c, int looked, int step, int *best, struct modal_error *err)
+{
+    int lost = 0;
+    double reach = REACH * c->data->Y->m * c->data->Y->n;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = *best + step; i >= 0 && i < looked && lost < 2 && rc == MODAL_OK; i += step) {
+        if (bic_of(c, i) > bic_of(c, *best) + fmax(reach, 100) && step < 0)
+            break;
+        rc = refine_candidate(c, i, err);
+        bool wins = rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best);
+        lost = wins ? 0 : lost + 1;
+        *best = wins ? i : *best;
+    }
+    return rc;
+}
+
+/* Pass 2. */
+static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_error *err)
+{
+    int looked = c->choice.count, least = *best;
+    double reach = fmax(REACH * c->data->Y->m * c->data->Y->n, 100);
+    enum modal_status rc = refine_candidate(c, least, err);
+
+    if (rc == MODAL_OK)
+        rc = refine_side(c, looked, 1, best, err);
+    if (rc == MODAL_OK)
+        rc = refine_side(c, looked, -1, best, err);
+    for (int i = 0; i < looked && rc == MODAL_OK; i++) {
+        if (c->choice.candidates[i].refined || bic_of(c, i) > bic_of(c, *best) + reach || i > *best + 2)
+            continue;
+        rc = refine_candidate(c, i, err);
+        if (rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best))
+            *best = i;
+    }
+    return rc;
+}
+
+/* The poles of candidate I but number J. */
+static int without(const struct climb *c, int i, int j, double complex *lambda)
+{
+    const struct refined *fit = &c->choice.candidates[i].fit;
+    int n = 0;
+
+    for (int k = 0; k < fit->poles; k++)
+        if (k != j)
+            lambda[n++] = fit->lambda[k];
+    return n;
+}
+
+/* Pass 3: poles left out one by one. */
+static enum modal_status simplify(struct climb *c, int *best, struct modal_error *err)
+{
+    while (c->choice.candidates[*best].fit.poles > 1) {
+        int poles = c->choice.candidates[*best].fit.poles, drop = -1, n, at;
+        double least = HUGE_VAL;
+        enum modal_status rc;
+        for (int j = 0; j < poles; j++) {
+            struct refine_options opt = c->opt->refine;
+            struct refined fit;
+            opt.iterations = -1;
+            n = without(c, *best, j, c->lambda);
+            rc = refine_poles(c->data, c->lambda, n, NULL, &opt, &fit, err);
+            if (rc != MODAL_OK)
+                return rc;
+            if (fit.bic < least)
+                least = fit.bic, drop = j;
+            refined_done(&fit);
+        }
+        /* refining recovers what the poles near the lost one can take over, at most a few units per parameter */
+        if (drop < 0 || least > bic_of(c, *best) + fmax(REACH * c->data->Y->m * c->data->Y->n, 100))
+            return MODAL_OK;
+        n = without(c, *best, drop, c->lambda);
+        rc = try_poles(c, 0, c->lambda, n, NULL, true, &at, err);
+        if (rc != MODAL_OK || at < 0 || !(bic_of(c, at) < bic_of(c, *best)))
+            return rc;
+        *best = at;
+    }
+    return MODAL_OK;
+}
+
+/* Pass 3: the slowest real pole as a constant. */
+static enum modal_status pin_offset(struct climb *c, int *best, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    double record = c->data->tau * c->data->Y->m;
+    int slow = -1, n, at;
+    enum modal_status rc;
+
+    for (int j = 0; j < fit->poles; j++)
+        if (pole_kind(fit->lambda[j], c->data->tau) == POLE_REAL && (slow < 0 || fabs(creal(fit->lambda[j])) < fabs(creal(fit->lambda[slow]))))
+            slow = j;
+    if (slow < 0 || !(fabs(creal(fit->lambda[slow])) <= fmax(4 * fit->std_re[slow], 1e-9 / record)))
+        return MODAL_OK;
+    c->lambda[0] = 0;
+    n = 1 + without(c, *best, slow, c->lambda + 1);
+    memset(c->fixed, 0, (size_t)n * sizeof *c->fixed);
+    c->fixed[0] = true;
+    rc = try_poles(c, 0, c->lambda, n, c->fixed, true, &at, err);
+    if (rc == MODAL_OK && at >= 0 && bic_of(c, at) <= bic_of(c, *best))
+        *best = at, c->choice.offset = true;
+    return rc;
+}
+
+enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
+                               const struct order_options *opt, struct order_choice *out, struct modal_error *err)
+{
+    struct order_options none = { .fixed = 0 };
+    struct climb c = { .data = data, .source = source, .opt = opt != NULL ? opt : &none, .choice = { .chosen = -1 } };
+    size_t most = (size_t)(source->most > 0 ? source->most : 0) + 2;
+    int best = -1;
+    enum modal_status rc;
+
+    c.lambda = calloc(most, sizeof *c.lambda), c.fixed = calloc(most, sizeof *c.fixed);
+    if (c.lambda == NULL || c.fixed == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "order: no memory for order %d", source->most);
+        goto out;
+    }
+    rc = look(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0)
+        rc = refine_ladder(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0)
+        rc = simplify(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && !c.opt->no_offset)
+        rc = pin_offset(&c, &best, err);
+    if (rc != MODAL_OK)
+        goto out;
+    c.choice.chosen = best;
+    *out = c.choice;
+    c.choice = (struct order_choice) { 0 };
+out:
+    order_done(&c.choice);
+    free(c.lambda), free(c.fixed);
+    return rc;
+}
+
+void order_done(struct order_choice *choice)
+{
+    for (int i = 0; i < choice->count; i++)
+        refined_done(&choice->candidates[i].fit);
+    free(choice->candidates);
+    *choice = (struct order_choice) { 0 };
+}

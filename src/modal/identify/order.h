@@ -1,0 +1,42 @@
+/* order.h - the order of the model by Bayes' information criterion over a ladder of refined fits */
+#ifndef MODAL_ORDER_H
+#define MODAL_ORDER_H
+#include "modal/identify/refine.h"
+
+enum { ORDER_AHEAD = 6 };       /* the ladder ends this many rungs past its best */
+
+/* Where candidates come from: the poles of order r (room for r in LAMBDA), of one decomposition. */
+struct order_source {
+    int most;                   /* largest r */
+    enum modal_status (*poles)(void *context, int r, double complex *lambda, int *count, struct modal_error *err);
+    void *context;
+};
+
+struct order_options {
+    struct refine_options refine;
+    int fixed;                  /* only this r is tried; 0: the ladder */
+    bool no_offset;             /* do not try a slow real pole as a constant */
+    bool (*cancelled)(void *context);   /* may be NULL */
+    void *context;
+};
+
+struct order_candidate {
+    int r;                      /* asked of the source; 0: derived from another candidate */
+    bool refined;               /* else its BIC is that of the unrefined poles, and far off */
+    struct refined fit;
+};
+
+struct order_choice {
+    struct order_candidate *candidates; int count;   /* in the order they were tried */
+    int chosen;                 /* index; -1: no candidate could be fitted (noise, or an empty source) */
+    bool offset;                /* the chosen fit's pole 0 is the null exponent, fixed */
+};
+
+/*
+ * Climb r = 1, 2, ...; refine those that can win; take the least BIC.  *out is the caller's, to order_done.
+ * Fails as refine_poles and the source do, and with MODAL_CANCELLED.
+ */
+enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
+                               const struct order_options *opt, struct order_choice *out, struct modal_error *err);
+void order_done(struct order_choice *choice);
+#endif

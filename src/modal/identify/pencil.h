@@ -1,0 +1,39 @@
+/* pencil.h - poles of every order from one decomposition of a Hankel matrix that is never formed */
+#ifndef MODAL_PENCIL_H
+#define MODAL_PENCIL_H
+#include <complex.h>
+#include "modal/error.h"
+#include "modal/linalg/lanczos.h"
+#include "modal/linalg/matrix.h"
+
+struct pencil_options {
+    int rows;      /* of the Hankel matrix, per signal; 0: L/3 */
+    int wanted;    /* leading singular triplets; 0: 24.  At most min(S rows, columns) are had */
+};
+
+struct pencil {
+    int count;     /* triplets */
+    double *s;     /* singular values, descending; those amid noise are Ritz values, not converged: fit for a start */
+    double *R;     /* count x count: triangle of V1 */
+    double *W;     /* count x count: Q^T V2 */
+    int rows, columns, steps;
+};
+
+/*
+ * Y is L x S, kept: its block Hankel matrix H, (S rows) x (L - rows + 1), has the leading right singular vectors V; V1 is V
+ * without its last row, V2 without its first.  The caller frees *out with pencil_done.
+ * Fails with MODAL_BAD_INPUT (`rows` out of 1 .. L-1, an empty Y), MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ */
+enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt, struct pencil *out,
+                             struct modal_error *err);
+void pencil_done(struct pencil *p);
+
+/* The r eigenvalues of Z, V2 = V1 Z on the leading r columns: multipliers over one step. 1 <= r <= count. */
+enum modal_status pencil_multipliers(const struct pencil *p, int r, double complex *rho, struct modal_error *err);
+
+/* The Hankel matrix of Y as an operator, by FFT; the caller frees it with hankel_operator_done. */
+struct hankel_operator;
+enum modal_status hankel_operator_new(const struct matrix *Y, int rows, struct hankel_operator **out,
+                                      struct linear_operator *op, struct modal_error *err);
+void hankel_operator_done(struct hankel_operator *h);
+#endif

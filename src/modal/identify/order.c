@@ -2,7 +2,7 @@
  * order.c - a ladder of orders, each candidate refined where it can win, decided by BIC
  *
  * The criterion is (7) of refine.c, with residuals floored at rounding: on perfect data it ends where the residual
- * reaches the floor, since more poles only cost.  The ladder has three passes.
+ * reaches the floor, since more poles only cost.  The ladder has four passes.
  *
  * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing.
  * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
@@ -11,7 +11,10 @@
  *
  *        reach = REACH per datum.                                                                    (1)
  *
- * 3. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
+ * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds one.  A pole lambda
+ *    stands for a pair of neighbours where lambda +- i / (2 record), which span e^{lambda t} and, nearly, t e^{lambda t}, fit
+ *    well enough to be worth refining.
+ * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
  *    zero within its error becomes a constant, with one parameter less, if BIC falls.
  */
 #include "modal/identify/order.h"
@@ -20,7 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double REACH = 0.02;
+static const double REACH = 0.02, SPLIT_REACH = 60;
 
 struct climb {
     const struct refine_data *data;
@@ -39,7 +42,7 @@ static double bic_of(const struct climb *c, int i)
 
 /* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is nothing to fit. */
 static enum modal_status try_poles(struct climb *c, int r, const double complex *lambda, int count, const bool *fixed,
-                                   bool refine, int *at, struct modal_error *err)
+                                   bool refine, double rival, int *at, struct modal_error *err)
 {
     struct refine_options opt = c->opt->refine;
     struct order_candidate *k;
@@ -57,6 +60,7 @@ static enum modal_status try_poles(struct climb *c, int r, const double complex 
             return modal_fail(err, MODAL_NO_MEMORY, "order: no memory for %d candidates", room);
         c->choice.candidates = k, c->room = room;
     }
+    opt.rival = rival;
     if (!refine)
         opt.iterations = -1;
     k = &c->choice.candidates[c->choice.count];
@@ -80,7 +84,7 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
             continue;
         rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
         if (rc == MODAL_OK)
-            rc = try_poles(c, r, c->lambda, count, NULL, false, &at, err);
+            rc = try_poles(c, r, c->lambda, count, NULL, false, 0, &at, err);
         if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least))
             *least = at, best_r = r;
     }
@@ -88,9 +92,10 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
 }
 
 /* Candidate I, looked at so far, refined in its place; a fit that refining made worse is kept as it was. */
-static enum modal_status refine_candidate(struct climb *c, int i, struct modal_error *err)
+static enum modal_status refine_candidate(struct climb *c, int i, double rival, struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[i];
+    struct refine_options opt = c->opt->refine;
     struct refined fit;
     enum modal_status rc;
 
@@ -98,7 +103,8 @@ static enum modal_status refine_candidate(struct climb *c, int i, struct modal_e
         return MODAL_OK;
     if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", k->r);
-    rc = refine_poles(c->data, k->fit.lambda, k->fit.poles, NULL, &c->opt->refine, &fit, err);
+    opt.rival = rival;
+    rc = refine_poles(c->data, k->fit.lambda, k->fit.poles, NULL, &opt, &fit, err);
     if (rc != MODAL_OK)
         return rc;
     refined_done(&k->fit);
@@ -116,7 +122,7 @@ static enum modal_status refine_side(struct climb *c, int looked, int step, int 
     for (int i = *best + step; i >= 0 && i < looked && lost < 2 && rc == MODAL_OK; i += step) {
         if (bic_of(c, i) > bic_of(c, *best) + fmax(reach, 100) && step < 0)
             break;
-        rc = refine_candidate(c, i, err);
+        rc = refine_candidate(c, i, bic_of(c, *best), err);
         bool wins = rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best);
         lost = wins ? 0 : lost + 1;
         *best = wins ? i : *best;
@@ -129,7 +135,7 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
 {
     int looked = c->choice.count, least = *best;
     double reach = fmax(REACH * c->data->Y->m * c->data->Y->n, 100);
-    enum modal_status rc = refine_candidate(c, least, err);
+    enum modal_status rc = refine_candidate(c, least, 0, err);
 
     if (rc == MODAL_OK)
         rc = refine_side(c, looked, 1, best, err);
@@ -138,10 +144,50 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
     for (int i = 0; i < looked && rc == MODAL_OK; i++) {
         if (c->choice.candidates[i].refined || bic_of(c, i) > bic_of(c, *best) + reach || i > *best + 2)
             continue;
-        rc = refine_candidate(c, i, err);
+        rc = refine_candidate(c, i, bic_of(c, *best), err);
         if (rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best))
             *best = i;
     }
+    return rc;
+}
+
+/* Pass 3, for pole J of the best. */
+static enum modal_status split_pole(struct climb *c, int j, int *best, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    double apart = 0.5 / (c->data->tau * c->data->Y->m), nyquist = M_PI / c->data->tau;
+    double complex lambda = fit->lambda[j];
+    struct refine_options opt = c->opt->refine;
+    struct refined looked;
+    int n = fit->poles, at;
+    bool worth;
+    enum modal_status rc;
+
+    if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart || fit->order + 2 >= c->data->Y->m)
+        return MODAL_OK;
+    memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
+    c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;
+    opt.iterations = -1;
+    rc = refine_poles(c->data, c->lambda, n + 1, NULL, &opt, &looked, err);
+    if (rc != MODAL_OK)
+        return rc;
+    worth = looked.bic < bic_of(c, *best) + SPLIT_REACH;
+    refined_done(&looked);
+    if (!worth)
+        return MODAL_OK;
+    rc = try_poles(c, 0, c->lambda, n + 1, NULL, true, bic_of(c, *best), &at, err);
+    if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *best))
+        *best = at;
+    return rc;
+}
+
+static enum modal_status split(struct climb *c, int *best, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    int poles = c->choice.candidates[*best].fit.poles;
+
+    for (int j = 0; j < poles && j < c->source->most && rc == MODAL_OK; j++)
+        rc = split_pole(c, j, best, err);
     return rc;
 }
 
@@ -157,7 +203,7 @@ static int without(const struct climb *c, int i, int j, double complex *lambda)
     return n;
 }
 
-/* Pass 3: poles left out one by one. */
+/* Pass 4: poles left out one by one. */
 static enum modal_status simplify(struct climb *c, int *best, struct modal_error *err)
 {
     while (c->choice.candidates[*best].fit.poles > 1) {
@@ -180,7 +226,7 @@ static enum modal_status simplify(struct climb *c, int *best, struct modal_error
         if (drop < 0 || least > bic_of(c, *best) + fmax(REACH * c->data->Y->m * c->data->Y->n, 100))
             return MODAL_OK;
         n = without(c, *best, drop, c->lambda);
-        rc = try_poles(c, 0, c->lambda, n, NULL, true, &at, err);
+        rc = try_poles(c, 0, c->lambda, n, NULL, true, bic_of(c, *best), &at, err);
         if (rc != MODAL_OK || at < 0 || !(bic_of(c, at) < bic_of(c, *best)))
             return rc;
         *best = at;
@@ -188,7 +234,7 @@ static enum modal_status simplify(struct climb *c, int *best, struct modal_error
     return MODAL_OK;
 }
 
-/* Pass 3: the slowest real pole as a constant. */
+/* Pass 4: the slowest real pole as a constant. */
 static enum modal_status pin_offset(struct climb *c, int *best, struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
@@ -205,7 +251,7 @@ static enum modal_status pin_offset(struct climb *c, int *best, struct modal_err
     n = 1 + without(c, *best, slow, c->lambda + 1);
     memset(c->fixed, 0, (size_t)n * sizeof *c->fixed);
     c->fixed[0] = true;
-    rc = try_poles(c, 0, c->lambda, n, c->fixed, true, &at, err);
+    rc = try_poles(c, 0, c->lambda, n, c->fixed, true, 0, &at, err);
     if (rc == MODAL_OK && at >= 0 && bic_of(c, at) <= bic_of(c, *best))
         *best = at, c->choice.offset = true;
     return rc;
@@ -216,7 +262,7 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
 {
     struct order_options none = { .fixed = 0 };
     struct climb c = { .data = data, .source = source, .opt = opt != NULL ? opt : &none, .choice = { .chosen = -1 } };
-    size_t most = (size_t)(source->most > 0 ? source->most : 0) + 2;
+    size_t most = 2 * (size_t)(source->most > 0 ? source->most : 0) + 2;   /* each pole split at most once */
     int best = -1;
     enum modal_status rc;
 
@@ -228,6 +274,8 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
     rc = look(&c, &best, err);
     if (rc == MODAL_OK && best >= 0)
         rc = refine_ladder(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0)
+        rc = split(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0)
         rc = simplify(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && !c.opt->no_offset)

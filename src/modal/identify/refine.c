@@ -39,9 +39,9 @@
  *
  *     BIC = sum_g n_g ln max(rss_g / n_g, floor_g^2) + k ln n,                                               (7)
  *
- * n_g = L x phases, n = sum n_g, k = S q + 2 x parameters: an exponent's error falls as n^{-3/2}, not n^{-1/2}, so that
- * Schwarz's expansion charges it between 2 and 3 times what it charges an amplitude; and a search over all frequencies
- * finds more in noise than one given column does.
+ * n_g = L x phases, n = sum n_g, k = S q + (1 + 1/S) x parameters.  The part 1/S pays for the search: among n places the
+ * best finds a factor n more in noise than one given column does, whatever S is, and one channel's amplitudes alone would
+ * let it pass in a few of a hundred records.
  *
  * Growth: columns are divided by their largest entry, and |Re lambda| tau L stays below GROWTH_MOST, so nothing overflows.
  *
@@ -59,7 +59,7 @@
 
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
-enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5 };
+enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
 struct point { double *a, *b; };
@@ -84,6 +84,7 @@ struct work {
     double *rest;                /* L x panel: P Y */
     double *stack;               /* rows of (4) of one panel below the triangle so far */
     int stack_rows;
+    double *reflect;             /* workspace of LAPACK's QR, REFLECT blocks of columns */
     double *weight;              /* per group */
     double *energy;              /* per group: sum of squares of Y */
     double *floor2;              /* per group: (6)^2 */
@@ -100,7 +101,7 @@ struct evaluation {
 static void work_done(struct work *w)
 {
     free(w->kind), free(w->column), free(w->first);
-    free(w->basis), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack);
+    free(w->basis), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack), free(w->reflect);
     free(w->weight), free(w->energy), free(w->floor2);
 }
 
@@ -143,10 +144,11 @@ static bool work_allocate(struct work *w)
     w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
     w->rest = numbers(L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
+    w->reflect = numbers(REFLECT, (size_t)(w->columns > P ? w->columns : P));
     w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
     w->floor2 = numbers((size_t)w->groups, 1);
     return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL
-        && w->stack != NULL && w->weight != NULL && w->energy != NULL && w->floor2 != NULL;
+        && w->stack != NULL && w->reflect != NULL && w->weight != NULL && w->energy != NULL && w->floor2 != NULL;
 }
 
 /* x = e^{(a + ib) l - reference}, l = 0 .. L-1, real and minus imaginary part.  The phase of each block is exact to its rounded b. */
@@ -207,16 +209,16 @@ static enum modal_status factor(struct work *w, bool *regular, struct modal_erro
     int L = w->L, q = w->order, k = w->most_columns;
 
     *regular = true;
-    if (LAPACKE_dgeqrf(LAPACK_COL_MAJOR, L, w->columns, w->basis, L, w->tau) != 0)
-        return modal_fail(err, MODAL_NO_MEMORY, "refine: dgeqrf");
+    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, w->columns, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, w->columns);
     for (int j = 0; j < w->columns; j++)
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
     for (int j = 0; j < q; j++)
         if (!(fabs(w->R[j + j * k]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
             *regular = false;
-    if (LAPACKE_dorgqr(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau) != 0)
-        return modal_fail(err, MODAL_NO_MEMORY, "refine: dorgqr");
+    if (LAPACKE_dorgqr_work(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, k);
     return MODAL_OK;
 }
 
@@ -253,8 +255,8 @@ static enum modal_status reduce_stack(struct work *w, int rows, double *T, struc
 
     if (P > REFINE_ORDER_MOST + 1)
         return modal_fail(err, MODAL_BAD_INPUT, "refine: %d parameters; accepted: %d", P - 1, REFINE_ORDER_MOST);
-    if (LAPACKE_dgeqrf(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau) != 0)
-        return modal_fail(err, MODAL_NO_MEMORY, "refine: dgeqrf");
+    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau, w->reflect, REFLECT * P) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", rows, P);
     memset(T, 0, (size_t)P * (size_t)P * sizeof *T);
     for (int j = 0; j < P; j++)
         for (int i = 0; i <= j && i < n; i++)
@@ -481,11 +483,37 @@ static void swap_in(struct search *s)
     s->now = s->next, s->next = e;
 }
 
-/* Levenberg-Marquardt with the weights as they are. */
-static enum modal_status descend(struct work *w, struct search *s, int most, double step, enum refine_end *end,
-                                 struct modal_error *err)
+/* (7), every residual times FACTOR. */
+static double bic(const struct work *w, const double *rss, double factor)
 {
-    int n = w->parameters, failures = 0;
+    double n = (double)w->L * w->phases, sum = 0, used = 0, live = 0;
+
+    for (int g = 0; g < w->groups; g++) {
+        if (w->energy[g] == 0)
+            continue;
+        sum += n * log(fmax(factor * rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
+        used += n, live += w->phases;
+    }
+    return sum + (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
+}
+
+/*
+ * The linear model (4) promises to lower F by |g|^2.  Where twice as much would leave the BIC above the rival's, the rival has won.
+ */
+static bool hopeless(const struct work *w, const struct search *s, double rival)
+{
+    int n = w->parameters;
+    double g = cblas_dnrm2(n, s->now.T + n * (n + 1), 1), left = 1 - 2 * g * g / s->now.F;
+
+    return rival != 0 && left > 0 && bic(w, s->now.rss, left) > rival;
+}
+
+/* Levenberg-Marquardt with the weights as they are. */
+static enum modal_status descend(struct work *w, struct search *s, const struct refine_options *opt,
+                                 enum refine_end *end, struct modal_error *err)
+{
+    int n = w->parameters, failures = 0, most = opt->iterations > 0 ? opt->iterations : 60;
+    double step = opt->step > 0 ? opt->step : 1e-3;
     double mu = 1e-4, grow = 2;
 
     *end = REFINE_STALLED;
@@ -496,6 +524,10 @@ static enum modal_status descend(struct work *w, struct search *s, int most, dou
 
         if (settled || failures > 12) {
             *end = settled ? REFINE_CONVERGED : is_rounding(w, &s->now) ? REFINE_ROUNDING : REFINE_STALLED;
+            return MODAL_OK;
+        }
+        if (hopeless(w, s, opt->rival)) {
+            *end = REFINE_HOPELESS;
             return MODAL_OK;
         }
         s->iterations++, s->evaluations++;
@@ -532,8 +564,6 @@ static enum modal_status descend(struct work *w, struct search *s, int most, dou
 static enum modal_status search(struct work *w, struct search *s, const struct refine_options *opt, double *start,
                                 enum refine_end *end, struct modal_error *err)
 {
-    int most = opt->iterations > 0 ? opt->iterations : 60;
-    double step = opt->step > 0 ? opt->step : 1e-3;
     enum modal_status rc;
 
     set_floor(w, &s->at);
@@ -558,26 +588,13 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
         rc = evaluate(w, &s->at, &s->now, err);       /* the triangle under the new weights */
         if (rc != MODAL_OK)
             return rc;
-        rc = descend(w, s, most, step, end, err);
-        if (rc != MODAL_OK || *end == REFINE_STALLED)
+        rc = descend(w, s, opt, end, err);
+        if (rc != MODAL_OK || *end == REFINE_STALLED || *end == REFINE_HOPELESS)
             return rc;
     }
     if (at_guard(w, &s->at))
         *end = REFINE_BOUNDED;
     return MODAL_OK;
-}
-
-static double bic(const struct work *w, const double *rss)   /* (7) */
-{
-    double n = (double)w->L * w->phases, sum = 0, used = 0, live = 0;
-
-    for (int g = 0; g < w->groups; g++) {
-        if (w->energy[g] == 0)
-            continue;
-        sum += n * log(fmax(rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
-        used += n, live += w->phases;
-    }
-    return sum + (live * w->order + 2.0 * w->parameters) * log(fmax(used, 2));
 }
 
 /* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */
@@ -650,7 +667,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
         total += s->now.rss[g];
     }
     r->residual = known ? sqrt(total) : NAN;
-    r->bic = known ? bic(w, s->now.rss) : HUGE_VAL;
+    r->bic = known ? bic(w, s->now.rss, 1) : HUGE_VAL;
     r->iterations = s->iterations, r->evaluations = s->evaluations;
 }
 

@@ -22,6 +22,7 @@ struct refine_data {
 struct refine_options {
     int iterations;              /* most Levenberg-Marquardt steps; 0: 60; < 0: none, only look: residual, noise, bic */
     double step;                 /* converged once the next step is less than this times the standard errors; 0: 1e-3 */
+    double rival;                /* give up where the BIC will hardly fall below this (beside a better candidate); 0: never */
     bool equal_noise;            /* one noise level for all columns; else one for each signal, from its own residual */
 };
 
@@ -31,6 +32,7 @@ enum refine_end {
     REFINE_STALLED,              /* no step lowers the residual, or too many steps: not converged */
     REFINE_BOUNDED,              /* a pole sits at the guard of growth or decay: the model is wrong */
     REFINE_DEGENERATE,           /* two poles coincide, or there are more unknowns than rows */
+    REFINE_HOPELESS,             /* given up: options.rival */
     REFINE_LOOKED                /* options.iterations < 0: the poles are the start, without standard errors */
 };
 

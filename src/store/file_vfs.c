@@ -1,0 +1,270 @@
+/*
+ * file_vfs.c - SQLite's files through the fault points of file.h, with a checksum on each page of a database
+ *
+ * SQLite checks the frames of its write-ahead log, but not the pages of a database: a flipped bit in a row would be
+ * read as if it had been written.  A database made with 8 reserved bytes a page (byte 20 of its header) gets, at the
+ * end of each page as it is written to the database file, the CRC-32C of the page's offset and its other bytes, and
+ * four bytes "mdlc"; every page read is checked, so that a changed, zeroed or misplaced page is SQLITE_IOERR_DATA.
+ * Pages in the log keep SQLite's own checksum; they get ours when they are copied to the database.
+ *
+ * All else is the default VFS's.
+ */
+#include "store/file.h"
+#include <errno.h>
+#include <pthread.h>
+#include <sqlite3.h>
+#include <string.h>
+#include "store/crc32c.h"
+#include "store/file_fault.h"
+
+enum { PAGE = 4096, RESERVED = 8 };
+
+struct vfs_file {
+    sqlite3_file base;
+    bool checked;            /* a database whose pages carry checksums */
+    bool database;
+    sqlite3_file real[];     /* the default VFS's file, szOsFile bytes */
+};
+
+static sqlite3_vfs *under;   /* the default VFS */
+
+static sqlite3_file *real(sqlite3_file *file)
+{
+    return ((struct vfs_file *)file)->real;
+}
+
+/* The fault of one call as SQLite's code; SQLITE_OK: none. */
+static int fault_code(struct file_fault fault, int code)
+{
+    if (fault.error == 0 || fault.error == EINTR)
+        return SQLITE_OK;
+    return fault.error == ENOSPC || fault.error == EDQUOT ? SQLITE_FULL : code;
+}
+
+#define GUARDED(WHICH, CODE, CALL)                                \
+    ({                                                            \
+        struct file_fault fault_ = file_fault_next(WHICH);        \
+        int code_ = fault_code(fault_, CODE);                     \
+        if (code_ == SQLITE_OK)                                   \
+            code_ = (CALL);                                       \
+        file_fault_after(fault_);                                 \
+        code_;                                                    \
+    })
+
+static void page_sum(const void *page, sqlite3_int64 offset, unsigned char sum[RESERVED])
+{
+    uint32_t crc = crc32c(crc32c(0, &offset, sizeof offset), page, PAGE - RESERVED);
+
+    memcpy(sum, &crc, 4);
+    memcpy(sum + 4, "mdlc", 4);
+}
+
+static bool is_page(const struct vfs_file *file, int amount, sqlite3_int64 offset)
+{
+    return file->database && amount == PAGE && offset % PAGE == 0;
+}
+
+/* Page 1 says whether this database has room for checksums. */
+static void learn(struct vfs_file *file, const void *page, int amount, sqlite3_int64 offset)
+{
+    if (file->database && offset == 0 && amount >= 100 && memcmp(page, "SQLite format 3", 16) == 0)
+        file->checked = ((const unsigned char *)page)[20] == RESERVED;
+}
+
+static int vfs_close(sqlite3_file *file)
+{
+    return real(file)->pMethods->xClose(real(file));
+}
+
+static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 offset)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    unsigned char sum[RESERVED];
+    int rc = GUARDED(FILE_PREAD, SQLITE_IOERR_READ, real(base)->pMethods->xRead(real(base), data, amount, offset));
+
+    if (rc != SQLITE_OK)
+        return rc;
+    learn(file, data, amount, offset);
+    if (!file->checked || !is_page(file, amount, offset))
+        return rc;
+    page_sum(data, offset, sum);
+    return memcmp(sum, (const char *)data + PAGE - RESERVED, RESERVED) == 0 ? SQLITE_OK : SQLITE_IOERR_DATA;
+}
+
+static int write_through(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset, bool cut)
+{
+    int half = cut ? amount / 2 : 0;
+    int rc = half > 0 ? real(base)->pMethods->xWrite(real(base), data, half, offset) : SQLITE_OK;
+
+    return rc != SQLITE_OK ? rc : real(base)->pMethods->xWrite(real(base), (const char *)data + half, amount - half, offset + half);
+}
+
+static int vfs_write(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    struct file_fault fault = file_fault_next(FILE_PWRITE);
+    unsigned char page[PAGE];
+    int rc = fault_code(fault, SQLITE_IOERR_WRITE);
+
+    learn(file, data, amount, offset);
+    if (file->checked && is_page(file, amount, offset)) {
+        memcpy(page, data, PAGE);
+        page_sum(page, offset, page + PAGE - RESERVED);
+        data = page;
+    }
+    if (rc == SQLITE_OK)
+        rc = write_through(base, data, amount, offset, fault.cut);
+    file_fault_after(fault);
+    return rc;
+}
+
+static int vfs_truncate(sqlite3_file *file, sqlite3_int64 size)
+{
+    return GUARDED(FILE_FTRUNCATE, SQLITE_IOERR_TRUNCATE, real(file)->pMethods->xTruncate(real(file), size));
+}
+
+static int vfs_sync(sqlite3_file *file, int flags)
+{
+    return GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC, real(file)->pMethods->xSync(real(file), flags));
+}
+
+static int vfs_file_size(sqlite3_file *file, sqlite3_int64 *size)
+{
+    return real(file)->pMethods->xFileSize(real(file), size);
+}
+
+static int vfs_lock(sqlite3_file *file, int level)
+{
+    return real(file)->pMethods->xLock(real(file), level);
+}
+
+static int vfs_unlock(sqlite3_file *file, int level)
+{
+    return real(file)->pMethods->xUnlock(real(file), level);
+}
+
+static int vfs_check_reserved(sqlite3_file *file, int *out)
+{
+    return real(file)->pMethods->xCheckReservedLock(real(file), out);
+}
+
+static int vfs_control(sqlite3_file *file, int op, void *argument)
+{
+    return real(file)->pMethods->xFileControl(real(file), op, argument);
+}
+
+static int vfs_sector_size(sqlite3_file *file)
+{
+    return real(file)->pMethods->xSectorSize(real(file));
+}
+
+static int vfs_characteristics(sqlite3_file *file)
+{
+    return real(file)->pMethods->xDeviceCharacteristics(real(file));
+}
+
+static int vfs_shm_map(sqlite3_file *file, int page, int size, int extend, void volatile **out)
+{
+    return real(file)->pMethods->xShmMap(real(file), page, size, extend, out);
+}
+
+static int vfs_shm_lock(sqlite3_file *file, int offset, int count, int flags)
+{
+    return real(file)->pMethods->xShmLock(real(file), offset, count, flags);
+}
+
+static void vfs_shm_barrier(sqlite3_file *file)
+{
+    real(file)->pMethods->xShmBarrier(real(file));
+}
+
+static int vfs_shm_unmap(sqlite3_file *file, int delete)
+{
+    return real(file)->pMethods->xShmUnmap(real(file), delete);
+}
+
+/* Version 2: no mapped reading, so that every page passes vfs_read. */
+static const sqlite3_io_methods methods = {
+    .iVersion = 2, .xClose = vfs_close, .xRead = vfs_read, .xWrite = vfs_write, .xTruncate = vfs_truncate, .xSync = vfs_sync,
+    .xFileSize = vfs_file_size, .xLock = vfs_lock, .xUnlock = vfs_unlock, .xCheckReservedLock = vfs_check_reserved,
+    .xFileControl = vfs_control, .xSectorSize = vfs_sector_size, .xDeviceCharacteristics = vfs_characteristics,
+    .xShmMap = vfs_shm_map, .xShmLock = vfs_shm_lock, .xShmBarrier = vfs_shm_barrier, .xShmUnmap = vfs_shm_unmap,
+};
+
+static int vfs_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *base, int flags, int *out_flags)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    int rc;
+
+    (void)vfs;
+    memset(file, 0, sizeof *file);
+    file->database = (flags & SQLITE_OPEN_MAIN_DB) != 0;
+    rc = GUARDED(FILE_OPEN, SQLITE_CANTOPEN, under->xOpen(under, name, real(base), flags, out_flags));
+    if (rc == SQLITE_OK)
+        file->base.pMethods = &methods;
+    return rc;
+}
+
+static int vfs_delete(sqlite3_vfs *vfs, const char *name, int sync_dir)
+{
+    (void)vfs;
+    return GUARDED(FILE_UNLINK, SQLITE_IOERR_DELETE, under->xDelete(under, name, sync_dir));
+}
+
+static int vfs_access(sqlite3_vfs *vfs, const char *name, int flags, int *out)
+{
+    (void)vfs;
+    return under->xAccess(under, name, flags, out);
+}
+
+static int vfs_full_pathname(sqlite3_vfs *vfs, const char *name, int size, char *out)
+{
+    (void)vfs;
+    return under->xFullPathname(under, name, size, out);
+}
+
+static int vfs_randomness(sqlite3_vfs *vfs, int size, char *out)
+{
+    (void)vfs;
+    return under->xRandomness(under, size, out);
+}
+
+static int vfs_sleep(sqlite3_vfs *vfs, int microseconds)
+{
+    (void)vfs;
+    return under->xSleep(under, microseconds);
+}
+
+static int vfs_current_time(sqlite3_vfs *vfs, double *out)
+{
+    (void)vfs;
+    return under->xCurrentTime(under, out);
+}
+
+static int vfs_last_error(sqlite3_vfs *vfs, int size, char *out)
+{
+    (void)vfs;
+    return under->xGetLastError(under, size, out);
+}
+
+static sqlite3_vfs ours = {
+    .iVersion = 1, .zName = "modald", .xOpen = vfs_open, .xDelete = vfs_delete, .xAccess = vfs_access,
+    .xFullPathname = vfs_full_pathname, .xRandomness = vfs_randomness, .xSleep = vfs_sleep,
+    .xCurrentTime = vfs_current_time, .xGetLastError = vfs_last_error,
+};
+
+static void vfs_register(void)
+{
+    under = sqlite3_vfs_find(NULL);
+    ours.mxPathname = under->mxPathname;
+    ours.szOsFile = (int)sizeof(struct vfs_file) + under->szOsFile;
+    sqlite3_vfs_register(&ours, 0);
+}
+
+const char *file_vfs(void)
+{
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+
+    pthread_once(&once, vfs_register);
+    return ours.zName;
+}

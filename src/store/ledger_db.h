@@ -1,0 +1,38 @@
+/* ledger_db.h - the database under the ledger: opening, schema, statements; shared by the ledger's own files */
+#ifndef STORE_LEDGER_DB_H
+#define STORE_LEDGER_DB_H
+#include <sqlite3.h>
+#include "store/ledger.h"
+
+enum {
+    LEDGER_APPLICATION = 0x6d646c64,     /* "mdld" */
+    LEDGER_CHECKPOINT_PAGES = 1000,      /* of the log, before ledger_settle moves it to the database */
+};
+
+/* SQLite's error as ours, its text with WHAT. */
+enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct modal_error *err);
+
+/*
+ * Open DIR/ledger.db through our VFS.  WRITE: made if absent, its schema written or upgraded, in WAL mode with full
+ * synchronisation; its directory entry is synced.  Otherwise it must be there, and can only be read.
+ */
+enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, struct modal_error *err);
+
+/* Run one SQL text without results. */
+enum modal_status ledger_db_run(sqlite3 *db, const char *sql, struct modal_error *err);
+
+/* All rows to VISITOR. */
+enum modal_status ledger_db_load(sqlite3 *db, const struct ledger_visitor *visitor, struct modal_error *err);
+
+/* Names of an input's channels as a JSON list's text (NULL: none), and back as one block to free. */
+enum modal_status ledger_names_text(const struct input_shape *shape, char **text, struct modal_error *err);
+enum modal_status ledger_names_read(const char *text, uint64_t channels, const char *const **names, struct modal_error *err);
+
+/*
+ * Is the write-ahead log at PATH whole as far as acknowledged groups go?  SQLite takes the first bad frame for the end of the
+ * log, which is right for a group torn by a crash and wrong for damage to older ones: a later group is only begun once those
+ * before are synced.  MODAL_CORRUPT, with the frame and its offset, where later groups follow a bad frame; MODAL_OK otherwise
+ * and where there is no log.
+ */
+enum modal_status ledger_wal_check(const char *path, struct modal_error *err);
+#endif

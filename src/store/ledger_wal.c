@@ -1,0 +1,201 @@
+/*
+ * ledger_wal.c - is SQLite's log damaged, or only torn at its end?
+ *
+ * The log [SQLite file format, section 4] is a header of 32 bytes and frames of 24 bytes and a page, all numbers
+ * big-endian:
+ *
+ *     header   magic 0x377f0682 or ..83, version 3007000, page size, sequence, salt 1, salt 2, sum 1, sum 2
+ *     frame    page number, pages of the database after a commit (0: not a commit's frame), salt 1, salt 2, sum 1, sum 2
+ *
+ * Frames of an earlier life of the file have other salts.  The sums run from the header through all frames: over pairs
+ * of words, a += word + b, b += word + a; words are little-endian for magic ..82.  After the first frame whose sums
+ * are wrong no sum can be checked, but salts and commit marks can be read: a frame with our salts after a later commit's
+ * frame was written when the bad group had been synced.
+ */
+#include "store/ledger_db.h"
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include "store/file.h"
+
+enum { HEADER = 32, FRAME_HEADER = 24, PAGE_MOST = 65536 };
+#define MAGIC 0x377f0682u
+#define VERSION 3007000u
+
+struct sums { uint32_t a, b; };
+
+struct wal {
+    int fd;
+    uint64_t size;
+    unsigned char header[HEADER], frame[FRAME_HEADER + PAGE_MOST];
+    uint32_t page;            /* bytes of a page */
+    uint32_t salt[2];
+    bool big;                 /* the sums read words big-endian */
+};
+
+static uint32_t big_word(const unsigned char *p)
+{
+    return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
+}
+
+static uint32_t little_word(const unsigned char *p)
+{
+    return (uint32_t)p[3] << 24 | (uint32_t)p[2] << 16 | (uint32_t)p[1] << 8 | p[0];
+}
+
+static struct sums add(bool big, struct sums sums, const unsigned char *p, size_t length)
+{
+    for (size_t i = 0; i + 8 <= length; i += 8) {
+        sums.a += (big ? big_word(p + i) : little_word(p + i)) + sums.b;
+        sums.b += (big ? big_word(p + i + 4) : little_word(p + i + 4)) + sums.a;
+    }
+    return sums;
+}
+
+static bool same(struct sums sums, const unsigned char *stored)
+{
+    return sums.a == big_word(stored) && sums.b == big_word(stored + 4);
+}
+
+static uint64_t frame_offset(const struct wal *wal, uint64_t frame)
+{
+    return HEADER + frame * (uint64_t)(FRAME_HEADER + wal->page);
+}
+
+/* Read frame FRAME, with its page where WHOLE; false past the end. */
+static bool read_frame(struct wal *wal, uint64_t frame, bool whole)
+{
+    size_t length = FRAME_HEADER + (whole ? wal->page : 0), got;
+
+    if (frame_offset(wal, frame) + FRAME_HEADER + wal->page > wal->size)
+        return false;
+    return file_read(wal->fd, wal->frame, length, frame_offset(wal, frame), &got, NULL) == MODAL_OK && got == length;
+}
+
+static bool ours(const struct wal *wal)
+{
+    return big_word(wal->frame + 8) == wal->salt[0] && big_word(wal->frame + 12) == wal->salt[1];
+}
+
+static bool frame_good(const struct wal *wal, struct sums *sums)
+{
+    struct sums next = add(wal->big, add(wal->big, *sums, wal->frame, 8), wal->frame + FRAME_HEADER, wal->page);
+
+    if (!ours(wal) || !same(next, wal->frame + 16))
+        return false;
+    *sums = next;
+    return true;
+}
+
+/* Whether, at FROM or after, a commit's frame of ours is followed by another frame of ours. */
+static bool groups_after(struct wal *wal, uint64_t from)
+{
+    bool committed = false;
+
+    for (uint64_t i = from; read_frame(wal, i, false); i++) {
+        if (!ours(wal))
+            continue;
+        if (committed)
+            return true;
+        committed = big_word(wal->frame + 4) != 0;
+    }
+    return false;
+}
+
+static void put_big(unsigned char *p, uint32_t word)
+{
+    for (int i = 0; i < 4; i++)
+        p[i] = (unsigned char)(word >> (24 - 8 * i));
+}
+
+/*
+ * The header's own sums are wrong.  Torn while a new life of the log began, with an old life's frames behind it, or
+ * damaged?  Put the constants and the first frame's salts in its place: if that has the stored sums, or its salts and
+ * constants were these all along, it was whole once.  (A new header torn within its sequence number has the old sums of the
+ * number before: not damage.)
+ */
+static bool header_damaged(struct wal *wal)
+{
+    unsigned char was[HEADER];
+    struct sums none = { 0, 0 };
+    bool unchanged;
+
+    wal->page = 4096;
+    if (!read_frame(wal, 0, false))
+        return false;
+    wal->salt[0] = big_word(wal->frame + 8);
+    wal->salt[1] = big_word(wal->frame + 12);
+    for (int big = 0; big < 2; big++) {
+        memcpy(was, wal->header, HEADER);
+        put_big(was, MAGIC | (uint32_t)big);
+        put_big(was + 4, VERSION);
+        put_big(was + 8, wal->page);
+        put_big(was + 16, wal->salt[0]);
+        put_big(was + 20, wal->salt[1]);
+        if (same(add(big, none, was, 24), wal->header + 24))
+            return groups_after(wal, 0);
+        unchanged = memcmp(was, wal->header, 24) == 0;
+        put_big(was + 12, big_word(was + 12) - 1);
+        if (unchanged && !same(add(big, none, was, 24), wal->header + 24))
+            return groups_after(wal, 0);
+    }
+    return false;
+}
+
+static bool header_good(struct wal *wal)
+{
+    struct sums none = { 0, 0 };
+    uint32_t magic = big_word(wal->header), page = big_word(wal->header + 8);
+
+    wal->big = magic & 1;
+    if ((magic & ~1u) != MAGIC || big_word(wal->header + 4) != VERSION || page < 512 || page > PAGE_MOST || (page & (page - 1)) != 0)
+        return false;
+    wal->page = page;
+    wal->salt[0] = big_word(wal->header + 16);
+    wal->salt[1] = big_word(wal->header + 20);
+    return same(add(wal->big, none, wal->header, 24), wal->header + 24);
+}
+
+static enum modal_status check(struct wal *wal, const char *path, struct modal_error *err)
+{
+    struct sums sums;
+    uint64_t i = 0;
+
+    if (!header_good(wal))
+        return header_damaged(wal) ? modal_fail(err, MODAL_CORRUPT, "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
+                                   : MODAL_OK;
+    sums = (struct sums) { big_word(wal->header + 24), big_word(wal->header + 28) };
+    while (read_frame(wal, i, true) && frame_good(wal, &sums))
+        i++;
+    if (groups_after(wal, i))
+        return modal_fail(err, MODAL_CORRUPT, "%s: frame %llu (offset %llu) is damaged, and acknowledged groups follow it", path,
+                          (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
+    return MODAL_OK;
+}
+
+enum modal_status ledger_wal_check(const char *path, struct modal_error *err)
+{
+    struct wal *wal = calloc(1, sizeof *wal);
+    enum modal_status rc;
+    struct stat known;
+    size_t got = 0;
+
+    if (wal == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "no memory to check %s", path);
+    wal->fd = -1;
+    rc = file_open(path, O_RDONLY, 0, &wal->fd, err);
+    if (rc == MODAL_OK && fstat(wal->fd, &known) == 0)
+        wal->size = (uint64_t)known.st_size;
+    if (rc == MODAL_OK)
+        rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
+    if (rc == MODAL_OK && got == HEADER)
+        rc = check(wal, path, err);
+    if (rc == MODAL_NOT_FOUND)
+        rc = MODAL_OK;
+    if (wal->fd >= 0)
+        close(wal->fd);
+    free(wal);
+    return rc;
+}

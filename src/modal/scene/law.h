@@ -85,6 +85,10 @@ enum modal_status law_regularised_coulomb(double limit, double velocity, struct 
  * Jenkins element of tangential_stiffness whose limit is mu N of the moment.  Memory: the slider's place. */
 enum modal_status law_contact_friction(double normal_stiffness, double preload, double tangential_stiffness, double mu,
                                        struct law *out, struct modal_error *err);
+/* inputs: d = (y, z) of a journal in a circular race.  SHAFT: NULL for a journal with mass, whose position d is; else the stiffness
+ * (K_y, K_z) of the shaft's end at a massless journal, and d is where the end would lie without contact. */
+enum modal_status law_clearance(double gap, double stiffness, double dissipation, const double *shaft, struct law *out,
+                                struct modal_error *err);
 /* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and memory (lua.c).  A
  * source that does not compile, or defines no function `force`, is MODAL_BAD_INPUT (err->field: "source", which the caller
  * prefixes), one that fails when called MODAL_ELEMENT_FAILED; both name the line.  restart empties its memory. */

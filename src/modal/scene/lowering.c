@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/scene.h"
 
 /* Grow an array that has COUNT of ROOM elements in use by one more; false: no memory. */
 static bool grow(struct lowering *l, void **x, int count, int *room, size_t size)
@@ -48,6 +49,13 @@ void lowering_add(struct lowering *l, int matrix, int i, int j, double value)
 {
     if (i >= 0 && j >= 0)
         append(l, &l->constant[matrix], i, j, value);
+}
+
+void lowering_add_still_damping(struct lowering *l, int i, int j, double c)
+{
+    lowering_add(l, PROGRAM_C, i, j, c);
+    if (l->turn_partner != NULL && j >= 0 && l->p->frame_speed != 0)
+        lowering_add(l, PROGRAM_K, i, l->turn_partner[j], l->p->frame_speed * l->turn_sign[j] * c);
 }
 
 /* The harmonic k, made in ascending order where it is new; NULL: no memory. */
@@ -145,6 +153,26 @@ void lowering_add_term(struct lowering *l, struct program_output *out, int quant
     }
     out->terms = more;
     more[out->count++] = (struct triplet) { quantity, j, value };
+}
+
+const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJSON *after)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *item;
+    int position = 0;
+
+    cJSON_ArrayForEach(item, list) {
+        const cJSON *name = cJSON_GetObjectItemCaseSensitive(item, "type");
+        bool left_out = l->options != NULL && position < SCENE_EFFECTS_MOST && l->options->without[position];
+
+        position++;
+        if (after != NULL) {
+            after = item == after ? NULL : after;
+            continue;
+        }
+        if (!left_out && cJSON_IsString(name) && strcmp(name->valuestring, type) == 0)
+            return item;
+    }
+    return NULL;
 }
 
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, bool needed,

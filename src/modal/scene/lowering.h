@@ -59,7 +59,7 @@ struct scene_structure_kind {
     enum modal_status (*lower)(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err);
     /* strain_rate_damping, C = mu K of the elastic members; NULL: mu times the structure's own K. */
     enum modal_status (*strain_rate)(struct lowering *l, double mu, struct modal_error *err);
-    /* A sensor that names no dof or names a frame (wing: station, position), into the output row, `name` too; NULL: none. */
+    /* A sensor that names no dof of the program or names a frame (wing: station, position), into the output row, `name` too; NULL: none. */
     enum modal_status (*sensor)(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
                                 struct modal_error *err);
     /* After all effects, before excitation: what depends on them all (ends in series, ...); NULL: nothing. */
@@ -76,7 +76,11 @@ struct lowering_harmonic {             /* cosine and sine entries of M, C, K at 
 
 enum lowering_block { LOWER_E, LOWER_A, LOWER_BX, LOWER_BV, LOWER_BA, LOWER_F, LOWER_BLOCKS };
 
+struct scene_options;
+
 struct lowering {
+    const cJSON *scene;                /* borrowed, with the options it is lowered by (may be NULL) */
+    const struct scene_options *options;
     struct program *p;                 /* its n, dofs, omega, laws, loads, outputs grow here; matrices come at the end */
     const struct scene_structure_kind *structure;
     void *mesh;                        /* the structure's own numbers, freed by mesh_free */
@@ -101,6 +105,8 @@ int lowering_add_dof(struct lowering *l, const char *name);
 
 /* Entries; an index of -1 (ground, a support) adds nothing. */
 void lowering_add(struct lowering *l, int matrix, int i, int j, double value);
+/* A damper that does not turn: C and, on turning axes, the K entry that its circulation is there (frame_speed c J). */
+void lowering_add_still_damping(struct lowering *l, int i, int j, double c);
 /* The constant part of a harmonic matrix: cosine * cos(k Omega t) + sine * sin(k Omega t).  k = 0 is lowering_add of cosine. */
 void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine, double sine);
 /* N x N element matrix (row-major) at dofs INDEX. */
@@ -112,6 +118,10 @@ void lowering_add_block(struct lowering *l, enum lowering_block block, int i, in
 void lowering_add_law(struct lowering *l, struct law *law);
 /* A term of an output row: quantity 0 x, 1 x', 2 x'', 3 z (program.h lists the turning ones). */
 void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j, double value);
+
+/* The scene's next entry of effects of TYPE after AFTER (NULL: the first), unless left out; NULL: none.  For structures whose dofs
+ * depend on an effect; the entry has not been checked yet. */
+const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJSON *after);
 
 /* The dof that KEY of JSON names, -1 for "ground"; unknown or (if NEEDED) absent: MODAL_BAD_INPUT with the path. */
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, bool needed,

@@ -236,8 +236,9 @@ static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const
 
     if (!cJSON_IsObject(json))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
-    if (l->structure->sensor != NULL && (cJSON_GetObjectItemCaseSensitive(json, "dof") == NULL
-                                         || cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL))
+    const cJSON *dof = cJSON_GetObjectItemCaseSensitive(json, "dof");
+    if (l->structure->sensor != NULL && (dof == NULL || cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL
+                                         || (cJSON_IsString(dof) && program_dof(l->p, dof->valuestring) < 0)))
         return l->structure->sensor(l, json, path, out, err);
     return dof_sensor(l, json, path, out, err);
 }
@@ -424,7 +425,7 @@ static void lowering_done(struct lowering *l)
 enum modal_status scene_lower(const cJSON *scene, const struct scene_options *options, struct program **out,
                               struct modal_error *err)
 {
-    struct lowering l = { .p = calloc(1, sizeof *l.p), .effect = -1 };
+    struct lowering l = { .scene = scene, .options = options, .p = calloc(1, sizeof *l.p), .effect = -1 };
     enum modal_status rc = l.p != NULL ? read_scene(&l, scene, options, err) : no_memory(err);
 
     if (rc == MODAL_OK)

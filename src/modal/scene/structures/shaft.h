@@ -1,0 +1,61 @@
+/* shaft.h - what the shaft's effects write into: a mesh that becomes entries once all of them are known
+ *
+ * Supports in series, a massless journal and condensed ends depend on several effects at once, so effects note their
+ * numbers here and the structure's `finish` lowers them, each under its effect's row.
+ */
+#ifndef MODAL_STRUCTURES_SHAFT_H
+#define MODAL_STRUCTURES_SHAFT_H
+#include <stdbool.h>
+#include "modal/scene/condense.h"
+#include "modal/scene/lowering.h"
+
+enum { SHAFT_ELEMENTS_MOST = 500 };
+enum { SHAFT_LEFT, SHAFT_RIGHT };
+
+struct shaft_spring {              /* of a bearing or a coupling; a stiffness not given is no link of the series */
+    bool listed, has_transverse, has_rotational;
+    double transverse, rotational;
+    int effect;
+};
+
+struct shaft_end {
+    struct shaft_spring bearing, coupling;
+    double damping;                /* N s/m, of the bearing, on fixed axes */
+    struct {
+        bool listed;
+        double gap, stiffness, dissipation, journal_mass;
+        int effect;
+    } clearance;
+};
+
+struct shaft {
+    double length, EI[2], mass_per_length;     /* EI of plane y, plane z */
+    int elements;
+    bool disk;
+    int disk_node;
+    double disk_mass, disk_radius;
+    double speed;
+    bool fixed, massless;
+    int harmonic;                              /* fixed axes: stiffness turns with cos, sin (harmonic omega t) = (2 speed t) */
+
+    struct shaft_end end[2];
+    double strain_rate;                        /* mu, s */
+    int strain_rate_effect;
+    bool gyroscopic;
+    int gyroscopic_effect;
+    double I_rho;                              /* kg m, polar, of the cross-section */
+    int rotary_effect;
+
+    /* massless: the eight coordinates (uL, uR, uD, sD of plane y, then of z), where each is found */
+    struct condensed condensed;
+    int dof[8];                                /* a dof, or -1 */
+    int state;                                 /* first linear state, of condensed.b in order */
+    int journal;                               /* the end with a massless journal, or -1 */
+    double journal_stiffness[2];               /* of the shaft there, by plane */
+    double journal_map[2][2];                  /* by plane: sD = map[0] uD + map[1] free end */
+};
+
+/* `at` of EFFECT as an end of the shaft. */
+enum modal_status shaft_end_of(struct lowering *l, const struct scene_effect *e, int *end, struct modal_error *err);
+
+#endif

@@ -1,0 +1,14 @@
+/* wing.h - the wing's mesh: what airloads read, and what they leave for sensors at stations */
+#ifndef MODAL_STRUCTURES_WING_H
+#define MODAL_STRUCTURES_WING_H
+#include <stdbool.h>
+#include "modal/scene/wing_model.h"
+
+struct wing_mesh {
+    struct wing wing;
+    bool in_air;                          /* airloads are listed: `air` holds them, their states from `state` on */
+    int state;
+    struct airloads_matrices air;
+};
+
+#endif

@@ -1,0 +1,92 @@
+/*
+ * inflow.c - the table of inflow models, and the model without any
+ *
+ * Gauss-Legendre points are the roots of P_n by Newton from cos(pi (i + 3/4)/(n + 1/2)), weights 2/((1 - x^2) P_n'^2).
+ */
+#include "modal/scene/inflow/inflow.h"
+#include <math.h>
+#include <stdlib.h>
+
+static int no_states(int states)
+{
+    return states == 0;
+}
+
+static enum modal_status fill_none(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err)
+{
+    enum modal_status rc = inflow_allocate(wing, states, out, err);
+
+    if (rc == MODAL_OK)
+        out->direct = 1;
+    return rc;
+}
+
+const struct inflow_kind inflow_none = { "none", 0, 1, "0", no_states, fill_none };
+const struct inflow_kind *const inflow_kinds[] = { &inflow_none, &inflow_peters_2d, &inflow_jones, &inflow_peters_he, NULL };
+
+enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err)
+{
+    size_t nz = (size_t)states, ns = (size_t)wing->stations;
+
+    *out = (struct inflow) { .stations = wing->stations, .states = states };
+    out->E = calloc(nz * nz + 1, sizeof *out->E);
+    out->A = calloc(nz * nz + 1, sizeof *out->A);
+    out->P = calloc(nz * ns + 1, sizeof *out->P);
+    out->Q = calloc(nz * ns + 1, sizeof *out->Q);
+    out->Lambda = calloc(nz * ns + 1, sizeof *out->Lambda);
+    if (out->E == NULL || out->A == NULL || out->P == NULL || out->Q == NULL || out->Lambda == NULL) {
+        inflow_done(out);
+        return modal_fail(err, MODAL_NO_MEMORY, "inflow: out of memory for %d states", states);
+    }
+    return MODAL_OK;
+}
+
+enum modal_status inflow_new(const struct inflow_kind *kind, const struct inflow_wing *wing, int states,
+                             struct inflow *out, struct modal_error *err)
+{
+    struct inflow made = { 0 };
+    enum modal_status rc = kind->fill(wing, states, &made, err);
+
+    if (rc != MODAL_OK)
+        inflow_done(&made);
+    else
+        *out = made;
+    return rc;
+}
+
+void inflow_done(struct inflow *f)
+{
+    free(f->E);
+    free(f->A);
+    free(f->P);
+    free(f->Q);
+    free(f->Lambda);
+    *f = (struct inflow) { 0 };
+}
+
+/* P_n(x) and its derivative, |x| < 1, by the three-term recurrence. */
+static double legendre(int n, double x, double *derivative)
+{
+    double before = 1, p = x;
+
+    for (int k = 2; k <= n; k++) {
+        double next = ((2 * k - 1) * x * p - (k - 1) * before) / k;
+        before = p;
+        p = next;
+    }
+    *derivative = n * (x * p - before) / (x * x - 1);
+    return p;
+}
+
+void gauss_legendre(int count, double length, double *position, double *weight)
+{
+    for (int i = 0; i < count; i++) {
+        double x = -cos(M_PI * (i + 0.75) / (count + 0.5)), slope = 1;
+
+        for (int step = 0; step < 8; step++)          /* quadratic: 4 suffice for any count here */
+            x -= legendre(count, x, &slope) / slope;
+        legendre(count, x, &slope);
+        position[i] = length * (1 + x) / 2;
+        weight[i] = length / ((1 - x * x) * slope * slope);
+    }
+}

@@ -1,0 +1,187 @@
+/* test_shaft.c - the paper's rotor against the reference's exact exponents (tests/data/rotor/modes_*.csv)
+ *
+ * Sets S, C (bearings of 30 and 20 kN/m), Sd, Cd (with mu = 1 ms, 3 N s/m); models A0 (massless, pinned), A1 (with end couplings of
+ * 10 N m/rad), FE6.  The tables print 10 digits; the bar is 1e-6 rad/s.
+ */
+#include "check.h"
+#include <complex.h>
+#include <lapacke.h>
+#include <stdlib.h>
+#include "modal/json.h"
+#include "modal/linalg/eigen.h"
+#include "modal/scene/program.h"
+#include "modal/scene/scene.h"
+
+enum { STATES_MOST = 128 };
+
+static struct program *lower(const char *text)
+{
+    cJSON *scene = NULL;
+    struct program *p = NULL;
+    struct modal_error err = { 0 };
+
+    CHECK(json_read(text, strlen(text), &scene, &err) == MODAL_OK);
+    if (scene_lower(scene, NULL, &p, &err) != MODAL_OK)
+        fail_msg("%s: %s", err.field, err.message);
+    cJSON_Delete(scene);
+    return p;
+}
+
+static void check_refused(const char *text, const char *field)
+{
+    cJSON *scene = NULL;
+    struct program *p = NULL;
+    struct modal_error err = { 0 };
+
+    CHECK(json_read(text, strlen(text), &scene, &err) == MODAL_OK);
+    CHECK(scene_lower(scene, NULL, &p, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, field);
+    CHECK(p == NULL);
+    cJSON_Delete(scene);
+}
+
+/* The rotor of the reference: MODEL A0, A1 or FE6; kb in N/m. */
+static void rotor(char *out, size_t room, const char *model, const char *frame, double kb, bool damped, double speed,
+                  const char *more)
+{
+    bool massless = model[0] == 'A';
+    char coupling[256] = "";
+
+    if (strcmp(model, "A0") != 0)
+        snprintf(coupling, sizeof coupling, "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8,\"rotational\":10},"
+                 "{\"type\":\"coupling\",\"at\":\"right\",\"transverse\":1e8,\"rotational\":10},");
+    else
+        snprintf(coupling, sizeof coupling, "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8},"
+                 "{\"type\":\"coupling\",\"at\":\"right\",\"transverse\":1e8},");
+    snprintf(out, room,
+             "{\"structure\":{\"type\":\"shaft\",\"length\":1,\"elements\":6,\"EI\":[98.9,175],\"mass_per_length\":0.00475,"
+             "\"disk\":{\"position\":0.5,\"mass\":5,\"radius\":0.18},\"speed\":%.17g,\"frame\":\"%s\",\"model\":\"%s\"},\"effects\":["
+             "{\"type\":\"bearing\",\"at\":\"left\",\"transverse\":%.17g,\"damping\":%g},"
+             "{\"type\":\"bearing\",\"at\":\"right\",\"transverse\":%.17g,\"damping\":%g},%s%s"
+             "{\"type\":\"gyroscopic\"}]%s}",
+             speed, frame, massless ? "massless" : "finite_elements", kb, damped ? 3.0 : 0.0, kb, damped ? 3.0 : 0.0, coupling,
+             damped ? "{\"type\":\"strain_rate_damping\",\"mu\":1e-3}," : "", more);
+}
+
+static void add(const struct sparse *a, double factor, double *to, int ld, int i0, int j0)
+{
+    for (int i = 0; i < a->m; i++)
+        for (int k = a->start[i]; k < a->start[i + 1]; k++)
+            to[i0 + i + (j0 + a->index[k]) * ld] += factor * a->value[k];
+}
+
+/* All exponents of a linear constant program, from its first-order form [I; M; -Ba E] u' = [...] u. */
+static int exponents(const struct program *p, double complex *lambda)
+{
+    static double L[STATES_MOST * STATES_MOST], R[STATES_MOST * STATES_MOST];
+    int n = p->n, nz = p->n_linear, N = 2 * n + nz;
+    lapack_int pivot[STATES_MOST];
+    struct matrix state = { N, N, N, R };
+
+    CHECK(N <= STATES_MOST && p->harmonics == 0);
+    memset(L, 0, sizeof L);
+    memset(R, 0, sizeof R);
+    for (int i = 0; i < n; i++)
+        L[i + i * N] = R[i + (n + i) * N] = 1;
+    add(&p->constant[PROGRAM_M], 1, L, N, n, n);
+    add(&p->Ba, -1, L, N, 2 * n, n);
+    add(&p->E, 1, L, N, 2 * n, 2 * n);
+    add(&p->constant[PROGRAM_K], -1, R, N, n, 0);
+    add(&p->constant[PROGRAM_C], -1, R, N, n, n);
+    add(&p->F, 1, R, N, n, 2 * n);
+    add(&p->Bx, 1, R, N, 2 * n, 0);
+    add(&p->Bv, 1, R, N, 2 * n, n);
+    add(&p->A, 1, R, N, 2 * n, 2 * n);
+    CHECK(LAPACKE_dgesv(LAPACK_COL_MAJOR, N, N, L, N, pivot, R, N) == 0);
+    CHECK(eigen_general(&state, lambda, NULL, NULL, NULL) == MODAL_OK);
+    return N;
+}
+
+static double distance(const double complex *lambda, int count, double complex to)
+{
+    double least = HUGE_VAL;
+
+    for (int i = 0; i < count; i++)
+        least = fmin(least, cabs(lambda[i] - to));
+    return least;
+}
+
+/* Rows of MODEL in FILE against the program's exponents; counts the rows. */
+static int check_table(const char *file, const char *model, double tolerance)
+{
+    double complex lambda[STATES_MOST];
+    char line[512], set[8], of[8], text[4096];
+    double speed, re, im, before = -1;
+    int rows = 0, mode, count = 0, of_set = 0;
+    FILE *f = fopen(file, "r");
+
+    CHECK(f != NULL && fgets(line, sizeof line, f) != NULL);
+    while (fgets(line, sizeof line, f) != NULL) {
+        CHECK(sscanf(line, "%7[^,],%7[^,],%lf,%d,%lf,%lf", set, of, &speed, &mode, &re, &im) == 6);
+        if (strcmp(of, model) != 0)
+            continue;
+        if (speed != before || set[0] != of_set) {
+            rotor(text, sizeof text, model, "rotating", set[0] == 'S' ? 30e3 : 20e3, set[1] == 'd', speed, "");
+            struct program *p = lower(text);
+            count = exponents(p, lambda);
+            program_free(p);
+            before = speed;
+            of_set = set[0];
+        }
+        /* a static divergence splits the pair in two real exponents: near the edge they are square-root sensitive */
+        CHECK_NEAR(distance(lambda, count, re + im * I), 0, tolerance);
+        rows++;
+    }
+    fclose(f);
+    return rows;
+}
+
+TEST(the_massless_rotor_matches_A0_and_A1_undamped_and_damped)
+{
+    CHECK(check_table(TEST_DATA "/rotor/modes_undamped.csv", "A0", 1e-6) > 200);
+    CHECK(check_table(TEST_DATA "/rotor/modes_undamped.csv", "A1", 1e-6) > 200);
+    CHECK(check_table(TEST_DATA "/rotor/modes_damped.csv", "A0", 1e-6) > 200);
+    CHECK(check_table(TEST_DATA "/rotor/modes_damped.csv", "A1", 1e-6) > 200);
+}
+
+TEST(six_elements_match_FE6_undamped_and_damped)
+{
+    CHECK(check_table(TEST_DATA "/rotor/modes_undamped.csv", "FE6", 1e-6) > 200);
+    CHECK(check_table(TEST_DATA "/rotor/modes_damped.csv", "FE6", 1e-6) > 200);
+}
+
+/* The same scene with one thing wrong; the path names it. */
+TEST(every_wrong_key_is_named_by_its_path)
+{
+    static const struct { const char *from, *to, *field; } wrong[] = {
+        { "\"at\":\"left\"", "\"at\":\"middle\"", "effects[0].at" },
+        { "\"at\":\"left\",\"transverse\"", "\"transverse\"", "effects[0].at" },
+        { "\"at\":\"right\"", "\"at\":\"left\"", "effects[1]" },
+        { "\"position\":0.5", "\"position\":0.4", "structure.disk.position" },
+        { "\"mass\":5", "\"mass\":-5", "structure.disk.mass" },
+        { "\"EI\":[98.9,175]", "\"EI\":[98.9]", "structure.EI" },
+        { "\"EI\":[98.9,175]", "\"EI\":[98.9,-175]", "structure.EI[1]" },
+        { "\"frame\":\"rotating\"", "\"frame\":\"turning\"", "structure.frame" },
+        { "\"speed\":24", "\"speed\":-24", "structure.speed" },
+        { "\"elements\":6", "\"elements\":0", "structure.elements" },
+        { "\"type\":\"gyroscopic\"", "\"type\":\"gyroscopic\",\"polar\":1", "effects[4].polar" },
+        { "{\"type\":\"gyroscopic\"}", "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":1e-3,\"stiffness\":1e7}", "effects[4].at" },
+        { "{\"type\":\"gyroscopic\"}", "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":-1e-3,\"stiffness\":1e7}", "effects[4].gap" },
+        { "{\"type\":\"gyroscopic\"}", "{\"type\":\"rotary_inertia\"}", "effects[4].I_rho" },
+        { "{\"type\":\"gyroscopic\"}", "{\"type\":\"axial_load\",\"mean\":1}", "effects[4].type" },
+    };
+    char text[4096], changed[4096];
+
+    rotor(text, sizeof text, "FE6", "rotating", 2e4, false, 24, "");
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        const char *at = strstr(text, wrong[i].from);
+
+        CHECK(at != NULL);
+        snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - text), text, wrong[i].to, at + strlen(wrong[i].from));
+        check_refused(changed, wrong[i].field);
+    }
+    rotor(text, sizeof text, "FE6", "fixed", 2e4, false, 24, ",\"omega\":25");
+    check_refused(text, "omega");
+    rotor(text, sizeof text, "A0", "fixed", 2e4, true, 24, "");
+    check_refused(text, "structure.frame");
+}

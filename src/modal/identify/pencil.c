@@ -30,7 +30,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED = 24 };
+enum { WANTED = 16 };
 
 struct hankel_operator {
     int L, S, m, n, N;

@@ -8,7 +8,7 @@
 
 struct pencil_options {
     int rows;      /* of the Hankel matrix, per signal; 0: L/3 */
-    int wanted;    /* leading singular triplets; 0: 24.  At most min(S rows, columns) are had */
+    int wanted;    /* leading singular triplets; 0: 16.  At most min(S rows, columns) are had */
 };
 
 struct pencil {

@@ -228,9 +228,9 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
     return rc;
 }
 
-double projection_angle(const struct projection *p, int r, double complex lambda, double tau)
+double projection_angle(const struct matrix *VT, int r, double complex lambda, double tau)
 {
-    int n = p->n;
+    int n = VT->n;
     double a = creal(lambda) * tau, b = cimag(lambda) * tau, top = a > 0 ? a * (n - 1) : 0, norm2 = 0, rest2 = 0;
     double complex *z = malloc(sizeof *z * (2 * (size_t)n + r)), *c, *y;
 
@@ -245,11 +245,11 @@ double projection_angle(const struct projection *p, int r, double complex lambda
     for (int i = 0; i < r; i++) {
         c[i] = 0;
         for (int l = 0; l < n; l++)
-            c[i] += p->VT.x[i + (size_t)l * p->VT.ld] * z[l];
+            c[i] += VT->x[i + (size_t)l * VT->ld] * z[l];
     }
     for (int i = 0; i < r; i++)
         for (int l = 0; l < n; l++)
-            y[l] += p->VT.x[i + (size_t)l * p->VT.ld] * c[i];
+            y[l] += VT->x[i + (size_t)l * VT->ld] * c[i];
     for (int l = 0; l < n; l++) {
         double complex e = z[l] - y[l];
         rest2 += creal(e) * creal(e) + cimag(e) * cimag(e);

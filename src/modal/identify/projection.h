@@ -34,6 +34,7 @@ enum modal_status projection_poles(const struct projection *p, enum identify_met
 enum modal_status projection_bars(const struct projection *p, int r, int left_out, double tau, const double complex *lambda, int count,
                               double *bar, struct modal_error *err);
 
-/* The sine of the angle between (1, rho, rho^2, ...) and the span of the R leading right vectors: 0 for a multiplier the signals obey exactly. */
-double projection_angle(const struct projection *p, int r, double complex lambda, double tau);
+/* The sine of the angle between (1, rho, rho^2, ...) and the span of the R leading right vectors, rows of VT: 0 for a multiplier that the
+ * signals obey exactly. */
+double projection_angle(const struct matrix *VT, int r, double complex lambda, double tau);
 #endif

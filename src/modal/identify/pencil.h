@@ -16,6 +16,7 @@ struct pencil {
     double *s;     /* singular values, descending; those amid noise are Ritz values, not converged: fit for a start */
     double *R;     /* count x count: triangle of V1 */
     double *W;     /* count x count: Q^T V2 */
+    struct matrix VT;   /* count x columns: the right vectors */
     int rows, columns, steps;
 };
 

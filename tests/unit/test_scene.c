@@ -4,41 +4,14 @@
 #include "modal/scene/lowering.h"
 #include "modal/scene/scene.h"
 #include "modal/sha256.h"
-
-/* The scene of TEXT, single quotes for double ones. */
-static cJSON *scene_of(const char *text)
-{
-    struct modal_error err;
-    char *copy = strdup(text);
-    cJSON *scene = NULL;
-
-    for (char *c = copy; *c != '\0'; c++)
-        if (*c == '\'')
-            *c = '"';
-    if (json_read(copy, strlen(copy), &scene, &err) != MODAL_OK)
-        fail_msg("%s: %s", copy, err.message);
-    free(copy);
-    return scene;
-}
-
-static struct program *lower(const char *text)
-{
-    struct modal_error err;
-    struct program *p = NULL;
-    cJSON *scene = scene_of(text);
-
-    if (scene_lower(scene, NULL, &p, &err) != MODAL_OK)
-        fail_msg("%s: %s: %s", text, err.field, err.message);
-    cJSON_Delete(scene);
-    return p;
-}
+#include "scene_text.h"
 
 /* TEXT fails with STATUS at FIELD, and the output is left alone. */
 static void refused(const char *text, enum modal_status status, const char *field)
 {
     struct modal_error err = { 0 };
     struct program *before = (struct program *)&err, *p = before;
-    cJSON *scene = scene_of(text);
+    cJSON *scene = scene_text(text);
 
     if (scene_lower(scene, NULL, &p, &err) != status)
         fail_msg("%s: not refused as %s", text, modal_status_code(status));
@@ -60,7 +33,7 @@ static double entry(const struct sparse *a, int i, int j)
 
 TEST(a_chain_has_the_matrices_of_its_elements)
 {
-    struct program *p = lower("{" CHAIN "}");
+    struct program *p = program_text("{" CHAIN "}");
 
     CHECK(p->n == 2 && program_class(p) == PROGRAM_LINEAR_CONSTANT && program_states(p) == 4);
     CHECK_STRING(p->dofs[1], "x2");
@@ -72,8 +45,8 @@ TEST(a_chain_has_the_matrices_of_its_elements)
 
 TEST(sparse_matrices_lower_to_the_program_of_nested_lists)
 {
-    struct program *dense = lower("{'structure':{'type':'matrices','M':[[2,0.5],[0.5,3]],'K':[[5,-1],[-2,7]],'C':[[0.1,0],[0,0.2]]}}");
-    struct program *sparse = lower("{'structure':{'type':'matrices','M':{'shape':[2,2],'row_pointers':[0,2,4],'columns':[0,1,0,1],'values':[2,0.5,0.5,3]},"
+    struct program *dense = program_text("{'structure':{'type':'matrices','M':[[2,0.5],[0.5,3]],'K':[[5,-1],[-2,7]],'C':[[0.1,0],[0,0.2]]}}");
+    struct program *sparse = program_text("{'structure':{'type':'matrices','M':{'shape':[2,2],'row_pointers':[0,2,4],'columns':[0,1,0,1],'values':[2,0.5,0.5,3]},"
                                    "'K':[[5,-1],[-2,7]],'C':{'shape':[2,2],'row_pointers':[0,1,2],'columns':[0,1],'values':[0.1,0.2]}}}");
 
     CHECK_STRING(sparse->hash, dense->hash);
@@ -83,7 +56,7 @@ TEST(sparse_matrices_lower_to_the_program_of_nested_lists)
 
 TEST(gyroscopic_matrices_come_times_the_speed)
 {
-    struct program *p = lower("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,3],[-3,0]],'speed':0.5,'dofs':['a','b']}}");
+    struct program *p = program_text("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,3],[-3,0]],'speed':0.5,'dofs':['a','b']}}");
 
     CHECK(entry(&p->constant[PROGRAM_C], 0, 1) == 1.5 && entry(&p->constant[PROGRAM_C], 1, 0) == -1.5);
     CHECK_STRING(p->dofs[0], "a");
@@ -93,7 +66,7 @@ TEST(gyroscopic_matrices_come_times_the_speed)
 /* The pinned-pinned beam's first frequency is (pi/l)^2 sqrt(EI/m); four cubic elements are 2.6e-4 high at most. */
 TEST(a_beam_resists_a_uniform_curvature_as_the_closed_form)
 {
-    struct program *p = lower("{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24}}");
+    struct program *p = program_text("{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24}}");
     double x[8], f = 0;
 
     CHECK(p->n == 8);
@@ -119,7 +92,7 @@ TEST(an_axial_load_is_the_geometric_stiffness_times_minus_its_compression)
     static const char *const texts[] = {
         "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},'omega':9,'effects':[{'type':'axial_load','mean':13}]}",
         "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},'omega':9,'effects':[{'type':'axial_load','amplitude':13}]}" };
-    struct program *mean = lower(texts[0]), *pulse = lower(texts[1]);
+    struct program *mean = program_text(texts[0]), *pulse = program_text(texts[1]);
     double x[8], f = 0, g = 0;
 
     CHECK(program_class(mean) == PROGRAM_LINEAR_CONSTANT && program_class(pulse) == PROGRAM_LINEAR_PERIODIC);
@@ -143,7 +116,7 @@ TEST(an_axial_load_is_the_geometric_stiffness_times_minus_its_compression)
 
 TEST(parametric_stiffness_keeps_its_phase)
 {
-    struct program *p = lower("{" CHAIN ",'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','to':'x2','stiffness':3,'k':2,'phase':0.3}]}");
+    struct program *p = program_text("{" CHAIN ",'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','to':'x2','stiffness':3,'k':2,'phase':0.3}]}");
 
     CHECK(p->harmonics == 1 && p->harmonic[0].k == 2);
     CHECK_NEAR(entry(&p->harmonic[0].cosine[PROGRAM_K], 0, 1), -3 * cos(0.3), 1e-15);
@@ -154,7 +127,7 @@ TEST(parametric_stiffness_keeps_its_phase)
 /* Phi^T C Phi of modal damping is diag(2 zeta w): its trace against M^-1 is the sum of 2 zeta_i w_i. */
 TEST(modal_damping_gives_the_modes_their_ratios)
 {
-    struct program *p = lower("{'structure':{'type':'chain','masses':[2,2],'springs':[8,5,8]},'effects':[{'type':'modal_damping','ratios':[0.01,0.03]}]}");
+    struct program *p = program_text("{'structure':{'type':'chain','masses':[2,2],'springs':[8,5,8]},'effects':[{'type':'modal_damping','ratios':[0.01,0.03]}]}");
     const struct sparse *C = &p->constant[PROGRAM_C];
     double w1 = sqrt(8 / 2.0), w2 = sqrt(18 / 2.0);      /* in phase, out of phase */
 
@@ -165,7 +138,7 @@ TEST(modal_damping_gives_the_modes_their_ratios)
 
 TEST(damping_of_the_structure_ignores_the_other_effects)
 {
-    struct program *p = lower("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1000},{'type':'rayleigh_damping','alpha':0.5,'beta':0.25},"
+    struct program *p = program_text("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1000},{'type':'rayleigh_damping','alpha':0.5,'beta':0.25},"
                               "{'type':'strain_rate_damping','mu':2}]}");
 
     CHECK_NEAR(entry(&p->constant[PROGRAM_C], 0, 0), 3 + 0.5 * 2.5 + 0.25 * 30 + 2 * 30, 1e-13);
@@ -176,7 +149,7 @@ TEST(damping_of_the_structure_ignores_the_other_effects)
 
 TEST(local_laws_sit_at_their_dofs_with_their_effects)
 {
-    struct program *p = lower("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'friction','dof':'x2','to':'x1','stiffness':3,'limit':2},"
+    struct program *p = program_text("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'friction','dof':'x2','to':'x1','stiffness':3,'limit':2},"
                               "{'type':'gap','dof':'x1','stiffness':3,'clearance':-0.1},{'type':'cubic_spring','dof':'x2','coefficient':0}]}");
 
     CHECK(p->laws == 2 && program_class(p) == PROGRAM_NONLINEAR && p->effects == 4);
@@ -205,21 +178,21 @@ TEST(a_scene_without_an_effect_is_the_scene_without_its_module)
         static struct scene_options options;
         const struct scene_effect_kind *table[64] = { NULL };
         struct program *with, *without, *never = NULL;
-        cJSON *effect = scene_of(effects[i]);
+        cJSON *effect = scene_text(effects[i]);
         int n = 0;
 
         for (int k = 0; scene_effects[k] != NULL; k++)
             if (strcmp(scene_effects[k]->name, cJSON_GetObjectItem(effect, "type")->valuestring) != 0)
                 table[n++] = scene_effects[k];
         snprintf(text, sizeof text, "{'structure':{'type':'beam','length':1,'elements':3,'EI':2,'mass_per_length':3},'omega':4,'effects':[%s,%s]}", others, effects[i]);
-        with = lower(text);
-        cJSON *scene = scene_of(text);
+        with = program_text(text);
+        cJSON *scene = scene_text(text);
         memset(&options, 0, sizeof options);
         options.without[2] = true;
         CHECK(scene_lower(scene, &options, &without, NULL) == MODAL_OK);
         cJSON_Delete(scene);
         snprintf(text, sizeof text, "{'structure':{'type':'beam','length':1,'elements':3,'EI':2,'mass_per_length':3},'omega':4,'effects':[%s]}", others);
-        scene = scene_of(text);
+        scene = scene_text(text);
         memset(&options, 0, sizeof options);
         options.effects = table;
         CHECK(scene_lower(scene, &options, &never, NULL) == MODAL_OK);
@@ -235,7 +208,7 @@ TEST(a_scene_without_an_effect_is_the_scene_without_its_module)
 
 TEST(loads_initial_state_and_sensors_find_their_dofs)
 {
-    struct program *p = lower("{" CHAIN ",'omega':3,'excitation':[{'dof':'x2','k':2,'cos':1.5,'sin':-2},{'dof':'x1','type':'half_sine','amplitude':10,'duration':0.05},"
+    struct program *p = program_text("{" CHAIN ",'omega':3,'excitation':[{'dof':'x2','k':2,'cos':1.5,'sin':-2},{'dof':'x1','type':'half_sine','amplitude':10,'duration':0.05},"
                               "{'dof':'x1','type':'table','points':[[0,1],[0.5,2],[2,0]]}],'initial':{'x':{'x2':0.5},'v':{'x1':-1}},"
                               "'sensors':[{'dof':'x2','derivative':2},{'dof':'x1'}]}");
 
@@ -307,8 +280,8 @@ TEST(a_record_has_duration_over_dt_plus_one_samples)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct scene_time t;
         snprintf(text, sizeof text, "{" CHAIN ",'omega':8,'time':%s}", cases[i].time);
-        struct program *p = lower(text);
-        cJSON *scene = scene_of(text);
+        struct program *p = program_text(text);
+        cJSON *scene = scene_text(text);
         CHECK(scene_time(scene, p, &t, NULL) == MODAL_OK);
         CHECK(t.samples == cases[i].samples);
         cJSON_Delete(scene);

@@ -1,0 +1,186 @@
+/* floquet.c - kind `floquet`: exact exponents of a linear scene, by monodromy matrix and by Hill's determinant */
+#include <math.h>
+#include "job/cost.h"
+#include "job/plan.h"
+#include "job/scene_jobs.h"
+#include "modal/scene/floquet.h"
+#include "modal/scene/hill.h"
+#include "modal/scene/scene.h"
+
+struct options {
+    double tolerance;
+    bool hill;
+    int harmonics;          /* of Hill's determinant; 0: chosen */
+};
+
+static enum modal_status read_options(const cJSON *json, struct options *o, struct modal_error *err)
+{
+    static const char *const keys[] = { "tolerance", "hill", "hill.harmonics", "threads", NULL };
+    int threads = 1;
+    enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
+
+    *o = (struct options) { 1e-12, true, 0 };
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "", "tolerance", 1e-14, 1e-2, &o->tolerance, err);
+    if (rc == MODAL_OK)
+        rc = json_get_bool(json, "", "hill", &o->hill, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "hill.harmonics", 0, 200, &o->harmonics, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
+    return rc;
+}
+
+static cJSON *print_options(const struct options *o)
+{
+    cJSON *json = cJSON_CreateObject();
+
+    json_set_number(json, "tolerance", o->tolerance);
+    cJSON_AddBoolToObject(json, "hill", o->hill);
+    cJSON_AddNumberToObject(json, "hill.harmonics", o->harmonics);
+    return json;
+}
+
+static cJSON *complex_or_null(double complex z, bool known)
+{
+    return known ? json_complex(creal(z), cimag(z)) : cJSON_CreateNull();
+}
+
+/* One entry per conjugate pair and per real exponent. */
+static cJSON *print_modes(const struct floquet *f)
+{
+    cJSON *modes = cJSON_CreateArray();
+
+    for (int i = 0; i < f->count; i++) {
+        double complex lambda = f->exponent[i];
+        double omega = cabs(lambda);
+        if (!f->resolved[i] || (cimag(lambda) < 0 && (!f->periodic || cimag(f->multiplier[i]) < 0)))
+            continue;
+        cJSON *mode = cJSON_CreateObject();
+        json_set_number(mode, "frequency_hz", omega / (2 * M_PI));
+        json_set_number(mode, "frequency_rad_s", omega);
+        json_set_number(mode, "damped_frequency_rad_s", fabs(cimag(lambda)));
+        json_set_number(mode, "damping_ratio", omega > 0 ? -creal(lambda) / omega : 0);
+        cJSON_AddItemToObject(mode, "exponent", json_complex(creal(lambda), cimag(lambda)));
+        if (f->period > 0)
+            cJSON_AddItemToObject(mode, "multiplier", json_complex(creal(f->multiplier[i]), cimag(f->multiplier[i])));
+        json_set_number(mode, "error", f->bar[i]);
+        cJSON_AddItemToArray(modes, mode);
+    }
+    return modes;
+}
+
+static cJSON *print_stability(const struct floquet *f)
+{
+    cJSON *s = cJSON_CreateObject();
+
+    if (f->stable == FLOQUET_UNDECIDED)
+        cJSON_AddNullToObject(s, "stable");
+    else
+        cJSON_AddBoolToObject(s, "stable", f->stable == FLOQUET_STABLE);
+    json_set_number(s, "max_multiplier", f->period > 0 ? f->max_multiplier : NAN);
+    json_set_number(s, "margin", f->margin);
+    json_set_number(s, "error", f->count > 0 ? f->bar[0] : NAN);
+    return s;
+}
+
+static cJSON *print_hill(const struct hill *h, const struct floquet *f)
+{
+    cJSON *json = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(json, "exponents");
+    double worst = 0, W = 2 * M_PI / f->period;
+
+    for (int i = 0; i < h->count; i++)
+        cJSON_AddItemToArray(list, json_complex(creal(h->exponent[i]), cimag(h->exponent[i])));
+    cJSON_AddNumberToObject(json, "harmonics", h->harmonics);
+    json_set_number(json, "truncation", h->truncation);
+    for (int i = 0; i < f->count; i++) {
+        double least = HUGE_VAL;
+        for (int j = 0; j < h->count && f->resolved[i]; j++)
+            least = fmin(least, hypot(creal(f->exponent[i]) - creal(h->exponent[j]), remainder(cimag(f->exponent[i]) - cimag(h->exponent[j]), W)));
+        worst = f->resolved[i] ? fmax(worst, least) : worst;
+    }
+    json_set_number(json, "difference", worst);       /* the largest, of a resolved exponent from Hill's nearest */
+    return json;
+}
+
+static cJSON *print_result(const struct program *p, const struct floquet *f)
+{
+    cJSON *r = cJSON_CreateObject(), *list;
+
+    cJSON_AddStringToObject(r, "kind", "floquet");
+    if (f->period > 0) {
+        json_set_number(r, "period", f->period);
+        list = cJSON_AddArrayToObject(r, "multipliers");
+        for (int i = 0; i < f->count; i++)
+            cJSON_AddItemToArray(list, complex_or_null(f->multiplier[i], f->resolved[i]));
+    }
+    list = cJSON_AddArrayToObject(r, "exponents");
+    for (int i = 0; i < f->count; i++)
+        cJSON_AddItemToArray(list, complex_or_null(f->exponent[i], f->resolved[i]));
+    cJSON_AddItemToObject(r, "errors", json_numbers(f->bar, (size_t)f->count));
+    cJSON_AddItemToObject(r, "modes", print_modes(f));
+    cJSON_AddItemToObject(r, "stability", print_stability(f));
+    if (f->periodic) {
+        cJSON *m = cJSON_AddObjectToObject(r, "monodromy");
+        cJSON_AddNumberToObject(m, "substeps", f->substeps);
+        json_set_number(m, "error", f->error);
+    }
+    cJSON_AddItemToObject(r, "plan", plan_print(p, f->periodic ? "magnus" : "eigenvalues"));
+    return r;
+}
+
+/* Hill's way is a check: where it is too large for its limit, the result says so and stands. */
+static enum modal_status add_hill(cJSON *result, const struct program *p, const struct floquet *f, const struct options *o, struct modal_error *err)
+{
+    struct hill h;
+    struct modal_error why;
+    enum modal_status rc;
+
+    if (!o->hill || !f->periodic)
+        return MODAL_OK;
+    rc = hill(p, o->harmonics, &h, &why);
+    if (rc == MODAL_TOO_LARGE && o->harmonics == 0) {
+        cJSON *list = cJSON_AddArrayToObject(result, "diagnostics"), *d = cJSON_CreateObject();
+        cJSON_AddStringToObject(d, "code", "hill_too_large");
+        cJSON_AddStringToObject(d, "message", why.message);
+        cJSON_AddItemToArray(list, d);
+        return MODAL_OK;
+    }
+    if (rc != MODAL_OK) {
+        if (err != NULL)
+            *err = why;
+        return rc;
+    }
+    cJSON_AddItemToObject(result, "hill", print_hill(&h, f));
+    hill_done(&h);
+    return MODAL_OK;
+}
+
+enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
+    struct options o;
+    struct program *p = NULL;
+    struct floquet f = { 0 };
+    struct cost cost;
+    enum modal_status rc = read_options(request->options, &o, err);
+
+    cost_start(&cost);
+    if (rc == MODAL_OK)
+        rc = scene_lower(request->scene, NULL, &p, err);
+    cost_stage(&cost, "lower");
+    if (rc == MODAL_OK)
+        rc = floquet(p, &(struct floquet_options) { o.tolerance }, &f, err);
+    cost_stage(&cost, "floquet");
+    if (rc == MODAL_OK) {
+        out->result = print_result(p, &f);
+        rc = add_hill(out->result, p, &f, &o, err);
+        cost_stage(&cost, "hill");
+    }
+    if (rc == MODAL_OK) {
+        cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&o)));
+    }
+    floquet_done(&f);
+    program_free(p);
+    return rc;
+}

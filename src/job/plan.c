@@ -1,0 +1,59 @@
+/* plan.c - see plan.h */
+#include "job/plan.h"
+#include <time.h>
+
+enum { CALIBRATION_CALLS = 2000, LAW_MEMORY_CALIBRATED = 256 };
+
+/* Seconds of one evaluation of LAW, over states that cross its regimes; laws that cannot be asked out of turn (a user's
+ * own, with its memory) are left at 0. */
+static double unit_cost(const struct law *law)
+{
+    struct timespec a, b;
+    double memory[LAW_MEMORY_CALIBRATED] = { 0 }, after[LAW_MEMORY_CALIBRATED];
+
+    if (law->memory > LAW_MEMORY_CALIBRATED || law->kind->restart != NULL)
+        return 0;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &a);
+    for (int i = 0; i < CALIBRATION_CALLS; i++) {
+        double d[LAW_INPUTS_MOST] = { (i % 16 - 8) * 1e-3, (i % 8 - 4) * 1e-3 }, v[LAW_INPUTS_MOST] = { (i % 4 - 2) * 1e-3, 1e-3 };
+        struct law_point at = { 1e-3 * i, d, v, d, memory };
+        struct law_force f = { .memory = after };
+        if (law->kind->force(law, &at, &f, NULL) != MODAL_OK)
+            return 0;
+    }
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &b);
+    return ((double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec)) / CALIBRATION_CALLS;
+}
+
+static double seconds_of(const struct program *p, int effect)
+{
+    const struct program_effect *e = &p->effect[effect];
+
+    if (e->seconds > 0 || e->evaluations == 0)
+        return e->seconds;
+    for (int i = 0; i < p->laws; i++)
+        if (p->law[i].effect == effect)
+            return (double)e->evaluations * unit_cost(&p->law[i]);
+    return 0;
+}
+
+cJSON *plan_print(const struct program *p, const char *integrator)
+{
+    cJSON *plan = cJSON_CreateObject(), *effects;
+
+    cJSON_AddStringToObject(plan, "class", program_class_name(program_class(p)));
+    cJSON_AddNumberToObject(plan, "states", program_states(p));
+    cJSON_AddStringToObject(plan, "integrator", integrator);
+    cJSON_AddStringToObject(plan, "hash", p->hash);
+    effects = cJSON_AddArrayToObject(plan, "effects");
+    for (int i = 0; i < p->effects; i++) {
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddStringToObject(row, "type", p->effect[i].type);
+        cJSON_AddNumberToObject(row, "states", p->effect[i].states);
+        cJSON_AddNumberToObject(row, "evaluations", (double)p->effect[i].evaluations);
+        json_set_number(row, "seconds", seconds_of(p, i));
+        cJSON_AddBoolToObject(row, "active", p->effect[i].active);
+        cJSON_AddItemToArray(effects, row);
+    }
+    return plan;
+}

@@ -1,0 +1,12 @@
+/* scene_jobs.h - the kinds on a scene that need no steady state: simulate, floquet, ablate, sweep */
+#ifndef JOB_SCENE_JOBS_H
+#define JOB_SCENE_JOBS_H
+#include "job/job.h"
+
+/* Options: tolerance (of a step, relative).  The signals come in job_result.batch. */
+enum modal_status simulate_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+
+/* Options: tolerance (of the monodromy matrix), hill (bool, default true where periodic), hill.harmonics. */
+enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+
+#endif

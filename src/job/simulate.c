@@ -1,0 +1,128 @@
+/* simulate.c - kind `simulate`: a scene's motion as a batch */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "job/cost.h"
+#include "job/plan.h"
+#include "job/scene_jobs.h"
+#include "modal/scene/scene.h"
+#include "modal/scene/simulate.h"
+
+static enum modal_status read_options(const cJSON *json, struct simulate_options *o, struct modal_error *err)
+{
+    static const char *const keys[] = { "tolerance", "threads", NULL };
+    int threads = 1;
+    enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "", "tolerance", 1e-14, 1, &o->tolerance, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
+    return rc;
+}
+
+static void report(void *context, double fraction)
+{
+    const struct job_request *request = context;
+    cJSON *event = cJSON_CreateObject();
+
+    json_set_number(event, "fraction", fraction);
+    request->progress(request->context, event);
+    cJSON_Delete(event);
+}
+
+static bool asked_to_stop(void *context)
+{
+    const struct job_request *request = context;
+
+    return request->cancelled(request->context);
+}
+
+/* The batch's period: the scene's; or that of what pulsates, where the record holds two of it. */
+static double period_of(const struct program *p, const struct scene_time *t)
+{
+    double period = p->period > 0 ? p->period : (p->harmonics > 0 || p->laws > 0) && p->omega > 0 ? 2 * M_PI / p->omega : 0;
+
+    return 2 * period <= t->duration ? period : 0;
+}
+
+/* Room for the signals and their names, owned by OUT. */
+static enum modal_status make_batch(const struct program *p, const struct scene_time *t, struct job_result *out, struct modal_error *err)
+{
+    size_t channels = (size_t)p->outputs, samples = (size_t)t->samples;
+
+    if ((double)samples * (double)channels > SIMULATE_VALUES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "time", "%zu samples of %zu channels are more than %d numbers", samples, channels, SIMULATE_VALUES_MOST);
+    out->signals = malloc(samples * channels * sizeof *out->signals + 1);
+    out->names = calloc(channels + 1, sizeof *out->names);
+    out->batch.channels = out->names != NULL ? channels : 0;
+    if (out->signals == NULL || out->names == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "simulate: no memory for %zu samples of %zu channels", samples, channels);
+    for (size_t i = 0; i < channels; i++)
+        if ((out->names[i] = strdup(p->output[i].name)) == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "simulate: out of memory");
+    out->batch.samples = samples;
+    out->batch.signals = out->signals;
+    out->batch.dt = t->dt;
+    out->batch.period = period_of(p, t);
+    out->batch.names = (const char *const *)out->names;
+    return MODAL_OK;
+}
+
+static cJSON *print_result(const struct program *p, const struct scene_time *t, const struct simulate_result *s, const struct batch *b)
+{
+    cJSON *r = cJSON_CreateObject(), *list, *work;
+
+    cJSON_AddStringToObject(r, "kind", "simulate");
+    cJSON_AddNumberToObject(r, "samples", (double)t->samples);
+    json_set_number(r, "dt", t->dt);
+    json_set_number(r, "start", t->start);
+    json_set_number(r, "duration", t->duration);
+    if (b->period > 0)
+        json_set_number(r, "period", b->period);
+    list = cJSON_AddArrayToObject(r, "channels");
+    for (int i = 0; i < p->outputs; i++)
+        cJSON_AddItemToArray(list, cJSON_CreateString(p->output[i].name));
+    work = cJSON_AddObjectToObject(r, "work");
+    cJSON_AddNumberToObject(work, "products", (double)s->products);
+    cJSON_AddNumberToObject(work, "exponentials", (double)s->maps);
+    cJSON_AddNumberToObject(work, "steps", (double)s->steps);
+    cJSON_AddNumberToObject(work, "rejected", (double)s->rejected);
+    cJSON_AddItemToObject(r, "plan", plan_print(p, s->integrator));
+    return r;
+}
+
+enum modal_status simulate_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
+    struct simulate_options o = { 0 };
+    struct simulate_result s = { 0 };
+    struct scene_time t;
+    struct program *p = NULL;
+    struct cost cost;
+    enum modal_status rc = read_options(request->options, &o, err);
+    cJSON *options;
+
+    cost_start(&cost);
+    o.progress = request->progress != NULL ? report : NULL;
+    o.cancelled = request->cancelled != NULL ? asked_to_stop : NULL;
+    o.context = (void *)request;
+    if (rc == MODAL_OK)
+        rc = scene_lower(request->scene, NULL, &p, err);
+    if (rc == MODAL_OK)
+        rc = scene_time(request->scene, p, &t, err);
+    cost_stage(&cost, "lower");
+    if (rc == MODAL_OK)
+        rc = make_batch(p, &t, out, err);
+    if (rc == MODAL_OK)
+        rc = simulate(p, &t, &o, out->signals, &s, err);
+    cost_stage(&cost, "step");
+    if (rc == MODAL_OK) {
+        options = cJSON_CreateObject();
+        json_set_number(options, "tolerance", o.tolerance);
+        out->result = print_result(p, &t, &s, &out->batch);
+        cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, options));
+    }
+    program_free(p);
+    return rc;
+}

@@ -1,0 +1,21 @@
+/* expm.h - the exponential of a small or middling dense matrix */
+#ifndef MODAL_EXPM_H
+#define MODAL_EXPM_H
+#include "modal/error.h"
+
+struct expm;      /* workspace for one size: made once, used for every step */
+
+enum modal_status expm_new(int n, struct expm **out, struct modal_error *err);
+void expm_free(struct expm *w);
+
+/*
+ * E = exp(A), n x n by columns, leading dimension n; A is kept, E may not be A.  The error is that of a relative perturbation
+ * of A by DBL_EPSILON (backward stable: see expm.c).  Fails with MODAL_OVERFLOW where A is not finite or exp(A) is
+ * not, and leaves E undefined then.
+ */
+enum modal_status expm(struct expm *w, const double *A, double *E, struct modal_error *err);
+
+/* C = alpha A B + beta C, all n x n by columns: small sizes inline, others by BLAS. */
+void square_multiply(int n, double alpha, const double *A, const double *B, double beta, double *C);
+
+#endif

@@ -1,0 +1,233 @@
+/*
+ * floquet.c - see floquet.h
+ *
+ * Constant programs: the eigenvalues of A (statespace.h), 2 x 2 block by block in closed form where the modes decouple.
+ * Periodic ones: the monodromy matrix Phi(T) by Magnus steps, its eigenvalues rho.  An eigenvalue moves by at most
+ * kappa e to first order under a perturbation of norm e, kappa = 1 / |y^H x| (left and right unit eigenvectors), and by
+ * about sqrt(e |Phi|) where two meet: the smaller of both is its bar.  A multiplier that does not exceed its bar is
+ * below rounding and has no exponent.
+ *
+ * ln|rho| near the circle is log1p((|rho| - 1)(|rho| + 1)) / 2 of the squared modulus, without cancellation.
+ */
+#include "modal/scene/floquet.h"
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/eigen.h"
+#include "modal/scene/magnus.h"
+#include "modal/scene/statespace.h"
+
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "floquet: out of memory");
+}
+
+static enum modal_status make(int count, struct floquet *f, struct modal_error *err)
+{
+    f->count = count;
+    f->multiplier = calloc((size_t)count + 1, sizeof *f->multiplier);
+    f->exponent = calloc((size_t)count + 1, sizeof *f->exponent);
+    f->bar = calloc((size_t)count + 1, sizeof *f->bar);
+    f->resolved = calloc((size_t)count + 1, sizeof *f->resolved);
+    return f->multiplier != NULL && f->exponent != NULL && f->bar != NULL && f->resolved != NULL ? MODAL_OK : no_memory(err);
+}
+
+void floquet_done(struct floquet *f)
+{
+    free(f->multiplier);
+    free(f->exponent);
+    free(f->bar);
+    free(f->resolved);
+    memset(f, 0, sizeof *f);
+}
+
+static double norm_of(int n, const double *A)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < (size_t)n * (size_t)n; i++)
+        sum += A[i] * A[i];
+    return sqrt(sum);
+}
+
+/* Eigenvalues of the block [0 s; -k/s -c]: roots of lambda^2 + c lambda + k. */
+static void block_roots(double c, double k, double complex root[2])
+{
+    double d = c * c / 4 - k;
+
+    if (d < 0) {
+        root[0] = CMPLX(-c / 2, sqrt(-d));
+        root[1] = CMPLX(-c / 2, -sqrt(-d));
+    } else {                                   /* the larger in magnitude first: the other by their product */
+        double far = -c / 2 - copysign(sqrt(d), c);
+        root[0] = far;
+        root[1] = far != 0 ? k / far : 0;
+    }
+}
+
+static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
+{
+    int n = ss->n;
+    size_t N = (size_t)ss->N;
+
+    for (int i = 0; i < n; i++) {
+        double s = ss->A[(size_t)i + (size_t)(n + i) * N], k = -ss->A[(size_t)(n + i) + (size_t)i * N] * s;
+        double c = -ss->A[(size_t)(n + i) + (size_t)(n + i) * N];
+        block_roots(c, k, f->exponent + 2 * i);
+        for (int j = 0; j < 2; j++)
+            f->bar[2 * i + j] = 8 * DBL_EPSILON * (fabs(k) < 1e-14 * s * s ? s : fabs(c) + DBL_EPSILON * s);
+    }
+}
+
+static enum modal_status coupled_exponents(const struct statespace *ss, struct floquet *f, struct modal_error *err)
+{
+    size_t count = (size_t)ss->N * (size_t)ss->N;
+    double *copy = malloc(count * sizeof *copy + 1), *condition = malloc((size_t)ss->N * sizeof *condition + 1), e;
+    struct matrix A = { ss->N, ss->N, ss->N, copy };
+    enum modal_status rc = copy != NULL && condition != NULL ? MODAL_OK : no_memory(err);
+
+    if (rc == MODAL_OK) {
+        memcpy(copy, ss->A, count * sizeof *copy);
+        e = DBL_EPSILON * norm_of(ss->N, copy);
+        rc = eigen_general(&A, f->exponent, condition, NULL, err);
+        for (int i = 0; rc == MODAL_OK && i < ss->N; i++)
+            f->bar[i] = fmin(condition[i] * e, e / sqrt(DBL_EPSILON));
+    }
+    free(copy);
+    free(condition);
+    return rc;
+}
+
+static enum modal_status constant(const struct statespace *ss, double period, struct floquet *f, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (ss->modal)
+        decoupled_exponents(ss, f);
+    else
+        rc = coupled_exponents(ss, f, err);
+    f->period = period;
+    for (int i = 0; i < f->count; i++) {
+        f->resolved[i] = true;
+        f->multiplier[i] = period > 0 ? cexp(f->exponent[i] * period) : 0;
+    }
+    return rc;
+}
+
+static double complex exponent_of(double complex rho, double period)
+{
+    double re = fabs(creal(rho)), im = cimag(rho), square = re * re + im * im;
+    double log_modulus = square > 0.5 && square < 2 ? log1p((re - 1) * (re + 1) + im * im) / 2 : log(cabs(rho));
+    double angle = atan2(im == 0 ? 0.0 : im, creal(rho));
+
+    return CMPLX(log_modulus / period, angle / period);
+}
+
+static enum modal_status periodic(const struct statespace *ss, double period, const struct floquet_options *opt, struct floquet *f,
+                                  struct modal_error *err)
+{
+    size_t count = (size_t)ss->N * (size_t)ss->N;
+    double *Phi = malloc(count * sizeof *Phi + 1), *condition = malloc((size_t)ss->N * sizeof *condition + 1), norm = 0, e = 0;
+    struct matrix A = { ss->N, ss->N, ss->N, Phi };
+    struct magnus *m = NULL;
+    double tolerance = opt != NULL && opt->tolerance > 0 ? opt->tolerance : 1e-12;
+    enum modal_status rc = Phi != NULL && condition != NULL ? magnus_new(ss, NULL, &m, err) : no_memory(err);
+
+    f->substeps = 16;
+    if (rc == MODAL_OK)
+        rc = magnus_converge(m, 0, period, tolerance, &f->substeps, Phi, &f->error, err);
+    if (rc == MODAL_OVERFLOW)
+        modal_fail(err, rc, "the growth over one period of %g s leaves the range of doubles", period);
+    if (rc == MODAL_OK) {
+        norm = norm_of(ss->N, Phi);
+        e = fmax(f->error, DBL_EPSILON) * norm;
+        rc = eigen_general(&A, f->multiplier, condition, NULL, err);
+    }
+    for (int i = 0; rc == MODAL_OK && i < ss->N; i++) {
+        f->bar[i] = fmin(condition[i] * e, sqrt(e * norm));
+        f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
+        f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
+    }
+    f->periodic = true;
+    f->period = period;
+    magnus_free(m);
+    free(Phi);
+    free(condition);
+    return rc;
+}
+
+/* Descending in |rho| (periodic) or Re lambda, pairs together, the one with positive imaginary part first. */
+static bool comes_before(const struct floquet *f, int a, int b)
+{
+    double x = f->periodic ? cabs(f->multiplier[a]) : creal(f->exponent[a]), y = f->periodic ? cabs(f->multiplier[b]) : creal(f->exponent[b]);
+    double complex u = f->periodic ? f->multiplier[a] : f->exponent[a], v = f->periodic ? f->multiplier[b] : f->exponent[b];
+
+    if (x != y)
+        return x > y;
+    if (fabs(cimag(u)) != fabs(cimag(v)))
+        return fabs(cimag(u)) < fabs(cimag(v));
+    return creal(u) != creal(v) ? creal(u) > creal(v) : cimag(u) > cimag(v);
+}
+
+static void swap(struct floquet *f, int a, int b)
+{
+    double complex m = f->multiplier[a], l = f->exponent[a];
+    double bar = f->bar[a];
+    bool resolved = f->resolved[a];
+
+    f->multiplier[a] = f->multiplier[b], f->multiplier[b] = m;
+    f->exponent[a] = f->exponent[b], f->exponent[b] = l;
+    f->bar[a] = f->bar[b], f->bar[b] = bar;
+    f->resolved[a] = f->resolved[b], f->resolved[b] = resolved;
+}
+
+static void sort(struct floquet *f)
+{
+    for (int i = 1; i < f->count; i++)
+        for (int j = i; j > 0 && comes_before(f, j, j - 1); j--)
+            swap(f, j, j - 1);
+}
+
+static void judge(struct floquet *f)
+{
+    bool unstable = false, stable = true;
+
+    f->margin = HUGE_VAL;
+    for (int i = 0; i < f->count; i++) {
+        double over = f->periodic ? cabs(f->multiplier[i]) - 1 : creal(f->exponent[i]);
+        unstable = unstable || over > f->bar[i];
+        stable = stable && over < -f->bar[i];
+        if (f->resolved[i])
+            f->margin = fmin(f->margin, -creal(f->exponent[i]));
+        if (f->period > 0)
+            f->max_multiplier = fmax(f->max_multiplier, cabs(f->multiplier[i]));
+    }
+    f->stable = unstable ? FLOQUET_UNSTABLE : stable ? FLOQUET_STABLE : FLOQUET_UNDECIDED;
+}
+
+enum modal_status floquet(const struct program *p, const struct floquet_options *opt, struct floquet *out, struct modal_error *err)
+{
+    struct floquet f = { 0 };
+    struct statespace *ss = NULL;
+    double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
+    enum modal_status rc;
+
+    if (p->laws > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "floquet is of linear scenes; the %s is not linear (steady gives the stability of its orbits)",
+                                p->effect[p->law[0].effect].type);
+    rc = statespace_new(p, &ss, err);
+    if (rc == MODAL_OK)
+        rc = make(ss->N, &f, err);
+    if (rc == MODAL_OK)
+        rc = ss->harmonics > 0 ? periodic(ss, period, opt, &f, err) : constant(ss, p->period, &f, err);
+    statespace_free(ss);
+    if (rc != MODAL_OK) {
+        floquet_done(&f);
+        return rc;
+    }
+    sort(&f);
+    judge(&f);
+    *out = f;
+    return MODAL_OK;
+}

@@ -1,0 +1,23 @@
+/* hill.h - the exponents of a linear periodic program by Hill's infinite determinant, cut off: a second way to floquet.h */
+#ifndef MODAL_HILL_H
+#define MODAL_HILL_H
+#include <complex.h>
+#include "modal/scene/program.h"
+
+enum { HILL_SIZE_MOST = 1000 };
+
+struct hill {
+    int count;                   /* 2 n + linear states */
+    int harmonics;               /* H: Fourier terms -H .. H of the Floquet modes were kept */
+    double complex *exponent;    /* principal values, |Im| <= pi / T, descending in real part */
+    double truncation;           /* the largest change of an exponent from the H before to this one, 1/s */
+};
+
+/*
+ * HARMONICS 0: the most up to 12 that keep count (2 H + 1) within HILL_SIZE_MOST / 2.  Fails with MODAL_BAD_INPUT (laws),
+ * MODAL_TOO_LARGE, MODAL_NO_CONVERGENCE, MODAL_NO_MEMORY.  hill_done frees.
+ */
+enum modal_status hill(const struct program *p, int harmonics, struct hill *out, struct modal_error *err);
+void hill_done(struct hill *h);
+
+#endif

@@ -1,0 +1,245 @@
+/*
+ * linear_stepper.c - exact steps of y' = A y + B P w, w' = S w
+ *
+ *     y(t + h) = E y(t) + G w(t),   [E G; 0 *] = exp(h [A BP; 0 S])                                  (1)
+ *
+ * is exact for every excitation of sources.h.  Where A falls into 2 x 2 blocks so do E and G: E_i in closed form, whose
+ * determinant e^(h tr A_i) is exact to rounding (energy is kept over any number of steps), and G_i block by block of S.
+ * The maps of the last few h are kept: the sample step's is computed once, those to and from corners as they come.
+ */
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/expm.h"
+#include "modal/scene/stepper.h"
+
+enum { MAPS_KEPT = 4 };
+
+struct map {
+    double h;
+    int64_t used;                 /* when last; 0: empty */
+    double *E, *G;                /* modal: 4 per mode and 2 x nw per mode; dense: N x N and N x nw */
+};
+
+struct linear_stepper {
+    struct stepper face;
+    const struct statespace *ss;
+    const struct sources *src;
+    double *BP, *w, *next;
+    struct map kept[MAPS_KEPT];
+    int64_t clock;
+    struct expm *exponential;     /* dense: N + nw */
+    double *augmented, *result;
+};
+
+/* G of mode I for one block of S, by the exponential of the small augmented matrix of (1). */
+static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w, int i, const struct source_block *b, double h,
+                                       double *G, struct modal_error *err)
+{
+    double X[64] = { 0 }, Y[64];
+    int n = s->ss->n, N = s->ss->N, size = 2 + b->count, nw = s->src->nw;
+    enum modal_status rc;
+
+    for (int c = 0; c < 2; c++)
+        for (int r = 0; r < 2; r++)
+            X[r + c * size] = h * s->ss->A[(size_t)(i + r * n) + (size_t)(i + c * n) * (size_t)N];
+    for (int k = 0; k < b->count; k++) {
+        for (int r = 0; r < 2; r++)
+            X[r + (2 + k) * size] = h * s->BP[(size_t)(i + r * n) + (size_t)(b->first + k) * (size_t)N];
+        for (int r = 0; r < b->count; r++)
+            X[2 + r + (2 + k) * size] = h * s->src->S[(size_t)(b->first + r) + (size_t)(b->first + k) * (size_t)nw];
+    }
+    rc = expm(w, X, Y, err);
+    for (int k = 0; rc == MODAL_OK && k < b->count; k++)
+        for (int r = 0; r < 2; r++)
+            G[r + 2 * (b->first + k)] = Y[r + (2 + k) * size];
+    return rc;
+}
+
+static enum modal_status modal_map(struct linear_stepper *s, double h, struct map *m, struct modal_error *err)
+{
+    int n = s->ss->n, N = s->ss->N;
+    struct expm *two = NULL, *small[SOURCES_BLOCK_MOST + 1] = { NULL };
+    enum modal_status rc = expm_new(2, &two, err);
+
+    for (int i = 0; rc == MODAL_OK && i < n; i++) {
+        double X[4];
+        for (int c = 0; c < 4; c++)
+            X[c] = h * s->ss->A[(size_t)(i + c % 2 * n) + (size_t)(i + c / 2 * n) * (size_t)N];
+        rc = expm(two, X, m->E + 4 * (size_t)i, err);
+        for (int b = 0; rc == MODAL_OK && b < s->src->blocks; b++) {
+            int count = s->src->block[b].count;
+            if (small[count] == NULL)
+                rc = expm_new(2 + count, &small[count], err);
+            if (rc == MODAL_OK)
+                rc = modal_forcing(s, small[count], i, &s->src->block[b], h, m->G + 2 * (size_t)i * (size_t)s->src->nw, err);
+        }
+    }
+    expm_free(two);
+    for (int k = 0; k <= SOURCES_BLOCK_MOST; k++)
+        expm_free(small[k]);
+    return rc;
+}
+
+static enum modal_status dense_map(struct linear_stepper *s, double h, struct map *m, struct modal_error *err)
+{
+    size_t N = (size_t)s->ss->N, nw = (size_t)s->src->nw, size = N + nw;
+    enum modal_status rc;
+
+    memset(s->augmented, 0, size * size * sizeof *s->augmented);
+    for (size_t j = 0; j < N; j++)
+        for (size_t i = 0; i < N; i++)
+            s->augmented[i + j * size] = h * s->ss->A[i + j * N];
+    for (size_t j = 0; j < nw; j++) {
+        for (size_t i = 0; i < N; i++)
+            s->augmented[i + (N + j) * size] = h * s->BP[i + j * N];
+        for (size_t i = 0; i < nw; i++)
+            s->augmented[N + i + (N + j) * size] = h * s->src->S[i + j * nw];
+    }
+    rc = expm(s->exponential, s->augmented, s->result, err);
+    for (size_t j = 0; rc == MODAL_OK && j < size; j++)
+        memcpy(j < N ? m->E + j * N : m->G + (j - N) * N, s->result + j * size, N * sizeof *s->result);
+    return rc;
+}
+
+/* The map of h, computed where none of those kept is its. */
+static enum modal_status find_map(struct linear_stepper *s, double h, struct map **out, struct modal_error *err)
+{
+    struct map *oldest = &s->kept[0];
+    size_t N = (size_t)s->ss->N, nw = (size_t)s->src->nw;
+    enum modal_status rc;
+
+    for (int i = 0; i < MAPS_KEPT; i++) {
+        if (s->kept[i].used > 0 && s->kept[i].h == h) {
+            *out = &s->kept[i];
+            return MODAL_OK;
+        }
+        if (s->kept[i].used < oldest->used)
+            oldest = &s->kept[i];
+    }
+    if (oldest->E == NULL)
+        oldest->E = malloc((s->ss->modal ? 2 * N : N * N) * sizeof *oldest->E + 1);
+    if (oldest->G == NULL)
+        oldest->G = malloc(N * nw * sizeof *oldest->G + 1);
+    oldest->used = 0;
+    if (oldest->E == NULL || oldest->G == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    rc = s->ss->modal ? modal_map(s, h, oldest, err) : dense_map(s, h, oldest, err);
+    if (rc != MODAL_OK)
+        return rc;
+    oldest->h = h;
+    oldest->used = 1;
+    s->face.maps++;
+    *out = oldest;
+    return MODAL_OK;
+}
+
+static void apply_modal(const struct linear_stepper *s, const struct map *m, double *y)
+{
+    int n = s->ss->n, nw = s->src->nw;
+
+    for (int i = 0; i < n; i++) {
+        const double *E = m->E + 4 * (size_t)i, *G = m->G + 2 * (size_t)i * (size_t)nw;
+        double a = E[0] * y[i] + E[2] * y[n + i], b = E[1] * y[i] + E[3] * y[n + i];
+        for (int k = 0; k < nw; k++) {
+            a += G[2 * k] * s->w[k];
+            b += G[2 * k + 1] * s->w[k];
+        }
+        y[i] = a;
+        y[n + i] = b;
+    }
+}
+
+static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+{
+    struct linear_stepper *s = (struct linear_stepper *)face;
+    int N = s->ss->N, nw = s->src->nw;
+    struct map *m = NULL;
+    enum modal_status rc = find_map(s, h, &m, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    m->used = ++s->clock;
+    sources_at(s->src, t, s->w);
+    face->products++;
+    if (s->ss->modal) {
+        apply_modal(s, m, y);
+        return MODAL_OK;
+    }
+    cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, m->E, N, y, 1, 0, s->next, 1);
+    if (nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, m->G, N, s->w, 1, 1, s->next, 1);
+    memcpy(y, s->next, (size_t)N * sizeof *y);
+    return MODAL_OK;
+}
+
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+{
+    struct linear_stepper *s = (struct linear_stepper *)face;
+    int N = s->ss->N, nw = s->src->nw;
+
+    (void)y;
+    (void)err;
+    memset(F, 0, (size_t)N * sizeof *F);
+    sources_at(s->src, t, s->w);
+    if (nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 0, F, 1);
+    return MODAL_OK;
+}
+
+static void linear_free(struct stepper *face)
+{
+    struct linear_stepper *s = (struct linear_stepper *)face;
+
+    for (int i = 0; i < MAPS_KEPT; i++) {
+        free(s->kept[i].E);
+        free(s->kept[i].G);
+    }
+    expm_free(s->exponential);
+    free(s->BP);
+    free(s->w);
+    free(s->next);
+    free(s->augmented);
+    free(s->result);
+    free(s);
+}
+
+double *stepper_source_matrix(const struct statespace *ss, const struct sources *src)
+{
+    double *BP = calloc((size_t)ss->N * (size_t)src->nw + 1, sizeof *BP);
+
+    if (BP != NULL && src->nw > 0)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, src->nw, ss->n, 1, ss->B, ss->N, src->P, ss->n, 0, BP, ss->N);
+    return BP;
+}
+
+enum modal_status linear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                     struct stepper **out, struct modal_error *err)
+{
+    struct linear_stepper *s = calloc(1, sizeof *s);
+    size_t size = (size_t)ss->N + (size_t)src->nw;
+    enum modal_status rc = MODAL_OK;
+
+    (void)opt;
+    if (s == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    s->face = (struct stepper) { .name = ss->modal ? "modal-exponential" : "dense-exponential", .advance = advance, .force = force, .free = linear_free };
+    s->ss = ss;
+    s->src = src;
+    s->BP = stepper_source_matrix(ss, src);
+    s->w = calloc((size_t)src->nw + 1, sizeof *s->w);
+    s->next = calloc((size_t)ss->N + 1, sizeof *s->next);
+    if (!ss->modal) {
+        s->augmented = malloc(size * size * sizeof *s->augmented);
+        s->result = malloc(size * size * sizeof *s->result);
+        rc = expm_new((int)size, &s->exponential, err);
+    }
+    if (rc == MODAL_OK && (s->BP == NULL || s->w == NULL || s->next == NULL || (!ss->modal && (s->augmented == NULL || s->result == NULL))))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    if (rc == MODAL_OK)
+        *out = &s->face;
+    else
+        linear_free(&s->face);
+    return rc;
+}

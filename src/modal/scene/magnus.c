@@ -1,0 +1,216 @@
+/*
+ * magnus.c - see magnus.h
+ *
+ * Over a step h from t, with A_1, A_2, A_3 at the Gauss points t + h (1/2 - sqrt(15)/10, 1/2, 1/2 + sqrt(15)/10),
+ *
+ *     a1 = h A_2,  a2 = sqrt(15)/3 h (A_3 - A_1),  a3 = 10/3 h (A_3 - 2 A_2 + A_1),                  (1)
+ *     C1 = [a1, a2],  C2 = -[a1, 2 a3 + C1] / 60,
+ *     Omega = a1 + a3 / 12 + [-20 a1 - a3 + C1, a2 + C2] / 240,  y(t + h) = exp(Omega) y(t) + O(h^7)  (2)
+ *
+ * [BCOR] Blanes, Casas, Oteo and Ros, Phys. Rep. 470 (2009) 151-238, the sixth-order method in three commutators.  The
+ * step is symmetric in time, so the error of a product of m of them is a series in even powers of h from h^6 on: from m
+ * and 2 m substeps, (64 Phi_2m - Phi_m) / 63 is of order 8.  (The order is shown by halving steps in the tests.)
+ * Where A is constant (1) gives exp(hA): a periodic part that is small beside a stiff constant one costs few substeps.
+ */
+#include "modal/scene/magnus.h"
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/expm.h"
+
+struct magnus_work {
+    double *BP, *S;              /* borrowed shapes: N x nw (owned), nw x nw (of the sources) */
+    int nw;
+    struct expm *exponential;
+    double *A[3], *C1, *C2, *X, *Y, *Omega, *E, *coarse, *product, *small;
+};
+
+static double *square(size_t size)
+{
+    return calloc(size * size + 1, sizeof(double));
+}
+
+enum modal_status magnus_new(const struct statespace *ss, const struct sources *src, struct magnus **out, struct modal_error *err)
+{
+    struct magnus *m = calloc(1, sizeof *m);
+    struct magnus_work *w = m != NULL ? m->work = calloc(1, sizeof *w) : NULL;
+    enum modal_status rc = w != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
+
+    if (rc == MODAL_OK) {
+        double **all[] = { &w->A[0], &w->A[1], &w->A[2], &w->C1, &w->C2, &w->X, &w->Y, &w->Omega, &w->E, &w->coarse, &w->product };
+        m->ss = ss;
+        w->nw = src != NULL ? src->nw : 0;
+        w->S = src != NULL ? src->S : NULL;
+        m->size = ss->N + w->nw;
+        for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+            if ((*all[i] = square((size_t)m->size)) == NULL)
+                rc = modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
+        w->small = square((size_t)ss->N);
+        w->BP = src != NULL ? calloc((size_t)ss->N * (size_t)w->nw + 1, sizeof *w->BP) : NULL;
+        if (w->small == NULL || (src != NULL && w->BP == NULL))
+            rc = modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
+        if (rc == MODAL_OK && w->nw > 0)
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, w->nw, ss->n, 1, ss->B, ss->N, src->P, ss->n, 0, w->BP, ss->N);
+        if (rc == MODAL_OK)
+            rc = expm_new(m->size, &w->exponential, err);
+    }
+    if (rc == MODAL_OK)
+        *out = m;
+    else
+        magnus_free(m);
+    return rc;
+}
+
+void magnus_free(struct magnus *m)
+{
+    struct magnus_work *w = m != NULL ? m->work : NULL;
+
+    if (w != NULL) {
+        double *all[] = { w->A[0], w->A[1], w->A[2], w->C1, w->C2, w->X, w->Y, w->Omega, w->E, w->coarse, w->product, w->small, w->BP };
+        for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+            free(all[i]);
+        expm_free(w->exponential);
+        free(w);
+    }
+    free(m);
+}
+
+/* A(t), with [A BP; 0 S] around it where there are sources. */
+static void evaluate(struct magnus *m, double t, double *out)
+{
+    struct magnus_work *w = m->work;
+    size_t N = (size_t)m->ss->N, nw = (size_t)w->nw, size = (size_t)m->size;
+
+    if (nw == 0) {
+        statespace_at(m->ss, t, out);
+        return;
+    }
+    statespace_at(m->ss, t, w->small);
+    for (size_t j = 0; j < N; j++)
+        memcpy(out + j * size, w->small + j * N, N * sizeof *out);
+    for (size_t j = 0; j < nw; j++) {
+        memcpy(out + (N + j) * size, w->BP + j * N, N * sizeof *out);
+        memcpy(out + (N + j) * size + N, w->S + j * nw, nw * sizeof *out);
+    }
+}
+
+/* C = factor [A, B] */
+static void commutator(int n, double factor, const double *A, const double *B, double *C)
+{
+    square_multiply(n, factor, A, B, 0, C);
+    square_multiply(n, -factor, B, A, 1, C);
+}
+
+/* (2) */
+static void series(struct magnus *m, double t, double h)
+{
+    struct magnus_work *w = m->work;
+    size_t count = (size_t)m->size * (size_t)m->size;
+    double r = sqrt(15.0);
+
+    for (int i = 0; i < 3; i++)
+        evaluate(m, t + h * (0.5 + (i - 1) * r / 10), w->A[i]);
+    for (size_t i = 0; i < count; i++) {
+        double a = w->A[0][i], b = w->A[1][i], c = w->A[2][i];
+        w->A[0][i] = h * b;                                  /* a1 */
+        w->A[1][i] = r / 3 * h * (c - a);                    /* a2 */
+        w->A[2][i] = 10.0 / 3 * h * (c - 2 * b + a);         /* a3 */
+    }
+    commutator(m->size, 1, w->A[0], w->A[1], w->C1);
+    for (size_t i = 0; i < count; i++)
+        w->X[i] = 2 * w->A[2][i] + w->C1[i];
+    commutator(m->size, -1.0 / 60, w->A[0], w->X, w->C2);
+    for (size_t i = 0; i < count; i++) {
+        w->X[i] = -20 * w->A[0][i] - w->A[2][i] + w->C1[i];
+        w->Y[i] = w->A[1][i] + w->C2[i];
+    }
+    commutator(m->size, 1.0 / 240, w->X, w->Y, w->Omega);
+    for (size_t i = 0; i < count; i++)
+        w->Omega[i] += w->A[0][i] + w->A[2][i] / 12;
+}
+
+static double largest(const double *x, size_t count)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < count; i++)
+        if (!(fabs(x[i]) <= most))
+            most = fabs(x[i]);
+    return most;
+}
+
+enum modal_status magnus_map(struct magnus *m, double t, double h, int substeps, double *out, struct modal_error *err)
+{
+    struct magnus_work *w = m->work;
+    size_t bytes = (size_t)m->size * (size_t)m->size * sizeof *out;
+    double step = h / substeps;
+
+    for (int k = 0; k < substeps; k++) {
+        series(m, t + k * step, step);
+        enum modal_status rc = expm(w->exponential, w->Omega, w->E, err);
+        if (rc != MODAL_OK)
+            return rc;
+        if (k == 0)
+            memcpy(out, w->E, bytes);
+        else {
+            square_multiply(m->size, 1, w->E, out, 0, w->product);
+            memcpy(out, w->product, bytes);
+        }
+    }
+    m->exponentials += substeps;
+    if (!isfinite(largest(out, (size_t)m->size * (size_t)m->size)))
+        return modal_fail(err, MODAL_OVERFLOW, "the map over %g s leaves the range of doubles", h);
+    return MODAL_OK;
+}
+
+/* The map with K substeps; where the series of a long step has run away, with 2 K, 4 K, ... until steps are short beside A. */
+static enum modal_status first_map(struct magnus *m, double t, double h, int *k, double *out, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    while ((rc = magnus_map(m, t, h, *k, out, err)) == MODAL_OVERFLOW && *k < MAGNUS_SUBSTEPS_MOST) {
+        statespace_at(m->ss, t, m->work->small);
+        if (h / *k * largest(m->work->small, (size_t)m->ss->N * (size_t)m->ss->N) < 0.5)
+            break;
+        *k *= 2;
+    }
+    return rc;
+}
+
+enum modal_status magnus_converge(struct magnus *m, double t, double h, double tolerance, int *substeps, double *out,
+                                  double *error, struct modal_error *err)
+{
+    struct magnus_work *w = m->work;
+    size_t count = (size_t)m->size * (size_t)m->size;
+    int k = *substeps > 1 ? *substeps : 1;
+    double before = HUGE_VAL;
+    enum modal_status rc = first_map(m, t, h, &k, w->coarse, err);
+
+    while (rc == MODAL_OK) {
+        double difference = 0, norm;
+        int fine = 2 * k;
+        bool settled, comparable;
+        if (fine > MAGNUS_SUBSTEPS_MOST)
+            return modal_fail(err, MODAL_NO_CONVERGENCE, "the map over %g s has not settled after %d substeps (relative change %g)", h, k, before);
+        if ((rc = first_map(m, t, h, &fine, out, err)) != MODAL_OK)
+            break;
+        comparable = fine == 2 * k;
+        for (size_t i = 0; i < count; i++)
+            difference = fmax(difference, fabs(out[i] - w->coarse[i]));
+        norm = largest(out, count);
+        difference = comparable ? difference / (norm > 0 ? norm : 1) : HUGE_VAL;
+        k = fine;
+        settled = difference <= 64 * tolerance || (difference < 1e-11 && difference > before / 4);   /* rounding's floor */
+        if (settled) {
+            for (size_t i = 0; i < count; i++)
+                out[i] += (out[i] - w->coarse[i]) / 63;
+            *substeps = k;
+            *error = fmax(difference / 1000, 1e-16 * k);
+            return MODAL_OK;
+        }
+        before = difference;
+        memcpy(w->coarse, out, count * sizeof *out);
+    }
+    return rc;
+}

@@ -1,0 +1,177 @@
+/*
+ * periodic_stepper.c - steps of a linear periodic program by Magnus maps, repeated
+ *
+ * If r periods hold q sample steps (r <= 64), the map of step j serves steps j + q, j + 2 q, ...: after r periods a step
+ * is one product.  Sources ride along as extra states (S and P do not depend on time), so maps are the same under any
+ * load.  Steps that fit no slot (to and from corners, incommensurate dt) are mapped as they come.
+ */
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/magnus.h"
+#include "modal/scene/stepper.h"
+
+enum { PERIODS_MOST = 64, KEPT_DOUBLES_MOST = 30000000 };
+
+struct periodic_stepper {
+    struct stepper face;
+    const struct statespace *ss;
+    const struct sources *src;
+    struct magnus *magnus;
+    double tolerance, dt, cycle;      /* cycle: r periods, s; 0: nothing is kept */
+    int slots, substeps;
+    double **kept;                    /* N x (N + nw) each */
+    double origin;                    /* the first full step's time; < 0: none yet */
+    double *BP, *w, *next, *map;
+};
+
+/* The period of A(t): 2 pi / Omega over the greatest common divisor of its harmonics. */
+static double period_of(const struct statespace *ss)
+{
+    int divisor = ss->harmonic[0].k;
+
+    for (int h = 1; h < ss->harmonics; h++)
+        for (int a = divisor, b = ss->harmonic[h].k; (divisor = a) != 0 && b != 0;) {
+            int rest = a % b;
+            a = b;
+            b = rest;
+            divisor = a;
+        }
+    return 2 * M_PI / (divisor * ss->p->omega);
+}
+
+static void choose_slots(struct periodic_stepper *s)
+{
+    double T = period_of(s->ss);
+
+    for (int r = 1; r <= PERIODS_MOST && s->dt > 0; r++) {
+        double q = r * T / s->dt;
+        if (q < 0.5 || fabs(q - round(q)) > 1e-10 * q)
+            continue;
+        if (round(q) * s->ss->N * s->magnus->size > KEPT_DOUBLES_MOST)
+            return;
+        s->kept = calloc((size_t)round(q), sizeof *s->kept);
+        s->slots = s->kept != NULL ? (int)round(q) : 0;
+        s->cycle = s->kept != NULL ? r * T : 0;
+        return;
+    }
+}
+
+/* The slot of the full step at t; -1: none. */
+static int slot_of(struct periodic_stepper *s, double t, double h)
+{
+    if (s->slots == 0 || h != s->dt)
+        return -1;
+    if (s->origin < 0)
+        s->origin = t;
+    double phase = (t - s->origin) / s->dt, whole = round(phase);
+    if (fabs(phase - whole) > 1e-9 * fmax(1, fabs(phase)) || whole < 0)
+        return -1;
+    return (int)fmod(whole, s->slots);
+}
+
+/* Rows 0..N-1 of the converged map over [t, t + h] into OUT. */
+static enum modal_status compute(struct periodic_stepper *s, double t, double h, double *out, struct modal_error *err)
+{
+    size_t N = (size_t)s->ss->N, size = (size_t)s->magnus->size;
+    double error;
+    enum modal_status rc;
+
+    s->substeps = s->substeps > 3 ? s->substeps / 4 : 1;
+    rc = magnus_converge(s->magnus, t, h, s->tolerance, &s->substeps, s->map, &error, err);
+    for (size_t j = 0; rc == MODAL_OK && j < size; j++)
+        memcpy(out + j * N, s->map + j * size, N * sizeof *out);
+    s->face.maps++;
+    return rc;
+}
+
+static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+{
+    struct periodic_stepper *s = (struct periodic_stepper *)face;
+    int N = s->ss->N, nw = s->src->nw, slot = slot_of(s, t, h);
+    size_t count = (size_t)N * (size_t)s->magnus->size;
+    double *map = slot >= 0 ? s->kept[slot] : NULL, *fresh = NULL;
+    enum modal_status rc = MODAL_OK;
+
+    if (map == NULL) {
+        if ((fresh = malloc(count * sizeof *fresh)) == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+        rc = compute(s, t, h, fresh, err);
+        map = fresh;
+        if (rc == MODAL_OK && slot >= 0) {
+            s->kept[slot] = fresh;
+            fresh = NULL;
+        }
+    }
+    if (rc == MODAL_OK) {
+        sources_at(s->src, t, s->w);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, map, N, y, 1, 0, s->next, 1);
+        if (nw > 0)
+            cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, map + (size_t)N * (size_t)N, N, s->w, 1, 1, s->next, 1);
+        memcpy(y, s->next, (size_t)N * sizeof *y);
+        face->products++;
+    }
+    free(fresh);
+    return rc;
+}
+
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+{
+    struct periodic_stepper *s = (struct periodic_stepper *)face;
+    int N = s->ss->N, nw = s->src->nw;
+
+    (void)y;
+    (void)err;
+    memset(F, 0, (size_t)N * sizeof *F);
+    sources_at(s->src, t, s->w);
+    if (nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 0, F, 1);
+    return MODAL_OK;
+}
+
+static void periodic_free(struct stepper *face)
+{
+    struct periodic_stepper *s = (struct periodic_stepper *)face;
+
+    for (int i = 0; i < s->slots; i++)
+        free(s->kept[i]);
+    free(s->kept);
+    magnus_free(s->magnus);
+    free(s->BP);
+    free(s->w);
+    free(s->next);
+    free(s->map);
+    free(s);
+}
+
+enum modal_status periodic_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                       struct stepper **out, struct modal_error *err)
+{
+    struct periodic_stepper *s = calloc(1, sizeof *s);
+    enum modal_status rc;
+
+    if (s == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    s->face = (struct stepper) { .name = "magnus-maps", .advance = advance, .force = force, .free = periodic_free };
+    s->ss = ss;
+    s->src = src;
+    s->dt = opt->dt;
+    s->tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-13;
+    s->origin = -1;
+    s->BP = stepper_source_matrix(ss, src);
+    s->w = calloc((size_t)src->nw + 1, sizeof *s->w);
+    s->next = calloc((size_t)ss->N + 1, sizeof *s->next);
+    rc = magnus_new(ss, src, &s->magnus, err);
+    if (rc == MODAL_OK && (s->map = malloc((size_t)s->magnus->size * (size_t)s->magnus->size * sizeof *s->map)) == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    if (rc == MODAL_OK && (s->BP == NULL || s->w == NULL || s->next == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    if (rc == MODAL_OK) {
+        choose_slots(s);
+        *out = &s->face;
+    } else {
+        periodic_free(&s->face);
+    }
+    return rc;
+}

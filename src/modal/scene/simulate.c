@@ -1,0 +1,168 @@
+/* simulate.c - see simulate.h
+ *
+ * One loop for every class: the next stop is a sample or a corner of the excitation, whichever comes first, and the
+ * stepper carries the state there.  A corner within 1e-12 steps of a sample is the sample's.
+ */
+#include "modal/scene/simulate.h"
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/readout.h"
+#include "modal/scene/sources.h"
+#include "modal/scene/statespace.h"
+#include "modal/scene/stepper.h"
+
+enum { ASK_EVERY = 4096 };
+static const double LIMIT = 1e300;             /* on the state: past it sums of squares overflow */
+
+struct motion {
+    struct statespace *ss;
+    struct sources *src;
+    struct stepper *stepper;
+    struct readout *readout;
+    double *y, *F;
+    double t;
+    int corner;                                /* the next one */
+    double dt;
+};
+
+static enum modal_status (*const steppers[])(const struct statespace *, const struct sources *, const struct stepper_options *,
+                                             struct stepper **, struct modal_error *) = {
+    [PROGRAM_LINEAR_CONSTANT] = linear_stepper_new,
+    [PROGRAM_LINEAR_PERIODIC] = periodic_stepper_new,
+    [PROGRAM_NONLINEAR] = nonlinear_stepper_new,
+};
+
+static enum modal_status start(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
+                               struct motion *m, struct modal_error *err)
+{
+    struct stepper_options how = { .dt = time->dt, .tolerance = opt->tolerance, .cancelled = opt->cancelled, .context = opt->context };
+    enum modal_status rc = statespace_new(p, &m->ss, err);
+
+    if (rc == MODAL_OK)
+        rc = sources_new(p, &m->src, err);
+    if (rc == MODAL_OK)
+        rc = steppers[program_class(p)](m->ss, m->src, &how, &m->stepper, err);
+    if (rc == MODAL_OK)
+        rc = readout_new(m->ss, &m->readout, err);
+    if (rc != MODAL_OK)
+        return rc;
+    m->dt = time->dt;
+    m->y = calloc((size_t)m->ss->N + 1, sizeof *m->y);
+    m->F = calloc((size_t)m->ss->N + 1, sizeof *m->F);
+    if (m->y == NULL || m->F == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "simulate: out of memory");
+    statespace_start(m->ss, m->y);
+    return MODAL_OK;
+}
+
+static void done(struct motion *m)
+{
+    if (m->stepper != NULL)
+        m->stepper->free(m->stepper);
+    readout_free(m->readout);
+    sources_free(m->src);
+    statespace_free(m->ss);
+    free(m->y);
+    free(m->F);
+}
+
+static enum modal_status advance(struct motion *m, double h, struct modal_error *err)
+{
+    double t = m->t;
+    enum modal_status rc = m->stepper->advance(m->stepper, t, h, m->y, err);
+
+    if (rc == MODAL_OVERFLOW)
+        return modal_fail(err, rc, "the motion leaves the range of doubles after t = %.9g s", t);
+    for (int i = 0; rc == MODAL_OK && i < m->ss->N; i++)
+        if (!(fabs(m->y[i]) < LIMIT))
+            return modal_fail(err, MODAL_OVERFLOW, "the motion leaves the range of doubles between t = %.9g and %.9g s", t, t + h);
+    return rc;
+}
+
+/* Impulses and corners up to t (and rounding past it); the state stands at the last of them. */
+static void pass_corners(struct motion *m, double t)
+{
+    const struct sources *src = m->src;
+
+    while (m->corner < src->corners && src->corner[m->corner].t <= t + 1e-12 * m->dt) {
+        const struct source_corner *c = &src->corner[m->corner++];
+        m->t = fmax(m->t, c->t);                        /* what holds from the corner on is asked at its own time */
+        if (c->dof >= 0)
+            cblas_daxpy(m->ss->N, c->impulse, m->ss->B + (size_t)c->dof * (size_t)m->ss->N, 1, m->y, 1);
+    }
+}
+
+/* To time t: STEP its nominal distance from the last sample where no corner lies between. */
+static enum modal_status move_to(struct motion *m, double t, double step, struct modal_error *err)
+{
+    bool whole = true;
+
+    while (m->corner < m->src->corners && m->src->corner[m->corner].t < t - 1e-12 * m->dt) {
+        double at = m->src->corner[m->corner].t;
+        enum modal_status rc = at > m->t ? advance(m, at - m->t, err) : MODAL_OK;
+        if (rc != MODAL_OK)
+            return rc;
+        m->t = at;
+        pass_corners(m, at);
+        whole = false;
+    }
+    if (t > m->t) {
+        enum modal_status rc = advance(m, whole ? step : t - m->t, err);
+        if (rc != MODAL_OK)
+            return rc;
+        m->t = t;
+    }
+    pass_corners(m, t);
+    return MODAL_OK;
+}
+
+static enum modal_status read_sample(struct motion *m, double *out, struct modal_error *err)
+{
+    enum modal_status rc = m->stepper->force(m->stepper, m->t, m->y, m->F, err);
+
+    if (rc == MODAL_OK)
+        readout_at(m->readout, m->t, m->y, m->F, out);
+    return rc;
+}
+
+static enum modal_status run(struct motion *m, const struct scene_time *time, const struct simulate_options *opt, double *signals,
+                             struct modal_error *err)
+{
+    size_t channels = (size_t)m->ss->p->outputs;
+    enum modal_status rc = MODAL_OK;
+
+    pass_corners(m, 0);
+    for (long k = 0; rc == MODAL_OK && k < time->samples; k++) {
+        if (k % ASK_EVERY == 0 && opt->cancelled != NULL && opt->cancelled(opt->context))
+            return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", m->t);
+        if (k % ASK_EVERY == 0 && opt->progress != NULL)
+            opt->progress(opt->context, (double)k / (double)time->samples);
+        rc = k == 0 ? move_to(m, time->start, time->start, err) : move_to(m, time->start + (double)k * time->dt, time->dt, err);
+        if (rc == MODAL_OK)
+            rc = read_sample(m, signals + (size_t)k * channels, err);
+    }
+    return rc;
+}
+
+enum modal_status simulate(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
+                           double *signals, struct simulate_result *out, struct modal_error *err)
+{
+    static const struct simulate_options none;
+    struct motion m = { 0 };
+    enum modal_status rc;
+
+    if (opt == NULL)
+        opt = &none;
+    if ((double)time->samples * p->outputs > SIMULATE_VALUES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "time", "%ld samples of %d channels are more than %d numbers", time->samples, p->outputs,
+                                SIMULATE_VALUES_MOST);
+    rc = start(p, time, opt, &m, err);
+    if (rc == MODAL_OK)
+        rc = run(&m, time, opt, signals, err);
+    if (rc == MODAL_OK)
+        *out = (struct simulate_result) { m.stepper->name, m.stepper->products, m.stepper->maps, m.stepper->steps, m.stepper->rejected };
+    done(&m);
+    return rc;
+}

@@ -1,0 +1,42 @@
+/* sources.h - excitation as the output of small linear systems, so that stepping integrates it exactly
+ *
+ * Between its corners every load is a sum of solutions of constant equations: p(t) = P w, w' = S w, with blocks
+ *
+ *     constant (1)   ramp (f, f')   oscillator (cos, sin)   and their products with (cos, sin) of turning axes.
+ *
+ * w is known in closed form at every instant; corners (ends of pulses, points of tables) and impulses are listed in time.
+ */
+#ifndef MODAL_SOURCES_H
+#define MODAL_SOURCES_H
+#include <stdbool.h>
+#include "modal/scene/program.h"
+
+enum { SOURCES_BLOCK_MOST = 6 };
+
+struct source_block { int first, count; };       /* rows of w that S couples with each other only */
+
+struct source_corner {
+    double t;
+    int dof;                                      /* an impulse: N s on this dof; -1: a corner only */
+    double impulse;
+};
+
+struct sources {
+    int n, nw;
+    double *S;                                    /* nw x nw by columns */
+    double *P;                                    /* n x nw by columns */
+    int blocks;
+    struct source_block *block;
+    int corners;
+    struct source_corner *corner;                 /* ascending in t, those at t >= 0 */
+    const struct program *p;                      /* borrowed */
+    int *first;                                   /* of each load: its first row of w; -1: none */
+};
+
+enum modal_status sources_new(const struct program *p, struct sources **out, struct modal_error *err);
+void sources_free(struct sources *s);
+
+/* w just after t (at a corner: what holds from there on). */
+void sources_at(const struct sources *s, double t, double *w);
+
+#endif

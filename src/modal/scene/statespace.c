@@ -1,0 +1,306 @@
+/* statespace.c - see statespace.h
+ *
+ * (1) of program.h left-multiplied by Phi^T, with q'' = y_2':
+ *
+ *     y_1' = diag(s) y_2
+ *     y_2' = -Phi^T K Phi diag(1/s) y_1 - Phi^T C Phi y_2 + Phi^T F z + Phi^T p                      (2)
+ *     z'   = E^-1 (A z + Bx x + Bv x' + Ba Phi y_2')                                                (3)
+ *
+ * C off its diagonal below 2^-46 of its largest entry is the rounding of these products, and dropped when that makes the
+ * system fall into 2 x 2 blocks.
+ */
+#include "modal/scene/statespace.h"
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "statespace: out of memory");
+}
+
+static double *dense(const struct sparse *a, int m, int n)
+{
+    double *x = calloc((size_t)m * (size_t)n + 1, sizeof *x);
+    struct matrix out = { m, n, m, x };
+
+    if (x != NULL && a->m > 0)
+        sparse_add_to_dense(a, 1, &out);
+    return x;
+}
+
+/* Phi^T X Phi, n x n; the caller frees.  WORK n x n. */
+static double *congruence(const struct statespace *ss, const struct sparse *X, double *work)
+{
+    int n = ss->n;
+    double *x = dense(X, n, n);
+
+    if (x == NULL)
+        return NULL;
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1, x, n, ss->phi, n, 0, work, n);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, n, 1, ss->phi, n, work, n, 0, x, n);
+    return x;
+}
+
+static enum modal_status find_modes(struct statespace *ss, struct modal_error *err)
+{
+    int n = ss->n, info;
+    double *M = dense(&ss->p->constant[PROGRAM_M], n, n), largest = 0;
+
+    ss->phi = dense(&ss->p->constant[PROGRAM_K], n, n);
+    ss->s = calloc((size_t)n + 1, sizeof *ss->s);
+    if (M == NULL || ss->phi == NULL || ss->s == NULL) {
+        free(M);
+        return no_memory(err);
+    }
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < j; i++)
+            ss->phi[i + (size_t)j * (size_t)n] = (ss->phi[i + (size_t)j * (size_t)n] + ss->phi[j + (size_t)i * (size_t)n]) / 2;
+    info = LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'U', n, ss->phi, n, M, n, ss->s);
+    free(M);
+    if (info != 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure", "the pair of stiffness and mass has no modes (dsygvd: %d)", info);
+    for (int i = 0; i < n; i++)
+        largest = fmax(largest, sqrt(fabs(ss->s[i])));
+    for (int i = 0; i < n; i++)
+        ss->s[i] = largest > 0 ? fmax(sqrt(fabs(ss->s[i])), 1e-7 * largest) : 1;
+    return MODAL_OK;
+}
+
+/* Rows n .. 2n-1 of A: -Phi^T K Phi / s, -Phi^T C Phi, each times FACTOR. */
+static enum modal_status add_second_order(const struct statespace *ss, const struct sparse *C, const struct sparse *K, double *A,
+                                          double *work, struct modal_error *err)
+{
+    int n = ss->n;
+    size_t N = (size_t)ss->N;
+    double *c = congruence(ss, C, work), *k = c != NULL ? congruence(ss, K, work) : NULL;
+
+    for (int j = 0; k != NULL && j < n; j++)
+        for (int i = 0; i < n; i++) {
+            A[(size_t)(n + i) + (size_t)j * N] -= k[i + (size_t)j * (size_t)n] / ss->s[j];
+            A[(size_t)(n + i) + (size_t)(n + j) * N] -= c[i + (size_t)j * (size_t)n];
+        }
+    free(c);
+    free(k);
+    return k != NULL ? MODAL_OK : no_memory(err);
+}
+
+/* X (m x n sparse) times Phi (and 1/s where SCALED), added into A at ROW, COLUMN. */
+static void add_times_phi(const struct statespace *ss, const struct sparse *X, bool scaled, double *A, int row, int column)
+{
+    for (int i = 0; i < X->m; i++)
+        for (int k = X->start[i]; k < X->start[i + 1]; k++)
+            for (int j = 0; j < ss->n; j++)
+                A[(size_t)(row + i) + (size_t)(column + j) * (size_t)ss->N] +=
+                    X->value[k] * ss->phi[X->index[k] + (size_t)j * (size_t)ss->n] / (scaled ? ss->s[j] : 1);
+}
+
+/* Phi^T F into rows n .. 2n-1, columns of z. */
+static void add_force_of_states(const struct statespace *ss, double *A)
+{
+    const struct sparse *F = &ss->p->F;
+
+    for (int i = 0; i < F->m; i++)
+        for (int k = F->start[i]; k < F->start[i + 1]; k++)
+            for (int j = 0; j < ss->n; j++)
+                A[(size_t)(ss->n + j) + (size_t)(2 * ss->n + F->index[k]) * (size_t)ss->N] += ss->phi[i + (size_t)j * (size_t)ss->n] * F->value[k];
+}
+
+/* (3): the rows of z in A and in B, divided by E. */
+static enum modal_status add_states(struct statespace *ss, struct modal_error *err)
+{
+    const struct program *p = ss->p;
+    int n = ss->n, nz = ss->nz, N = ss->N;
+    double *E = dense(&p->E, nz, nz), *Ba = calloc((size_t)nz * (size_t)n + 1, sizeof *Ba);
+    int *pivot = malloc(((size_t)nz + 1) * sizeof *pivot), info = 0;
+
+    if (E == NULL || Ba == NULL || pivot == NULL) {
+        free(E);
+        free(Ba);
+        free(pivot);
+        return no_memory(err);
+    }
+    add_force_of_states(ss, ss->A);
+    struct matrix az = { nz, nz, N, ss->A + 2 * n + 2 * (size_t)n * (size_t)N };
+    sparse_add_to_dense(&p->A, 1, &az);
+    add_times_phi(ss, &p->Bx, true, ss->A, 2 * n, 0);
+    add_times_phi(ss, &p->Bv, false, ss->A, 2 * n, n);
+    for (int i = 0; i < nz; i++)                         /* Ba Phi */
+        for (int k = p->Ba.start[i]; k < p->Ba.start[i + 1]; k++)
+            for (int j = 0; j < n; j++)
+                Ba[i + (size_t)j * (size_t)nz] += p->Ba.value[k] * ss->phi[p->Ba.index[k] + (size_t)j * (size_t)n];
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, N, n, 1, Ba, nz, ss->A + n, N, 1, ss->A + 2 * n, N);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, n, n, 1, Ba, nz, ss->B + n, N, 0, ss->B + 2 * n, N);
+    info = LAPACKE_dgetrf(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot);
+    if (info == 0) {
+        LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, N, E, nz, pivot, ss->A + 2 * n, N);
+        LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, n, E, nz, pivot, ss->B + 2 * n, N);
+    }
+    free(E);
+    free(Ba);
+    free(pivot);
+    return info == 0 ? MODAL_OK : modal_fail_field(err, MODAL_BAD_INPUT, "effects", "the linear states have a singular matrix E");
+}
+
+/* Whether A falls into 2 x 2 blocks; what is off them by rounding only is then cleared. */
+static bool decouple(struct statespace *ss)
+{
+    size_t N = (size_t)ss->N, n = (size_t)ss->n;
+    double largest = 0;
+
+    if (ss->nz > 0 || ss->harmonics > 0)
+        return false;
+    for (size_t i = 0; i < N * N; i++)
+        largest = fmax(largest, fabs(ss->A[i]));
+    for (size_t j = 0; j < N; j++)
+        for (size_t i = 0; i < N; i++)
+            if (i % n != j % n && fabs(ss->A[i + j * N]) > 0x1p-46 * largest)
+                return false;
+    for (size_t j = 0; j < N; j++)
+        for (size_t i = 0; i < N; i++)
+            if (i % n != j % n)
+                ss->A[i + j * N] = 0;
+    return true;
+}
+
+static enum modal_status add_harmonics(struct statespace *ss, double *work, struct modal_error *err)
+{
+    const struct program *p = ss->p;
+    size_t size = (size_t)ss->N * (size_t)ss->N;
+
+    if (p->harmonics == 0)
+        return MODAL_OK;
+    if ((ss->harmonic = calloc((size_t)p->harmonics, sizeof *ss->harmonic)) == NULL)
+        return no_memory(err);
+    ss->harmonics = p->harmonics;
+    for (int h = 0; h < p->harmonics; h++) {
+        const struct program_harmonic *from = &p->harmonic[h];
+        struct statespace_harmonic *to = &ss->harmonic[h];
+        enum modal_status rc;
+        to->k = from->k;
+        to->cosine = calloc(size, sizeof *to->cosine);
+        to->sine = calloc(size, sizeof *to->sine);
+        if (to->cosine == NULL || to->sine == NULL)
+            return no_memory(err);
+        if (from->cosine[PROGRAM_M].m > 0 || from->sine[PROGRAM_M].m > 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "a pulsating mass cannot be stepped");
+        rc = add_second_order(ss, &from->cosine[PROGRAM_C], &from->cosine[PROGRAM_K], to->cosine, work, err);
+        if (rc == MODAL_OK)
+            rc = add_second_order(ss, &from->sine[PROGRAM_C], &from->sine[PROGRAM_K], to->sine, work, err);
+        if (rc != MODAL_OK)
+            return rc;
+    }
+    return MODAL_OK;
+}
+
+static enum modal_status fill(struct statespace *ss, struct modal_error *err)
+{
+    const struct program *p = ss->p;
+    int n = ss->n;
+    size_t N = (size_t)ss->N;
+    double *work = malloc((size_t)n * (size_t)n * sizeof *work + 1);
+    enum modal_status rc;
+
+    ss->A = calloc(N * N, sizeof *ss->A);
+    ss->B = calloc(N * (size_t)n, sizeof *ss->B);
+    if (work == NULL || ss->A == NULL || ss->B == NULL) {
+        free(work);
+        return no_memory(err);
+    }
+    for (int i = 0; i < n; i++)
+        ss->A[(size_t)i + (size_t)(n + i) * N] = ss->s[i];
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++)
+            ss->B[(size_t)(n + i) + (size_t)j * N] = ss->phi[j + (size_t)i * (size_t)n];
+    rc = add_second_order(ss, &p->constant[PROGRAM_C], &p->constant[PROGRAM_K], ss->A, work, err);
+    if (rc == MODAL_OK && ss->nz > 0)
+        rc = add_states(ss, err);
+    if (rc == MODAL_OK)
+        rc = add_harmonics(ss, work, err);
+    if (rc == MODAL_OK)
+        ss->modal = decouple(ss);
+    free(work);
+    return rc;
+}
+
+enum modal_status statespace_new(const struct program *p, struct statespace **out, struct modal_error *err)
+{
+    struct statespace *ss;
+    enum modal_status rc;
+
+    if (p->n > STATESPACE_DOFS_MOST || 2 * p->n + p->n_linear > STATESPACE_STATES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "structure", "%d dofs and %d linear states are too many for dense stepping; at most %d dofs and %d states",
+                                p->n, p->n_linear, STATESPACE_DOFS_MOST, STATESPACE_STATES_MOST);
+    if ((ss = calloc(1, sizeof *ss)) == NULL)
+        return no_memory(err);
+    ss->p = p;
+    ss->n = p->n;
+    ss->nz = p->n_linear;
+    ss->N = 2 * p->n + p->n_linear;
+    rc = find_modes(ss, err);
+    if (rc == MODAL_OK)
+        rc = fill(ss, err);
+    if (rc == MODAL_OK)
+        *out = ss;
+    else
+        statespace_free(ss);
+    return rc;
+}
+
+void statespace_free(struct statespace *ss)
+{
+    if (ss == NULL)
+        return;
+    for (int h = 0; h < ss->harmonics; h++) {
+        free(ss->harmonic[h].cosine);
+        free(ss->harmonic[h].sine);
+    }
+    free(ss->harmonic);
+    free(ss->phi);
+    free(ss->s);
+    free(ss->A);
+    free(ss->B);
+    free(ss);
+}
+
+void statespace_start(const struct statespace *ss, double *y)
+{
+    const struct sparse *M = &ss->p->constant[PROGRAM_M];
+    int n = ss->n;
+
+    memset(y, 0, (size_t)ss->N * sizeof *y);
+    for (int i = 0; i < n; i++)                            /* q = Phi^T M x */
+        for (int k = M->start[i]; k < M->start[i + 1]; k++)
+            for (int j = 0; j < n; j++) {
+                double f = ss->phi[i + (size_t)j * (size_t)n] * M->value[k];
+                y[j] += ss->s[j] * f * ss->p->x0[M->index[k]];
+                y[n + j] += f * ss->p->v0[M->index[k]];
+            }
+}
+
+void statespace_at(const struct statespace *ss, double t, double *out)
+{
+    size_t size = (size_t)ss->N * (size_t)ss->N;
+
+    memcpy(out, ss->A, size * sizeof *out);
+    for (int h = 0; h < ss->harmonics; h++) {
+        const struct statespace_harmonic *a = &ss->harmonic[h];
+        double theta = a->k * ss->p->omega * t, c = cos(theta), s = sin(theta);
+        for (size_t i = 0; i < size; i++)
+            out[i] += c * a->cosine[i] + s * a->sine[i];
+    }
+}
+
+void statespace_motion(const struct statespace *ss, const double *y, double *x, double *v)
+{
+    int n = ss->n;
+
+    if (x != NULL)
+        memset(x, 0, (size_t)n * sizeof *x);
+    for (int j = 0; x != NULL && j < n; j++)
+        cblas_daxpy(n, y[j] / ss->s[j], ss->phi + (size_t)j * (size_t)n, 1, x, 1);
+    if (v != NULL)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, n, n, 1, ss->phi, n, y + n, 1, 0, v, 1);
+}

@@ -1,0 +1,41 @@
+/* stepper.h - one way to carry a state over a time, the same face for every class of program */
+#ifndef MODAL_STEPPER_H
+#define MODAL_STEPPER_H
+#include <stdbool.h>
+#include "modal/scene/sources.h"
+#include "modal/scene/statespace.h"
+
+struct stepper_options {
+    double dt;                   /* the step that will be asked for most */
+    double tolerance;            /* relative error of a step where it is not exact; 0: 1e-12 linear, 1e-10 nonlinear */
+    bool (*cancelled)(void *context);   /* may be NULL */
+    void *context;
+};
+
+struct stepper {
+    const char *name;            /* plan.integrator */
+    /* y(t) -> y(t + h); no corner of the sources lies inside.  Fails with MODAL_OVERFLOW, MODAL_NO_MEMORY,
+     * MODAL_NO_CONVERGENCE, MODAL_ELEMENT_FAILED, MODAL_CANCELLED. */
+    enum modal_status (*advance)(struct stepper *s, double t, double h, double *y, struct modal_error *err);
+    /* What loads and laws add to y' at (t, y), N numbers, for accelerations. */
+    enum modal_status (*force)(struct stepper *s, double t, const double *y, double *F, struct modal_error *err);
+    void (*free)(struct stepper *s);
+    int64_t products;            /* dense exponential products (or n 2 x 2 modal blocks) applied */
+    int64_t maps;                /* exponentials computed */
+    int64_t steps, rejected;     /* of an adaptive one */
+};
+
+/* Exact steps of a constant program: 2 x 2 blocks where its modes decouple, one dense exponential elsewhere. */
+enum modal_status linear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                     struct stepper **out, struct modal_error *err);
+/* Magnus maps of a periodic program, kept and repeated every period where the step divides a few of them. */
+enum modal_status periodic_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                       struct stepper **out, struct modal_error *err);
+/* Exponential collocation, laws iterated at their own dofs. */
+enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                        struct stepper **out, struct modal_error *err);
+
+/* B P: what each row of w does to y', N x nw by columns; the caller frees.  NULL: no memory. */
+double *stepper_source_matrix(const struct statespace *ss, const struct sources *src);
+
+#endif

@@ -1,0 +1,197 @@
+#include "check.h"
+#include <float.h>
+#include "modal/scene/floquet.h"
+#include "modal/scene/hill.h"
+#include "modal/scene/magnus.h"
+#include "scene_text.h"
+
+static struct floquet floquet_text(const char *text)
+{
+    struct modal_error err;
+    struct program *p = program_text(text);
+    struct floquet f;
+
+    if (floquet(p, NULL, &f, &err) != MODAL_OK)
+        fail_msg("%s: %s: %s", text, err.field, err.message);
+    program_free(p);
+    return f;
+}
+
+TEST(one_damped_mass_has_its_closed_form)
+{
+    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[2],'springs':[50,0],'dampers':[0.6,0]}}");
+
+    CHECK(f.count == 2 && !f.periodic);
+    CHECK_NEAR(creal(f.exponent[0]), -0.15, 1e-16);
+    CHECK_NEAR(cimag(f.exponent[0]), sqrt(25 - 0.0225), 1e-15);
+    CHECK(f.stable == FLOQUET_STABLE);
+    CHECK_NEAR(f.margin, 0.15, 1e-16);
+    floquet_done(&f);
+}
+
+/* Damping of 1e-6 of critical beside a mode 1e4 times stiffer: its relative error stays that of doubles. */
+TEST(tiny_damping_beside_a_stiff_mode_keeps_its_digits)
+{
+    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[1,1],'springs':[1,0,1e8]},'effects':[{'type':'modal_damping','ratios':[1e-6,0.01]}]}");
+
+    CHECK_NEAR(creal(f.exponent[0]) / -1e-6, 1, 1e-12);
+    CHECK(f.stable == FLOQUET_STABLE);
+    floquet_done(&f);
+}
+
+TEST(an_undamped_and_a_free_structure_are_undecided_and_a_divergent_one_is_not)
+{
+    struct floquet a = floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[3,4,5]}}");
+    struct floquet b = floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[0,4,0]}}");
+    struct floquet c = floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[-3,4,0]}}");
+
+    CHECK(a.stable == FLOQUET_UNDECIDED && a.margin == 0);
+    CHECK(b.stable == FLOQUET_UNDECIDED);
+    CHECK(c.stable == FLOQUET_UNSTABLE);
+    floquet_done(&a);
+    floquet_done(&b);
+    floquet_done(&c);
+}
+
+/* Gyroscopic: M = I, K = k I, speed G = [0 2w; -2w 0]: whirl at sqrt(w^2 + k) +- w. */
+TEST(gyroscopic_whirl_splits_as_the_closed_form)
+{
+    struct floquet f = floquet_text("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[7,0],[0,7]],'G':[[0,2],[-2,0]],'speed':1.3}}");
+    double high = sqrt(1.3 * 1.3 + 7) + 1.3, low = sqrt(1.3 * 1.3 + 7) - 1.3;
+    int found = 0;
+
+    for (int i = 0; i < 4; i++)
+        found += fabs(fabs(cimag(f.exponent[i])) - high) < 1e-14 * 20 || fabs(fabs(cimag(f.exponent[i])) - low) < 1e-14 * 20;
+    CHECK(found == 4 && f.stable == FLOQUET_UNDECIDED);
+    floquet_done(&f);
+}
+
+#define STRUTT(omega, mu, c) "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[" c "]]},'omega':" omega \
+    ",'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':-" mu "}]}"
+
+/* q'' + (1 - 0.3 cos 2t) q = 0: |rho| = 1.264911399 by an order-8 Runge-Kutta code of others (10 digits printed); the
+ * determinant of an undamped monodromy matrix is 1. */
+TEST(the_principal_tongue_grows_as_tabulated)
+{
+    struct floquet f = floquet_text(STRUTT("2", "0.3", "0"));
+
+    CHECK(f.periodic && f.count == 2 && f.stable == FLOQUET_UNSTABLE);
+    CHECK_NEAR(f.max_multiplier, 1.264911399, 5e-10);
+    CHECK_NEAR(creal(f.multiplier[0] * f.multiplier[1]), 1, 1e-13);
+    CHECK_NEAR(cimag(f.exponent[0]), 1, 1e-14);               /* negative real: Im = pi / T = 1 */
+    floquet_done(&f);
+}
+
+/* delta = 0.028282992: |rho| = 1.209966412; det = e^(-delta T). */
+TEST(damping_shrinks_the_growth_and_the_determinant)
+{
+    struct floquet f = floquet_text(STRUTT("2", "0.3", "0.02828299212628083"));
+
+    CHECK_NEAR(f.max_multiplier, 1.209966412, 5e-10);
+    CHECK_NEAR(creal(f.multiplier[0] * f.multiplier[1]), exp(-0.02828299212628083 * M_PI), 1e-13);
+    floquet_done(&f);
+}
+
+/* Edges of the undamped principal tongue at mu = 0.15, from Hill's determinant of others: 0.923779552, 1.073499453. */
+TEST(the_verdict_changes_at_the_tongue_s_edges)
+{
+    static const struct { const char *text; enum floquet_verdict expected; } cases[] = {
+        { STRUTT("1.84755910", "0.3", "0"), FLOQUET_UNDECIDED }, { STRUTT("1.84755912", "0.3", "0"), FLOQUET_UNSTABLE },
+        { STRUTT("2.14699889", "0.3", "0"), FLOQUET_UNSTABLE }, { STRUTT("2.14699892", "0.3", "0"), FLOQUET_UNDECIDED },
+        { STRUTT("1.8475", "0.3", "0.001"), FLOQUET_STABLE } };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct floquet f = floquet_text(cases[i].text);
+        if (f.stable != cases[i].expected)
+            fail_msg("%s: |rho| %.17g, bar %g", cases[i].text, f.max_multiplier, f.bar[0]);
+        floquet_done(&f);
+    }
+}
+
+/* The period may hold two cycles: multipliers square, exponents stay modulo i 2 pi / T. */
+TEST(twice_the_period_squares_the_multipliers)
+{
+    struct floquet one = floquet_text(STRUTT("1.7", "0.3", "0.01"));
+    struct floquet two = floquet_text("{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]},'omega':1.7,'period':7.3919827143282197,"
+                                      "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]}");      /* 4 pi / 1.7 */
+
+    CHECK_NEAR(two.max_multiplier, one.max_multiplier * one.max_multiplier, 1e-12);
+    CHECK_NEAR(creal(two.exponent[0]), creal(one.exponent[0]), 1e-12);
+    floquet_done(&one);
+    floquet_done(&two);
+}
+
+TEST(hill_s_determinant_agrees_with_the_monodromy_matrix)
+{
+    struct program *p = program_text("{'structure':{'type':'beam','length':1,'elements':3,'EI':6570,'mass_per_length':3.24},'omega':888,"
+                                     "'effects':[{'type':'axial_load','mean':2000,'amplitude':19000},{'type':'strain_rate_damping','mu':1e-5},"
+                                     "{'type':'parametric_stiffness','dof':'w1','stiffness':3e4,'k':2,'phase':0.7}]}");
+    struct floquet f;
+    struct hill h;
+
+    CHECK(floquet(p, NULL, &f, NULL) == MODAL_OK);
+    CHECK(hill(p, 0, &h, NULL) == MODAL_OK);
+    CHECK(h.count == f.count && h.truncation < 1e-6);
+    for (int i = 0; i < f.count; i++) {
+        double least = HUGE_VAL;
+        for (int j = 0; j < h.count; j++)
+            least = fmin(least, hypot(creal(f.exponent[i]) - creal(h.exponent[j]), remainder(cimag(f.exponent[i]) - cimag(h.exponent[j]), 888)));
+        if (f.resolved[i] && cabs(f.multiplier[i]) > 1e-3)
+            CHECK_NEAR(least, 0, 10 * h.truncation + 1e-7);
+    }
+    hill_done(&h);
+    floquet_done(&f);
+    program_free(p);
+}
+
+/* Halving the step of a sixth-order method divides its error by 64. */
+TEST(magnus_steps_are_of_order_six)
+{
+    struct program *p = program_text(STRUTT("2", "0.6", "0.1"));
+    struct statespace *ss = NULL;
+    struct magnus *m = NULL;
+    double reference[4], coarse[4], fine[4], error;
+    int substeps = 64;
+
+    CHECK(statespace_new(p, &ss, NULL) == MODAL_OK);
+    CHECK(magnus_new(ss, NULL, &m, NULL) == MODAL_OK);
+    CHECK(magnus_converge(m, 0.3, M_PI, 1e-14, &substeps, reference, &error, NULL) == MODAL_OK);
+    CHECK(magnus_map(m, 0.3, M_PI, 8, coarse, NULL) == MODAL_OK);
+    CHECK(magnus_map(m, 0.3, M_PI, 16, fine, NULL) == MODAL_OK);
+    double a = 0, b = 0;
+    for (int i = 0; i < 4; i++) {
+        a = fmax(a, fabs(coarse[i] - reference[i]));
+        b = fmax(b, fabs(fine[i] - reference[i]));
+    }
+    CHECK(b > 1e-12 && log2(a / b) > 5.8 && log2(a / b) < 6.4);
+    magnus_free(m);
+    statespace_free(ss);
+    program_free(p);
+}
+
+TEST(a_multiplier_below_rounding_has_no_exponent)
+{
+    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[1,1],'springs':[1,0,1],'dampers':[0.01,0,40]},'omega':0.5,"
+                                    "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':0.1}]}");
+    int unknown = 0;                             /* the second mass has exponents -0.025 and -39.97: e^(-39.97 * 12.6) = 1e-218 */
+
+    for (int i = 0; i < f.count; i++)
+        unknown += !f.resolved[i];
+    CHECK(unknown == 1 && !f.resolved[3] && isfinite(f.margin));
+    floquet_done(&f);
+}
+
+TEST(what_is_not_linear_is_refused_and_growth_past_doubles_is_said)
+{
+    struct program *p = program_text("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'cubic_spring','dof':'x1','coefficient':1}]}");
+    struct program *q = program_text("{'structure':{'type':'chain','masses':[1],'springs':[-4e6,0]},'omega':1,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}");
+    struct modal_error err;
+    struct floquet f = { .count = -7 };
+
+    CHECK(floquet(p, NULL, &f, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, "effects");
+    CHECK(floquet(q, NULL, &f, &err) == MODAL_OVERFLOW);
+    CHECK(f.count == -7);
+    program_free(p);
+    program_free(q);
+}

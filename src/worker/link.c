@@ -1,0 +1,286 @@
+/*
+ * link.c - two threads and a pair of sockets; see link.h
+ *
+ *     job's thread --PAIR inproc--> link's thread --DEALER--> daemon
+ *
+ * A ZeroMQ socket belongs to one thread.  ZMQ_IMMEDIATE makes the DEALER writable only once the connection stands, so that
+ * everything that needs socket(2) or connect(2) is over before the worker is confined; it never connects again: a worker whose
+ * daemon is gone ends.
+ */
+#include "worker/link.h"
+#include <errno.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+#include <zmq.h>
+
+enum { LINGER_MS = 1000, MESSAGE_MOST = 2 * WIRE_BODY_MOST };
+
+struct link {
+    void *context, *dealer;       /* the dealer is the thread's */
+    void *ours, *theirs;          /* the ends of the pair */
+    pthread_t thread;
+    bool started;
+    int beat_ms;
+
+    pthread_mutex_t mutex;        /* over what BEAT says */
+    char job[WIRE_ID_MOST + 1];
+    int attempt;
+
+    zmq_msg_t parts[WIRE_FRAMES_MOST];   /* of the message last received */
+    int part_count;
+    struct wire_message message;
+    bool open;
+};
+
+static enum modal_status fail(struct modal_error *err, const char *what)
+{
+    return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_NO_SERVER, "worker: %s: %s", what, zmq_strerror(errno));
+}
+
+/* --- the link's thread --- */
+
+static int64_t now_ms(void)
+{
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+}
+
+static void beat(struct link *link)
+{
+    char header[WIRE_ID_MOST * 2 + 64] = "{}";
+
+    pthread_mutex_lock(&link->mutex);
+    if (link->job[0] != 0)
+        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d}", link->job, link->attempt);
+    pthread_mutex_unlock(&link->mutex);
+    zmq_send_const(link->dealer, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE | ZMQ_DONTWAIT);
+    zmq_send_const(link->dealer, "BEAT", 4, ZMQ_SNDMORE | ZMQ_DONTWAIT);
+    zmq_send(link->dealer, header, strlen(header), ZMQ_DONTWAIT);
+}
+
+/* One whole message from one socket to the other; false where the pair was closed or the daemon is gone. */
+static bool pass(void *from, void *to)
+{
+    int more = 1;
+
+    while (more) {
+        zmq_msg_t part;
+        zmq_msg_init(&part);
+        if (zmq_msg_recv(&part, from, 0) < 0) {
+            zmq_msg_close(&part);
+            return errno == EINTR;
+        }
+        more = zmq_msg_more(&part);
+        if (zmq_msg_send(&part, to, more ? ZMQ_SNDMORE : 0) < 0) {
+            zmq_msg_close(&part);
+            return false;
+        }
+    }
+    return true;
+}
+
+/* An empty message on the pair ends the thread. */
+static bool pass_out(struct link *link)
+{
+    zmq_msg_t first;
+    bool more;
+
+    zmq_msg_init(&first);
+    if (zmq_msg_recv(&first, link->theirs, 0) < 0)
+        return errno == EINTR;
+    more = zmq_msg_more(&first);
+    if (!more || zmq_msg_send(&first, link->dealer, ZMQ_SNDMORE) < 0) {
+        zmq_msg_close(&first);
+        return false;
+    }
+    return pass(link->theirs, link->dealer);
+}
+
+static void *link_run(void *argument)
+{
+    struct link *link = argument;
+    int64_t next = now_ms();
+    bool alive = true;
+
+    while (alive) {
+        zmq_pollitem_t items[2] = { { link->dealer, 0, ZMQ_POLLIN, 0 }, { link->theirs, 0, ZMQ_POLLIN, 0 } };
+        int64_t wait = next - now_ms();
+        if (zmq_poll(items, 2, wait > 0 ? (long)wait : 0) < 0 && errno != EINTR)
+            break;
+        if (now_ms() >= next) {
+            beat(link);
+            next = now_ms() + link->beat_ms;
+        }
+        if (items[0].revents & ZMQ_POLLIN)
+            alive = pass(link->dealer, link->theirs);
+        if (alive && items[1].revents & ZMQ_POLLIN)
+            alive = pass_out(link);
+    }
+    zmq_close(link->dealer);
+    zmq_close(link->theirs);
+    return NULL;
+}
+
+/* --- the job's thread --- */
+
+static enum modal_status connect_dealer(struct link *link, const struct link_options *options, struct modal_error *err)
+{
+    const int linger = LINGER_MS, immediate = 1, never = -1, high = 64;
+    const int64_t most = MESSAGE_MOST;
+    zmq_pollitem_t item = { NULL, 0, ZMQ_POLLOUT, 0 };
+
+    link->dealer = zmq_socket(link->context, ZMQ_DEALER);
+    if (link->dealer == NULL)
+        return fail(err, "socket");
+    zmq_setsockopt(link->dealer, ZMQ_LINGER, &linger, sizeof linger);
+    zmq_setsockopt(link->dealer, ZMQ_IMMEDIATE, &immediate, sizeof immediate);
+    zmq_setsockopt(link->dealer, ZMQ_RECONNECT_IVL, &never, sizeof never);
+    zmq_setsockopt(link->dealer, ZMQ_SNDHWM, &high, sizeof high);
+    zmq_setsockopt(link->dealer, ZMQ_RCVHWM, &high, sizeof high);
+    zmq_setsockopt(link->dealer, ZMQ_MAXMSGSIZE, &most, sizeof most);
+    if (zmq_connect(link->dealer, options->endpoint) < 0)
+        return fail(err, options->endpoint);
+    item.socket = link->dealer;
+    if (zmq_poll(&item, 1, options->connect_ms > 0 ? options->connect_ms : 10000) < 1)
+        return modal_fail(err, MODAL_NO_SERVER, "worker: nobody answers at %s", options->endpoint);
+    return MODAL_OK;
+}
+
+static enum modal_status make_pair(struct link *link, struct modal_error *err)
+{
+    const int none = 0;
+
+    link->ours = zmq_socket(link->context, ZMQ_PAIR);
+    link->theirs = zmq_socket(link->context, ZMQ_PAIR);
+    if (link->ours == NULL || link->theirs == NULL)
+        return fail(err, "socket");
+    zmq_setsockopt(link->ours, ZMQ_LINGER, &none, sizeof none);
+    zmq_setsockopt(link->theirs, ZMQ_LINGER, &none, sizeof none);
+    if (zmq_bind(link->ours, "inproc://link") < 0 || zmq_connect(link->theirs, "inproc://link") < 0)
+        return fail(err, "inproc");
+    return MODAL_OK;
+}
+
+enum modal_status link_open(const struct link_options *options, struct link **out, struct modal_error *err)
+{
+    struct link *link = calloc(1, sizeof *link);
+    enum modal_status rc = MODAL_OK;
+
+    if (link == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for a link");
+    pthread_mutex_init(&link->mutex, NULL);
+    link->beat_ms = options->beat_ms > 0 ? options->beat_ms : 1000;
+    link->context = zmq_ctx_new();
+    if (link->context == NULL)
+        rc = fail(err, "context");
+    if (rc == MODAL_OK)
+        rc = make_pair(link, err);
+    if (rc == MODAL_OK)
+        rc = connect_dealer(link, options, err);
+    if (rc == MODAL_OK && pthread_create(&link->thread, NULL, link_run, link) != 0)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "worker: no thread");
+    link->started = rc == MODAL_OK;
+    if (rc != MODAL_OK) {
+        link_close(link);
+        return rc;
+    }
+    *out = link;
+    return MODAL_OK;
+}
+
+static void drop_message(struct link *link)
+{
+    if (link->open)
+        wire_close(&link->message);
+    link->open = false;
+    while (link->part_count > 0)
+        zmq_msg_close(&link->parts[--link->part_count]);
+}
+
+void link_close(struct link *link)
+{
+    if (link == NULL)
+        return;
+    drop_message(link);
+    if (link->started) {
+        zmq_send(link->ours, "", 0, 0);
+        pthread_join(link->thread, NULL);
+    } else {
+        if (link->dealer != NULL)
+            zmq_close(link->dealer);
+        if (link->theirs != NULL)
+            zmq_close(link->theirs);
+    }
+    if (link->ours != NULL)
+        zmq_close(link->ours);
+    if (link->context != NULL)
+        zmq_ctx_term(link->context);
+    pthread_mutex_destroy(&link->mutex);
+    free(link);
+}
+
+void link_working(struct link *link, const char *job, int attempt)
+{
+    pthread_mutex_lock(&link->mutex);
+    snprintf(link->job, sizeof link->job, "%s", job != NULL ? job : "");
+    link->attempt = attempt;
+    pthread_mutex_unlock(&link->mutex);
+}
+
+enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data, size_t length, struct modal_error *err)
+{
+    char *text = json_print(header);
+    bool sent;
+
+    cJSON_Delete(header);
+    if (text == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for a message");
+    sent = zmq_send_const(link->ours, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE) >= 0 &&
+           zmq_send(link->ours, verb, strlen(verb), ZMQ_SNDMORE) >= 0 &&
+           zmq_send(link->ours, text, strlen(text), data != NULL ? ZMQ_SNDMORE : 0) >= 0 &&
+           (data == NULL || zmq_send(link->ours, data, length, 0) >= 0);
+    free(text);
+    return sent ? MODAL_OK : fail(err, verb);
+}
+
+static enum modal_status receive_parts(struct link *link, struct modal_error *err)
+{
+    int more = 1;
+
+    while (more) {
+        zmq_msg_t part;
+        zmq_msg_init(&part);
+        while (zmq_msg_recv(&part, link->ours, 0) < 0)
+            if (errno != EINTR)
+                return fail(err, "receive");
+        more = zmq_msg_more(&part);
+        if (link->part_count < WIRE_FRAMES_MOST)
+            link->parts[link->part_count++] = part;
+        else
+            zmq_msg_close(&part);
+    }
+    return MODAL_OK;
+}
+
+enum modal_status link_receive(struct link *link, const struct wire_message **out, struct modal_error *err)
+{
+    struct wire_frame frames[WIRE_FRAMES_MOST];
+    enum modal_status rc;
+
+    drop_message(link);
+    rc = receive_parts(link, err);
+    if (rc != MODAL_OK)
+        return rc;
+    for (int i = 0; i < link->part_count; i++)
+        frames[i] = (struct wire_frame) { zmq_msg_data(&link->parts[i]), zmq_msg_size(&link->parts[i]) };
+    rc = wire_open(frames, link->part_count, WIRE_WORKER, false, &link->message, err);
+    link->open = true;
+    *out = &link->message;
+    return rc;
+}

@@ -1,0 +1,124 @@
+/* main.c - modald-worker: one process, one job at a time: fetch, run, report
+ *
+ * Started by the daemon with posix_spawn, its stderr a pipe of the daemon's; ends with the daemon, on SIGTERM, and
+ * after STOP.  A job is cancelled by killing the process.  Exit status: 0 after STOP, 1 where it could not go on, 2 wrong usage.
+ */
+#include <getopt.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include "job/blas_core.h"
+#include "worker/confine.h"
+#include "worker/link.h"
+#include "worker/serve.h"
+
+struct arguments {
+    struct link_options link;
+    struct serve_options serve;
+    struct confine_options confine;
+};
+
+static const char usage[] =
+    "usage: modald-worker --connect ENDPOINT [--data DIR] [--user NAME] [--memory BYTES] [--jobs N] [--sandbox on|off]\n"
+    "\n"
+    "  --connect ENDPOINT   the daemon's endpoint for workers\n"
+    "  --data DIR           its data folder: nothing else can be read (with Landlock)\n"
+    "  --user NAME          become this user, where started by root\n"
+    "  --memory BYTES       address space at most\n"
+    "  --jobs N             end after N jobs, for a fresh process\n"
+    "  --sandbox on|off     filter system calls (default on)\n"
+    "  --version\n";
+
+static int wrong(const char *what)
+{
+    fprintf(stderr, "modald-worker: %s\n%s", what, usage);
+    return 2;
+}
+
+/* A whole number from 0; -1: none. */
+static long long number(const char *text)
+{
+    char *end;
+    long long value = strtoll(text, &end, 10);
+
+    return end == text || *end != 0 || value < 0 ? -1 : value;
+}
+
+/* 0: go on; else exit with what it returns, less one. */
+static int read_arguments(int argc, char **argv, struct arguments *out)
+{
+    static const struct option options[] = {
+        { "connect", required_argument, NULL, 'c' }, { "data", required_argument, NULL, 'd' },   { "user", required_argument, NULL, 'u' },
+        { "memory", required_argument, NULL, 'm' },  { "jobs", required_argument, NULL, 'j' },   { "sandbox", required_argument, NULL, 's' },
+        { "version", no_argument, NULL, 'V' },       { "help", no_argument, NULL, 'h' },         { NULL, 0, NULL, 0 },
+    };
+    long long value = 0;
+    int option;
+
+    *out = (struct arguments) { .confine = { .calls = true } };
+    while ((option = getopt_long(argc, argv, "", options, NULL)) != -1) {
+        switch (option) {
+        case 'c': out->link.endpoint = optarg; break;
+        case 'd': out->confine.data = optarg; break;
+        case 'u': out->confine.user = optarg; break;
+        case 'm': value = number(optarg); out->confine.memory = (uint64_t)value; break;
+        case 'j': value = number(optarg); out->serve.jobs_most = (int)value; break;
+        case 's':
+            if (strcmp(optarg, "on") != 0 && strcmp(optarg, "off") != 0)
+                return wrong("--sandbox is on or off") + 1;
+            out->confine.calls = strcmp(optarg, "on") == 0;
+            break;
+        case 'V': printf("modald-worker %s\n", MODALD_VERSION); return 1;
+        case 'h': fputs(usage, stdout); return 1;
+        default: fputs(usage, stderr); return 3;
+        }
+        if (value < 0)
+            return wrong("a number from 0 is wanted") + 1;
+    }
+    if (out->link.endpoint == NULL || optind < argc)
+        return wrong(optind < argc ? "there are no other arguments" : "--connect is missing") + 1;
+    return 0;
+}
+
+/* The walls go up from the outside in: what needs files or sockets is done before they are shut off. */
+static enum modal_status work(const struct arguments *arguments, struct modal_error *err)
+{
+    const struct confine_options *confine = &arguments->confine;
+    struct link *link = NULL;
+    bool done;
+    enum modal_status rc = confine_limits(confine, err);
+
+    if (rc == MODAL_OK && confine->calls && confine->user == NULL)
+        rc = confine_files(confine, &done, err);
+    if (rc == MODAL_OK)
+        rc = link_open(&arguments->link, &link, err);
+    if (rc == MODAL_OK)
+        rc = confine_user(confine, err);
+    if (rc == MODAL_OK && confine->calls && confine->user != NULL)
+        rc = confine_files(confine, &done, err);
+    if (rc == MODAL_OK && confine->calls)
+        rc = confine_calls(&done, err);
+    if (rc == MODAL_OK)
+        rc = serve(link, &arguments->serve, err);
+    link_close(link);
+    return rc;
+}
+
+int main(int argc, char **argv)
+{
+    struct arguments arguments;
+    struct modal_error err;
+    int wanted;
+
+    blas_core_ensure(argv);
+    wanted = read_arguments(argc, argv, &arguments);
+    if (wanted != 0)
+        return wanted - 1;
+    signal(SIGPIPE, SIG_IGN);
+    if (work(&arguments, &err) == MODAL_OK)
+        return 0;
+    fprintf(stderr, "modald-worker: %s\n", err.message);
+    return 1;
+}

@@ -1,0 +1,170 @@
+"""modald-worker spoken to as the daemon does: proto/PROTOCOL.md, section 13, over a ROUTER of our own."""
+import json
+import os
+import pathlib
+import shutil
+import signal
+import struct
+import subprocess
+import tempfile
+import time
+
+import pytest
+import zmq
+
+BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
+WORKER = BUILD / "bin" / "modald-worker"
+VERSION = b"MODALW1"
+LIMIT_MS = 20000
+
+
+class Daemon:
+    """A stand-in for the daemon with one worker."""
+
+    def __init__(self, *arguments):
+        self.dir = tempfile.mkdtemp(prefix="modald-test-")
+        os.makedirs(f"{self.dir}/data/spool")
+        self.context = zmq.Context()
+        self.router = self.context.socket(zmq.ROUTER)
+        self.router.linger = 0
+        self.endpoint = f"ipc://{self.dir}/w"
+        self.router.bind(self.endpoint)
+        self.process = subprocess.Popen([WORKER, "--connect", self.endpoint, "--data", f"{self.dir}/data", *arguments],
+                                        stderr=subprocess.PIPE)
+        self.peer = None
+
+    def next(self, *verbs):
+        """The next message whose verb is one of VERBS: (verb, header, body)."""
+        end = time.monotonic() + LIMIT_MS / 1000
+        while time.monotonic() < end:
+            if not self.router.poll(100):
+                assert self.process.poll() is None, self.process.stderr.read()
+                continue
+            self.peer, version, verb, header, *body = self.router.recv_multipart()
+            assert version == VERSION
+            if not verbs or verb.decode() in verbs:
+                return verb.decode(), json.loads(header), body
+        raise AssertionError(f"none of {verbs} came")
+
+    def send(self, verb, header, *body):
+        self.router.send_multipart([self.peer, VERSION, verb.encode(), json.dumps(header).encode(), *body])
+
+    def run(self, job, kind, samples, options=None, **more):
+        header = {"job": job, "attempt": 1, "kind": kind, "options": options or {}, "run_limit_s": 0,
+                  "input": {"content": "batch", "samples": len(samples), "channels": 1, "dt": 0.05, **more}}
+        self.send("RUN", header, *([] if "file" in more else [struct.pack(f"<{len(samples)}d", *samples)]))
+
+    def close(self):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.process.stderr.close()
+        self.router.close()
+        self.context.term()
+        shutil.rmtree(self.dir)
+
+
+@pytest.fixture
+def daemon():
+    made = Daemon()
+    yield made
+    made.close()
+
+
+def test_a_worker_says_ready_and_which_kernels_it_uses(daemon):
+    _, header, _ = daemon.next("READY")
+    assert header["pid"] == daemon.process.pid and header["version"] and header["core"]
+
+
+def test_the_heart_beats_every_second_idle(daemon):
+    daemon.next("READY")
+    daemon.next("BEAT")
+    start = time.monotonic()
+    for _ in range(3):
+        _, header, _ = daemon.next("BEAT")
+        assert "job" not in header
+    assert 2 < time.monotonic() - start < 10
+
+
+def test_an_unknown_kind_fails_with_its_field_and_the_worker_is_ready_again(daemon):
+    for i in range(3):
+        daemon.next("READY")
+        daemon.run(f"job{i}", "no-such-kind", [1.0] * 20)
+        verb, header, _ = daemon.next("DONE", "FAILED")
+        assert verb == "FAILED" and header["job"] == f"job{i}" and header["attempt"] == 1
+        assert header["error"]["code"] == "bad_input" and header["error"]["field"] == "kind"
+        assert header["cpu_s"] >= 0
+
+
+def test_an_input_that_does_not_match_its_checksum_is_corrupt(daemon):
+    daemon.next("READY")
+    path = f"{daemon.dir}/data/spool/1.h5"
+    with open(path, "wb") as file:
+        file.write(b"\0" * 4096 + struct.pack("<20d", *range(20)))
+    daemon.run("a", "identify", [0.0] * 20, file=path, offset=4096, crc32c=12345)
+    _, header, _ = daemon.next("DONE", "FAILED")
+    assert header["error"]["code"] == "corrupt" and path in header["error"]["message"]
+    daemon.next("READY")
+    daemon.run("b", "identify", [0.0] * 20, file=path + ".not", offset=4096, crc32c=12345)
+    assert daemon.next("DONE", "FAILED")[1]["error"]["code"] == "corrupt"
+
+
+def test_a_run_of_the_wrong_length_is_a_bad_frame(daemon):
+    daemon.next("READY")
+    daemon.send("RUN", {"job": "a", "attempt": 1, "kind": "identify", "options": {}, "run_limit_s": 0,
+                        "input": {"content": "batch", "samples": 20, "channels": 1, "dt": 0.05}}, b"\0" * 152)
+    assert daemon.next("DONE", "FAILED")[1]["error"]["code"] == "bad_frame"
+
+
+def test_stop_ends_it_with_0_and_sigterm_ends_it(daemon):
+    daemon.next("READY")
+    daemon.send("STOP", {})
+    assert daemon.process.wait(10) == 0
+    other = Daemon()
+    other.next("READY")
+    other.process.terminate()
+    assert other.process.wait(10) == -signal.SIGTERM
+    other.close()
+
+
+def test_it_is_nice_confined_and_alone_in_its_group(daemon):
+    daemon.next("READY")
+    pid = daemon.process.pid
+    status = dict(line.split(":\t", 1) for line in open(f"/proc/{pid}/status").read().splitlines() if ":\t" in line)
+    assert os.getpriority(os.PRIO_PROCESS, pid) == 10
+    assert os.getpgid(pid) == pid
+    if b"__asan_init" not in WORKER.read_bytes():
+        assert status["NoNewPrivs"] == "1"
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            assert "Seccomp:\t2" in open(f"/proc/{pid}/task/{thread}/status").read()
+
+
+def test_without_a_daemon_it_ends_and_says_why():
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run([WORKER, "--connect", f"ipc://{folder}/nobody"], capture_output=True, text=True, timeout=30)
+    assert done.returncode == 1 and "nobody answers" in done.stderr
+
+
+def test_wrong_usage_ends_with_2():
+    for arguments in ([], ["--connect"], ["--connect", "ipc://x", "y"], ["--connect", "ipc://x", "--memory", "much"], ["--what"]):
+        assert subprocess.run([WORKER, *arguments], capture_output=True).returncode == 2
+
+
+def test_after_its_jobs_it_ends_by_itself():
+    daemon = Daemon("--jobs", "2")
+    for i in range(2):
+        daemon.next("READY")
+        daemon.run(f"job{i}", "no-such-kind", [1.0] * 20)
+        daemon.next("FAILED")
+    assert daemon.process.wait(10) == 0
+    daemon.close()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_started_by_root_it_runs_as_the_user_it_is_told():
+    daemon = Daemon("--user", "nobody")
+    os.chmod(daemon.dir, 0o755)
+    daemon.next("READY")
+    status = open(f"/proc/{daemon.process.pid}/status").read()
+    assert "Uid:\t65534\t65534\t65534\t65534" in status
+    daemon.close()

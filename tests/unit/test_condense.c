@@ -9,17 +9,17 @@
 static void reduced(int n, const double *M, const double *C, const double *K, double complex s, const int *kept, int m,
                     double complex *out)
 {
-    double complex D[CONDENSE_ROOM], I[CONDENSE_ROOM] = { 0 }, block[CONDENSE_ROOM];
+    double complex D[CONDENSE_ROOM], inverse[CONDENSE_ROOM] = { 0 }, block[CONDENSE_ROOM];
     lapack_int pivot[CONDENSE_MOST];
 
     for (int i = 0; i < n * n; i++)
         D[i] = s * s * M[i] + s * C[i] + K[i];
     for (int i = 0; i < n; i++)
-        I[i * n + i] = 1;
-    CHECK(LAPACKE_zgesv(LAPACK_ROW_MAJOR, n, n, D, n, pivot, I, n) == 0);
+        inverse[i * n + i] = 1;
+    CHECK(LAPACKE_zgesv(LAPACK_ROW_MAJOR, n, n, D, n, pivot, inverse, n) == 0);
     for (int i = 0; i < m; i++)
         for (int j = 0; j < m; j++) {
-            block[i * m + j] = I[kept[i] * n + kept[j]];
+            block[i * m + j] = inverse[kept[i] * n + kept[j]];
             out[i * m + j] = i == j;
         }
     CHECK(LAPACKE_zgesv(LAPACK_ROW_MAJOR, m, m, block, m, pivot, out, m) == 0);

@@ -1,5 +1,6 @@
 /* job.c - the table of kinds, and the one way through it; see job.h */
 #include "job/job.h"
+#include "job/identify.h"
 #include "job/scene_jobs.h"
 #include "job/tradeoff.h"
 #include <stdio.h>
@@ -8,6 +9,7 @@
 
 /* Kinds, each a file of this folder. */
 const struct job_kind job_kinds[] = {
+    { "identify", JOB_ON_BATCH, identify_run },
     { "tradeoff", JOB_ON_EITHER, tradeoff_run },
     { "simulate", JOB_ON_SCENE, simulate_run },
     { "floquet", JOB_ON_SCENE, floquet_run },

@@ -53,6 +53,17 @@ static int utf8_length(const unsigned char *p, const unsigned char *end)
     return 0;
 }
 
+/* Four hex digits, not all 0. */
+static bool is_escape_of_a_character(const char *p, const char *end)
+{
+    if (end - p < 4 || memcmp(p, "0000", 4) == 0)
+        return false;
+    for (int i = 0; i < 4; i++)
+        if (!isxdigit((unsigned char)p[i]))
+            return false;
+    return true;
+}
+
 static enum modal_status scan_string(struct scan *s)
 {
     s->at++;
@@ -65,8 +76,7 @@ static enum modal_status scan_string(struct scan *s)
         if (*s->at == '\\') {
             if (s->end - s->at < 2 || strchr("\"\\/bfnrtu", s->at[1]) == NULL)
                 return scan_fail(s, "an unknown escape");
-            if (s->at[1] == 'u' && (s->end - s->at < 6 || strspn(s->at + 2, "0123456789abcdefABCDEF") < 4
-                                    || memcmp(s->at + 2, "0000", 4) == 0))
+            if (s->at[1] == 'u' && !is_escape_of_a_character(s->at + 2, s->end))
                 return scan_fail(s, "a bad \\u escape");
             n = 2;
         }

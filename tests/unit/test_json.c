@@ -16,7 +16,7 @@ TEST(what_json_forbids_is_refused_and_leaves_the_output_alone)
     static const char *const bad[] = {
         "", " ", "NaN", "Infinity", "-Infinity", "1e999", "-1e400", "{\"a\":NaN}", "[1,]", "{\"a\":1,}", "{\"a\" 1}", "01", "1.", ".5", "+1",
         "1 2", "\"\\x\"", "\"\\u12\"", "\"\\u0000\"", "\"\n\"", "\"\xff\"", "\"\xc0\xaf\"", "\"\xed\xa0\x80\"", "{\"a\":1", "[", "tru", "nul", "'a'",
-        "{\"\\u0061\":1}", "{a:1}" };
+        "{\"\\u0061\":1}", "{a:1}", "\"\\uDDDD0e9", "\"\\udc00\"" };
     cJSON *value = (cJSON *)&value;
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {

@@ -82,7 +82,7 @@ struct identify_mode {
     double amplitude;             /* rms of its part over the record, channels scaled to unit rms */
     double energy;                /* its share of the modes' energy, 0..1 */
     double persistence;           /* share of orders and windows that show it; NAN: not looked */
-    double residual;              /* relative change of its columns in the Hankel pair: |H1 v - rho H0 v| / |H1 v| */
+    double residual;              /* sine of the angle between (1, rho, rho^2, ..) and the signals' subspace; NAN: unknown */
     /* standard deviations; NAN: unknown */
     double std_re, std_im;        /* of the exponent */
     double std_multiplier, std_frequency_hz, std_damping_ratio;
@@ -96,7 +96,7 @@ struct identify_mode {
 };
 
 struct identify_candidate { int order; double bic, residual; bool refined, converged, chosen; };
-struct identify_pole { int order; double complex exponent; double std_re, std_im; int cluster; /* -1: none */ };
+struct identify_pole { int order; double complex exponent; double std_re, std_im; int mode; /* -1: none */ };
 struct identify_cluster {
     double complex centroid;      /* mean multiplier */
     double radius;

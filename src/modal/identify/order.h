@@ -3,7 +3,7 @@
 #define MODAL_ORDER_H
 #include "modal/identify/refine.h"
 
-enum { ORDER_AHEAD = 6 };       /* the ladder ends this many rungs past its best */
+enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
 /* Where candidates come from: the poles of order r (room for r in LAMBDA), of one decomposition. */
 struct order_source {

@@ -30,7 +30,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED = 24 };
+enum { WANTED = 16 };
 
 struct hankel_operator {
     int L, S, m, n, N;
@@ -202,6 +202,9 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
         rc = factor(&p, &VT, err);
     if (rc != MODAL_OK)
         goto out;
+    p.VT = VT;
+    p.VT.m = p.count;
+    VT.x = NULL;
     *out = p;
     p = (struct pencil) { 0 };
 out:
@@ -213,7 +216,7 @@ out:
 
 void pencil_done(struct pencil *p)
 {
-    free(p->s), free(p->R), free(p->W);
+    free(p->s), free(p->R), free(p->W), free(p->VT.x);
     *p = (struct pencil) { 0 };
 }
 

@@ -8,7 +8,7 @@
 
 struct pencil_options {
     int rows;      /* of the Hankel matrix, per signal; 0: L/3 */
-    int wanted;    /* leading singular triplets; 0: 24.  At most min(S rows, columns) are had */
+    int wanted;    /* leading singular triplets; 0: 16.  At most min(S rows, columns) are had */
 };
 
 struct pencil {
@@ -16,6 +16,7 @@ struct pencil {
     double *s;     /* singular values, descending; those amid noise are Ritz values, not converged: fit for a start */
     double *R;     /* count x count: triangle of V1 */
     double *W;     /* count x count: Q^T V2 */
+    struct matrix VT;   /* count x columns: the right vectors */
     int rows, columns, steps;
 };
 

@@ -18,7 +18,8 @@
  *
  *     min sum_c w_c^2 |Q2^T y_c - R22 K_c delta|^2,   K_c from (3),                                          (4)
  *
- * has q rows a channel instead of L.  It is reduced to a triangle R_J panel by panel (never J^T J), and damped after
+ * has q rows a channel instead of L.  With few channels Y joins the QR, [Phi D Y]: Q^T Y is then part of the triangle and the
+ * residuals are norms of what lies below it; with many, Q is formed and Y read once, panel by panel.  It is reduced to a triangle R_J panel by panel (never J^T J), and damped after
  * Levenberg and Marquardt with Nielsen's rule for the damping [N99].  Since sum of squares of Q2 Q2^T is what (4) sees, with s^2 = F / (degrees of
  * freedom),
  *
@@ -59,7 +60,7 @@
 
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
-enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64 };
+enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64, JOIN_MOST = 16 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
 struct point { double *a, *b; };
@@ -75,8 +76,9 @@ struct work {
     bool look;                   /* no derivatives: Phi alone */
     int columns;                 /* of [Phi D], or of Phi */
     int most_columns;            /* min(L, columns): columns of Q */
+    bool join;                   /* Y joins the QR */
     int panel;                   /* columns of Y at a time */
-    double *basis;               /* L x 2 order: [Phi D], then Q */
+    double *basis;               /* L x columns: [Phi D], then Q; L x (columns + S) where Y joins */
     double *tau;                 /* Householder */
     double *R;                   /* most_columns x 2 order */
     double *Z;                   /* most_columns x panel: Q^T Y */
@@ -139,12 +141,15 @@ static bool work_allocate(struct work *w)
     w->panel = PANEL_ENTRIES / w->L;
     w->panel = w->panel < 4 ? 4 : w->panel;
     w->panel = w->panel > w->S ? w->S : w->panel;
+    w->join = w->S <= JOIN_MOST && w->columns + w->S <= w->L;
+    w->panel = w->join ? w->S : w->panel;
     w->stack_rows = P + w->panel * (w->most_columns - q);
-    w->basis = numbers(L, (size_t)w->columns), w->tau = numbers((size_t)w->most_columns, 1);
+    w->basis = numbers(L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
+    w->tau = numbers((size_t)w->columns + (size_t)w->panel, 1);
     w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
-    w->rest = numbers(L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
-    w->reflect = numbers(REFLECT, (size_t)(w->columns > P ? w->columns : P));
+    w->rest = numbers(w->join ? 0 : L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
+    w->reflect = numbers(REFLECT, (size_t)(w->columns + w->panel + P));
     w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
     w->floor2 = numbers((size_t)w->groups, 1);
     return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL
@@ -206,18 +211,20 @@ static void fill_basis(struct work *w, const struct point *at)
 /* [Phi D] = Q R; false where Phi is numerically singular. */
 static enum modal_status factor(struct work *w, bool *regular, struct modal_error *err)
 {
-    int L = w->L, q = w->order, k = w->most_columns;
+    int L = w->L, q = w->order, k = w->most_columns, n = w->columns + (w->join ? w->S : 0);
 
     *regular = true;
-    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, w->columns, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, w->columns);
+    for (int c = 0; w->join && c < w->S; c++)
+        memcpy(w->basis + (size_t)(w->columns + c) * (size_t)L, w->Y->x + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof(double));
+    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect, REFLECT * n) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, n);
     for (int j = 0; j < w->columns; j++)
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
     for (int j = 0; j < q; j++)
         if (!(fabs(w->R[j + j * k]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
             *regular = false;
-    if (LAPACKE_dorgqr_work(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
+    if (!w->join && LAPACKE_dorgqr_work(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, k);
     return MODAL_OK;
 }
@@ -272,10 +279,23 @@ static void triangle_to_stack(struct work *w, const double *T)
         memcpy(w->stack + j * w->stack_rows, T + j * P, (size_t)P * sizeof *T);
 }
 
-/* One panel of channels c0 .. c0+n-1: its projections, its residual, its rows of (4). */
-static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
+/* Projections and residuals where Y joined the QR: the triangle has Q^T Y above row k and the rest in S rows below. */
+static void project_joined(struct work *w, struct evaluation *e)
 {
-    int L = w->L, q = w->order, k = w->most_columns, P = w->parameters + 1;
+    int k = w->most_columns, q = w->order;
+
+    for (int c = 0; c < w->S; c++) {
+        const double *x = w->basis + (size_t)(w->columns + c) * (size_t)w->L;
+        double r = cblas_dnrm2(k + c + 1 - q, x + q, 1);
+        memcpy(w->Z + c * k, x, (size_t)k * sizeof *x);
+        e->rss[c / w->phases] += r * r;
+    }
+}
+
+/* The same from Q for channels c0 .. c0+n-1. */
+static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
+{
+    int L = w->L, q = w->order, k = w->most_columns;
     const double *Y = w->Y->x + (size_t)c0 * (size_t)w->Y->ld;
 
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, n, L, 1, w->basis, L, Y, w->Y->ld, 0, w->Z, k);
@@ -283,12 +303,24 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
         memcpy(w->rest + (size_t)c * (size_t)L, Y + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof *Y);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, n, q, -1, w->basis, L, w->Z, k, 1, w->rest, L);
     for (int c = 0; c < n; c++) {
-        memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
         double r = cblas_dnrm2(L, w->rest + (size_t)c * (size_t)L, 1);
         e->rss[(c0 + c) / w->phases] += r * r;
     }
+}
+
+/* One panel: its projections, its residuals, its rows of (4). */
+static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
+{
+    int q = w->order, k = w->most_columns, P = w->parameters + 1;
+
+    if (w->join)
+        project_joined(w, e);
+    else
+        project_panel(w, c0, n, e);
     if (w->parameters == 0 || k == q)
         return MODAL_OK;
+    for (int c = 0; c < n; c++)
+        memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
     for (int c = 0; c < n; c++)
         channel_rows(w, c, w->weight[(c0 + c) / w->phases], P + c * (k - q));

@@ -37,6 +37,7 @@ struct law_class {
     int inputs;                       /* 1 or 2 */
     bool reads_velocity, reads_time;
     bool smooth;                      /* analytic in d and v: no events to locate */
+    bool turns;                       /* inputs (y, z) of one place: f(R d, R v) = R f(d, v) for every rotation R */
     bool set_valued;                  /* rigid Coulomb: at v = 0 any f in [-limit, limit]; `force` gives 0 there */
     enum modal_status (*force)(const struct law *law, const struct law_point *at, struct law_force *out,
                                struct modal_error *err);

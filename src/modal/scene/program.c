@@ -211,5 +211,7 @@ void program_free(struct program *p)
     free(p->effect);
     free(p->x0);
     free(p->v0);
+    free(p->turn_partner);
+    free(p->turn_sign);
     free(p);
 }

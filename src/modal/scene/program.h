@@ -73,6 +73,10 @@ struct program {
     double *x0, *v0;                  /* initial state */
     double omega, period;             /* rad/s, s; 0: the scene gave none */
     double frame_speed;               /* of turning axes, for outputs in the fixed frame; 0: none */
+    /* On fixed axes about a shaft turning at turn_speed: dof i's other transverse dof and J's sign there, n each, or NULL.
+     * turning.h reads them; they say nothing that the matrices do not. */
+    int *turn_partner;
+    double *turn_sign, turn_speed;
     char hash[65];                    /* SHA-256, hex, over all of the above but counters: see program.c */
 };
 

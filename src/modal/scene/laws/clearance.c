@@ -126,7 +126,8 @@ static enum modal_status clearance_force(const struct law *law, const struct law
     return MODAL_OK;
 }
 
-static const struct law_class with_mass = { .name = "clearance", .inputs = 2, .reads_velocity = true, .force = clearance_force };
+static const struct law_class with_mass = { .name = "clearance", .inputs = 2, .reads_velocity = true, .turns = true,
+                                            .force = clearance_force };
 static const struct law_class massless = { .name = "clearance of a massless journal", .inputs = 2, .force = clearance_force };
 
 enum modal_status law_clearance(double gap, double stiffness, double dissipation, const double *shaft, struct law *out,

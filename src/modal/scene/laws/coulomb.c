@@ -10,6 +10,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include "modal/scene/law.h"
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
 
 struct coulomb {
     double limit, velocity;
@@ -43,8 +45,30 @@ static enum modal_status rounded_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
+/* Without stops: +limit while d rises, -limit while it falls, with a jump at every turn. */
+static enum modal_status rigid_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
+                                      struct modal_error *err)
+{
+    const struct coulomb *c = law->data;
+    const struct orbit *o = input[0];
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
+        const struct orbit_turn *p = &o->turn[i], *q = &o->turn[(i + 1) % o->turns];
+        double sign = q->d > p->d ? 1 : -1, at[3];
+        struct law_piece piece = { .from = p->theta, .to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI),
+                                   .level = sign * c->limit, .jump = 2 * sign * c->limit };
+
+        orbit_at(o, p->theta, at);
+        piece.slope = at[2];
+        rc = pieces_add(out, &piece, err);
+    }
+    out->acts = o->turns > 0;
+    return rc;
+}
+
 static const struct law_class rigid_class = { .name = "coulomb", .inputs = 1, .reads_velocity = true,
-                                              .set_valued = true, .force = rigid_force };
+                                              .set_valued = true, .force = rigid_force, .pieces = rigid_pieces };
 static const struct law_class rounded_class = { .name = "regularised_coulomb", .inputs = 1, .reads_velocity = true,
                                                 .smooth = true, .force = rounded_force };
 

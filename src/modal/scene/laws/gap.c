@@ -8,9 +8,16 @@
  *
  * [HC75] Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445.
  */
+#include <math.h>
 #include <stdlib.h>
 #include "modal/scene/law.h"
-#include "modal/scene/laws/gap.h"
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
+
+struct gap {
+    double stiffness, clearance, dissipation;   /* N/m, m, s/m */
+    bool both_sides;
+};
 
 /* (1) for one side; false where there is no contact */
 static bool one_side(const struct gap *g, double d, double v, double *f, double *fd, double *fv)
@@ -44,7 +51,90 @@ static enum modal_status gap_force(const struct law *law, const struct law_point
     return MODAL_OK;
 }
 
-static const struct law_class gap_class = { .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force };
+/* Side +1 or -1 in contact on [from, to): (1) spread out as (1) of pieces.h. */
+static enum modal_status contact_piece(const struct gap *g, double side, double from, double to, struct law_pieces *out,
+                                       struct modal_error *err)
+{
+    struct law_piece piece = { .from = from, .to = to, .level = -side * g->stiffness * g->clearance,
+                               .gain = { g->stiffness }, .damp = -g->stiffness * g->clearance * g->dissipation,
+                               .cross = side * g->stiffness * g->dissipation };
+
+    out->acts = true;
+    return pieces_add(out, &piece, err);
+}
+
+/* A contact's interval, cut where it would pull: 1 + mu v = 0, v the rate towards the stop. */
+static enum modal_status contact(const struct gap *g, const struct orbit *o, double side, double from, double to,
+                                 struct law_pieces *out, struct modal_error *err)
+{
+    double h = 2 * M_PI / o->N, bound, a = from, at[3], next;
+    enum modal_status rc = MODAL_OK;
+    bool grips;
+
+    if (g->dissipation == 0)
+        return contact_piece(g, side, from, to, out, err);
+    bound = -side / (g->dissipation * o->omega);                     /* of the rate per radian */
+    orbit_at(o, from, at);
+    grips = side * (at[1] - bound) > 0;
+    for (double theta = from; rc == MODAL_OK && theta < to; theta = next) {
+        bool now;
+
+        next = fmin(h * (floor(theta / h + 1e-9) + 1), to);
+        orbit_at(o, next, at);
+        now = side * (at[1] - bound) > 0;
+        if (now == grips)
+            continue;
+        double event = orbit_rate_crossing(o, theta, next, bound);
+        if (grips)
+            rc = contact_piece(g, side, a, event, out, err);
+        a = event;
+        grips = now;
+    }
+    return rc == MODAL_OK && grips ? contact_piece(g, side, a, to, out, err) : rc;
+}
+
+/* Every interval where side d > clearance. */
+static enum modal_status one_side_pieces(const struct gap *g, const struct orbit *o, double side, struct law_pieces *out,
+                                         struct modal_error *err)
+{
+    double level = side * g->clearance, first = -1, from = -1;
+    enum modal_status rc = MODAL_OK;
+
+    if (o->turns < 2)
+        return side * o->d[0] > g->clearance ? contact(g, o, side, 0, 2 * M_PI, out, err) : MODAL_OK;
+    for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
+        const struct orbit_turn *p = &o->turn[i], *q = &o->turn[(i + 1) % o->turns];
+        double to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI), event;
+        bool was = side * (p->d - level) > 0, is = side * (q->d - level) > 0;
+
+        if (was == is)
+            continue;
+        event = orbit_crossing(o, p->theta, to, level);
+        if (is)
+            from = event;
+        else if (from >= 0)
+            rc = contact(g, o, side, from, event, out, err);
+        else
+            first = event;                       /* of a contact that begins before 0 */
+    }
+    if (rc == MODAL_OK && first >= 0)
+        rc = contact(g, o, side, from, first + 2 * M_PI, out, err);
+    else if (rc == MODAL_OK && from < 0 && side * (o->turn[0].d - level) > 0)
+        rc = contact(g, o, side, 0, 2 * M_PI, out, err);
+    return rc;
+}
+
+static enum modal_status gap_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
+                                    struct modal_error *err)
+{
+    const struct gap *g = law->data;
+    enum modal_status rc = one_side_pieces(g, input[0], 1, out, err);
+
+    return rc == MODAL_OK && g->both_sides ? one_side_pieces(g, input[0], -1, out, err) : rc;
+}
+
+static const struct law_class gap_class = { .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force,
+                                            .pieces = gap_pieces };
 
 enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides, struct law *out,
                           struct modal_error *err)

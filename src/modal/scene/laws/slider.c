@@ -8,12 +8,29 @@
  * which is the whole law: the slider stays while the spring can, and follows at its bound.  Iwan's is a sum of (1).  In
  * contact with friction L = mu N is that of the moment, N = max(0, preload + kn d_n); without contact L = 0 and the
  * slider follows.  (1) is exact for a monotone path from z_before's instant to now with L constant.
+ *
+ * Over a period, (1) maps the slider's place at the start to that at the end by one clip: if d ranges over less than
+ * 2 L / k, to the nearest of [d_max - L/k, d_min + L/k], where it then stays for good; otherwise, whatever the start, at
+ * the largest d the slider has been dragged to d_max - L/k, and from there its whole path is known.  Between turns of d the
+ * path is monotone: a stuck slider begins to slip where d has left it by L/k, and sticks again at the next turn.  With a
+ * limit that varies, stick ends where k d -+ mu kn d_n has risen or fallen by what was left, and begins again where that
+ * sum turns; contact begins and ends where N = 0.
  */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/law.h"
-#include "modal/scene/laws/slider.h"
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
+
+struct sliders {
+    int count;
+    struct slider { double stiffness, limit; } element[];   /* N/m, N */
+};
+
+struct contact {
+    double normal_stiffness, preload, tangential_stiffness, mu;   /* N/m, N, N/m, 1 */
+};
 
 /* (1): the force, true where the slider has moved */
 static bool slide(double k, double L, double d, double *z, double *f)
@@ -72,9 +89,298 @@ static enum modal_status contact_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
-static const struct law_class jenkins_class = { .name = "friction", .inputs = 1, .force = sliders_force };
-static const struct law_class iwan_class = { .name = "iwan", .inputs = 1, .force = sliders_force };
-static const struct law_class contact_class = { .name = "contact_friction", .inputs = 2, .force = contact_force };
+static enum modal_status stick_piece(const struct slider *e, double from, double to, double z, double at,
+                                     struct law_pieces *out, struct modal_error *err)
+{
+    struct law_piece piece = { .from = from, .to = to, .level = -e->stiffness * z, .gain = { e->stiffness },
+                               .holds = true, .starts = true, .at = at, .ref = { -e->stiffness } };
+
+    return pieces_add(out, &piece, err);
+}
+
+static enum modal_status slip_piece(double from, double to, double force, struct law_pieces *out, struct modal_error *err)
+{
+    struct law_piece piece = { .from = from, .to = to, .level = force };
+
+    out->acts = true;
+    return pieces_add(out, &piece, err);
+}
+
+/* Never slipping (or no motion at all): the place nearest 0 that the range of d allows. */
+static enum modal_status stuck_slider(const struct slider *e, double reach, double low, double high, double at_low,
+                                      double at_high, struct law_pieces *out, struct modal_error *err)
+{
+    double z = fmax(fmin(0, low + reach), high - reach);
+    struct law_piece piece = { .to = 2 * M_PI, .level = -e->stiffness * z, .gain = { e->stiffness }, .holds = true,
+                               .at = z < 0 ? at_low : at_high, .ref = { z != 0 ? -e->stiffness : 0 } };
+
+    out->undetermined = true;
+    return pieces_add(out, &piece, err);
+}
+
+/* From the largest d on, once around. */
+static enum modal_status moving_slider(const struct slider *e, const struct orbit *o, int top, double reach,
+                                       struct law_pieces *out, struct modal_error *err)
+{
+    double z = o->turn[top].d - reach, began = o->turn[top].theta;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
+        int a = (top + i) % o->turns, b = (top + i + 1) % o->turns;
+        double round = 2 * M_PI * ((top + i) / o->turns), from = o->turn[a].theta + round;
+        double to = o->turn[b].theta + 2 * M_PI * ((top + i + 1) / o->turns), d = o->turn[b].d, slip;
+
+        if (fabs(d - z) <= reach)
+            continue;
+        slip = orbit_crossing(o, from, to, z + copysign(reach, d - z));
+        rc = stick_piece(e, began, slip, z, began, out, err);
+        if (rc == MODAL_OK)
+            rc = slip_piece(slip, to, copysign(e->limit, d - z), out, err);
+        z = d - copysign(reach, d - z);
+        began = to;
+    }
+    if (rc == MODAL_OK && began < o->turn[top].theta + 2 * M_PI)
+        rc = stick_piece(e, began, o->turn[top].theta + 2 * M_PI, z, began, out, err);
+    return rc;
+}
+
+static enum modal_status slider_pieces(const struct slider *e, const struct orbit *o, struct law_pieces *out,
+                                       struct modal_error *err)
+{
+    double reach = e->stiffness > 0 ? e->limit / e->stiffness : HUGE_VAL, low, high;
+    int top = 0, bottom = 0;
+
+    if (e->stiffness == 0)
+        return MODAL_OK;
+    if (e->limit == 0) {
+        out->acts = true;
+        return MODAL_OK;                                   /* a slider without strength: no force */
+    }
+    if (o->turns < 2)
+        return stuck_slider(e, reach, o->d[0], o->d[0], 0, 0, out, err);
+    for (int i = 1; i < o->turns; i++) {
+        top = o->turn[i].d > o->turn[top].d ? i : top;
+        bottom = o->turn[i].d < o->turn[bottom].d ? i : bottom;
+    }
+    low = o->turn[bottom].d;
+    high = o->turn[top].d;
+    if (high - low <= 2 * reach)
+        return stuck_slider(e, reach, low, high, o->turn[bottom].theta, o->turn[top].theta, out, err);
+    return moving_slider(e, o, top, reach, out, err);
+}
+
+static enum modal_status sliders_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
+                                        struct modal_error *err)
+{
+    const struct sliders *s = law->data;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < s->count; i++)
+        rc = slider_pieces(&s->element[i], input[0], out, err);
+    return rc;
+}
+
+/* Contact with friction, walked from event to event. */
+enum contact_mode { OPEN, STUCK, SLIPS_UP, SLIPS_DOWN };
+
+struct contact_walk {
+    const struct contact *c;
+    const struct orbit *n, *t;            /* normal and tangential */
+    struct orbit up, down;                /* k d_t - mu kn d_n, k d_t + mu kn d_n */
+    enum contact_mode mode;
+    double level, at, ref[2];             /* of the stick phase under way: (2) of pieces.h */
+    bool holds_start;                     /* that phase began at `at`, not before the walk */
+    struct law_pieces *out;               /* NULL: the first round, which only finds the start */
+};
+
+static enum modal_status tangential(struct contact_walk *w, double from, double to, struct modal_error *err)
+{
+    const struct contact *c = w->c;
+    double sign = w->mode == SLIPS_UP ? 1 : -1;
+    struct law_piece piece = { .output = 1, .from = from, .to = to };
+
+    if (w->out == NULL || w->mode == OPEN)
+        return MODAL_OK;
+    if (w->mode == STUCK) {
+        piece.level = w->level;
+        piece.gain[1] = c->tangential_stiffness;
+        piece.holds = true;
+        piece.starts = w->at == from && w->holds_start;
+        piece.at = w->at;
+        piece.ref[0] = w->ref[0];
+        piece.ref[1] = w->ref[1];
+    } else {
+        piece.level = sign * c->mu * c->preload;
+        piece.gain[0] = sign * c->mu * c->normal_stiffness;
+    }
+    return pieces_add(w->out, &piece, err);
+}
+
+/* The slider comes to rest at THETA with force F = sign mu N (sign 0: a contact just closed). */
+static void come_to_rest(struct contact_walk *w, double theta, double sign)
+{
+    double n[3], t[3], mu_k = sign * w->c->mu * w->c->normal_stiffness, k = w->c->tangential_stiffness;
+
+    orbit_at(w->n, theta, n);
+    orbit_at(w->t, theta, t);
+    w->mode = STUCK;
+    w->at = theta;
+    w->holds_start = true;
+    w->level = sign * w->c->mu * w->c->preload + mu_k * n[0] - k * t[0];
+    w->ref[0] = sign != 0 ? mu_k : n[1] != 0 ? k * t[1] / n[1] : 0;
+    w->ref[1] = -k;
+}
+
+/* One interval on which N keeps its sign and both bounds' sums are monotone. */
+static enum modal_status contact_interval(struct contact_walk *w, double a, double b, struct modal_error *err)
+{
+    double mid[3], ua[3], ub[3], da[3], db[3], high, low, event = b;
+    enum contact_mode next = STUCK;
+    enum modal_status rc;
+    bool closed;
+
+    orbit_at(w->n, 0.5 * (a + b), mid);
+    closed = w->c->preload + w->c->normal_stiffness * mid[0] > 0;
+    orbit_at(&w->up, a, ua);
+    orbit_at(&w->up, b, ub);
+    orbit_at(&w->down, a, da);
+    orbit_at(&w->down, b, db);
+    if (!closed) {
+        w->mode = OPEN;
+        return MODAL_OK;
+    }
+    if (w->mode == OPEN) {
+        come_to_rest(w, a, 0);
+        w->mode = ub[0] > ua[0] ? SLIPS_UP : db[0] < da[0] ? SLIPS_DOWN : STUCK;
+    } else if (w->mode == SLIPS_UP && ub[0] < ua[0])
+        come_to_rest(w, a, 1);
+    else if (w->mode == SLIPS_DOWN && db[0] > da[0])
+        come_to_rest(w, a, -1);
+    if (w->mode != STUCK)
+        return tangential(w, a, b, err);
+    high = w->c->mu * w->c->preload - w->level;                  /* up reaches it: f = mu N */
+    low = -w->c->mu * w->c->preload - w->level;
+    if (ub[0] > high) {
+        next = SLIPS_UP;
+        event = ua[0] < high ? orbit_crossing(&w->up, a, b, high) : a;
+    }
+    if (db[0] < low) {
+        double other = da[0] > low ? orbit_crossing(&w->down, a, b, low) : a;
+
+        if (next == STUCK || other < event) {
+            next = SLIPS_DOWN;
+            event = other;
+        }
+    }
+    rc = tangential(w, a, event, err);
+    w->mode = next;
+    return rc == MODAL_OK && next != STUCK ? tangential(w, event, b, err) : rc;
+}
+
+static int by_value(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Turns of both sums and crossings of N = 0, ascending, with the first again after a period; their number. */
+static int contact_events(struct contact_walk *w, double *event, int most)
+{
+    int count = 0, closings = 0;
+
+    for (int i = 0; i < w->up.turns && count < most - 1; i++)
+        event[count++] = w->up.turn[i].theta;
+    for (int i = 0; i < w->down.turns && count < most - 1; i++)
+        event[count++] = w->down.turn[i].theta;
+    if (w->c->normal_stiffness > 0 && w->n->turns >= 2)
+        closings = orbit_crossings(w->n, -w->c->preload / w->c->normal_stiffness, event + count, most - 1 - count);
+    count += closings > 0 ? closings : 0;
+    if (count == 0)
+        event[count++] = 0;
+    qsort(event, (size_t)count, sizeof *event, by_value);
+    event[count] = event[0] + 2 * M_PI;
+    return count;
+}
+
+static enum modal_status normal_pieces(const struct contact *c, const double *event, int count, const struct orbit *n,
+                                       struct law_pieces *out, struct modal_error *err)
+{
+    for (int i = 0; i < count; i++) {
+        struct law_piece piece = { .from = event[i], .to = event[i + 1], .level = c->preload,
+                                   .gain = { c->normal_stiffness } };
+        double mid[3];
+
+        orbit_at(n, 0.5 * (event[i] + event[i + 1]), mid);
+        if (c->preload + c->normal_stiffness * mid[0] <= 0)
+            out->acts = true;
+        else if (pieces_add(out, &piece, err) != MODAL_OK)
+            return MODAL_NO_MEMORY;
+    }
+    return MODAL_OK;
+}
+
+static enum modal_status walk_round(struct contact_walk *w, const double *event, int count, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < count; i++)
+        rc = contact_interval(w, event[i], event[i + 1], err);
+    w->at -= 2 * M_PI;
+    w->holds_start = false;
+    return rc;
+}
+
+static enum modal_status contact_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
+                                        struct modal_error *err)
+{
+    const struct contact *c = law->data;
+    struct contact_walk w = { .c = c, .n = input[0], .t = input[1], .mode = STUCK };
+    double mu_k = c->mu * c->normal_stiffness, *event = NULL;
+    enum modal_status rc;
+    int count, most, before;
+
+    rc = orbit_init(&w.up, input[0]->H, input[0]->N, err);
+    if (rc == MODAL_OK)
+        rc = orbit_init(&w.down, input[0]->H, input[0]->N, err);
+    if (rc != MODAL_OK)
+        goto out;
+    orbit_combine(&w.up, c->tangential_stiffness, w.t, -mu_k, w.n);
+    orbit_combine(&w.down, c->tangential_stiffness, w.t, mu_k, w.n);
+    if ((rc = orbit_find_turns(&w.up, err)) != MODAL_OK || (rc = orbit_find_turns(&w.down, err)) != MODAL_OK)
+        goto out;
+    most = w.up.turns + w.down.turns + w.n->turns + 2;
+    event = malloc((size_t)most * sizeof *event);
+    if (event == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "contact_friction: no memory for %d events", most);
+        goto out;
+    }
+    count = contact_events(&w, event, most);
+    rc = normal_pieces(c, event, count, w.n, out, err);
+    for (int round = 0; rc == MODAL_OK && round < 2; round++)    /* a slider left at 0; by then periodic, as (1) clips */
+        rc = walk_round(&w, event, count, err);
+    w.out = out;
+    before = out->count;
+    if (rc == MODAL_OK)
+        rc = walk_round(&w, event, count, err);
+    out->undetermined = rc == MODAL_OK && c->mu > 0 && c->tangential_stiffness > 0 && out->count > before;
+    for (int i = before; i < out->count; i++)
+        if (!out->piece[i].holds || out->piece[i].starts)
+            out->undetermined = false;
+    out->acts |= !out->undetermined;
+out:
+    free(event);
+    orbit_done(&w.up);
+    orbit_done(&w.down);
+    return rc;
+}
+
+static const struct law_class jenkins_class = { .name = "friction", .inputs = 1, .force = sliders_force,
+                                                .pieces = sliders_pieces };
+static const struct law_class iwan_class = { .name = "iwan", .inputs = 1, .force = sliders_force,
+                                             .pieces = sliders_pieces };
+static const struct law_class contact_class = { .name = "contact_friction", .inputs = 2, .force = contact_force,
+                                                .pieces = contact_pieces };
 
 static enum modal_status sliders_new(const struct law_class *kind, const double *stiffness, const double *limit, int count,
                                      struct law *out, struct modal_error *err)

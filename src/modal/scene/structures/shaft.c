@@ -735,23 +735,23 @@ static enum modal_status read_omega(struct lowering *l, struct modal_error *err)
     return MODAL_OK;
 }
 
+/* Who turns with whom: the lowering's where the dofs turn, the program's where they do not. */
 static enum modal_status turn_axes(struct lowering *l, struct modal_error *err)
 {
     const struct shaft *s = l->mesh;
     size_t n = (size_t)l->p->n;
+    int *partner = calloc(n + 1, sizeof *partner);
+    double *sign = calloc(n + 1, sizeof *sign);
 
-    l->names_frames = true;
-    if (s->fixed)
-        return MODAL_OK;
-    l->turn_partner = calloc(n + 1, sizeof *l->turn_partner);
-    l->turn_sign = calloc(n + 1, sizeof *l->turn_sign);
-    if (l->turn_partner == NULL || l->turn_sign == NULL)
-        return no_memory(err);
-    for (int i = 0; i < l->p->n; i++) {
-        l->turn_partner[i] = partner_of(s, i);
-        l->turn_sign[i] = sign_of(s, i);
+    for (int i = 0; partner != NULL && sign != NULL && i < l->p->n; i++) {
+        partner[i] = partner_of(s, i);
+        sign[i] = sign_of(s, i);
     }
-    return MODAL_OK;
+    l->names_frames = true;
+    *(s->fixed ? &l->p->turn_partner : &l->turn_partner) = partner;
+    *(s->fixed ? &l->p->turn_sign : &l->turn_sign) = sign;
+    l->p->turn_speed = s->fixed ? s->speed : 0;
+    return partner != NULL && sign != NULL ? MODAL_OK : no_memory(err);
 }
 
 static enum modal_status lower(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)

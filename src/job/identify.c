@@ -1,0 +1,533 @@
+/* identify.c - modal_identify as a job; see identify.h */
+#include "job/identify.h"
+#include <cblas.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+#include "job/blas_core.h"
+#include "modal/identify/exponents.h"
+
+enum { THREADS_MOST = 256 };
+
+static const char *const keys[] = {
+    "method", "signals", "pod.energy", "pod.rank", "rank.energy", "rank.fixed", "rank.rule", "rank.threshold", "rank.most", "detrend",
+    "threads", "rows", "columns", "stride", "window", "band", "period", "difference", "refine", "shapes", "target.error", "target.seconds",
+    NULL,
+};
+
+/* ---- options ---- */
+
+/* {"rank": {"fixed": 6}} -> {"rank.fixed": 6}; the rest is shared by reference. */
+static cJSON *flatten(const cJSON *options)
+{
+    cJSON *flat = cJSON_CreateObject();
+
+    for (const cJSON *item = options != NULL ? options->child : NULL; flat != NULL && item != NULL; item = item->next) {
+        if (!cJSON_IsObject(item)) {
+            cJSON_AddItemToObject(flat, item->string, cJSON_Duplicate(item, true));
+            continue;
+        }
+        for (const cJSON *inner = item->child; inner != NULL; inner = inner->next) {
+            char key[128];
+            json_path(key, item->string, inner->string);
+            cJSON_AddItemToObject(flat, key, cJSON_Duplicate(inner, true));
+        }
+    }
+    return flat;
+}
+
+/* [low, high] in seconds or hertz. */
+static enum modal_status read_interval(const cJSON *o, const char *key, double out[2], struct modal_error *err)
+{
+    double *x = NULL;
+    size_t count = 0;
+    enum modal_status rc = json_get_numbers(o, "", key, 0, 1e300, &x, &count, err);
+
+    if (rc == MODAL_OK && x != NULL && (count != 2 || !(x[1] > x[0])))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s: accepted: two numbers, the first below the second", key);
+    if (rc == MODAL_OK && x != NULL)
+        out[0] = x[0], out[1] = x[1];
+    free(x);
+    return rc;
+}
+
+static int find_channel(const struct batch *b, const cJSON *name)
+{
+    char own[24];
+
+    if (cJSON_IsNumber(name))
+        return name->valuedouble >= 0 && name->valuedouble < (double)b->channels && name->valuedouble == floor(name->valuedouble) ? (int)name->valuedouble : -1;
+    for (size_t c = 0; c < b->channels && cJSON_IsString(name); c++) {
+        snprintf(own, sizeof own, "ch%zu", c);
+        if (strcmp(name->valuestring, b->names != NULL && b->names[c] != NULL ? b->names[c] : own) == 0)
+            return (int)c;
+    }
+    return -1;
+}
+
+static enum modal_status no_such_channel(const struct batch *b, const cJSON *name, struct modal_error *err)
+{
+    char list[256] = "";
+
+    for (size_t c = 0; b->names != NULL && c < b->channels && strlen(list) < 160; c++)
+        snprintf(list + strlen(list), sizeof list - strlen(list), ", \"%.40s\"", b->names[c] != NULL ? b->names[c] : "");
+    if (cJSON_IsString(name))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: no channel \"%.60s\"; accepted: \"pod\", \"all\", indices below %zu%s", name->valuestring, b->channels, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: accepted: \"pod\", \"all\", or channels by name or index below %zu%s", b->channels, list);
+}
+
+/* "pod", "all", one channel, or a list of channels. */
+static enum modal_status read_signals(const cJSON *o, const struct batch *b, struct identify_options *opt, int **channels, struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "signals");
+    int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : 1, *list;
+
+    if (item == NULL || (cJSON_IsString(item) && strcmp(item->valuestring, "pod") == 0 && find_channel(b, item) < 0))
+        return MODAL_OK;
+    if (cJSON_IsString(item) && strcmp(item->valuestring, "all") == 0 && find_channel(b, item) < 0) {
+        opt->signals_all = true;
+        return MODAL_OK;
+    }
+    if (count < 1 || (size_t)count > b->channels)
+        return no_such_channel(b, NULL, err);
+    *channels = list = calloc(count, sizeof *list);
+    if (list == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", count);
+    for (int i = 0; i < count; i++) {
+        const cJSON *name = cJSON_IsArray(item) ? cJSON_GetArrayItem(item, i) : item;
+        list[i] = find_channel(b, name);
+        if (list[i] < 0)
+            return no_such_channel(b, name, err);
+        for (int j = 0; j < i; j++)
+            if (list[j] == list[i])
+                return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: channel %d is named twice", list[i]);
+    }
+    opt->channels = list;
+    opt->channel_count = count;
+    return MODAL_OK;
+}
+
+static enum modal_status read_numbers(const cJSON *o, struct identify_options *opt, int *threads, struct modal_error *err)
+{
+    const struct { const char *key; double low, high, *to; } numbers[] = {
+        { "pod.energy", 1e-300, 1, &opt->pod_energy }, { "rank.energy", 1e-300, 1, &opt->rank.energy },
+        { "rank.threshold", 1e-300, 1, &opt->rank.threshold }, { "period", 0, 1e300, &opt->period },
+        { "target.error", 1e-300, 1e300, &opt->target_error }, { "target.seconds", 1e-300, 1e300, &opt->target_seconds },
+    };
+    const struct { const char *key; int low, high, *to; } integers[] = {
+        { "pod.rank", 1, IDENTIFY_ORDER_MOST, &opt->pod_rank }, { "rank.fixed", 1, IDENTIFY_ORDER_MOST, &opt->rank.fixed },
+        { "rank.most", 1, IDENTIFY_ORDER_MOST, &opt->rank.most }, { "rows", 1, 1000000000, &opt->rows },
+        { "columns", 1, 1000000000, &opt->columns }, { "stride", 1, 1000000000, &opt->stride }, { "threads", 1, THREADS_MOST, threads },
+    };
+    enum modal_status rc = MODAL_OK;
+
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers && rc == MODAL_OK; i++)
+        rc = json_get_number(o, "", numbers[i].key, numbers[i].low, numbers[i].high, numbers[i].to, err);
+    for (size_t i = 0; i < sizeof integers / sizeof *integers && rc == MODAL_OK; i++)
+        rc = json_get_int(o, "", integers[i].key, integers[i].low, integers[i].high, integers[i].to, err);
+    return rc;
+}
+
+/* What was given decides the rule where it was not named: a fixed rank, an energy, a threshold. */
+static enum modal_status read_rule(const cJSON *o, struct identify_options *opt, struct modal_error *err)
+{
+    int rule = RANK_AUTO;
+    bool fixed = cJSON_HasObjectItem(o, "rank.fixed");
+    enum modal_status rc;
+
+    if (fixed)
+        rule = RANK_FIXED;
+    else if (cJSON_HasObjectItem(o, "rank.energy"))
+        rule = RANK_ENERGY;
+    else if (cJSON_HasObjectItem(o, "rank.threshold"))
+        rule = RANK_THRESHOLD;
+    rc = json_get_choice(o, "", "rank.rule", rank_rule_names, &rule, err);
+    opt->rank.rule = rule;
+    if (rc == MODAL_OK && fixed && rule != RANK_FIXED)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.fixed beside rank.rule \"%s\"; accepted: one of the two", rank_rule_names[rule]);
+    if (rc == MODAL_OK && rule == RANK_FIXED && !fixed)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.rule \"fixed\" needs rank.fixed: 1 to %d", IDENTIFY_ORDER_MOST);
+    return rc;
+}
+
+enum modal_status identify_options_read(const cJSON *options, const struct batch *batch, struct identify_options *opt, int *threads,
+                                        int **channels, struct modal_error *err)
+{
+    cJSON *o = flatten(options);
+    int method = IDENTIFY_AUTO, detrend = DETREND_NONE;
+    bool refine = false;
+    enum modal_status rc;
+
+    *opt = (struct identify_options) { 0 };
+    *channels = NULL;
+    *threads = 1;
+    if (o == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the options");
+    if ((rc = json_keys(o, "", keys, err)) != MODAL_OK
+        || (rc = json_get_choice(o, "", "method", identify_method_names, &method, err)) != MODAL_OK
+        || (rc = json_get_choice(o, "", "detrend", identify_detrend_names, &detrend, err)) != MODAL_OK
+        || (rc = json_get_bool(o, "", "difference", &opt->difference, err)) != MODAL_OK
+        || (rc = json_get_bool(o, "", "shapes", &opt->shapes, err)) != MODAL_OK
+        || (rc = json_get_bool(o, "", "refine", &refine, err)) != MODAL_OK
+        || (rc = read_numbers(o, opt, threads, err)) != MODAL_OK
+        || (rc = read_rule(o, opt, err)) != MODAL_OK
+        || (rc = read_interval(o, "window", opt->window, err)) != MODAL_OK
+        || (rc = read_interval(o, "band", opt->band, err)) != MODAL_OK
+        || (rc = read_signals(o, batch, opt, channels, err)) != MODAL_OK)
+        goto out;
+    opt->method = method;
+    opt->detrend = detrend;
+    if (cJSON_HasObjectItem(o, "refine"))
+        opt->refine = refine ? CHOICE_YES : CHOICE_NO;
+    if (cJSON_HasObjectItem(o, "period") && opt->period == 0)
+        opt->period = -1;                     /* 0: constant coefficients, whatever the batch says */
+out:
+    cJSON_Delete(o);
+    if (rc != MODAL_OK) {
+        free(*channels);
+        *channels = NULL;
+    }
+    return rc;
+}
+
+/* A number, or null where the option was left to its default and none applies. */
+static void write_number(cJSON *o, const char *key, double value)
+{
+    if (value > 0)
+        cJSON_AddNumberToObject(o, key, value);
+    else
+        cJSON_AddNullToObject(o, key);
+}
+
+static void write_interval(cJSON *o, const char *key, const double x[2])
+{
+    if (x[1] > 0)
+        cJSON_AddItemToObject(o, key, json_numbers(x, 2));
+    else
+        cJSON_AddNullToObject(o, key);
+}
+
+cJSON *identify_options_write(const struct identify_options *u, const cJSON *asked, int threads)
+{
+    cJSON *o = cJSON_CreateObject(), *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
+
+    cJSON_AddStringToObject(o, "method", identify_method_names[u->method]);
+    cJSON_AddItemToObject(o, "signals", signals != NULL ? cJSON_Duplicate(signals, true) : cJSON_CreateString("pod"));
+    write_number(o, "pod.energy", u->pod_energy);
+    write_number(o, "pod.rank", u->pod_rank);
+    cJSON_AddStringToObject(o, "rank.rule", rank_rule_names[u->rank.rule]);
+    write_number(o, "rank.fixed", u->rank.rule == RANK_AUTO ? 0 : u->rank.fixed);
+    write_number(o, "rank.energy", u->rank.rule == RANK_ENERGY || u->rank.rule == RANK_ENERGY_SQUARED ? (u->rank.energy > 0 ? u->rank.energy : 0.9999) : 0);
+    write_number(o, "rank.threshold", u->rank.rule == RANK_THRESHOLD ? u->rank.threshold : 0);
+    write_number(o, "rank.most", u->rank.most);
+    cJSON_AddStringToObject(o, "detrend", identify_detrend_names[u->detrend]);
+    cJSON_AddNumberToObject(o, "threads", threads);
+    write_number(o, "rows", u->rows);
+    write_number(o, "columns", u->columns);
+    write_number(o, "stride", u->stride);
+    write_interval(o, "window", u->window);
+    write_interval(o, "band", u->band);
+    cJSON_AddNumberToObject(o, "period", u->period > 0 ? u->period : 0);
+    cJSON_AddBoolToObject(o, "difference", u->difference);
+    cJSON_AddBoolToObject(o, "refine", u->refine == CHOICE_YES);
+    cJSON_AddBoolToObject(o, "shapes", u->shapes);
+    write_number(o, "target.error", u->target_error);
+    write_number(o, "target.seconds", u->target_seconds);
+    return o;
+}
+
+/* ---- result ---- */
+
+static cJSON *print_std(const struct identify_mode *m)
+{
+    cJSON *std = cJSON_CreateObject();
+
+    json_set_number(std, "frequency_hz", m->std_frequency_hz);
+    json_set_number(std, "damping_ratio", m->std_damping_ratio);
+    cJSON_AddItemToObject(std, "exponent", json_complex(m->std_re, m->std_im));
+    json_set_number(std, "multiplier", m->std_multiplier);
+    return std;
+}
+
+static cJSON *print_complex_list(const double complex *z, int count)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int i = 0; i < count; i++)
+        cJSON_AddItemToArray(list, json_complex(creal(z[i]), cimag(z[i])));
+    return list;
+}
+
+static void print_harmonics(cJSON *o, const struct identify_mode *m)
+{
+    cJSON *list = cJSON_AddArrayToObject(o, "harmonics");
+
+    for (int i = 0; i < m->harmonic_count; i++) {
+        cJSON *h = cJSON_CreateObject();
+        cJSON_AddNumberToObject(h, "k", m->harmonics[i].k);
+        json_set_number(h, "magnitude", m->harmonics[i].magnitude);
+        cJSON_AddItemToArray(list, h);
+    }
+    cJSON_AddNumberToObject(o, "resolved_k", m->resolved_k);
+    json_set_number(o, "runner_up", m->runner_up);
+}
+
+static cJSON *print_mode(const struct identify_result *r, const struct identify_mode *m)
+{
+    cJSON *o = cJSON_CreateObject();
+    double omega = frequency_of(m->resolved);
+
+    json_set_number(o, "frequency_hz", omega / (2 * M_PI));
+    json_set_number(o, "frequency_rad_s", omega);
+    json_set_number(o, "damped_frequency_rad_s", fabs(cimag(m->resolved)));
+    json_set_number(o, "damping_ratio", damping_ratio_of(m->resolved));
+    cJSON_AddItemToObject(o, "exponent", json_complex(creal(m->exponent), cimag(m->exponent)));
+    cJSON_AddItemToObject(o, "resolved_exponent", json_complex(creal(m->resolved), cimag(m->resolved)));
+    cJSON_AddItemToObject(o, "multiplier", json_complex(creal(m->multiplier), cimag(m->multiplier)));
+    json_set_number(o, "amplitude", m->amplitude);
+    json_set_number(o, "energy", m->energy);
+    json_set_number(o, "persistence", m->persistence);
+    json_set_number(o, "residual", m->residual);
+    cJSON_AddItemToObject(o, "std", print_std(m));
+    json_set_number(o, "bar", m->bar);
+    if (m->shape != NULL) {
+        cJSON_AddItemToObject(o, "shape", print_complex_list(m->shape, r->channel_count));
+        json_set_number(o, "mpc", m->mpc);
+    }
+    if (r->period > 0)
+        print_harmonics(o, m);
+    return o;
+}
+
+static cJSON *print_stability(const struct identify_result *r)
+{
+    cJSON *o = cJSON_CreateObject();
+
+    if (r->verdict == VERDICT_UNDECIDED)
+        cJSON_AddNullToObject(o, "stable");
+    else
+        cJSON_AddBoolToObject(o, "stable", r->verdict == VERDICT_STABLE);
+    json_set_number(o, "max_multiplier", r->max_multiplier);
+    json_set_number(o, "margin", r->margin);
+    json_set_number(o, "margin_std", r->margin_std);
+    return o;
+}
+
+static cJSON *print_rank(const struct identify_result *r)
+{
+    cJSON *o = cJSON_CreateObject();
+
+    cJSON_AddNumberToObject(o, "pod", r->pod_rank);
+    cJSON_AddNumberToObject(o, "hankel", r->hankel_rank);
+    cJSON_AddStringToObject(o, "rule", rank_rule_names[r->rule]);
+    json_set_number(o, "energy", r->energy);
+    cJSON_AddItemToObject(o, "singular_values", json_numbers(r->singular, r->singular_count));
+    cJSON_AddNumberToObject(o, "freedom", r->freedom);
+    return o;
+}
+
+static cJSON *print_reconstruction(const struct identify_result *r, const struct batch *b)
+{
+    cJSON *o = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(o, "signals");
+    char own[24];
+
+    for (int i = 0; i < r->channel_count; i++) {
+        cJSON *s = cJSON_CreateObject();
+        int c = r->channel[i];
+        snprintf(own, sizeof own, "ch%d", c);
+        cJSON_AddStringToObject(s, "name", b->names != NULL && b->names[c] != NULL ? b->names[c] : own);
+        json_set_number(s, "rms_error", r->rms_error[i]);
+        json_set_number(s, "relative_error", r->relative_error[i]);
+        cJSON_AddItemToArray(list, s);
+    }
+    json_set_number(o, "relative_error", r->total_relative_error);
+    return o;
+}
+
+static cJSON *print_order(const struct identify_result *r)
+{
+    cJSON *o = cJSON_CreateObject(), *list;
+
+    cJSON_AddStringToObject(o, "rule", r->rule == RANK_AUTO ? "bic" : rank_rule_names[r->rule]);
+    list = cJSON_AddArrayToObject(o, "candidates");
+    for (int i = 0; i < r->candidate_count; i++) {
+        const struct identify_candidate *c = &r->candidates[i];
+        cJSON *k = cJSON_CreateObject();
+        cJSON_AddNumberToObject(k, "order", c->order);
+        json_set_number(k, "bic", c->bic);
+        json_set_number(k, "residual", c->residual);
+        cJSON_AddBoolToObject(k, "refined", c->refined);
+        cJSON_AddBoolToObject(k, "converged", c->converged);
+        cJSON_AddBoolToObject(k, "chosen", c->chosen);
+        cJSON_AddItemToArray(list, k);
+    }
+    return o;
+}
+
+/* Poles against order: what a stabilisation diagram draws. */
+static cJSON *print_stabilisation(const struct identify_result *r)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int i = 0; i < r->pole_count; i++) {
+        const struct identify_pole *p = &r->poles[i];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddNumberToObject(o, "order", p->order);
+        cJSON_AddItemToObject(o, "exponent", json_complex(creal(p->exponent), cimag(p->exponent)));
+        json_set_number(o, "frequency_hz", frequency_of(p->exponent) / (2 * M_PI));
+        json_set_number(o, "damping_ratio", damping_ratio_of(p->exponent));
+        cJSON_AddItemToObject(o, "std", json_complex(p->std_re, p->std_im));
+        if (p->mode >= 0)
+            cJSON_AddNumberToObject(o, "mode", p->mode);
+        else
+            cJSON_AddNullToObject(o, "mode");
+        cJSON_AddItemToArray(list, o);
+    }
+    return list;
+}
+
+static cJSON *print_clusters(const struct identify_result *r)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int i = 0; i < r->cluster_count; i++) {
+        const struct identify_cluster *c = &r->clusters[i];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddItemToObject(o, "centroid", json_complex(creal(c->centroid), cimag(c->centroid)));
+        json_set_number(o, "radius", c->radius);
+        cJSON_AddItemToObject(o, "members", cJSON_CreateIntArray(c->members, c->member_count));
+        cJSON_AddBoolToObject(o, "near_defective", c->near_defective);
+        cJSON_AddItemToArray(list, o);
+    }
+    return list;
+}
+
+static cJSON *print_diagnostics(const struct identify_result *r)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int i = 0; i < r->diagnostic_count; i++) {
+        const struct identify_diagnostic *d = &r->diagnostics[i];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddStringToObject(o, "code", d->code);
+        cJSON_AddStringToObject(o, "message", d->message);
+        if (d->channel >= 0)
+            cJSON_AddNumberToObject(o, "channel", d->channel);
+        cJSON_AddItemToArray(list, o);
+    }
+    return list;
+}
+
+/* ---- cost and provenance ---- */
+
+struct meter { double wall, cpu; const struct job_request *request; };
+
+static double seconds(clockid_t clock)
+{
+    struct timespec t;
+
+    clock_gettime(clock, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static double cpu_clock(void *context)
+{
+    (void)context;
+    return seconds(CLOCK_PROCESS_CPUTIME_ID);
+}
+
+static bool stop_asked(void *context)
+{
+    const struct meter *m = context;
+
+    return m->request->cancelled != NULL && m->request->cancelled(m->request->context);
+}
+
+static cJSON *print_cost(const struct identify_result *r, const struct meter *start)
+{
+    cJSON *o = cJSON_CreateObject(), *stages;
+    struct rusage usage;
+
+    json_set_number(o, "wall_s", seconds(CLOCK_MONOTONIC) - start->wall);
+    json_set_number(o, "cpu_s", seconds(CLOCK_PROCESS_CPUTIME_ID) - start->cpu);
+    stages = cJSON_AddObjectToObject(o, "stages");
+    for (int i = 0; i < r->stage_count; i++)
+        json_set_number(stages, r->stages[i].name, r->stages[i].seconds);
+    getrusage(RUSAGE_SELF, &usage);
+    json_set_number(o, "peak_bytes", 1024.0 * (double)usage.ru_maxrss);
+    return o;
+}
+
+static cJSON *print_provenance(const struct job_request *q, const struct identify_result *r, int threads)
+{
+    cJSON *o = cJSON_CreateObject(), *input = cJSON_CreateObject();
+    char host[256] = "";
+
+    cJSON_AddStringToObject(o, "version", MODALD_VERSION);
+    cJSON_AddItemToObject(o, "options", identify_options_write(&r->used, q->options, threads));
+    if (q->input_sha256 != NULL)
+        cJSON_AddStringToObject(o, "input_sha256", q->input_sha256);
+    else
+        cJSON_AddNullToObject(o, "input_sha256");
+    cJSON_AddNumberToObject(input, "samples", (double)q->batch->samples);
+    cJSON_AddNumberToObject(input, "channels", (double)q->batch->channels);
+    cJSON_AddNumberToObject(input, "dt", q->batch->dt);
+    cJSON_AddNumberToObject(input, "period", q->batch->period);
+    if (q->attributes != NULL)
+        cJSON_AddItemToObject(input, "attributes", cJSON_Duplicate(q->attributes, true));
+    cJSON_AddItemToObject(o, "input", input);
+    cJSON_AddNumberToObject(o, "samples_used", r->samples);
+    cJSON_AddNumberToObject(o, "dt_used", r->dt);
+    cJSON_AddNumberToObject(o, "decimation", r->decimation);
+    gethostname(host, sizeof host - 1);
+    cJSON_AddStringToObject(o, "host", host);
+    cJSON_AddNumberToObject(o, "threads", threads);
+    cJSON_AddStringToObject(o, "blas_core", blas_core_name());
+    return o;
+}
+
+static cJSON *print_result(const struct job_request *q, const struct identify_result *r, const struct meter *start, int threads)
+{
+    cJSON *o = cJSON_CreateObject(), *modes;
+
+    cJSON_AddStringToObject(o, "kind", "identify");
+    modes = cJSON_AddArrayToObject(o, "modes");
+    for (int i = 0; i < r->mode_count; i++)
+        cJSON_AddItemToArray(modes, print_mode(r, &r->modes[i]));
+    cJSON_AddItemToObject(o, "stability", print_stability(r));
+    cJSON_AddItemToObject(o, "rank", print_rank(r));
+    cJSON_AddItemToObject(o, "reconstruction", print_reconstruction(r, q->batch));
+    cJSON_AddItemToObject(o, "offset", json_numbers(r->offset, r->offset != NULL ? r->channel_count : 0));
+    cJSON_AddItemToObject(o, "order", print_order(r));
+    cJSON_AddItemToObject(o, "stabilisation", print_stabilisation(r));
+    cJSON_AddItemToObject(o, "clusters", print_clusters(r));
+    cJSON_AddItemToObject(o, "diagnostics", print_diagnostics(r));
+    cJSON_AddItemToObject(o, "cost", print_cost(r, start));
+    cJSON_AddItemToObject(o, "provenance", print_provenance(q, r, threads));
+    return o;
+}
+
+enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
+    struct meter start = { seconds(CLOCK_MONOTONIC), seconds(CLOCK_PROCESS_CPUTIME_ID), request };
+    struct identify_options opt;
+    struct identify_result result;
+    int threads, *channels;
+    enum modal_status rc = identify_options_read(request->options, request->batch, &opt, &threads, &channels, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    openblas_set_num_threads(threads);
+    opt.clock = cpu_clock, opt.cancelled = stop_asked, opt.context = &start;
+    rc = modal_identify(request->batch, &opt, &result, err);
+    if (rc == MODAL_OK) {
+        out->result = print_result(request, &result, &start, threads);
+        identify_result_done(&result);
+    }
+    free(channels);
+    return rc;
+}

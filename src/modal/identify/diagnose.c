@@ -1,0 +1,87 @@
+/* diagnose.c - the conditions behind each code; the texts say what to do */
+#include "modal/identify/diagnose.h"
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include "modal/identify/exponents.h"
+
+void identify_diagnose(struct identify_result *result, const char *code, int channel, const char *format, ...)
+{
+    struct identify_diagnostic *d = &result->diagnostics[result->diagnostic_count];
+    va_list arguments;
+
+    if (result->diagnostic_count >= IDENTIFY_DIAGNOSTICS_MOST)
+        return;
+    result->diagnostic_count++;
+    snprintf(d->code, sizeof d->code, "%s", code);
+    d->channel = channel;
+    va_start(arguments, format);
+    vsnprintf(d->message, sizeof d->message, format, arguments);
+    va_end(arguments);
+}
+
+static void about_rank(struct identify_result *r, const struct diagnose_facts *f)
+{
+    if (f->asked_rank > f->full_rank)
+        identify_diagnose(r, "rank_at_rounding", -1, "rank %d was asked for, but only %d singular values are above rounding: the multipliers beyond it are made of rounding errors; ask for at most %d",
+                          f->asked_rank, f->full_rank, f->full_rank);
+    if (f->cut_pair)
+        identify_diagnose(r, "cut_pair", -1, "rank %d cuts a conjugate pair in two: its exponents are wrong; use %d, or leave rank.rule to auto", f->asked_rank, f->asked_rank + 1);
+    else if (f->rank_low)
+        identify_diagnose(r, "rank_too_low", -1, "a higher rank than %d fits far better: weaker modes, unstable ones among them, may be missing; leave rank.rule to auto", f->asked_rank);
+    if (f->order > 0 && f->rows < f->order + 3)
+        identify_diagnose(r, "too_many_unknowns", -1, "%d equations for %d unknowns a phase and signal: a small reconstruction error proves nothing; record more periods or lower the rank", f->rows, f->order);
+    if (!f->converged)
+        identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents are those with the least residual seen, their errors unknown");
+}
+
+static void about_mode(struct identify_result *r, const struct diagnose_facts *f, int i)
+{
+    const struct identify_mode *m = &r->modes[i];
+    double turn = fabs(cimag(m->exponent)) * f->tau, decay = -creal(m->exponent) * f->tau;
+
+    if (decay > 4 || decay * f->rows > 30 * f->rows)
+        identify_diagnose(r, "fast_decay", -1, "mode %d decays by exp(-%.3g) from one row to the next: it is gone after a few; its exponent rests on them alone. Sample faster, or start the window later to drop it", i, decay);
+    if (r->period == 0 && f->tau <= 1.001 * r->dt && turn > 0.95 * M_PI)
+        identify_diagnose(r, "near_nyquist", -1, "mode %d lies at %.3g of the Nyquist frequency: a faster mode may have folded there; sample faster", i, turn / M_PI);
+    if (r->period > 0 && m->runner_up >= 0.8)
+        identify_diagnose(r, "near_tie", -1, "mode %d: two harmonics are nearly equally strong (ratio %.3g), so the integer %d that resolves its frequency is not certain", i, m->runner_up, m->resolved_k);
+    if (r->period > 0 && m->runner_up >= 0.3 && m->harmonic_count > 1)
+        identify_diagnose(r, "aliases", -1, "mode %d has strong harmonics %d and %d: one multiplier, or several modes whose frequencies differ by multiples of 1/period; the signals cannot tell. For constant coefficients give period 0",
+                          i, m->harmonics[0].k, m->harmonics[1].k);
+}
+
+/* A strong channel or an orbit hides the others. */
+static void about_channels(struct identify_result *r)
+{
+    int said = 0;
+
+    if (r->total_relative_error > 0.5)
+        identify_diagnose(r, "poor_reconstruction", -1, "the modes leave %.0f %% of the signals unexplained: noise, a forced response, or too low a rank", 100 * r->total_relative_error);
+    for (int c = 0; c < r->channel_count && said < 3 && r->total_relative_error <= 0.5; c++)
+        if (r->relative_error[c] > 0.7 && r->relative_error[c] > 3 * r->total_relative_error) {
+            identify_diagnose(r, "dominated_signal", r->channel[c], "channel %d is rebuilt to %.0f %% only while all together are to %.2g %%: others dominate it; raise the rank, or identify it alone", r->channel[c],
+                              100 * r->relative_error[c], 100 * r->total_relative_error);
+            said++;
+        }
+}
+
+void diagnose(struct identify_result *r, const struct diagnose_facts *f)
+{
+    if (r->mode_count == 0)
+        identify_diagnose(r, "no_modes", -1, "no mode stands above the noise: the signals may hold no free response");
+    about_rank(r, f);
+    if (f->dropped > 0)
+        identify_diagnose(r, "fast_decay", -1, "%d multiplier%s zero to rounding: faster than the sampling, no exponent can be given", f->dropped, f->dropped > 1 ? "s are" : " is");
+    if (r->offset != NULL)
+        identify_diagnose(r, "offset", -1, "a constant part was found and is reported as offset, not as a mode");
+    if (f->orbit)
+        identify_diagnose(r, "periodic_orbit", -1, "a multiplier of 1 varies over the period: the periodic solution itself was not removed and may hide weaker modes; use difference=true");
+    for (int i = 0; i < r->mode_count; i++)
+        about_mode(r, f, i);
+    for (int i = 0; i < r->cluster_count; i++)
+        if (r->clusters[i].near_defective)
+            identify_diagnose(r, "near_defective", -1, "%d multiplier%s within %.2g of %.6g%+.6gi nearly coalesce: only their mean is well determined, and growth like a polynomial in time is possible",
+                              r->clusters[i].member_count, r->clusters[i].member_count > 1 ? "s" : " and its conjugate", r->clusters[i].radius, creal(r->clusters[i].centroid), cimag(r->clusters[i].centroid));
+    about_channels(r);
+}

@@ -1,0 +1,25 @@
+/* diagnose.h - what may be wrong with an answer, each by a stable code with advice */
+#ifndef MODAL_DIAGNOSE_H
+#define MODAL_DIAGNOSE_H
+#include "modal/identify/identify.h"
+
+/* Facts that only the pipeline knows. */
+struct diagnose_facts {
+    int asked_rank;           /* as fixed or by rule; 0: chosen by BIC */
+    int full_rank;            /* singular values above rounding */
+    int rows;                 /* L: equations for each phase and signal */
+    int order;                /* r: unknowns */
+    int dropped;              /* multipliers that are zero to rounding */
+    double record;            /* s */
+    double tau;               /* s: the multipliers' step */
+    bool cut_pair, rank_low;  /* one more direction completes a pair; fits far better */
+    bool converged;           /* the refinement; true where none was asked for */
+    bool orbit;               /* a multiplier of 1 whose coefficient varies over the period */
+};
+
+/*
+ * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, not_converged, offset, periodic_orbit, fast_decay,
+ * near_nyquist, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction.
+ */
+void diagnose(struct identify_result *result, const struct diagnose_facts *facts);
+#endif

@@ -1,0 +1,511 @@
+/*
+ * identify.c - the way from a batch to modes; see identify.h for the stations
+ *
+ * Two decompositions lead to the poles of every order:
+ *
+ *   pencil.c       H by FFT products, one-sample shift: the default for systems without a period
+ *   projection.c   the pair (14) with any shift, its own error bars: periodic systems, a named method, a rank by singular values
+ *
+ * and order.c climbs either, refining by variable projection.  A named `method` is the paper's procedure: no refinement unless asked for.
+ * Periodic systems shift by one period where that is a whole number of samples; where not, by one sample, and modes.c folds the
+ * exponents modulo i Omega.
+ */
+#include "modal/identify/identify.h"
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/diagnose.h"
+#include "modal/identify/exponents.h"
+#include "modal/identify/fold.h"
+#include "modal/identify/hankel.h"
+#include "modal/identify/modes.h"
+#include "modal/identify/order.h"
+#include "modal/identify/pencil.h"
+#include "modal/identify/pod.h"
+#include "modal/identify/projection.h"
+#include "modal/identify/record.h"
+#include "modal/identify/verdict.h"
+
+const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
+    "auto", "partial-floquet", "partial-floquet-full", "autoregressive", "autoregressive-full", NULL,
+};
+
+/* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
+enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600 };
+
+struct work {
+    struct identify_options opt;    /* defaults filled in */
+    struct record rec;
+    struct pod pod;
+    const struct matrix *X;         /* the signals: rec.Y or pod.signals */
+    struct matrix folded;
+    struct refine_data data;        /* what is refined: X, or X folded */
+    int shift;
+    double tau;
+    bool refine;
+    struct pencil pencil;
+    struct projection projection;
+    bool projected;                 /* which of the two was made */
+    struct order_choice choice;
+    int rank;                       /* of the chosen candidate */
+    struct poles poles;
+    struct diagnose_facts facts;
+    double clock;                   /* when the stage began */
+};
+
+static void poles_done(struct poles *p)
+{
+    free(p->lambda);
+    free(p->std_re);
+    free(p->std_im);
+    free(p->bar);
+    free(p->angle);
+}
+
+static void work_done(struct work *w)
+{
+    record_done(&w->rec);
+    pod_done(&w->pod);
+    free(w->folded.x);
+    pencil_done(&w->pencil);
+    projection_done(&w->projection);
+    order_done(&w->choice);
+    poles_done(&w->poles);
+}
+
+void identify_result_done(struct identify_result *r)
+{
+    for (int i = 0; i < r->mode_count; i++) {
+        free(r->modes[i].harmonics);
+        free(r->modes[i].shape);
+    }
+    for (int i = 0; i < r->cluster_count; i++)
+        free(r->clusters[i].members);
+    free(r->modes), free(r->offset), free(r->singular), free(r->channel), free(r->rms_error), free(r->relative_error);
+    free(r->candidates), free(r->poles), free(r->clusters);
+    memset(r, 0, sizeof *r);
+}
+
+/* A stage ends: its seconds are noted, and a cancelled job stops. */
+static enum modal_status stage(struct work *w, const char *name, struct identify_result *out, struct modal_error *err)
+{
+    double now = w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
+
+    if (out->stage_count < IDENTIFY_STAGES)
+        out->stages[out->stage_count++] = (struct identify_stage) { name, now - w->clock };
+    w->clock = now;
+    if (w->opt.cancelled != NULL && w->opt.cancelled(w->opt.context))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled after the stage %s", name);
+    return MODAL_OK;
+}
+
+/* ---- options ---- */
+
+static enum modal_status check_range(const char *field, double value, double low, double high, struct modal_error *err)
+{
+    if (!(value >= low && value <= high))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s is %g; accepted: %g to %g", field, value, low, high);
+    return MODAL_OK;
+}
+
+static enum modal_status check_options(const struct identify_options *o, struct modal_error *err)
+{
+    const struct { const char *field; double value, low, high; } limits[] = {
+        { "method", o->method, 0, IDENTIFY_METHOD_COUNT - 1 },
+        { "detrend", o->detrend, 0, DETREND_COUNT - 1 },
+        { "rank.rule", o->rank.rule, 0, RANK_RULE_COUNT - 1 },
+        { "pod.energy", o->pod_energy, 0, 1 },
+        { "pod.rank", o->pod_rank, 0, IDENTIFY_ORDER_MOST },
+        { "rank.energy", o->rank.energy, 0, 1 },
+        { "rank.threshold", o->rank.threshold, 0, 1 },
+        { "rank.fixed", o->rank.fixed, o->rank.rule == RANK_FIXED, IDENTIFY_ORDER_MOST },
+        { "rank.most", o->rank.most, 0, IDENTIFY_ORDER_MOST },
+        { "rows", o->rows, 0, INT32_MAX },
+        { "columns", o->columns, 0, INT32_MAX },
+        { "stride", o->stride, 0, INT32_MAX },
+        { "target.error", o->target_error, 0, HUGE_VAL },
+        { "target.seconds", o->target_seconds, 0, HUGE_VAL },
+    };
+    enum modal_status rc = MODAL_OK;
+
+    for (size_t i = 0; i < sizeof limits / sizeof *limits && rc == MODAL_OK; i++)
+        rc = check_range(limits[i].field, limits[i].value, limits[i].low, limits[i].high, err);
+    return rc;
+}
+
+/* The shift, and whether it suits the period. */
+static enum modal_status choose_shift(struct work *w, struct modal_error *err)
+{
+    const struct record *r = &w->rec;
+    int stride = w->opt.stride;
+
+    w->shift = r->per_period > 0 ? r->per_period : 1;
+    if (stride > 0 && r->per_period > 0 && stride != r->per_period)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stride", "a stride of %d samples for a period of %d; accepted: %d, or `period` 0 for constant coefficients",
+                                stride, r->per_period, r->per_period);
+    if (stride > 1 && r->period > 0 && r->per_period == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stride", "a stride of %d samples, and a period of %.9g samples; accepted: 1", stride, r->period / r->step);
+    if (stride > 0)
+        w->shift = stride;
+    if (w->shift > r->Y.m / 2)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stride", "a stride of %d in %d samples; accepted: 1 to %d", w->shift, r->Y.m, r->Y.m / 2);
+    w->tau = w->shift * r->step;
+    w->opt.stride = w->shift;
+    return MODAL_OK;
+}
+
+/* ---- signals ---- */
+
+static enum modal_status reduce(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    struct pod_options opt = { .energy = w->opt.pod_energy, .rank = w->opt.pod_rank };
+    bool asked = opt.energy > 0 || opt.rank > 0;
+    enum modal_status rc = MODAL_OK;
+
+    w->X = &w->rec.Y;
+    out->pod_rank = w->rec.channels;
+    out->energy = 1;
+    if (!w->opt.signals_all && (asked || w->rec.channels > CHANNELS_FEW)) {
+        rc = pod_reduce(&w->rec.Y, &opt, &w->pod, err);
+        w->X = &w->pod.signals;
+        out->pod_rank = w->pod.count;
+        out->energy = w->pod.energy;
+    }
+    w->data = (struct refine_data) { w->X, w->tau, 1 };
+    if (rc == MODAL_OK && w->shift > 1) {
+        rc = fold(w->X, w->shift, &w->folded, err);
+        w->data = (struct refine_data) { &w->folded, w->tau, w->shift };
+    }
+    return rc;
+}
+
+/* ---- decomposition ---- */
+
+static bool wants_projection(const struct work *w)
+{
+    return w->shift > 1 || !w->refine || w->opt.method != IDENTIFY_AUTO || w->opt.columns > 0
+        || (w->opt.rank.rule != RANK_AUTO && w->opt.rank.rule != RANK_FIXED);
+}
+
+static enum modal_status project(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    struct hankel h = { w->X, 0, w->opt.rows, w->opt.columns, w->shift };
+    bool all = w->opt.rank.rule > RANK_FIXED;
+    int side, wanted = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed + 4 : TRIPLETS;
+    enum modal_status rc;
+
+    hankel_default_sizes(w->X->m, w->X->n, w->shift, &h.rows, &h.columns);
+    rc = hankel_check(&h, err);
+    if (rc != MODAL_OK)
+        return rc;
+    side = h.rows * w->X->n < h.columns ? h.rows * w->X->n : h.columns;
+    if (w->opt.rank.rule == RANK_FIXED && w->opt.rank.fixed > side)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d of a Hankel matrix of %d x %d; accepted: 1 to %d", w->opt.rank.fixed,
+                                h.rows * w->X->n, h.columns, side);
+    if (all)
+        wanted = side <= COMPLETE_SIDE ? side : 8 * TRIPLETS;
+    rc = projection_make(&h, wanted, &w->projection, err);
+    w->projected = rc == MODAL_OK;
+    out->rows = h.rows, out->columns = h.columns;
+    return rc;
+}
+
+static enum modal_status pencil(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
+    struct pencil_options opt = { w->opt.rows, fixed + 4 > TRIPLETS ? fixed + 4 : TRIPLETS };
+    enum modal_status rc;
+
+    if (fixed > most)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
+    rc = pencil_new(w->X, &opt, &w->pencil, err);
+    out->rows = w->pencil.rows, out->columns = w->pencil.columns;
+    return rc;
+}
+
+static enum modal_status decompose(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    enum modal_status rc = wants_projection(w) ? project(w, out, err) : pencil(w, out, err);
+    int count = w->projected ? w->projection.count : w->pencil.count;
+    const double *s = w->projected ? w->projection.s : w->pencil.s;
+
+    if (rc != MODAL_OK)
+        return rc;
+    out->singular = malloc(sizeof *s * (count + 1));
+    if (out->singular == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d singular values", count);
+    for (int i = 0; i < count; i++)
+        out->singular[i] = s[0] > 0 ? s[i] / s[0] : 0;
+    out->singular_count = count;
+    w->facts.full_rank = rank_above_rounding(s, count, out->rows * w->X->n, out->columns);
+    return MODAL_OK;
+}
+
+/* ---- order ---- */
+
+static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+{
+    struct work *w = context;
+    int dropped = 0;
+    enum modal_status rc = projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, count, &dropped, err);
+
+    if (r == w->opt.rank.fixed)
+        w->facts.dropped = dropped;
+    return rc;
+}
+
+static enum modal_status pencil_source(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+{
+    struct work *w = context;
+    double complex rho[IDENTIFY_ORDER_MOST + TRIPLETS];
+    enum modal_status rc = pencil_multipliers(&w->pencil, r, rho, err);
+
+    if (rc == MODAL_OK)
+        *count = poles_of_multipliers(rho, r, w->tau, 1e-300, lambda, &w->facts.dropped);
+    return rc;
+}
+
+/* How far the ladder goes: no more than the singular values above rounding, the rows there are, or what was allowed. */
+static int order_most(const struct work *w)
+{
+    int most = w->projected ? w->projection.count : w->pencil.count;
+
+    if (w->opt.rank.rule != RANK_FIXED && most > w->facts.full_rank)
+        most = w->facts.full_rank;
+    if (most > w->data.Y->m - 1)
+        most = w->data.Y->m - 1;
+    if (w->opt.rank.most > 0 && most > w->opt.rank.most)
+        most = w->opt.rank.most;
+    return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
+}
+
+static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    struct order_source source = { order_most(w), w->projected ? projection_source : pencil_source, w };
+    struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 }, .cancelled = w->opt.cancelled, .context = w->opt.context };
+    const struct projection *p = &w->projection;
+    enum modal_status rc;
+
+    if (w->opt.rank.rule != RANK_AUTO)
+        opt.fixed = w->projected ? rank_estimate(p->s, p->count, p->m, p->n, &w->opt.rank) : w->opt.rank.fixed;
+    if (w->opt.rank.rule != RANK_AUTO)
+        w->opt.rank.fixed = w->facts.asked_rank = opt.fixed;
+    if (opt.fixed > source.most)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
+                                w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
+    opt.no_offset = !w->refine;
+    rc = order_choose(&w->data, &source, &opt, &w->choice, err);
+    if (rc == MODAL_OK && w->choice.chosen >= 0) {
+        const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
+        w->rank = c->r > 0 ? c->r : c->fit.order;
+        w->facts.order = c->fit.order;
+        w->facts.converged = !w->refine || refined_converged(&c->fit);
+        out->hankel_rank = c->fit.order;
+    }
+    return rc;
+}
+
+/* What a fixed or ruled rank left out: one more direction fits far better, and completes a pair? */
+static enum modal_status look_above(struct work *w, struct modal_error *err)
+{
+    const struct refined *fit = &w->choice.candidates[w->choice.chosen].fit;
+    struct refine_options look = { .iterations = -1 };
+    double complex lambda[IDENTIFY_ORDER_MOST + 2];
+    int r = w->facts.asked_rank + 1, count = 0, reals = 0, more = 0;
+    struct refined above;
+    enum modal_status rc = MODAL_OK;
+
+    if (w->facts.asked_rank < 1 || r > w->facts.full_rank || r > order_most(w) || r >= w->data.Y->m - 1)
+        return MODAL_OK;
+    rc = w->projected ? projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, &count, NULL, err) : pencil_source(w, r, lambda, &count, err);
+    if (rc != MODAL_OK || count < 1)
+        return rc;
+    rc = refine_poles(&w->data, lambda, count, NULL, &look, &above, err);
+    if (rc != MODAL_OK)
+        return rc;
+    for (int j = 0; j < fit->poles; j++)
+        reals += pole_order(fit->lambda[j], w->tau) == 1;
+    for (int j = 0; j < count; j++)
+        more += pole_order(lambda[j], w->tau) == 1;
+    w->facts.rank_low = above.bic < fit->bic - 20 && above.residual < 0.7 * fit->residual;
+    w->facts.cut_pair = w->facts.rank_low && more < reals;
+    refined_done(&above);
+    return MODAL_OK;
+}
+
+/* ---- the chosen poles with their errors ---- */
+
+static enum modal_status take_poles(struct work *w, struct modal_error *err)
+{
+    static const struct refined none = { 0 };
+    const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : &none;
+    const struct matrix *VT = w->projected ? &w->projection.VT : &w->pencil.VT;
+    struct poles *p = &w->poles;
+    int n = fit->poles, r = w->rank < VT->m ? w->rank : VT->m;
+    enum modal_status rc = MODAL_OK;
+
+    *p = (struct poles) { .count = n, .shift = w->shift, .tau = w->tau, .refined = w->refine };
+    p->lambda = malloc(sizeof *p->lambda * (n + 1));
+    p->std_re = malloc(sizeof(double) * (n + 1)), p->std_im = malloc(sizeof(double) * (n + 1));
+    p->bar = malloc(sizeof(double) * (n + 1)), p->angle = malloc(sizeof(double) * (n + 1));
+    if (p->lambda == NULL || p->std_re == NULL || p->std_im == NULL || p->bar == NULL || p->angle == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
+    for (int j = 0; j < n; j++) {
+        p->lambda[j] = fit->lambda[j];
+        p->std_re[j] = w->refine ? fit->std_re[j] : NAN;
+        p->std_im[j] = w->refine ? fit->std_im[j] : NAN;
+        p->bar[j] = NAN;
+        p->angle[j] = projection_angle(VT, r, fit->lambda[j], w->tau);
+    }
+    if (w->projected && n > 0) {
+        int columns = w->shift > 1 || w->projection.n < 20 ? 1 : w->projection.n / 10;
+        rc = projection_bars(&w->projection, r, columns, w->tau, p->lambda, n, p->bar, err);
+    }
+    return rc;
+}
+
+/* ---- what the ladder saw ---- */
+
+static double pole_distance(double complex a, double complex b)
+{
+    return hypot(creal(a) - creal(b), fabs(cimag(a)) - fabs(cimag(b)));
+}
+
+/* The mode whose exponent a candidate's pole shows, within 1 % or five standard deviations; -1: none. */
+static int mode_of_pole(const struct work *w, const struct identify_result *r, double complex lambda)
+{
+    double Omega = r->period > 0 ? 2 * M_PI / r->period : 0, nearest = HUGE_VAL;
+    int which = -1;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double std = m->std_re > 0 ? 5 * hypot(m->std_re, m->std_im) : 0, d = pole_distance(m->exponent, lambda);
+        if (Omega > 0 && w->shift == 1) {
+            double im = remainder(cimag(lambda), Omega);
+            d = pole_distance(m->exponent, CMPLX(creal(lambda), im));
+        }
+        if (d <= fmax(std, 0.01 * frequency_of(m->exponent)) && d < nearest)
+            nearest = d, which = i;
+    }
+    return which;
+}
+
+static enum modal_status report_ladder(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    const struct order_choice *c = &w->choice;
+    int poles = 0, least = c->chosen >= 0 ? c->candidates[c->chosen].fit.order : 0;
+
+    for (int i = 0; i < c->count; i++)
+        poles += c->candidates[i].fit.poles;
+    out->candidates = calloc(c->count + 1, sizeof *out->candidates);
+    out->poles = calloc(poles + 1, sizeof *out->poles);
+    if (out->candidates == NULL || out->poles == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d candidates", c->count);
+    for (int i = 0; i < c->count; i++) {
+        const struct refined *f = &c->candidates[i].fit;
+        out->candidates[out->candidate_count++] = (struct identify_candidate) {
+            f->order, f->bic, f->residual, c->candidates[i].refined && w->refine, refined_converged(f), i == c->chosen };
+        for (int j = 0; j < f->poles; j++) {
+            double complex z = f->lambda[j] + CMPLX(0, w->rec.shift_rad_s);
+            out->poles[out->pole_count++] = (struct identify_pole) { f->order, z, w->refine ? f->std_re[j] : NAN, w->refine ? f->std_im[j] : NAN,
+                                                                     mode_of_pole(w, out, z) };
+        }
+    }
+    for (int m = 0; m < out->mode_count; m++) {
+        int shown = 0, all = 0;
+        for (int i = 0, at = 0; i < c->count; at += c->candidates[i++].fit.poles) {
+            bool here = false;
+            for (int j = 0; j < c->candidates[i].fit.poles; j++)
+                here |= out->poles[at + j].mode == m;
+            if (c->candidates[i].fit.order < least)
+                continue;
+            all++;
+            shown += here;
+        }
+        out->modes[m].persistence = all > 1 ? (double)shown / all : NAN;
+    }
+    return MODAL_OK;
+}
+
+/* A multiplier of 1 that is no offset, in a periodic system: the orbit itself. */
+static bool has_orbit(const struct work *w, const struct identify_result *r)
+{
+    bool found = false;
+
+    for (int i = 0; i < r->mode_count && r->period > 0 && !w->opt.difference; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double bar = fmax(1e-6, fmin(0.05, 3 * (isfinite(m->std_multiplier) ? m->std_multiplier : isfinite(m->bar) ? m->bar : 0)));
+        found |= fabs(creal(m->multiplier) - 1) <= fmax(bar, 1e-3) && cimag(m->multiplier) == 0 && m->energy > 0.01;
+    }
+    return found;
+}
+
+static enum modal_status conclude(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    double duration = w->data.Y->m * w->tau;
+    enum modal_status rc = verdict_clusters(out, duration, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    verdict_stability(out);
+    w->facts.rows = w->data.Y->m;
+    w->facts.record = duration;
+    w->facts.tau = w->tau;
+    w->facts.orbit = has_orbit(w, out);
+    diagnose(out, &w->facts);
+    return MODAL_OK;
+}
+
+static void report_settings(struct work *w, struct identify_result *out)
+{
+    out->period = w->rec.period;
+    out->dt = w->rec.step;
+    out->decimation = w->rec.decimation;
+    out->shift = w->shift;
+    out->samples = w->shift > 1 ? w->data.Y->m * w->shift : w->rec.Y.m;
+    out->freedom = w->data.Y->m - w->facts.order;
+    out->rule = w->opt.rank.rule;
+    w->opt.rows = out->rows, w->opt.columns = out->columns;
+    w->opt.refine = w->refine ? CHOICE_YES : CHOICE_NO;
+    w->opt.period = w->rec.period;
+    out->used = w->opt;
+    out->used.channels = NULL, out->used.clock = NULL, out->used.cancelled = NULL, out->used.context = NULL;
+}
+
+enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
+                                 struct identify_result *out, struct modal_error *err)
+{
+    static const struct identify_options defaults = { 0 };
+    struct work w = { .opt = options != NULL ? *options : defaults, .facts = { .converged = true } };
+    enum modal_status rc;
+
+    memset(out, 0, sizeof *out);
+    w.refine = w.opt.refine == CHOICE_YES || (w.opt.refine == CHOICE_DEFAULT && w.opt.method == IDENTIFY_AUTO);
+    w.clock = w.opt.clock != NULL ? w.opt.clock(w.opt.context) : 0;
+    if ((rc = check_options(&w.opt, err)) != MODAL_OK
+        || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK
+        || (rc = choose_shift(&w, err)) != MODAL_OK
+        || (rc = stage(&w, "read", out, err)) != MODAL_OK
+        || (rc = reduce(&w, out, err)) != MODAL_OK
+        || (rc = stage(&w, "pod", out, err)) != MODAL_OK
+        || (rc = decompose(&w, out, err)) != MODAL_OK
+        || (rc = stage(&w, "svd", out, err)) != MODAL_OK
+        || (rc = choose_order(&w, out, err)) != MODAL_OK
+        || (w.choice.chosen >= 0 && (rc = look_above(&w, err)) != MODAL_OK)
+        || (rc = stage(&w, w.refine ? "refine" : "eig", out, err)) != MODAL_OK
+        || (rc = take_poles(&w, err)) != MODAL_OK)
+        goto out;
+    report_settings(&w, out);
+    if ((rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK
+        || (rc = stage(&w, "synthesis", out, err)) != MODAL_OK
+        || (rc = report_ladder(&w, out, err)) != MODAL_OK
+        || (rc = conclude(&w, out, err)) != MODAL_OK
+        || (rc = stage(&w, "verdict", out, err)) != MODAL_OK)
+        goto out;
+out:
+    work_done(&w);
+    if (rc != MODAL_OK)
+        identify_result_done(out);
+    return rc;
+}

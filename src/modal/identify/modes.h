@@ -1,0 +1,32 @@
+/* modes.h - from poles to modes: amplitudes, shapes, harmonics, offset, reconstruction */
+#ifndef MODAL_MODES_H
+#define MODAL_MODES_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/error.h"
+#include "modal/identify/identify.h"
+#include "modal/identify/record.h"
+
+/* The poles of the record, tau = shift * step apart, as the order was chosen. */
+struct poles {
+    int count;
+    double complex *lambda;
+    double *std_re, *std_im;      /* 1/s; NAN: unknown */
+    double *bar;                  /* on the multiplier over tau; NAN: unknown */
+    double *angle;                /* residual; NAN: unknown */
+    int shift;
+    double tau;
+    bool refined;                 /* standard deviations are from the Jacobian */
+};
+
+/*
+ * Fill what RESULT says of modes, offset, reconstruction: everything of a mode but persistence.  POLES are over `shift` samples of REC.
+ * Three kinds of system: constant (rec->period 0); periodic with a whole number of samples (shift = rec->per_period); periodic without
+ * (shift 1: poles that differ by multiples of i Omega are one mode).  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ */
+enum modal_status modes_report(const struct record *rec, const struct poles *poles, const struct identify_options *opt,
+                               struct identify_result *result, struct modal_error *err);
+
+/* Modal phase collinearity of a shape: 1 where all components lie on one line in the complex plane [PEL93]. */
+double modes_mpc(const double complex *shape, int count);
+#endif

@@ -1,0 +1,155 @@
+/*
+ * verdict.c - what the multipliers say, with their errors
+ *
+ * Half width.  A mode's Re lambda is known to b = 1.96 std where the Jacobian gave it; else to bar / (|rho| span), the bar being the largest
+ * of jackknife and backward estimate (projection.c).  Both are bounded below by rounding, ROUNDING / span.
+ *
+ * Near-defective.  Two exponents that meet form a Jordan block, and their coefficients grow like 1/distance with opposite signs while the sum of
+ * the two parts stays finite:
+ *
+ *     cancellation = (|part_1|^2 + |part_2|^2) / |part_1 + part_2|^2 >> 1.                                   (1)
+ *
+ * A perturbation e of the data moves each by sqrt(e), their mean by e: so what is reported is the centroid and the radius, and each member's
+ * bar is at least its distance from the centroid.  (1) is judged by the energies of the modes against that of the signals, which is 1 by scaling.
+ */
+#include "modal/identify/verdict.h"
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/exponents.h"
+
+static const double ROUNDING = 1e-12, CANCELLATION = 4;
+
+static double span_of(const struct identify_result *r)
+{
+    return r->period > 0 ? r->period : r->dt / (r->decimation > 0 ? r->decimation : 1);
+}
+
+static double half_width(const struct identify_result *r, const struct identify_mode *m)
+{
+    double span = span_of(r), b = 1.96 * m->std_re, size = cabs(m->multiplier);
+
+    if (!(b > 0) || !isfinite(b))
+        b = size > 0 && isfinite(m->bar) ? m->bar / (size * span) : HUGE_VAL;
+    return fmax(b, ROUNDING / span);
+}
+
+void verdict_stability(struct identify_result *r)
+{
+    bool all_stable = r->mode_count > 0;
+
+    r->verdict = VERDICT_UNDECIDED;
+    r->max_multiplier = r->margin = r->margin_std = NAN;
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double g = creal(m->exponent), b = half_width(r, m);
+        if (g - b > 0)
+            r->verdict = VERDICT_UNSTABLE;
+        all_stable &= g + b < 0;
+        if (!(cabs(m->multiplier) <= r->max_multiplier))
+            r->max_multiplier = cabs(m->multiplier);
+        if (!(-g >= r->margin)) {
+            r->margin = 0 - g;
+            r->margin_std = isfinite(b) ? b / 1.96 : NAN;
+        }
+    }
+    if (all_stable)
+        r->verdict = VERDICT_STABLE;
+}
+
+/* ---- clusters ---- */
+
+/* Energy of the two parts against the signals': modes that cancel carry more than the signals hold.  (1) */
+static bool cancels(const struct identify_mode *a, const struct identify_mode *b)
+{
+    double own = a->amplitude * a->amplitude + (b != NULL ? b->amplitude * b->amplitude : 0);
+
+    return own > CANCELLATION;
+}
+
+static double apart(const struct identify_mode *a, const struct identify_mode *b)
+{
+    return cabs(a->multiplier - b->multiplier);
+}
+
+static bool together(const struct identify_result *r, const struct identify_mode *a, const struct identify_mode *b, double duration)
+{
+    double bars = 0, width = cabs(a->exponent - b->exponent);
+
+    bars += isfinite(a->std_multiplier) ? 1.96 * a->std_multiplier : isfinite(a->bar) ? a->bar : 0;
+    bars += isfinite(b->std_multiplier) ? 1.96 * b->std_multiplier : isfinite(b->bar) ? b->bar : 0;
+    (void)r;
+    return apart(a, b) <= bars || (width * duration < M_PI && cancels(a, b));
+}
+
+/* A pair beside the real axis: the half distance to its conjugate, and whether cosine and sine cancel over the record. */
+static bool meets_its_conjugate(const struct identify_result *r, const struct identify_mode *m, double duration)
+{
+    double im = fabs(cimag(m->multiplier)), span = span_of(r), turn = fabs(carg(m->multiplier)) / span, other = M_PI / span - turn;
+    double nearest = fmin(turn, other);
+
+    return im > 0 && nearest * duration < 0.5 && cancels(m, NULL);
+}
+
+static enum modal_status add_cluster(struct identify_result *r, const int *label, int which, int count, bool own, struct modal_error *err)
+{
+    struct identify_cluster *c = &r->clusters[r->cluster_count];
+    double complex sum = 0;
+
+    c->members = malloc(sizeof *c->members * count);
+    if (c->members == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "verdict: no memory for a cluster of %d", count);
+    r->cluster_count++;
+    for (int i = 0; i < r->mode_count; i++)
+        if (label[i] == which) {
+            c->members[c->member_count++] = i;
+            sum += r->modes[i].multiplier;
+        }
+    c->centroid = own ? creal(sum) / count : sum / count;
+    for (int i = 0; i < count; i++) {
+        struct identify_mode *m = &r->modes[c->members[i]];
+        c->radius = fmax(c->radius, cabs(m->multiplier - c->centroid));
+        c->near_defective |= cancels(m, NULL);
+    }
+    for (int i = 0; i < count; i++) {
+        struct identify_mode *m = &r->modes[c->members[i]];
+        double size = cabs(m->multiplier) * span_of(r);
+        if (!(m->bar >= c->radius))
+            m->bar = c->radius;
+        if (c->near_defective && isfinite(m->std_re) && size > 0)
+            m->std_re = fmax(m->std_re, c->radius / size / 1.96);
+    }
+    return MODAL_OK;
+}
+
+enum modal_status verdict_clusters(struct identify_result *r, double duration, struct modal_error *err)
+{
+    int n = r->mode_count, *label = malloc(sizeof *label * (n + 1));
+    enum modal_status rc = MODAL_OK;
+
+    r->clusters = calloc(n + 1, sizeof *r->clusters);
+    if (label == NULL || r->clusters == NULL) {
+        free(label);
+        return modal_fail(err, MODAL_NO_MEMORY, "verdict: no memory for %d modes", n);
+    }
+    for (int i = 0; i < n; i++)
+        label[i] = i;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++)
+            if (label[i] != label[j] && together(r, &r->modes[i], &r->modes[j], duration))
+                for (int k = 0, from = label[i], to = label[j]; k < n; k++)
+                    label[k] = label[k] == from ? to : label[k];
+    for (int which = 0; which < n && rc == MODAL_OK; which++) {
+        int count = 0, at = -1;
+        for (int i = 0; i < n; i++)
+            if (label[i] == which)
+                count++, at = i;
+        if (count > 1)
+            rc = add_cluster(r, label, which, count, false, err);
+        else if (count == 1 && meets_its_conjugate(r, &r->modes[at], duration))
+            rc = add_cluster(r, label, which, count, true, err);
+    }
+    free(label);
+    return rc;
+}

@@ -1,0 +1,364 @@
+/*
+ * orbit.c - turns and crossings of a trigonometric polynomial
+ *
+ * Between samples a turn is bracketed by a change of the rate's sign.  A pair of turns inside one step of the samples
+ * shows no such change; where the rate's size has a minimum, a parabola through three samples tells whether it may reach
+ * 0, and then its extremum is polished too.  What is still missed is a wiggle narrower than a step, of height
+ * O(step^3) times the third rate.
+ *
+ * Roots: Newton's method kept inside its bracket by bisection, until a step is below ROOT_STEP; as it converges
+ * quadratically, the root is then good to rounding.
+ */
+#include "modal/scene/orbit.h"
+#include <fftw3.h>
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-8;
+enum { ROOT_STEPS_MOST = 80 };
+
+struct orbit_grid {
+    int N;
+    double *x;
+    fftw_complex *X;
+    fftw_plan to_time, to_harmonics;
+    long transforms;
+};
+
+enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err)
+{
+    struct orbit_grid *g;
+
+    if (N < 1 || N > ORBIT_SAMPLES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.samples", "%d samples; accepted: 1 to %d", N, ORBIT_SAMPLES_MOST);
+    g = calloc(1, sizeof *g);
+    if (g == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for a grid");
+    g->N = N;
+    g->x = fftw_alloc_real((size_t)N);
+    g->X = fftw_alloc_complex((size_t)N / 2 + 1);
+    if (g->x != NULL && g->X != NULL) {
+        g->to_time = fftw_plan_dft_c2r_1d(N, g->X, g->x, FFTW_ESTIMATE);
+        g->to_harmonics = fftw_plan_dft_r2c_1d(N, g->x, g->X, FFTW_ESTIMATE);
+    }
+    if (g->to_time == NULL || g->to_harmonics == NULL) {
+        orbit_grid_free(g);
+        return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for %d samples", N);
+    }
+    *out = g;
+    return MODAL_OK;
+}
+
+void orbit_grid_free(struct orbit_grid *g)
+{
+    if (g == NULL)
+        return;
+    if (g->to_time != NULL)
+        fftw_destroy_plan(g->to_time);
+    if (g->to_harmonics != NULL)
+        fftw_destroy_plan(g->to_harmonics);
+    fftw_free(g->x);
+    fftw_free(g->X);
+    free(g);
+}
+
+int orbit_grid_samples(const struct orbit_grid *g)
+{
+    return g->N;
+}
+
+long orbit_grid_transforms(const struct orbit_grid *g)
+{
+    return g->transforms;
+}
+
+void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative, double *x)
+{
+    memset(g->X, 0, (size_t)(g->N / 2 + 1) * sizeof *g->X);
+    if (derivative == 0)
+        g->X[0] = creal(X[0]);
+    for (int k = 1; k <= H && 2 * k < g->N; k++) {
+        double complex c = X[k] / 2;
+
+        if (derivative >= 1)
+            c *= I * k;
+        if (derivative == 2)
+            c *= I * k;
+        g->X[k] = c;
+    }
+    fftw_execute(g->to_time);
+    g->transforms++;
+    memcpy(x, g->x, (size_t)g->N * sizeof *x);
+}
+
+void orbit_analyze(struct orbit_grid *g, const double *x, int H, double complex *X)
+{
+    memcpy(g->x, x, (size_t)g->N * sizeof *x);
+    fftw_execute(g->to_harmonics);
+    g->transforms++;
+    X[0] = creal(g->X[0]) / g->N;
+    for (int k = 1; k <= H; k++)
+        X[k] = 2 * k < g->N ? g->X[k] * (2.0 / g->N) : 0;
+}
+
+void orbit_analyze_gain(struct orbit_grid *g, const double *x, int M, double complex *G)
+{
+    int N = g->N;
+
+    memcpy(g->x, x, (size_t)N * sizeof *x);
+    fftw_execute(g->to_harmonics);
+    g->transforms++;
+    for (int m = 0; m <= M; m++) {
+        int r = m % N;
+
+        G[m] = (2 * r <= N ? g->X[r] : conj(g->X[N - r])) / N;
+    }
+}
+
+enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *err)
+{
+    memset(o, 0, sizeof *o);
+    o->H = H;
+    o->N = N;
+    o->turns = -1;
+    o->D = calloc((size_t)H + 1, sizeof *o->D);
+    o->d = calloc((size_t)N, sizeof *o->d);
+    o->v = calloc((size_t)N, sizeof *o->v);
+    if (o->D != NULL && o->d != NULL && o->v != NULL)
+        return MODAL_OK;
+    orbit_done(o);
+    return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for %d harmonics and %d samples", H, N);
+}
+
+void orbit_done(struct orbit *o)
+{
+    free(o->D);
+    free(o->d);
+    free(o->v);
+    free(o->turn);
+    memset(o, 0, sizeof *o);
+}
+
+void orbit_sample(struct orbit *o, struct orbit_grid *g, double omega)
+{
+    o->omega = omega;
+    o->turns = -1;
+    orbit_synthesize(g, o->H, o->D, 0, o->d);
+    orbit_synthesize(g, o->H, o->D, 1, o->v);
+}
+
+void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, const struct orbit *y)
+{
+    o->omega = x->omega;
+    o->turns = -1;
+    for (int k = 0; k <= o->H; k++)
+        o->D[k] = a * x->D[k] + b * y->D[k];
+    for (int j = 0; j < o->N; j++) {
+        o->d[j] = a * x->d[j] + b * y->d[j];
+        o->v[j] = a * x->v[j] + b * y->v[j];
+    }
+}
+
+/* Horner's rule in z = e^{i theta} for the three sums at once. */
+void orbit_at(const struct orbit *o, double theta, double out[3])
+{
+    double c = cos(theta), s = sin(theta), r0 = 0, i0 = 0, r1 = 0, i1 = 0, r2 = 0, i2 = 0;
+
+    for (int k = o->H; k >= 0; k--) {
+        double Dr = creal(o->D[k]), Di = cimag(o->D[k]), kk = k, t;
+
+        t = r0 * c - i0 * s + Dr;
+        i0 = r0 * s + i0 * c + Di;
+        r0 = t;
+        t = r1 * c - i1 * s + kk * Dr;
+        i1 = r1 * s + i1 * c + kk * Di;
+        r1 = t;
+        t = r2 * c - i2 * s + kk * kk * Dr;
+        i2 = r2 * s + i2 * c + kk * kk * Di;
+        r2 = t;
+    }
+    out[0] = r0;
+    out[1] = -i1;
+    out[2] = -r2;
+}
+
+/* The root of the order-th derivative (0 or 1) - level in [a, b], where it changes sign; starts at GUESS. */
+static double polish(const struct orbit *o, int order, double level, double a, double b, double guess, bool rising)
+{
+    double theta = guess > a && guess < b ? guess : 0.5 * (a + b);
+
+    for (int i = 0; i < ROOT_STEPS_MOST; i++) {
+        double at[3], value, step, next;
+
+        orbit_at(o, theta, at);
+        value = at[order] - level;
+        if (value == 0)
+            return theta;
+        if ((value > 0) == rising)
+            b = theta;
+        else
+            a = theta;
+        step = -value / at[order + 1];
+        next = theta + step;
+        if (!(next >= a && next <= b)) {
+            next = 0.5 * (a + b);
+            step = next - theta;
+        }
+        theta = next;
+        if (fabs(step) < ROOT_STEP || b - a < 4 * DBL_EPSILON * (1 + fabs(b)))
+            break;
+    }
+    return theta;
+}
+
+static enum modal_status add_turn(struct orbit *o, double theta, struct modal_error *err)
+{
+    double at[3];
+
+    if (o->turns == o->turns_room) {
+        int room = o->turns_room > 0 ? 2 * o->turns_room : 16;
+        struct orbit_turn *more = realloc(o->turn, (size_t)room * sizeof *more);
+
+        if (more == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for %d turns", room);
+        o->turn = more;
+        o->turns_room = room;
+    }
+    orbit_at(o, theta, at);
+    o->turn[o->turns++] = (struct orbit_turn) { theta, at[0] };
+    return MODAL_OK;
+}
+
+/* Two turns between samples: the rate's extremum near sample J reaches past 0 (see the opening). */
+static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error *err)
+{
+    double h = TWO_PI / o->N, p = o->v[(j + o->N - 1) % o->N], q = o->v[j], r = o->v[(j + 1) % o->N];
+    double bend = p - 2 * q + r, shift = bend != 0 ? 0.5 * (p - r) / bend : 0, theta = h * (j + shift), at[3], slope;
+    enum modal_status rc;
+    bool positive = q > 0;
+
+    if (fabs(q - 0.125 * (p - r) * (p - r) / (bend != 0 ? bend : 1)) > 0.5 * fabs(q) + 0.25 * fabs(bend))
+        return MODAL_OK;
+    orbit_at(o, theta, at);
+    slope = bend / (h * h);
+    for (int i = 0; i < 4 && slope != 0 && (at[1] > 0) == positive; i++) {      /* to the rate's extremum, by chords */
+        double next = theta - at[2] / slope;
+
+        if (fabs(next - h * j) > h || fabs(next - theta) < ROOT_STEP)
+            break;
+        theta = next;
+        orbit_at(o, theta, at);
+    }
+    if ((at[1] > 0) == positive || at[1] == 0)
+        return MODAL_OK;
+    rc = add_turn(o, polish(o, 1, 0, h * (j - 1), theta, 0.5 * (h * (j - 1) + theta), !positive), err);
+    return rc != MODAL_OK ? rc : add_turn(o, polish(o, 1, 0, theta, h * (j + 1), 0.5 * (h * (j + 1) + theta), positive), err);
+}
+
+static int by_theta(const void *a, const void *b)
+{
+    const struct orbit_turn *x = a, *y = b;
+
+    return (x->theta > y->theta) - (x->theta < y->theta);
+}
+
+enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
+{
+    double h = TWO_PI / o->N;
+    enum modal_status rc = MODAL_OK;
+    bool sort = false;
+
+    o->turns = 0;
+    for (int j = 0; rc == MODAL_OK && j < o->N; j++) {
+        double v0 = o->v[j], v1 = o->v[j + 1 < o->N ? j + 1 : 0], before = o->v[j > 0 ? j - 1 : o->N - 1];
+
+        if ((v0 > 0) != (v1 > 0)) {
+            if (v0 != v1)
+                rc = add_turn(o, polish(o, 1, 0, h * j, h * (j + 1), h * (j + v0 / (v0 - v1)), v1 > 0), err);
+        } else if (fabs(v0) <= fabs(before) && fabs(v0) < fabs(v1) && (before > 0) == (v0 > 0) && v0 != 0) {
+            int had = o->turns;
+
+            rc = hidden_turns(o, j, err);
+            sort |= o->turns != had;
+        }
+    }
+    for (int i = 0; i < o->turns; i++)
+        if (o->turn[i].theta >= TWO_PI || o->turn[i].theta < 0) {
+            o->turn[i].theta -= TWO_PI * floor(o->turn[i].theta / TWO_PI);
+            sort = true;
+        }
+    if (sort)
+        qsort(o->turn, (size_t)o->turns, sizeof *o->turn, by_theta);
+    return rc;
+}
+
+static double sample_at(const struct orbit *o, long j)
+{
+    return o->d[(int)(((j % o->N) + o->N) % o->N)];
+}
+
+double orbit_crossing(const struct orbit *o, double from, double to, double level)
+{
+    double h = TWO_PI / o->N, ends[2][3], a = from, b = to, da, db;
+    long low = (long)ceil(from / h), high = (long)floor(to / h);
+    bool rising;
+
+    orbit_at(o, from, ends[0]);
+    orbit_at(o, to, ends[1]);
+    rising = ends[1][0] > ends[0][0];
+    da = ends[0][0];
+    db = ends[1][0];
+    while (low <= high) {                       /* samples inside narrow the bracket */
+        long middle = (low + high) / 2;
+        double d = sample_at(o, middle);
+
+        if ((d > level) == rising) {
+            b = h * (double)middle;
+            db = d;
+            high = middle - 1;
+        } else {
+            a = h * (double)middle;
+            da = d;
+            low = middle + 1;
+        }
+    }
+    if (!(b > a))
+        return a;
+    return polish(o, 0, level, a, b, db != da ? a + (b - a) * (level - da) / (db - da) : a, rising);
+}
+
+int orbit_crossings(const struct orbit *o, double level, double *theta, int most)
+{
+    int count = 0, wrapped = 0;
+
+    for (int i = 0; i < o->turns; i++) {
+        const struct orbit_turn *p = &o->turn[i], *q = &o->turn[i + 1 < o->turns ? i + 1 : 0];
+        double to = i + 1 < o->turns ? q->theta : q->theta + TWO_PI;
+
+        if ((p->d > level) == (q->d > level))
+            continue;
+        if (count == most)
+            return -1;
+        theta[count++] = orbit_crossing(o, p->theta, to, level);
+    }
+    if (count > 0 && theta[count - 1] >= TWO_PI)
+        wrapped = 1;
+    if (wrapped) {                              /* at most one branch reaches past 2 pi */
+        double last = theta[count - 1] - TWO_PI;
+
+        memmove(theta + 1, theta, (size_t)(count - 1) * sizeof *theta);
+        theta[0] = last;
+    }
+    return count;
+}
+
+double orbit_rate_crossing(const struct orbit *o, double from, double to, double level)
+{
+    double at[3];
+
+    orbit_at(o, to, at);
+    return polish(o, 1, level, from, to, 0.5 * (from + to), at[1] > level);
+}

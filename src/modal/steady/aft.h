@@ -1,0 +1,48 @@
+/* aft.h - the laws' forces, from harmonics to harmonics through time, with their derivative
+ *
+ * Unknowns are the harmonics of q retained dofs, X[i * (H+1) + k]; as a real vector each dof has 2H + 1 entries,
+ * u[i * (2H+1) + r]: r = 0 the mean, r = 2k-1 Re X_k, r = 2k Im X_k.
+ */
+#ifndef MODAL_AFT_H
+#define MODAL_AFT_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
+#include "modal/scene/program.h"
+
+struct aft;
+
+/*
+ * A workspace for the laws of P (borrowed until aft_free) on H harmonics and N > 2 H samples.  PLACE[dof] is a dof's
+ * index among the q retained ones, -1 if it is not; every dof of a law is.  With LOCATED the events of laws that have
+ * pieces are found inside the samples, and their forces are exact for the motion given; else all laws are sampled.
+ */
+enum modal_status aft_new(const struct program *p, const int *place, int q, int H, int N, bool located, struct aft **out,
+                          struct modal_error *err);
+void aft_free(struct aft *w);
+
+/*
+ * F[i*(H+1)+k], in N, of the motion X.  DERIVATIVE: prepare aft_add_derivative too.  Fails with MODAL_ELEMENT_FAILED
+ * (a user's law) or MODAL_NO_MEMORY; MODAL_OVERFLOW where X is not finite.
+ */
+enum modal_status aft_force(struct aft *w, double omega, const double complex *X, bool derivative, double complex *F,
+                            struct modal_error *err);
+/* dF/du of the last aft_force, added into J, order q (2H+1), by columns with leading dimension ld. */
+void aft_add_derivative(struct aft *w, double *J, int ld);
+/* The last force's harmonics up to H2 >= H, into F[i*(H2+1)+k]: exact for pieces, up to N/2 for sampled laws. */
+enum modal_status aft_force_beyond(struct aft *w, int H2, double complex *F, struct modal_error *err);
+
+int aft_samples(const struct aft *w);
+long aft_transforms(const struct aft *w);
+long aft_evaluations(const struct aft *w, int law);
+bool aft_acts(const struct aft *w, int law);              /* in the last force */
+bool aft_undetermined(const struct aft *w, int law);
+bool aft_sampled(const struct aft *w, int law);           /* no exact pieces: sampling has an error */
+/* Largest slope of any law's force in the last one, N/m: the gain's numerator. */
+double aft_slope(const struct aft *w);
+const struct law_pieces *aft_pieces(const struct aft *w, int law);   /* of the last force; NULL where sampled */
+/* Samples of the gains df/dd and df/dv (row-major output, input, sample) of a sampled law, of the last force. */
+const double *aft_gains(const struct aft *w, int law, bool over_v);
+
+#endif

@@ -1,0 +1,314 @@
+/*
+ * balance.c - residual and derivative of harmonic balance; see balance.h for (1)
+ *
+ * A periodic matrix Ac cos(kappa theta) + As sin(kappa theta) acts on y = x, x' or x'' as a gain with G_kappa =
+ * (Ac - i As) / 2 alone, so that with aft.c (2) harmonic l of y reaches k = l + kappa, |l - kappa| and kappa - l only.
+ * Rows are divided by their largest entry before factoring: harmonics k differ by k^2 omega^2 M in size.
+ */
+#include "modal/steady/balance.h"
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { ORDER_MOST = 12000 };
+
+enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
+                              struct modal_error *err)
+{
+    struct balance *b = calloc(1, sizeof *b);
+    size_t q = (size_t)condense_kept(c), K = (size_t)H + 1, order = q * (2 * (size_t)H + 1);
+    enum modal_status rc = MODAL_OK;
+
+    if (b == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory");
+    *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order, .level = 1 };
+    if (order > ORDER_MOST) {
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics are %zu unknowns; the most is %d", b->q, H, order, ORDER_MOST);
+        goto out;
+    }
+    b->S = calloc(q * q * K + 1, sizeof *b->S);
+    b->load = calloc(q * K + 1, sizeof *b->load);
+    b->F = calloc(q * K + 1, sizeof *b->F);
+    b->R = calloc(order + 1, sizeof *b->R);
+    b->row = calloc(order + 1, sizeof *b->row);
+    b->pivot = calloc(order + 1, sizeof *b->pivot);
+    if (b->S == NULL || b->load == NULL || b->F == NULL || b->R == NULL || b->row == NULL || b->pivot == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for %zu unknowns", order);
+        goto out;
+    }
+    rc = aft_new(p, condense_place(c), b->q, H, N, located, &b->aft, err);
+out:
+    if (rc != MODAL_OK) {
+        balance_free(b);
+        return rc;
+    }
+    *out = b;
+    return MODAL_OK;
+}
+
+void balance_free(struct balance *b)
+{
+    if (b == NULL)
+        return;
+    aft_free(b->aft);
+    free(b->S);
+    free(b->load);
+    free(b->F);
+    free(b->R);
+    free(b->J);
+    free(b->row);
+    free(b->pivot);
+    free(b);
+}
+
+enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err)
+{
+    b->omega = omega;
+    b->level = level;
+    b->factored = false;
+    return condense_at(b->c, omega, level, b->H, b->S, b->load, err);
+}
+
+void balance_pack(const struct balance *b, const double complex *X, double *u)
+{
+    int n = 2 * b->H + 1, K = b->H + 1;
+
+    for (int i = 0; i < b->q; i++) {
+        u[i * n] = creal(X[i * K]);
+        for (int k = 1; k < K; k++) {
+            u[i * n + 2 * k - 1] = creal(X[i * K + k]);
+            u[i * n + 2 * k] = cimag(X[i * K + k]);
+        }
+    }
+}
+
+void balance_unpack(const struct balance *b, const double *u, double complex *X)
+{
+    int n = 2 * b->H + 1, K = b->H + 1;
+
+    for (int i = 0; i < b->q; i++) {
+        X[i * K] = u[i * n];
+        for (int k = 1; k < K; k++)
+            X[i * K + k] = CMPLX(u[i * n + 2 * k - 1], u[i * n + 2 * k]);
+    }
+}
+
+static double complex rate_factor(const struct balance *b, int t, int l)
+{
+    double s = l * b->omega;
+
+    return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
+}
+
+/* One entry G (two-sided) of a periodic matrix at KAPPA, rows i, columns j (kept), on y of type t. */
+static void periodic_force(struct balance *b, double complex G, int kappa, int t, int i, int j, const double complex *X)
+{
+    int H = b->H, K = H + 1;
+    double complex *F = b->F + i * K;
+    const double complex *x = X + j * K;
+
+    if (kappa <= H && t == PROGRAM_K)
+        F[kappa] += 2 * G * creal(x[0]);
+    for (int l = 1; l <= H; l++) {
+        double complex y = rate_factor(b, t, l) * x[l];
+
+        if (l + kappa <= H)
+            F[l + kappa] += G * y;
+        if (l > kappa)
+            F[l - kappa] += conj(G) * y;
+        else if (l < kappa && kappa - l <= H)
+            F[kappa - l] += G * conj(y);
+        else if (l == kappa)
+            F[0] += creal(conj(G) * y);
+    }
+}
+
+static void add_complex(struct balance *b, int i, int k, int j, int l, double complex T, double complex Hc)
+{
+    int n = 2 * b->H + 1;
+    double *re = b->J + (size_t)(j * n + (l > 0 ? 2 * l - 1 : 0)) * (size_t)b->order + i * n, *im = re + b->order;
+    double Tr = creal(T), Ti = cimag(T), Hr = creal(Hc), Hi = cimag(Hc);
+
+    if (k == 0) {
+        re[0] += Tr + Hr;
+        if (l > 0)
+            im[0] += Hi - Ti;
+        return;
+    }
+    re[2 * k - 1] += Tr + Hr;
+    re[2 * k] += Ti + Hi;
+    if (l == 0)
+        return;
+    im[2 * k - 1] += Hi - Ti;
+    im[2 * k] += Tr - Hr;
+}
+
+static void periodic_derivative(struct balance *b, double complex G, int kappa, int t, int i, int j)
+{
+    int H = b->H;
+
+    if (kappa <= H && t == PROGRAM_K)
+        add_complex(b, i, kappa, j, 0, 2 * G, 0);
+    for (int l = 1; l <= H; l++) {
+        double complex y = rate_factor(b, t, l);
+
+        if (l + kappa <= H)
+            add_complex(b, i, l + kappa, j, l, G * y, 0);
+        if (l > kappa)
+            add_complex(b, i, l - kappa, j, l, conj(G) * y, 0);
+        else if (l < kappa && kappa - l <= H)
+            add_complex(b, i, kappa - l, j, l, 0, G * conj(y));
+        else if (l == kappa)
+            add_complex(b, i, 0, j, l, conj(G) * y, 0);
+    }
+}
+
+static void each_periodic(struct balance *b, const double complex *X)     /* X NULL: the derivative */
+{
+    const int *place = condense_place(b->c);
+
+    for (int h = 0; h < b->p->harmonics; h++)
+        for (int t = 0; t < 6; t++) {
+            const struct program_harmonic *harmonic = &b->p->harmonic[h];
+            const struct sparse *a = t < 3 ? &harmonic->cosine[t] : &harmonic->sine[t - 3];
+
+            for (int i = 0; a->start != NULL && i < a->m; i++)
+                for (int e = a->start[i]; e < a->start[i + 1]; e++) {
+                    double complex G = (t < 3 ? 1 : -I) * (a->value[e] / 2);
+
+                    if (X != NULL)
+                        periodic_force(b, G, harmonic->k, t % 3, place[i], place[a->index[e]], X);
+                    else
+                        periodic_derivative(b, G, harmonic->k, t % 3, place[i], place[a->index[e]]);
+                }
+        }
+}
+
+static void linear_residual(struct balance *b, const double complex *X)
+{
+    int q = b->q, K = b->H + 1, n = 2 * b->H + 1;
+
+    for (int i = 0; i < q; i++)
+        for (int k = 0; k < K; k++) {
+            double complex r = b->F[i * K + k] - b->load[k * q + i];
+
+            for (int j = 0; j < q; j++)
+                r += b->S[(k * q + j) * q + i] * X[j * K + k];
+            if (k == 0)
+                b->R[i * n] = creal(r);
+            else {
+                b->R[i * n + 2 * k - 1] = creal(r);
+                b->R[i * n + 2 * k] = cimag(r);
+            }
+        }
+}
+
+enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err)
+{
+    enum modal_status rc = aft_force(b->aft, b->omega, X, derivative, b->F, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    each_periodic(b, X);
+    linear_residual(b, X);
+    if (!derivative)
+        return MODAL_OK;
+    if (b->J == NULL && (b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J)) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
+    memset(b->J, 0, (size_t)b->order * (size_t)b->order * sizeof *b->J);
+    b->factored = false;
+    aft_add_derivative(b->aft, b->J, b->order);
+    each_periodic(b, NULL);
+    for (int k = 0; k <= b->H; k++)
+        for (int j = 0; j < b->q; j++)
+            for (int i = 0; i < b->q; i++)
+                add_complex(b, i, k, j, k, b->S[(k * b->q + j) * b->q + i], 0);
+    return MODAL_OK;
+}
+
+bool balance_factor(struct balance *b, int *sign)
+{
+    int n = b->order, info, s = 1;
+    double most = 0, least = HUGE_VAL;
+
+    for (int i = 0; i < n; i++)
+        b->row[i] = 0;
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++)
+            b->row[i] = fmax(b->row[i], fabs(b->J[(size_t)j * (size_t)n + (size_t)i]));
+    for (int i = 0; i < n; i++) {
+        if (!(b->row[i] > 0) || !isfinite(b->row[i]))
+            return false;
+        b->row[i] = 1 / b->row[i];
+    }
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++)
+            b->J[(size_t)j * (size_t)n + (size_t)i] *= b->row[i];
+    info = LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, b->J, n, b->pivot);
+    for (int i = 0; i < n; i++) {
+        double u = b->J[(size_t)i * (size_t)n + (size_t)i];
+
+        most = fmax(most, fabs(u));
+        least = fmin(least, fabs(u));
+        s *= (u < 0 ? -1 : 1) * (b->pivot[i] != i + 1 ? -1 : 1);
+    }
+    if (sign != NULL)
+        *sign = s;
+    b->factored = info == 0 && least > 4 * DBL_EPSILON * DBL_EPSILON * most;
+    return b->factored;
+}
+
+void balance_solve(struct balance *b, double *y, int columns)
+{
+    for (int j = 0; j < columns; j++)
+        for (int i = 0; i < b->order; i++)
+            y[(size_t)j * (size_t)b->order + (size_t)i] *= b->row[i];
+    LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->order, columns, b->J, b->order, b->pivot, y, b->order);
+}
+
+static double scale_of(const double complex *X, int K)
+{
+    double most = 0;
+
+    for (int k = 0; k < K; k++)
+        most = fmax(most, fmax(fabs(creal(X[k])), fabs(cimag(X[k]))));
+    return most;
+}
+
+double balance_relative(const struct balance *b, const double *step, const double complex *X)
+{
+    int n = 2 * b->H + 1, K = b->H + 1;
+    double overall = scale_of(X, b->q * K), worst = 0;
+
+    for (int i = 0; i < b->q; i++) {
+        double scale = fmax(scale_of(X + i * K, K), 1e-12 * overall), most = 0;
+
+        for (int r = 0; r < n; r++)
+            most = fmax(most, fabs(step[i * n + r]));
+        if (most > 0)
+            worst = fmax(worst, scale > 0 ? most / scale : HUGE_VAL);
+        if (isnan(most))
+            return NAN;
+    }
+    return worst;
+}
+
+double balance_relative_residual(const struct balance *b, const double complex *X)
+{
+    int K = b->H + 1, q = b->q;
+    double scale = 0, most = 0;
+
+    for (int i = 0; i < b->order; i++)
+        most = fmax(most, fabs(b->R[i]));
+    for (int i = 0; i < q; i++)
+        for (int k = 0; k < K; k++) {
+            double complex sx = 0;
+
+            for (int j = 0; j < q; j++)
+                sx += b->S[(k * q + j) * q + i] * X[j * K + k];
+            scale = fmax(scale, fmax(cabs(b->load[k * q + i]), fmax(cabs(sx), cabs(b->F[i * K + k]))));
+        }
+    return scale > 0 ? most / scale : most;
+}

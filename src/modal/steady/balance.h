@@ -1,0 +1,47 @@
+/* balance.h - the equation of harmonic balance on the kept dofs, its residual and its derivative
+ *
+ *     R_k(X) = S_k X_k + F_k(X) + T_k(X) - p_k,   k = 0 .. H                                          (1)
+ *
+ * S and p of condense.h, F the laws' (aft.h), T the periodic matrices' of program.h (3), exact by convolution.
+ */
+#ifndef MODAL_BALANCE_H
+#define MODAL_BALANCE_H
+#include "modal/steady/aft.h"
+#include "modal/steady/condense.h"
+
+struct balance {
+    const struct program *p;
+    struct condense *c;
+    struct aft *aft;
+    int q, H, order;                 /* order = q (2H + 1) */
+    double omega, level;
+    double complex *S, *load;        /* as condense_at gives them */
+    double complex *F;               /* F + T of the last residual, [i (H+1) + k] */
+    double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
+    int *pivot;
+    bool factored;
+};
+
+/* LOCATED as aft_new's.  C is borrowed, and shared by balances of several H.  N > 2 H. */
+enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
+                              struct modal_error *err);
+void balance_free(struct balance *b);
+
+/* Fix frequency and the loads' level; X, R, F become stale. */
+enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err);
+/* b->R of X; with DERIVATIVE b->J too, not yet factored. */
+enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
+/* Factor b->J, rows scaled; false where it is singular to rounding.  The sign of its determinant into *SIGN (may be NULL). */
+bool balance_factor(struct balance *b, int *sign);
+/* y <- J^-1 y, order entries, `columns` columns. */
+void balance_solve(struct balance *b, double *y, int columns);
+
+/* The real vector of X and back. */
+void balance_pack(const struct balance *b, const double complex *X, double *u);
+void balance_unpack(const struct balance *b, const double *u, double complex *X);
+/* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below 1e-12 of the largest count as that. */
+double balance_relative(const struct balance *b, const double *step, const double complex *X);
+/* max |R_k| over max(|p_k|, |S_k X_k|, |F_k|): a relative residual. */
+double balance_relative_residual(const struct balance *b, const double complex *X);
+
+#endif

@@ -1,0 +1,53 @@
+/* condense.h - the linear part of a program, harmonic by harmonic, on the dofs that iterate
+ *
+ * With x = Re sum_k X_k e^{i k omega t} and s = k omega, the constant part of a program is Lambda_k X_k = P_k,
+ *
+ *     Lambda_k = K - s^2 M + i s C - F (i s E - A)^-1 (Bx + i s Bv - s^2 Ba).                                    (1)
+ *
+ * Dofs are `kept` (those of laws and of periodic matrices) or linear; the linear ones are eliminated exactly:
+ *
+ *     S_k = L_qq - L_qr L_rr^-1 L_rq,   p_k = P_q - L_qr L_rr^-1 P_r.                                            (2)
+ *
+ * S_k stays regular where Lambda_k is singular (an undamped resonance): only the kept dofs held fast must not resonate.
+ */
+#ifndef MODAL_STEADY_CONDENSE_H
+#define MODAL_STEADY_CONDENSE_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/scene/program.h"
+
+struct condense;
+
+/*
+ * Which dofs are kept follows from P (borrowed); KEEP_ALL: every dof.  Fails with MODAL_BAD_INPUT for a load that is
+ * not harmonic (err->field "excitation"), MODAL_TOO_LARGE, MODAL_NO_MEMORY.
+ */
+enum modal_status condense_new(const struct program *p, bool keep_all, struct condense **out, struct modal_error *err);
+void condense_free(struct condense *c);
+
+/*
+ * Once per scene, where many frequencies follow: bring the linear dofs to their modes with the kept ones fixed, so
+ * that (2) is a sum over modes, nothing to factor.  *DONE is false where it does not apply (damping that modes do not
+ * share, matrices not symmetric, linear states); condense_at then factors for each frequency, as without.
+ */
+enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_error *err);
+
+int condense_kept(const struct condense *c);                /* q */
+const int *condense_dofs(const struct condense *c);         /* the q kept dofs, ascending */
+const int *condense_place(const struct condense *c);        /* n: index among the kept, or -1 */
+int condense_highest_load(const struct condense *c);        /* largest k excited; 0: none or a mean load only */
+
+/*
+ * S[(k q + j) q + i] and p[k q + i], k = 0 .. H, at OMEGA; loads are scaled by LEVEL.
+ * Fails with MODAL_NO_CONVERGENCE where L_rr is singular to rounding: the text says at which harmonic.
+ */
+enum modal_status condense_at(struct condense *c, double omega, double level, int H, double complex *S, double complex *p,
+                              struct modal_error *err);
+
+/*
+ * The motion of one dof, X[0..H], of the kept ones' Xq[i (Hq+1) + k], at the omega and H of the last condense_at; kept
+ * dofs are copied.  Harmonics past Hq of Xq count as 0.
+ */
+enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq, int H, double complex *X,
+                                   struct modal_error *err);
+#endif

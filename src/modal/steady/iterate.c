@@ -1,0 +1,360 @@
+/*
+ * iterate.c - direct iteration and Newton's method on one balance
+ *
+ * Direct iteration [CG89] (7), X <- S^-1 (p - F(X)), multiplies an error by at most max |dF/dX| |S_k^-1|; with
+ * under-relaxation r the factor of an eigenvalue -g of the map's derivative is 1 - r (1 + g).
+ *
+ * Newton: J dX = -R.  A step lambda dX is taken if the simplified step J^-1 R(X + lambda dX), with the same J, is
+ * shorter than (1 - lambda / 4) |dX|: a test that no scaling of R changes [D04, section 3.2].  The derivative of
+ * piecewise laws jumps where a regime appears, so that full steps may cycle; damping breaks the cycle.
+ *
+ * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
+ * [D04]  Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004.
+ */
+#include "modal/steady/iterate.h"
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double TOLERANCE = 1e-12, FLOOR = 1e-9, LAMBDA_LEAST = 1e-4;
+enum { ITERATIONS_MOST = 60 };
+
+static bool stopped(const struct iterate_options *opt)
+{
+    return opt->cancelled != NULL && opt->cancelled(opt->context);
+}
+
+static double norm_relative(const struct balance *b, const double *step, const double complex *X)
+{
+    double r = balance_relative(b, step, X);
+
+    return isnan(r) ? HUGE_VAL : r;
+}
+
+/* LU of each S_k, in place of a copy; false where one is singular. */
+static bool factor_stiffness(const struct balance *b, double complex *LU, int *pivot)
+{
+    int q = b->q;
+
+    memcpy(LU, b->S, (size_t)q * (size_t)q * ((size_t)b->H + 1) * sizeof *LU);
+    for (int k = 0; k <= b->H; k++) {
+        double complex *S = LU + (size_t)k * (size_t)q * (size_t)q;
+        double scale = 0, least = HUGE_VAL;
+
+        for (int i = 0; i < q * q; i++)
+            scale = fmax(scale, cabs(S[i]));
+        if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, q, q, S, q, pivot + k * q) != 0)
+            return false;
+        for (int i = 0; i < q; i++)
+            least = fmin(least, cabs(S[i * q + i]));
+        if (!(least > 16 * DBL_EPSILON * scale))
+            return false;
+    }
+    return true;
+}
+
+static void direct_step(struct balance *b, const double complex *LU, const int *pivot, double relaxation, double complex *X,
+                        double complex *rhs, double *step)
+{
+    int q = b->q, K = b->H + 1, n = 2 * b->H + 1;
+
+    for (int k = 0; k < K; k++) {
+        for (int i = 0; i < q; i++)
+            rhs[i] = b->load[k * q + i] - b->F[i * K + k];
+        LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', q, 1, LU + (size_t)k * (size_t)q * (size_t)q, q, pivot + k * q, rhs, q);
+        for (int i = 0; i < q; i++) {
+            double complex change = relaxation * (rhs[i] - X[i * K + k]);
+
+            X[i * K + k] += change;
+            step[i * n + (k > 0 ? 2 * k - 1 : 0)] = creal(change);
+            if (k > 0)
+                step[i * n + 2 * k] = cimag(change);
+        }
+    }
+}
+
+enum modal_status iterate_direct(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                 struct iterate_report *report, struct modal_error *err)
+{
+    size_t q = (size_t)b->q, K = (size_t)b->H + 1;
+    double complex *LU = malloc((q * q * K + 1) * sizeof *LU), *rhs = malloc((q + 1) * sizeof *rhs);
+    double complex *best = malloc((q * K + 1) * sizeof *best);
+    double *step = malloc(((size_t)b->order + 1) * sizeof *step), least = HUGE_VAL;
+    int *pivot = malloc((q * K + 1) * sizeof *pivot), most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
+    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE;
+    enum modal_status rc = MODAL_OK;
+
+    *report = (struct iterate_report) { .reason = "direct iteration did not settle" };
+    if (LU == NULL || rhs == NULL || best == NULL || step == NULL || pivot == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "direct iteration: no memory");
+        goto out;
+    }
+    if (!factor_stiffness(b, LU, pivot)) {
+        report->reason = "the linear part is singular at a harmonic, so direct iteration does not apply";
+        goto out;
+    }
+    memcpy(best, X, q * K * sizeof *X);
+    for (int i = 0; i < most && !report->converged; i++) {
+        if (stopped(opt)) {
+            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
+            break;
+        }
+        rc = balance_residual(b, X, false, err);
+        if (rc != MODAL_OK)
+            break;
+        direct_step(b, LU, pivot, opt->relaxation > 0 ? opt->relaxation : 1, X, rhs, step);
+        report->iterations++;
+        report->step = norm_relative(b, step, X);
+        report->converged = report->step <= tolerance;
+        if (report->step < least) {
+            least = report->step;
+            memcpy(best, X, q * K * sizeof *X);
+        } else if (report->step > 1e6 * least || (i > 40 && report->step > 0.5 && least > 0.1))
+            break;
+    }
+    if (rc == MODAL_OVERFLOW)
+        rc = MODAL_OK;
+    if (rc == MODAL_OK && !report->converged)
+        memcpy(X, best, q * K * sizeof *X);
+    if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
+        report->residual = balance_relative_residual(b, X);
+out:
+    free(LU);
+    free(rhs);
+    free(best);
+    free(step);
+    free(pivot);
+    return rc;
+}
+
+double iterate_gain(const struct balance *b, double slope)
+{
+    int q = b->q;
+    double most = 0;
+
+    for (int k = 0; k <= b->H; k++) {
+        double complex A[16];
+        double s[4], superb[4];
+
+        if (q > 4)
+            return HUGE_VAL;
+        memcpy(A, b->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
+        if (q == 1)
+            s[0] = cabs(A[0]);
+        else if (LAPACKE_zgesvd(LAPACK_COL_MAJOR, 'N', 'N', q, q, A, q, s, NULL, 1, NULL, 1, superb) != 0)
+            return HUGE_VAL;
+        most = fmax(most, s[q - 1] > 0 ? slope / s[q - 1] : HUGE_VAL);
+    }
+    return most;
+}
+
+/* J by central differences of R, column by column; h relative to the dof's largest harmonic. */
+static enum modal_status difference_derivative(struct balance *b, double complex *X, double *scratch, struct modal_error *err)
+{
+    int n = 2 * b->H + 1, K = b->H + 1;
+    double *R0 = scratch, *up = scratch + b->order;
+    enum modal_status rc = balance_residual(b, X, false, err);
+    double *J = rc == MODAL_OK ? malloc((size_t)b->order * (size_t)b->order * sizeof *J) : NULL;
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (J == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
+    memcpy(R0, b->R, (size_t)b->order * sizeof *R0);
+    for (int c = 0; rc == MODAL_OK && c < b->order; c++) {
+        int i = c / n, r = c % n, k = (r + 1) / 2;
+        double complex kept = X[i * K + k], unit = r > 0 && r % 2 == 0 ? I : 1;
+        double scale = 0, h;
+
+        for (int l = 0; l < K; l++)
+            scale = fmax(scale, cabs(X[i * K + l]));
+        h = cbrt(DBL_EPSILON) * (scale > 0 ? scale : 1);
+        X[i * K + k] = kept + h * unit;
+        rc = balance_residual(b, X, false, err);
+        memcpy(up, b->R, (size_t)b->order * sizeof *up);
+        X[i * K + k] = kept - h * unit;
+        if (rc == MODAL_OK)
+            rc = balance_residual(b, X, false, err);
+        X[i * K + k] = kept;
+        for (int e = 0; rc == MODAL_OK && e < b->order; e++)
+            J[(size_t)c * (size_t)b->order + (size_t)e] = (up[e] - b->R[e]) / (2 * h);
+    }
+    if (rc == MODAL_OK) {
+        rc = balance_residual(b, X, true, err);            /* for its room */
+        memcpy(b->J, J, (size_t)b->order * (size_t)b->order * sizeof *J);
+        b->factored = false;
+    }
+    free(J);
+    return rc;
+}
+
+/* Rows and columns of insignificant harmonics: keep only their own S_kk block, so that they move by (7). */
+static void cut_off(struct balance *b, double cutoff, const double complex *X)
+{
+    int n = 2 * b->H + 1, K = b->H + 1, q = b->q;
+
+    for (int i = 0; i < q; i++) {
+        double most = 0;
+
+        for (int k = 0; k < K; k++)
+            most = fmax(most, cabs(X[i * K + k]));
+        for (int r = 0; r < n; r++) {
+            int k = (r + 1) / 2;
+
+            if (cabs(X[i * K + k]) >= cutoff * most || k == 0)
+                continue;
+            for (int j = 0; j < q; j++)
+                for (int c = 0; c < n; c++) {
+                    double *low = &b->J[(size_t)(j * n + c) * (size_t)b->order + (size_t)(i * n + r)];
+                    double complex S = b->S[(k * q + j) * q + i];
+                    bool row_real = r % 2 == 1, column_real = c % 2 == 1;
+
+                    *low = (c + 1) / 2 != k ? 0 : row_real == column_real ? creal(S) : row_real ? -cimag(S) : cimag(S);
+                }
+        }
+    }
+}
+
+/* A singular derivative gets a little stiffness, which only delays convergence. */
+static bool factor_somehow(struct balance *b, double *kept)
+{
+    size_t size = (size_t)b->order * (size_t)b->order;
+
+    memcpy(kept, b->J, size * sizeof *kept);
+    if (balance_factor(b, NULL))
+        return true;
+    for (double mu = 1e-6; mu < 2; mu *= 1e3) {
+        double most = 0;
+
+        memcpy(b->J, kept, size * sizeof *kept);
+        for (size_t i = 0; i < size; i++)
+            most = fmax(most, fabs(kept[i]));
+        if (!isfinite(most) || most == 0)
+            return false;
+        for (int i = 0; i < b->order; i++)
+            b->J[(size_t)i * ((size_t)b->order + 1)] += mu * most;
+        if (balance_factor(b, NULL))
+            return true;
+    }
+    return false;
+}
+
+struct newton_work {
+    double *step, *trial_step, *u, *kept, *scratch;
+    double complex *trial;
+};
+
+static void take(const struct balance *b, const double *u, double lambda, const double *step, double *scratch, double complex *X)
+{
+    for (int i = 0; i < b->order; i++)
+        scratch[i] = u[i] + lambda * step[i];
+    balance_unpack(b, scratch, X);
+}
+
+/* The damped step from u along w->step; X is the accepted point.  False: none was. */
+static enum modal_status damp(struct balance *b, struct newton_work *w, double size, double complex *X, double *taken, bool *ok,
+                              struct modal_error *err)
+{
+    double previous = HUGE_VAL;
+    enum modal_status rc;
+
+    *ok = false;
+    for (double lambda = 1; lambda >= LAMBDA_LEAST; lambda *= lambda == 1 ? 0.5 : 0.35) {
+        double next;
+
+        take(b, w->u, lambda, w->step, w->scratch, w->trial);
+        rc = balance_residual(b, w->trial, false, err);
+        if (rc == MODAL_OVERFLOW)
+            continue;
+        if (rc != MODAL_OK)
+            return rc;
+        for (int i = 0; i < b->order; i++)
+            w->trial_step[i] = -b->R[i];
+        balance_solve(b, w->trial_step, 1);
+        next = norm_relative(b, w->trial_step, X);
+        if (next <= (1 - lambda / 4) * size || next < FLOOR) {
+            *ok = true;
+            *taken = lambda;
+            memcpy(X, w->trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+            return MODAL_OK;
+        }
+        previous = fmin(previous, next);
+    }
+    return MODAL_OK;
+}
+
+enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                 struct iterate_report *report, struct modal_error *err)
+{
+    size_t n = (size_t)b->order;
+    struct newton_work w = { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
+                             malloc((n * n + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
+                             malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)) };
+    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1;
+    int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
+    enum modal_status rc = MODAL_OK;
+
+    *report = (struct iterate_report) { .reason = "Newton's method did not settle" };
+    if (w.step == NULL || w.trial_step == NULL || w.u == NULL || w.kept == NULL || w.scratch == NULL || w.trial == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
+        goto out;
+    }
+    while (report->iterations < most) {
+        bool ok;
+
+        if (stopped(opt)) {
+            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
+            goto out;
+        }
+        rc = opt->by_differences ? difference_derivative(b, X, w.scratch, err) : balance_residual(b, X, true, err);
+        if (rc != MODAL_OK)
+            goto out;
+        report->residual = balance_relative_residual(b, X);
+        if (opt->cutoff > 0)
+            cut_off(b, opt->cutoff, X);
+        if (!factor_somehow(b, w.kept)) {
+            report->reason = "the derivative is singular";
+            goto out;
+        }
+        for (size_t i = 0; i < n; i++)
+            w.step[i] = -b->R[i];
+        balance_solve(b, w.step, 1);
+        balance_pack(b, X, w.u);
+        take(b, w.u, 1, w.step, w.scratch, w.trial);
+        report->iterations++;
+        report->step = fmin(norm_relative(b, w.step, X), norm_relative(b, w.step, w.trial));
+        if (report->step <= tolerance || (report->step < FLOOR && report->step > 0.25 * last && lambda == 1)) {
+            report->converged = true;
+            memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+            break;
+        }
+        last = report->step;
+        if (report->iterations == 1) {                      /* from nothing: the linear answer, whole */
+            memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+            continue;
+        }
+        rc = damp(b, &w, norm_relative(b, w.step, X), X, &lambda, &ok, err);
+        if (rc != MODAL_OK)
+            goto out;
+        if (!ok) {
+            report->reason = "no step of Newton's method shortens the next";
+            break;
+        }
+    }
+    if (report->converged && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
+        report->residual = balance_relative_residual(b, X);
+out:
+    if (rc == MODAL_OVERFLOW) {
+        report->reason = "the iterates overflow";
+        rc = MODAL_OK;
+    }
+    free(w.step);
+    free(w.trial_step);
+    free(w.u);
+    free(w.kept);
+    free(w.scratch);
+    free(w.trial);
+    return rc;
+}

@@ -1,0 +1,36 @@
+/* iterate.h - the solvers of one balance from one start: direct iteration and Newton's method */
+#ifndef MODAL_ITERATE_H
+#define MODAL_ITERATE_H
+#include "modal/steady/balance.h"
+
+struct iterate_options {
+    double tolerance;         /* of the relative step; 0: 1e-12 */
+    int most;                 /* iterations; 0: 60 */
+    double relaxation;        /* direct iteration: new = relaxation * new + ...; 0: 1 */
+    bool by_differences;      /* Newton: the derivative by central difference quotients of the residual */
+    double cutoff;            /* Newton: only harmonics with |X_k| >= cutoff * largest, the rest by (7); 0: all */
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+struct iterate_report {
+    bool converged;
+    int iterations;
+    double step;              /* the last, relative */
+    double residual;          /* relative */
+    const char *reason;       /* why it ended, where not converged; static text */
+};
+
+/*
+ * Direct iteration, [CG89] (7): S_k X_k <- p_k - F_k(X) - T_k(X), S_k factored once.  X is start and end: the best iterate.
+ * An S_k singular to rounding is a reason not to converge.  Fails as aft_force does, or MODAL_CANCELLED.
+ */
+enum modal_status iterate_direct(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                 struct iterate_report *report, struct modal_error *err);
+/* The gain that (7) multiplies an error by, at most: max_k |S_k^-1| times the laws' slope; HUGE_VAL where S_k is singular. */
+double iterate_gain(const struct balance *b, double slope);
+
+/* Newton's method, damped until the simplified step shrinks [D04]. */
+enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                 struct iterate_report *report, struct modal_error *err);
+#endif

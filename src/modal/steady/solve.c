@@ -1,0 +1,692 @@
+/*
+ * solve.c - from a program to one steady state
+ *
+ * Attempts, in order, until one converges: Newton (or direct iteration) from the given start; Newton from rest, whose
+ * first step is the motion with every law linearised at rest (sliders stuck); from the motion with the laws left out
+ * ([CG89], section 3.1); the load ramped up from LEVEL_LOW and down from LEVEL_HIGH, each level from the last; and fewer
+ * harmonics first.  Direct iteration goes first only where its gain, slope max |S_k^-1|, is below GAIN_DIRECT.
+ *
+ * Errors.  Let X solve the balance at H and N, and let E extend it: harmonics H+1 .. H2 by one direct iteration
+ *
+ *     E_k = S_k^-1 (p_k - F_k(X)),   H < k <= H2,                                                       (1)
+ *
+ * F_k beyond H from exact pieces or from finer samples, and the first H corrected by one chord step
+ *
+ *     E_low = X - J^-1 R_low(X + tail),                                                                 (2)
+ *
+ * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left out of (2) what
+ * remains is the sampling's part; a last Newton step's is the solver's.  Each is put in the unit of x as max over time and dofs.
+ *
+ * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
+ */
+#include "modal/steady/solve.h"
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/iterate.h"
+
+enum { H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24 };
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6;
+
+struct steady {
+    const struct program *p;
+    struct steady_options opt;
+    struct condense *c;
+    bool exact, linear;         /* every law has pieces; there is none */
+    int degree;                 /* the largest of polynomial laws; 0: none */
+    bool sampled;               /* some law is neither */
+    struct balance *balance[BALANCES];
+    int balances;
+};
+
+static int power_of_two(long least)
+{
+    int N = 1;
+
+    while (N < least && N < N_MOST)
+        N *= 2;
+    return N;
+}
+
+int steady_samples(const struct steady *s, int H)
+{
+    long least = N_LEAST;
+
+    if (s->opt.samples > 0)
+        return s->opt.samples;
+    least = 4 * H + 2 > least ? 4 * H + 2 : least;
+    if (s->degree > 0 && (s->degree + 1) * H + 1 > least)
+        least = (s->degree + 1) * H + 1;
+    if (s->sampled && 32 * H > least)
+        least = 32 * H;
+    return power_of_two(least);
+}
+
+static void classify(struct steady *s)
+{
+    s->exact = true;
+    s->linear = s->p->laws == 0;
+    for (int l = 0; l < s->p->laws; l++) {
+        const struct law *law = &s->p->law[l];
+        bool exact = law->kind->pieces != NULL && !s->opt.unlocated;
+
+        s->exact &= exact;
+        s->degree = law->degree > s->degree ? law->degree : s->degree;
+        s->sampled |= !exact && law->degree == 0;
+    }
+}
+
+static enum modal_status check_options(const struct steady *s, struct modal_error *err)
+{
+    const struct steady_options *o = &s->opt;
+    int most = s->linear ? H_LINEAR_MOST : ORBIT_HARMONICS_MOST;
+
+    if (o->harmonics < 0 || o->harmonics > most)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.harmonics", "%d harmonics; accepted: 1 to %d", o->harmonics, most);
+    if (o->samples < 0 || o->samples > ORBIT_SAMPLES_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples", "%d samples; accepted: 3 to %d", o->samples, ORBIT_SAMPLES_MOST);
+    if (o->harmonics > 0 && o->samples > 0 && o->samples <= 2 * o->harmonics)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples", "%d samples cannot carry %d harmonics; accepted: at least %d", o->samples, o->harmonics, 2 * o->harmonics + 1);
+    if (o->harmonics > 0 && condense_highest_load(s->c) > o->harmonics)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.harmonics", "%d harmonics do not hold the excitation at harmonic %d; accepted: at least that", o->harmonics, condense_highest_load(s->c));
+    return MODAL_OK;
+}
+
+enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err)
+{
+    struct steady *s = calloc(1, sizeof *s);
+    enum modal_status rc;
+
+    if (s == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    s->p = p;
+    s->opt = *opt;
+    classify(s);
+    rc = condense_new(p, false, &s->c, err);
+    if (rc == MODAL_OK)
+        rc = check_options(s, err);
+    if (rc != MODAL_OK) {
+        steady_free(s);
+        return rc;
+    }
+    *out = s;
+    return MODAL_OK;
+}
+
+void steady_free(struct steady *s)
+{
+    if (s == NULL)
+        return;
+    for (int i = 0; i < s->balances; i++)
+        balance_free(s->balance[i]);
+    condense_free(s->c);
+    free(s);
+}
+
+struct condense *steady_condense(struct steady *s) { return s->c; }
+
+enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    for (int i = 0; i < s->balances; i++)
+        if (s->balance[i]->H == H) {
+            *out = s->balance[i];
+            return MODAL_OK;
+        }
+    if (s->balances == BALANCES) {
+        balance_free(s->balance[0]);
+        memmove(s->balance, s->balance + 1, (BALANCES - 1) * sizeof s->balance[0]);
+        s->balances--;
+    }
+    rc = balance_new(s->p, s->c, H, steady_samples(s, H), !s->opt.unlocated, &s->balance[s->balances], err);
+    if (rc == MODAL_OK)
+        *out = s->balance[s->balances++];
+    return rc;
+}
+
+static struct iterate_options iterate_options_of(const struct steady *s)
+{
+    return (struct iterate_options) { .tolerance = s->opt.tolerance, .most = s->opt.max_iterations, .relaxation = s->opt.relaxation,
+                                      .by_differences = s->opt.by_differences, .cutoff = s->opt.cutoff,
+                                      .cancelled = s->opt.cancelled, .context = s->opt.context };
+}
+
+/* One attempt's best iterate, kept if it is better than what POINT has. */
+static void keep(const struct balance *b, const double complex *X, const struct iterate_report *r, const char *method,
+                 struct steady_point *point)
+{
+    point->attempts++;
+    point->iterations += r->iterations;
+    if (!r->converged && point->residual >= 0 && !(r->residual < point->residual))
+        return;
+    point->converged = r->converged;
+    point->residual = r->residual;
+    point->step = r->step;
+    point->method = method;
+    point->reason = r->converged ? NULL : r->reason;
+    memcpy(point->X, X, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+}
+
+static void put_start(const struct balance *b, const struct steady_start *start, double complex *X)
+{
+    memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+    for (int i = 0; start != NULL && i < b->q && i < start->q; i++)
+        for (int k = 0; k <= b->H && k <= start->H; k++)
+            X[i * (b->H + 1) + k] = start->X[i * (start->H + 1) + k];
+}
+
+static enum modal_status try_newton(struct steady *s, struct balance *b, const char *method, double complex *X,
+                                    struct steady_point *point, struct modal_error *err)
+{
+    struct iterate_options opt = iterate_options_of(s);
+    struct iterate_report r;
+    enum modal_status rc = iterate_newton(b, &opt, X, &r, err);
+
+    if (rc == MODAL_OK)
+        keep(b, X, &r, method, point);
+    return rc;
+}
+
+static enum modal_status try_direct(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
+                                    struct modal_error *err)
+{
+    struct iterate_options opt = iterate_options_of(s);
+    struct iterate_report r;
+    enum modal_status rc;
+
+    opt.most = s->opt.max_iterations > 0 ? s->opt.max_iterations : s->opt.method == STEADY_DIRECT ? 1000 : 60;
+    rc = iterate_direct(b, &opt, X, &r, err);
+    if (rc == MODAL_OK)
+        keep(b, X, &r, "direct", point);
+    return rc;
+}
+
+/* S^-1 p where S is regular: the laws left out. */
+static void laws_left_out(const struct balance *b, double complex *X)
+{
+    int q = b->q, K = b->H + 1;
+    double complex *A = malloc(((size_t)q * (size_t)q + (size_t)q) * sizeof *A);
+    int *pivot = malloc((size_t)q * sizeof *pivot);
+
+    for (int k = 0; A != NULL && pivot != NULL && k < K; k++) {
+        double complex *rhs = A + q * q;
+
+        memcpy(A, b->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
+        memcpy(rhs, b->load + k * q, (size_t)q * sizeof *rhs);
+        if (LAPACKE_zgesv_work(LAPACK_COL_MAJOR, q, 1, A, q, pivot, rhs, q) == 0)
+            for (int i = 0; i < q; i++)
+                X[i * K + k] = isfinite(cabs(rhs[i])) ? rhs[i] : 0;
+    }
+    free(A);
+    free(pivot);
+}
+
+/* From level FROM to 1, each from the last; the step of log(level) halves on failure and grows on success. */
+static enum modal_status ramp(struct steady *s, struct balance *b, double from, double complex *X, struct steady_point *point,
+                              struct modal_error *err)
+{
+    struct iterate_options opt = iterate_options_of(s);
+    size_t size = (size_t)b->q * ((size_t)b->H + 1);
+    double complex *good = calloc(size + 1, sizeof *good);
+    double at = log(from), step = -at / 8, level_done = NAN;
+    struct iterate_report r;
+    enum modal_status rc = MODAL_OK;
+
+    if (good == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a ramp");
+    memset(X, 0, size * sizeof *X);
+    if (from > 1) {
+        rc = balance_set(b, b->omega, from, err);
+        if (rc == MODAL_OK)
+            laws_left_out(b, X);
+    }
+    for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
+        rc = balance_set(b, b->omega, exp(at), err);
+        if (rc != MODAL_OK || (rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
+            break;
+        point->iterations += r.iterations;
+        if (r.converged) {
+            level_done = at;
+            if (at == 0)
+                break;
+            memcpy(good, X, size * sizeof *X);
+            step *= r.iterations < 6 ? 1.6 : 1;
+        } else {
+            if (isnan(level_done) || fabs(step) < 1e-4)
+                break;
+            step *= 0.4;
+            memcpy(X, good, size * sizeof *X);
+        }
+        at = isnan(level_done) ? at : level_done + step;
+        if (at * from < 0 || (from < 1 ? at > 0 : at < 0) || fabs(at) < 1e-9)
+            at = 0;
+    }
+    if (rc == MODAL_OK)
+        rc = balance_set(b, b->omega, 1, err);
+    if (rc == MODAL_OK && level_done == 0 && r.converged)
+        keep(b, X, &r, "newton-ramped", point);
+    free(good);
+    return rc;
+}
+
+/* A coarse balance's answer as the start of B. */
+static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
+                                         struct modal_error *err);
+
+static enum modal_status attempts(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
+                                  bool coarse, struct steady_point *point, struct modal_error *err)
+{
+    enum steady_method method = s->opt.method;
+    enum modal_status rc;
+
+    put_start(b, start, X);
+    if (method == STEADY_DIRECT) {
+        if (start == NULL)
+            laws_left_out(b, X);
+        return try_direct(s, b, X, point, err);
+    }
+    if (method == STEADY_AUTO && b->order > 60 && !s->opt.by_differences) {
+        rc = balance_residual(b, X, true, err);
+        if (rc != MODAL_OK)
+            return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+        if (iterate_gain(b, aft_slope(b->aft)) < GAIN_DIRECT && (rc = try_direct(s, b, X, point, err)) != MODAL_OK)
+            return rc;
+    }
+    if (!point->converged && (rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
+        return rc;
+    if (!point->converged && start != NULL) {
+        memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        if ((rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
+            return rc;
+    }
+    if (!point->converged) {
+        memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        laws_left_out(b, X);
+        if ((rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
+            return rc;
+    }
+    if (!point->converged && !coarse && b->H > 12 && (rc = fewer_harmonics(s, b, X, point, err)) != MODAL_OK)
+        return rc;
+    if (!point->converged && (rc = ramp(s, b, LEVEL_LOW, X, point, err)) != MODAL_OK)
+        return rc;
+    if (!point->converged && (rc = ramp(s, b, LEVEL_HIGH, X, point, err)) != MODAL_OK)
+        return rc;
+    return MODAL_OK;
+}
+
+static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
+                                         struct modal_error *err)
+{
+    int H = b->H / 3 > condense_highest_load(s->c) ? b->H / 3 : condense_highest_load(s->c);
+    struct balance *few;
+    struct steady_point sub = { .residual = -1 };
+    struct steady_start start;
+    enum modal_status rc;
+
+    H = H < 5 ? 5 : H;
+    if (H >= b->H || s->opt.samples > 0)
+        return MODAL_OK;
+    rc = steady_balance(s, H, &few, err);
+    if (rc != MODAL_OK)
+        return rc;
+    sub.X = calloc((size_t)few->q * ((size_t)H + 1) + 1, sizeof *sub.X);
+    if (sub.X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    rc = balance_set(few, b->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = attempts(s, few, NULL, X, false, &sub, err);
+    point->iterations += sub.iterations;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, b->omega, 1, err);
+    if (rc == MODAL_OK && sub.converged) {
+        start = (struct steady_start) { few->q, H, sub.X };
+        put_start(b, &start, X);
+        rc = try_newton(s, b, "newton-extended", X, point, err);
+    }
+    free(sub.X);
+    return rc;
+}
+
+void steady_point_done(struct steady_point *point)
+{
+    free(point->X);
+    free(point->evaluations);
+    free(point->acts);
+    free(point->undetermined);
+    memset(point, 0, sizeof *point);
+}
+
+static enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N, struct modal_error *err)
+{
+    double complex *X = calloc((size_t)q * ((size_t)H + 1) + 1, sizeof *X);
+
+    free(point->X);
+    point->X = X;
+    point->q = q;
+    point->H = H;
+    point->N = N;
+    point->c = s->c;
+    point->laws = s->p->laws;
+    point->residual = -1;
+    point->converged = false;
+    if (point->evaluations == NULL) {
+        point->evaluations = calloc((size_t)s->p->laws + 1, sizeof *point->evaluations);
+        point->acts = calloc((size_t)s->p->laws + 1, sizeof *point->acts);
+        point->undetermined = calloc((size_t)s->p->laws + 1, sizeof *point->undetermined);
+    }
+    if (X == NULL || point->evaluations == NULL || point->acts == NULL || point->undetermined == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a point");
+    return MODAL_OK;
+}
+
+static int dof_of(const struct steady *s, int i)
+{
+    return s->opt.dofs != NULL ? s->opt.dofs[i] : i;
+}
+
+/* max over time of |Re sum_{k<=K} Z_k e^{ik theta}| on a grid of at least 4K samples. */
+static double peak(struct orbit_grid *g, const double complex *Z, int K, double *x)
+{
+    double most = 0;
+
+    orbit_synthesize(g, K, Z, 0, x);
+    for (int j = 0; j < orbit_grid_samples(g); j++)
+        most = fmax(most, fabs(x[j]));
+    return most;
+}
+
+/* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel). */
+static enum modal_status peak_of_change(struct steady *s, const double complex *E, const double complex *X, int q, int H, double *out,
+                                        double *amplitude, struct modal_error *err)
+{
+    int N = power_of_two(4L * (H + 1)), count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
+    double complex *a = calloc((size_t)H + 1, sizeof *a), *b = calloc((size_t)H + 1, sizeof *b);
+    double *x = calloc((size_t)N, sizeof *x);
+    struct orbit_grid *g = NULL;
+    enum modal_status rc = orbit_grid_new(N, &g, err);
+
+    (void)q;
+    if (rc == MODAL_OK && (a == NULL || b == NULL || x == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
+    *out = 0;
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        rc = condense_recover(s->c, dof_of(s, i), H, E, H, a, err);
+        if (rc == MODAL_OK)
+            rc = condense_recover(s->c, dof_of(s, i), H, X, H, b, err);
+        if (rc != MODAL_OK)
+            break;
+        if (amplitude != NULL)
+            *amplitude = fmax(*amplitude, peak(g, b, H, x));
+        for (int k = 0; k <= H; k++)
+            a[k] -= b[k];
+        *out = fmax(*out, peak(g, a, H, x));
+    }
+    free(a);
+    free(b);
+    free(x);
+    orbit_grid_free(g);
+    return rc;
+}
+
+static void widen_motion(const double complex *X, int q, int H, int H2, double complex *E)
+{
+    memset(E, 0, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
+    for (int i = 0; i < q; i++)
+        memcpy(E + i * (H2 + 1), X + i * (H + 1), ((size_t)H + 1) * sizeof *E);
+}
+
+/* (1): harmonics past H of E from the wide balance's F */
+static enum modal_status tail_of(const struct balance *wide, int H, double complex *E, struct modal_error *err)
+{
+    int q = wide->q, K = wide->H + 1;
+    double complex *A = malloc(((size_t)q * (size_t)q + (size_t)q + 1) * sizeof *A);
+    int *pivot = malloc(((size_t)q + 1) * sizeof *pivot);
+
+    for (int k = H + 1; A != NULL && pivot != NULL && k < K; k++) {
+        double complex *rhs = A + q * q;
+
+        memcpy(A, wide->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
+        for (int i = 0; i < q; i++)
+            rhs[i] = wide->load[k * q + i] - wide->F[i * K + k];
+        if (LAPACKE_zgesv_work(LAPACK_COL_MAJOR, q, 1, A, q, pivot, rhs, q) == 0)
+            for (int i = 0; i < q; i++)
+                E[i * K + k] = rhs[i];
+    }
+    free(pivot);
+    if (A == NULL || pivot == NULL) {
+        free(A);
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
+    }
+    free(A);
+    return MODAL_OK;
+}
+
+/* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b. */
+static void chord(struct balance *b, const struct balance *wide, const double complex *X, double *y, double complex *E)
+{
+    int n = 2 * b->H + 1, n2 = 2 * wide->H + 1, K = b->H + 1, K2 = wide->H + 1;
+
+    for (int i = 0; i < b->q; i++)
+        for (int r = 0; r < n; r++)
+            y[i * n + r] = -wide->R[i * n2 + r];
+    balance_solve(b, y, 1);
+    for (int i = 0; i < b->q; i++)
+        for (int k = 0; k < K; k++)
+            E[i * K2 + k] = X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
+}
+
+static void tail_in_time(const struct balance *wide, int H, struct steady_point *point)
+{
+    int K = wide->H + 1;
+    double squares = 0;
+
+    point->tail_max = point->load_max = 0;
+    for (int i = 0; i < wide->q; i++) {
+        double sum = 0, load = 0;
+
+        for (int k = H + 1; k < K; k++) {
+            squares += pow(cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]), 2) / 2;
+            sum += cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]);
+        }
+        for (int k = 0; k < K; k++)
+            load += cabs(wide->load[k * wide->q + i]) + (k <= H ? cabs(wide->F[i * K + k]) : 0);
+        point->tail_max = fmax(point->tail_max, sum);
+        point->load_max = fmax(point->load_max, load);
+    }
+    point->tail_rms = sqrt(squares);
+}
+
+enum modal_status steady_estimate(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+{
+    int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64, q = b->q;
+    int N2 = power_of_two(s->exact ? 4L * H2 : 2L * (b->aft != NULL ? aft_samples(b->aft) : 0) > 8L * H2 ? 2L * aft_samples(b->aft) : 8L * H2);
+    struct balance *wide = NULL;
+    double complex *E = calloc((size_t)q * ((size_t)H2 + 1) + 1, sizeof *E), *W = calloc((size_t)q * ((size_t)H2 + 1) + 1, sizeof *W);
+    double *y = calloc((size_t)b->order + 1, sizeof *y);
+    enum modal_status rc = MODAL_OK;
+
+    point->truncation = point->sampling = point->solver = point->error = NAN;
+    if (E == NULL || W == NULL || y == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
+    if (rc == MODAL_OK)
+        rc = balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &wide, err);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b, point->X, true, err);
+    if (rc != MODAL_OK || !balance_factor(b, NULL))
+        goto out;
+    rc = balance_set(wide, b->omega, b->level, err);
+    widen_motion(point->X, q, H, H2, W);
+    if (rc != MODAL_OK || (rc = balance_residual(wide, W, false, err)) != MODAL_OK)
+        goto out;
+    tail_in_time(wide, H, point);
+    memcpy(E, W, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
+    chord(b, wide, point->X, y, E);                                                /* sampling alone */
+    point->amplitude = 0;
+    rc = peak_of_change(s, E, W, q, H2, &point->sampling, &point->amplitude, err);
+    memcpy(E, W, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
+    if (rc == MODAL_OK)
+        rc = tail_of(wide, H, E, err);                                             /* (1) */
+    if (rc != MODAL_OK || (rc = balance_residual(wide, E, false, err)) != MODAL_OK)
+        goto out;
+    chord(b, wide, point->X, y, E);                                                /* (2) */
+    rc = tail_of(wide, H, E, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, E, W, q, H2, &point->error, NULL, err);
+    point->solver = point->step * point->amplitude;
+    point->truncation = point->error;
+out:
+    if (rc == MODAL_OVERFLOW)
+        rc = MODAL_OK;
+    balance_free(wide);
+    free(E);
+    free(W);
+    free(y);
+    return rc;
+}
+
+enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err)
+{
+    return condense_recover(s->c, dof, point->H, point->X, point->H, X, err);
+}
+
+static void take_counts(const struct balance *b, const long *before, long ffts_before, struct steady_point *point)
+{
+    for (int l = 0; l < point->laws; l++) {
+        point->evaluations[l] += aft_evaluations(b->aft, l) - before[l];
+        point->acts[l] = aft_acts(b->aft, l);
+        point->undetermined[l] = aft_undetermined(b->aft, l);
+    }
+    point->ffts += aft_transforms(b->aft) - ffts_before;
+}
+
+/* At one H. */
+static enum modal_status solve_at(struct steady *s, int H, double omega, const struct steady_start *start, struct steady_point *point,
+                                  struct modal_error *err)
+{
+    struct balance *b;
+    double complex *X = NULL;
+    long *before = calloc((size_t)s->p->laws + 1, sizeof *before), ffts;
+    enum modal_status rc = steady_balance(s, H, &b, err);
+
+    if (rc != MODAL_OK)
+        goto out;
+    X = calloc((size_t)b->q * ((size_t)H + 1) + 1, sizeof *X);
+    if (X == NULL || before == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+        goto out;
+    }
+    rc = point_init(s, point, b->q, H, aft_samples(b->aft), err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+    if (rc != MODAL_OK)
+        goto out;
+    for (int l = 0; l < s->p->laws; l++)
+        before[l] = aft_evaluations(b->aft, l);
+    ffts = aft_transforms(b->aft);
+    rc = attempts(s, b, start, X, false, point, err);
+    if (rc == MODAL_OK && point->converged)
+        rc = balance_residual(b, point->X, false, err);
+    if (rc != MODAL_OK)
+        goto out;
+    take_counts(b, before, ffts, point);
+    if (point->converged)
+        rc = steady_estimate(s, b, point, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);                /* recovery at this H again */
+out:
+    free(before);
+    free(X);
+    return rc;
+}
+
+/* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear system. */
+static enum modal_status solve_linear(struct steady *s, double omega, struct steady_point *point, struct modal_error *err)
+{
+    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : s->p->harmonics > 0 ? load + 24 : load > 0 ? load : 1;
+    int q = condense_kept(s->c);
+    struct balance *b;
+    enum modal_status rc = steady_balance(s, H, &b, err);
+
+    if (rc == MODAL_OK)
+        rc = point_init(s, point, q, H, 0, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+    if (rc != MODAL_OK)
+        return rc;
+    point->method = "linear";
+    point->residual = point->step = point->truncation = point->sampling = point->solver = point->error = 0;
+    point->converged = true;
+    if (q == 0)
+        return MODAL_OK;
+    rc = balance_residual(b, point->X, true, err);
+    if (rc != MODAL_OK)
+        return rc;
+    if (!balance_factor(b, NULL)) {
+        point->converged = false;
+        point->reason = "the linear equations are singular: an undamped resonance, so there is no bounded periodic solution";
+        return MODAL_OK;
+    }
+    for (int i = 0; i < b->order; i++)
+        b->R[i] = -b->R[i];
+    balance_solve(b, b->R, 1);
+    balance_unpack(b, b->R, point->X);
+    rc = balance_residual(b, point->X, false, err);
+    point->residual = balance_relative_residual(b, point->X);
+    if (rc == MODAL_OK && s->p->harmonics > 0) {
+        rc = steady_estimate(s, b, point, err);
+        if (rc == MODAL_OK)
+            rc = balance_set(b, omega, 1, err);
+    }
+    return rc;
+}
+
+/* H doubled, each from the last, until the estimate meets the target. */
+static enum modal_status solve_to_target(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
+                                         struct modal_error *err)
+{
+    double target = s->opt.target_error > 0 ? s->opt.target_error : TARGET;
+    int load = condense_highest_load(s->c), H = 2 * load + 1 > 8 ? 2 * load + 1 : 8, most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
+    enum modal_status rc;
+
+    for (;;) {
+        struct steady_start next = { point->q, point->H, point->X };
+        double complex *copy = NULL;
+
+        if (point->converged) {
+            size_t size = (size_t)point->q * ((size_t)point->H + 1);
+
+            copy = malloc((size + 1) * sizeof *copy);
+            if (copy == NULL)
+                return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+            memcpy(copy, point->X, size * sizeof *copy);
+            next.X = copy;
+        }
+        rc = solve_at(s, H, omega, copy != NULL ? &next : start, point, err);
+        free(copy);
+        if (rc != MODAL_OK || (point->converged && point->error <= target * point->amplitude))
+            return rc;
+        if (H >= most || (long)2 * condense_kept(s->c) * (2 * H + 1) * 2 > 3000 || (s->opt.samples > 0 && 4 * H >= s->opt.samples))
+            return MODAL_OK;
+        H = 2 * H < most ? 2 * H : most;
+    }
+}
+
+enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
+                               struct modal_error *err)
+{
+    enum modal_status rc;
+
+    memset(point, 0, sizeof *point);
+    point->omega = omega;
+    point->level = 1;
+    if (!(omega > 0) || !isfinite(omega))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "omega is %g; accepted: finite and > 0", omega);
+    rc = s->linear ? solve_linear(s, omega, point, err)
+       : s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
+       : solve_to_target(s, omega, start, point, err);
+    if (rc != MODAL_OK)
+        steady_point_done(point);
+    return rc;
+}

@@ -1,0 +1,77 @@
+/* solve.h - one steady state of a program: the method chosen, tried, and its errors estimated */
+#ifndef MODAL_SOLVE_H
+#define MODAL_SOLVE_H
+#include <stdint.h>
+#include "modal/steady/balance.h"
+
+enum steady_method { STEADY_AUTO, STEADY_DIRECT, STEADY_NEWTON };
+
+struct steady_options {
+    int harmonics;            /* H; 0: so many that the errors' estimate meets target_error */
+    int samples;              /* N; 0: enough for the laws and H */
+    enum steady_method method;
+    double cutoff;            /* iterate.h; 0: none */
+    double tolerance;         /* relative step; 0: 1e-12 */
+    int max_iterations;       /* of one attempt; 0: 60 */
+    bool unlocated;           /* sample every law: events fall between samples, as in 1989 */
+    bool by_differences;      /* Newton's derivative by difference quotients, as in 1989 */
+    double target_error;      /* relative to max |x|; 0: 1e-6 */
+    double relaxation;        /* direct iteration; 0: 1 */
+    const int *dofs;          /* those whose errors count, `dofs_count` of them; NULL: all */
+    int dofs_count;
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+/* A motion of all kept dofs, to start from. */
+struct steady_start {
+    int q, H;
+    const double complex *X;  /* [i (H+1) + k] */
+};
+
+struct steady_point {
+    bool converged;
+    const char *method;       /* "linear", "direct", "newton", ...: what found it */
+    const char *reason;       /* where not converged */
+    int iterations, attempts;
+    double omega, level;
+    int q, H, N;
+    double complex *X;        /* kept dofs, [i (H+1) + k] */
+    double residual, step;    /* relative */
+    double truncation, sampling, solver;      /* max over time and dofs of the error each makes, in the unit of x */
+    double error;             /* of all three together */
+    double tail_rms, tail_max, load_max;      /* equation residual in time at the kept dofs, N; and the scale of it */
+    double amplitude;         /* max |x(t)| over the dofs that count */
+    long ffts;
+    int laws;
+    long *evaluations;        /* per law */
+    bool *acts, *undetermined;
+    struct condense *c;       /* to recover other dofs with: at omega, H; owned by the session */
+};
+
+struct steady;
+
+/* P is borrowed until steady_free.  Fails with MODAL_BAD_INPUT (steady.harmonics, steady.samples, excitation),
+ * MODAL_TOO_LARGE, MODAL_NO_MEMORY. */
+enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err);
+void steady_free(struct steady *s);
+struct condense *steady_condense(struct steady *s);
+
+/*
+ * Solve at OMEGA from START (NULL: from rest).  No convergence is an answer: MODAL_OK with point->converged false, the best
+ * iterate and a reason.  steady_point_done frees what POINT holds.
+ */
+enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
+                               struct modal_error *err);
+void steady_point_done(struct steady_point *point);
+
+/* The balance for H harmonics of this session, made on first use and kept. */
+enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err);
+/* Samples that H harmonics of these laws need, where the options name none. */
+int steady_samples(const struct steady *s, int H);
+/* Fill a point's estimates of error at its solution (done by steady_solve; curves ask for it). */
+enum modal_status steady_estimate(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err);
+/* X of dof DOF, harmonics 0 .. H of the point. */
+enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err);
+
+#endif

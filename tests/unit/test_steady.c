@@ -1,0 +1,172 @@
+/* Steady states: known motions, derivatives against differences, errors as estimated. */
+#include "check.h"
+#include <complex.h>
+#include <stdlib.h>
+#include "modal/scene/scene.h"
+#include "modal/steady/iterate.h"
+#include "modal/steady/solve.h"
+
+static struct program *lower(const char *text)
+{
+    struct modal_error err = { 0 };
+    struct program *p = NULL;
+    cJSON *scene = NULL;
+
+    if (json_read(text, strlen(text), &scene, &err) != MODAL_OK || scene_lower(scene, NULL, &p, &err) != MODAL_OK)
+        fail_msg("%s: %s", err.field, err.message);
+    cJSON_Delete(scene);
+    return p;
+}
+
+static void solve(const struct program *p, const struct steady_options *opt, struct steady **s, struct steady_point *point)
+{
+    struct modal_error err = { 0 };
+
+    if (steady_new(p, opt, s, &err) != MODAL_OK || steady_solve(*s, p->omega, NULL, point, &err) != MODAL_OK)
+        fail_msg("%s: %s", err.field, err.message);
+}
+
+/* The sample problem of Cameron and Griffin (1989), (8). */
+static const char *const friction_damper =
+    "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.25,"
+    "\"effects\":[{\"type\":\"friction\",\"dof\":\"x1\",\"stiffness\":0.25,\"limit\":0.25}],"
+    "\"excitation\":[{\"dof\":\"x1\",\"k\":2,\"sin\":0.75},{\"dof\":\"x1\",\"k\":3,\"sin\":0.5},{\"dof\":\"x1\",\"k\":4,\"sin\":0.375}]}";
+
+/* Twice the two-sided coefficients of the event-exact reference (34 digits), X_0 .. X_6. */
+static const double complex friction_exact[] = {
+    0.041499106176073753022, 2 * (0.040552896013259665892 + 0.030127090852996863751 * I),
+    2 * (-0.028686839542598408468 - 0.65864493572785270346 * I), 2 * (-0.3235735040449855171 - 0.89198369316520571738 * I),
+    2 * (-0.44146451736077982575 + 0.85497276871755921745 * I), 2 * (-0.016520196744539577337 - 0.016299827133257139888 * I),
+    2 * (-0.0059682387401277418552 + 0.00072203930596272105058 * I) };
+
+/* Harmonics fall as k^-4, so that truncation at H leaves an error of order H^-4 in each: 1e-6 at H = 64, 1e-9 at 256. */
+TEST(friction_with_located_events_converges_with_the_truncation_alone)
+{
+    struct program *p = lower(friction_damper);
+    static const struct { int H; double tolerance; } rows[] = { { 64, 2e-6 }, { 256, 4e-9 } };
+
+    for (int r = 0; r < 2; r++) {
+        struct steady_options opt = { .harmonics = rows[r].H };
+        struct steady_point point;
+        struct steady *s;
+
+        solve(p, &opt, &s, &point);
+        CHECK(point.converged);
+        for (int k = 0; k <= 6; k++)
+            CHECK_NEAR(cabs(point.X[k] - friction_exact[k]), 0, rows[r].tolerance);
+        steady_point_done(&point);
+        steady_free(s);
+    }
+    program_free(p);
+}
+
+/* (c - w^2) etc.: a linear oscillator's X = F / (k - w^2 m + i w c), one solve, nothing evaluated. */
+TEST(a_linear_scene_is_its_closed_form_without_iterations)
+{
+    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[2.385]],\"C\":[[0.31]],\"K\":[[7.7]]},\"omega\":1.37,"
+                              "\"excitation\":[{\"dof\":\"x1\",\"k\":2,\"cos\":0.75,\"sin\":-1.9},{\"dof\":\"x1\",\"k\":0,\"cos\":3.1}]}");
+    double w = 2 * 1.37;
+    double complex exact = (0.75 + 1.9 * I) / (7.7 - w * w * 2.385 + I * w * 0.31), X[3];
+    struct steady_options opt = { 0 };
+    struct steady_point point;
+    struct steady *s;
+
+    solve(p, &opt, &s, &point);
+    CHECK(point.converged && point.iterations == 0 && point.ffts == 0);
+    CHECK(steady_recover(s, &point, 0, X, NULL) == MODAL_OK);
+    CHECK_NEAR(cabs(X[2] - exact), 0, 1e-14 * cabs(exact));
+    CHECK_NEAR(creal(X[0]), 3.1 / 7.7, 1e-15);
+    CHECK(X[1] == 0);
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}
+
+static uint64_t seed = 2385;
+static double uniform(double a, double b)
+{
+    seed = seed * 6364136223846793005u + 1442695040888963407u;
+    return a + (b - a) * (double)(seed >> 11) / 9007199254740992.0;
+}
+
+/* Every law's dF/dX against eighth-order central differences of F; h^8 and rounding balance near 1e-9 of the slope. */
+static double derivative_error(const char *effects, int H, int N, double amplitude)
+{
+    static const double weight[] = { 4.0 / 5, -1.0 / 5, 4.0 / 105, -1.0 / 280 };
+    char text[1024];
+    struct modal_error err = { 0 };
+    struct condense *c;
+    struct balance *b;
+    struct program *p;
+    double worst = 0, scale = 0, *column, *J;
+    double complex *X;
+
+    snprintf(text, sizeof text, "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,2]],\"C\":[[0.1,0],[0,0.1]],\"K\":[[1,-0.3],[-0.3,2]]},"
+             "\"omega\":0.7,\"effects\":[%s],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}", effects);
+    p = lower(text);
+    if (condense_new(p, false, &c, &err) != MODAL_OK || balance_new(p, c, H, N, true, &b, &err) != MODAL_OK || balance_set(b, 0.7, 1, &err) != MODAL_OK)
+        fail_msg("%s", err.message);
+    X = calloc((size_t)b->q * ((size_t)H + 1), sizeof *X);
+    column = calloc((size_t)b->order, sizeof *column);
+    J = malloc((size_t)b->order * (size_t)b->order * sizeof *J);
+    for (int i = 0; i < b->q; i++)
+        for (int k = 0; k <= H; k++)
+            X[i * (H + 1) + k] = amplitude * pow(k + 1, -2.5) * (uniform(-1, 1) + (k > 0 ? I * uniform(-1, 1) : 0));
+    CHECK(balance_residual(b, X, true, &err) == MODAL_OK);
+    memcpy(J, b->J, (size_t)b->order * (size_t)b->order * sizeof *J);
+    for (int e = 0; e < b->order; e++) {
+        int n = 2 * H + 1, i = e / n, r = e % n;
+        double complex *x = &X[i * (H + 1) + (r + 1) / 2], kept = *x, unit = r > 0 && r % 2 == 0 ? I : 1;
+        double h = 1e-3 * amplitude / 16;
+
+        memset(column, 0, (size_t)b->order * sizeof *column);
+        for (int m = 1; m <= 4; m++)
+            for (int sign = -1; sign <= 1; sign += 2) {
+                *x = kept + sign * m * h * unit;
+                CHECK(balance_residual(b, X, false, &err) == MODAL_OK);
+                for (int o = 0; o < b->order; o++)
+                    column[o] += sign * weight[m - 1] * b->R[o] / h;
+            }
+        *x = kept;
+        for (int o = 0; o < b->order; o++) {
+            worst = fmax(worst, fabs(column[o] - J[(size_t)e * (size_t)b->order + (size_t)o]));
+            scale = fmax(scale, fabs(J[(size_t)e * (size_t)b->order + (size_t)o]));
+        }
+    }
+    free(X);
+    free(column);
+    free(J);
+    balance_free(b);
+    condense_free(c);
+    program_free(p);
+    return worst / scale;
+}
+
+/* Smooth laws: 1e-8.  Piecewise ones are twice continuously differentiable in X but for the events' square roots: the
+ * differences themselves are good to h^2 f''' / f', about 1e-6 here, where no event appears within h. */
+TEST(every_laws_derivative_agrees_with_differences)
+{
+    static const struct { const char *effect; int N; double tolerance; } rows[] = {
+        { "{\"type\":\"cubic_spring\",\"dof\":\"x1\",\"to\":\"x2\",\"coefficient\":0.83}", 64, 1e-8 },
+        { "{\"type\":\"polynomial_spring\",\"dof\":\"x2\",\"coefficients\":[0.4,-0.2,0.1,0.7]}", 64, 1e-8 },
+        { "{\"type\":\"polynomial_damper\",\"dof\":\"x1\",\"coefficients\":[-0.5,0.1,0.5]}", 64, 1e-8 },
+        { "{\"type\":\"cubic_spring\",\"dof\":\"x1\",\"coefficient\":0.83}", 9, 1e-8 },
+        { "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":0.3,\"velocity\":0.2}", 512, 1e-7 },
+        { "{\"type\":\"parametric_stiffness\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":0.4,\"k\":2,\"phase\":0.3}", 64, 1e-8 },
+        { "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":0.9,\"limit\":0.35}", 64, 1e-5 },
+        { "{\"type\":\"iwan\",\"dof\":\"x1\",\"stiffnesses\":[0.9,0.5],\"limits\":[0.35,0.1]}", 64, 1e-5 },
+        { "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":3,\"clearance\":0.1}", 64, 1e-5 },
+        { "{\"type\":\"gap\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":3,\"clearance\":0.2,\"both_sides\":true,\"dissipation\":0.4}", 64, 1e-5 },
+        { "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":3,\"clearance\":-0.4,\"dissipation\":2.5}", 64, 1e-5 },
+        { "{\"type\":\"contact_friction\",\"normal\":\"x1\",\"tangential\":\"x2\",\"normal_stiffness\":1.3,\"preload\":0.4,\"tangential_stiffness\":0.8,\"mu\":0.5}", 128, 1e-5 },
+        { "{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}", 64, 1e-5 },
+    };
+
+    for (size_t r = 0; r < sizeof rows / sizeof *rows; r++)
+        for (int round = 0; round < 3; round++) {
+            double error = derivative_error(rows[r].effect, 4, rows[r].N, uniform(0.9, 1.6));
+
+            if (!(error <= rows[r].tolerance))
+                fail_msg("%s: derivative off by %g", rows[r].effect, error);
+        }
+}

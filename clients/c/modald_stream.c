@@ -1,0 +1,1354 @@
+/* modald_stream.c - see modald_stream.h; needs libzmq and a C11 compiler, nothing else
+ *
+ *   host's thread                     the sender's thread
+ *   push -> ring slots -> take -> frames of equal steps -> window -> daemon
+ *                                          |                  ^
+ *                                          +-> spill file ----+      when the daemon does not keep up
+ *
+ * Ring: one writer, one reader; `head` and `tail` count slots since the start.  A slot is its sample's index, its time, and
+ * its channels.  The tail moves only when the slot's samples are acknowledged or in the spill file, so that a ring in a file
+ * holds, after a kill, whatever the daemon has not.
+ *
+ * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in order, within the
+ * daemon's credit; a lost connection makes all of them unsent.  Repeats are harmless: a sample is known by its index.
+ *
+ * Spilling begins when the ring is half full and the window cannot move: the window's frames go to the file first, then
+ * everything that is taken, and the window is filled from the file until it is empty again.  So the order is kept.
+ *
+ * push_at: the samples at k dt between times t_1 <= k dt <= t_2 are those of the cubic through (t_0, t_1, t_2, t_3):
+ *     y(t) = sum_j y_j prod_{m != j} (t - t_m) / (t_j - t_m).                                              (1)
+ * Its error is estimated by the difference to the quadratic through (t_0, t_1, t_2), which is larger than that of (1) where
+ * steps are small against the motion.
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE          /* where the host's build does not say it */
+#endif
+#include "modald_stream.h"
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+#include <zmq.h>
+
+enum {
+    CHANNELS_MOST = 65536,
+    FRAME_BYTES = 131072,            /* of a push; at least one sample */
+    WINDOW = 16,                     /* frames in flight */
+    HEADER_MOST = 65536,
+    RING_HEAD = 4096,                /* of a ring in a file */
+    HISTORY = 4,                     /* points of (1) */
+};
+static const char version[] = "MODALD1";
+static const char spill_magic[8] = "MDSPILL1", ring_magic[8] = "MDRING01";
+
+/* ------------------------------------------------------------------ CRC-32C */
+
+static uint32_t crc_table[8][256];
+static pthread_once_t crc_once = PTHREAD_ONCE_INIT;
+
+static void crc_fill(void)
+{
+    for (uint32_t i = 0; i < 256; i++) {
+        uint32_t c = i;
+        for (int bit = 0; bit < 8; bit++)
+            c = c & 1 ? c >> 1 ^ 0x82f63b78u : c >> 1;
+        crc_table[0][i] = c;
+    }
+    for (uint32_t i = 0; i < 256; i++)
+        for (int k = 1; k < 8; k++)
+            crc_table[k][i] = crc_table[k - 1][i] >> 8 ^ crc_table[0][crc_table[k - 1][i] & 255];
+}
+
+/* Eight bytes a turn (slicing by 8). */
+static uint32_t crc32c(const void *data, size_t length)
+{
+    const unsigned char *p = data;
+    uint32_t c = ~0u;
+
+    pthread_once(&crc_once, crc_fill);
+    for (; length >= 8; length -= 8, p += 8) {
+        uint32_t a, b;
+        memcpy(&a, p, 4);
+        memcpy(&b, p + 4, 4);
+        a ^= c;
+        c = crc_table[7][a & 255] ^ crc_table[6][a >> 8 & 255] ^ crc_table[5][a >> 16 & 255] ^ crc_table[4][a >> 24]
+          ^ crc_table[3][b & 255] ^ crc_table[2][b >> 8 & 255] ^ crc_table[1][b >> 16 & 255] ^ crc_table[0][b >> 24];
+    }
+    while (length-- > 0)
+        c = c >> 8 ^ crc_table[0][(c ^ *p++) & 255];
+    return ~c;
+}
+
+/* ------------------------------------------------------------------ types */
+
+/* A ring's head page: in memory, or the first page of its file. */
+struct ring_page {
+    char magic[8];
+    uint64_t channels, slots;
+    double dt;
+    char name[256];
+    _Alignas(64) _Atomic uint64_t head;      /* written by the host only */
+    _Alignas(64) _Atomic uint64_t tail;      /* written by the sender only */
+};
+
+struct frame {
+    uint64_t first, count;
+    double *data;                            /* FRAME_BYTES, or one sample */
+    uint64_t ring_end;                       /* the tail once it is acknowledged; 0: it came from the spill file */
+    uint64_t file_end;                       /* the spill's offset once it is acknowledged */
+    int64_t id;                              /* of the message; 0: not sent */
+    bool acknowledged;
+};
+
+struct spill_head { uint64_t first, count; uint32_t crc, zero; };
+
+struct point { double t; double *y; };
+
+struct modald_stream {
+    /* the host's */
+    struct ring_page *page;
+    double *ring;
+    uint64_t head, tail_seen, slots, index, cursor;   /* cursor: head modulo slots */
+    size_t stride;                           /* doubles of a slot: index, time, channels */
+    int channels;
+    double dt;
+    _Atomic uint64_t dropped;
+
+    /* both */
+    _Atomic int verdict, stop;               /* stop: 1 close, 2 broken off */
+    _Atomic bool finished;
+    _Atomic uint64_t acknowledged;
+    _Atomic uint64_t spilled;
+    _Atomic unsigned estimate_version;       /* odd while it is written */
+    struct modald_estimate estimate;
+    double resampling_error;
+    char name[256], *names, *units, *options, *url, *keyfile;
+    double period;
+    long window_samples, window_hop;
+    size_t ring_bytes;
+    bool ring_in_file;
+    pthread_t thread;
+
+    /* the sender's */
+    void *context, *socket, *monitor;
+    bool ready, opened, opening, closing, closed, refused;
+    int64_t next_id, open_id, close_id;
+    double asked_at;
+    char stream[128];
+    uint64_t epoch;
+    size_t credit, flying;
+    struct frame window[WINDOW], build;
+    int first_frame, frames;                 /* the window is a ring of its own */
+    uint64_t taken;                          /* slots put into frames */
+    double build_since;
+    size_t frame_samples;
+    struct point history[HISTORY];
+    int points;
+    uint64_t next_grid;
+    double *rms, *sample;                    /* channels each: mean square so far; one resampled sample */
+    uint64_t rms_count;
+    int spill_fd;
+    uint64_t spill_end, spill_read, spill_acknowledged, spill_most, spill_start;
+    char spill_path[512];
+    bool spill_failed, told, seal;           /* seal: the stream is to be closed at the end */
+    char *open_text;                         /* of a replay: the members of `open` as they were */
+    int64_t events_id;
+};
+
+static double now(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* One line on stderr, once a stream. */
+static void say(modald_stream *s, const char *what)
+{
+    if (!s->told)
+        fprintf(stderr, "modald: stream %s: %s\n", s->name, what);
+    s->told = true;
+}
+
+/* ------------------------------------------------------------------ the host's calls */
+
+/* Room for one slot, or NULL: full, the sample is counted as a gap. */
+static inline double *room(modald_stream *s)
+{
+    if (s->head - s->tail_seen >= s->slots) {
+        s->tail_seen = atomic_load_explicit(&s->page->tail, memory_order_acquire);
+        if (s->head - s->tail_seen >= s->slots) {
+            atomic_fetch_add_explicit(&s->dropped, 1, memory_order_relaxed);
+            s->index++;
+            return NULL;
+        }
+    }
+    return s->ring + s->cursor * s->stride;
+}
+
+static inline void publish(modald_stream *s, double *at, double t)
+{
+    uint64_t index = s->index++;
+
+    memcpy(at, &index, sizeof index);
+    at[1] = t;
+    s->cursor = s->cursor + 1 < s->slots ? s->cursor + 1 : 0;
+    atomic_store_explicit(&s->page->head, ++s->head, memory_order_release);
+}
+
+void modald_push(modald_stream *s, const double *y)
+{
+    double *at;
+
+    if (s == NULL || (at = room(s)) == NULL)
+        return;
+    memcpy(at + 2, y, (size_t)s->channels * sizeof *y);
+    publish(s, at, NAN);
+}
+
+void modald_push_float(modald_stream *s, const float *y)
+{
+    double *at;
+
+    if (s == NULL || (at = room(s)) == NULL)
+        return;
+    for (int i = 0; i < s->channels; i++)
+        at[2 + i] = y[i];
+    publish(s, at, NAN);
+}
+
+void modald_push_at(modald_stream *s, double t, const double *y)
+{
+    double *at;
+
+    if (s == NULL || !isfinite(t) || (at = room(s)) == NULL)
+        return;
+    memcpy(at + 2, y, (size_t)s->channels * sizeof *y);
+    publish(s, at, t);
+}
+
+void modald_seek(modald_stream *s, double index)
+{
+    if (s != NULL && index >= 0 && index < 9007199254740992.0)
+        s->index = (uint64_t)index;
+}
+
+int modald_verdict(const modald_stream *s)
+{
+    return s == NULL ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
+}
+
+int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
+{
+    for (int tries = 0; s != NULL && tries < 1000; tries++) {
+        unsigned before = atomic_load_explicit(&s->estimate_version, memory_order_acquire);
+        if (before == 0)
+            return 0;
+        *out = s->estimate;
+        atomic_thread_fence(memory_order_acquire);
+        if (before % 2 == 0 && atomic_load_explicit(&s->estimate_version, memory_order_relaxed) == before)
+            return 1;
+    }
+    return 0;
+}
+
+void modald_get_report(const modald_stream *s, struct modald_report *out)
+{
+    memset(out, 0, sizeof *out);
+    if (s == NULL)
+        return;
+    out->pushed = (double)s->head;
+    out->dropped = (double)atomic_load(&s->dropped);
+    out->acknowledged = (double)atomic_load(&s->acknowledged);
+    out->waiting = (double)(s->head - atomic_load(&s->page->tail));
+    out->spilled = (double)atomic_load(&s->spilled);
+    out->resampling_error = s->resampling_error;
+}
+
+/* ------------------------------------------------------------------ text */
+
+/* Append, never past SIZE; too long a text ends short and is refused by the daemon. */
+static void add(char *text, size_t size, const char *format, ...) __attribute__((format(printf, 3, 4)));
+static void add(char *text, size_t size, const char *format, ...)
+{
+    size_t used = strlen(text);
+    va_list args;
+
+    va_start(args, format);
+    if (used < size)
+        vsnprintf(text + used, size - used, format, args);
+    va_end(args);
+}
+
+static void add_string(char *text, size_t size, const char *string)
+{
+    add(text, size, "\"");
+    for (const unsigned char *p = (const unsigned char *)string; *p != 0; p++)
+        if (*p == '"' || *p == '\\')
+            add(text, size, "\\%c", *p);
+        else if (*p < 0x20)
+            add(text, size, "\\u%04x", *p);
+        else
+            add(text, size, "%c", *p);
+    add(text, size, "\"");
+}
+
+/* What follows "KEY": in TEXT, from FROM on; NULL: nothing does. */
+static const char *find(const char *from, const char *key)
+{
+    char pattern[64];
+    const char *at;
+
+    snprintf(pattern, sizeof pattern, "\"%s\":", key);
+    at = from ? strstr(from, pattern) : NULL;
+    return at ? at + strlen(pattern) + strspn(at + strlen(pattern), " ") : NULL;
+}
+
+static double find_number(const char *from, const char *key, double otherwise)
+{
+    const char *at = find(from, key);
+    char *end;
+    double value = at ? strtod(at, &end) : 0;
+
+    return at && end != at ? value : otherwise;
+}
+
+/* ------------------------------------------------------------------ spill file */
+
+static bool write_all(int fd, const void *data, size_t length, uint64_t at)
+{
+    const char *p = data;
+
+    while (length > 0) {
+        ssize_t n = pwrite(fd, p, length, (off_t)at);
+        if (n <= 0 && errno != EINTR)
+            return false;
+        p += n > 0 ? n : 0;
+        at += n > 0 ? (uint64_t)n : 0;
+        length -= n > 0 ? (size_t)n : 0;
+    }
+    return true;
+}
+
+static void open_header(modald_stream *s, char *text, size_t size);
+
+/* A file of its own name: FOLDER/modald-NAME-PID.spill, its head the open message. */
+static bool spill_open(modald_stream *s)
+{
+    const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
+    char clean[64] = "", *head;
+    uint32_t length;
+    bool good;
+
+    if (s->spill_fd >= 0 || s->spill_most == 0)
+        return s->spill_fd >= 0;
+    for (size_t i = 0; s->name[i] != 0 && i < sizeof clean - 1; i++)
+        clean[i] = strchr("/ .", s->name[i]) ? '_' : s->name[i];
+    snprintf(s->spill_path, sizeof s->spill_path, "%.300s/modald-%s-%d.spill", folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp", clean, (int)getpid());
+    s->spill_fd = open(s->spill_path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
+    head = calloc(1, HEADER_MOST);
+    if (s->spill_fd < 0 || head == NULL) {
+        free(head);
+        return false;
+    }
+    open_header(s, head, HEADER_MOST);
+    length = (uint32_t)strlen(head);
+    s->spill_start = s->spill_end = s->spill_read = s->spill_acknowledged = sizeof spill_magic + sizeof length + length;
+    good = write_all(s->spill_fd, spill_magic, sizeof spill_magic, 0) && write_all(s->spill_fd, &length, sizeof length, sizeof spill_magic)
+        && write_all(s->spill_fd, head, length, sizeof spill_magic + sizeof length);
+    free(head);
+    if (!good) {
+        close(s->spill_fd);
+        unlink(s->spill_path);
+        s->spill_fd = -1;
+    }
+    return good;
+}
+
+/* Append F; false: the disk or the limit is full. */
+static bool spill_write(modald_stream *s, struct frame *f)
+{
+    size_t length = f->count * (size_t)s->channels * sizeof(double);
+    struct spill_head head = { f->first, f->count, crc32c(f->data, length), 0 };
+
+    if (!spill_open(s) || s->spill_end + sizeof head + length > s->spill_most
+        || !write_all(s->spill_fd, f->data, length, s->spill_end + sizeof head) || !write_all(s->spill_fd, &head, sizeof head, s->spill_end)) {
+        if (!s->spill_failed)
+            say(s, "the spill file is full; samples past the ring are counted as a gap");
+        s->spill_failed = true;
+        return false;
+    }
+    s->spill_end += sizeof head + length;
+    f->file_end = s->spill_end;
+    atomic_fetch_add_explicit(&s->spilled, f->count, memory_order_relaxed);
+    return true;
+}
+
+/* The next frame of the file into F. */
+static bool spill_next(modald_stream *s, struct frame *f)
+{
+    struct spill_head head;
+    size_t length;
+
+    if (pread(s->spill_fd, &head, sizeof head, (off_t)s->spill_read) != (ssize_t)sizeof head || head.count == 0 || head.count > s->frame_samples)
+        return false;
+    length = head.count * (size_t)s->channels * sizeof(double);
+    if (pread(s->spill_fd, f->data, length, (off_t)(s->spill_read + sizeof head)) != (ssize_t)length || crc32c(f->data, length) != head.crc)
+        return false;
+    s->spill_read += sizeof head + length;
+    f->first = head.first;
+    f->count = head.count;
+    f->ring_end = 0;
+    f->file_end = s->spill_read;
+    f->id = 0;
+    f->acknowledged = false;
+    return true;
+}
+
+static bool spilling(const modald_stream *s)
+{
+    return s->spill_fd >= 0 && s->spill_acknowledged < s->spill_end;
+}
+
+/* Everything in the file is acknowledged: begin it anew. */
+static void spill_drained(modald_stream *s)
+{
+    if (s->spill_fd < 0 || spilling(s) || s->spill_end == s->spill_start || s->spill_most == 0)
+        return;                                         /* a replay leaves its file as it was */
+    if (ftruncate(s->spill_fd, (off_t)s->spill_start) == 0)
+        s->spill_end = s->spill_read = s->spill_acknowledged = s->spill_start;
+    s->spill_failed = false;
+}
+
+/* ------------------------------------------------------------------ from slots to frames */
+
+static struct frame *frame_at(modald_stream *s, int i)
+{
+    return &s->window[(s->first_frame + i) % WINDOW];
+}
+
+static void release(modald_stream *s, uint64_t tail)
+{
+    if (tail > atomic_load_explicit(&s->page->tail, memory_order_relaxed))
+        atomic_store_explicit(&s->page->tail, tail, memory_order_release);
+}
+
+/* The frame being built into the window, or, while spilling, into the file; false: no room for it now. */
+static bool finish_build(modald_stream *s)
+{
+    if (s->build.count == 0)
+        return true;
+    s->build.ring_end = s->taken;
+    s->build.id = 0;
+    s->build.acknowledged = false;
+    if (spilling(s)) {
+        if (!spill_write(s, &s->build))
+            return false;
+        release(s, s->taken);
+    } else {
+        if (s->frames == WINDOW)
+            return false;
+        struct frame *f = frame_at(s, s->frames++);
+        double *data = f->data;
+        *f = s->build;
+        s->build.data = data;
+    }
+    s->build.count = 0;
+    return true;
+}
+
+/* One sample of equal steps into the frame being built; false: no room, nothing was changed. */
+static bool add_sample(modald_stream *s, uint64_t index, const double *y)
+{
+    bool fits = s->build.count > 0 && index == s->build.first + s->build.count && s->build.count < s->frame_samples;
+
+    if (!fits) {
+        if (!finish_build(s))
+            return false;
+        s->build.first = index;
+        s->build_since = now();
+    }
+    memcpy(s->build.data + s->build.count++ * (size_t)s->channels, y, (size_t)s->channels * sizeof *y);
+    return true;
+}
+
+/* (1) at T through the first N of the history. */
+static double interpolate(const modald_stream *s, int n, int channel, double t)
+{
+    double sum = 0;
+
+    for (int j = 0; j < n; j++) {
+        double w = 1;
+        for (int m = 0; m < n; m++)
+            if (m != j)
+                w *= (t - s->history[m].t) / (s->history[j].t - s->history[m].t);
+        sum += w * s->history[j].y[channel];
+    }
+    return sum;
+}
+
+static void resample_at(modald_stream *s, double t)
+{
+    for (int c = 0; c < s->channels; c++) {
+        double y = interpolate(s, s->points, c, t), coarse = interpolate(s, s->points > 2 ? s->points - 1 : s->points, c, t);
+        s->sample[c] = y;
+        s->rms[c] += (y * y - s->rms[c]) / (double)(s->rms_count + 1);
+        double error = fabs(y - coarse) / sqrt(s->rms[c] > 0 ? s->rms[c] : 1);
+        if (s->rms_count > 8 && error > s->resampling_error)
+            s->resampling_error = error;
+    }
+    s->rms_count++;
+}
+
+/* The grid's samples up to UNTIL from the history; false: no room, asked again later. */
+static bool resample(modald_stream *s, double until)
+{
+    double slack = 1e-9 * s->dt;
+
+    while ((double)s->next_grid * s->dt <= until + slack) {
+        resample_at(s, (double)s->next_grid * s->dt);
+        if (!add_sample(s, s->next_grid, s->sample))
+            return false;
+        s->next_grid++;
+    }
+    return true;
+}
+
+static void remember(modald_stream *s, double t, const double *y)
+{
+    if (s->points == HISTORY) {
+        struct point oldest = s->history[0];
+        memmove(s->history, s->history + 1, (HISTORY - 1) * sizeof *s->history);
+        s->history[HISTORY - 1] = oldest;
+        s->points--;
+    }
+    s->history[s->points].t = t;
+    memcpy(s->history[s->points++].y, y, (size_t)s->channels * sizeof *y);
+}
+
+/* A sample at time T of its own.  The grid is filled up to the last but one point, so that (1) has a point beyond. */
+static bool add_uneven(modald_stream *s, double t, const double *y)
+{
+    if (s->points > 0 && t <= s->history[s->points - 1].t) {       /* a repeat, or back in time: begin anew */
+        if (s->points > 1 && !resample(s, s->history[s->points - 1].t))
+            return false;
+        s->points = 0;
+    }
+    if (s->points == 0)
+        s->next_grid = (uint64_t)fmax(0, ceil(t / s->dt - 1e-9));
+    if (s->points == HISTORY && !resample(s, s->history[HISTORY - 2].t))
+        return false;
+    remember(s, t, y);
+    return true;
+}
+
+/* Slots into frames while there is room. */
+static void take(modald_stream *s)
+{
+    uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire);
+
+    while (s->taken < head) {
+        const double *at = s->ring + s->taken % s->slots * s->stride;
+        uint64_t index;
+        memcpy(&index, at, sizeof index);
+        if (!(isnan(at[1]) ? add_sample(s, index, at + 2) : add_uneven(s, at[1], at + 2)))
+            return;
+        s->taken++;
+    }
+}
+
+/* The ring is half full and the window cannot move: from now on everything goes through the file. */
+static void spill_if_needed(modald_stream *s, bool all)
+{
+    uint64_t waiting = atomic_load_explicit(&s->page->head, memory_order_acquire) - atomic_load_explicit(&s->page->tail, memory_order_relaxed);
+
+    if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed || (!all && (s->frames < WINDOW || waiting < s->slots / 2)))
+        return;
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        if (!spill_write(s, f))
+            return;
+        release(s, f->ring_end);
+        f->ring_end = 0;
+    }
+    s->spill_read = s->spill_end;
+}
+
+static void fill_window(modald_stream *s)
+{
+    while (s->frames < WINDOW && s->spill_fd >= 0 && s->spill_read < s->spill_end)
+        if (spill_next(s, frame_at(s, s->frames)))
+            s->frames++;
+        else
+            s->spill_read = s->spill_acknowledged = s->spill_end;      /* damaged: what follows cannot be found */
+}
+
+/* ------------------------------------------------------------------ messages */
+
+static void make_id(modald_stream *s, char *text, size_t size, int64_t *id)
+{
+    *id = ++s->next_id;
+    snprintf(text, size, "{\"id\":%lld", (long long)*id);
+}
+
+static void add_attribute(char *text, size_t size, const char *key, const char *value, bool *first)
+{
+    if (value == NULL || *value == 0)
+        return;
+    add(text, size, "%s\"%s\":", *first ? "" : ",", key);
+    add_string(text, size, value);
+    *first = false;
+}
+
+/* The members of `open` behind the id: what the stream is, and which run it comes from. */
+static void open_header(modald_stream *s, char *text, size_t size)
+{
+    static const char *const environment[][2] = {
+        { "slurm_job", "SLURM_JOB_ID" }, { "slurm_array_task", "SLURM_ARRAY_TASK_ID" }, { "slurm_node", "SLURMD_NODENAME" },
+        { "slurm_restarts", "SLURM_RESTART_COUNT" },
+    };
+    char host[128] = "";
+    bool first = true;
+
+    if (s->open_text != NULL) {
+        add(text, size, "%s", s->open_text);
+        return;
+    }
+    gethostname(host, sizeof host - 1);
+    add(text, size, ",\"op\":\"open\",\"name\":");
+    add_string(text, size, s->name);
+    add(text, size, ",\"channels\":%d,\"dt\":%.17g", s->channels, s->dt);
+    if (s->period > 0)
+        add(text, size, ",\"period\":%.17g", s->period);
+    if (s->names != NULL)
+        add(text, size, ",\"names\":%s", s->names);
+    if (s->units != NULL)
+        add(text, size, ",\"units\":%s", s->units);
+    add(text, size, ",\"attributes\":{");
+    add_attribute(text, size, "host", host, &first);
+    for (size_t i = 0; i < sizeof environment / sizeof environment[0]; i++)
+        add_attribute(text, size, environment[i][0], getenv(environment[i][1]), &first);
+    add(text, size, "}");
+    if (s->window_samples > 0)
+        add(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
+            s->options ? ",\"options\":" : "", s->options ? s->options : "");
+    add(text, size, "}");
+}
+
+static bool send_message(modald_stream *s, const char *verb, const char *header, const void *body, size_t length)
+{
+    if (!s->ready || zmq_send(s->socket, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
+        return false;
+    return zmq_send(s->socket, verb, strlen(verb), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
+        && zmq_send(s->socket, header, strlen(header), ZMQ_DONTWAIT | (body ? ZMQ_SNDMORE : 0)) >= 0
+        && (body == NULL || zmq_send(s->socket, body, length, ZMQ_DONTWAIT) >= 0);
+}
+
+static void send_open(modald_stream *s)
+{
+    char *text = calloc(1, HEADER_MOST);
+
+    if (text == NULL)
+        return;
+    make_id(s, text, HEADER_MOST, &s->open_id);
+    open_header(s, text, HEADER_MOST);
+    s->opening = send_message(s, "STREAM", text, NULL, 0);
+    s->asked_at = now();
+    free(text);
+    if (!s->opening)
+        return;
+    char events[1024] = "";
+    make_id(s, events, sizeof events, &s->events_id);
+    add(events, sizeof events, ",\"stream\":");
+    add_string(events, sizeof events, s->name);
+    add(events, sizeof events, "}");
+    send_message(s, "EVENTS", events, NULL, 0);
+}
+
+static bool send_frame(modald_stream *s, struct frame *f)
+{
+    size_t length = f->count * (size_t)s->channels * sizeof(double);
+    char text[512];
+    int64_t id;
+
+    make_id(s, text, sizeof text, &id);
+    add(text, sizeof text, ",\"op\":\"push\",\"stream\":");
+    add_string(text, sizeof text, s->stream);
+    add(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}", (unsigned long long)s->epoch, (unsigned long long)f->first,
+        (unsigned long long)f->count, (unsigned long)crc32c(f->data, length));
+    if (!send_message(s, "STREAM", text, f->data, length))
+        return false;
+    f->id = id;
+    s->flying += length;
+    s->asked_at = now();
+    return true;
+}
+
+static void send_close(modald_stream *s)
+{
+    char text[512];
+
+    make_id(s, text, sizeof text, &s->close_id);
+    add(text, sizeof text, ",\"op\":\"close\",\"stream\":");
+    add_string(text, sizeof text, s->stream);
+    add(text, sizeof text, "%s}", atomic_load(&s->stop) == 2 ? ",\"broken\":true" : "");
+    s->closing = send_message(s, "STREAM", text, NULL, 0);
+    s->asked_at = now();
+}
+
+static void send_frames(modald_stream *s)
+{
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        size_t length = f->count * (size_t)s->channels * sizeof(double);
+        if (f->id != 0)
+            continue;
+        if ((s->flying > 0 && s->flying + length > s->credit) || !send_frame(s, f))
+            return;
+    }
+}
+
+/* The link is new or gone: nothing that was sent counts. */
+static void forget_link(modald_stream *s)
+{
+    s->opened = s->opening = s->closing = false;
+    s->flying = 0;
+    s->events_id = 0;
+    for (int i = 0; i < s->frames; i++)
+        frame_at(s, i)->id = 0;
+    atomic_store(&s->verdict, MODALD_UNKNOWN);
+}
+
+static void listen(modald_stream *s)
+{
+    zmq_msg_t part;
+    uint16_t event;
+
+    zmq_msg_init(&part);
+    while (zmq_msg_recv(&part, s->monitor, ZMQ_DONTWAIT) >= 0) {
+        if (!zmq_msg_more(&part) || zmq_msg_size(&part) < 6)
+            continue;
+        memcpy(&event, zmq_msg_data(&part), sizeof event);
+        if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
+            forget_link(s);
+            s->ready = true;
+        } else if (event == ZMQ_EVENT_DISCONNECTED) {
+            s->ready = false;
+            forget_link(s);
+        } else if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) {
+            say(s, "the daemon refused our key; the run goes on without it");
+        }
+    }
+    zmq_msg_close(&part);
+}
+
+/* Frames acknowledged from the front on leave the window, their slots or file space with them. */
+static void retire(modald_stream *s)
+{
+    while (s->frames > 0 && frame_at(s, 0)->acknowledged) {
+        struct frame *f = frame_at(s, 0);
+        if (f->ring_end > 0)
+            release(s, f->ring_end);
+        if (f->file_end > s->spill_acknowledged)
+            s->spill_acknowledged = f->file_end;
+        atomic_fetch_add_explicit(&s->acknowledged, f->count, memory_order_relaxed);
+        f->ring_end = f->file_end = 0;
+        s->first_frame = (s->first_frame + 1) % WINDOW;
+        s->frames--;
+    }
+    spill_drained(s);
+}
+
+static void take_reply(modald_stream *s, const char *header)
+{
+    int64_t id = (int64_t)find_number(header, "id", 0);
+    const char *stream = find(header, "stream");
+
+    s->credit = (size_t)find_number(header, "credit", (double)s->credit);
+    if (id == s->open_id && s->opening && stream != NULL && *stream == '"') {
+        snprintf(s->stream, sizeof s->stream, "%.*s", (int)strcspn(stream + 1, "\""), stream + 1);
+        s->epoch = (uint64_t)find_number(header, "epoch", 0);
+        s->opened = true;
+        s->opening = false;
+    } else if (id == s->close_id && s->closing) {
+        s->closed = true;
+    }
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        size_t length = f->count * (size_t)s->channels * sizeof(double);
+        if (f->id != id || id == 0)
+            continue;
+        f->acknowledged = true;
+        s->flying -= s->flying >= length ? length : s->flying;
+        s->epoch = (uint64_t)find_number(header, "epoch", (double)s->epoch);
+    }
+    retire(s);
+}
+
+/* Errors that pass (busy, quota, storage_full, draining) are tried again; others end the sending, not the host. */
+static void take_error(modald_stream *s, const char *header)
+{
+    static const char *const passing[] = { "\"busy\"", "\"quota\"", "\"storage_full\"", "\"draining\"", "\"not_found\"" };
+    const char *code = find(find(header, "error"), "code"), *message = find(header, "message");
+    int64_t id = (int64_t)find_number(header, "id", 0);
+    char text[256];
+
+    if (id != 0 && id == s->events_id)
+        return;                                     /* no live results: the record goes on */
+    for (size_t i = 0; code != NULL && i < sizeof passing / sizeof passing[0]; i++)
+        if (strncmp(code, passing[i], strlen(passing[i])) == 0) {
+            struct timespec pause = { 0, 100000000 };
+            nanosleep(&pause, NULL);
+            forget_link(s);                         /* open again: what was taken is known then */
+            return;
+        }
+    snprintf(text, sizeof text, "the daemon refused it (%.200s); the run goes on without it", message ? message : header);
+    say(s, text);
+    s->refused = true;
+}
+
+/* The least damped mode, and whether all is stable, of a live result. */
+static void take_event(modald_stream *s, const char *header)
+{
+    const char *stable = find(find(header, "stability"), "stable"), *at = find(header, "modes");
+    struct modald_estimate best = { .damping_ratio = HUGE_VAL };
+
+    if (stable == NULL)
+        return;
+    while ((at = find(at, "frequency_hz")) != NULL) {
+        struct modald_estimate e = { .frequency_hz = strtod(at, NULL), .damping_ratio = find_number(at, "damping_ratio", HUGE_VAL),
+                                     .frequency_std = -1, .damping_std = -1, .sample = find_number(header, "last", find_number(header, "to", -1)) };
+        const char *std = find(at, "std"), *next = find(at, "frequency_hz");
+        if (std != NULL && next != NULL && next > std) {            /* the std of this mode, its keys the same */
+            e.frequency_std = find_number(std, "frequency_hz", -1);
+            e.damping_std = find_number(std, "damping_ratio", -1);
+            at = next;
+        }
+        if (e.damping_ratio < best.damping_ratio)
+            best = e;
+    }
+    if (best.damping_ratio < HUGE_VAL) {
+        atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_acq_rel);
+        s->estimate = best;
+        atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_release);
+    }
+    atomic_store(&s->verdict, *stable == 't' ? MODALD_STABLE : *stable == 'f' ? MODALD_UNSTABLE : MODALD_UNDECIDED);
+}
+
+/* One message, if there is one. */
+static bool receive(modald_stream *s)
+{
+    static const struct { const char *kind; void (*take)(modald_stream *, const char *); } kinds[] = {
+        { "REPLY", take_reply }, { "ERROR", take_error }, { "EVENT", take_event },
+    };
+    char kind[8] = "", *header = NULL;
+    bool more = true, came = false;
+    zmq_msg_t part;
+
+    zmq_msg_init(&part);
+    for (int i = 0; more && zmq_msg_recv(&part, s->socket, ZMQ_DONTWAIT) >= 0; i++) {
+        more = zmq_msg_more(&part);
+        came = true;
+        if (i == 1)
+            snprintf(kind, sizeof kind, "%.*s", (int)(zmq_msg_size(&part) < 7 ? zmq_msg_size(&part) : 7), (const char *)zmq_msg_data(&part));
+        if (i == 2)
+            header = strndup(zmq_msg_data(&part), zmq_msg_size(&part));
+    }
+    zmq_msg_close(&part);
+    for (size_t i = 0; header != NULL && i < sizeof kinds / sizeof kinds[0]; i++)
+        if (strcmp(kind, kinds[i].kind) == 0)
+            kinds[i].take(s, header);
+    free(header);
+    return came;
+}
+
+/* ------------------------------------------------------------------ the sender's thread */
+
+/* A key file as modalctl keygen writes it: NAME = "40 signs". */
+static bool set_key(modald_stream *s, const char *text, const char *name, int option)
+{
+    const char *at = strstr(text, name), *quote = at ? strchr(at, '"') : NULL;
+    char key[41] = "";
+
+    if (quote == NULL || strcspn(quote + 1, "\"") != 40)
+        return false;
+    memcpy(key, quote + 1, 40);
+    bool good = zmq_setsockopt(s->socket, option, key, sizeof key) == 0;
+    explicit_bzero(key, sizeof key);
+    return good;
+}
+
+static bool set_keys(modald_stream *s)
+{
+    char text[1024] = "";
+    struct stat st;
+    int fd;
+    bool good;
+
+    if (s->keyfile == NULL)
+        return true;
+    fd = open(s->keyfile, O_RDONLY | O_CLOEXEC);
+    good = fd >= 0 && fstat(fd, &st) == 0 && (st.st_mode & 077) == 0 && read(fd, text, sizeof text - 1) > 0
+        && set_key(s, text, "public-key", ZMQ_CURVE_PUBLICKEY) && set_key(s, text, "secret-key", ZMQ_CURVE_SECRETKEY)
+        && set_key(s, text, "server-key", ZMQ_CURVE_SERVERKEY);
+    explicit_bzero(text, sizeof text);
+    if (fd >= 0)
+        close(fd);
+    return good;
+}
+
+static bool connect_socket(modald_stream *s)
+{
+    static const struct { int name, value; } options[] = {
+        { ZMQ_LINGER, 0 }, { ZMQ_IMMEDIATE, 1 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
+        { ZMQ_HEARTBEAT_IVL, 5000 }, { ZMQ_HEARTBEAT_TIMEOUT, 15000 }, { ZMQ_SNDHWM, 64 }, { ZMQ_RCVHWM, 256 },
+    };
+    static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH;
+    char name[64];
+
+    snprintf(name, sizeof name, "inproc://modald-%p", (void *)s);
+    s->context = zmq_ctx_new();
+    s->socket = s->context ? zmq_socket(s->context, ZMQ_DEALER) : NULL;
+    s->monitor = s->context ? zmq_socket(s->context, ZMQ_PAIR) : NULL;
+    if (s->socket == NULL || s->monitor == NULL)
+        return false;
+    for (size_t i = 0; i < sizeof options / sizeof options[0]; i++)
+        zmq_setsockopt(s->socket, options[i].name, &options[i].value, sizeof options[i].value);
+    zmq_setsockopt(s->monitor, ZMQ_LINGER, &(int) { 0 }, sizeof(int));
+    if (!set_keys(s)) {
+        say(s, "the key file is not one of mode 0600 with three keys; the run goes on without modald");
+        return false;
+    }
+    return zmq_socket_monitor(s->socket, name, events) == 0 && zmq_connect(s->monitor, name) == 0 && zmq_connect(s->socket, s->url) == 0;
+}
+
+static void close_socket(modald_stream *s)
+{
+    if (s->socket != NULL) {
+        zmq_socket_monitor(s->socket, NULL, 0);
+        zmq_close(s->socket);
+    }
+    if (s->monitor != NULL)
+        zmq_close(s->monitor);
+    if (s->context != NULL)
+        zmq_ctx_term(s->context);
+}
+
+static void rest(double seconds)
+{
+    struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
+
+    nanosleep(&t, NULL);
+}
+
+/* Is everything that was pushed acknowledged? */
+static bool drained(const modald_stream *s)
+{
+    return s->taken == atomic_load(&s->page->head) && s->build.count == 0 && s->frames == 0 && !spilling(s);
+}
+
+/* One turn: what came in, what was pushed, what goes out.  True: something moved. */
+static bool turn(modald_stream *s, bool flush)
+{
+    uint64_t before = s->taken;
+    bool moved = false;
+
+    listen(s);
+    while (receive(s))
+        moved = true;
+    if (s->refused) {                                   /* nobody wants them: the ring stays empty */
+        release(s, s->taken = atomic_load(&s->page->head));
+        return false;
+    }
+    take(s);
+    if (s->build.count > 0 && (flush || now() > s->build_since + 0.02))
+        finish_build(s);
+    spill_if_needed(s, false);
+    fill_window(s);
+    if (s->ready && !s->opened && !s->opening && (s->frames > 0 || flush))
+        send_open(s);
+    if (s->opened)
+        send_frames(s);
+    if (s->opening || s->flying > 0)
+        if (now() > s->asked_at + 10)                   /* an answer was lost: ask again */
+            forget_link(s);
+    return moved || s->taken != before;
+}
+
+/* The rest of an uneven record: its last point has none beyond. */
+static void end_resampling(modald_stream *s)
+{
+    if (s->points > 1)
+        resample(s, s->history[s->points - 1].t);
+    s->points = 0;
+}
+
+static void finish(modald_stream *s, double until)
+{
+    while (!s->refused && now() < until && !(drained(s) && (s->closed || !s->seal))) {
+        bool moved = turn(s, true);
+        if (s->taken == atomic_load(&s->page->head))
+            end_resampling(s);
+        if (drained(s) && s->opened && !s->closing)
+            send_close(s);
+        if (!moved)
+            rest(0.0005);
+    }
+}
+
+/* What could not be sent goes into the spill file. */
+static void keep(modald_stream *s)
+{
+    if (s->refused || drained(s))
+        return;
+    do {
+        finish_build(s);
+        spill_if_needed(s, true);
+        take(s);
+    } while (!s->spill_failed && s->spill_most > 0 && s->taken < atomic_load(&s->page->head));
+    end_resampling(s);
+    finish_build(s);
+    spill_if_needed(s, true);
+}
+
+static void *sender(void *argument)
+{
+    modald_stream *s = argument;
+    const char *wait = getenv("MODALD_CLOSE_WAIT");
+    double idle = 0.0005;
+    sigset_t all;
+
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, NULL);
+    setpriority(PRIO_PROCESS, (id_t)syscall(SYS_gettid), 10);
+    if (!connect_socket(s)) {
+        s->refused = true;
+        say(s, "no socket to the daemon; the run goes on without it");
+    }
+    while (atomic_load(&s->stop) == 0) {
+        bool moved = s->refused ? (release(s, s->taken = atomic_load(&s->page->head)), false) : turn(s, false);
+        idle = moved ? 0.0005 : fmin(2 * idle, 0.01);
+        rest(idle);
+    }
+    s->seal = atomic_load(&s->page->head) > 0;
+    if (!s->refused) {
+        finish(s, now() + (wait && *wait ? strtod(wait, NULL) : 5));
+        keep(s);
+    }
+    close_socket(s);
+    atomic_store(&s->finished, true);
+    return NULL;
+}
+
+/* ------------------------------------------------------------------ open and close */
+
+static size_t size_from(const char *name, size_t otherwise)
+{
+    const char *text = getenv(name);
+    char *end;
+    double value = text && *text ? strtod(text, &end) : 0;
+
+    return text && *text && *end == 0 && value >= 0 && value < 1e15 ? (size_t)value : otherwise;
+}
+
+/* The ring, in memory or in a file; what an earlier run left in the file is kept. */
+static bool make_ring(modald_stream *s, size_t bytes, const char *file)
+{
+    const char *mark = file ? strstr(file, "%s") : NULL;
+    char path[512];
+    int fd = -1;
+
+    s->stride = (size_t)s->channels + 2;
+    s->slots = bytes / (s->stride * sizeof(double));
+    s->slots = s->slots < 8 ? 8 : s->slots;
+    s->ring_bytes = RING_HEAD + s->slots * s->stride * sizeof(double);
+    if (file != NULL && *file != 0) {
+        snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : 400, file, mark ? s->name : "", mark ? mark + 2 : "");
+        fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+        if (fd < 0 || ftruncate(fd, (off_t)s->ring_bytes) != 0) {
+            if (fd >= 0)
+                close(fd);
+            fd = -1;
+            say(s, "the ring's file cannot be used; it is kept in memory");
+        }
+    }
+    void *base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, (fd >= 0 ? MAP_SHARED : MAP_PRIVATE | MAP_ANONYMOUS) | MAP_POPULATE, fd, 0);
+    if (fd >= 0)
+        close(fd);
+    if (base == MAP_FAILED)
+        return false;
+    s->ring_in_file = fd >= 0;
+    s->page = base;
+    s->ring = (double *)((char *)base + RING_HEAD);
+    bool left = memcmp(s->page->magic, ring_magic, sizeof ring_magic) == 0 && s->page->channels == (uint64_t)s->channels && s->page->slots == s->slots
+             && s->page->dt == s->dt && strcmp(s->page->name, s->name) == 0;
+    if (!left) {
+        memset(base, 0, sizeof *s->page);
+        s->page->channels = (uint64_t)s->channels;
+        s->page->slots = s->slots;
+        s->page->dt = s->dt;
+        snprintf(s->page->name, sizeof s->page->name, "%s", s->name);
+        memcpy(s->page->magic, ring_magic, sizeof ring_magic);
+    }
+    s->head = atomic_load(&s->page->head);
+    s->taken = s->tail_seen = atomic_load(&s->page->tail);
+    s->cursor = s->head % s->slots;
+    return s->head - s->tail_seen <= s->slots;
+}
+
+static bool make_frames(modald_stream *s)
+{
+    size_t sample = (size_t)s->channels * sizeof(double), frame;
+
+    s->frame_samples = sample < FRAME_BYTES ? FRAME_BYTES / sample : 1;
+    frame = s->frame_samples * sample;
+    for (int i = 0; i < WINDOW; i++)
+        if ((s->window[i].data = malloc(frame)) == NULL)
+            return false;
+    for (int i = 0; i < HISTORY; i++)
+        if ((s->history[i].y = malloc(sample)) == NULL)
+            return false;
+    s->build.data = malloc(frame);
+    s->rms = calloc((size_t)s->channels, sizeof *s->rms);
+    s->sample = calloc((size_t)s->channels, sizeof *s->sample);
+    return s->build.data && s->rms && s->sample;
+}
+
+static void stream_free(modald_stream *s)
+{
+    if (s->page != NULL)
+        munmap(s->page, s->ring_bytes);
+    for (int i = 0; i < WINDOW; i++)
+        free(s->window[i].data);
+    for (int i = 0; i < HISTORY; i++)
+        free(s->history[i].y);
+    free(s->build.data);
+    free(s->rms);
+    free(s->sample);
+    free(s->names);
+    free(s->units);
+    free(s->options);
+    free(s->url);
+    free(s->keyfile);
+    free(s->open_text);
+    free(s);
+}
+
+static modald_stream *stream_new(const char *name, int channels, double dt, const char *url, size_t ring, const char *ring_file)
+{
+    const char *keyfile = getenv("MODALD_KEYFILE"), *options = getenv("MODALD_OPTIONS");
+    modald_stream *s = calloc(1, sizeof *s);
+
+    if (s == NULL)
+        return NULL;
+    snprintf(s->name, sizeof s->name, "%s", name);
+    s->channels = channels;
+    s->dt = dt;
+    s->spill_fd = -1;
+    s->spill_most = size_from("MODALD_SPILL_MAX", (size_t)1 << 30);
+    s->window_samples = (long)size_from("MODALD_WINDOW", 0);
+    s->window_hop = (long)size_from("MODALD_HOP", 0);
+    s->credit = FRAME_BYTES;
+    s->url = strdup(url);
+    s->keyfile = keyfile && *keyfile ? strdup(keyfile) : NULL;
+    s->options = options && *options ? strdup(options) : NULL;
+    if (s->url == NULL || !make_ring(s, ring, ring_file) || !make_frames(s)) {
+        stream_free(s);
+        return NULL;
+    }
+    return s;
+}
+
+modald_stream *modald_open(const char *name, int channels, double dt)
+{
+    const char *url = getenv("MODALD_URL");
+    modald_stream *s;
+
+    if (url == NULL || *url == 0)
+        return NULL;
+    if (name == NULL || *name == 0 || strlen(name) > 128 || channels < 1 || channels > CHANNELS_MOST || !(dt > 0) || !isfinite(dt)) {
+        fprintf(stderr, "modald: modald_open: a name of 1 to 128 bytes, 1 to %d channels and a positive dt are needed\n", CHANNELS_MOST);
+        return NULL;
+    }
+    s = stream_new(name, channels, dt, url, size_from("MODALD_RING", (size_t)8 << 20), getenv("MODALD_RING_FILE"));
+    if (s != NULL && pthread_create(&s->thread, NULL, sender, s) != 0) {
+        stream_free(s);
+        s = NULL;
+    }
+    if (s == NULL)
+        fprintf(stderr, "modald: stream %s: no memory or no thread; the run goes on without it\n", name);
+    return s;
+}
+
+void modald_describe(modald_stream *s, const char *const *names, const char *units, double period)
+{
+    size_t size = HEADER_MOST / 2;
+
+    if (s == NULL)
+        return;
+    s->period = period;
+    if (names != NULL && s->names == NULL && (s->names = calloc(1, size)) != NULL) {
+        for (int i = 0; i < s->channels; i++) {
+            add(s->names, size, i ? "," : "[");
+            add_string(s->names, size, names[i]);
+        }
+        add(s->names, size, "]");
+    }
+    if (units != NULL && s->units == NULL && (s->units = calloc(1, 1024)) != NULL)
+        add_string(s->units, 1024, units);
+}
+
+void modald_window(modald_stream *s, long samples, long hop, const char *options)
+{
+    if (s == NULL)
+        return;
+    s->window_samples = samples;
+    s->window_hop = hop;
+    if (options != NULL) {
+        free(s->options);
+        s->options = strdup(options);
+    }
+}
+
+/* The spill file goes when it is empty; else it is said where it is. */
+static void end_spill(modald_stream *s)
+{
+    char text[700];
+    bool left = spilling(s);
+
+    if (s->spill_fd < 0)
+        return;
+    close(s->spill_fd);
+    if (!left)
+        unlink(s->spill_path);
+    snprintf(text, sizeof text, "some samples could not be sent; `modalctl replay %s` sends them", s->spill_path);
+    s->told = false;
+    if (left)
+        say(s, text);
+}
+
+static void end(modald_stream *s, int how)
+{
+    const char *wait = getenv("MODALD_CLOSE_WAIT");
+    double until;
+
+    if (s == NULL)
+        return;
+    until = now() + (wait && *wait ? strtod(wait, NULL) : 5) + 1;
+    atomic_store(&s->stop, how);
+    while (!atomic_load(&s->finished) && now() < until)
+        rest(0.0005);
+    if (!atomic_load(&s->finished)) {                   /* the thread hangs in a file system: leave it */
+        pthread_detach(s->thread);
+        return;
+    }
+    pthread_join(s->thread, NULL);
+    uint64_t dropped = atomic_load(&s->dropped);
+    if (dropped > 0)
+        fprintf(stderr, "modald: stream %s: %llu samples were dropped; the record shows the gap\n", s->name, (unsigned long long)dropped);
+    end_spill(s);
+    stream_free(s);
+}
+
+void modald_close(modald_stream *s)
+{
+    end(s, 1);
+}
+
+void modald_abandon(modald_stream *s)
+{
+    end(s, 2);
+}
+
+/* ------------------------------------------------------------------ replay */
+
+/* A stream whose spill file is FD: its head says what it was. */
+static modald_stream *from_spill(int fd, const char *url, char *message, size_t size)
+{
+    char *text = calloc(1, HEADER_MOST + 1);
+    uint32_t length = 0;
+    modald_stream *s = NULL;
+    char name[256] = "";
+
+    if (text != NULL && pread(fd, &length, sizeof length, sizeof spill_magic) == (ssize_t)sizeof length && length <= HEADER_MOST
+        && pread(fd, text, length, sizeof spill_magic + sizeof length) == (ssize_t)length) {
+        const char *at = find(text, "name");
+        double channels = find_number(text, "channels", 0), dt = find_number(text, "dt", 0);
+        if (at != NULL && channels >= 1 && channels <= CHANNELS_MOST && dt > 0) {
+            snprintf(name, sizeof name, "%.*s", (int)strcspn(at + 1, "\""), at + 1);
+            s = stream_new(name, (int)channels, dt, url, 4096, NULL);
+        }
+    }
+    if (s == NULL) {
+        snprintf(message, size, "its head cannot be read");
+        free(text);
+        return NULL;
+    }
+    s->open_text = text;
+    s->spill_fd = fd;
+    s->spill_most = 0;
+    s->spill_start = s->spill_read = s->spill_acknowledged = sizeof spill_magic + sizeof length + length;
+    s->spill_end = (uint64_t)lseek(fd, 0, SEEK_END);
+    return s;
+}
+
+/* A stream whose ring is the file at PATH. */
+static modald_stream *from_ring(int fd, const char *path, const char *url, char *message, size_t size)
+{
+    struct ring_page page;
+    modald_stream *s = NULL;
+
+    if (pread(fd, &page, sizeof page, 0) == (ssize_t)sizeof page && page.channels >= 1 && page.channels <= CHANNELS_MOST && page.dt > 0
+        && page.slots >= 8 && page.slots < (uint64_t)1 << 40 && memchr(page.name, 0, sizeof page.name) != NULL)
+        s = stream_new(page.name, (int)page.channels, page.dt, url, page.slots * (page.channels + 2) * sizeof(double), path);
+    if (s == NULL)
+        snprintf(message, size, "its head cannot be read");
+    close(fd);
+    return s;
+}
+
+int modald_replay(const char *path, double timeout, double *samples, char *message, size_t size)
+{
+    const char *url = getenv("MODALD_URL");
+    char magic[8] = "";
+    int fd = open(path, O_RDWR | O_CLOEXEC);
+    modald_stream *s = NULL;
+    bool good = false;
+
+    snprintf(message, size, "%s", fd < 0 ? strerror(errno) : "it is no spill or ring file");
+    if (fd >= 0 && pread(fd, magic, sizeof magic, 0) == (ssize_t)sizeof magic && memcmp(magic, spill_magic, sizeof magic) == 0)
+        s = from_spill(fd, url ? url : "", message, size);
+    else if (fd >= 0 && memcmp(magic, ring_magic, sizeof magic) == 0)
+        s = from_ring(fd, path, url ? url : "", message, size);
+    if (s == NULL)
+        return 0;
+    s->seal = true;
+    if (!connect_socket(s))
+        snprintf(message, size, "no socket to %s", s->url);
+    else {
+        finish(s, now() + timeout);
+        good = drained(s) && s->closed;
+        snprintf(message, size, "%s", good ? "" : s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
+    }
+    *samples = (double)atomic_load(&s->acknowledged);
+    close_socket(s);
+    if (s->spill_fd >= 0)
+        close(s->spill_fd);
+    stream_free(s);
+    return good;
+}

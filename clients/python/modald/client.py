@@ -1,0 +1,564 @@
+"""A connection to modald: every verb of proto/PROTOCOL.md, reconnecting by itself, never waiting longer than it is told."""
+from __future__ import annotations
+
+import itertools
+import os
+import pathlib
+import secrets
+import stat
+import time
+from dataclasses import dataclass, field
+from typing import Any, Callable, Iterator, Mapping, Sequence, Union
+
+import numpy as np
+import numpy.typing as npt
+import zmq
+import zmq.utils.monitor
+
+from . import wire
+
+Document = dict[str, Any]
+Progress = Callable[[str, float], None]
+ENDED = ("done", "failed", "cancelled", "dead")
+FIRST_PATIENCE, LOST_PATIENCE, ASK_AGAIN, CHUNK_PATIENCE = 2.0, 30.0, 5.0, 10.0     # s
+
+
+class Error(Exception):
+    """A failure: `code` is the protocol's, `field` names what is at fault, `detail` says more."""
+
+    def __init__(self, code: str, message: str, field: str | None = None, detail: Document | None = None):
+        super().__init__(f"{code}: {field + ': ' if field else ''}{message}")
+        self.code, self.message, self.field, self.detail = code, message, field, detail or {}
+
+    @classmethod
+    def of(cls, error: Mapping[str, Any]) -> "Error":
+        return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"), error.get("detail"))
+
+
+@dataclass
+class Batch:
+    """Signals at equal steps, n_samples x n_channels."""
+
+    signals: npt.NDArray[np.float64]
+    dt: float
+    period: float | None = None
+    names: Sequence[str] | None = None
+    units: str | None = None
+    attributes: Document | None = None
+
+    def __post_init__(self) -> None:
+        signals = np.asarray(self.signals, dtype="<f8")
+        self.signals = np.ascontiguousarray(signals.reshape(len(signals), -1) if signals.ndim == 1 else signals)
+        if self.signals.ndim != 2:
+            raise Error("bad_input", "signals must have one or two dimensions", "signals")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "Batch":
+        """A batch of the usual layout from an HDF5 file (needs h5py)."""
+        import h5py
+        with h5py.File(path) as file:
+            data = file["signals"]
+            found = {**file.attrs, **data.attrs}
+            names = found.pop("channels", None)
+            units = found.pop("units", None)
+            rest = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in found.items()
+                    if key not in ("dt", "period")}
+            return cls(data[...], float(found["dt"]), float(found["period"]) if "period" in found else None,
+                       [str(n) for n in names] if names is not None else None, str(units) if units is not None else None, rest or None)
+
+    def description(self) -> Document:
+        samples, channels = self.signals.shape
+        out: Document = {"content": "batch", "samples": samples, "channels": channels, "dt": self.dt}
+        if self.period:
+            out["period"] = self.period
+        if self.names is not None:
+            out["names"] = list(self.names)
+        if self.units:
+            out["units"] = self.units
+        if self.attributes:
+            out["attributes"] = self.attributes
+        return out
+
+    def bytes(self) -> memoryview:
+        return memoryview(self.signals.reshape(-1)).cast("B") if self.signals.size else memoryview(b"")
+
+    def sha256(self) -> str:
+        samples, channels = self.signals.shape
+        return wire.batch_identity(self.bytes(), samples, channels, self.dt, self.period or 0.0, self.units or "", self.names)
+
+
+Scene = Mapping[str, Any]
+Input = Union[Batch, Scene]
+
+
+@dataclass
+class Job:
+    """A queue document, and its client to ask again."""
+
+    client: "Client"
+    document: Document
+
+    @property
+    def id(self) -> str:
+        return str(self.document["job"])
+
+    @property
+    def state(self) -> str:
+        return str(self.document["state"])
+
+    def status(self) -> "Job":
+        self.document = self.client.status(self.id)
+        return self
+
+    def wait(self, timeout: float | None = None) -> "Job":
+        self.document = self.client.wait(self.id, timeout)
+        return self
+
+    def result(self, timeout: float | None = None) -> Document:
+        """Wait for the job's end and give its result; its own error is raised."""
+        self.wait(timeout)
+        if self.state != "done":
+            raise Error.of(self.document.get("error") or {"code": self.state, "message": f"the job is {self.state}"})
+        return self.client.result(self.id)
+
+    def cancel(self) -> "Job":
+        self.document = self.client.cancel(self.id)
+        return self
+
+
+@dataclass
+class Event:
+    """One numbered edge, progress, or a stream's live result."""
+
+    header: Document
+    number: int | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.number = self.header.get("number")
+
+    def __getitem__(self, key: str) -> Any:
+        return self.header[key]
+
+
+def default_endpoint() -> str:
+    url, runtime = os.environ.get("MODALD_URL"), os.environ.get("XDG_RUNTIME_DIR")
+    if url:
+        return url
+    if runtime and not os.path.exists("/run/modald/modald.ipc"):
+        return f"ipc://{runtime}/modald/modald.ipc"
+    return "ipc:///run/modald/modald.ipc"
+
+
+def read_keyfile(path: str) -> dict[str, bytes]:
+    """Keys of a file that only its owner may read."""
+    if stat.S_IMODE(os.stat(path).st_mode) & 0o077:
+        raise Error("bad_input", f"{path}: others may read it; accepted: a file of mode 0600", "keyfile")
+    keys = {}
+    for line in pathlib.Path(path).read_text().splitlines():
+        name, equals, value = line.partition("=")
+        if equals and not line.lstrip().startswith("#"):
+            keys[name.strip()] = value.strip().strip('"').encode()
+    if not {"public-key", "secret-key", "server-key"} <= keys.keys():
+        raise Error("bad_input", f"{path}: accepted: public-key, secret-key and server-key", "keyfile")
+    return keys
+
+
+class Client:
+    """See the module.  `timeout` [s] bounds every call that is not given its own; None: no bound but a lost daemon's 30 s."""
+
+    def __init__(self, endpoint: str | None = None, keyfile: str | None = None, timeout: float | None = 60.0):
+        self.endpoint = endpoint or default_endpoint()
+        self.keyfile = keyfile or os.environ.get("MODALD_KEYFILE") or None
+        self.timeout = timeout
+        self._ids = itertools.count(1)
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.DEALER)
+        for option, value in ((zmq.LINGER, 0), (zmq.IMMEDIATE, 1), (zmq.RECONNECT_IVL, 50), (zmq.RECONNECT_IVL_MAX, 1000),
+                              (zmq.HEARTBEAT_IVL, 5000), (zmq.HEARTBEAT_TIMEOUT, 15000), (zmq.SNDHWM, 256), (zmq.RCVHWM, 4096),
+                              (zmq.MAXMSGSIZE, wire.BODY_MOST)):
+            self._socket.setsockopt(option, value)
+        try:
+            if self.keyfile:
+                keys = read_keyfile(self.keyfile)
+                self._socket.curve_publickey, self._socket.curve_secretkey = keys["public-key"], keys["secret-key"]
+                self._socket.curve_serverkey = keys["server-key"]
+            self._monitor = self._socket.get_monitor_socket(
+                zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
+            self._socket.connect(self.endpoint)
+        except (zmq.ZMQError, OSError) as why:
+            self._context.destroy(linger=0)
+            raise Error("bad_input", f"{self.endpoint}: {why}", "server" if isinstance(why, zmq.ZMQError) else "keyfile") from why
+        self._ready = self._was_ready = self._refused = False
+        self._losses, self._told = 0, 0
+        self._since = time.monotonic()
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._context.destroy(linger=0)
+
+    # -- messages -------------------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        while self._monitor.poll(0):
+            event = zmq.utils.monitor.recv_monitor_message(self._monitor)["event"]
+            if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+                self._ready = self._was_ready = True
+            elif event == zmq.EVENT_DISCONNECTED:
+                if self._ready:
+                    self._losses += 1
+                    self._since = time.monotonic()
+                self._ready = False
+            elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                self._refused = True
+
+    def _sleep(self, seconds: float) -> None:
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._monitor, zmq.POLLIN)
+        poller.poll(max(0, int(1000 * seconds + 0.999)))
+
+    def _lost(self) -> bool:
+        if self._ready:
+            return False
+        patience = LOST_PATIENCE if self._was_ready else FIRST_PATIENCE
+        return (self._refused and not self._was_ready) or time.monotonic() > self._since + patience
+
+    def _nobody(self) -> Error:
+        if self._refused:
+            return Error("denied", f"{self.endpoint}: our key was refused")
+        return Error("no_server", f"no modald at {self.endpoint}")
+
+    def _deadline(self, timeout: float | None) -> float:
+        timeout = self.timeout if timeout is None else timeout
+        return float("inf") if timeout is None else time.monotonic() + timeout
+
+    def _send_now(self, frames: Sequence[bytes | memoryview]) -> bool:
+        if not self._ready:
+            return False
+        try:
+            self._socket.send_multipart(frames, zmq.DONTWAIT)
+            return True
+        except zmq.Again:
+            return False
+
+    def _receive_now(self) -> tuple[str, Document, list[bytes]] | None:
+        while True:
+            try:
+                frames = self._socket.recv_multipart(zmq.DONTWAIT)
+            except zmq.Again:
+                return None
+            try:
+                return wire.decode(frames)
+            except ValueError:
+                continue                            # no message of the protocol
+
+    def _send(self, verb: str, header: Document, body: Sequence[bytes | memoryview], deadline: float) -> int:
+        number = next(self._ids)
+        frames = wire.encode(verb, {**header, "id": number}, *body)
+        self._listen()
+        while not self._send_now(frames):
+            if self._lost():
+                raise self._nobody()
+            if time.monotonic() >= deadline:
+                raise Error("timeout", f"{self.endpoint} takes no more messages") if self._ready else self._nobody()
+            self._sleep(0.002 if self._ready else 0.1)
+            self._listen()
+        return number
+
+    def _receive(self, deadline: float) -> tuple[str, Document, list[bytes]] | None:
+        """The next message; None once after each loss of the connection."""
+        while True:
+            self._listen()
+            message = self._receive_now()
+            if message is not None:
+                return message
+            if self._told != self._losses:
+                self._told = self._losses
+                return None
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise Error("timeout", f"{self.endpoint}: nothing came in time")
+            self._sleep(min(left, 1.0))
+
+    def ask(self, verb: str, header: Document | None = None, body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
+            once: bool = False, patience: float = ASK_AGAIN) -> tuple[Document, list[bytes]]:
+        """Ask and wait for the answer; asked again over a new connection, unless `once`."""
+        deadline = self._deadline(timeout)
+        number = next(self._ids)
+        frames = wire.encode(verb, {**(header or {}), "id": number}, *body)
+        sent_on, sent_at = -1, 0.0
+        while True:
+            self._listen()
+            stale = sent_on >= 0 and (sent_on != self._losses or time.monotonic() > sent_at + patience)
+            if stale and once and sent_on != self._losses:
+                raise Error("no_server", "the connection was lost before the answer; the job may have been accepted or not")
+            if (sent_on < 0 or (stale and not once)) and self._send_now(frames):
+                sent_on, sent_at = self._losses, time.monotonic()
+            while (message := self._receive_now()) is not None:
+                kind, answer, parts = message
+                if kind != "EVENT" and answer.pop("id", None) == number:
+                    if kind == "ERROR":
+                        raise Error.of(answer["error"])
+                    answer.pop("verb", None)
+                    return answer, parts
+            if self._lost():
+                raise self._nobody()
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise Error("timeout", f"no answer to {verb} in time") if self._ready else self._nobody()
+            self._sleep(min(left, 1.0 if sent_on >= 0 else 0.05))
+
+    # -- inputs ---------------------------------------------------------------------------------------------------
+
+    @staticmethod
+    def _input(value: Input) -> tuple[Document, memoryview, str]:
+        """Description, bytes and identity."""
+        if isinstance(value, Batch):
+            return value.description(), value.bytes(), value.sha256()
+        text = wire.dumps(value)
+        return {"content": "scene"}, memoryview(text), wire.scene_identity(text)
+
+    def upload(self, value: Input, timeout: float | None = None, progress: Progress | None = None) -> str:
+        """Bring an input, resuming where an earlier try ended; its identity, to submit any number of jobs on."""
+        description, data, sha256 = self._input(value)
+        if description["content"] == "scene":
+            description["bytes"] = len(data)
+        deadline = self._deadline(timeout)
+        while True:
+            begun, _ = self.ask("UPLOAD", {"op": "begin", "sha256": sha256, **description}, timeout=deadline - time.monotonic())
+            try:
+                if begun["state"] == "sealed" or self._chunks(begun, data, deadline, progress):
+                    break
+            except Error as why:
+                if why.code != "busy" or time.monotonic() >= deadline:
+                    raise
+                time.sleep(min(5.0, float(why.detail.get("retry_after_s", 0.2))))
+            if time.monotonic() >= deadline:
+                raise Error("timeout", "the upload was not finished in time")
+        if begun["state"] != "sealed":
+            self.ask("UPLOAD", {"op": "seal", "upload": begun["upload"], "sha256": sha256}, timeout=deadline - time.monotonic())
+        return sha256
+
+    def _chunks(self, begun: Document, data: memoryview, deadline: float, progress: Progress | None) -> bool:
+        """All chunks from `present` on, within the credit; False: the connection was lost, begin again."""
+        present, credit, sent = int(begun["present"]), int(begun["credit"]), int(begun["present"])
+        self._told = self._losses
+        while present < len(data):
+            while sent < len(data):
+                chunk = data[sent:sent + wire.CHUNK_MOST]
+                if sent > present and sent + len(chunk) - present > credit:
+                    break
+                self._send("UPLOAD", {"op": "chunk", "upload": begun["upload"], "offset": sent, "crc32c": wire.crc32c(chunk)}, [chunk], deadline)
+                sent += len(chunk)
+            try:
+                message = self._receive(min(deadline, time.monotonic() + CHUNK_PATIENCE))
+            except Error:
+                return False
+            if message is None:
+                return False
+            kind, answer, _ = message
+            if kind == "ERROR" and answer.get("verb") == "UPLOAD":
+                raise Error.of(answer["error"])
+            if kind == "REPLY" and answer.get("upload") == begun["upload"]:
+                present, credit = max(present, int(answer["present"])), int(answer["credit"])
+                if progress:
+                    progress("upload", present / len(data))
+        return True
+
+    # -- the queue ------------------------------------------------------------------------------------------------
+
+    def submit(self, kind: str, value: Input | None = None, options: Document | None = None, *, sha256: str | None = None,
+               key: str | None = None, priority: int | None = None, run_limit: float | None = None, deadline: float | None = None,
+               not_before: float | None = None, max_attempts: int | None = None, fresh: bool = False,
+               timeout: float | None = None) -> Job:
+        """Put a job on the queue: on `value`, or on an input brought before, by its identity."""
+        header, body = self.submission(kind, value, options, sha256=sha256, timeout=timeout)
+        for name, given in (("key", key), ("priority", priority), ("run_limit_s", run_limit), ("deadline_s", deadline),
+                            ("not_before", not_before), ("max_attempts", max_attempts), ("fresh", fresh or None)):
+            if given is not None:
+                header[name] = given
+        answer, _ = self.ask("SUBMIT", header, body, timeout=timeout, once=key is None)
+        return Job(self, answer)
+
+    def submission(self, kind: str, value: Input | None, options: Document | None, *, sha256: str | None = None,
+                   timeout: float | None = None) -> tuple[Document, list[memoryview]]:
+        """Header and body of a SUBMIT; a large input is uploaded first."""
+        header: Document = {"kind": kind}
+        if options:
+            header["options"] = options
+        if sha256 is not None:
+            return {**header, "input": {"sha256": sha256}}, []
+        if value is None:
+            raise Error("bad_input", "a job needs an input", "input")
+        description, data, _ = self._input(value)
+        if len(data) > wire.INLINE_MOST:
+            return {**header, "input": {"sha256": self.upload(value, timeout)}}, []
+        return {**header, "input": description}, [data]
+
+    def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]], window: int = 64,
+                    timeout: float | None = None) -> list[Job]:
+        """Submissions (kind, input, options, key) with `window` of them in flight, each accepted once; in their order."""
+        deadline = self._deadline(timeout)
+        out: list[Job | None] = [None] * len(jobs)
+        waiting, flying = list(range(len(jobs) - 1, -1, -1)), {}
+        ready: dict[int, tuple[Document, list[memoryview]]] = {}
+        for i, (kind, value, options, key) in enumerate(jobs):
+            header, body = self.submission(kind, value, options, timeout=timeout)
+            ready[i] = ({**header, "key": key}, body)
+        self._told = self._losses
+        while waiting or flying:
+            while waiting and len(flying) < window:
+                i = waiting.pop()
+                flying[self._send("SUBMIT", *ready[i], deadline)] = i
+            message = self._receive(deadline)
+            if message is None:
+                waiting.extend(flying.values())
+                flying.clear()
+                continue
+            kind, answer, _ = message
+            i = flying.pop(answer.pop("id", None), None)
+            if i is None:
+                continue
+            if kind == "ERROR" and answer["error"]["code"] in ("busy", "draining"):
+                time.sleep(float((answer["error"].get("detail") or {}).get("retry_after_s", 0.1)))
+                waiting.append(i)
+            elif kind == "ERROR":
+                raise Error.of(answer["error"])
+            else:
+                answer.pop("verb", None)
+                out[i] = Job(self, answer)
+        return [job for job in out if job is not None]
+
+    def status(self, job: str) -> Document:
+        return self.ask("STATUS", {"job": job})[0]
+
+    def cancel(self, job: str) -> Document:
+        return self.ask("CANCEL", {"job": job})[0]
+
+    def retry(self, job: str) -> Document:
+        return self.ask("RETRY", {"job": job})[0]
+
+    def delete(self, job: str) -> Document:
+        return self.ask("DELETE", {"job": job})[0]
+
+    def wait(self, job: str, timeout: float | None = None, progress: Progress | None = None) -> Document:
+        """The document of the ended job; `timeout` raises Error with the code "timeout"."""
+        deadline = float("inf") if timeout is None else time.monotonic() + timeout
+        while True:
+            part = max(0.0, min(0.5 if progress else 20.0, deadline - time.monotonic()))
+            document, _ = self.ask("WAIT", {"job": job, "timeout_s": part}, timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
+            if document["state"] in ENDED:
+                return document
+            if progress:
+                progress(document["state"], float((document.get("progress") or {}).get("fraction", 0.0)))
+            if time.monotonic() >= deadline:
+                raise Error("timeout", f"job {job} is {document['state']}; not finished in time", detail=document)
+
+    def _fetch(self, job: str, part: str) -> tuple[bytes, Document]:
+        data, description = bytearray(), {}
+        while True:
+            answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)})
+            data += body[0] if body else b""
+            description = answer.get("batch") or description
+            if len(data) >= answer["total"]:
+                return bytes(data), description
+            if not body:
+                raise Error("bad_frame", "the daemon sent no bytes of a result")
+
+    def result(self, job: str) -> Document:
+        return dict(wire.loads(self._fetch(job, "document")[0]))
+
+    def result_bytes(self, job: str) -> bytes:
+        """The result to the byte."""
+        return self._fetch(job, "document")[0]
+
+    def stderr(self, job: str) -> str:
+        return self._fetch(job, "stderr")[0].decode(errors="replace")
+
+    def signals(self, job: str) -> Batch:
+        """The batch that a `simulate` job made."""
+        data, d = self._fetch(job, "batch")
+        return Batch(np.frombuffer(data, dtype="<f8").reshape(d["samples"], d["channels"]), d["dt"], d.get("period"), d.get("names"), d.get("units"))
+
+    def list(self, state: str | None = None, kind: str | None = None, limit: int = 100) -> Iterator[Document]:
+        """All jobs, page by page."""
+        header: Document = {"limit": limit, **({"state": state} if state else {}), **({"kind": kind} if kind else {})}
+        while True:
+            page = wire.loads(self.ask("LIST", header)[1][0])
+            yield from page["jobs"]
+            if page["next"] is None:
+                return
+            header["after"] = page["next"]
+
+    def events(self, start: int | None = None, job: str | None = None, stream: str | None = None,
+               timeout: float | None = None) -> Iterator[Event]:
+        """Events as they happen, over a connection of their own; from number `start` on, without a hole over reconnections."""
+        deadline = float("inf") if timeout is None else time.monotonic() + timeout
+        with Client(self.endpoint, self.keyfile, self.timeout) as other:
+            while True:
+                header: Document = {**({"from": start} if start is not None else {}), **({"job": job} if job else {}),
+                                    **({"stream": stream} if stream else {})}
+                answer, _ = other.ask("EVENTS", header)
+                subscription = answer["subscription"]
+                other._told = other._losses
+                while (message := other._receive(deadline)) is not None:
+                    kind, event, _ = message
+                    if kind == "EVENT" and event.pop("subscription", None) == subscription:
+                        if event.get("number") is not None:
+                            start = int(event["number"]) + 1
+                        yield Event(event)
+
+    def hello(self) -> Document:
+        return self.ask("HELLO", {"versions": ["MODALD1"], "client": "python 0.1.0"})[0]
+
+    def stats(self) -> Document:
+        return self.ask("STATS")[0]
+
+    def whoami(self) -> Document:
+        return self.ask("WHOAMI")[0]
+
+    def metrics(self) -> str:
+        return self.ask("METRICS")[1][0].decode()
+
+    def drain(self) -> Document:
+        return self.ask("DRAIN")[0]
+
+    def undrain(self) -> Document:
+        return self.ask("UNDRAIN")[0]
+
+    # -- jobs, from input to result -------------------------------------------------------------------------------
+
+    def run(self, kind: str, value: Input, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+        """Submit, wait, fetch; a job's own error is raised."""
+        limits.setdefault("key", "python-" + secrets.token_hex(16))
+        return self.submit(kind, value, options, **limits).result(timeout)
+
+    def identify(self, signals: npt.ArrayLike | Batch, dt: float | None = None, options: Document | None = None, *,
+                 period: float | None = None, names: Sequence[str] | None = None, timeout: float | None = None, **limits: Any) -> Document:
+        """Modes of signals (n_samples x n_channels at steps of `dt` seconds), or of a Batch."""
+        if not isinstance(signals, Batch):
+            if dt is None:
+                raise Error("bad_input", "dt is needed: seconds between samples", "dt")
+            signals = Batch(np.asarray(signals), dt, period, names)
+        return self.run("identify", signals, options, timeout, **limits)
+
+    def steady(self, scene: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+        return self.run("steady", scene, options, timeout, **limits)
+
+    def floquet(self, scene: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+        return self.run("floquet", scene, options, timeout, **limits)
+
+    def simulate(self, scene: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> tuple[Document, Batch]:
+        limits.setdefault("key", "python-" + secrets.token_hex(16))
+        job = self.submit("simulate", scene, options, **limits)
+        return job.result(timeout), self.signals(job.id)
+
+
+def connect(endpoint: str | None = None, keyfile: str | None = None, timeout: float | None = 60.0) -> Client:
+    """A client of the daemon at `endpoint`; default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald."""
+    return Client(endpoint, keyfile, timeout)

@@ -1,0 +1,175 @@
+"""Samples of a running simulation to modald: the C library of modald_stream.h, so that a push is as cheap as there.
+
+    with modald.stream("rig7", ["root", "mid", "tip"], dt) as s:
+        for y in simulation:
+            s.push(y)
+            if s.unstable:
+                break
+
+Without $MODALD_URL every call does nothing.  An exception closes the stream too and marks it as broken off.
+"""
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import pathlib
+import sys
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+VERDICTS = ("unknown", "stable", "unstable", "undecided")
+
+
+class _Estimate(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_double) for name in ("frequency_hz", "frequency_std", "damping_ratio", "damping_std", "sample")]
+
+
+class _Report(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_double) for name in ("pushed", "acknowledged", "dropped", "waiting", "spilled", "resampling_error")]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The least damped mode of the last window; a std below 0 is not known."""
+
+    frequency_hz: float
+    frequency_std: float
+    damping_ratio: float
+    damping_std: float
+    sample: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """Counts of samples."""
+
+    pushed: float
+    acknowledged: float
+    dropped: float
+    waiting: float
+    spilled: float
+    resampling_error: float
+
+
+def _load() -> ctypes.CDLL:
+    """$MODALD_LIBRARY, a build folder's, or the system's libmodald-stream."""
+    named, build = os.environ.get("MODALD_LIBRARY"), os.environ.get("MODALD_BUILD")
+    built = str(pathlib.Path(build) / "lib" / "libmodald-stream.so.0") if build else None
+    found = named or (built if built and os.path.exists(built) else None) or ctypes.util.find_library("modald-stream")
+    lib = ctypes.CDLL(found or "libmodald-stream.so.0")
+    pointer, number, text = ctypes.c_void_p, ctypes.c_double, ctypes.c_char_p
+    for name, result, arguments in (
+            ("modald_open", pointer, [text, ctypes.c_int, number]),
+            ("modald_describe", None, [pointer, ctypes.POINTER(text), text, number]),
+            ("modald_window", None, [pointer, ctypes.c_long, ctypes.c_long, text]),
+            ("modald_seek", None, [pointer, number]),
+            ("modald_push", None, [pointer, pointer]),
+            ("modald_push_at", None, [pointer, number, pointer]),
+            ("modald_verdict", ctypes.c_int, [pointer]),
+            ("modald_get_estimate", ctypes.c_int, [pointer, ctypes.POINTER(_Estimate)]),
+            ("modald_get_report", None, [pointer, ctypes.POINTER(_Report)]),
+            ("modald_close", None, [pointer]),
+            ("modald_abandon", None, [pointer])):
+        function = getattr(lib, name)
+        function.restype, function.argtypes = result, arguments
+    return lib
+
+
+class Stream:
+    """See the module.  `channels`: how many, or their names."""
+
+    def __init__(self, name: str, channels: int | Sequence[str], dt: float, *, units: str | None = None, period: float = 0.0,
+                 window: int | None = None, hop: int | None = None, options: str | None = None):
+        names = None if isinstance(channels, int) else list(channels)
+        self.channels = channels if isinstance(channels, int) else len(channels)
+        self._handle: int | None = None
+        if not os.environ.get("MODALD_URL"):
+            return
+        try:
+            self._lib = _load()
+        except OSError as why:
+            print(f"modald: stream {name}: {why}; the run goes on without it", file=sys.stderr)
+            return
+        self._handle = self._lib.modald_open(name.encode(), self.channels, dt)
+        if self._handle and (names or units or period):
+            array = (ctypes.c_char_p * self.channels)(*(n.encode() for n in names)) if names else None
+            self._lib.modald_describe(self._handle, array, units.encode() if units else None, period)
+        if self._handle and window:
+            self._lib.modald_window(self._handle, window, hop or window, options.encode() if options else None)
+
+    def push(self, y: npt.ArrayLike) -> None:
+        """One sample of all channels, or several: an array of rows."""
+        if not self._handle:
+            return
+        rows = np.ascontiguousarray(y, dtype=np.float64)
+        if rows.size % self.channels:
+            raise ValueError(f"{rows.size} values are no samples of {self.channels} channels")
+        address, step = rows.ctypes.data, 8 * self.channels
+        for i in range(rows.size // self.channels):
+            self._lib.modald_push(self._handle, address + i * step)
+
+    def push_at(self, t: float, y: npt.ArrayLike) -> None:
+        """A sample at its own time; the stream has it at multiples of dt."""
+        if not self._handle:
+            return
+        row = np.ascontiguousarray(y, dtype=np.float64)
+        if row.size != self.channels:
+            raise ValueError(f"{row.size} values are no sample of {self.channels} channels")
+        self._lib.modald_push_at(self._handle, t, row.ctypes.data)
+
+    def seek(self, index: int) -> None:
+        """The index of the next push, for a run that goes on from a checkpoint."""
+        if self._handle:
+            self._lib.modald_seek(self._handle, float(index))
+
+    @property
+    def verdict(self) -> str:
+        return VERDICTS[self._lib.modald_verdict(self._handle)] if self._handle else "unknown"
+
+    @property
+    def unstable(self) -> bool:
+        return self.verdict == "unstable"
+
+    @property
+    def estimate(self) -> Estimate | None:
+        out = _Estimate()
+        if not self._handle or not self._lib.modald_get_estimate(self._handle, ctypes.byref(out)):
+            return None
+        return Estimate(*(getattr(out, name) for name, _ in out._fields_))
+
+    @property
+    def report(self) -> Report:
+        out = _Report()
+        if self._handle:
+            self._lib.modald_get_report(self._handle, ctypes.byref(out))
+        return Report(*(getattr(out, name) for name, _ in out._fields_))
+
+    def close(self) -> None:
+        if self._handle:
+            self._lib.modald_close(self._handle)
+        self._handle = None
+
+    def abandon(self) -> None:
+        """Close a run that was broken off; the record says so."""
+        if self._handle:
+            self._lib.modald_abandon(self._handle)
+        self._handle = None
+
+    def __enter__(self) -> "Stream":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+
+def stream(name: str, channels: int | Sequence[str], dt: float, **more: object) -> Stream:
+    """Open a stream: `with modald.stream(name, channels, dt) as s`."""
+    return Stream(name, channels, dt, **more)  # type: ignore[arg-type]

@@ -37,4 +37,7 @@ int run_bulk(const struct args *args);                                    /* bul
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */
 
+int run_stream(const struct verb *verb, const struct args *args);         /* stream.c */
+int run_replay(const struct verb *verb, const struct args *args);
+
 #endif

@@ -1,0 +1,179 @@
+/* stream.c - `stream FILE|-` and `replay FILE`: what a simulation would do, from the command line
+ *
+ * `stream` pushes a batch's samples through the streaming client and prints the live modes that come back; at the end it
+ * says how many samples were acknowledged and how many were dropped.  `-`: rows of numbers from stdin as they come, --dt given.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include "answer.h"
+#include "modald_stream.h"
+#include "remote.h"
+#include "verbs.h"
+
+static const char *const verdicts[] = { "unknown", "stable", "unstable", "undecided" };
+
+struct live { double sample; const struct args *args; };
+
+/* A new estimate, if there is one, as one line. */
+static void say_estimate(modald_stream *s, struct live *live)
+{
+    struct modald_estimate e;
+    cJSON *line;
+
+    if (!modald_get_estimate(s, &e) || e.sample == live->sample)
+        return;
+    live->sample = e.sample;
+    if (!live->args->json) {
+        printf("%10.0f  %-9s %14.8g Hz +- %.1e   damping %12.6g +- %.1e\n", e.sample, verdicts[modald_verdict(s)], e.frequency_hz,
+               e.frequency_std, e.damping_ratio, e.damping_std);
+        fflush(stdout);
+        return;
+    }
+    line = cJSON_CreateObject();
+    json_set_number(line, "sample", e.sample);
+    cJSON_AddStringToObject(line, "verdict", verdicts[modald_verdict(s)]);
+    json_set_number(line, "frequency_hz", e.frequency_hz);
+    json_set_number(line, "damping_ratio", e.damping_ratio);
+    cJSON *std = cJSON_AddObjectToObject(line, "std");
+    json_set_number(std, "frequency_hz", e.frequency_std < 0 ? NAN : e.frequency_std);
+    json_set_number(std, "damping_ratio", e.damping_std < 0 ? NAN : e.damping_std);
+    answer_json(line, NULL);
+    cJSON_Delete(line);
+}
+
+static void rest(double seconds)
+{
+    struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
+
+    if (seconds > 0)
+        nanosleep(&t, NULL);
+}
+
+/* Wait while the ring is more than half full: a file is not a simulation, nothing need be dropped. */
+static void keep_up(modald_stream *s, struct live *live, double most)
+{
+    struct modald_report r;
+
+    for (modald_get_report(s, &r); r.waiting > most; modald_get_report(s, &r)) {
+        say_estimate(s, live);
+        rest(0.001);
+    }
+}
+
+static void push_all(modald_stream *s, const struct signals *in, const struct args *args, struct live *live)
+{
+    size_t block = args->rate > 0 ? (size_t)fmax(1, args->rate / 100) : 256;
+
+    for (size_t k = 0; k < in->samples; k++) {
+        modald_push(s, in->x + k * in->channels);
+        if ((k + 1) % block != 0)
+            continue;
+        keep_up(s, live, (double)(((size_t)4 << 20) / sizeof(double) / (in->channels + 2)));
+        say_estimate(s, live);
+        rest(args->rate > 0 ? (double)block / args->rate : 0);
+    }
+}
+
+static int say_end(modald_stream *s, const struct live *live, size_t samples)
+{
+    struct modald_report r;
+    double until = link_now() + (live->args->timeout >= 0 ? live->args->timeout : 30);
+    bool all;
+
+    for (modald_get_report(s, &r); r.waiting > 0 && link_now() < until; modald_get_report(s, &r)) {
+        say_estimate(s, (struct live *)live);
+        rest(0.005);
+    }
+    all = r.acknowledged >= (double)samples && r.dropped == 0;
+    cJSON *line = cJSON_CreateObject();
+    json_set_number(line, "pushed", r.pushed);
+    json_set_number(line, "acknowledged", r.acknowledged);
+    json_set_number(line, "dropped", r.dropped);
+    cJSON_AddStringToObject(line, "verdict", verdicts[modald_verdict(s)]);
+    if (live->args->json)
+        answer_json(line, NULL);
+    else
+        printf("%.0f samples, %.0f acknowledged, %.0f dropped; %s\n", r.pushed, r.acknowledged, r.dropped, verdicts[modald_verdict(s)]);
+    cJSON_Delete(line);
+    return all ? 0 : 3;
+}
+
+/* The streaming client takes its server and keys from the environment only. */
+static enum modal_status set_environment(const struct args *args, struct modal_error *err)
+{
+    struct link *link = NULL;
+    cJSON *hello = NULL;
+    enum modal_status rc = remote_open(args, &link, err);
+
+    if (rc == MODAL_OK)
+        rc = client_ask(link, "HELLO", cJSON_CreateObject(), remote_deadline(args), &hello, NULL, NULL, err);
+    if (rc == MODAL_OK)
+        setenv("MODALD_URL", link_endpoint(link), 1);
+    if (rc == MODAL_OK && args->keyfile != NULL)
+        setenv("MODALD_KEYFILE", args->keyfile, 1);
+    cJSON_Delete(hello);
+    link_close(link);
+    return rc;
+}
+
+static const char *stream_name(const struct args *args)
+{
+    const char *slash = strrchr(args->word[1], '/');
+
+    return args->name ? args->name : strcmp(args->word[1], "-") == 0 ? "stdin" : slash ? slash + 1 : args->word[1];
+}
+
+int run_stream(const struct verb *verb, const struct args *args)
+{
+    struct signals_options options = { .dt = args->dt, .scale = args->scale };
+    struct modal_error err = { 0 };
+    struct signals in = { 0 };
+    struct live live = { .sample = -2, .args = args };
+    modald_stream *s;
+    int status;
+    enum modal_status rc = signals_read(args->word[1], &options, &in, &err);
+
+    (void)verb;
+    if (rc == MODAL_OK)
+        rc = set_environment(args, &err);
+    s = rc == MODAL_OK ? modald_open(stream_name(args), (int)in.channels, in.dt) : NULL;
+    if (rc == MODAL_OK && s == NULL)
+        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "name", "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
+    if (rc == MODAL_OK) {
+        modald_describe(s, (const char *const *)in.names, in.units, in.period);
+        push_all(s, &in, args, &live);
+        status = say_end(s, &live, in.samples);
+        modald_close(s);
+    } else {
+        status = answer_failure(args->json, &err, NULL);
+    }
+    signals_done(&in);
+    return status;
+}
+
+int run_replay(const struct verb *verb, const struct args *args)
+{
+    struct modal_error err = { 0 };
+    char why[256] = "";
+    double samples = 0;
+    enum modal_status rc = set_environment(args, &err);
+
+    (void)verb;
+    if (rc == MODAL_OK && !modald_replay(args->word[1], args->timeout >= 0 ? args->timeout : 60, &samples, why, sizeof why))
+        rc = strncmp(why, "not all", 7) == 0 ? modal_fail(&err, MODAL_TIMEOUT, "%s: %s", args->word[1], why)
+                                            : modal_fail_field(&err, MODAL_BAD_INPUT, "file", "%s: %s", args->word[1], why);
+    if (rc != MODAL_OK)
+        return answer_failure(args->json, &err, NULL);
+    cJSON *doc = cJSON_CreateObject();
+    cJSON_AddStringToObject(doc, "file", args->word[1]);
+    cJSON_AddNumberToObject(doc, "samples", samples);
+    if (args->json)
+        answer_json(doc, NULL);
+    else
+        printf("%.0f samples of %s acknowledged\n", samples, args->word[1]);
+    cJSON_Delete(doc);
+    return 0;
+}

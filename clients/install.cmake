@@ -1,0 +1,57 @@
+# Where Debian expects things (GNUInstallDirs): sbin, bin, lib/ARCH, include, share/man, lib/systemd, lib/sysusers.d, lib/tmpfiles.d.
+if(CMAKE_INSTALL_PREFIX STREQUAL "/usr")
+  set(etc /etc)
+  set(python lib/python3/dist-packages)
+else()
+  set(etc ${CMAKE_INSTALL_SYSCONFDIR})
+  set(python lib/python3.11/dist-packages)
+endif()
+install(TARGETS modal modal_shared modald_stream_static modald_stream_shared modald_client_shared
+  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/modal/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
+install(FILES ${C}/modald.h ${C}/modald_stream.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+if(TARGET modald_fortran)
+  install(TARGETS modald_fortran ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+  install(FILES ${CMAKE_BINARY_DIR}/fortran/modald.mod DESTINATION ${CMAKE_INSTALL_LIBDIR}/fortran/modald)
+  install(FILES ${C}/modald.f90 DESTINATION ${CMAKE_INSTALL_DATADIR}/modald)
+endif()
+
+# pkg-config: NAME, what it is, its libraries, what it needs.  The prefix follows the file, wherever it is installed.
+file(RELATIVE_PATH up /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+function(pkg_config NAME DESCRIPTION LIBS REQUIRES PRIVATE)
+  file(WRITE ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc
+"prefix=\${pcfiledir}/${up}
+libdir=\${prefix}/${CMAKE_INSTALL_LIBDIR}
+includedir=\${prefix}/${CMAKE_INSTALL_INCLUDEDIR}
+
+Name: ${NAME}
+Description: ${DESCRIPTION}
+Version: ${PROJECT_VERSION}
+Requires: ${REQUIRES}
+Requires.private: ${PRIVATE}
+Cflags: -I\${includedir}
+Libs: -L\${libdir} ${LIBS}
+Libs.private: -lm -lpthread
+")
+  install(FILES ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+endfunction()
+pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "lapacke, openblas, fftw3, lua5.4")
+pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq")
+pkg_config(modald-client "jobs on modald from C" "-lmodald-client" "" "libzmq, libcjson")
+
+# Service files, man pages, completion, Python.
+set(S ${CMAKE_SOURCE_DIR}/systemd)
+file(READ ${S}/modald.service unit)
+string(REPLACE "/usr/sbin/modald" "${CMAKE_INSTALL_FULL_SBINDIR}/modald" unit "${unit}")
+string(REPLACE "/etc/modald" "${CMAKE_INSTALL_FULL_SYSCONFDIR}/modald" unit "${unit}")
+file(WRITE ${CMAKE_BINARY_DIR}/systemd/modald.service "${unit}")
+install(FILES ${CMAKE_BINARY_DIR}/systemd/modald.service DESTINATION lib/systemd/system)
+install(FILES ${S}/modald.sysusers DESTINATION lib/sysusers.d RENAME modald.conf)
+install(FILES ${S}/modald.tmpfiles DESTINATION lib/tmpfiles.d RENAME modald.conf)
+install(FILES ${S}/modald.conf DESTINATION ${etc}/modald)
+install(FILES ${S}/modald.8 ${S}/modald-worker.8 DESTINATION ${CMAKE_INSTALL_MANDIR}/man8)
+install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME modalctl)
+install(DIRECTORY ${CMAKE_SOURCE_DIR}/clients/python/modald DESTINATION ${python}
+  FILES_MATCHING PATTERN "*.py" PATTERN "py.typed" PATTERN "__pycache__" EXCLUDE)
+install(DIRECTORY ${CMAKE_SOURCE_DIR}/proto/ DESTINATION ${CMAKE_INSTALL_DOCDIR}/proto)

@@ -51,6 +51,7 @@
  */
 #include "modal/identify/refine.h"
 #include "modal/identify/exponents.h"
+#include "modal/identify/wide.h"
 #include <cblas.h>
 #include <float.h>
 #include <lapacke.h>
@@ -779,4 +780,111 @@ void refined_std(const struct refined *r, int pole, double tau, double *frequenc
         *damping_ratio = w > 0 ? fabs(im) * sqrt(fmax(im * im * vr + re * re * vi - 2 * re * im * cross, 0)) / (w * w * w) : NAN;
     if (multiplier != NULL)
         *multiplier = exp(re * tau) * tau * sqrt(vr + vi);
+}
+
+/* ---- all channels of a wide batch, one step ---- */
+
+/* What is left of channel c of a panel: by energies, and by the samples themselves where those cancel. */
+static double wide_rest(const struct work *w, const struct wide *d, int c0, int c)
+{
+    int k = w->most_columns, q = w->order, L = w->L;
+    double energy = L * d->scale[c0 + c] * d->scale[c0 + c], sum = cblas_ddot(q, w->Z + c * k, 1, w->Z + c * k, 1);
+
+    if (energy - sum > 1e-8 * energy)
+        return energy - sum;
+    cblas_dcopy(L, d->x + c0 + c, (int)d->stride, w->rest, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, L, q, -1, w->basis, L, w->Z + c * k, 1, 1, w->rest, 1);
+    sum = cblas_dnrm2(L, w->rest, 1);
+    return sum * sum;
+}
+
+/* Panel c0 .. c0+n-1: residuals, weights from them, coefficients, rows of (4). */
+static enum modal_status wide_panel(struct work *w, const struct wide *d, int c0, int n, struct evaluation *e,
+                                    struct wide_step *out, struct modal_error *err)
+{
+    int q = w->order, k = w->most_columns, P = w->parameters + 1, live = 0;
+    double floor = (4 + w->floor2[0] * w->L / 4) * DBL_EPSILON;
+
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, n, w->L, 1, w->basis, w->L, d->x + c0, (int)d->stride, 0, w->Z, k);
+    for (int c = 0; c < n; c++)
+        memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
+    for (int c = 0; c < n; c++) {
+        double scale = d->scale[c0 + c], rss = scale > 0 ? wide_rest(w, d, c0, c) : 0, least = floor * scale;
+        double variance = fmax(rss / fmax(w->L - q, 1), least * least);
+        out->rest[c0 + c] = sqrt(rss / w->L);
+        for (int j = 0; out->coefficient != NULL && j < w->count; j++)
+            out->coefficient[j + (size_t)(c0 + c) * (size_t)w->count]
+                = CMPLX(w->C[w->column[j] + c * q], w->kind[j] == POLE_PAIR ? w->C[w->column[j] + 1 + c * q] : 0);
+        if (variance <= 0)
+            continue;
+        e->F += rss / variance;
+        channel_rows(w, c, 1 / sqrt(variance), P + live++ * (k - q));
+    }
+    if (w->parameters == 0 || k == q || live == 0)
+        return MODAL_OK;
+    triangle_to_stack(w, e->T);
+    return reduce_stack(w, P + live * (k - q), e->T, err);
+}
+
+static enum modal_status wide_evaluate(struct work *w, const struct wide *d, const struct point *at, struct evaluation *e,
+                                       struct wide_step *out, struct modal_error *err)
+{
+    enum modal_status rc;
+    bool regular;
+
+    e->F = 0;
+    fill_basis(w, at);
+    rc = factor(w, &regular, err);
+    if (rc == MODAL_OK && !regular)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: the poles coincide");
+    for (int c = 0; c < d->S && rc == MODAL_OK; c += w->panel)
+        rc = wide_panel(w, d, c, d->S - c < w->panel ? d->S - c : w->panel, e, out, err);
+    return rc;
+}
+
+enum modal_status wide_refine(const struct wide *d, double tau, const double complex *start, int count, const bool *fixed,
+                              double most, struct wide_step *out, struct modal_error *err)
+{
+    struct matrix shape = { d->L, JOIN_MOST + 1 < d->S ? d->S : JOIN_MOST + 1, d->L, NULL };    /* never joined */
+    struct refine_data data = { &shape, tau, 0 };
+    struct work w = { .data = &data, .Y = &shape, .L = d->L, .S = shape.n, .groups = 1, .phases = shape.n, .count = count, .fixed = fixed };
+    struct search s = { 0 };
+    double *cov = NULL, step = 0;
+    enum modal_status rc = check(&data, start, count, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (!work_layout(&w, start) || !work_allocate(&w) || !search_new(&s, &w)
+        || (cov = numbers((size_t)w.parameters, (size_t)w.parameters)) == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels", w.order, d->S);
+        goto out;
+    }
+    w.S = d->S;
+    for (int j = 0; j < count; j++) {
+        s.at.a[j] = creal(start[j]) * tau, s.at.b[j] = cimag(start[j]) * tau;
+        w.floor2[0] = fmax(w.floor2[0], fabs(s.at.b[j]));         /* the fastest phase, for (6) */
+    }
+    rc = wide_evaluate(&w, d, &s.at, &s.now, out, err);
+    if (rc != MODAL_OK)
+        goto out;
+    step = cblas_dnrm2(w.parameters, s.now.T + w.parameters * (w.parameters + 1), 1) / sqrt(fmax(s.now.F / fmax(freedom(&w), 1), DBL_MIN));
+    out->length = step;
+    out->taken = step <= most && damped_step(w.parameters, s.now.T, 0, s.A, s.delta);
+    if (out->taken)
+        take_step(&w, &s.at, s.delta, &s.trial);
+    covariance(&w, &s.now, tau, cov);
+    for (int j = 0; j < count; j++) {
+        int p = w.first[j], P = w.parameters;
+        out->lambda[j] = start[j];
+        if (p >= 0 && out->taken)
+            out->lambda[j] = CMPLX(s.trial.a[j] / tau, w.kind[j] == POLE_PAIR ? s.trial.b[j] / tau : cimag(start[j]));
+        out->std_re[j] = p < 0 ? 0 : sqrt(cov[p + p * P]);
+        out->std_im[j] = p < 0 || w.kind[j] != POLE_PAIR ? 0 : sqrt(cov[p + 1 + (p + 1) * P]);
+    }
+out:
+    free(cov);
+    search_done(&s);
+    work_done(&w);
+    return rc;
 }

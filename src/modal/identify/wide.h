@@ -1,0 +1,66 @@
+/* wide.h - batches too wide or too large to copy: read where they lie, panel by panel */
+#ifndef MODAL_WIDE_H
+#define MODAL_WIDE_H
+#include <complex.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include "modal/error.h"
+#include "modal/identify/pod.h"
+#include "modal/identify/refine.h"
+#include "modal/linalg/lanczos.h"
+
+/*
+ * Sample k of channel c is x[k * stride + c], as a batch has it (in memory or mapped); it counts divided by scale[c], and a channel
+ * of scale 0 counts as zero.  Everything is borrowed.
+ */
+struct wide {
+    const double *x;
+    size_t stride;
+    int L, S;                /* samples, channels */
+    const double *scale;     /* S; NULL: all 1 */
+    bool by_rows;            /* read whole samples only, in order: for what does not fit into memory */
+};
+
+/* Root mean squares of the channels, 0 for a zero channel; *varies: some channel is not constant.  One pass; any finite scale.
+ * MODAL_BAD_INPUT names the first sample that is not finite. */
+enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies, struct modal_error *err);
+
+struct wide_options {
+    struct pod_options pod;
+    double tolerance;        /* relative residual of the triplets kept; 0: 1e-8 */
+};
+
+struct wide_cost { int passes; bool lanczos; };   /* times the data were read; whether the graded fallback was needed */
+
+/*
+ * Leading proper orthogonal modes as pod_reduce gives them, `signals` in scaled units.  Memory: about S + L times some 100 numbers, and never a copy of the data.
+ * cost may be NULL.
+ */
+enum modal_status wide_pod(const struct wide *w, const struct wide_options *opt, struct pod *out, struct wide_cost *cost,
+                           struct modal_error *err);
+
+/* The scaled data as an operator, L x S; `w` is borrowed. */
+struct linear_operator wide_operator(const struct wide *w);
+
+/*
+ * All channels at once at given poles, in one pass: one Gauss-Newton step from START with every channel weighted by its own
+ * residual, which from an efficient start on a part of the data (the proper orthogonal signals) is the efficient estimate on all of them.
+ *
+ *   lambda, std_re, std_im   COUNT each: the poles after the step, their standard deviations, 1/s
+ *   coefficient              COUNT x S (j + c*COUNT), or NULL: of each channel, unscaled units, at START: y = Re sum_j B_j e^{lambda_j t},
+ *                            columns divided by their largest magnitude as in synthesis.h
+ *   rest                     S: root mean square of what START leaves of each channel, unscaled units
+ *   scale of `w` is needed, as wide_scales gives it.
+ *   taken                    false: the step was longer than `most` standard errors and was not taken (lambda is START)
+ */
+struct wide_step {
+    double complex *lambda;
+    double *std_re, *std_im;
+    double complex *coefficient;
+    double *rest;
+    double length;           /* of the step in standard errors: |R_J delta| / s */
+    bool taken;
+};
+enum modal_status wide_refine(const struct wide *w, double tau, const double complex *start, int count, const bool *fixed,
+                              double most, struct wide_step *out, struct modal_error *err);
+#endif

@@ -1,0 +1,189 @@
+/* Proper orthogonal modes of data read in panels, against the dense SVD; the step over all channels, against a full refinement. */
+#include "modal/identify/wide.h"
+#include <float.h>
+#include "modal/linalg/svd.h"
+#include "check.h"
+#include "signals.h"
+
+enum { MOST = 400 * 700 };
+static double x[MOST], copy[MOST], column[MOST];
+
+/* Samples by channels as in a batch: `modes` decaying exponentials of graded strength `grade`^i and white noise. */
+static void make(int L, int S, int modes, double grade, double noise, uint64_t seed)
+{
+    struct random r = { seed };
+
+    memset(x, 0, sizeof x);
+    for (int j = 0; j < modes; j++) {
+        double complex lambda = CMPLX(-0.002 * (j + 1), 0.1 + 0.37 * j);
+        for (int c = 0; c < S; c++) {
+            double complex b = pow(grade, j) * cexp(2 * M_PI * I * random_uniform(&r));
+            for (int k = 0; k < L; k++)
+                x[k * S + c] += creal(b * cexp(lambda * k));
+        }
+    }
+    for (int i = 0; i < L * S; i++)
+        x[i] += noise * random_normal(&r);
+}
+
+/* The dense SVD of the scaled data: s and the left vectors (L). */
+static void dense(int L, int S, const double *scale, double *s, double *V)
+{
+    int k = L < S ? L : S;
+    struct matrix A = { L, S, L, copy }, U = { L, k, L, V }, VT = { k, S, k, column };
+
+    for (int c = 0; c < S; c++)
+        for (int l = 0; l < L; l++)
+            copy[l + c * L] = scale[c] > 0 ? x[l * S + c] / scale[c] : 0;
+    CHECK(svd_thin(&A, s, &U, &VT, NULL) == MODAL_OK);
+}
+
+static double orthonormality(const struct matrix *Q)
+{
+    double worst = 0;
+
+    for (int i = 0; i < Q->n; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = -(i == j);
+            for (int k = 0; k < Q->m; k++)
+                sum += Q->x[k + i * Q->ld] * Q->x[k + j * Q->ld];
+            worst = fmax(worst, fabs(sum));
+        }
+    return worst;
+}
+
+static void compare(int L, int S, bool by_rows, int expected, double tolerance)
+{
+    double scale[700], s[400], *V = malloc(sizeof *V * 400 * 400);
+    struct wide w = { x, (size_t)S, L, S, scale, by_rows };
+    bool varies;
+    struct pod p;
+
+    CHECK(wide_scales(&w, scale, &varies, NULL) == MODAL_OK && varies);
+    dense(L, S, scale, s, V);
+    CHECK(wide_pod(&w, NULL, &p, NULL, NULL) == MODAL_OK);
+    CHECK(p.count == expected);
+    for (int i = 0; i < p.count; i++) {
+        double sum = 0;
+        for (int k = 0; k < L; k++)
+            sum += p.signals.x[k + i * L] * V[k + i * L];
+        CHECK_NEAR(p.s[i] / s[i], 1, tolerance);
+        CHECK_NEAR(fabs(sum) / s[i], 1, tolerance);
+    }
+    CHECK(orthonormality(&p.modes) < 1e-12);
+    pod_done(&p);
+    free(V);
+}
+
+/* Residuals below 1e-8 s^2 and gaps of order s^2 make vectors right to about 1e-8. */
+TEST(noisy_data_give_the_modes_of_the_dense_svd_and_no_noise)
+{
+    make(200, 600, 3, 0.7, 0.02, 1);
+    compare(200, 600, false, 6, 1e-8);
+    compare(200, 600, true, 6, 1e-8);
+    make(400, 120, 4, 0.7, 0.02, 2);
+    compare(400, 120, false, 8, 1e-8);
+}
+
+/* Grades down to 1e-9 of the first: the Gram matrix loses what is below 1e-8; Lanczos on the data keeps it, to 1e-9 relative. */
+TEST(graded_clean_data_are_found_down_to_rounding)
+{
+    struct wide w = { x, 500, 150, 500, NULL, false };
+    double scale[500], s[150], *V = malloc(sizeof *V * 150 * 150);
+    struct wide_cost cost;
+    struct pod p;
+
+    make(150, 500, 4, 1e-3, 0, 3);
+    for (int c = 0; c < 500; c++)
+        scale[c] = 1;
+    dense(150, 500, scale, s, V);
+    CHECK(wide_pod(&w, NULL, &p, &cost, NULL) == MODAL_OK);
+    CHECK(cost.lanczos && p.count >= 8);
+    for (int i = 0; i < 8; i++)
+        CHECK_NEAR(p.s[i] / s[i], 1, 1e-6);
+    CHECK(s[7] < 1e-8 * s[0] && s[7] > 1e-11 * s[0]);
+    pod_done(&p);
+    free(V);
+}
+
+TEST(scales_are_root_mean_squares_at_any_magnitude)
+{
+    const double factors[3] = { 1, 1e-200, 1e200 };
+
+    for (int f = 0; f < 3; f++) {
+        double scale[40];
+        struct wide w = { x, 40, 90, 40, NULL, false };
+        bool varies;
+        make(90, 40, 2, 0.5, 0.1, 4);
+        for (int k = 0; k < 90; k++)
+            x[k * 40 + 7] = 0;
+        for (int i = 0; i < 90 * 40; i++)
+            x[i] *= factors[f];
+        CHECK(wide_scales(&w, scale, &varies, NULL) == MODAL_OK && varies);
+        CHECK(scale[7] == 0);
+        double sum = 0;
+        for (int k = 0; k < 90; k++)
+            sum += (x[k * 40 + 3] / factors[f]) * (x[k * 40 + 3] / factors[f]);
+        CHECK_NEAR(scale[3] / factors[f], sqrt(sum / 90), 1e-13);
+    }
+}
+
+TEST(a_sample_that_is_not_finite_is_named_and_constants_do_not_vary)
+{
+    struct wide w = { x, 5, 30, 5, NULL, false };
+    struct modal_error err;
+    double scale[5];
+    bool varies = true;
+
+    for (int i = 0; i < 150; i++)
+        x[i] = 3.25;
+    CHECK(wide_scales(&w, scale, &varies, &err) == MODAL_OK && !varies);
+    x[12 * 5 + 2] = NAN;
+    CHECK(wide_scales(&w, scale, &varies, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, "signals");
+    CHECK(strstr(err.message, "sample 12 of channel 2") != NULL);
+    x[12 * 5 + 2] = -INFINITY;
+    CHECK(wide_scales(&w, scale, &varies, &err) == MODAL_BAD_INPUT && strstr(err.message, "infinity") != NULL);
+}
+
+/* 300 channels, the noise of each its own: one step from a start two standard errors off lands where the whole refinement does, to the
+ * second order in the step, a few hundredths of a standard error; the standard errors agree, and so do amplitudes with the truth. */
+TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
+{
+    enum { L = 400, S = 300 };
+    double complex truth[2] = { CMPLX(-0.05, 2.1), CMPLX(-0.02, 5.3) }, start[2], lambda[2], *B = malloc(sizeof *B * 2 * S);
+    double dt = 0.05, scale[S], rest[S], std_re[2], std_im[2];
+    struct wide w = { x, S, L, S, scale, false };
+    struct matrix Y = { L, S, L, copy };
+    struct refine_data data = { &Y, dt, 0 };
+    struct wide_step step = { lambda, std_re, std_im, B, rest, 0, false };
+    struct random r = { 6 };
+    struct refined full;
+    bool varies;
+
+    for (int c = 0; c < S; c++) {
+        double noise = 0.01 * (1 + c % 7);
+        for (int k = 0; k < L; k++)
+            x[k * S + c] = creal(CMPLX(1, 0.01 * c) * cexp(truth[0] * k * dt) + 0.5 * cexp(truth[1] * k * dt)) + noise * random_normal(&r);
+    }
+    for (int c = 0; c < S; c++)
+        for (int k = 0; k < L; k++)
+            copy[k + c * L] = x[k * S + c];
+    CHECK(refine_poles(&data, truth, 2, NULL, NULL, &full, NULL) == MODAL_OK && full.end == REFINE_CONVERGED);
+    for (int j = 0; j < 2; j++)
+        start[j] = full.lambda[j] + CMPLX(2 * full.std_re[j], -2 * full.std_im[j]);
+    CHECK(wide_scales(&w, scale, &varies, NULL) == MODAL_OK);
+    CHECK(wide_refine(&w, dt, start, 2, NULL, 20, &step, NULL) == MODAL_OK);
+    CHECK(step.taken && step.length > 2 && step.length < 8);
+    for (int j = 0; j < 2; j++) {
+        CHECK_NEAR(creal(lambda[j] - full.lambda[j]) / full.std_re[j], 0, 0.05);
+        CHECK_NEAR(cimag(lambda[j] - full.lambda[j]) / full.std_im[j], 0, 0.05);
+        CHECK_NEAR(std_re[j] / full.std_re[j], 1, 0.02);
+    }
+    CHECK_NEAR(cimag(B[2 * 123]), 1.23, 0.1);
+    CHECK_NEAR(rest[5] / 0.06, 1, 0.2);
+    CHECK(wide_refine(&w, dt, start, 2, NULL, 1e-3, &step, NULL) == MODAL_OK);
+    CHECK(!step.taken && lambda[0] == start[0]);
+    refined_done(&full);
+    free(B);
+}

@@ -23,7 +23,7 @@ void identify_diagnose(struct identify_result *result, const char *code, int cha
 static void about_rank(struct identify_result *r, const struct diagnose_facts *f)
 {
     if (f->asked_rank > f->full_rank)
-        identify_diagnose(r, "rank_at_rounding", -1, "rank %d was asked for, but only %d singular values are above rounding: the multipliers beyond it are made of rounding errors; ask for at most %d",
+        identify_diagnose(r, "rank_at_rounding", -1, "rank %d was asked for, but only %d singular values are above rounding: multipliers beyond are made of rounding errors and were left out; ask for at most %d",
                           f->asked_rank, f->full_rank, f->full_rank);
     if (f->cut_pair)
         identify_diagnose(r, "cut_pair", -1, "rank %d cuts a conjugate pair in two: its exponents are wrong; use %d, or leave rank.rule to auto", f->asked_rank, f->asked_rank + 1);

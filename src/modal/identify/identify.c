@@ -26,13 +26,14 @@
 #include "modal/identify/projection.h"
 #include "modal/identify/record.h"
 #include "modal/identify/verdict.h"
+#include "modal/linalg/svd.h"
 
 const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
     "auto", "partial-floquet", "partial-floquet-full", "autoregressive", "autoregressive-full", NULL,
 };
 
 /* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
-enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600 };
+enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
 
 struct work {
     struct identify_options opt;    /* defaults filled in */
@@ -266,18 +267,32 @@ static enum modal_status pencil_source(void *context, int r, double complex *lam
     return rc;
 }
 
-/* How far the ladder goes: no more than the singular values above rounding, the rows there are, or what was allowed. */
+/* How far the ladder goes: no more than the singular values above rounding, the rows there are less FREEDOM (with fewer left over, any
+ * exponents reconstruct noise), or what was allowed. */
 static int order_most(const struct work *w)
 {
     int most = w->projected ? w->projection.count : w->pencil.count;
 
-    if (w->opt.rank.rule != RANK_FIXED && most > w->facts.full_rank)
+    if (most > w->facts.full_rank)
         most = w->facts.full_rank;
     if (most > w->data.Y->m - 1)
         most = w->data.Y->m - 1;
+    if (w->opt.rank.rule == RANK_AUTO && most > w->data.Y->m - FREEDOM)
+        most = w->data.Y->m - FREEDOM > 2 ? w->data.Y->m - FREEDOM : most < 2 ? most : 2;
     if (w->opt.rank.most > 0 && most > w->opt.rank.most)
         most = w->opt.rank.most;
     return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
+}
+
+static double norm_of(const struct matrix *Y)
+{
+    double sum = 0;
+
+    for (int c = 0; c < Y->n; c++) {
+        double norm = safe_norm(Y->x + (size_t)c * Y->ld, Y->m);
+        sum += norm * norm;
+    }
+    return sqrt(sum);
 }
 
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
@@ -291,6 +306,8 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         opt.fixed = w->projected ? rank_estimate(p->s, p->count, p->m, p->n, &w->opt.rank) : w->opt.rank.fixed;
     if (w->opt.rank.rule != RANK_AUTO)
         w->opt.rank.fixed = w->facts.asked_rank = opt.fixed;
+    if (opt.fixed > w->facts.full_rank)
+        opt.fixed = w->facts.full_rank;           /* what lies beyond is made of rounding; said by a diagnostic */
     if (opt.fixed > source.most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
                                 w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
@@ -300,7 +317,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
         w->rank = c->r > 0 ? c->r : c->fit.order;
         w->facts.order = c->fit.order;
-        w->facts.converged = !w->refine || refined_converged(&c->fit);
+        w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-13 * norm_of(w->data.Y);
         out->hankel_rank = c->fit.order;
     }
     return rc;

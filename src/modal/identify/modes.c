@@ -379,11 +379,16 @@ static enum modal_status shape_of(const struct work *w, int j, struct identify_m
     return MODAL_OK;
 }
 
-/* d|lambda| and d zeta from those of Re and Im, taken as independent. */
+/* d|lambda| and d zeta from those of Re and Im, taken as independent; never below the rounding of lambda itself. */
 static void spread_std(struct identify_mode *m, double span)
 {
     double complex z = m->resolved;
     double omega = frequency_of(z), a = creal(z), b = cimag(z);
+
+    if (m->std_re > 0)
+        m->std_re = fmax(m->std_re, DBL_EPSILON * omega);
+    if (m->std_im > 0)
+        m->std_im = fmax(m->std_im, DBL_EPSILON * omega);
 
     m->std_multiplier = hypot(m->std_re, m->std_im) * span * exp(a * span);
     m->std_frequency_hz = omega > 0 ? hypot(a * m->std_re, b * m->std_im) / omega / (2 * M_PI) : m->std_re / (2 * M_PI);

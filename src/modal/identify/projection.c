@@ -209,8 +209,10 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
         for (int i = 0; i < p->count; i++)
             SV.x[i + (size_t)l * SV.ld] = p->s[i] * p->VT.x[i + (size_t)l * p->VT.ld];
     for (int j = 0; j < count; j++)
-        bar[j] = 0;
-    if (rc == MODAL_OK && p->n - left_out >= r) {
+        bar[j] = p->n - left_out >= r ? 0 : NAN;
+    if (p->n - left_out < r)
+        goto out;                            /* nothing can be left out: the bars stay unknown */
+    if (rc == MODAL_OK) {
         rc = solve_pair(&SV, &p->W, r, left_out, p->n, rho, err);
         if (rc == MODAL_OK)
             widen(rho, r, false, lambda, count, tau, bar);
@@ -223,6 +225,7 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
         rc = solve_pair(&p->W, &SV, r, 0, p->n, rho, err);
     if (rc == MODAL_OK)
         widen(rho, r, true, lambda, count, tau, bar);
+out:
     free(rho);
     free(SV.x);
     return rc;

@@ -29,7 +29,8 @@ enum modal_status projection_poles(const struct projection *p, enum identify_met
 
 /*
  * How far the multipliers of rank R move when the first columns, and then the last, are left out (one period; a tenth where there is
- * none), and when time runs backwards (1/eig of the pair (H1, H0)): the largest of the three, for each of the COUNT poles.
+ * none), and when time runs backwards (1/eig of the pair (H1, H0)): the largest of the three, for each of the COUNT poles; NAN where too few columns
+ * would be left.
  */
 enum modal_status projection_bars(const struct projection *p, int r, int left_out, double tau, const double complex *lambda, int count,
                               double *bar, struct modal_error *err);

@@ -1,16 +1,17 @@
 /*
  * verdict.c - what the multipliers say, with their errors
  *
- * Half width.  A mode's Re lambda is known to b = 1.96 std where the Jacobian gave it; else to bar / (|rho| span), the bar being the largest
- * of jackknife and backward estimate (projection.c).  Both are bounded below by rounding, ROUNDING / span.
+ * Half width.  A mode's Re lambda is known to b = 3 std where the Jacobian gave it; else to bar / (|rho| span), the bar being the largest
+ * of jackknife and backward estimate (projection.c).  With hardly more equations than unknowns the Jacobian's residual is no measure of the noise, and both
+ * are asked.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster, below twice its radius.
  *
  * Near-defective.  Two exponents that meet form a Jordan block, and their coefficients grow like 1/distance with opposite signs while the sum of
  * the two parts stays finite:
  *
  *     cancellation = (|part_1|^2 + |part_2|^2) / |part_1 + part_2|^2 >> 1.                                   (1)
  *
- * A perturbation e of the data moves each by sqrt(e), their mean by e: so what is reported is the centroid and the radius, and each member's
- * bar is at least its distance from the centroid.  (1) is judged by the energies of the modes against that of the signals, which is 1 by scaling.
+ * A perturbation e of the data moves each by sqrt(e), their mean by e: so what is reported is the centroid and the radius, at least the members' own
+ * bars, and each member's bar is at least the radius.  (1) is judged by the energies of the modes against that of the signals, which is 1 by scaling.
  */
 #include "modal/identify/verdict.h"
 #include <float.h>
@@ -26,12 +27,29 @@ static double span_of(const struct identify_result *r)
     return r->period > 0 ? r->period : r->dt / (r->decimation > 0 ? r->decimation : 1);
 }
 
-static double half_width(const struct identify_result *r, const struct identify_mode *m)
+enum { FREEDOM_LEAST = 3 };
+static const double SIGMAS = 3;
+
+static double cluster_radius(const struct identify_result *r, int mode)
 {
-    double span = span_of(r), b = 1.96 * m->std_re, size = cabs(m->multiplier);
+    for (int i = 0; i < r->cluster_count; i++)
+        for (int k = 0; k < r->clusters[i].member_count && r->clusters[i].near_defective; k++)
+            if (r->clusters[i].members[k] == mode)
+                return r->clusters[i].radius;
+    return 0;
+}
+
+static double half_width(const struct identify_result *r, int i)
+{
+    const struct identify_mode *m = &r->modes[i];
+    double span = span_of(r), b = SIGMAS * m->std_re, size = cabs(m->multiplier) * span, bar = size > 0 && isfinite(m->bar) ? m->bar / size : HUGE_VAL;
 
     if (!(b > 0) || !isfinite(b))
-        b = size > 0 && isfinite(m->bar) ? m->bar / (size * span) : HUGE_VAL;
+        b = bar;
+    if (r->freedom < FREEDOM_LEAST)
+        b = fmax(b, bar);
+    if (size > 0)
+        b = fmax(b, 2 * cluster_radius(r, i) / size);
     return fmax(b, ROUNDING / span);
 }
 
@@ -43,7 +61,7 @@ void verdict_stability(struct identify_result *r)
     r->max_multiplier = r->margin = r->margin_std = NAN;
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
-        double g = creal(m->exponent), b = half_width(r, m);
+        double g = creal(m->exponent), b = half_width(r, i);
         if (g - b > 0)
             r->verdict = VERDICT_UNSTABLE;
         all_stable &= g + b < 0;
@@ -51,7 +69,7 @@ void verdict_stability(struct identify_result *r)
             r->max_multiplier = cabs(m->multiplier);
         if (!(-g >= r->margin)) {
             r->margin = 0 - g;
-            r->margin_std = isfinite(b) ? b / 1.96 : NAN;
+            r->margin_std = isfinite(b) ? b / SIGMAS : NAN;
         }
     }
     if (all_stable)
@@ -73,14 +91,19 @@ static double apart(const struct identify_mode *a, const struct identify_mode *b
     return cabs(a->multiplier - b->multiplier);
 }
 
-static bool together(const struct identify_result *r, const struct identify_mode *a, const struct identify_mode *b, double duration)
+/* What a mode's multiplier may be off by; a bar of the size of the multiplier itself says nothing about neighbours. */
+static double reach(const struct identify_mode *m)
 {
-    double bars = 0, width = cabs(a->exponent - b->exponent);
+    double bar = isfinite(m->std_multiplier) ? 2 * m->std_multiplier : isfinite(m->bar) ? m->bar : 0;
 
-    bars += isfinite(a->std_multiplier) ? 1.96 * a->std_multiplier : isfinite(a->bar) ? a->bar : 0;
-    bars += isfinite(b->std_multiplier) ? 1.96 * b->std_multiplier : isfinite(b->bar) ? b->bar : 0;
-    (void)r;
-    return apart(a, b) <= bars || (width * duration < M_PI && cancels(a, b));
+    return fmin(bar, 0.1 * cabs(m->multiplier));
+}
+
+static bool together(const struct identify_mode *a, const struct identify_mode *b, double duration)
+{
+    double width = cabs(a->exponent - b->exponent);
+
+    return apart(a, b) <= reach(a) + reach(b) || (width * duration < M_PI && cancels(a, b));
 }
 
 /* A pair beside the real axis: the half distance to its conjugate, and whether cosine and sine cancel over the record. */
@@ -108,18 +131,16 @@ static enum modal_status add_cluster(struct identify_result *r, const int *label
         }
     c->centroid = own ? creal(sum) / count : sum / count;
     for (int i = 0; i < count; i++) {
-        struct identify_mode *m = &r->modes[c->members[i]];
+        const struct identify_mode *m = &r->modes[c->members[i]];
         c->radius = fmax(c->radius, cabs(m->multiplier - c->centroid));
         c->near_defective |= cancels(m, NULL);
     }
-    for (int i = 0; i < count; i++) {
-        struct identify_mode *m = &r->modes[c->members[i]];
-        double size = cabs(m->multiplier) * span_of(r);
-        if (!(m->bar >= c->radius))
-            m->bar = c->radius;
-        if (c->near_defective && isfinite(m->std_re) && size > 0)
-            m->std_re = fmax(m->std_re, c->radius / size / 1.96);
-    }
+    for (int i = 0; i < count && c->near_defective; i++)
+        if (isfinite(r->modes[c->members[i]].bar))
+            c->radius = fmax(c->radius, r->modes[c->members[i]].bar);
+    for (int i = 0; i < count; i++)
+        if (!(r->modes[c->members[i]].bar >= c->radius))
+            r->modes[c->members[i]].bar = c->radius;
     return MODAL_OK;
 }
 
@@ -137,7 +158,7 @@ enum modal_status verdict_clusters(struct identify_result *r, double duration, s
         label[i] = i;
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++)
-            if (label[i] != label[j] && together(r, &r->modes[i], &r->modes[j], duration))
+            if (label[i] != label[j] && together(&r->modes[i], &r->modes[j], duration))
                 for (int k = 0, from = label[i], to = label[j]; k < n; k++)
                     label[k] = label[k] == from ? to : label[k];
     for (int which = 0; which < n && rc == MODAL_OK; which++) {

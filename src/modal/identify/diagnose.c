@@ -20,6 +20,8 @@ void identify_diagnose(struct identify_result *result, const char *code, int cha
     va_end(arguments);
 }
 
+static const double GROWTH_HIDES = 28;     /* e^28 = 1.4e12: four digits are left of the rest */
+
 static void about_rank(struct identify_result *r, const struct diagnose_facts *f)
 {
     if (f->asked_rank > f->full_rank)
@@ -40,8 +42,10 @@ static void about_mode(struct identify_result *r, const struct diagnose_facts *f
     const struct identify_mode *m = &r->modes[i];
     double turn = fabs(cimag(m->exponent)) * f->tau, decay = -creal(m->exponent) * f->tau;
 
-    if (decay > 4 || decay * f->rows > 30 * f->rows)
+    if (decay > 4)
         identify_diagnose(r, "fast_decay", -1, "mode %d decays by exp(-%.3g) from one row to the next: it is gone after a few; its exponent rests on them alone. Sample faster, or start the window later to drop it", i, decay);
+    if (-decay * f->rows > GROWTH_HIDES)
+        identify_diagnose(r, "growth_hides", -1, "mode %d grows by exp(%.3g) over the record: whatever did not grow with it is below its rounding errors; use a shorter window to see the rest", i, -decay * f->rows);
     if (r->period == 0 && f->tau <= 1.001 * r->dt && turn > 0.95 * M_PI)
         identify_diagnose(r, "near_nyquist", -1, "mode %d lies at %.3g of the Nyquist frequency: a faster mode may have folded there; sample faster", i, turn / M_PI);
     if (r->period > 0 && m->runner_up >= 0.8)

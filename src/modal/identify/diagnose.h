@@ -18,7 +18,7 @@ struct diagnose_facts {
 };
 
 /*
- * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, not_converged, offset, periodic_orbit, fast_decay,
+ * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, not_converged, offset, periodic_orbit, fast_decay, growth_hides,
  * near_nyquist, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction.
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);

@@ -267,6 +267,14 @@ static enum modal_status pencil_source(void *context, int r, double complex *lam
     return rc;
 }
 
+/* The order that leaves FREEDOM rows over, but a pair wherever it can be fitted at all. */
+static int rows_allow(const struct work *w)
+{
+    int L = w->data.Y->m;
+
+    return L - FREEDOM > 2 ? L - FREEDOM : L > 2 ? 2 : 1;
+}
+
 /* How far the ladder goes: no more than the singular values above rounding, the rows there are less FREEDOM (with fewer left over, any
  * exponents reconstruct noise), or what was allowed. */
 static int order_most(const struct work *w)
@@ -277,8 +285,8 @@ static int order_most(const struct work *w)
         most = w->facts.full_rank;
     if (most > w->data.Y->m - 1)
         most = w->data.Y->m - 1;
-    if (w->opt.rank.rule == RANK_AUTO && most > w->data.Y->m - FREEDOM)
-        most = w->data.Y->m - FREEDOM > 2 ? w->data.Y->m - FREEDOM : most < 2 ? most : 2;
+    if (w->opt.rank.rule == RANK_AUTO && most > rows_allow(w))
+        most = rows_allow(w);
     if (w->opt.rank.most > 0 && most > w->opt.rank.most)
         most = w->opt.rank.most;
     return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
@@ -293,6 +301,22 @@ static double norm_of(const struct matrix *Y)
         sum += norm * norm;
     }
     return sqrt(sum);
+}
+
+/* The criterion (7) of refine.c for no poles at all. */
+static double bic_of_nothing(const struct refine_data *d)
+{
+    double n = (double)d->Y->m * d->phases, sum = 0;
+
+    for (int g = 0; g < d->Y->n / d->phases; g++) {
+        double energy = 0;
+        for (int k = 0; k < d->phases; k++) {
+            double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
+            energy += norm * norm;
+        }
+        sum += energy > 0 ? n * log(energy / n) : 0;
+    }
+    return sum;
 }
 
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
@@ -312,7 +336,12 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
                                 w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
     opt.no_offset = !w->refine;
+    opt.thorough = w->shift > 1;
+    opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;
     rc = order_choose(&w->data, &source, &opt, &w->choice, err);
+    if (rc == MODAL_OK && w->choice.chosen >= 0 && w->opt.rank.rule == RANK_AUTO
+        && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
+        w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
     if (rc == MODAL_OK && w->choice.chosen >= 0) {
         const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
         w->rank = c->r > 0 ? c->r : c->fit.order;

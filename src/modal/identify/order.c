@@ -11,6 +11,7 @@
  *
  *        reach = REACH per datum.                                                                    (1)
  *
+ *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors): `thorough` refines all.
  * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds one.  A pole lambda
  *    stands for a pair of neighbours where lambda +- i / (2 record), which span e^{lambda t} and, nearly, t e^{lambda t}, fit
  *    well enough to be worth refining.
@@ -40,6 +41,11 @@ static double bic_of(const struct climb *c, int i)
     return i < 0 ? HUGE_VAL : c->choice.candidates[i].fit.bic;
 }
 
+static int order_most(const struct climb *c)
+{
+    return c->opt->order_most > 0 && c->opt->order_most < c->data->Y->m ? c->opt->order_most : c->data->Y->m - 1;
+}
+
 /* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is nothing to fit. */
 static enum modal_status try_poles(struct climb *c, int r, const double complex *lambda, int count, const bool *fixed,
                                    bool refine, double rival, int *at, struct modal_error *err)
@@ -51,7 +57,7 @@ static enum modal_status try_poles(struct climb *c, int r, const double complex 
     *at = -1;
     if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", r);
-    if (count < 1 || poles_order(lambda, count, c->data->tau) >= c->data->Y->m)
+    if (count < 1 || poles_order(lambda, count, c->data->tau) > order_most(c))
         return MODAL_OK;
     if (c->choice.count == c->room) {
         int room = c->room * 2 + 16;
@@ -137,6 +143,13 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
     double reach = fmax(REACH * c->data->Y->m * c->data->Y->n, 100);
     enum modal_status rc = refine_candidate(c, least, 0, err);
 
+    for (int i = 0; i < looked && c->opt->thorough && rc == MODAL_OK; i++) {
+        rc = refine_candidate(c, i, bic_of(c, *best), err);
+        if (rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best))
+            *best = i;
+    }
+    if (rc != MODAL_OK || c->opt->thorough)
+        return rc;
     if (rc == MODAL_OK)
         rc = refine_side(c, looked, 1, best, err);
     if (rc == MODAL_OK)
@@ -163,7 +176,7 @@ static enum modal_status split_pole(struct climb *c, int j, int *best, struct mo
     bool worth;
     enum modal_status rc;
 
-    if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart || fit->order + 2 >= c->data->Y->m)
+    if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart || fit->order + 2 > order_most(c))
         return MODAL_OK;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
     c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;

@@ -15,6 +15,8 @@ struct order_source {
 struct order_options {
     struct refine_options refine;
     int fixed;                  /* only this r is tried; 0: the ladder */
+    int order_most;             /* no candidate of a higher order; 0: one less than the rows */
+    bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no guide to the refined one's */
     bool no_offset;             /* do not try a slow real pole as a constant */
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;

@@ -22,6 +22,7 @@ struct law_piece {
     int output;
     double from, to;                 /* radians; to > from */
     double level, gain[LAW_INPUTS_MOST], damp, cross;
+    int slider;                      /* of the law's sliders, whose piece this is; -1: none's */
     bool holds;                      /* a slider stuck: (2) applies, else ref is 0 */
     bool starts;                     /* `at` is this piece's own `from` (a slider just come to rest) */
     double at, ref[LAW_INPUTS_MOST];

@@ -125,6 +125,7 @@ void steady_free(struct steady *s)
 }
 
 struct condense *steady_condense(struct steady *s) { return s->c; }
+const struct program *steady_program(const struct steady *s) { return s->p; }
 
 enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err)
 {

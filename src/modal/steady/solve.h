@@ -56,6 +56,7 @@ struct steady;
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err);
 void steady_free(struct steady *s);
 struct condense *steady_condense(struct steady *s);
+const struct program *steady_program(const struct steady *s);
 
 /*
  * Solve at OMEGA from START (NULL: from rest).  No convergence is an answer: MODAL_OK with point->converged false, the best

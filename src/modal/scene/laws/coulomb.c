@@ -57,7 +57,7 @@ static enum modal_status rigid_pieces(const struct law *law, const struct orbit 
         const struct orbit_turn *p = &o->turn[i], *q = &o->turn[(i + 1) % o->turns];
         double sign = q->d > p->d ? 1 : -1, at[3];
         struct law_piece piece = { .from = p->theta, .to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI),
-                                   .level = sign * c->limit, .jump = 2 * sign * c->limit };
+                                   .level = sign * c->limit, .jump = 2 * sign * c->limit, .slider = -1 };
 
         orbit_at(o, p->theta, at);
         piece.slope = at[2];

@@ -57,7 +57,7 @@ static enum modal_status contact_piece(const struct gap *g, double side, double 
 {
     struct law_piece piece = { .from = from, .to = to, .level = -side * g->stiffness * g->clearance,
                                .gain = { g->stiffness }, .damp = -g->stiffness * g->clearance * g->dissipation,
-                               .cross = side * g->stiffness * g->dissipation };
+                               .cross = side * g->stiffness * g->dissipation, .slider = -1 };
 
     out->acts = true;
     return pieces_add(out, &piece, err);

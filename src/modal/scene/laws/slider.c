@@ -175,8 +175,18 @@ static enum modal_status sliders_pieces(const struct law *law, const struct orbi
     const struct sliders *s = law->data;
     enum modal_status rc = MODAL_OK;
 
-    for (int i = 0; rc == MODAL_OK && i < s->count; i++)
+    bool all = true;
+
+    for (int i = 0; rc == MODAL_OK && i < s->count; i++) {
+        int before = out->count;
+
+        out->undetermined = false;
         rc = slider_pieces(&s->element[i], input[0], out, err);
+        all &= out->undetermined || out->count == before;
+        for (int e = before; e < out->count; e++)
+            out->piece[e].slider = i;
+    }
+    out->undetermined = all && out->count > 0;
     return rc;
 }
 
@@ -197,7 +207,7 @@ static enum modal_status tangential(struct contact_walk *w, double from, double 
 {
     const struct contact *c = w->c;
     double sign = w->mode == SLIPS_UP ? 1 : -1;
-    struct law_piece piece = { .output = 1, .from = from, .to = to };
+    struct law_piece piece = { .output = 1, .from = from, .to = to, .slider = 0 };
 
     if (w->out == NULL || w->mode == OPEN)
         return MODAL_OK;
@@ -308,7 +318,7 @@ static enum modal_status normal_pieces(const struct contact *c, const double *ev
 {
     for (int i = 0; i < count; i++) {
         struct law_piece piece = { .from = event[i], .to = event[i + 1], .level = c->preload,
-                                   .gain = { c->normal_stiffness } };
+                                   .gain = { c->normal_stiffness }, .slider = -1 };
         double mid[3];
 
         orbit_at(n, 0.5 * (event[i] + event[i + 1]), mid);

@@ -2,6 +2,7 @@
 #include "job/job.h"
 #include "job/identify.h"
 #include "job/scene_jobs.h"
+#include "job/steady.h"
 #include "job/tradeoff.h"
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,6 +14,7 @@ const struct job_kind job_kinds[] = {
     { "tradeoff", JOB_ON_EITHER, tradeoff_run },
     { "simulate", JOB_ON_SCENE, simulate_run },
     { "floquet", JOB_ON_SCENE, floquet_run },
+    { "steady", JOB_ON_SCENE, steady_run },
     { NULL, JOB_ON_BATCH, NULL },
 };
 

@@ -28,6 +28,7 @@ struct condense {
     int *place, *kept, *spot;        /* spot[dof]: row among the linear ones, or -1 */
     int lower, upper, ld;            /* band of L_rr; ld = 2 lower + upper + 1 */
     double complex *band, *right;    /* right: order x (q+1) */
+    double *size;                    /* of each column, before factoring */
     int *pivot;
     int highest;
     /* of the last condense_at */
@@ -139,7 +140,8 @@ enum modal_status condense_new(const struct program *p, bool keep_all, struct co
     c->band = calloc((size_t)c->ld * (size_t)c->order + 1, sizeof *c->band);
     c->right = calloc((size_t)c->order * ((size_t)c->q + 1) + 1, sizeof *c->right);
     c->pivot = calloc((size_t)c->order + 1, sizeof *c->pivot);
-    rc = c->band == NULL || c->right == NULL || c->pivot == NULL
+    c->size = calloc((size_t)c->order + 1, sizeof *c->size);
+    rc = c->band == NULL || c->right == NULL || c->pivot == NULL || c->size == NULL
        ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld, c->order) : check_loads(c, err);
     if (rc != MODAL_OK) {
         condense_free(c);
@@ -159,6 +161,7 @@ void condense_free(struct condense *c)
     free(c->band);
     free(c->right);
     free(c->pivot);
+    free(c->size);
     free(c->kept_right);
     free(c->phi);
     free(c->lambda);
@@ -278,9 +281,14 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
 
     if (c->order == 0 || all_zero(c->right, c->order * columns))
         return MODAL_OK;
+    for (int j = 0; j < c->order; j++) {
+        c->size[j] = 0;
+        for (int i = c->lower; i < c->ld; i++)
+            c->size[j] = fmax(c->size[j], cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)i]));
+    }
     info = LAPACKE_zgbtrf_work(LAPACK_COL_MAJOR, c->order, c->order, c->lower, c->upper, c->band, c->ld, c->pivot);
     for (int j = 0; info == 0 && j < c->order; j++)
-        if (!(cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper)]) > 0))
+        if (!(cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper)]) > 4 * DBL_EPSILON * c->size[j]))
             info = j + 1;
     if (info != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "the linear dofs are singular at harmonic %d: an undamped resonance, or a body that nothing holds", k);

@@ -674,9 +674,44 @@ static enum modal_status solve_to_target(struct steady *s, double omega, const s
     }
 }
 
+static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
+                                   struct modal_error *err)
+{
+    if (s->linear)
+        return solve_linear(s, omega, point, err);
+    return s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err) : solve_to_target(s, omega, start, point, err);
+}
+
+/* Every dof kept: the linear ones, held at the kept, resonate. */
+static enum modal_status keep_all(struct steady *s, struct modal_error *err)
+{
+    struct condense *all;
+    enum modal_status rc = condense_new(s->p, true, &all, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    for (int i = 0; i < s->balances; i++)
+        balance_free(s->balance[i]);
+    s->balances = 0;
+    condense_free(s->c);
+    s->c = all;
+    return MODAL_OK;
+}
+
+/* No laws and a singular Lambda: the answer is that there is none. */
+static enum modal_status no_linear_answer(struct steady *s, struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc = point_init(s, point, condense_kept(s->c), s->opt.harmonics > 0 ? s->opt.harmonics : 1, 0, err);
+
+    point->method = "linear";
+    point->reason = "the linear equations are singular at an excited harmonic: an undamped resonance, or a body that nothing holds";
+    return rc;
+}
+
 enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                struct modal_error *err)
 {
+    struct modal_error singular;
     enum modal_status rc;
 
     memset(point, 0, sizeof *point);
@@ -684,9 +719,15 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
     point->level = 1;
     if (!(omega > 0) || !isfinite(omega))
         return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "omega is %g; accepted: finite and > 0", omega);
-    rc = s->linear ? solve_linear(s, omega, point, err)
-       : s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
-       : solve_to_target(s, omega, start, point, err);
+    rc = solve_any(s, omega, start, point, &singular);
+    if (rc == MODAL_NO_CONVERGENCE && s->linear && s->p->harmonics == 0)
+        rc = no_linear_answer(s, point, err);
+    else if (rc == MODAL_NO_CONVERGENCE && condense_kept(s->c) < s->p->n) {
+        rc = keep_all(s, err);
+        if (rc == MODAL_OK)
+            rc = solve_any(s, omega, NULL, point, err);
+    } else if (rc != MODAL_OK && err != NULL)
+        *err = singular;
     if (rc != MODAL_OK)
         steady_point_done(point);
     return rc;

@@ -1,0 +1,167 @@
+/* steady_print.c - see steady_print.h */
+#include "job/steady_print.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static enum modal_status print_harmonics(struct steady *s, const struct program *p, const struct steady_settings *settings,
+                                         const struct steady_point *point, cJSON *doc, struct modal_error *err)
+{
+    size_t K = (size_t)point->H + 1;
+    double complex *X = malloc(K * sizeof *X);
+    double *k = malloc(3 * K * sizeof *k), *re = k + K, *im = re + K;
+    cJSON *list = cJSON_AddArrayToObject(doc, "harmonics");
+    enum modal_status rc = X == NULL || k == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory to print") : MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < settings->dofs_count; i++) {
+        cJSON *row = cJSON_CreateObject();
+
+        rc = steady_recover(s, point, settings->dofs[i], X, err);
+        for (size_t h = 0; h < K; h++) {
+            k[h] = (double)h;
+            re[h] = creal(X[h]);
+            im[h] = cimag(X[h]);
+        }
+        cJSON_AddStringToObject(row, "dof", p->dofs[settings->dofs[i]]);
+        cJSON_AddItemToObject(row, "k", json_numbers(k, K));
+        cJSON_AddItemToObject(row, "re", json_numbers(re, K));
+        cJSON_AddItemToObject(row, "im", json_numbers(im, K));
+        cJSON_AddItemToArray(list, row);
+    }
+    free(X);
+    free(k);
+    return rc;
+}
+
+static enum modal_status print_time(struct steady *s, const struct program *p, const struct steady_settings *settings,
+                                    const struct steady_point *point, cJSON *doc, struct modal_error *err)
+{
+    int N = settings->time > 0 ? settings->time : point->N > 2 * point->H ? point->N : 4 * point->H + 4;
+    double complex *X = malloc(((size_t)point->H + 1) * sizeof *X);
+    double *x = malloc((size_t)N * sizeof *x);
+    cJSON *time = cJSON_AddObjectToObject(doc, "time"), *rows;
+    enum modal_status rc = X == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory to print") : MODAL_OK;
+
+    for (int j = 0; rc == MODAL_OK && j < N; j++)
+        x[j] = 2 * M_PI / point->omega * j / N;
+    if (rc == MODAL_OK)
+        cJSON_AddItemToObject(time, "t", json_numbers(x, (size_t)N));
+    rows = cJSON_AddObjectToObject(time, "x");
+    for (int i = 0; rc == MODAL_OK && i < settings->dofs_count; i++) {
+        rc = steady_recover(s, point, settings->dofs[i], X, err);
+        for (int j = 0; rc == MODAL_OK && j < N; j++) {
+            x[j] = creal(X[0]);
+            for (int k = 1; k <= point->H; k++) {
+                double phase = 2 * M_PI * (double)((long)k * j % N) / N;
+
+                x[j] += creal(X[k]) * cos(phase) - cimag(X[k]) * sin(phase);
+            }
+        }
+        if (rc == MODAL_OK)
+            cJSON_AddItemToObject(rows, p->dofs[settings->dofs[i]], json_numbers(x, (size_t)N));
+    }
+    free(X);
+    free(x);
+    return rc;
+}
+
+static void print_stability(const struct stability *st, cJSON *doc)
+{
+    cJSON *o = cJSON_AddObjectToObject(doc, "stability"), *list;
+
+    if (st->verdict == STABILITY_STABLE || st->verdict == STABILITY_UNSTABLE)
+        cJSON_AddBoolToObject(o, "stable", st->verdict == STABILITY_STABLE);
+    else
+        cJSON_AddNullToObject(o, "stable");
+    json_set_number(o, "max_multiplier", st->verdict != STABILITY_UNKNOWN ? st->largest : NAN);
+    list = cJSON_AddArrayToObject(o, "multipliers");
+    for (int i = 0; i < st->count; i++)
+        cJSON_AddItemToArray(list, json_complex(creal(st->multiplier[i]), cimag(st->multiplier[i])));
+    if (st->verdict != STABILITY_UNKNOWN)
+        json_set_number(o, "error", st->error);
+}
+
+static void diagnose(cJSON *list, const char *code, const char *format, const char *a)
+{
+    cJSON *d = cJSON_CreateObject();
+    char text[512];
+
+    snprintf(text, sizeof text, format, a);
+    cJSON_AddStringToObject(d, "code", code);
+    cJSON_AddStringToObject(d, "message", text);
+    cJSON_AddItemToArray(list, d);
+}
+
+static void print_diagnostics(const struct program *p, const struct steady_settings *settings, const struct steady_point *point,
+                              const struct stability *st, cJSON *doc)
+{
+    cJSON *list = cJSON_AddArrayToObject(doc, "diagnostics");
+    double target = settings->opt.target_error;
+
+    if (!point->converged)
+        diagnose(list, "no_periodic_solution", "no periodic solution was found: %s; what is given is the best iterate",
+                 point->reason != NULL ? point->reason : "the balance does not close");
+    for (int l = 0; point->converged && l < point->laws; l++)
+        if (point->undetermined[l])
+            diagnose(list, "undetermined_offset", "the slider of effect %s never slips: its place, and with it the mean, follows from history; "
+                     "the mean given is that with the slider at zero, or as near to it as its strength allows", p->effect[p->law[l].effect].type);
+    if (point->converged && settings->opt.harmonics == 0 && point->error > target * point->amplitude)
+        diagnose(list, "target_not_met", "the error's estimate is above target.error at the largest number of harmonics tried%s", "");
+    if (point->converged && point->laws > 0 && !(point->error >= 0))
+        diagnose(list, "error_unknown", "the error could not be estimated: the derivative is singular at the solution%s", "");
+    if (st != NULL && st->verdict == STABILITY_UNKNOWN && st->reason != NULL)
+        diagnose(list, "stability_unknown", "the stability was not computed: %s", st->reason);
+}
+
+enum modal_status steady_print(struct steady *s, const struct program *p, const struct steady_settings *settings,
+                               const struct steady_point *point, const struct stability *stability, cJSON **out, struct modal_error *err)
+{
+    cJSON *doc = cJSON_CreateObject(), *r;
+    enum modal_status rc;
+
+    cJSON_AddStringToObject(doc, "kind", "steady");
+    cJSON_AddBoolToObject(doc, "converged", point->converged);
+    json_set_number(doc, "omega", point->omega);
+    cJSON_AddStringToObject(doc, "method", point->method != NULL ? point->method : "none");
+    cJSON_AddNumberToObject(doc, "iterations", point->iterations);
+    cJSON_AddNumberToObject(doc, "H", point->H);
+    cJSON_AddNumberToObject(doc, "N", point->N);
+    rc = print_harmonics(s, p, settings, point, doc, err);
+    if (rc == MODAL_OK && settings->time != 0)
+        rc = print_time(s, p, settings, point, doc, err);
+    json_set_number(doc, "residual", point->residual >= 0 ? point->residual : NAN);
+    json_set_number(doc, "truncation_error", point->converged ? point->truncation : NAN);
+    json_set_number(doc, "sampling_error", point->converged ? point->sampling : NAN);
+    json_set_number(doc, "solver_error", point->converged ? point->solver : NAN);
+    json_set_number(doc, "error", point->converged ? point->error : NAN);
+    r = cJSON_AddObjectToObject(doc, "reconstruction");
+    json_set_number(r, "rms_residual", point->converged ? point->tail_rms : NAN);
+    json_set_number(r, "max_residual", point->converged ? point->tail_max : NAN);
+    json_set_number(r, "relative_residual", point->converged ? point->load_max > 0 ? point->tail_max / point->load_max : 0 : NAN);
+    if (stability != NULL)
+        print_stability(stability, doc);
+    print_diagnostics(p, settings, point, stability, doc);
+    if (rc != MODAL_OK) {
+        cJSON_Delete(doc);
+        return rc;
+    }
+    *out = doc;
+    return MODAL_OK;
+}
+
+void steady_count_start(struct program *p)
+{
+    for (int l = 0; l < p->laws; l++)
+        p->effect[p->law[l].effect].active = false;
+}
+
+void steady_count(struct program *p, const struct steady_point *point)
+{
+    for (int l = 0; l < p->laws && l < point->laws; l++) {
+        struct program_effect *e = &p->effect[p->law[l].effect];
+
+        e->evaluations += point->evaluations[l];
+        e->active |= point->acts[l];
+    }
+}

@@ -1,0 +1,14 @@
+/* steady_print.h - one steady state as the document of contracts.md */
+#ifndef JOB_STEADY_PRINT_H
+#define JOB_STEADY_PRINT_H
+#include "job/steady.h"
+#include "modal/steady/stability.h"
+
+/* The document of POINT of session S; SETTINGS says which dofs and how many samples.  STABILITY may be NULL (not asked). */
+enum modal_status steady_print(struct steady *s, const struct program *p, const struct steady_settings *settings,
+                               const struct steady_point *point, const struct stability *stability, cJSON **out, struct modal_error *err);
+/* Counts and activity of POINT into P's effects, for its plan; ACTIVE ones stay so. */
+void steady_count(struct program *p, const struct steady_point *point);
+/* Before the first steady_count: effects with laws start inactive. */
+void steady_count_start(struct program *p);
+#endif

@@ -1,0 +1,170 @@
+/* core.h - the broker as a state machine: step(state, event, now) -> actions; it knows no socket, clock or disk
+ *
+ * Around it stand a loop with sockets, a ledger thread, spool threads and worker processes (daemon.c); in the tests, a
+ * simulator.  What the core decides about a job it decides at once and in one order; what it says about a job is only
+ * what the ledger has committed.  Running out of memory ends the process: a restart loses nothing.
+ */
+#ifndef BROKER_CORE_H
+#define BROKER_CORE_H
+#include "broker/blob.h"
+#include "store/ledger.h"
+#include "store/spool.h"
+#include "wire/request.h"
+
+struct moment {
+    int64_t mono_ns;              /* for leases and limits */
+    int64_t utc_ns;               /* for display, and what outlives a restart */
+};
+
+/* ---- what it is told: settings --------------------------------------------------------------------------------- */
+
+enum { NAME_MOST = 64, KEY_TEXT = 41 };
+
+/* The limits of a user; 0 is "no limit". */
+struct allowance {
+    int64_t queued, running;      /* jobs */
+    int64_t bytes;                /* inputs and results stored */
+    double cpu_s_day;             /* CPU-seconds of jobs a UTC day */
+    double upload_bytes_s;
+};
+
+struct account {
+    char key[KEY_TEXT];           /* public key, Z85; "" : who comes without keys */
+    char user[NAME_MOST];
+    enum wire_role role;
+    double weight;                /* share of the workers, > 0 */
+    struct allowance most;
+};
+
+struct settings {
+    char dir[4096];               /* the data folder, for the paths workers are given */
+    char start_id[17], store_id[33];
+    const struct account *accounts;   /* copied */
+    size_t account_count;
+    int workers;
+    int64_t queue_jobs;           /* queued jobs at most */
+    int64_t input_bytes;          /* an input at most */
+    int64_t window_bytes;         /* of chunks in memory, all uploads together */
+    int64_t lease_ns, result_age_ns, input_age_ns, tombstone_age_ns, upload_idle_ns;
+    int64_t result_bytes;         /* results kept at most; the oldest go first */
+    int64_t events_kept;
+    int64_t run_limit_ns;         /* of a job that names none; 0: none */
+    uint64_t secret;              /* mixes identifiers */
+};
+
+/* ---- what it asks for ------------------------------------------------------------------------------------------ */
+
+/* Changes to commit together, in order; `after` is the core's.  All text is owned by the transaction. */
+struct transaction {
+    struct ledger_change *changes;
+    size_t count, room;
+    struct arena *arena;
+    struct after *after, **after_end;
+    struct blob *keep[4];         /* bodies the changes point into */
+    bool refusable;               /* may come back with MODAL_STORAGE_FULL; all others must pass */
+    enum modal_status status;     /* out */
+    struct transaction *next;     /* for the queues of whoever has it */
+};
+
+enum task_type {
+    TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_ABORT, TASK_CLOSE, TASK_REMOVE_INPUT,   /* on an upload, one at a time */
+    TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
+};
+
+struct task {
+    enum task_type type;
+    int64_t id;                           /* input or job */
+    struct input_shape shape;             /* BEGIN, RESUME: borrowed from the input, which outlives the task */
+    struct upload *upload;                /* in and out of the spool functions */
+    struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on */
+    uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most */
+    struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
+    uint64_t total;                       /* out: the whole size */
+    uint32_t crcs[64];                    /* WRITE: out */
+    uint8_t sha256[32];                   /* SEAL: out */
+    uint32_t crc;                         /* SEAL: out */
+    struct result_record record;          /* RESULT_PUT: out */
+    struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
+    enum modal_status status;             /* out */
+    struct modal_error err;
+    void *owner;                          /* the core's */
+    struct after *after;
+    struct task *next;
+};
+
+enum action_type {
+    ACT_SEND,       /* peer, verb, header, body (blob or NULL) */
+    ACT_COMMIT,     /* transaction; comes back as EVENT_COMMITTED */
+    ACT_TASK,       /* task; comes back as EVENT_TASK */
+    ACT_WORKER,     /* slot, verb, header, body: send to the worker */
+    ACT_SPAWN,      /* slot: start a process; EVENT_EXIT will follow some day */
+    ACT_KILL,       /* slot: end its process group now */
+    ACT_LOG,        /* header: a logfmt line without its time */
+    ACT_STOP,       /* end the daemon; slot is the exit status */
+};
+
+struct action {
+    enum action_type type;
+    int slot;
+    uint64_t peer;
+    const char *verb;             /* static text */
+    char *header;                 /* from malloc, the taker's */
+    struct blob *body;            /* the taker's */
+    union { struct transaction *transaction; struct task *task; };
+};
+
+struct actions { struct action *items; size_t count, room; };
+
+/* ---- what happens to it ---------------------------------------------------------------------------------------- */
+
+enum event_type {
+    EVENT_REQUEST,      /* peer, key, message or fault, body */
+    EVENT_PEER_FULL, EVENT_PEER_READY, EVENT_PEER_GONE,    /* peer */
+    EVENT_COMMITTED,    /* transaction */
+    EVENT_TASK,         /* task */
+    EVENT_WORKER,       /* slot, message, body */
+    EVENT_EXIT,         /* slot, status as wait(2) gives it, stderr_text */
+    EVENT_TIME,         /* nothing but that time passed */
+    EVENT_SETTINGS,     /* settings */
+    EVENT_TERMINATE,    /* finish what runs, then stop */
+};
+
+struct event {
+    enum event_type type;
+    uint64_t peer;
+    const char *key;                        /* account key of the sender */
+    const struct wire_message *message;     /* NULL: malformed */
+    const char *verb, *id;                  /* of a malformed one, as far as read */
+    const struct modal_error *fault;
+    struct blob **body;                     /* as message->body; the core shares what it keeps */
+    int slot, status;
+    const char *stderr_text;
+    struct transaction *transaction;
+    struct task *task;
+    const struct settings *settings;
+};
+
+struct core *core_new(const struct settings *settings, struct moment now);
+void core_free(struct core *core);
+
+/* Take over the rows of a ledger before the first step, by ledger_load with this visitor; then core_loaded. */
+void core_visitor(struct core *core, struct ledger_visitor *out);
+struct actions *core_loaded(struct core *core, struct moment now);     /* as core_step's */
+
+/* The actions are the core's until the next call; what they point to is the caller's. */
+struct actions *core_step(struct core *core, const struct event *event, struct moment now);
+
+/* When EVENT_TIME is wanted at the latest, monotonic; INT64_MAX: never. */
+int64_t core_next_ns(const struct core *core);
+
+/* For the watchdog and the tests. */
+struct core_counts { int64_t states[JOB_STATE_COUNT]; int64_t busy_workers, uncommitted, tasks; bool draining; };
+void core_count(const struct core *core, struct core_counts *out);
+
+void transaction_free(struct transaction *transaction);
+void task_free(struct task *task);
+
+/* Identifiers on the wire: 8 letters and digits from a number below 2^40, mixed by SECRET so that they tell nothing. */
+void ident_text(char out[9], uint64_t secret, int64_t number);
+int64_t ident_number(uint64_t secret, const char *text);   /* -1: not one */
+#endif

@@ -1,0 +1,76 @@
+/* memory.c - allocation that ends the process when there is no more: a restart loses nothing, a guess might */
+#include "broker/state.h"
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void *checked(void *p)
+{
+    if (p == NULL) {
+        fputs("level=crit event=no_memory\n", stderr);
+        abort();
+    }
+    return p;
+}
+
+void *grab(size_t size)
+{
+    return checked(calloc(1, size > 0 ? size : 1));
+}
+
+void *regrab(void *old, size_t size)
+{
+    return checked(realloc(old, size));
+}
+
+char *grab_text(const char *text)
+{
+    return text == NULL ? NULL : checked(strdup(text));
+}
+
+char *grab_format(const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&text, format, args) < 0)
+        text = NULL;
+    va_end(args);
+    return checked(text);
+}
+
+/* Texts of one life, freed together: blocks of 1 kB, larger texts in a block of their own. */
+struct arena { struct arena *next; size_t used, room; char bytes[]; };
+
+const char *arena_text(struct arena **arena, const char *text)
+{
+    size_t size;
+    struct arena *block = *arena;
+    char *out;
+
+    if (text == NULL)
+        return NULL;
+    size = strlen(text) + 1;
+    if (block == NULL || block->room - block->used < size) {
+        size_t room = size > 1000 ? size : 1000;
+        block = grab(sizeof *block + room);
+        block->room = room;
+        block->next = *arena;
+        *arena = block;
+    }
+    out = block->bytes + block->used;
+    memcpy(out, text, size);
+    block->used += size;
+    return out;
+}
+
+void arena_free(struct arena *arena)
+{
+    while (arena != NULL) {
+        struct arena *next = arena->next;
+        free(arena);
+        arena = next;
+    }
+}

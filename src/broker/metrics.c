@@ -1,0 +1,146 @@
+/* metrics.c - counts for STATS, and as Prometheus text for METRICS and the metrics file */
+#include "broker/state.h"
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static double oldest_s(const struct core *c, const struct user *only)
+{
+    int64_t oldest = 0;
+
+    for (size_t i = 0; i < c->user_count; i++) {
+        const struct heap *ready = &c->user_list[i]->ready;
+        if (only != NULL && c->user_list[i] != only)
+            continue;
+        for (size_t n = 0; n < ready->count && n < 64; n++) {
+            const struct job *job = job_by_id(c, ready->items[n].order);
+            if (job != NULL && job->ready && (oldest == 0 || job->submitted_ns < oldest))
+                oldest = job->submitted_ns;
+        }
+    }
+    return oldest == 0 ? 0 : (double)(c->now.utc_ns - oldest) / 1e9;
+}
+
+static void count_states(const struct core *c, const struct user *user, bool all, int64_t out[JOB_STATE_COUNT])
+{
+    memset(out, 0, JOB_STATE_COUNT * sizeof *out);
+    if (all) {
+        memcpy(out, c->state_counts, sizeof c->state_counts);
+        return;
+    }
+    for (size_t i = 0; i < user->job_count; i++)
+        if (user->jobs[i] != NULL && !user->jobs[i]->hidden)
+            out[user->jobs[i]->state]++;
+}
+
+void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object)
+{
+    int64_t counts[JOB_STATE_COUNT], uploads = 0, bytes = 0;
+    int busy = 0, alive = 0;
+    cJSON *jobs = cJSON_AddObjectToObject(object, "jobs"), *part;
+
+    count_states(c, user, all, counts);
+    for (int s = 0; s < JOB_STATE_COUNT; s++)
+        cJSON_AddNumberToObject(jobs, job_states[s], (double)counts[s]);
+    part = cJSON_AddObjectToObject(object, "queue");
+    cJSON_AddNumberToObject(part, "most", (double)c->settings.queue_jobs);
+    cJSON_AddNumberToObject(part, "oldest_s", oldest_s(c, all ? NULL : user));
+    for (int i = 0; i < c->slot_count; i++) {
+        busy += c->slots[i].state == SLOT_BUSY;
+        alive += c->slots[i].state != SLOT_EMPTY && c->slots[i].state != SLOT_STARTING;
+    }
+    part = cJSON_AddObjectToObject(object, "workers");
+    cJSON_AddNumberToObject(part, "total", c->settings.workers);
+    cJSON_AddNumberToObject(part, "alive", alive);
+    cJSON_AddNumberToObject(part, "busy", busy);
+    cJSON_AddNumberToObject(part, "deaths", (double)c->deaths);
+    for (size_t i = 0; i < c->user_count; i++)
+        if (all || c->user_list[i] == user) {
+            uploads += c->user_list[i]->open_count;
+            bytes += c->user_list[i]->bytes;
+        }
+    part = cJSON_AddObjectToObject(object, "spool");
+    cJSON_AddNumberToObject(part, "bytes", (double)bytes);
+    cJSON_AddNumberToObject(part, "uploads", (double)uploads);
+    part = cJSON_AddObjectToObject(object, "ledger");
+    cJSON_AddNumberToObject(part, "transactions", (double)c->commits);
+    cJSON_AddNumberToObject(part, "changes", (double)c->committed_changes);
+    cJSON_AddNumberToObject(part, "waiting", (double)c->uncommitted);
+    cJSON_AddNumberToObject(part, "events", (double)c->last_event);
+    part = cJSON_AddObjectToObject(object, "rejects");
+    for (int s = 0; s < MODAL_STATUS_COUNT; s++)
+        if (c->rejects[s] > 0)
+            cJSON_AddNumberToObject(part, modal_status_code((enum modal_status)s), (double)c->rejects[s]);
+    cJSON_AddNumberToObject(object, "uptime_s", (double)(c->now.mono_ns - c->started_ns) / 1e9);
+    cJSON_AddBoolToObject(object, "draining", c->draining || c->terminating);
+    cJSON_AddBoolToObject(object, "storage_full", c->storage_full);
+}
+
+struct page { char *text; size_t size, room; };
+
+static void put(struct page *p, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+static void put(struct page *p, const char *format, ...)
+{
+    va_list args;
+    int n;
+
+    if (p->room - p->size < 512) {
+        p->room = p->room ? 2 * p->room : 8192;
+        p->text = regrab(p->text, p->room);
+    }
+    va_start(args, format);
+    n = vsnprintf(p->text + p->size, p->room - p->size, format, args);
+    va_end(args);
+    p->size += (size_t)n < p->room - p->size ? (size_t)n : p->room - p->size - 1;
+}
+
+static void head(struct page *p, const char *name, const char *type, const char *help)
+{
+    put(p, "# HELP modald_%s %s\n# TYPE modald_%s %s\n", name, help, name, type);
+}
+
+static void one(struct page *p, const char *name, const char *type, const char *help, double value)
+{
+    head(p, name, type, help);
+    put(p, "modald_%s %.17g\n", name, value);
+}
+
+struct blob *metrics_text(const struct core *c)
+{
+    struct page p = { NULL, 0, 0 };
+    int64_t bytes = 0;
+    int busy = 0;
+
+    for (int i = 0; i < c->slot_count; i++)
+        busy += c->slots[i].state == SLOT_BUSY;
+    for (size_t i = 0; i < c->user_count; i++)
+        bytes += c->user_list[i]->bytes;
+    head(&p, "build_info", "gauge", "Version of the daemon.");
+    put(&p, "modald_build_info{version=\"%s\"} 1\n", MODALD_VERSION);
+    head(&p, "jobs", "gauge", "Jobs in the ledger by state.");
+    for (int s = 0; s < JOB_STATE_COUNT; s++)
+        put(&p, "modald_jobs{state=\"%s\"} %lld\n", job_states[s], (long long)c->state_counts[s]);
+    one(&p, "queue_oldest_seconds", "gauge", "Age of the oldest job that is ready to start.", oldest_s(c, NULL));
+    one(&p, "workers", "gauge", "Worker processes wanted.", c->settings.workers);
+    one(&p, "workers_busy", "gauge", "Workers with a job.", busy);
+    one(&p, "worker_deaths_total", "counter", "Workers that ended while they had a job.", (double)c->deaths);
+    one(&p, "transactions_total", "counter", "Ledger transactions asked for.", (double)c->commits);
+    one(&p, "changes_total", "counter", "Ledger changes committed.", (double)c->committed_changes);
+    one(&p, "transactions_waiting", "gauge", "Transactions not yet on stable storage.", (double)c->uncommitted);
+    one(&p, "replies_total", "counter", "Replies sent, without errors.", (double)c->replies);
+    one(&p, "stored_bytes", "gauge", "Bytes of inputs and results.", (double)bytes);
+    one(&p, "upload_bytes_waiting", "gauge", "Bytes of chunks not yet on stable storage.", (double)c->in_flight);
+    one(&p, "events_total", "counter", "Numbered events.", (double)c->last_event);
+    one(&p, "draining", "gauge", "1 while no job starts.", c->draining || c->terminating);
+    one(&p, "storage_full", "gauge", "1 while submits are refused for want of disk.", c->storage_full);
+    one(&p, "uptime_seconds", "gauge", "Seconds since the start.", (double)(c->now.mono_ns - c->started_ns) / 1e9);
+    head(&p, "rejects_total", "counter", "Requests answered by an error, by code.");
+    for (int s = 1; s < MODAL_STATUS_COUNT; s++)
+        put(&p, "modald_rejects_total{code=\"%s\"} %lld\n", modal_status_code((enum modal_status)s), (long long)c->rejects[s]);
+    head(&p, "user_cpu_seconds", "gauge", "CPU-seconds of jobs today, of the first 32 users.");
+    for (size_t i = 0; i < c->user_count && i < 32; i++)
+        put(&p, "modald_user_cpu_seconds{user=\"%s\"} %.17g\n", c->user_list[i]->name, c->user_list[i]->cpu_s);
+    return blob_take(p.text, p.size);
+}

@@ -1,0 +1,319 @@
+/* state.h - what the core holds; for the files of the core only */
+#ifndef BROKER_STATE_H
+#define BROKER_STATE_H
+#include "broker/core.h"
+#include "broker/heap.h"
+#include "broker/map.h"
+
+#define SECOND INT64_C(1000000000)
+
+/* Who is to be answered, and what with. */
+struct reply {
+    uint64_t peer;                        /* 0: nobody */
+    char id[WIRE_ID_MOST * 6 + 3];
+    enum wire_verb verb;
+};
+
+/* What follows a commit or a task. */
+enum after_type {
+    AFTER_SHOW,          /* job: its decided state becomes visible */
+    AFTER_SUBMIT, AFTER_REPEAT,   /* reply: the doc, duplicate false or true */
+    AFTER_DOC,           /* reply: the doc */
+    AFTER_DELETE,        /* job goes; reply, if any */
+    AFTER_BEGIN, AFTER_CHUNK, AFTER_SEAL, AFTER_GONE,   /* input; value: a chunk's offset and length */
+    AFTER_DRAIN,
+    AFTER_READ,          /* of a task: reply with bytes */
+    AFTER_EVENT,         /* the event becomes visible to subscribers */
+    AFTER_STREAM,        /* stream operations; value: which */
+};
+
+struct after {
+    struct after *next;
+    enum after_type type;
+    struct job *job;
+    struct input *input;
+    struct reply reply;
+    enum job_state from, to;
+    int attempts;
+    int64_t value, length;
+    char *text;
+};
+
+struct input {
+    int64_t id;
+    struct user *user;
+    struct input_shape shape;             /* its texts lie in `owned` */
+    const char **names;
+    char *units, *attributes, *names_text;
+    uint64_t bytes;
+    enum input_state state;
+    uint8_t sha256[32];
+    uint32_t crc;
+    uint64_t offset;
+    bool inline_data, committed, indexed, going;
+    int64_t created_ns, used_ns;
+    int jobs;                             /* that name it */
+    struct blob *data;                    /* of an inline one, while the cache keeps it */
+    struct filling *filling;              /* while it is open */
+};
+
+/* An upload in progress: by a client, or by a worker that makes signals. */
+struct filling {
+    struct upload *upload;                /* the spool's; NULL until begun or resumed */
+    char *key;
+    bool has_declared;
+    uint8_t declared[32], wanted[32];
+    bool busy;                            /* a task is under way */
+    uint64_t accepted, durable;           /* bytes taken in; bytes committed */
+    uint64_t in_flight;                   /* bytes taken in and not yet committed */
+    struct blob *chunks[64]; int count;   /* waiting for a task */
+    struct after *askers;                 /* who began again, told once it is quiet */
+    struct after *seal;                   /* who asked to seal */
+    struct after *writers[64];            /* who to tell of `chunks`, one each; NULL for a worker's */
+    bool sealing, aborting, broken;
+    int64_t touched_ns;
+    int slot;                             /* of the worker that makes it; -1 */
+};
+
+struct failure { enum modal_status status; char *message, *field, *detail; };
+
+enum ending { ENDING_NONE, ENDING_CANCEL, ENDING_RUN_LIMIT, ENDING_DEADLINE, ENDING_LEASE, ENDING_FINISH };
+
+struct job {
+    int64_t id;
+    struct user *user;
+    char *key, *options;                  /* options: NULL once it has ended */
+    const char *kind;                     /* of the table of kinds */
+    struct input *input, *output;
+    uint8_t fingerprint[32], settings[32];
+    int priority, max_attempts;
+    int64_t run_limit_ns, deadline_ns, not_before_ns;
+    enum job_state state, shown;          /* decided; committed */
+    int attempts, shown_attempts, crashes;
+    int64_t submitted_ns, started_ns, finished_ns, cpu_ns;
+    struct failure *failure;
+    uint64_t result_bytes;
+    struct blob *document;                /* while the cache keeps it */
+    int64_t source;                       /* cached: the job whose result it shows; 0: its own */
+    int shares;                           /* jobs that show this one's result */
+    bool hidden;                          /* deleted, kept for those */
+    bool cached, committed, ready, deleting, indexed;
+    struct transaction *last;             /* the latest that is not committed */
+    struct after *asks;                   /* to be answered by the next transaction */
+    enum ending ending;
+    int slot;                             /* of the worker that has it; -1 */
+    char *progress, *stderr_text;
+    struct wait *waits;
+};
+
+struct wait { struct wait *next, **link; uint64_t number; struct job *job; struct reply reply; bool result; struct user *user; };
+
+struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; };
+
+struct user {
+    char name[NAME_MOST];
+    struct account *account;              /* NULL: none any more */
+    struct map keys, tombstones, inputs;  /* by key; by key; sealed inputs by hash */
+    struct job **jobs; size_t job_count, job_room;      /* ascending ids; NULL where one has gone */
+    struct input **open; int open_count;  /* uploads */
+    struct heap ready;
+    int64_t queued, running, bytes;
+    double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
+    double cpu_s; int64_t cpu_day;        /* used in that UTC day */
+    double upload_level; int64_t upload_ns;     /* token bucket */
+    int waits, subscriptions;
+};
+
+enum slot_state { SLOT_EMPTY, SLOT_STARTING, SLOT_IDLE, SLOT_TAKEN, SLOT_BUSY, SLOT_KILLED };
+
+struct slot {
+    enum slot_state state;
+    struct job *job;
+    int attempt;
+    int64_t heard_ns, started_ns;         /* mono */
+    int quick_deaths;                     /* in a row, without a job: starting again is put off */
+    char *document; size_t document_size, document_total;
+    struct input *output;                 /* signals on their way */
+    bool finishing;                       /* DONE has come; the output is being sealed */
+    double cpu_s;
+};
+
+struct subscription {
+    struct subscription *next;
+    uint64_t number, peer;
+    struct user *user;
+    int64_t next_event;                   /* the number it has not seen */
+    int64_t job;                          /* 0: all */
+    char *stream;
+    bool reading;                         /* a TASK_READ_EVENTS is under way */
+    bool gone;
+};
+
+enum timer { TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE, TIMER_SPAWN, TIMER_MINUTE };
+
+enum { SLOTS_MOST = 256, RING = 1024 };
+
+struct core {
+    struct settings settings;
+    struct account *accounts;
+    struct map jobs, inputs, users, results, waits;
+    struct user **user_list; size_t user_count;
+    struct heap timers;
+    struct slot slots[SLOTS_MOST];
+    int slot_count;
+    int64_t next_job, next_input, next_event, last_event;
+    int64_t state_counts[JOB_STATE_COUNT];
+    int64_t result_total;                 /* bytes of results */
+    int64_t *ended; size_t ended_first, ended_count, ended_room;   /* ids in the order of ending, for retention */
+    uint64_t next_wait, next_subscription;
+    struct subscription *subscriptions;
+    uint64_t *full; size_t full_count, full_room;
+    struct event_row ring[RING];          /* committed events, by number % RING */
+    int64_t cache_bytes;                  /* inline inputs kept */
+    struct job *document_ring[64]; int document_at;   /* jobs whose documents are kept */
+    int64_t in_flight;                    /* bytes of chunks, all uploads */
+    int64_t uncommitted, tasks;
+    bool draining, terminating, stopped, storage_full;
+    int64_t storage_full_until;
+    int64_t rejects[MODAL_STATUS_COUNT], replies, deaths, commits, committed_changes;
+    int64_t started_ns;
+    int64_t pruned;                       /* last_event at the latest pruning */
+    struct arena *kinds;                  /* names of kinds this build no longer knows */
+    size_t turn;                          /* whose turn it is among users */
+    struct moment now;
+    struct actions out;
+};
+
+/* memory.c: these end the process when memory runs out */
+void *grab(size_t size);                                   /* zeroed */
+void *regrab(void *old, size_t size);
+char *grab_text(const char *text);                         /* NULL stays NULL */
+char *grab_format(const char *format, ...) __attribute__((format(printf, 1, 2)));
+struct arena;
+const char *arena_text(struct arena **arena, const char *text);   /* NULL stays NULL */
+void arena_free(struct arena *arena);
+
+/* transaction.c */
+struct transaction *transaction_new(void);
+struct ledger_change *transaction_add(struct transaction *t, enum ledger_verb verb);
+const char *transaction_text(struct transaction *t, const char *text);
+void transaction_keep(struct transaction *t, struct blob *blob);
+struct after *transaction_after(struct transaction *t, enum after_type type);
+void transaction_join(struct transaction *t, struct after *after);
+void core_commit(struct core *c, struct transaction *t);
+struct after *after_new(enum after_type type, const struct reply *reply);
+void after_free(struct after *after);
+void after_append(struct after **list, struct after *after);
+
+/* answer.c */
+struct reply reply_to(const struct event *e, const struct wire_request *r);
+cJSON *answer_new(const struct reply *reply);
+void answer_send(struct core *c, const struct reply *reply, cJSON *header, struct blob *body);      /* takes both */
+void answer_error(struct core *c, const struct reply *reply, const struct modal_error *err, cJSON *detail);
+void answer_fail(struct core *c, const struct reply *reply, enum modal_status status, const char *field, cJSON *detail,
+                 const char *format, ...) __attribute__((format(printf, 6, 7)));
+cJSON *answer_number(const char *key, double value);       /* an object of one member, for details */
+void answer_doc(struct core *c, const struct reply *reply, const struct job *job, int duplicate, struct blob *body);   /* -1: no such member */
+void doc_write(const struct core *c, cJSON *object, const struct job *job, bool position);
+void core_act(struct core *c, struct action action);
+void core_log(struct core *c, const char *format, ...) __attribute__((format(printf, 2, 3)));
+void core_timer(struct core *c, int64_t when_ns, enum timer what, int64_t order, int64_t extra);
+void job_ident(const struct core *c, const struct job *job, char out[9]);
+void input_ident(const struct core *c, const struct input *input, char out[9]);
+
+/* jobs.c: the moves */
+struct job *job_by_id(const struct core *c, int64_t id);
+struct job *job_find(const struct core *c, struct user *user, const struct wire_job *ref);   /* committed, of this user; NULL */
+struct job *job_new(struct core *c, struct user *user, int64_t id);
+void job_forget(struct core *c, struct job *job);
+void job_move(struct core *c, struct job *job, enum job_state to, struct transaction *t);     /* commits T, or one of its own */
+void job_fail(struct core *c, struct job *job, enum job_state to, const struct modal_error *err, cJSON *detail);
+void job_shown(struct core *c, const struct after *after);
+void job_enqueue(struct core *c, struct job *job);
+void job_remove(struct core *c, struct job *job, const struct reply *reply);
+void job_index(struct core *c, struct job *job);
+void job_index_result(struct core *c, struct job *job);
+void job_note_end(struct core *c, struct job *job);
+void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to);
+void job_unindex(struct core *c, struct job *job);
+struct job *job_cached(struct core *c, struct user *user, const uint8_t input[32], const uint8_t settings[32]);
+void job_event(struct core *c, struct job *job, struct transaction *t, const struct failure *failure, enum job_state to);
+void job_expired(struct core *c, int64_t id, enum timer what, int64_t extra);
+void jobs_retain(struct core *c);
+struct failure *failure_new(const struct modal_error *err, cJSON *detail);
+void failure_free(struct failure *failure);
+
+/* users.c */
+struct user *user_get(struct core *c, const char *name);
+struct user *user_of_key(struct core *c, const char *key);          /* NULL: no such account */
+void users_configure(struct core *c);
+void user_add_job(struct user *user, struct job *job);
+void user_drop_job(struct user *user, const struct job *job);
+size_t user_seek(const struct user *user, int64_t id);              /* index of the first job with a larger id */
+struct tombstone *user_tombstone(const struct user *user, const char *key);
+void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32], int64_t expired_ns);
+struct user *user_next(struct core *c);                             /* whose job starts next; NULL: nobody's */
+void user_ran(struct core *c, struct user *user, double seconds, double cpu_s);
+bool user_quota(struct core *c, struct user *user, const struct reply *reply, int64_t more_jobs, int64_t more_bytes);   /* true: answered */
+
+/* inputs.c */
+struct input *input_new(struct core *c, struct user *user, const struct wire_input *w, int64_t id);
+struct input *input_load(struct core *c, const struct input_record *r);
+struct input *input_sealed(const struct user *user, const uint8_t sha256[32]);
+void input_index(struct input *input);
+void input_record_fill(const struct input *input, struct transaction *t, struct input_record *out);
+void input_describe(const struct input *input, cJSON *object);
+void input_use(struct core *c, struct input *input, int jobs);      /* +1, -1 */
+void input_remove(struct core *c, struct input *input);
+void input_forget(struct core *c, struct input *input);
+void input_cache(struct core *c, struct input *input, struct blob *data);
+void input_trim(struct core *c, struct input *input);
+struct input *input_by_id(const struct core *c, int64_t id);
+void inputs_retain(struct core *c);
+enum modal_status input_shape_of(const struct wire_input *w, struct input_shape *shape, const char ***names);
+
+/* uploads.c */
+void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
+void upload_task_done(struct core *c, struct task *task);
+void upload_after(struct core *c, struct after *after, enum modal_status status);
+void upload_quiet(struct core *c, struct input *input);
+struct input *output_begin(struct core *c, struct user *user, const struct wire_input *w, int slot);
+void output_chunk(struct core *c, struct input *input, struct blob *chunk);
+void output_seal(struct core *c, struct input *input);
+struct filling *filling_new(int64_t touched_ns);
+void filling_free(struct filling *f);
+
+/* submit.c */
+void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
+char *canonical_text(const cJSON *value);
+
+/* workers.c */
+void worker_message(struct core *c, int slot, const struct wire_message *m, struct blob **body);
+void worker_exit(struct core *c, int slot, int status, const char *stderr_text);
+void worker_kill(struct core *c, int slot);
+void worker_timer(struct core *c, enum timer what, int64_t slot);
+void workers_fill(struct core *c);                                  /* spawn what is missing */
+void workers_schedule(struct core *c);
+void worker_output(struct core *c, struct input *input, const struct modal_error *err);      /* sealed, or failed */
+void worker_go(struct core *c, int slot);
+void job_input_read(struct core *c, struct task *task);
+void job_result_put(struct core *c, struct task *task);
+
+/* events.c */
+void events_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
+void events_committed(struct core *c, struct after *after);
+void events_progress(struct core *c, struct job *job);
+void events_pump(struct core *c);
+void events_task_done(struct core *c, struct task *task);
+void events_peer(struct core *c, uint64_t peer, enum event_type type);
+
+/* requests.c */
+void request_handle(struct core *c, const struct event *e);
+void wait_answer(struct core *c, struct job *job);
+void wait_timeout(struct core *c, uint64_t number);
+void read_task_done(struct core *c, struct task *task);
+
+/* metrics.c */
+void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object);
+struct blob *metrics_text(const struct core *c);
+#endif

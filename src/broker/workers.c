@@ -1,0 +1,580 @@
+/*
+ * workers.c - the pool: who has which job, leases, what comes back, who dies
+ *
+ * A slot is a worker process with one job at most.  Whatever a worker says is believed only with the job and attempt its
+ * slot has now.  To end an attempt early its process group is killed; the job moves when the exit is seen.
+ */
+#include "broker/state.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+
+static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
+{
+    char *text = json_print(header);
+
+    cJSON_Delete(header);
+    if (text == NULL)
+        abort();
+    core_act(c, (struct action) { .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
+}
+
+/* ---- starting a job --------------------------------------------------------------------------------------------- */
+
+static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
+{
+    const struct input *input = job->input;
+    cJSON *header = cJSON_CreateObject(), *described;
+    char ident[9], hex[65], path[4096];
+    int64_t limit = job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns;
+
+    job_ident(c, job, ident);
+    cJSON_AddStringToObject(header, "job", ident);
+    cJSON_AddNumberToObject(header, "attempt", job->attempts);
+    cJSON_AddStringToObject(header, "kind", job->kind);
+    cJSON_AddRawToObject(header, "options", job->options);
+    cJSON_AddNumberToObject(header, "run_limit_s", (double)limit / 1e9);
+    described = cJSON_AddObjectToObject(header, "input");
+    input_describe(input, described);
+    identity_hex(input->sha256, hex);
+    cJSON_AddStringToObject(described, "sha256", hex);
+    if (!input->inline_data) {
+        spool_path(path, c->settings.dir, input->id);
+        cJSON_AddStringToObject(described, "file", path);
+        cJSON_AddNumberToObject(described, "offset", (double)input->offset);
+        cJSON_AddNumberToObject(described, "crc32c", (double)input->crc);
+    }
+    to_worker(c, slot, "RUN", header, blob_share(data));
+    if (limit > 0)
+        core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
+}
+
+static void start(struct core *c, struct job *job, int slot)
+{
+    struct slot *s = &c->slots[slot];
+
+    job->attempts++;
+    job->slot = slot;
+    s->state = SLOT_BUSY;
+    s->job = job;
+    s->attempt = job->attempts;
+    s->started_ns = s->heard_ns = c->now.mono_ns;
+    s->cpu_s = 0;
+    core_timer(c, c->now.mono_ns + c->settings.lease_ns, TIMER_LEASE, slot, 0);
+    job_move(c, job, JOB_RUNNING, NULL);
+    if (job->input->inline_data && job->input->data == NULL) {
+        struct task *task = grab(sizeof *task);
+        task->type = TASK_READ_INPUT;
+        task->id = job->input->id;
+        task->length = WIRE_INLINE_MOST;
+        task->owner = NULL;
+        task->total = (uint64_t)job->id;
+        task->count = 0;
+        task->after = after_new(AFTER_READ, NULL);
+        task->after->value = job->id;
+        task->after->attempts = job->attempts;
+        c->tasks++;
+        core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+        return;
+    }
+    run_on(c, job, slot, job->input->inline_data ? job->input->data : NULL);
+    input_trim(c, job->input);
+}
+
+/* The inline data that a started job was waiting for. */
+void job_input_read(struct core *c, struct task *task)
+{
+    struct job *job = job_by_id(c, task->after->value);
+
+    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts || job->slot < 0)
+        return;
+    if (task->status != MODAL_OK) {
+        int slot = job->slot;
+        c->slots[slot].job = NULL;
+        c->slots[slot].state = SLOT_IDLE;
+        job->slot = -1;
+        job_fail(c, job, JOB_FAILED, &task->err, NULL);
+        return;
+    }
+    run_on(c, job, job->slot, task->text);
+}
+
+void workers_schedule(struct core *c)
+{
+    if (c->draining || c->terminating)
+        return;
+    for (int slot = 0; slot < c->slot_count; slot++) {
+        struct user *user;
+        struct job *job;
+
+        if (c->slots[slot].state != SLOT_IDLE)
+            continue;
+        user = user_next(c);
+        if (user == NULL)
+            return;
+        job = job_by_id(c, heap_pop(&user->ready).order);
+        start(c, job, slot);
+    }
+}
+
+/* ---- processes -------------------------------------------------------------------------------------------------- */
+
+static void spawn(struct core *c, int slot)
+{
+    c->slots[slot].state = SLOT_STARTING;
+    c->slots[slot].heard_ns = c->now.mono_ns;
+    core_act(c, (struct action) { .type = ACT_SPAWN, .slot = slot });
+    core_timer(c, c->now.mono_ns + c->settings.lease_ns, TIMER_LEASE, slot, 0);
+}
+
+void workers_fill(struct core *c)
+{
+    int wanted = c->settings.workers < SLOTS_MOST ? c->settings.workers : SLOTS_MOST;
+
+    if (c->terminating)
+        return;
+    while (c->slot_count < wanted)
+        spawn(c, c->slot_count++);
+    for (int slot = wanted; slot < c->slot_count; slot++)
+        if (c->slots[slot].state == SLOT_IDLE || c->slots[slot].state == SLOT_STARTING)
+            to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
+}
+
+void worker_kill(struct core *c, int slot)
+{
+    if (slot < 0 || c->slots[slot].state == SLOT_KILLED || c->slots[slot].state == SLOT_EMPTY)
+        return;
+    c->slots[slot].state = SLOT_KILLED;
+    core_act(c, (struct action) { .type = ACT_KILL, .slot = slot });
+}
+
+void worker_timer(struct core *c, enum timer what, int64_t number)
+{
+    int slot = (int)number;
+    struct slot *s = &c->slots[slot];
+    int64_t due = s->heard_ns + c->settings.lease_ns;
+
+    if (what == TIMER_SPAWN) {
+        if (s->state == SLOT_EMPTY && slot < c->settings.workers && !c->terminating)
+            spawn(c, slot);
+        return;
+    }
+    if (s->state != SLOT_BUSY && s->state != SLOT_STARTING)
+        return;
+    if (c->now.mono_ns < due) {
+        core_timer(c, due, TIMER_LEASE, slot, 0);
+        return;
+    }
+    core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot, (double)(c->now.mono_ns - s->heard_ns) / 1e9);
+    if (s->job != NULL)
+        s->job->ending = ENDING_LEASE;
+    worker_kill(c, slot);
+}
+
+/* Leave the job: the slot is free for its process's next one, or for its successor. */
+static void part(struct core *c, struct slot *s)
+{
+    if (s->output != NULL && s->output->filling != NULL) {
+        s->output->filling->slot = -1;
+        s->output->filling->aborting = true;
+        upload_quiet(c, s->output);
+    }
+    if (s->job != NULL)
+        s->job->slot = -1;
+    free(s->document);
+    s->document = NULL;
+    s->document_size = s->document_total = 0;
+    s->output = NULL;
+    s->finishing = false;
+    s->job = NULL;
+}
+
+static void account_for(struct core *c, const struct slot *s, struct job *job)
+{
+    double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9;
+
+    job->cpu_ns += (int64_t)(s->cpu_s * 1e9);
+    user_ran(c, job->user, wall_s, s->cpu_s > 0 ? s->cpu_s : wall_s);
+}
+
+/* Its worker died under it: again, or dead. */
+static void crashed(struct core *c, struct job *job, int status, const char *stderr_text)
+{
+    struct modal_error err;
+
+    job->crashes++;
+    if (WIFSIGNALED(status))
+        modal_fail(&err, MODAL_WORKER_DIED, "the worker died of signal %d in attempt %d", WTERMSIG(status), job->attempts);
+    else
+        modal_fail(&err, MODAL_WORKER_DIED, "the worker ended with status %d in attempt %d", WEXITSTATUS(status), job->attempts);
+    if (job->crashes >= job->max_attempts) {
+        job->stderr_text = grab_text(stderr_text != NULL ? stderr_text : "");
+        job_fail(c, job, JOB_DEAD, &err, NULL);
+        return;
+    }
+    job_move(c, job, JOB_QUEUED, NULL);
+    core_timer(c, c->now.mono_ns + (SECOND / 2 << (job->crashes - 1)), TIMER_START, job->id, 0);
+}
+
+static void ended_early(struct core *c, struct job *job, enum ending ending, int status, const char *stderr_text)
+{
+    struct modal_error err;
+
+    switch (ending) {
+    case ENDING_CANCEL:
+        modal_fail(&err, MODAL_CANCELLED, "cancelled while it ran");
+        job_fail(c, job, JOB_CANCELLED, &err, NULL);
+        break;
+    case ENDING_RUN_LIMIT:
+        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s", job->attempts,
+                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns) / 1e9);
+        job_fail(c, job, JOB_FAILED, &err, NULL);
+        break;
+    case ENDING_DEADLINE:
+        modal_fail(&err, MODAL_DEADLINE, "the deadline passed while the job ran");
+        job_fail(c, job, JOB_FAILED, &err, NULL);
+        break;
+    default:
+        crashed(c, job, status, stderr_text);
+    }
+}
+
+void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
+{
+    struct slot *s = &c->slots[slot];
+    struct job *job = s->job;
+    int64_t again_ns = 0;
+
+    if (job != NULL) {
+        enum ending ending = job->ending;
+        account_for(c, s, job);
+        part(c, s);
+        if (ending != ENDING_FINISH)
+            ended_early(c, job, ending, status, stderr_text);
+        s->quick_deaths = 0;
+        c->deaths++;
+    } else {
+        part(c, s);
+        if (status != 0)
+            s->quick_deaths++;
+        again_ns = s->quick_deaths == 0 ? 0 : SECOND / 10 << (s->quick_deaths < 6 ? s->quick_deaths : 6);
+        if (s->quick_deaths > 0)
+            core_log(c, "level=warning event=worker_exit slot=%d status=%d", slot, status);
+    }
+    s->state = SLOT_EMPTY;
+    if (c->terminating)
+        return;
+    if (slot < c->settings.workers) {
+        if (again_ns == 0)
+            spawn(c, slot);
+        else
+            core_timer(c, c->now.mono_ns + again_ns, TIMER_SPAWN, slot, 0);
+    } else if (slot == c->slot_count - 1)
+        c->slot_count--;
+}
+
+/* ---- results ---------------------------------------------------------------------------------------------------- */
+
+/* Keep the last few documents at hand, so that who waits for one is answered from memory. */
+static void keep_document(struct core *c, struct job *job, struct blob *document)
+{
+    struct job **place = &c->document_ring[c->document_at];
+
+    if (document->size > LEDGER_RESULT_INLINE_MOST)
+        return;
+    if (*place != NULL) {
+        blob_drop((*place)->document);
+        (*place)->document = NULL;
+    }
+    *place = job;
+    c->document_at = (c->document_at + 1) % (int)(sizeof c->document_ring / sizeof *c->document_ring);
+    job->document = blob_share(document);
+}
+
+/* The document is stored, or small enough for the ledger: publish it. */
+void job_result_put(struct core *c, struct task *task)
+{
+    struct job *job = job_by_id(c, task->after->value);
+    struct transaction *t;
+    struct result_record *row;
+
+    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts)
+        return;
+    if (task->status != MODAL_OK) {
+        job_fail(c, job, JOB_FAILED, &task->err, NULL);
+        return;
+    }
+    t = transaction_new();
+    row = &transaction_add(t, LEDGER_RESULT_PUT)->result;
+    *row = task->record;
+    memcpy(row->input, job->input->sha256, 32);
+    memcpy(row->settings, job->settings, 32);
+    transaction_keep(t, task->text);
+    job->result_bytes = task->text->size;
+    keep_document(c, job, task->text);
+    input_use(c, job->output, 1);
+    job_move(c, job, JOB_DONE, t);
+}
+
+static void publish(struct core *c, struct job *job, struct blob *document)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = TASK_RESULT_PUT;
+    task->id = job->id;
+    task->text = document;
+    task->after = after_new(AFTER_READ, NULL);
+    task->after->value = job->id;
+    task->after->attempts = job->attempts;
+    job->ending = ENDING_FINISH;
+    if (document->size <= LEDGER_RESULT_INLINE_MOST) {
+        task->record = (struct result_record) { .job = job->id, .text = document->data, .length = document->size,
+                                                .crc = wire_crc32c(document->data, document->size) };
+        job_result_put(c, task);
+        task_free(task);
+        return;
+    }
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* DONE has come and the signals, if any, are sealed. */
+static void finish(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+    struct job *job = s->job;
+    struct blob *document = blob_take(s->document, s->document_size);
+
+    s->document = NULL;
+    job->output = s->output;
+    s->output = NULL;
+    part(c, s);
+    s->state = SLOT_TAKEN;                        /* until READY */
+    publish(c, job, document);
+}
+
+static void fail_attempt(struct core *c, int slot, const struct modal_error *err, cJSON *detail)
+{
+    struct job *job = c->slots[slot].job;
+
+    part(c, &c->slots[slot]);
+    if (c->slots[slot].state == SLOT_BUSY)
+        c->slots[slot].state = SLOT_TAKEN;
+    job_fail(c, job, JOB_FAILED, err, detail);
+}
+
+void worker_output(struct core *c, struct input *input, const struct modal_error *err)
+{
+    int slot = input->filling->slot;
+    struct slot *s = &c->slots[slot];
+
+    if (s->output != input)
+        return;
+    if (err != NULL) {
+        s->output = NULL;
+        input->filling->slot = -1;
+        input->filling->aborting = true;
+        fail_attempt(c, slot, err, NULL);
+        worker_kill(c, slot);
+        return;
+    }
+    if (s->finishing)
+        finish(c, slot);
+}
+
+void worker_go(struct core *c, int slot)
+{
+    cJSON *header;
+    char ident[9];
+
+    if (c->slots[slot].job == NULL || c->slots[slot].state != SLOT_BUSY)
+        return;
+    header = cJSON_CreateObject();
+    job_ident(c, c->slots[slot].job, ident);
+    cJSON_AddStringToObject(header, "job", ident);
+    cJSON_AddNumberToObject(header, "attempt", c->slots[slot].attempt);
+    to_worker(c, slot, "GO", header, NULL);
+}
+
+/* ---- what workers say ------------------------------------------------------------------------------------------- */
+
+static void on_ready(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+
+    (void)m, (void)body;
+    if (s->state != SLOT_STARTING && s->state != SLOT_TAKEN)
+        return;
+    if (slot >= c->settings.workers) {
+        to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
+        return;
+    }
+    s->state = SLOT_IDLE;
+    s->quick_deaths = 0;
+}
+
+static void on_beat(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    (void)c, (void)slot, (void)m, (void)body;
+}
+
+static void on_progress(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct job *job = c->slots[slot].job;
+    const cJSON *progress = cJSON_GetObjectItemCaseSensitive(m->header, "progress");
+    char *text;
+
+    (void)body;
+    if (!cJSON_IsObject(progress) || (text = json_print(progress)) == NULL)
+        return;
+    if (strlen(text) > 4096) {
+        free(text);
+        return;
+    }
+    free(job->progress);
+    job->progress = text;
+    events_progress(c, job);
+}
+
+static void bad_worker(struct core *c, int slot, const char *what)
+{
+    core_log(c, "level=error event=worker_protocol slot=%d what=\"%s\"", slot, what);
+    worker_kill(c, slot);
+}
+
+static void document_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m)
+{
+    struct slot *s = &c->slots[slot];
+    struct modal_error err;
+
+    if (total > WIRE_DOCUMENT_MOST) {
+        modal_fail_field(&err, MODAL_TOO_LARGE, "result", "the result has %llu bytes; accepted: at most %d", (unsigned long long)total, WIRE_DOCUMENT_MOST);
+        fail_attempt(c, slot, &err, NULL);
+        worker_kill(c, slot);
+        return;
+    }
+    if (offset != s->document_size || offset + m->body_bytes > total || (offset > 0 && total != s->document_total)) {
+        bad_worker(c, slot, "a part out of order");
+        return;
+    }
+    if (s->document == NULL)
+        s->document = grab(total + 1);
+    s->document_total = total;
+    wire_gather(m, s->document + offset, m->body_bytes);
+    s->document_size += m->body_bytes;
+    worker_go(c, slot);
+}
+
+static void signals_part(struct core *c, int slot, uint64_t offset, const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+    const cJSON *batch = cJSON_GetObjectItemCaseSensitive(m->header, "batch");
+    struct wire_input w;
+    struct modal_error err;
+
+    if (offset == 0 && s->output == NULL) {
+        if (wire_input_read(batch, "batch", WIRE_BATCH, &w, &err) != MODAL_OK) {
+            bad_worker(c, slot, err.message);
+            return;
+        }
+        s->output = output_begin(c, s->job->user, &w, slot);
+    }
+    if (s->output == NULL || m->body_count != 1 || offset != s->output->filling->accepted
+        || offset + m->body_bytes > s->output->bytes || s->output->filling->count == 64) {
+        bad_worker(c, slot, "signals out of order");
+        return;
+    }
+    output_chunk(c, s->output, body[0]);
+}
+
+static void on_part(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    const char *part_name = "document";
+    double offset = -1, total = -1;
+
+    if (json_need_number(m->header, "", "offset", 0, WIRE_INTEGER_MOST, &offset, NULL) != MODAL_OK
+        || json_need_number(m->header, "", "total", 0, WIRE_INTEGER_MOST, &total, NULL) != MODAL_OK
+        || json_get_string(m->header, "", "part", &part_name, NULL) != MODAL_OK)
+        bad_worker(c, slot, "a part without its place");
+    else if (strcmp(part_name, "batch") == 0)
+        signals_part(c, slot, (uint64_t)offset, m, body);
+    else
+        document_part(c, slot, (uint64_t)offset, (uint64_t)total, m);
+}
+
+static void take_cpu(struct core *c, int slot, const struct wire_message *m)
+{
+    struct slot *s = &c->slots[slot];
+
+    json_get_number(m->header, "", "cpu_s", 0, 1e9, &s->cpu_s, NULL);
+    account_for(c, s, s->job);
+}
+
+static void on_done(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+
+    (void)body;
+    take_cpu(c, slot, m);
+    if (s->document == NULL) {
+        s->document = grab(m->body_bytes + 1);
+        s->document_size = s->document_total = wire_gather(m, s->document, m->body_bytes);
+    }
+    if (s->document_size != s->document_total || s->document_size == 0) {
+        bad_worker(c, slot, "DONE with a part missing");
+        return;
+    }
+    s->finishing = true;
+    if (s->output != NULL)
+        output_seal(c, s->output);
+    else
+        finish(c, slot);
+}
+
+static void on_failed(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    const cJSON *detail = cJSON_GetObjectItemCaseSensitive(error, "detail");
+    struct modal_error err;
+
+    (void)body;
+    take_cpu(c, slot, m);
+    wire_error_read(error, &err);
+    fail_attempt(c, slot, &err, detail == NULL ? NULL : cJSON_Duplicate(detail, true));
+}
+
+void worker_message(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    static const struct {
+        const char *verb;
+        bool on_job;                      /* believed only of the current job and attempt */
+        void (*run)(struct core *, int, const struct wire_message *, struct blob **);
+    } verbs[] = {
+        { "READY", false, on_ready }, { "BEAT", false, on_beat }, { "PROGRESS", true, on_progress }, { "PART", true, on_part },
+        { "DONE", true, on_done }, { "FAILED", true, on_failed },
+    };
+    struct slot *s = &c->slots[slot];
+    const char *ident = "";
+    int attempt = -1;
+
+    if (slot < 0 || slot >= c->slot_count || s->state == SLOT_EMPTY)
+        return;
+    s->heard_ns = c->now.mono_ns;
+    for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
+        if (strcmp(verbs[i].verb, m->verb) != 0)
+            continue;
+        if (verbs[i].on_job) {
+            json_get_string(m->header, "", "job", &ident, NULL);
+            json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
+            if (s->state != SLOT_BUSY || s->job == NULL || s->finishing || s->attempt != attempt
+                || ident_number(c->settings.secret, ident) != s->job->id) {
+                core_log(c, "level=info event=late slot=%d verb=%s", slot, m->verb);
+                return;
+            }
+        }
+        verbs[i].run(c, slot, m, body);
+        return;
+    }
+    bad_worker(c, slot, "an unknown verb");
+}

@@ -78,6 +78,7 @@ struct task {
     struct upload *upload;                /* in and out of the spool functions */
     struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on */
     uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most */
+    char user[NAME_MOST];                 /* READ_EVENTS: whose */
     struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
     uint64_t total;                       /* out: the whole size */
     uint32_t crcs[64];                    /* WRITE: out */

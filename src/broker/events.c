@@ -53,7 +53,7 @@ static void read_page(struct core *c, struct subscription *s)
     task->length = PAGE;
     task->after = after_new(AFTER_EVENT, NULL);
     task->after->value = (int64_t)s->number;
-    task->after->text = grab_text(s->user->name);
+    snprintf(task->user, sizeof task->user, "%s", s->user->name);
     s->reading = true;
     c->tasks++;
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });

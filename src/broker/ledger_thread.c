@@ -1,0 +1,227 @@
+/*
+ * ledger_thread.c - group commit: what waits while one group syncs is the next group
+ *
+ * On a full disk a group is taken apart: what may be refused (submissions) is, and what must pass (edges of jobs that run,
+ * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.
+ */
+#include "broker/queue.h"
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { GROUP_MOST = 4096 };                    /* transactions */
+
+struct ledger_thread {
+    pthread_t thread;
+    pthread_mutex_t mutex;
+    pthread_cond_t more;
+    struct transaction *first, **end;
+    bool stop, ping, full;
+    struct ledger *ledger;
+    const char *dir;
+    struct done_queue *done;
+    struct ledger_change *changes;
+    size_t room;
+};
+
+static bool gather(struct ledger_thread *l, struct transaction *first, size_t *count)
+{
+    size_t n = 0;
+
+    for (struct transaction *t = first; t != NULL; t = t->next)
+        n += t->count;
+    if (n > l->room) {
+        struct ledger_change *changes = realloc(l->changes, n * sizeof *changes);
+        if (changes == NULL)
+            return false;
+        l->changes = changes;
+        l->room = n;
+    }
+    *count = 0;
+    for (struct transaction *t = first; t != NULL; t = t->next) {
+        if (t->count > 0)
+            memcpy(l->changes + *count, t->changes, t->count * sizeof *t->changes);
+        *count += t->count;
+    }
+    return true;
+}
+
+/* A change the ledger would not apply is a bug of the core: stop rather than tell what is not so. */
+static enum modal_status check_applied(const struct ledger_thread *l, size_t count, struct modal_error *err)
+{
+    for (size_t i = 0; i < count; i++)
+        if (l->changes[i].status != MODAL_OK)
+            return modal_fail(err, MODAL_INTERNAL, "ledger: change %d was refused: %s", (int)l->changes[i].verb, modal_status_code(l->changes[i].status));
+    return MODAL_OK;
+}
+
+static enum modal_status commit(struct ledger_thread *l, struct transaction *first, struct modal_error *err)
+{
+    size_t count;
+    enum modal_status rc;
+
+    if (!gather(l, first, &count))
+        return modal_fail(err, MODAL_NO_MEMORY, "out of memory");
+    if (count == 0)
+        return MODAL_OK;
+    rc = ledger_commit(l->ledger, l->changes, count, err);
+    return rc == MODAL_OK ? check_applied(l, count, err) : rc;
+}
+
+/* Take the refusable ones out of *FIRST, answer them, leave the rest. */
+static void refuse(struct ledger_thread *l, struct transaction **first)
+{
+    struct transaction *refused = NULL, **end = &refused;
+
+    while (*first != NULL) {
+        struct transaction *t = *first;
+        if (!t->refusable) {
+            first = &t->next;
+            continue;
+        }
+        *first = t->next;
+        t->next = NULL;
+        t->status = MODAL_STORAGE_FULL;
+        *end = t;
+        end = &t->next;
+    }
+    if (refused != NULL)
+        done_transactions(l->done, refused);
+}
+
+static void put_back(struct ledger_thread *l, struct transaction *list)
+{
+    struct transaction **end = &list;
+
+    pthread_mutex_lock(&l->mutex);
+    while (*end != NULL)
+        end = &(*end)->next;
+    *end = l->first;
+    if (l->first == NULL)
+        l->end = end;
+    l->first = list;
+    pthread_mutex_unlock(&l->mutex);
+}
+
+/* Up to GROUP_MOST transactions; NULL: stop.  *PING: somebody wants to know that this thread lives. */
+static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
+{
+    struct transaction *list, **cut;
+
+    pthread_mutex_lock(&l->mutex);
+    while (l->first == NULL && !l->stop && !l->ping)
+        pthread_cond_wait(&l->more, &l->mutex);
+    list = l->first;
+    cut = &l->first;
+    for (int n = 0; n < GROUP_MOST && *cut != NULL; n++)
+        cut = &(*cut)->next;
+    if (cut == &l->first)
+        list = NULL;
+    else {
+        struct transaction *rest = *cut;
+        *cut = NULL;
+        l->first = rest;
+        if (rest == NULL)
+            l->end = &l->first;
+    }
+    *ping = l->ping;
+    l->ping = false;
+    *stop = l->stop;
+    pthread_mutex_unlock(&l->mutex);
+    return list;
+}
+
+static void full_disk(struct ledger_thread *l, struct transaction *group)
+{
+    reserve_release(l->dir, NULL);
+    l->full = true;
+    refuse(l, &group);
+    if (group == NULL)
+        return;
+    put_back(l, group);
+    nanosleep(&(struct timespec) { 0, 200000000 }, NULL);
+}
+
+static void *run(void *context)
+{
+    struct ledger_thread *l = context;
+    struct modal_error err;
+    bool ping, stop;
+
+    for (;;) {
+        struct transaction *group = take(l, &ping, &stop);
+        enum modal_status rc;
+
+        if (ping)
+            done_ping(l->done);
+        if (group == NULL) {
+            if (stop)
+                return NULL;
+            continue;
+        }
+        rc = commit(l, group, &err);
+        if (rc == MODAL_STORAGE_FULL) {
+            full_disk(l, group);
+            continue;
+        }
+        if (rc != MODAL_OK) {
+            done_fatal(l->done, &err);
+            return NULL;
+        }
+        if (l->full)
+            l->full = reserve_hold(l->dir, RESERVE_BYTES, NULL) != MODAL_OK;
+        done_transactions(l->done, group);
+    }
+}
+
+struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir, struct done_queue *done)
+{
+    struct ledger_thread *l = calloc(1, sizeof *l);
+
+    if (l == NULL)
+        return NULL;
+    pthread_mutex_init(&l->mutex, NULL);
+    pthread_cond_init(&l->more, NULL);
+    l->end = &l->first;
+    l->ledger = ledger;
+    l->dir = dir;
+    l->done = done;
+    if (pthread_create(&l->thread, NULL, run, l) != 0) {
+        free(l);
+        return NULL;
+    }
+    return l;
+}
+
+void ledger_thread_put(struct ledger_thread *l, struct transaction *t)
+{
+    t->next = NULL;
+    pthread_mutex_lock(&l->mutex);
+    *l->end = t;
+    l->end = &t->next;
+    pthread_cond_signal(&l->more);
+    pthread_mutex_unlock(&l->mutex);
+}
+
+void ledger_thread_ping(struct ledger_thread *l)
+{
+    pthread_mutex_lock(&l->mutex);
+    l->ping = true;
+    pthread_cond_signal(&l->more);
+    pthread_mutex_unlock(&l->mutex);
+}
+
+void ledger_thread_stop(struct ledger_thread *l)
+{
+    if (l == NULL)
+        return;
+    pthread_mutex_lock(&l->mutex);
+    l->stop = true;
+    pthread_cond_signal(&l->more);
+    pthread_mutex_unlock(&l->mutex);
+    pthread_join(l->thread, NULL);
+    pthread_cond_destroy(&l->more);
+    pthread_mutex_destroy(&l->mutex);
+    free(l->changes);
+    free(l);
+}

@@ -1,0 +1,258 @@
+/* spool_thread.c - tasks on files: chunks, seals, results, and reading beside the ledger's thread */
+#include "broker/queue.h"
+#include "store/file.h"
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { THREADS_MOST = 16 };
+
+struct spool_threads {
+    pthread_t threads[THREADS_MOST];
+    int count;
+    pthread_mutex_t mutex;
+    pthread_cond_t more;
+    struct task *first, **end;
+    bool stop;
+    const char *dir;
+    struct done_queue *done;
+};
+
+/* ---- one task --------------------------------------------------------------------------------------------------- */
+
+struct rows { struct chunk_record *items; size_t count, room; };
+
+static enum modal_status keep_row(void *context, const struct chunk_record *row)
+{
+    struct rows *rows = context;
+
+    if (rows->count == rows->room) {
+        size_t room = rows->room ? 2 * rows->room : 256;
+        struct chunk_record *items = realloc(rows->items, room * sizeof *items);
+        if (items == NULL)
+            return MODAL_NO_MEMORY;
+        rows->items = items;
+        rows->room = room;
+    }
+    rows->items[rows->count++] = *row;
+    return MODAL_OK;
+}
+
+static enum modal_status resume(const char *dir, struct ledger_reader *reader, struct task *task)
+{
+    struct rows rows = { NULL, 0, 0 };
+    enum modal_status rc = ledger_read_chunks(reader, task->id, keep_row, &rows, &task->err);
+
+    if (rc == MODAL_OK)
+        rc = upload_resume(dir, task->id, &task->shape, rows.items, rows.count, &task->upload, &task->err);
+    free(rows.items);
+    return rc;
+}
+
+static enum modal_status write_chunks(struct task *task)
+{
+    uint64_t offset = task->offset;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < task->count; i++) {
+        rc = upload_write(task->upload, offset, task->chunks[i]->data, task->chunks[i]->size, &task->crcs[i], &task->err);
+        offset += task->chunks[i]->size;
+    }
+    return rc == MODAL_OK ? upload_sync(task->upload, &task->err) : rc;
+}
+
+static enum modal_status seal(struct task *task)
+{
+    enum modal_status rc = upload_seal(task->upload, task->sha256, &task->err);
+
+    if (rc == MODAL_OK) {
+        task->crc = upload_crc(task->upload);
+        task->offset = upload_offset(task->upload);
+    }
+    return rc;
+}
+
+static enum modal_status drop(const char *dir, struct task *task)
+{
+    upload_close(task->upload);
+    task->upload = NULL;
+    return spool_remove(dir, task->id, &task->err);
+}
+
+/* The part [offset, offset + length) of DATA, which is freed. */
+static enum modal_status cut(struct task *task, char *data, size_t length)
+{
+    size_t from = task->offset < length ? (size_t)task->offset : length;
+    size_t size = length - from < task->length ? length - from : (size_t)task->length;
+
+    task->total = length;
+    if (from == 0 && size == length)
+        task->text = blob_take(data, length);
+    else {
+        task->text = blob_copy(data + from, size);
+        free(data);
+    }
+    return task->text == NULL ? modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory") : MODAL_OK;
+}
+
+static enum modal_status read_row(struct ledger_reader *reader, struct task *task)
+{
+    char *data = NULL;
+    size_t length = 0;
+    enum modal_status rc = task->type == TASK_READ_RESULT ? ledger_read_result(reader, task->id, &data, &length, &task->err)
+                         : task->type == TASK_READ_STDERR ? ledger_read_stderr(reader, task->id, &data, &length, &task->err)
+                                                          : ledger_read_input(reader, task->id, &data, &length, &task->err);
+
+    return rc == MODAL_OK ? cut(task, data, length) : rc;
+}
+
+static enum modal_status read_spool(const char *dir, struct task *task)
+{
+    char path[4096], *data = malloc(task->length + 1);
+    size_t got = 0;
+    int fd = -1;
+    enum modal_status rc;
+
+    if (data == NULL)
+        return modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
+    spool_path(path, dir, task->id);
+    rc = file_open(path, O_RDONLY, 0, &fd, &task->err);
+    if (rc == MODAL_OK && task->length > 0)
+        rc = file_read(fd, data, task->length, task->offset, &got, &task->err);
+    if (fd >= 0)
+        close(fd);
+    if (rc != MODAL_OK) {
+        free(data);
+        return rc;
+    }
+    task->text = blob_take(data, got);
+    return task->text == NULL ? modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory") : MODAL_OK;
+}
+
+static enum modal_status keep_event(void *context, const struct event_record *r)
+{
+    struct task *task = context;
+    struct event_row *rows = realloc(task->events, (size_t)(task->event_count + 1) * sizeof *rows);
+
+    if (rows == NULL)
+        return MODAL_NO_MEMORY;
+    task->events = rows;
+    rows[task->event_count++] = (struct event_row) { .number = r->number, .ns = r->ns, .job = r->job, .user = r->user ? strdup(r->user) : NULL,
+                                                    .topic = r->topic ? strdup(r->topic) : NULL, .text = strdup(r->text) };
+    return rows[task->event_count - 1].text == NULL ? MODAL_NO_MEMORY : MODAL_OK;
+}
+
+static enum modal_status do_task(const char *dir, struct ledger_reader *reader, struct task *task)
+{
+    switch (task->type) {
+    case TASK_BEGIN:         return upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
+    case TASK_RESUME:        return resume(dir, reader, task);
+    case TASK_WRITE:         return write_chunks(task);
+    case TASK_SEAL:          return seal(task);
+    case TASK_ABORT:         return drop(dir, task);
+    case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
+    case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
+    case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
+    case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);
+    case TASK_READ_RESULT: case TASK_READ_STDERR: case TASK_READ_INPUT: return read_row(reader, task);
+    case TASK_READ_SPOOL:    return read_spool(dir, task);
+    case TASK_READ_EVENTS:
+        return ledger_read_events(reader, (int64_t)task->offset, task->user, (int)task->length, keep_event, task, &task->err);
+    }
+    return modal_fail(&task->err, MODAL_INTERNAL, "unknown task");
+}
+
+/* Whether a failure of this task means that stable storage cannot be trusted any more. */
+static bool is_fatal(const struct task *task)
+{
+    bool writes = task->type == TASK_BEGIN || task->type == TASK_WRITE || task->type == TASK_SEAL || task->type == TASK_RESULT_PUT;
+
+    return writes && task->status == MODAL_IO;
+}
+
+/* ---- the threads ------------------------------------------------------------------------------------------------ */
+
+static struct task *take(struct spool_threads *s)
+{
+    struct task *task;
+
+    pthread_mutex_lock(&s->mutex);
+    while (s->first == NULL && !s->stop)
+        pthread_cond_wait(&s->more, &s->mutex);
+    task = s->first;
+    if (task != NULL) {
+        s->first = task->next;
+        if (s->first == NULL)
+            s->end = &s->first;
+    }
+    pthread_mutex_unlock(&s->mutex);
+    return task;
+}
+
+static void *run(void *context)
+{
+    struct spool_threads *s = context;
+    struct ledger_reader *reader = NULL;
+    struct modal_error err;
+    struct task *task;
+
+    if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
+        done_fatal(s->done, &err);
+        return NULL;
+    }
+    while ((task = take(s)) != NULL) {
+        task->status = do_task(s->dir, reader, task);
+        if (is_fatal(task))
+            done_fatal(s->done, &task->err);
+        done_task(s->done, task);
+    }
+    ledger_reader_close(reader);
+    return NULL;
+}
+
+struct spool_threads *spool_threads_start(const char *dir, int count, struct done_queue *done)
+{
+    struct spool_threads *s = calloc(1, sizeof *s);
+
+    if (s == NULL)
+        return NULL;
+    pthread_mutex_init(&s->mutex, NULL);
+    pthread_cond_init(&s->more, NULL);
+    s->end = &s->first;
+    s->dir = dir;
+    s->done = done;
+    for (int i = 0; i < count && i < THREADS_MOST; i++)
+        if (pthread_create(&s->threads[s->count], NULL, run, s) == 0)
+            s->count++;
+    if (s->count == 0) {
+        free(s);
+        return NULL;
+    }
+    return s;
+}
+
+void spool_threads_put(struct spool_threads *s, struct task *task)
+{
+    task->next = NULL;
+    pthread_mutex_lock(&s->mutex);
+    *s->end = task;
+    s->end = &task->next;
+    pthread_cond_signal(&s->more);
+    pthread_mutex_unlock(&s->mutex);
+}
+
+void spool_threads_stop(struct spool_threads *s)
+{
+    if (s == NULL)
+        return;
+    pthread_mutex_lock(&s->mutex);
+    s->stop = true;
+    pthread_cond_broadcast(&s->more);
+    pthread_mutex_unlock(&s->mutex);
+    for (int i = 0; i < s->count; i++)
+        pthread_join(s->threads[i], NULL);
+    pthread_cond_destroy(&s->more);
+    pthread_mutex_destroy(&s->mutex);
+    free(s);
+}

@@ -156,7 +156,16 @@ enum modal_status projection_poles(const struct projection *p, enum identify_met
     return rc;
 }
 
-/* Eigenvalues of X with X R = L in least squares over columns [first, last): X^T = (R^T)^+ L^T.  R = left, right factors r x n. */
+static bool all_finite(const double *x, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!isfinite(x[i]))
+            return false;
+    return true;
+}
+
+/* Eigenvalues of X with X R = L in least squares over columns [first, last): X^T = (R^T)^+ L^T.  R = left, right factors r x n.
+ * Where what is left of R has lost its rank X is not finite: then every rho is infinite. */
 static enum modal_status solve_pair(const struct matrix *right, const struct matrix *left, int r, int first, int last,
                                     double complex *rho, struct modal_error *err)
 {
@@ -176,8 +185,11 @@ static enum modal_status solve_pair(const struct matrix *right, const struct mat
     for (int i = 0; i < r && rc == MODAL_OK; i++)
         for (int j = 0; j < r; j++)
             X.x[i + (size_t)j * r] = B.x[j + (size_t)i * room];
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && all_finite(X.x, (size_t)r * r))
         rc = eigen_general(&X, rho, NULL, NULL, err);
+    else
+        for (int i = 0; i < r; i++)
+            rho[i] = CMPLX(HUGE_VAL, 0);
     free(block);
     return rc;
 }
@@ -188,10 +200,11 @@ static void widen(const double complex *rho, int r, bool inverse, const double c
         double complex at = multiplier_of(lambda[j], tau);
         double nearest = HUGE_VAL;
         for (int i = 0; i < r; i++) {
-            double complex z = inverse ? (rho[i] != 0 ? 1 / rho[i] : CMPLX(1e300, 0)) : rho[i];
-            nearest = fmin(nearest, cabs(z - at));
+            if (!isfinite(creal(rho[i])) || (inverse && rho[i] == 0))
+                continue;      /* no multiplier there: what has none near it is known to no digit */
+            nearest = fmin(nearest, cabs((inverse ? 1 / rho[i] : rho[i]) - at));
         }
-        if (nearest < 1e300 && nearest > bar[j])
+        if (nearest > bar[j])
             bar[j] = nearest;
     }
 }

@@ -32,6 +32,8 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
     "auto", "partial-floquet", "partial-floquet-full", "autoregressive", "autoregressive-full", NULL,
 };
 
+/* The longest step over all channels that is believed, in standard errors: from an efficient start it is a few. */
+static const double STEP_MOST = 30;
 /* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
 enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
 
@@ -51,6 +53,7 @@ struct work {
     struct order_choice choice;
     int rank;                       /* of the chosen candidate */
     struct poles poles;
+    struct synthesis all;           /* of a wide batch's channels */
     struct diagnose_facts facts;
     double clock;                   /* when the stage began */
 };
@@ -73,6 +76,7 @@ static void work_done(struct work *w)
     projection_done(&w->projection);
     order_done(&w->choice);
     poles_done(&w->poles);
+    synthesis_done(&w->all);
 }
 
 void identify_result_done(struct identify_result *r)
@@ -168,7 +172,8 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     out->pod_rank = w->rec.channels;
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > CHANNELS_FEW)) {
-        rc = pod_reduce(&w->rec.Y, &opt, &w->pod, err);
+        struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };       /* refined on all channels afterwards */
+        rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(&w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
@@ -382,6 +387,46 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
 
 /* ---- the chosen poles with their errors ---- */
 
+/* A wide batch: the step over all its channels, which also gives their coefficients. */
+static enum modal_status refine_wide(struct work *w, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    int S = w->rec.channels, n = p->count;
+    double *rest = calloc(S, sizeof *rest), *std = calloc(2 * (size_t)n + 1, sizeof *std), all = 0;
+    double complex *lambda = calloc(n + 1, sizeof *lambda);
+    bool *fixed = calloc(n + 1, sizeof *fixed);
+    struct synthesis *f = &w->all;
+    struct wide_step step = { lambda, std, std + n, NULL, rest, 0, false };
+    enum modal_status rc;
+
+    *f = (struct synthesis) { .poles = n, .order = poles_order(p->lambda, n, p->tau), .rows = w->rec.Y.m, .channels = S };
+    f->coefficient = step.coefficient = calloc((size_t)n * S + 1, sizeof *f->coefficient);
+    f->channel_residual = calloc((size_t)S + 1, sizeof *f->channel_residual);
+    f->reference = calloc(n + 1, sizeof *f->reference);
+    if (rest == NULL || std == NULL || lambda == NULL || fixed == NULL || f->coefficient == NULL || f->channel_residual == NULL || f->reference == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles in %d channels", n, S);
+        goto out;
+    }
+    for (int j = 0; j < n; j++)
+        fixed[j] = p->lambda[j] == 0;
+    rc = wide_refine(&w->rec.view, p->tau, p->lambda, n, fixed, w->refine ? STEP_MOST : 0, &step, err);
+    for (int c = 0; rc == MODAL_OK && c < S; c++) {
+        double over = w->rec.scale[c] > 0 ? 1 / w->rec.scale[c] : 0;
+        for (int j = 0; j < n; j++)
+            f->coefficient[j + (size_t)c * n] *= over;
+        f->channel_residual[c] = rest[c] * over * sqrt(f->rows);
+        all += f->channel_residual[c] * f->channel_residual[c];
+    }
+    f->residual = sqrt(all);
+    for (int j = 0; rc == MODAL_OK && w->refine && j < n; j++)
+        p->lambda[j] = lambda[j], p->std_re[j] = std[j], p->std_im[j] = std[n + j];
+    p->fit = f;
+out:
+    free(rest), free(std), free(lambda), free(fixed);
+    return rc;
+}
+
+
 static enum modal_status take_poles(struct work *w, struct modal_error *err)
 {
     static const struct refined none = { 0 };
@@ -408,6 +453,8 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
         int columns = w->shift > 1 || w->projection.n < 20 ? 1 : w->projection.n / 10;
         rc = projection_bars(&w->projection, r, columns, w->tau, p->lambda, n, p->bar, err);
     }
+    if (w->rec.wide && n > 0 && rc == MODAL_OK)
+        rc = refine_wide(w, err);
     return rc;
 }
 

@@ -92,7 +92,11 @@ static enum modal_status work_start(struct work *w, struct modal_error *err)
     }
     for (int c = 0; c < w->rec->channels; c++)
         w->live += w->rec->scale[c] > 0;
-    return synthesis_fit(p->lambda, p->count, p->tau, w->Y, NULL, &w->fit, err);
+    if (p->fit == NULL)
+        return synthesis_fit(p->lambda, p->count, p->tau, w->Y, NULL, &w->fit, err);
+    w->fit = *p->fit;
+    *p->fit = (struct synthesis) { 0 };
+    return MODAL_OK;
 }
 
 /* Energy of the poles for which mode[] == which, over all columns of Y. */
@@ -456,7 +460,8 @@ static enum modal_status report_reconstruction(const struct work *w, struct iden
     if (r->channel == NULL || r->rms_error == NULL || r->relative_error == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d channels", S);
     for (int s = 0; s < S; s++) {
-        double rest = safe_norm(w->fit.channel_residual + (size_t)s * p, p), size = safe_norm(w->rec->Y.x + (size_t)s * w->rec->Y.ld, (size_t)w->Y->m * p);
+        double rest = safe_norm(w->fit.channel_residual + (size_t)s * p, p);
+        double size = w->rec->wide ? (w->rec->scale[s] > 0) * sqrt(w->Y->m) : safe_norm(w->rec->Y.x + (size_t)s * w->rec->Y.ld, (size_t)w->Y->m * p);
         r->channel[s] = w->rec->channel[s];
         r->rms_error[s] = w->rec->scale[s] * (rest / sqrt((double)w->Y->m * p));
         r->relative_error[s] = size > 0 ? rest / size : NAN;

@@ -6,6 +6,7 @@
 #include "modal/error.h"
 #include "modal/identify/identify.h"
 #include "modal/identify/record.h"
+#include "modal/identify/synthesis.h"
 
 /* The poles of the record, tau = shift * step apart, as the order was chosen. */
 struct poles {
@@ -17,6 +18,7 @@ struct poles {
     int shift;
     double tau;
     bool refined;                 /* standard deviations are from the Jacobian */
+    struct synthesis *fit;        /* of all channels, where it is known already (taken over); else NULL */
 };
 
 /*

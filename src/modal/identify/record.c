@@ -345,6 +345,34 @@ static void scale_column(double *x, int L, double *scale)
     *scale = most * rms > 0 ? most * rms : most;
 }
 
+/* Bytes from which samples are read in order, whole: what may not fit into memory must not be read across. */
+static const double IN_ORDER = 1 << 30;
+
+static bool is_wide(const struct batch *b, const struct identify_options *opt, double entries)
+{
+    bool periodic = opt->period > 0 || (opt->period == 0 && b->period > 0);
+
+    return b->channels >= RECORD_WIDE_CHANNELS && entries >= RECORD_WIDE_ENTRIES && opt->channels == NULL && !opt->signals_all
+        && opt->detrend == DETREND_NONE && !opt->difference && opt->band[0] == 0 && opt->band[1] == 0 && opt->stride <= 1 && !periodic;
+}
+
+/* The view, its scales, and the checks that a copy gets from check_samples. */
+static enum modal_status view_wide(const struct batch *b, size_t first, size_t last, struct record *r, struct modal_error *err)
+{
+    int L = (int)(last - first + 1), S = (int)b->channels;
+    bool varies;
+    enum modal_status rc;
+
+    r->wide = true;
+    r->Y = (struct matrix) { L, S, L, NULL };
+    r->view = (struct wide) { b->signals + first * b->channels, b->channels, L, S, r->scale, (double)L * S * sizeof(double) > IN_ORDER };
+    rc = wide_scales(&r->view, r->scale, &varies, err);
+    if (rc == MODAL_OK && !varies)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: every channel is constant (channel 0, samples 0 to %zu): there is no motion to identify",
+                              b->samples - 1);
+    return rc;
+}
+
 static void find_period(struct record *r, const struct identify_options *opt, const struct batch *b)
 {
     int p;
@@ -358,11 +386,12 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
 {
     struct record r = { .step = batch->dt, .dt = batch->dt, .decimation = 1 };
     double asked = opt->period > 0 ? opt->period : batch->period, duration = batch->samples * batch->dt;
-    bool band = opt->band[0] != 0 || opt->band[1] != 0;
+    bool band = opt->band[0] != 0 || opt->band[1] != 0, wide;
     size_t first, last;
     enum modal_status rc = check_batch(batch, err);
 
-    if (rc == MODAL_OK)
+    wide = rc == MODAL_OK && is_wide(batch, opt, (double)batch->samples * batch->channels);
+    if (rc == MODAL_OK && !wide)
         rc = check_samples(batch, err);
     if (rc == MODAL_OK && (opt->period >= 0 || opt->difference))
         rc = check_period(asked, duration, "period", err);
@@ -371,11 +400,11 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     if (rc == MODAL_OK)
         rc = choose_channels(batch, opt, &r, err);
     if (rc == MODAL_OK)
-        rc = copy_columns(batch, first, last, &r, err);
+        rc = wide ? view_wide(batch, first, last, &r, err) : copy_columns(batch, first, last, &r, err);
     if (rc != MODAL_OK)
         goto out;
     r.t0 = first * batch->dt;
-    for (int c = 0; c < r.channels; c++)
+    for (int c = 0; !wide && c < r.channels; c++)
         detrend_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, opt->detrend);
     find_period(&r, opt, batch);
     if (opt->difference && asked <= 0)
@@ -388,7 +417,7 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
         rc = difference(&r, asked, err);
     if (rc == MODAL_OK && band)
         rc = zoom_record(&r, opt->band, err);
-    for (int c = 0; rc == MODAL_OK && c < r.channels; c++)
+    for (int c = 0; rc == MODAL_OK && !wide && c < r.channels; c++)
         scale_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, &r.scale[c]);
 out:
     if (rc != MODAL_OK)

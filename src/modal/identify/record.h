@@ -2,6 +2,7 @@
 #ifndef MODAL_RECORD_H
 #define MODAL_RECORD_H
 #include "modal/identify/identify.h"
+#include "modal/identify/wide.h"
 #include "modal/linalg/matrix.h"
 
 /*
@@ -19,7 +20,12 @@ struct record {
     double shift_rad_s;         /* band: the demodulation frequency; 0: none */
     int *channel; int channels; /* owned: indices into the batch */
     double *scale;              /* owned, per channel: rms of what was cut from the batch */
+    bool wide;                  /* too large to copy: Y has its sizes but no x, the batch is read where it lies through: */
+    struct wide view;
 };
+
+/* A batch is left where it lies from this many samples times channels on, where nothing is asked that needs a copy. */
+enum { RECORD_WIDE_CHANNELS = 256, RECORD_WIDE_ENTRIES = 1 << 22 };
 
 enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out,
                               struct modal_error *err);

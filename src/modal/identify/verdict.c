@@ -3,7 +3,7 @@
  *
  * Half width.  A mode's Re lambda is known to b = 3 std where the Jacobian gave it; else to bar / (|rho| span), the bar being the largest
  * of jackknife and backward estimate (projection.c).  With hardly more equations than unknowns the Jacobian's residual is no measure of the noise, and both
- * are asked.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster, below twice its radius.
+ * are added.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster, below twice its radius.
  *
  * Near-defective.  Two exponents that meet form a Jordan block, and their coefficients grow like 1/distance with opposite signs while the sum of
  * the two parts stays finite:
@@ -46,8 +46,8 @@ static double half_width(const struct identify_result *r, int i)
 
     if (!(b > 0) || !isfinite(b))
         b = bar;
-    if (r->freedom < FREEDOM_LEAST)
-        b = fmax(b, bar);
+    else if (r->freedom < FREEDOM_LEAST)
+        b += bar;
     if (size > 0)
         b = fmax(b, 2 * cluster_radius(r, i) / size);
     return fmax(b, ROUNDING / span);

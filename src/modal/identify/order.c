@@ -89,6 +89,10 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         if (c->opt->fixed > 0 && r != c->opt->fixed)
             continue;
         rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
+        if (rc == MODAL_NO_CONVERGENCE) {       /* the factors of this order left the range of doubles: no candidate */
+            rc = MODAL_OK;
+            continue;
+        }
         if (rc == MODAL_OK)
             rc = try_poles(c, r, c->lambda, count, NULL, false, 0, &at, err);
         if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least))

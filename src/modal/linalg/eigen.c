@@ -38,7 +38,7 @@ enum modal_status eigen_general(struct matrix *A, double complex *w, double *con
     bool vectors = V != NULL || condition != NULL;
 
     if (!finite_square(A))
-        return modal_fail(err, MODAL_BAD_INPUT, "eigen: a %d x %d matrix that is not square or not finite", A->m, A->n);
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "eigen: a %d x %d matrix that is not square or not finite", A->m, A->n);
     if (n == 0)
         return MODAL_OK;
     work = calloc(5 * (size_t)n + (vectors ? 2 * nn : 2), sizeof *work);

@@ -13,7 +13,7 @@
  *   condition  n numbers >= 1, or NULL: 1/|y^H x|, the factor from a perturbation of A to the eigenvalue's
  *   V          n x n right eigenvectors of unit norm, column j for w[j], or NULL
  *
- * Fails with MODAL_BAD_INPUT (not square, not finite), MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ * Fails with MODAL_NO_CONVERGENCE (also where A is not square or holds what is not finite), MODAL_NO_MEMORY.
  */
 enum modal_status eigen_general(struct matrix *A, double complex *w, double *condition, double complex *V,
                                 struct modal_error *err);

@@ -38,10 +38,21 @@ static bool asked_to_stop(void *context)
     return request->cancelled(request->context);
 }
 
-/* The batch's period: the scene's; or that of what pulsates, where the record holds two of it. */
+/* Does a channel look from other axes than the motion's, turning against it? */
+static bool turns(const struct program *p)
+{
+    for (int i = 0; i < p->outputs; i++)
+        for (int t = 0; t < p->output[i].count; t++)
+            if (p->output[i].terms[t].i >= 4)
+                return p->frame_speed > 0;
+    return false;
+}
+
+/* The batch's period: the scene's; or that of what pulsates or turns, where the record holds two of it. */
 static double period_of(const struct program *p, const struct scene_time *t)
 {
-    double period = p->period > 0 ? p->period : (p->harmonics > 0 || p->laws > 0) && p->omega > 0 ? 2 * M_PI / p->omega : 0;
+    bool pulsates = p->harmonics > 0 || p->laws > 0 || turns(p);
+    double period = p->period > 0 ? p->period : pulsates && p->omega > 0 ? 2 * M_PI / p->omega : 0;
 
     return 2 * period <= t->duration ? period : 0;
 }

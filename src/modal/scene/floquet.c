@@ -7,6 +7,9 @@
  * about sqrt(e |Phi|) where two meet: the smaller of both is its bar.  A multiplier that does not exceed its bar is
  * below rounding and has no exponent.
  *
+ * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of those, and over a period T that
+ * holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I: exact however stiff the shaft.
+ *
  * ln|rho| near the circle is log1p((|rho| - 1)(|rho| + 1)) / 2 of the squared modulus, without cancellation.
  */
 #include "modal/scene/floquet.h"
@@ -17,6 +20,7 @@
 #include "modal/linalg/eigen.h"
 #include "modal/scene/magnus.h"
 #include "modal/scene/statespace.h"
+#include "modal/scene/turning.h"
 
 static enum modal_status no_memory(struct modal_error *err)
 {
@@ -157,6 +161,29 @@ static enum modal_status periodic(const struct statespace *ss, double period, co
     return rc;
 }
 
+/* The multipliers over PERIOD on fixed axes, from the exponents on axes turning at SPEED. */
+static enum modal_status turning(const struct statespace *ss, double speed, double period, struct floquet *f, struct modal_error *err)
+{
+    double side = fmod(round(speed * period / M_PI), 2) == 0 ? 1 : -1, largest = 1;
+    enum modal_status rc = constant(ss, period, f, err);
+
+    for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
+        f->multiplier[i] *= side;
+        largest = fmax(largest, cabs(f->multiplier[i]));
+    }
+    if (rc == MODAL_OK && !isfinite(largest))
+        return modal_fail(err, MODAL_OVERFLOW, "the growth over one period of %g s leaves the range of doubles", period);
+    for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
+        double size = cabs(f->multiplier[i]);
+
+        f->bar[i] = size * (f->bar[i] * period + DBL_EPSILON);
+        f->resolved[i] = size > DBL_EPSILON * largest;
+        f->exponent[i] = f->resolved[i] ? CMPLX(creal(f->exponent[i]), cimag(exponent_of(f->multiplier[i], period))) : 0;
+    }
+    f->periodic = true;
+    return rc;
+}
+
 /* Descending in |rho| (periodic) or Re lambda, pairs together, the one with positive imaginary part first. */
 static bool comes_before(const struct floquet *f, int a, int b)
 {
@@ -210,18 +237,23 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
 {
     struct floquet f = { 0 };
     struct statespace *ss = NULL;
+    struct program *turned = NULL;
     double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
     enum modal_status rc;
 
     if (p->laws > 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "floquet is of linear scenes; the %s is not linear (steady gives the stability of its orbits)",
                                 p->effect[p->law[0].effect].type);
-    rc = statespace_new(p, &ss, err);
+    rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
+    if (rc == MODAL_OK)
+        rc = statespace_new(turned != NULL ? turned : p, &ss, err);
     if (rc == MODAL_OK)
         rc = make(ss->N, &f, err);
     if (rc == MODAL_OK)
-        rc = ss->harmonics > 0 ? periodic(ss, period, opt, &f, err) : constant(ss, p->period, &f, err);
+        rc = turned != NULL ? turning(ss, p->turn_speed, period, &f, err)
+             : ss->harmonics > 0 ? periodic(ss, period, opt, &f, err) : constant(ss, p->period, &f, err);
     statespace_free(ss);
+    program_turned_free(turned);
     if (rc != MODAL_OK) {
         floquet_done(&f);
         return rc;

@@ -12,6 +12,7 @@
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 #include "modal/scene/stepper.h"
+#include "modal/scene/turning.h"
 
 enum { ASK_EVERY = 4096 };
 static const double LIMIT = 1e300;             /* on the state: past it sums of squares overflow */
@@ -146,11 +147,40 @@ static enum modal_status run(struct motion *m, const struct scene_time *time, co
     return rc;
 }
 
+static enum modal_status simulate_on_its_axes(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
+                                              double *signals, struct simulate_result *out, struct modal_error *err)
+{
+    struct motion m = { 0 };
+    enum modal_status rc = start(p, time, opt, &m, err);
+
+    if (rc == MODAL_OK)
+        rc = run(&m, time, opt, signals, err);
+    if (rc == MODAL_OK)
+        *out = (struct simulate_result) { m.stepper->name, m.stepper->products, m.stepper->maps, m.stepper->steps, m.stepper->rejected };
+    done(&m);
+    return rc;
+}
+
+/* A periodic program that turning axes make constant is stepped there, its channels read out on its own. */
+static enum modal_status simulate_turned(struct program *p, struct program *turned, const struct scene_time *time,
+                                         const struct simulate_options *opt, double *signals, struct simulate_result *out,
+                                         struct modal_error *err)
+{
+    enum modal_status rc = simulate_on_its_axes(turned, time, opt, signals, out, err);
+
+    for (int i = 0; i < p->effects; i++) {
+        p->effect[i].evaluations = turned->effect[i].evaluations;
+        p->effect[i].seconds = turned->effect[i].seconds;
+        p->effect[i].active = turned->effect[i].active;
+    }
+    return rc;
+}
+
 enum modal_status simulate(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
                            double *signals, struct simulate_result *out, struct modal_error *err)
 {
     static const struct simulate_options none;
-    struct motion m = { 0 };
+    struct program *turned = NULL;
     enum modal_status rc;
 
     if (opt == NULL)
@@ -158,11 +188,10 @@ enum modal_status simulate(struct program *p, const struct scene_time *time, con
     if ((double)time->samples * p->outputs > SIMULATE_VALUES_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "time", "%ld samples of %d channels are more than %d numbers", time->samples, p->outputs,
                                 SIMULATE_VALUES_MOST);
-    rc = start(p, time, opt, &m, err);
+    rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)
-        rc = run(&m, time, opt, signals, err);
-    if (rc == MODAL_OK)
-        *out = (struct simulate_result) { m.stepper->name, m.stepper->products, m.stepper->maps, m.stepper->steps, m.stepper->rejected };
-    done(&m);
+        rc = turned != NULL ? simulate_turned(p, turned, time, opt, signals, out, err)
+                            : simulate_on_its_axes(p, time, opt, signals, out, err);
+    program_turned_free(turned);
     return rc;
 }

@@ -209,6 +209,7 @@ static void sealed(struct core *c, struct input *input, struct task *task)
             worker_output(c, input, &task->err);
         return;
     }
+    f->sealing = false;                            /* done: upload_quiet must not seal it again */
     input->state = INPUT_SEALED;
     memcpy(input->sha256, task->sha256, 32);
     input->crc = task->crc;

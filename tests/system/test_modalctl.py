@@ -1,0 +1,229 @@
+"""modalctl: exit statuses, one document, bad input by name, and the same numbers whichever way a job runs."""
+import json
+import pathlib
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BUILD, SLOW_WORDS, decay, environment, write_batch
+
+import modald
+
+NUMBERS = ("modes", "stability", "rank", "reconstruction", "order", "clusters", "offset")
+
+
+def numbers(result):
+    """What a result says of the system; cost and host are the run's own."""
+    return {key: result[key] for key in NUMBERS if key in result}
+
+
+def test_a_known_batch_gives_its_modes(ctl, batch):
+    said = ctl("identify", batch, "-o", "rank.fixed=4")
+    assert said.status == 0
+    found = sorted((m["frequency_hz"], m["damping_ratio"]) for m in said.document["modes"])
+    # a clean sum of two modes is exact to the condition of its Hankel matrix times rounding: 1e-10 is far above it
+    assert np.allclose(found, [(1.0, 0.01), (2.3, 0.005)], rtol=1e-10)
+
+
+@pytest.mark.parametrize("which", ["batch", "large_batch"])
+def test_the_four_ways_give_the_same_numbers_to_the_last_bit(which, ctl, daemon, client, request):
+    path = request.getfixturevalue(which)
+    read = modald.Batch.read(path)
+    local = ctl("identify", path, "-o", "rank.fixed=4", "shapes=true").document
+    served = ctl("identify", path, "-o", "rank.fixed=4", "shapes=true", server=daemon).document
+    python = client.identify(read, options={"rank.fixed": 4, "shapes": True}, fresh=True)
+    raw = subprocess.run([str(BUILD / "examples" / "example_identify"), str(read.signals.shape[1]), repr(read.dt), '{"rank.fixed":4,"shapes":true}'],
+                         input=read.signals.tobytes(), capture_output=True, env=environment(MODALD_URL=daemon.endpoint), timeout=60)
+    assert raw.returncode == 0, raw.stderr
+    inc = json.loads(raw.stdout)
+    assert numbers(local) == numbers(served) == numbers(python)
+    assert local["modes"] == inc["modes"]
+    assert local["provenance"]["input_sha256"] == served["provenance"]["input_sha256"] == read.sha256()
+
+
+def test_without_json_a_table_is_printed(batch):
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "identify", batch, "-o", "rank.fixed=4"], capture_output=True, text=True, env=environment())
+    assert done.returncode == 0 and "damping ratio" in done.stdout and "2.3" in done.stdout and done.stderr == ""
+
+
+# -- exit statuses ----------------------------------------------------------------------------------------------------
+
+def test_no_server_is_3(ctl, batch, tmp_path):
+    for words in (["list"], ["identify", batch], ["submit", "identify", batch, "--wait"]):
+        said = ctl(*words, server=f"ipc://{tmp_path}/nobody")
+        assert said.status == 3 and said.document["error"]["code"] == "no_server"
+
+
+def test_the_server_comes_from_the_environment(daemon, batch):
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--json", "whoami"], capture_output=True, text=True, env=environment(MODALD_URL=daemon.endpoint))
+    assert done.returncode == 0 and json.loads(done.stdout)["role"] == "admin"
+
+
+def test_refusals_are_4(ctl, daemon, batch):
+    for verb in ("status", "wait", "result", "cancel", "retry", "delete"):
+        said = ctl(verb, "nosuchjob", server=daemon)
+        assert said.status == 4 and said.document["error"]["code"] == "not_found", verb
+    assert ctl("submit", "identify", batch, "--key", "taken", server=daemon).status == 0
+    said = ctl("submit", "identify", batch, "--key", "taken", "-o", "rank.fixed=2", server=daemon)
+    assert said.status == 4 and said.document["error"]["code"] == "conflict"
+
+
+def test_not_finished_in_time_is_5_and_the_document_says_where_it_is(ctl, daemon, slow_batch):
+    said = ctl("submit", "identify", slow_batch, *SLOW_WORDS, "--wait", "--timeout", "0.3", server=daemon)
+    assert said.status == 5 and said.document["state"] in ("queued", "running") and said.document["error"]["code"] == "timeout"
+    job = said.document["job"]
+    assert ctl("wait", job, "--timeout", "0", server=daemon).status == 5
+    assert ctl("cancel", job, server=daemon).document["state"] == "cancelled"
+    said = ctl("wait", job, server=daemon)
+    assert said.status == 1 and said.document["state"] == "cancelled" and said.document["error"]["code"] == "cancelled"
+
+
+def test_a_job_that_fails_is_known_by_its_status_wherever_it_failed(ctl, daemon, tmp_path):
+    path = write_batch(tmp_path / "nan.h5", np.where(np.arange(40)[:, None] == 17, np.nan, decay(40)))
+    for said in (ctl("identify", path), ctl("identify", path, server=daemon), ctl("submit", "identify", path, "--wait", server=daemon)):
+        assert said.status == 2
+        assert said.document["error"]["code"] == "bad_input" and said.document["error"]["field"] == "signals"
+        assert "17" in said.document["error"]["message"]
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------------
+
+def bad_files(folder):
+    good = decay(100)
+    (folder / "text.h5").write_text("this is no HDF5\n")
+    whole = pathlib.Path(write_batch(folder / "whole.h5", decay(4000))).read_bytes()
+    (folder / "cut.h5").write_bytes(whole[:len(whole) // 2])
+    with h5py.File(folder / "words.h5", "w") as file:
+        file.create_dataset("signals", data=np.array([[b"a", b"b"]] * 20)).attrs["dt"] = 0.1
+    write_batch(folder / "cube.h5", np.zeros((20, 2, 2)))
+    with h5py.File(folder / "other.h5", "w") as file:
+        file.create_dataset("data", data=good).attrs["dt"] = 0.1
+    write_batch(folder / "short.h5", good[:5])
+    write_batch(folder / "flat.h5", np.ones((100, 2)))
+    write_batch(folder / "period.h5", good, period=4.0)
+    write_batch(folder / "good.h5", good)
+    (folder / "uneven.csv").write_text("t,y\n" + "".join(f"{0.1 * k * k},{k}\n" for k in range(20)))
+    (folder / "row.csv").write_text("y\n1\nx\n")
+    (folder / "notime.csv").write_text("y\n1\n2\n3\n")
+
+
+@pytest.mark.parametrize("name, options, field", [
+    ("absent.h5", [], "file"), (".", [], "file"), ("text.h5", [], None), ("cut.h5", [], None), ("words.h5", [], "signals"), ("cube.h5", [], "signals"),
+    ("other.h5", [], "signals"), ("short.h5", [], "signals"), ("flat.h5", [], "signals"), ("period.h5", [], "period"),
+    ("good.h5", ["no.such=1"], "no.such"), ("good.h5", ["rank.fixed=-1"], "rank.fixed"), ("good.h5", ["rank.fixed=1e999"], "rank.fixed"),
+    ("good.h5", ["rank.fixed=many"], "rank.fixed"), ("good.h5", ["method=magic"], "method"), ("good.h5", ["rows=200"], "rows"),
+    ("good.h5", ["columns=5000"], "columns"), ("good.h5", ["band=5"], "band"), ("good.h5", ["window=9,1"], "window"), ("good.h5", ["period=1000"], "period"),
+    ("uneven.csv", [], "time"), ("row.csv", [], "signals"), ("notime.csv", [], "dt"),
+])
+def test_bad_input_names_its_field(name, options, field, ctl, daemon, tmp_path):
+    bad_files(tmp_path)
+    words = [word for option in options for word in ("-o", option)]
+    for server in (None, daemon):
+        said = ctl("identify", tmp_path / name, *words, server=server)
+        error = said.document["error"]
+        assert said.status == 2 and error["code"] == "bad_input", said.document
+        assert error["field"] and (field is None or error["field"] == field), error
+
+
+@pytest.mark.parametrize("text, field", [
+    ('{"structure": {"type": "chain", "masses": [1], "springs": [1, 0], "mases": 3}, "effects": []}', "structure.mases"),
+    ('{"structure": {"type": "cube"}}', "structure.type"),
+    ('{"structure": {"type": "chain", "masses": [1], "masses": [2], "springs": [1, 0]}}', "structure.masses"),
+    ('{"structure": {"type": "chain", "masses": [NaN], "springs": [1, 0]}}', "structure.masses[0]"),
+    ('{"structure": {"type": "chain", "masses": [1e999], "springs": [1, 0]}}', None),
+    ('{"structure": {"type": "matrices", "file": "absent.h5"}}', "structure.file"),
+    ("[1, 2]", "scene"), ("", "scene"), ('{"structure": ' + "[" * 40 + "]" * 40 + "}", None),
+])
+def test_a_bad_scene_names_its_path(text, field, ctl, tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text(text)
+    said = ctl("floquet", path)
+    error = said.document["error"]
+    assert said.status == 2 and error["code"] == "bad_input"
+    assert error["field"] and (field is None or error["field"] == field), error
+
+
+@pytest.mark.parametrize("words, field", [
+    ([], "verb"), (["identfy", "x.h5"], "verb"), (["identify"], "arguments"), (["identify", "a", "b"], "arguments"), (["list", "--priority", "3"], "priority"),
+    (["submit", "identify", "x", "--priority", "256"], "priority"), (["submit", "identify", "x", "--priority", "1.5"], "priority"),
+    (["identify", "x", "--nonsense"], "--nonsense"), (["identify", "x", "-o"], "option"), (["identify", "x", "--timeout", "soon"], "timeout"),
+    (["simulate", "x.json"], "output"), (["steady", "x.json", "--sweep", "omega=1:2:3", "--continue", "omega=1:2"], "continue"), (["list"], "local"),
+    (["submit", "nosuchkind", "x"], "kind"),
+])
+def test_wrong_usage_is_2_and_named(words, field, ctl):
+    said = ctl(*words)
+    assert said.status == 2 and said.document["error"]["code"] == "bad_input" and said.document["error"]["field"] == field
+
+
+def test_each_bad_reference_file_gets_its_error(ctl, daemon, reference):
+    files = sorted(reference.glob("bad_*.h5"))
+    assert len(files) >= 13
+    for path in files:
+        for server in (None, daemon):
+            said = ctl("identify", path, server=server)
+            assert said.status == 2 and said.document["error"]["code"] == "bad_input" and said.document["error"]["field"], path
+            assert "result" not in said.document and "modes" not in said.document
+
+
+def test_good_reference_files_are_the_same_served_and_local(ctl, daemon, reference):
+    for path in sorted(reference.glob("*.h5")):
+        if path.name.startswith("bad_"):
+            continue
+        with h5py.File(path) as file:
+            order = json.loads(file.attrs["truth"])["order"]
+        local, served = (ctl("identify", path, "-o", f"rank.fixed={order}", server=server) for server in (None, daemon))
+        assert local.status == served.status
+        assert numbers(local.document) == numbers(served.document), path.name
+
+
+# -- other forms of input ----------------------------------------------------------------------------------------------
+
+def test_csv_sound_and_hdf5_of_one_motion_agree(ctl, tmp_path):
+    import struct
+    x, rate = decay(2000, 1 / 400, ((37.0, 0.01, 0.5), (90.0, 0.003, 0.4))), 400
+    rows = "".join(f"{k / rate!r};{a!r};{b!r}\n" for k, (a, b) in enumerate(x.tolist())).replace(".", ",")
+    (tmp_path / "a.csv").write_text("Zeit;links;rechts\n" + rows)
+    data = x.astype("<f4").tobytes()                       # WAV of 32-bit floats
+    head = b"RIFF" + struct.pack("<I", 50 - 8 + len(data)) + b"WAVEfmt " + struct.pack("<IHHIIHH", 16, 3, 2, rate, rate * 8, 8, 32)
+    (tmp_path / "a.wav").write_bytes(head + b"data" + struct.pack("<I", len(data)) + data)
+    write_batch(tmp_path / "a.h5", x, 1 / rate)
+    found = {}
+    for name in ("a.csv", "a.wav", "a.h5"):
+        said = ctl("identify", tmp_path / name, "-o", "rank.fixed=4")
+        assert said.status == 0, said.document
+        found[name] = sorted((m["frequency_hz"], m["damping_ratio"]) for m in said.document["modes"])
+    assert np.allclose(found["a.csv"], found["a.h5"], rtol=1e-9)
+    assert np.allclose(found["a.wav"], found["a.h5"], rtol=1e-4)      # 24 bits of a float: 6e-8 a sample, times the amplification of damping
+    assert np.allclose(found["a.h5"], [(37, 0.01), (90, 0.003)], rtol=1e-9)
+
+
+def test_matrices_may_lie_in_a_file_dense_or_by_rows(ctl, tmp_path):
+    m, k = np.diag([2.0, 3.0]), np.array([[700.0, -300.0], [-300.0, 300.0]])
+    with h5py.File(tmp_path / "dense.h5", "w") as file:
+        file["M"], file["K"] = m, k
+    with h5py.File(tmp_path / "rows.h5", "w") as file:
+        file["M"] = m
+        file["K/data"], file["K/indices"], file["K/indptr"] = k.ravel(), np.array([0, 1, 0, 1]), np.array([0, 2, 4])
+    answers = []
+    for structure in ({"M": m.tolist(), "K": k.tolist()}, {"file": "dense.h5"}, {"file": "rows.h5"}):
+        (tmp_path / "scene.json").write_text(json.dumps({"structure": {"type": "matrices", **structure}, "effects": []}))
+        said = ctl("floquet", tmp_path / "scene.json")
+        assert said.status == 0, said.document
+        answers.append(said.document["exponents"])
+    assert answers[0] == answers[1] == answers[2]
+    # |lambda|^2 are the eigenvalues of M^-1 K
+    squares = np.sort(np.linalg.eigvals(np.linalg.solve(m, k)).real)
+    assert np.allclose(np.unique(np.round([re * re + im * im for re, im in answers[0]], 6)), squares, rtol=1e-8)
+
+
+def test_a_simulated_batch_can_be_identified(ctl, daemon, tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [1.0], "springs": [400.0, 0], "dampers": [0.8, 0]}, "effects": [],
+             "initial": {"x": {"x1": 1.0}}, "time": {"dt": 0.01, "duration": 4.0}}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    for server, name in ((None, "a.h5"), (daemon, "b.h5")):
+        assert ctl("simulate", tmp_path / "scene.json", "-O", tmp_path / name, server=server).status == 0
+        modes = ctl("identify", tmp_path / name, "-o", "rank.fixed=2").document["modes"]
+        assert abs(modes[0]["damping_ratio"] - 0.02) < 1e-6 and abs(modes[0]["frequency_rad_s"] - 20) < 1e-4
+    with h5py.File(tmp_path / "a.h5") as a, h5py.File(tmp_path / "b.h5") as b:
+        assert np.array_equal(a["signals"], b["signals"]) and len(a["signals"]) == 401

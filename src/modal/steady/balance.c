@@ -71,6 +71,16 @@ enum modal_status balance_set(struct balance *b, double omega, double level, str
     return condense_at(b->c, omega, level, b->H, b->S, b->load, err);
 }
 
+void balance_set_level(struct balance *b, double level)
+{
+    double by = level / b->level;
+
+    for (int i = 0; i < b->q * (b->H + 1); i++)
+        b->load[i] *= by;
+    b->level = level;
+    condense_set_level(b->c, level);
+}
+
 void balance_pack(const struct balance *b, const double complex *X, double *u)
 {
     int n = 2 * b->H + 1, K = b->H + 1;

@@ -29,6 +29,8 @@ void balance_free(struct balance *b);
 
 /* Fix frequency and the loads' level; X, R, F become stale. */
 enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err);
+/* Another level at the same frequency: loads only. */
+void balance_set_level(struct balance *b, double level);
 /* b->R of X; with DERIVATIVE b->J too, not yet factored. */
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
 /* Factor b->J, rows scaled; false where it is singular to rounding.  The sign of its determinant into *SIGN (may be NULL). */

@@ -172,6 +172,7 @@ void condense_free(struct condense *c)
     free(c);
 }
 
+void condense_set_level(struct condense *c, double level) { c->level = level; }
 int condense_kept(const struct condense *c) { return c->q; }
 const int *condense_dofs(const struct condense *c) { return c->kept; }
 const int *condense_place(const struct condense *c) { return c->place; }

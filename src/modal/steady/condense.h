@@ -44,6 +44,9 @@ int condense_highest_load(const struct condense *c);        /* largest k excited
 enum modal_status condense_at(struct condense *c, double omega, double level, int H, double complex *S, double complex *p,
                               struct modal_error *err);
 
+/* What condense_recover takes the loads' level to be. */
+void condense_set_level(struct condense *c, double level);
+
 /*
  * The motion of one dof, X[0..H], of the kept ones' Xq[i (Hq+1) + k], at the omega and H of the last condense_at; kept
  * dofs are copied.  Harmonics past Hq of Xq count as 0.

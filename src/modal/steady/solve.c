@@ -25,6 +25,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/steady/iterate.h"
+#include "modal/steady/solutions.h"
 
 enum { H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6;
@@ -272,6 +273,24 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
     return rc;
 }
 
+/* Around the folds of the branch over the level; its first crossing of 1. */
+static enum modal_status along_levels(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
+                                      struct modal_error *err)
+{
+    struct solutions_options opt = { .most = 1, .cancelled = s->opt.cancelled, .context = s->opt.context };
+    struct solutions found = { 0 };
+    enum modal_status rc = solutions_along_levels(b, &opt, &found, err);
+
+    if (rc == MODAL_OK)
+        rc = balance_set(b, b->omega, 1, err);
+    if (rc == MODAL_OK && found.count > 0) {
+        memcpy(X, found.X[0], (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        rc = try_newton(s, b, "continuation", X, point, err);
+    }
+    solutions_done(&found);
+    return rc;
+}
+
 /* A coarse balance's answer as the start of B. */
 static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
                                          struct modal_error *err);
@@ -314,6 +333,8 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
         return rc;
     if (!point->converged && (rc = ramp(s, b, LEVEL_HIGH, X, point, err)) != MODAL_OK)
         return rc;
+    if (!point->converged && !coarse)
+        return along_levels(s, b, X, point, err);
     return MODAL_OK;
 }
 

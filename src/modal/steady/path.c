@@ -1,0 +1,480 @@
+/*
+ * path.c - pseudo-arc-length continuation of a balance
+ *
+ * With v = u / size and mu = lambda / span, each step predicts along the unit tangent t = (t_v, t_mu) and corrects on the
+ * plane through the prediction normal to t, by Newton's method on
+ *
+ *     [ size J   span R_lambda ] [dv ]     [ R ]
+ *     [ t_v^T    t_mu          ] [dmu] = - [ n ],                                                     (1)
+ *
+ * n the distance from the plane.  (1) is regular at folds; its matrix with right-hand side e_last gives the next tangent.
+ * The step grows by 1.4 after quick corrections and halves after a failure or a bend of more than BEND.
+ *
+ * Between two points where t_mu changes sign there is a fold: the distance along the first tangent is found by regula falsi
+ * (Illinois) on t_mu.  lambda is stationary there, so that its error is of the second order in the distance's.  Where the
+ * determinant of (1) changes sign without a fold, two branches cross.
+ */
+#include "modal/steady/path.h"
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double TOLERANCE = 1e-12, FLOOR = 1e-8, STEP_FIRST = 0.02, STEP_MOST = 0.1, STEP_LEAST = 1e-7, BEND = 0.9;
+enum { POINTS_MOST = 5000, CORRECTIONS_MOST = 9, LOCATE_MOST = 60 };
+
+struct path {
+    const struct path_problem *problem;
+    struct balance *b;               /* at the last lambda asked for */
+    int n;                           /* order */
+    double size, span;
+    double *u, *t, *old_t;           /* the accepted point, its tangent (n + 1), the one before */
+    double lambda;
+    int orientation;
+    double *w, *R, *Rl, *B, *x;      /* trial u; residual; dR/dlambda; (1); right-hand side */
+    int *pivot;
+    double complex *X;
+    struct path_report *report;
+    int corrections;
+};
+
+static void path_done(struct path *p)
+{
+    free(p->u);
+    free(p->t);
+    free(p->old_t);
+    free(p->w);
+    free(p->R);
+    free(p->Rl);
+    free(p->B);
+    free(p->x);
+    free(p->pivot);
+    free(p->X);
+}
+
+static enum modal_status path_init(struct path *p, struct modal_error *err)
+{
+    size_t n = (size_t)p->n + 2;
+
+    p->u = calloc(n, sizeof *p->u);
+    p->t = calloc(n, sizeof *p->t);
+    p->old_t = calloc(n, sizeof *p->old_t);
+    p->w = calloc(n, sizeof *p->w);
+    p->R = calloc(n, sizeof *p->R);
+    p->Rl = calloc(n, sizeof *p->Rl);
+    p->B = calloc(n * n, sizeof *p->B);
+    p->x = calloc(n, sizeof *p->x);
+    p->pivot = calloc(n, sizeof *p->pivot);
+    p->X = calloc(n, sizeof *p->X);
+    if (p->u == NULL || p->t == NULL || p->old_t == NULL || p->w == NULL || p->R == NULL || p->Rl == NULL || p->B == NULL
+        || p->x == NULL || p->pivot == NULL || p->X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "path: no memory for %d unknowns", p->n);
+    return MODAL_OK;
+}
+
+/* Residual (and derivative) of u at lambda, into p->b. */
+static enum modal_status evaluate(struct path *p, const double *u, double lambda, bool derivative, struct modal_error *err)
+{
+    enum modal_status rc = p->problem->at(p->problem->context, lambda, &p->b, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    balance_unpack(p->b, u, p->X);
+    return balance_residual(p->b, p->X, derivative, err);
+}
+
+/* dR/dlambda by a central difference. */
+static enum modal_status slope(struct path *p, const double *u, double lambda, struct modal_error *err)
+{
+    double h = 1e-6 * fmin(p->span, fabs(lambda) > 0 ? fmax(fabs(lambda), 1e-3 * p->span) : p->span);
+    enum modal_status rc = evaluate(p, u, lambda - h, false, err);
+
+    memcpy(p->R, p->b->R, (size_t)p->n * sizeof *p->R);
+    if (rc == MODAL_OK)
+        rc = evaluate(p, u, lambda + h, false, err);
+    for (int i = 0; rc == MODAL_OK && i < p->n; i++)
+        p->Rl[i] = (p->b->R[i] - p->R[i]) / (2 * h);
+    return rc;
+}
+
+/* (1), rows scaled; factored.  The sign of its determinant into *SIGN; false where singular. */
+static bool bordered(struct path *p, const double *t, double *row, int *sign)
+{
+    int n = p->n, m = n + 1, s = 1;
+
+    for (int i = 0; i < n; i++)
+        row[i] = fabs(p->Rl[i]) * p->span;
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++) {
+            double v = p->b->J[(size_t)j * (size_t)n + (size_t)i] * p->size;
+
+            p->B[(size_t)j * (size_t)m + (size_t)i] = v;
+            row[i] = fmax(row[i], fabs(v));
+        }
+    for (int i = 0; i < n; i++) {
+        if (!(row[i] > 0) || !isfinite(row[i]))
+            return false;
+        row[i] = 1 / row[i];
+        p->B[(size_t)n * (size_t)m + (size_t)i] = p->Rl[i] * p->span * row[i];
+    }
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++)
+            p->B[(size_t)j * (size_t)m + (size_t)i] *= row[i];
+    for (int j = 0; j < m; j++)
+        p->B[(size_t)j * (size_t)m + (size_t)n] = t[j];
+    row[n] = 1;
+    if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, m, m, p->B, m, p->pivot) != 0)
+        return false;
+    for (int i = 0; i < m; i++)
+        s *= (p->B[(size_t)i * (size_t)(m + 1)] < 0 ? -1 : 1) * (p->pivot[i] != i + 1 ? -1 : 1);
+    *sign = s;
+    return true;
+}
+
+static double norm(const double *x, int n)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        sum += x[i] * x[i];
+    return sqrt(sum);
+}
+
+/* Correct p->w, *LAMBDA on the plane through (w0, lambda0), the prediction, normal to t.  *OK: converged; then the tangent is in
+ * p->x and its determinant's sign in *SIGN. */
+static enum modal_status correct(struct path *p, const double *t, double *lambda, int *sign, bool *ok, struct modal_error *err)
+{
+    int n = p->n, m = n + 1;
+    double *row = malloc(((size_t)n + 1) * sizeof *row), *w0 = malloc(((size_t)n + 1) * sizeof *w0), lambda0 = *lambda, last = HUGE_VAL;
+    enum modal_status rc = row == NULL || w0 == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+
+    *ok = false;
+    if (rc == MODAL_OK) {
+        memcpy(w0, p->w, (size_t)n * sizeof *w0);
+        rc = slope(p, p->w, *lambda, err);
+    }
+    for (int i = 0; rc == MODAL_OK && i < CORRECTIONS_MOST; i++) {
+        double plane = t[n] * (*lambda - lambda0) / p->span, step;
+
+        rc = evaluate(p, p->w, *lambda, true, err);
+        if (rc != MODAL_OK)
+            break;
+        if (!bordered(p, t, row, sign))
+            break;
+        for (int e = 0; e < n; e++) {
+            p->x[e] = -p->b->R[e] * row[e];
+            plane += t[e] * (p->w[e] - w0[e]) / p->size;
+        }
+        p->x[n] = -plane;
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', m, 1, p->B, m, p->pivot, p->x, m);
+        step = norm(p->x, m);
+        if (!isfinite(step) || (i > 1 && step > 2 * last) || step > 1)
+            break;
+        for (int e = 0; e < n; e++)
+            p->w[e] += p->size * p->x[e];
+        *lambda += p->span * p->x[n];
+        p->corrections = i + 1;
+        if (step <= TOLERANCE || (step < FLOOR && step > 0.3 * last)) {
+            *ok = true;
+            break;
+        }
+        last = step;
+    }
+    if (rc == MODAL_OK && *ok) {
+        memset(p->x, 0, (size_t)m * sizeof *p->x);
+        p->x[n] = 1;
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', m, 1, p->B, m, p->pivot, p->x, m);
+        double length = norm(p->x, m);
+        for (int e = 0; e < m; e++)
+            p->x[e] /= length;
+    }
+    if (rc == MODAL_OVERFLOW || rc == MODAL_NO_CONVERGENCE)
+        rc = MODAL_OK;
+    free(row);
+    free(w0);
+    return rc;
+}
+
+/* The point at distance S along the tangent from the accepted one. */
+static enum modal_status at_distance(struct path *p, double s, double *lambda, int *sign, bool *ok, struct modal_error *err)
+{
+    for (int i = 0; i < p->n; i++)
+        p->w[i] = p->u[i] + s * p->size * p->t[i];
+    *lambda = p->lambda + s * p->span * p->t[p->n];
+    return correct(p, p->t, lambda, sign, ok, err);
+}
+
+static enum modal_status tell(struct path *p, const double *u, double lambda, double turn, int sign, int special, bool *stop, struct modal_error *err)
+{
+    struct path_point point = { .lambda = lambda, .q = p->b->q, .H = p->b->H, .turn = turn, .orientation = sign, .iterations = p->corrections };
+    enum modal_status rc = p->problem->at(p->problem->context, lambda, &p->b, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    balance_unpack(p->b, u, p->X);
+    point.X = p->X;
+    if (special >= 0)
+        return p->problem->special != NULL ? p->problem->special(p->problem->context, (enum path_special)special, &point, p->b, err) : MODAL_OK;
+    p->report->points++;
+    return p->problem->point(p->problem->context, &point, p->b, stop, err);
+}
+
+/* The fold (or, by the determinant's sign, the branch point) within distance FAR of the accepted point. */
+static enum modal_status locate(struct path *p, double far, double turn_far, int sign_far, enum path_special kind, struct modal_error *err)
+{
+    double a = 0, b = far, fa = p->t[p->n], fb = turn_far, lambda = NAN, before = NAN;
+    double *kept = malloc(((size_t)p->n + 1) * sizeof *kept);
+    int side = 0, sign;
+    enum modal_status rc = kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+    bool found = false;
+
+    for (int i = 0; rc == MODAL_OK && i < LOCATE_MOST; i++) {
+        double s = kind == PATH_FOLD ? (a * fb - b * fa) / (fb - fa) : 0.5 * (a + b), f;
+        bool ok;
+
+        if (!(s > a && s < b))
+            s = 0.5 * (a + b);
+        rc = at_distance(p, s, &lambda, &sign, &ok, err);
+        if (rc != MODAL_OK || !ok)
+            break;
+        found = true;
+        memcpy(kept, p->w, (size_t)p->n * sizeof *kept);
+        f = kind == PATH_FOLD ? p->x[p->n] : sign == sign_far ? -1.0 : 1.0;
+        if (fabs(lambda - before) <= 1e-14 * p->span + 4 * DBL_EPSILON * fabs(lambda) && i > 2 && (kind == PATH_FOLD || b - a < 1e-10))
+            break;
+        before = lambda;
+        if ((f > 0) == (fa > 0 || kind != PATH_FOLD)) {
+            a = s;
+            fa = f;
+            fb = side == -1 ? fb / 2 : fb;
+            side = -1;
+        } else {
+            b = s;
+            fb = f;
+            fa = side == 1 ? fa / 2 : fa;
+            side = 1;
+        }
+    }
+    if (rc == MODAL_OK && found)
+        rc = tell(p, kept, lambda, kind == PATH_FOLD ? 0 : p->t[p->n], sign_far, kind, NULL, err);
+    free(kept);
+    return rc;
+}
+
+/* At exactly LAMBDA, from the guess p->w: Newton's method there. */
+static enum modal_status at_parameter(struct path *p, double lambda, bool *ok, struct modal_error *err)
+{
+    double last = HUGE_VAL;
+    enum modal_status rc = MODAL_OK;
+
+    *ok = false;
+    for (int i = 0; i < 3 * CORRECTIONS_MOST; i++) {
+        double step;
+
+        rc = evaluate(p, p->w, lambda, true, err);
+        if (rc != MODAL_OK || !balance_factor(p->b, NULL))
+            break;
+        for (int e = 0; e < p->n; e++)
+            p->R[e] = -p->b->R[e];
+        balance_solve(p->b, p->R, 1);
+        step = norm(p->R, p->n) / p->size;
+        if (!isfinite(step) || step > 10)
+            break;
+        for (int e = 0; e < p->n; e++)
+            p->w[e] += p->R[e];
+        p->corrections = i + 1;
+        if (step <= TOLERANCE || (step < FLOOR && step > 0.3 * last)) {
+            *ok = true;
+            break;
+        }
+        last = step;
+    }
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
+static void measure(struct path *p)
+{
+    double most = 0;
+
+    for (int i = 0; i < p->n; i++)
+        most = fmax(most, fabs(p->u[i]));
+    p->size = most > 0 ? most : 1;
+}
+
+/* The tangent where the branch sets out, towards `to`: (1) bordered by e_last. */
+static enum modal_status first_tangent(struct path *p, bool *ok, struct modal_error *err)
+{
+    double *row = malloc(((size_t)p->n + 1) * sizeof *row), length;
+    enum modal_status rc = row == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : slope(p, p->u, p->lambda, err);
+
+    *ok = false;
+    if (rc == MODAL_OK)
+        rc = evaluate(p, p->u, p->lambda, true, err);
+    memset(p->t, 0, ((size_t)p->n + 1) * sizeof *p->t);
+    p->t[p->n] = 1;
+    if (rc == MODAL_OK && bordered(p, p->t, row, &p->orientation)) {
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', p->n + 1, 1, p->B, p->n + 1, p->pivot, p->t, p->n + 1);
+        length = norm(p->t, p->n + 1) * (p->problem->to >= p->problem->from ? 1 : -1);
+        *ok = isfinite(length) && length != 0;
+        for (int i = 0; *ok && i <= p->n; i++)
+            p->t[i] /= length;
+    }
+    free(row);
+    return rc;
+}
+
+/* Report the crossing of `to` on the step just accepted (end point in p->w), by Newton's method at exactly `to`. */
+static enum modal_status cross(struct path *p, double fraction, double turn, int sign, bool *ok, bool *stop, struct modal_error *err)
+{
+    double *end = malloc(((size_t)p->n + 1) * sizeof *end);
+    enum modal_status rc = end == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+
+    if (rc == MODAL_OK) {
+        memcpy(end, p->w, (size_t)p->n * sizeof *end);
+        for (int i = 0; i < p->n; i++)
+            p->w[i] = p->u[i] + fraction * (end[i] - p->u[i]);
+        rc = at_parameter(p, p->problem->to, ok, err);
+        if (rc == MODAL_OK && *ok)
+            rc = tell(p, p->w, p->problem->to, turn, sign, -1, stop, err);
+        memcpy(p->w, end, (size_t)p->n * sizeof *end);
+    }
+    free(end);
+    return rc;
+}
+
+static void accept(struct path *p, double lambda, int sign, const double *tangent)
+{
+    double old_size = p->size, length;
+
+    memcpy(p->u, p->w, (size_t)p->n * sizeof *p->u);
+    memcpy(p->t, tangent, ((size_t)p->n + 1) * sizeof *p->t);
+    p->lambda = lambda;
+    p->orientation = sign;
+    measure(p);
+    for (int i = 0; i < p->n; i++)
+        p->t[i] *= old_size / p->size;
+    length = norm(p->t, p->n + 1);
+    for (int i = 0; i <= p->n; i++)
+        p->t[i] /= length;
+}
+
+static enum modal_status walk(struct path *p, struct modal_error *err)
+{
+    const struct path_problem *q = p->problem;
+    double ds = q->step_first > 0 ? q->step_first : STEP_FIRST, most = q->step_most > 0 ? q->step_most : STEP_MOST;
+    double *tangent = malloc(((size_t)p->n + 1) * sizeof *tangent);
+    int limit = q->points_most > 0 ? q->points_most : POINTS_MOST;
+    enum modal_status rc = tangent == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+    bool stop = false;
+
+    while (rc == MODAL_OK && !stop) {
+        double lambda, dot = 0, direction = q->to >= q->from ? 1 : -1;
+        bool ok, crosses;
+        int sign;
+
+        if (q->cancelled != NULL && q->cancelled(q->context)) {
+            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
+            break;
+        }
+        if (p->report->points >= limit) {
+            p->report->reason = "the branch has more points than are followed";
+            break;
+        }
+        rc = at_distance(p, ds, &lambda, &sign, &ok, err);
+        if (rc != MODAL_OK)
+            break;
+        memcpy(tangent, p->x, ((size_t)p->n + 1) * sizeof *tangent);
+        for (int i = 0; ok && i <= p->n; i++)
+            dot += tangent[i] * p->t[i];
+        if (!ok || (dot < BEND && ds > 100 * STEP_LEAST)) {
+            p->report->rejected++;
+            ds /= 2;
+            if (ds < STEP_LEAST) {
+                p->report->reason = "the step of the continuation became too small";
+                break;
+            }
+            continue;
+        }
+        if (tangent[p->n] * p->t[p->n] < 0) {
+            double *w = malloc(((size_t)p->n + 1) * sizeof *w);
+            if (w == NULL) { rc = modal_fail(err, MODAL_NO_MEMORY, "path: no memory"); break; }
+            memcpy(w, p->w, (size_t)p->n * sizeof *w);
+            rc = locate(p, ds, tangent[p->n], sign, PATH_FOLD, err);
+            memcpy(p->w, w, (size_t)p->n * sizeof *w);
+            free(w);
+        } else if (sign != p->orientation && p->report->points > 1) {
+            double *w = malloc(((size_t)p->n + 1) * sizeof *w);
+            if (w == NULL) { rc = modal_fail(err, MODAL_NO_MEMORY, "path: no memory"); break; }
+            memcpy(w, p->w, (size_t)p->n * sizeof *w);
+            rc = locate(p, ds, tangent[p->n], sign, PATH_BRANCH, err);
+            memcpy(p->w, w, (size_t)p->n * sizeof *w);
+            free(w);
+        }
+        if (rc != MODAL_OK)
+            break;
+        crosses = (lambda - q->to) * (p->lambda - q->to) <= 0 && lambda != p->lambda && p->lambda != q->to;
+        if (crosses) {
+            rc = cross(p, (q->to - p->lambda) / (lambda - p->lambda), tangent[p->n], sign, &ok, &stop, err);
+            if (rc == MODAL_OK && !q->past && ok) {
+                p->report->complete = true;
+                break;
+            }
+            if (rc == MODAL_OK && !ok && ds > 100 * STEP_LEAST) {
+                ds /= 2;
+                continue;
+            }
+            if (rc != MODAL_OK || stop)
+                break;
+        }
+        accept(p, lambda, sign, tangent);
+        rc = tell(p, p->u, p->lambda, p->t[p->n], sign, -1, &stop, err);
+        if (q->past ? p->lambda < q->low || p->lambda > q->high : (p->lambda - q->from) * direction < -0.5 * p->span) {
+            p->report->complete = q->past;
+            p->report->reason = q->past ? NULL : "the branch turned back past where it set out";
+            break;
+        }
+        ds = fmin(most, ds * (p->corrections <= 3 ? 1.4 : p->corrections >= 6 ? 0.7 : 1));
+    }
+    p->report->complete |= stop;
+    free(tangent);
+    return rc;
+}
+
+enum modal_status path_follow(const struct path_problem *problem, const double complex *X, struct path_report *report,
+                              struct modal_error *err)
+{
+    struct path p = { .problem = problem, .span = problem->span > 0 ? problem->span : fabs(problem->to - problem->from),
+                      .lambda = problem->from, .report = report };
+    enum modal_status rc;
+    bool ok, stop = false;
+
+    memset(report, 0, sizeof *report);
+    rc = problem->at(problem->context, problem->from, &p.b, err);
+    if (rc != MODAL_OK)
+        return rc;
+    p.n = p.b->order;
+    rc = path_init(&p, err);
+    if (rc != MODAL_OK)
+        goto out;
+    balance_pack(p.b, X, p.u);
+    measure(&p);
+    memcpy(p.w, p.u, (size_t)p.n * sizeof *p.w);
+    rc = at_parameter(&p, problem->from, &ok, err);
+    if (rc != MODAL_OK || !ok) {
+        report->reason = "the branch does not start: no solution at its first point";
+        goto out;
+    }
+    memcpy(p.u, p.w, (size_t)p.n * sizeof *p.u);
+    measure(&p);
+    rc = first_tangent(&p, &ok, err);
+    if (rc == MODAL_OK && !ok)
+        report->reason = "the derivative is singular where the branch sets out";
+    if (rc == MODAL_OK && ok)
+        rc = tell(&p, p.u, p.lambda, p.t[p.n], p.orientation, -1, &stop, err);
+    if (rc == MODAL_OK && ok && !stop)
+        rc = walk(&p, err);
+out:
+    path_done(&p);
+    return rc;
+}

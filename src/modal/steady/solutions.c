@@ -1,0 +1,202 @@
+/* solutions.c - see solutions.h */
+#include "modal/steady/solutions.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/iterate.h"
+#include "modal/steady/path.h"
+
+static const double SAME = 1e-6, LEVEL_START = 1e-3, LEVEL_HIGH = 4;
+enum { STARTS = 240, STEPS = 30, LEVEL_POINTS = 1500 };
+
+static size_t size_of(const struct balance *b) { return (size_t)b->q * ((size_t)b->H + 1); }
+
+static double largest(const double complex *X, size_t n)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < n; i++)
+        most = fmax(most, cabs(X[i]));
+    return most;
+}
+
+bool solutions_add(struct solutions *s, const struct balance *b, const double complex *X)
+{
+    size_t n = size_of(b);
+    double size = largest(X, n);
+    double complex *copy;
+
+    for (int i = 0; i < s->count; i++) {
+        double far = 0;
+
+        for (size_t e = 0; e < n; e++)
+            far = fmax(far, cabs(X[e] - s->X[i][e]));
+        if (far <= SAME * fmax(size, largest(s->X[i], n)))
+            return false;
+    }
+    if (s->count == SOLUTIONS_MOST || (copy = malloc((n + 1) * sizeof *copy)) == NULL)
+        return false;
+    memcpy(copy, X, n * sizeof *copy);
+    s->X[s->count++] = copy;
+    return true;
+}
+
+void solutions_done(struct solutions *s)
+{
+    for (int i = 0; i < s->count; i++)
+        free(s->X[i]);
+    s->count = 0;
+}
+
+struct climb {
+    struct balance *b;
+    const struct solutions_options *opt;
+    struct solutions *out;
+};
+
+static enum modal_status at_level(void *context, double level, struct balance **b, struct modal_error *err)
+{
+    struct climb *c = context;
+
+    (void)err;
+    if (level == 0)
+        level = 1e-12;
+    balance_set_level(c->b, level);
+    *b = c->b;
+    return MODAL_OK;
+}
+
+static enum modal_status point_on_level(void *context, const struct path_point *p, struct balance *b, bool *stop, struct modal_error *err)
+{
+    struct climb *c = context;
+
+    (void)err;
+    if (p->lambda != 1)
+        return MODAL_OK;
+    solutions_add(c->out, b, p->X);
+    *stop = c->out->count >= (c->opt->most > 0 ? c->opt->most : SOLUTIONS_MOST);
+    return MODAL_OK;
+}
+
+static bool climb_cancelled(void *context)
+{
+    const struct climb *c = context;
+
+    return c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context);
+}
+
+enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt, struct solutions *out,
+                                         struct modal_error *err)
+{
+    struct climb climb = { b, opt, out };
+    struct path_problem problem = { .at = at_level, .point = point_on_level, .cancelled = climb_cancelled, .context = &climb,
+                                    .from = LEVEL_START, .to = 1, .span = 1, .past = true, .points_most = LEVEL_POINTS,
+                                    .low = -0.5, .high = LEVEL_HIGH, .step_first = 0.01, .step_most = 0.15 };
+    struct iterate_options newton = { .cancelled = opt->cancelled, .context = opt->context };
+    struct iterate_report r;
+    struct path_report report;
+    double complex *X = calloc(size_of(b) + 1, sizeof *X);
+    enum modal_status rc = MODAL_OK;
+
+    if (X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory");
+    if (largest(b->load, size_of(b)) > 0) {
+        balance_set_level(b, LEVEL_START);
+        rc = iterate_newton(b, &newton, X, &r, err);
+        if (rc == MODAL_OK && r.converged)
+            rc = path_follow(&problem, X, &report, err);
+        balance_set_level(b, 1);
+    }
+    free(X);
+    return rc;
+}
+
+static double uniform(uint64_t *seed)
+{
+    *seed = *seed * 6364136223846793005u + 1442695040888963407u;
+    return (double)(*seed >> 11) / 9007199254740992.0;
+}
+
+static enum modal_status try(struct balance *b, const struct solutions_options *opt, double complex *X, struct solutions *out,
+                             struct modal_error *err)
+{
+    struct iterate_options newton = { .most = STEPS, .cancelled = opt->cancelled, .context = opt->context };
+    struct iterate_report r;
+    enum modal_status rc = iterate_newton(b, &newton, X, &r, err);
+
+    if (rc == MODAL_OK && r.converged)
+        solutions_add(out, b, X);
+    return rc;
+}
+
+static int divisor(int a, int b) { return b == 0 ? a : divisor(b, a % b); }
+
+/* What divides the harmonic of every load: a shift by the period over it maps solutions on solutions. */
+static int symmetry(const struct balance *b)
+{
+    int m = 0;
+
+    for (int k = 1; k <= b->H; k++)
+        for (int i = 0; i < b->q; i++)
+            if (cabs(b->load[k * b->q + i]) > 0)
+                m = divisor(m, k);
+    for (int h = 0; h < b->p->harmonics; h++)
+        m = divisor(m, b->p->harmonic[h].k);
+    return m > 0 ? m : 1;
+}
+
+static enum modal_status images(struct balance *b, const struct solutions_options *opt, struct solutions *out, double complex *X,
+                                struct modal_error *err)
+{
+    int m = symmetry(b), K = b->H + 1;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < out->count; i++)
+        for (int j = 0; rc == MODAL_OK && j < 4 * m; j++) {
+            double shift = 2 * M_PI * (j / 2) / (2 * m), sign = j % 2 ? -1 : 1;
+
+            for (int d = 0; d < b->q; d++)
+                for (int k = 0; k < K; k++)
+                    X[d * K + k] = sign * out->X[i][d * K + k] * cexp(I * k * shift);
+            rc = try(b, opt, X, out, err);
+        }
+    return rc;
+}
+
+enum modal_status solutions_from_starts(struct balance *b, const struct solutions_options *opt, struct solutions *out,
+                                        struct modal_error *err)
+{
+    int starts = opt->starts > 0 ? opt->starts : STARTS, K = b->H + 1, low = 1;
+    double complex *X = calloc(size_of(b) + 1, sizeof *X);
+    double scale = 0;
+    uint64_t seed = 20240611;
+    enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory") : MODAL_OK;
+
+    for (int k = 1; k < K; k++)
+        for (int i = 0; i < b->q; i++)
+            low = cabs(b->load[k * b->q + i]) > 0 && k > low ? k : low;
+    for (int i = 0; i < out->count; i++)
+        scale = fmax(scale, largest(out->X[i], size_of(b)));
+    scale = scale > 0 ? scale : 1;
+    for (int n = 0; rc == MODAL_OK && n < starts; n++) {
+        double size = scale * pow(10, -2 + 3.2 * ((n + 0.5) / starts));
+        int only = 1 + (int)(uniform(&seed) * low) % low;
+
+        if (opt->cancelled != NULL && opt->cancelled(opt->context)) {
+            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
+            break;
+        }
+        memset(X, 0, size_of(b) * sizeof *X);
+        for (int i = 0; i < b->q; i++) {
+            for (int k = 1; k <= low; k++)
+                X[i * K + k] = 0.1 * size * uniform(&seed) * cexp(2 * M_PI * I * uniform(&seed));
+            X[i * K + only] = size * cexp(2 * M_PI * I * uniform(&seed));
+            X[i * K] = n % 3 == 0 ? size * (uniform(&seed) - 0.5) : 0;
+        }
+        rc = try(b, opt, X, out, err);
+    }
+    if (rc == MODAL_OK)
+        rc = images(b, opt, out, X, err);
+    free(X);
+    return rc;
+}

@@ -105,7 +105,7 @@ void upload_quiet(struct core *c, struct input *input)
 {
     struct filling *f = input->filling;
 
-    if (f == NULL || f->busy || !input->committed)
+    if (f == NULL || f->busy || !input->committed || input->state == INPUT_SEALED)
         return;
     if (f->aborting) {
         run(c, input, f->upload != NULL ? TASK_ABORT : TASK_REMOVE_INPUT);
@@ -351,6 +351,8 @@ void upload_after(struct core *c, struct after *after, enum modal_status status)
         break;
     case AFTER_SEAL:
         if (f != NULL) {
+            for (struct after *late = f->seal; late != NULL; late = late->next)
+                say_state(c, &late->reply, input, "sealed");
             drop_open(input->user, input);
             run(c, input, TASK_CLOSE);
             input_index(input);
@@ -508,9 +510,11 @@ static void seal(struct core *c, const struct event *e, const struct wire_reques
     uint8_t wanted[32];
 
     identity_from_hex(r->upload.sha256, wanted);
-    if (input->state == INPUT_SEALED && input->committed && f == NULL) {
-        if (memcmp(wanted, input->sha256, 32) == 0)
+    if (input->state == INPUT_SEALED) {
+        if (memcmp(wanted, input->sha256, 32) == 0 && f == NULL)
             say_state(c, &reply, input, "sealed");
+        else if (memcmp(wanted, input->sha256, 32) == 0)
+            after_append(&f->seal, after_new(AFTER_SEAL, &reply));     /* not committed yet */
         else
             answer_fail(c, &reply, MODAL_BAD_INPUT, "sha256", NULL, "the upload is sealed with another SHA-256");
         return;

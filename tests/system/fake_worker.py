@@ -1,0 +1,87 @@
+#!/usr/bin/python3
+"""A worker for tests of the daemon: it speaks section 13 of PROTOCOL.md and does what the job's options say.
+
+{"sleep": s}, {"die": true | signal}, {"say": text on stderr}, {"document": bytes}, {"signals": samples}, {"late": true}: answers for the attempt before.
+"""
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+import time
+
+import zmq
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--connect")
+    endpoint = parser.parse_known_args()[0].connect
+    socket = zmq.Context().socket(zmq.DEALER)
+    socket.linger = 500
+    socket.connect(endpoint)
+    lock = threading.Lock()
+
+    def say(verb, body=(), **header):
+        with lock:
+            socket.send_multipart([b"MODALW1", verb.encode(), json.dumps(header).encode(), *body])
+
+    def beat():
+        while True:
+            time.sleep(1)
+            say("BEAT")
+
+    def receive():
+        while True:
+            with lock:
+                if socket.poll(0):
+                    return socket.recv_multipart()
+            time.sleep(0.0005)
+
+    def parts(job, part, data, **first):
+        out = 0
+        for at in range(0, len(data), 1 << 20):
+            say("PART", [data[at:at + (1 << 20)]], part=part, offset=at, total=len(data), **job, **(first if at == 0 else {}))
+            out += 1
+            while out >= 4 or (out > 0 and at + (1 << 20) >= len(data)):
+                if receive()[1] == b"GO":
+                    out -= 1
+
+    threading.Thread(target=beat, daemon=True).start()
+    ready = {"pid": os.getpid(), "version": "fake", "core": "none"}
+    say("READY", **ready)
+    while True:
+        frames = receive()
+        if frames[1] == b"STOP":
+            return 0
+        if frames[1] != b"RUN":
+            continue
+        run = json.loads(frames[2])
+        job, o = {"job": run["job"], "attempt": run["attempt"]}, run["options"]
+        if "say" in o:
+            print(o["say"], file=sys.stderr, flush=True)
+        if "progress" in o:
+            say("PROGRESS", progress={"fraction": o["progress"]}, **job)
+        if "sleep" in o:
+            time.sleep(o["sleep"])
+        if o.get("die"):
+            os.kill(os.getpid(), signal.SIGKILL if o["die"] is True else o["die"])
+            time.sleep(10)
+        if "fail" in o:
+            say("FAILED", cpu_s=0.01, error={"code": o["fail"], "message": "as asked", "field": "options.fail"}, **job)
+        else:
+            if "signals" in o:
+                n = o["signals"]
+                parts(job, "batch", bytes(range(256)) * (n // 32), batch={"content": "batch", "samples": n, "channels": 1, "dt": 0.5})
+            document = json.dumps({"kind": run["kind"], "attempt": run["attempt"], "pad": "x" * o.get("document", 0)}).encode()
+            if len(document) > 1 << 20:
+                parts(job, "document", document)
+                say("DONE", cpu_s=0.01, **job)
+            else:
+                say("DONE", [document], cpu_s=0.01, **job)
+        say("READY", **ready)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,702 @@
+"""One test a rule of proto/PROTOCOL.md, through the socket; the sentence is the name.  The workers are fake_worker.py."""
+import json
+import os
+import pathlib
+import random
+import signal
+import struct
+import time
+
+import pytest
+
+from wire import VERSION, Client, Daemon, crc32c, identity, ring_down, submit
+
+HERE = pathlib.Path(__file__).parent
+FAKE = f"worker_path = {HERE / 'fake_worker.py'}\n"
+LIMIT_S = 2.0      # PROTOCOL.md: cancel and run limit take effect in under 2 s
+
+
+@pytest.fixture(scope="module")
+def daemon():
+    with Daemon(config=FAKE, workers=2) as d:
+        yield d
+
+
+@pytest.fixture()
+def client(daemon):
+    c = daemon.client()
+    yield c
+    c.close()
+
+
+def alive(client):
+    return client.ask("HELLO").ok
+
+
+def wait(client, job, **more):
+    return client.ask("WAIT", job=job, timeout_s=15, **more)
+
+
+def until(predicate, seconds=10):
+    end = time.monotonic() + seconds
+    while not predicate():
+        assert time.monotonic() < end, "it did not become true"
+        time.sleep(0.01)
+
+
+# ---- section 2: frames
+
+
+def test_another_version_is_answered_by_bad_version_with_those_spoken(client):
+    client.raw(b"MODALD9", b"HELLO", b'{"id":1}')
+    reply = client.receive()
+    assert reply.code == "bad_version" and reply["error"]["detail"]["versions"] == ["MODALD1"]
+
+
+@pytest.mark.parametrize("frames", [
+    [VERSION], [VERSION, b"HELLO"], [VERSION, b"HELLO", b'{"id":1}'] + [b"x"] * 6, [VERSION, b"", b'{"id":1}'],
+    [VERSION, b"A" * 17, b'{"id":1}'], [VERSION, b"hello", b'{"id":1}'], [VERSION, b"HELLO", b""], [VERSION, b"HELLO", b"[1]"],
+    [VERSION, b"HELLO", b"{"], [VERSION, b"HELLO", b'{"id":1,"id":2}'], [VERSION, b"HELLO", b'{"id":1e999}'],
+    [VERSION, b"HELLO", b'{"id":NaN}'], [VERSION, b"HELLO", b'{"id":1,"client":"\xff"}'], [VERSION, b"HELLO", b"{}"],
+    [VERSION, b"HELLO", b'{"id":""}'], [VERSION, b"HELLO", b'{"id":"' + b"x" * 65 + b'"}'], [VERSION, b"HELLO", b'{"id":1.5}'],
+    [VERSION, b"HELLO", b'{"id":1,"client":"' + b"x" * 65536 + b'"}'],
+    [VERSION, b"HELLO", b'{"id":1,"client":' + b"[" * 33 + b"]" * 33 + b"}"],
+], ids=["one frame", "no header", "9 frames", "empty verb", "long verb", "small letters", "empty header", "no object", "cut", "twice",
+        "overflow", "NaN", "no UTF-8", "no id", "empty id", "long id", "fraction id", "oversize header", "nested past 32"])
+def test_a_message_that_breaks_section_2_is_answered_by_bad_frame(client, frames):
+    client.raw(*frames)
+    assert client.receive().code == "bad_frame"
+    assert alive(client)
+
+
+def test_an_unknown_verb_is_answered_by_unknown_verb(client):
+    assert client.ask("FLY").code == "unknown_verb"
+
+
+def test_an_unknown_member_is_refused_by_its_name(client):
+    reply = client.ask("STATUS", job="x", jbo="y")
+    assert reply.code == "bad_input" and reply["error"]["field"] == "jbo"
+
+
+@pytest.mark.parametrize("identifier", [7, -3, 2**53, "a", "x" * 64, "ü"])
+def test_every_answer_echoes_the_id_of_its_request(client, identifier):
+    client.raw(VERSION, b"HELLO", json.dumps({"id": identifier}).encode())
+    assert client.receive()["id"] == identifier
+
+
+def test_a_frame_over_1048576_bytes_closes_the_connection_and_nothing_else(daemon, client):
+    loser = daemon.client(timeout_s=1)
+    job = submit(client, options={"sleep": 0.5})["job"]
+    loser.raw(VERSION, b"SUBMIT", b'{"id":1}', b"x" * (1048576 + 1))
+    assert wait(client, job)["state"] == "done"
+    loser.close()
+
+
+def test_a_message_of_200_frames_is_answered_and_dropped(daemon, client):
+    rude = daemon.client()
+    rude.raw(VERSION, b"SUBMIT", b'{"id":1}', *[b"x" * 100] * 200)
+    assert rude.receive().code == "bad_frame"
+    assert alive(client)
+
+
+def test_the_senders_other_jobs_are_unharmed_by_malformed_messages(client):
+    job = submit(client, options={"sleep": 0.3})["job"]
+    dice = random.Random(5)
+    for _ in range(300):
+        client.raw(*[dice.randbytes(dice.randrange(40)) for _ in range(dice.randrange(1, 12))])
+    done = wait(client, job)
+    assert done["state"] == "done" and done["attempts"] == 1
+    client.early.clear()
+
+
+# ---- HELLO
+
+
+def test_hello_tells_versions_limits_and_who_i_am(client):
+    hello = client.ask("HELLO", versions=["MODALD1"], client="test 1")
+    assert hello["version"] == "MODALD1" and hello["user"] == "local" and hello["role"] == "admin"
+    assert hello["limits"]["frames"] == 8 and hello["limits"]["inline"] == 65536
+
+
+def test_hello_without_a_common_version_is_bad_version(client):
+    assert client.ask("HELLO", versions=["MODALD7"]).code == "bad_version"
+
+
+# ---- SUBMIT
+
+
+def test_a_small_job_takes_one_round_trip_to_submit_and_one_to_have(client):
+    job = submit(client)
+    assert job.ok and job["state"] == "queued" and job["duplicate"] is False
+    done = wait(client, job["job"], result=True)
+    assert done["state"] == "done" and done["attempts"] == 1
+    document = client.ask("RESULT", job=job["job"])
+    assert document.body[0] == done.body[0] and json.loads(done.body[0])["kind"] == "identify"
+    assert document["total"] == len(done.body[0]) == done["bytes"]
+
+
+def test_the_same_key_again_returns_the_same_job(client):
+    first = submit(client, key="same", options={"sleep": 0.2})
+    again = submit(client, key="same", options={"sleep": 0.2}, priority=3, run_limit_s=9)
+    assert again["job"] == first["job"] and again["duplicate"] is True
+    assert wait(client, "key:same")["attempts"] == 1
+    assert submit(client, key="same", options={"sleep": 0.2})["state"] == "done"
+
+
+def test_the_order_of_options_is_no_difference(client):
+    first = submit(client, key="order", options={"say": "x", "progress": 0.5})
+    assert submit(client, key="order", options={"progress": 0.5, "say": "x"})["job"] == first["job"]
+
+
+@pytest.mark.parametrize("other", [{"options": {"say": "other"}}, {"phase": 0.7}], ids=["options", "input"])
+def test_the_same_key_with_other_content_is_a_conflict(client, other):
+    submit(client, key=f"clash{sorted(other)}")
+    assert submit(client, key=f"clash{sorted(other)}", **other).code == "conflict"
+
+
+def test_a_repeated_submission_in_flight_is_one_job(client):
+    data, described = ring_down(phase=0.31)
+    numbers = [client.send("SUBMIT", [data], kind="identify", input=described, key="burst") for _ in range(20)]
+    replies = [client.answer(n) for n in numbers]
+    assert len({r["job"] for r in replies}) == 1 and [r["duplicate"] for r in replies].count(False) == 1
+
+
+def test_an_unknown_kind_is_refused_with_the_accepted_ones(client):
+    data, described = ring_down()
+    reply = client.ask("SUBMIT", [data], kind="identfy", input=described)
+    assert reply.code == "bad_input" and reply["error"]["field"] == "kind" and "identify" in reply["error"]["message"]
+
+
+@pytest.mark.parametrize("change, field", [
+    ({"dt": 0}, "dt"), ({"dt": -1}, "dt"), ({"samples": 0}, "samples"), ({"samples": 1.5}, "samples"), ({"channels": 0}, "channels"),
+    ({"channels": 65537}, "channels"), ({"names": ["a", "b"]}, "names"), ({"period": -2}, "period"), ({"content": "song"}, "content"),
+    ({"units": 7}, "units"), ({"attributes": []}, "attributes"), ({"samples": 399}, "body"),
+])
+def test_a_wrong_description_is_bad_input_with_its_field(client, change, field):
+    data, described = ring_down()
+    reply = client.ask("SUBMIT", [data], kind="identify", input={**described, **change})
+    assert reply.code == "bad_input" and reply["error"]["field"].split(".")[-1] == field
+
+
+@pytest.mark.parametrize("member", [{"priority": 256}, {"priority": -1}, {"key": ""}, {"key": "x" * 129}, {"key": "a\nb"}, {"run_limit_s": 0},
+                                    {"deadline_s": -1}, {"max_attempts": 0}, {"max_attempts": 11}, {"not_before": "now"}, {"fresh": 1}])
+def test_a_member_out_of_range_is_bad_input_with_its_field(client, member):
+    data, described = ring_down()
+    reply = client.ask("SUBMIT", [data], kind="identify", input=described, **member)
+    assert reply.code == "bad_input" and reply["error"]["field"] == next(iter(member))
+
+
+def test_an_inline_input_over_65536_bytes_is_too_large(client):
+    described = {"content": "batch", "samples": 8193, "channels": 1, "dt": 1}
+    assert client.ask("SUBMIT", [bytes(8 * 8193)], kind="identify", input=described).code == "too_large"
+
+
+def test_an_equal_job_is_answered_from_the_result_and_marked_cached(client):
+    first = submit(client, options={"say": "once"})
+    wait(client, first["job"])
+    again = submit(client, options={"say": "once"})
+    assert again["job"] != first["job"] and again["state"] == "done" and again["cached"] is True
+    assert client.ask("RESULT", job=again["job"]).body == client.ask("RESULT", job=first["job"]).body
+    fresh = submit(client, options={"say": "once"}, fresh=True)
+    assert fresh["state"] == "queued" and "cached" not in fresh.header
+    client.ask("DELETE", job=first["job"])
+    assert client.ask("RESULT", job=again["job"]).ok, "a cached answer outlives the job it came from"
+
+
+def test_higher_priority_is_more_urgent(daemon):
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        first = submit(c, options={"sleep": 0.5})
+        until(lambda: c.ask("STATUS", job=first["job"])["state"] == "running")
+        low = submit(c, options={"say": "low"}, priority=10)
+        high = submit(c, options={"say": "high"}, priority=200)
+        assert c.ask("STATUS", job=low["job"])["position"] == 1
+        wait(c, low["job"])
+        assert wait(c, first["job"])["started"] <= wait(c, high["job"])["started"] < wait(c, low["job"])["started"]
+
+
+def test_not_before_delays_the_start(client):
+    at = time.time() + 0.7
+    job = submit(client, options={"say": "later"}, not_before=at)
+    done = wait(client, job["job"])
+    assert done["started"] >= at - 0.002
+
+
+# ---- STATUS, WAIT, RESULT
+
+
+def test_a_job_of_nobody_is_not_found(client):
+    for verb in ("STATUS", "WAIT", "RESULT", "CANCEL", "RETRY", "DELETE"):
+        assert client.ask(verb, job="00000000").code == "not_found"
+        assert client.ask(verb, job="key:nobody").code == "not_found"
+
+
+def test_wait_answers_at_its_timeout_with_the_doc_of_that_moment(client):
+    job = submit(client, options={"sleep": 2, "say": "slow"})["job"]
+    begin = time.monotonic()
+    reply = client.ask("WAIT", job=job, timeout_s=0.4)
+    assert 0.39 <= time.monotonic() - begin < 1.5 and reply["state"] in ("queued", "running")
+    assert wait(client, job)["state"] == "done"
+
+
+def test_a_result_comes_in_parts(client):
+    job = submit(client, options={"document": 3_000_000})["job"]
+    done = wait(client, job, result=True)
+    assert done["state"] == "done" and done.body == [] and done["bytes"] > 3_000_000
+    text, offset = b"", 0
+    while offset < done["bytes"]:
+        part = client.ask("RESULT", job=job, offset=offset, length=1_000_003)
+        assert part["offset"] == offset and part["total"] == done["bytes"]
+        text += part.body[0]
+        offset += part["bytes"]
+    assert len(json.loads(text)["pad"]) == 3_000_000
+
+
+def test_the_signals_of_a_job_are_a_part_of_its_result(client):
+    job = submit(client, options={"signals": 320000})["job"]
+    assert wait(client, job)["state"] == "done"
+    whole = b""
+    while len(whole) < 2560000:
+        part = client.ask("RESULT", job=job, part="batch", offset=len(whole))
+        assert part["batch"]["samples"] == 320000 and part["batch"]["dt"] == 0.5
+        whole += part.body[0]
+    assert whole == bytes(range(256)) * 10000
+
+
+def test_a_job_that_failed_answers_its_own_error(client):
+    job = submit(client, options={"fail": "no_convergence"})["job"]
+    done = wait(client, job)
+    assert done["state"] == "failed" and done["error"]["code"] == "no_convergence" and done["error"]["field"] == "options.fail"
+    assert client.ask("RESULT", job=job).code == "no_convergence"
+
+
+def test_a_job_that_runs_has_no_result_yet(client):
+    job = submit(client, options={"sleep": 1, "say": "not yet"})["job"]
+    assert client.ask("RESULT", job=job).code == "conflict"
+    wait(client, job)
+
+
+def test_the_input_can_be_read_back(client):
+    data, _ = ring_down(phase=0.11)
+    job = submit(client, phase=0.11)["job"]
+    assert client.ask("RESULT", job=job, part="input", offset=100, length=64).body[0] == data[100:164]
+
+
+# ---- CANCEL, RETRY, DELETE, limits
+
+
+def test_cancel_of_a_queued_job_ends_it_at_once():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        busy = submit(c, options={"sleep": 1})
+        job = submit(c, options={"say": "never"})["job"]
+        assert c.ask("CANCEL", job=job)["state"] == "cancelled"
+        assert wait(c, job)["error"]["code"] == "cancelled"
+        wait(c, busy["job"])
+        assert c.ask("STATUS", job=job)["attempts"] == 0
+
+
+def test_cancel_of_a_running_job_takes_under_2_s_and_its_worker_is_gone(daemon, client):
+    job = submit(client, options={"sleep": 60})["job"]
+    until(lambda: client.ask("STATUS", job=job)["state"] == "running")
+    before = set(daemon.children())
+    begin = time.monotonic()
+    assert client.ask("CANCEL", job=job)["state"] == "cancelled"
+    assert time.monotonic() - begin < LIMIT_S
+    assert before - set(daemon.children()), "no worker went"
+
+
+def test_cancel_of_a_job_that_ended_says_how_it_ended(client):
+    job = submit(client)["job"]
+    wait(client, job)
+    assert client.ask("CANCEL", job=job)["state"] == "done"
+
+
+def test_a_passed_run_limit_fails_the_job_in_under_2_s(client):
+    begin = time.monotonic()
+    job = submit(client, options={"sleep": 61}, run_limit_s=0.5)["job"]
+    done = wait(client, job)
+    assert done["state"] == "failed" and done["error"]["code"] == "run_limit" and time.monotonic() - begin < 0.5 + LIMIT_S + 1
+
+
+def test_a_passed_deadline_fails_queued_and_running_jobs():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        running = submit(c, options={"sleep": 60}, deadline_s=0.8)["job"]
+        queued = submit(c, options={"sleep": 62}, deadline_s=0.4)["job"]
+        assert wait(c, queued)["error"]["code"] == "deadline" and c.ask("STATUS", job=queued)["attempts"] == 0
+        assert wait(c, running)["error"]["code"] == "deadline"
+
+
+def test_a_job_whose_worker_dies_is_tried_again_and_dead_after_the_third(client):
+    job = submit(client, options={"die": True, "say": "last words"})["job"]
+    dead = wait(client, job)
+    assert dead["state"] == "dead" and dead["attempts"] == 3 and dead["error"]["code"] == "worker_died"
+    assert b"last words" in client.ask("RESULT", job=job, part="stderr").body[0]
+    assert client.ask("RESULT", job=job, part="input").ok
+    again = client.ask("RETRY", job=job)
+    assert again["state"] == "queued"
+    assert wait(client, job)["attempts"] == 6
+
+
+def test_only_a_dead_job_can_be_tried_again(client):
+    job = submit(client)["job"]
+    wait(client, job)
+    assert client.ask("RETRY", job=job).code == "conflict"
+
+
+def test_a_job_survives_the_death_of_its_worker(daemon, client):
+    job = submit(client, options={"sleep": 1.5, "say": "survivor"})["job"]
+    until(lambda: client.ask("STATUS", job=job)["state"] == "running")
+    time.sleep(0.1)
+    for pid in daemon.children():
+        os.kill(pid, signal.SIGKILL)
+    done = wait(client, job)
+    assert done["state"] == "done" and done["attempts"] >= 2
+
+
+def test_delete_makes_the_key_answer_expired(client):
+    job = submit(client, key="gone", options={"say": "gone"})["job"]
+    wait(client, job)
+    assert client.ask("DELETE", job=job)["deleted"] is True
+    assert client.ask("STATUS", job=job).code == "not_found"
+    assert client.ask("STATUS", job="key:gone").code == "expired"
+    assert submit(client, key="gone", options={"say": "gone"}).code == "expired"
+
+
+def test_delete_of_a_running_job_is_a_conflict(client):
+    job = submit(client, options={"sleep": 1, "say": "busy"})["job"]
+    assert client.ask("DELETE", job=job).code == "conflict"
+    wait(client, job)
+
+
+# ---- LIST, EVENTS, STATS, METRICS, WHOAMI, DRAIN
+
+
+def test_list_walks_all_jobs_once_oldest_first():
+    with Daemon(config=FAKE, workers=2) as d:
+        c = d.client()
+        jobs = [submit(c, key=f"l{i}", options={"say": str(i)})["job"] for i in range(25)]
+        seen, after = [], None
+        while True:
+            page = c.ask("LIST", limit=7, **({"after": after} if after else {}))
+            page = json.loads(page.body[0])
+            seen += [doc["job"] for doc in page["jobs"]]
+            after = page["next"]
+            if after is None:
+                break
+        assert seen == jobs
+        for job in jobs:
+            wait(c, job)
+        assert json.loads(c.ask("LIST", state="done", limit=1000).body[0])["next"] is None
+        assert len(json.loads(c.ask("LIST", state="failed").body[0])["jobs"]) == 0
+
+
+def collect(client, last_job):
+    events = []
+    while not (events and events[-1].get("job") == last_job and events[-1].get("state") == "done"):
+        reply = client.receive()
+        if reply.verb == "EVENT":
+            events.append(reply.header)
+    return events
+
+
+def test_events_replay_from_a_number_and_go_on_live_without_a_hole():
+    with Daemon(config=FAKE, workers=2) as d:
+        c = d.client()
+        for i in range(3):
+            wait(c, submit(c, options={"say": f"e{i}"})["job"])
+        d.kill()
+        d.start()                                    # the first nine are in the ledger only
+        c = d.client()
+        watcher = d.client()
+        assert watcher.ask("EVENTS", **{"from": 1}).ok
+        last = submit(c, options={"say": "live"})["job"]
+        wait(c, last)
+        numbers = [e["number"] for e in collect(watcher, last) if e["event"] == "state"]
+        assert numbers == list(range(1, 13))
+
+
+def test_progress_comes_as_an_event_without_a_number(client):
+    watcher = client
+    watcher.ask("EVENTS")
+    job = submit(client, options={"progress": 0.25, "sleep": 0.3})["job"]
+    events = collect(watcher, job)
+    assert any(e["event"] == "progress" and e["progress"]["fraction"] == 0.25 and "number" not in e for e in events)
+
+
+def test_a_cancelled_subscription_is_not_found_again(client):
+    s = client.ask("EVENTS")["subscription"]
+    assert client.ask("EVENTS", op="cancel", subscription=s).ok
+    assert client.ask("EVENTS", op="cancel", subscription=s).code == "not_found"
+
+
+def test_stats_count_jobs_and_rejects(client):
+    stats = client.ask("STATS")
+    assert set(stats["jobs"]) == {"queued", "running", "done", "failed", "cancelled", "dead"} and stats["workers"]["total"] == 2
+
+
+def test_metrics_are_prometheus_text_without_duplicate_series(client):
+    lines = client.ask("METRICS").body[0].decode().splitlines()
+    series = [line.split(" ")[0] for line in lines if not line.startswith("#")]
+    assert len(series) == len(set(series)) > 20
+    typed = {line.split(" ")[2] for line in lines if line.startswith("# TYPE")}
+    assert {s.split("{")[0] for s in series} == typed
+
+
+def test_whoami_names_user_role_and_limits(client):
+    who = client.ask("WHOAMI")
+    assert who["user"] == "local" and who["role"] == "admin" and "queued" in who["limits"] and "bytes" in who["used"]
+
+
+def test_while_draining_no_job_starts_and_submits_are_refused():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        running = submit(c, options={"sleep": 0.5})["job"]
+        queued = submit(c, options={"say": "waits"})["job"]
+        until(lambda: c.ask("STATUS", job=running)["state"] == "running")
+        assert c.ask("DRAIN")["draining"] is True
+        refused = submit(c, options={"say": "refused"})
+        assert refused.code == "draining" and refused["error"]["detail"]["retry_after_s"] > 0
+        assert wait(c, running)["state"] == "done"
+        assert c.ask("STATUS", job=queued)["state"] == "queued"
+        d.kill()
+        d.start()
+        c = d.client()
+        assert c.ask("HELLO")["draining"] is True, "a drained daemon stays so over a restart"
+        assert c.ask("UNDRAIN")["draining"] is False
+        assert wait(c, queued)["state"] == "done"
+
+
+# ---- UPLOAD
+
+
+def upload(client, data, described, key=None, chunk=262144, upto=None, start=0, ident=None):
+    ident = ident or client.ask("UPLOAD", op="begin", **described, **({"key": key} if key else {}))["upload"]
+    numbers = []
+    for at in range(start, upto or len(data), chunk):
+        piece = data[at:at + chunk]
+        numbers.append(client.send("UPLOAD", [piece], op="chunk", upload=ident, offset=at, crc32c=crc32c(piece)))
+    return ident, [client.answer(n) for n in numbers]
+
+
+def big(samples=40000, channels=4, seed=3):
+    dice = random.Random(seed)
+    data = struct.pack(f"<{samples * channels}d", *[dice.random() for _ in range(samples * channels)])
+    return data, {"content": "batch", "samples": samples, "channels": channels, "dt": 0.001}, identity(samples, channels, 0.001, data)
+
+
+def test_an_upload_is_sealed_by_its_sha256_and_serves_many_jobs(client):
+    data, described, sha = big()
+    ident, replies = upload(client, data, described)
+    assert all(r.ok for r in replies) and replies[-1]["present"] == len(data)
+    sealed = client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)
+    assert sealed["state"] == "sealed" and sealed["sha256"] == sha
+    assert client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)["state"] == "sealed"
+    for reference in ({"upload": ident}, {"sha256": sha}):
+        job = client.ask("SUBMIT", kind="identify", input=reference, options={"say": str(reference)})
+        assert wait(client, job["job"])["state"] == "done"
+    part = client.ask("RESULT", job=job["job"], part="input", offset=262140, length=1000)
+    assert part.body[0] == data[262140:263140]
+    assert client.ask("UPLOAD", op="begin", **described, sha256=sha)["state"] == "sealed", "what is here need not be sent"
+
+
+def test_begin_again_with_the_same_key_resumes_after_a_kill():
+    with Daemon(config=FAKE) as d:
+        c = d.client()
+        data, described, sha = big(seed=4)
+        ident, _ = upload(c, data, described, key="res", upto=600000)
+        d.kill()
+        d.start()
+        c = d.client()
+        again = c.ask("UPLOAD", op="begin", **described, key="res")
+        assert again["upload"] == ident and again["present"] == 786432
+        upload(c, data, described, start=again["present"], ident=ident)
+        assert c.ask("UPLOAD", op="seal", upload=ident, sha256=sha)["state"] == "sealed"
+
+
+def test_the_same_upload_key_with_another_description_is_a_conflict(client):
+    _, described, _ = big()
+    assert client.ask("UPLOAD", op="begin", **described, key="two").ok
+    assert client.ask("UPLOAD", op="begin", **{**described, "dt": 0.5}, key="two").code == "conflict"
+
+
+@pytest.mark.parametrize("offset", [4096, 262144 * 2])
+def test_a_chunk_out_of_order_names_the_expected_offset(client, offset):
+    data, described, _ = big(seed=5)
+    ident, _ = upload(client, data, described, upto=262144)
+    reply = client.ask("UPLOAD", [data[:100]], op="chunk", upload=ident, offset=offset, crc32c=crc32c(data[:100]))
+    assert reply.code == "bad_input" and reply["error"]["field"] == "offset" and reply["error"]["detail"]["expected"] == 262144
+    assert client.ask("UPLOAD", op="abort", upload=ident)["state"] == "gone"
+    assert client.ask("UPLOAD", op="abort", upload=ident).code == "not_found"
+
+
+def test_a_chunk_with_a_wrong_crc_is_refused_and_can_be_sent_again(client):
+    data, described, _ = big(seed=6)
+    ident = client.ask("UPLOAD", op="begin", **described)["upload"]
+    wrong = client.ask("UPLOAD", [data[:1000]], op="chunk", upload=ident, offset=0, crc32c=crc32c(data[:1000]) ^ 1)
+    assert wrong.code == "bad_input" and wrong["error"]["field"] == "crc32c"
+    assert client.ask("UPLOAD", [data[:1000]], op="chunk", upload=ident, offset=0, crc32c=crc32c(data[:1000])).ok
+
+
+def test_an_oversize_chunk_is_too_large(client):
+    data, described, _ = big(seed=7)
+    ident = client.ask("UPLOAD", op="begin", **described)["upload"]
+    piece = data[:262145]
+    assert client.ask("UPLOAD", [piece], op="chunk", upload=ident, offset=0, crc32c=crc32c(piece)).code == "too_large"
+
+
+def test_a_chunk_past_the_end_is_refused(client):
+    data, described = bytes(800), {"content": "batch", "samples": 100, "channels": 1, "dt": 1}
+    ident = client.ask("UPLOAD", op="begin", **described)["upload"]
+    piece = data + b"12345678"
+    reply = client.ask("UPLOAD", [piece], op="chunk", upload=ident, offset=0, crc32c=crc32c(piece))
+    assert reply.code == "bad_input" and reply["error"]["field"] == "offset"
+
+
+def test_sealing_with_bytes_missing_says_how_many(client):
+    data, described, sha = big(seed=8)
+    ident, _ = upload(client, data, described, upto=262144)
+    reply = client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)
+    assert reply.code == "bad_input" and reply["error"]["field"] == "present" and reply["error"]["detail"]["expected"] == len(data)
+
+
+def test_a_wrong_sha256_ends_the_upload(client):
+    data, described, sha = big(seed=9)
+    ident, _ = upload(client, data, described)
+    reply = client.ask("UPLOAD", op="seal", upload=ident, sha256="0" * 64)
+    assert reply.code == "bad_input" and reply["error"]["field"] == "sha256" and reply["error"]["detail"]["found"] == sha
+    until(lambda: client.ask("UPLOAD", op="seal", upload=ident, sha256=sha).code == "not_found")
+
+
+def test_more_than_64_open_uploads_are_busy():
+    with Daemon(config=FAKE) as d:
+        c = d.client()
+        described = {"content": "batch", "samples": 100, "channels": 1, "dt": 1}
+        replies = [c.ask("UPLOAD", op="begin", **described) for _ in range(65)]
+        assert all(r.ok for r in replies[:64]) and replies[64].code == "busy"
+
+
+def test_a_scene_comes_by_upload_too(client):
+    import hashlib
+    text = json.dumps({"pad": "x" * 100000}).encode()
+    sha = hashlib.sha256(b"modald/scene/1\0" + struct.pack("<Q", len(text)) + text).hexdigest()
+    ident, replies = upload(client, text, {"content": "scene", "bytes": len(text)})
+    assert client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)["state"] == "sealed"
+    job = client.ask("SUBMIT", kind="simulate", input={"upload": ident})["job"]
+    assert wait(client, job)["state"] == "done"
+    assert client.ask("RESULT", job=job, part="input", offset=99990, length=5).body[0] == text[99990:99995]
+
+
+# ---- bounds and ends
+
+
+def test_a_full_queue_answers_busy_with_retry_after():
+    with Daemon(config=FAKE + "queue_jobs = 5\n", workers=1) as d:
+        c = d.client()
+        submit(c, options={"sleep": 3})
+        until(lambda: c.ask("STATS")["jobs"]["running"] == 1)
+        replies = [submit(c, options={"say": f"q{i}"}) for i in range(7)]
+        assert [r.code for r in replies] == [None] * 5 + ["busy"] * 2
+        assert replies[-1]["error"]["detail"]["retry_after_s"] > 0
+
+
+def test_a_client_that_never_reads_costs_the_others_nothing(daemon, client):
+    sleeper = daemon.client()
+    sleeper.socket.set(__import__("zmq").RCVHWM, 1)
+    for i in range(20000):
+        sleeper.number += 1
+        try:
+            sleeper.socket.send_multipart([VERSION, b"METRICS", b'{"id":%d}' % i], __import__("zmq").DONTWAIT)
+        except __import__("zmq").Again:
+            break
+    begin = time.monotonic()
+    for _ in range(50):
+        assert alive(client)
+    assert time.monotonic() - begin < 5
+    with open(f"/proc/{daemon.pid}/status") as f:
+        rss_kb = next(int(line.split()[1]) for line in f if line.startswith("VmRSS"))
+    assert rss_kb < 200 * 1024
+    sleeper.close()
+
+
+def test_results_past_their_age_go_and_their_keys_answer_expired():
+    with Daemon(config=FAKE + "result_age_s = 1\n", workers=1) as d:
+        c = d.client()
+        wait(c, submit(c, key="old")["job"])
+        until(lambda: c.ask("STATUS", job="key:old").code == "expired", 25)
+        assert submit(c, key="old").code == "expired"
+
+
+def test_a_restart_takes_up_everything_that_was_acknowledged():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        done = submit(c, key="d")["job"]
+        document = wait(c, done, result=True).body
+        running = submit(c, key="r", options={"sleep": 1})["job"]
+        queued = [submit(c, key=f"q{i}", options={"say": str(i)}, priority=i)["job"] for i in range(10)]
+        until(lambda: c.ask("STATUS", job=running)["state"] == "running")
+        d.kill()
+        d.start()
+        c = d.client()
+        assert c.ask("RESULT", job=done).body == document
+        assert submit(c, key="r", options={"sleep": 1})["job"] == running
+        for job in [running, *queued]:
+            assert wait(c, job)["state"] == "done"
+        assert submit(c, key="d")["job"] == done
+
+
+def test_sigterm_lets_running_jobs_finish_and_keeps_queued_ones():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        running = submit(c, options={"sleep": 1})["job"]
+        queued = submit(c, options={"say": "kept"})["job"]
+        until(lambda: c.ask("STATUS", job=running)["state"] == "running")
+        assert d.stop() == 0
+        d.start()
+        c = d.client()
+        assert c.ask("STATUS", job=running)["state"] == "done" and c.ask("STATUS", job=running)["attempts"] == 1
+        assert wait(c, queued)["state"] == "done"
+
+
+def test_a_second_sigterm_stops_at_once():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        job = submit(c, options={"sleep": 30})["job"]
+        until(lambda: c.ask("STATUS", job=job)["state"] == "running")
+        d.process.send_signal(signal.SIGTERM)
+        until(lambda: "event=terminate" in d.text())
+        assert d.stop(timeout_s=5) == 0
+        d.start()
+        assert d.client().ask("STATUS", job=job)["state"] in ("queued", "running")
+
+
+def test_a_bad_configuration_is_refused_at_reload_and_the_old_one_stays():
+    with Daemon(config=FAKE, workers=1) as d:
+        d.config.write_text(FAKE + "queue_jbos = 5\n")
+        d.process.send_signal(signal.SIGHUP)
+        until(lambda: "event=reload_refused" in d.text())
+        assert "queue_jbos" in d.text() and alive(d.client())
+        d.config.write_text(FAKE + "queue_jobs = 7\n")
+        d.process.send_signal(signal.SIGHUP)
+        until(lambda: "event=reload accounts" in d.text())
+        assert d.client().ask("HELLO")["limits"]["queue_jobs"] == 7
+
+
+def test_two_daemons_on_one_data_folder_are_refused():
+    with Daemon(config=FAKE) as d:
+        with pytest.raises(RuntimeError, match="busy"):
+            Daemon(folder=d.folder, config=FAKE, endpoint=f"ipc://{d.folder}/other.ipc")
+        assert alive(d.client())
+
+
+def test_without_keys_only_ipc_and_loopback_are_bound(tmp_path):
+    for endpoint in ("tcp://0.0.0.0:5999", "tcp://*:5999", "tcp://192.168.1.1:5999"):
+        with pytest.raises(RuntimeError, match="without keys"):
+            d = Daemon(folder=tmp_path, config=FAKE, endpoint=endpoint)
+            d.__exit__()
+
+
+def test_loopback_is_bound_when_told_to():
+    with Daemon(config=FAKE, endpoint="tcp://127.0.0.1:47131") as d:
+        assert alive(d.client())

@@ -1,5 +1,6 @@
 /* tradeoff.c - see tradeoff.h */
 #include "job/tradeoff.h"
+#include "job/tradeoff_identify.h"
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -10,6 +11,7 @@ static const struct tradeoff {
     bool on_scene;
     enum modal_status (*run)(const struct job_request *, struct job_result *, struct modal_error *);
 } tradeoffs[] = {
+    { "identify", false, tradeoff_identify },
     { NULL, false, NULL },
 };
 

@@ -1,0 +1,39 @@
+/* identify_ladder.h - the ladder of identify's settings, cheap and rough to dear and exact, and the error of an answer */
+#ifndef JOB_IDENTIFY_LADDER_H
+#define JOB_IDENTIFY_LADDER_H
+#include "job/job.h"
+#include "modal/identify/identify.h"
+#include "modal/ladder.h"
+
+enum { IDENTIFY_RUNGS_MOST = 24 };
+
+/* What the rungs are made for.  `order` 0: unknown, and no rung fixes it. */
+struct identify_ladder_facts {
+    size_t samples, channels;
+    double dt, period;           /* s; period 0: none */
+    int order;                   /* columns of the basis: 2 for each pair */
+    double highest_hz;           /* of the modes; 0: unknown */
+    double window[2];            /* s, of the record used */
+};
+
+/*
+ * Options of each rung: ASKED (an object, or NULL) with the rung's own keys laid over it, so that they can be pasted back.  SHORT_ONE: the
+ * three rungs that an ordinary identify climbs; else all that the facts allow.  Returns the count; the caller deletes each.
+ */
+int identify_ladder_rungs(const cJSON *asked, const struct identify_ladder_facts *facts, bool short_one,
+                          cJSON *settings[IDENTIFY_RUNGS_MOST]);
+
+/* The rung of the short ladder that ASKED itself is: by its method and `refine`. */
+int identify_ladder_own(const cJSON *asked);
+
+/* The answer's own estimate: the largest standard error (or error bar) of an exponent over its modulus; NAN: no mode, or unknown. */
+double identify_error(const struct identify_result *result);
+
+/* The largest |lambda - truth| / |truth| over COUNT true exponents, each matched to a mode of its own, nearest pairs first; one
+ * without a mode counts as 1 and adds to *unmatched. */
+double identify_distance(const struct identify_result *result, const double complex *truth, int count, int *unmatched);
+
+/* Seconds of processor time a modal_identify with SETTINGS takes, its answer in *out (identify_result_done). */
+enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *settings, struct identify_result *out,
+                                         struct modal_error *err);
+#endif

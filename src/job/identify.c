@@ -9,6 +9,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "job/blas_core.h"
+#include "job/identify_ladder.h"
 #include "modal/identify/exponents.h"
 
 enum { THREADS_MOST = 256 };
@@ -434,19 +435,6 @@ static double seconds(clockid_t clock)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static double cpu_clock(void *context)
-{
-    (void)context;
-    return seconds(CLOCK_PROCESS_CPUTIME_ID);
-}
-
-static bool stop_asked(void *context)
-{
-    const struct meter *m = context;
-
-    return m->request->cancelled != NULL && m->request->cancelled(m->request->context);
-}
-
 static cJSON *print_cost(const struct identify_result *r, const struct meter *start)
 {
     cJSON *o = cJSON_CreateObject(), *stages;
@@ -511,23 +499,130 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
     return o;
 }
 
+/* ---- the rungs below and above ---- */
+
+/* The rungs of an ordinary job, of which at least one is run. */
+struct own_ladder {
+    const struct job_request *request;
+    cJSON *settings[IDENTIFY_RUNGS_MOST];
+    struct identify_result answer[IDENTIFY_RUNGS_MOST];
+    struct ladder_rung rungs[IDENTIFY_RUNGS_MOST];
+    int count, chosen;
+    const char *stop;             /* why it stopped; NULL: no target was set */
+};
+
+static enum modal_status climb(void *context, int i, double *error, struct modal_error *err)
+{
+    struct own_ladder *l = context;
+    enum modal_status rc = identify_ladder_answer(l->request, l->settings[i], &l->answer[i], err);
+
+    if (rc == MODAL_BAD_INPUT && i + 1 < l->count)
+        return MODAL_NO_CONVERGENCE;              /* too short a part of the record for this rung */
+    if (rc == MODAL_OK)
+        *error = identify_error(&l->answer[i]);
+    return rc;
+}
+
+static double cpu_seconds(void *context)
+{
+    (void)context;
+    return seconds(CLOCK_PROCESS_CPUTIME_ID);
+}
+
+static bool climb_stopped(void *context)
+{
+    const struct job_request *q = ((struct own_ladder *)context)->request;
+
+    return q->cancelled != NULL && q->cancelled(q->context);
+}
+
+/* Climb until a target is met; without one, or with a procedure named, what was asked for is the one rung that runs. */
+static enum modal_status answer(struct own_ladder *l, const struct identify_options *opt, struct modal_error *err)
+{
+    static const char *const stops[] = { [LADDER_RUN_OUT] = "exhausted", [LADDER_AT_ERROR] = "target.error", [LADDER_AT_SECONDS] = "target.seconds" };
+    const struct batch *b = l->request->batch;
+    struct identify_ladder_facts facts = { b->samples, b->channels, b->dt, opt->period > 0 ? opt->period : opt->period < 0 ? 0 : b->period, 0, 0,
+                                           { 0, (double)(b->samples - 1) * b->dt } };
+    struct ladder ladder = { .target_error = opt->target_error, .target_seconds = opt->target_seconds, .climb = climb,
+                             .clock = cpu_seconds, .cancelled = climb_stopped, .context = l };
+    struct ladder_outcome outcome;
+    double start = cpu_seconds(NULL);
+    enum modal_status rc;
+
+    l->count = ladder.rungs = identify_ladder_rungs(l->request->options, &facts, true, l->settings);
+    if (opt->method != IDENTIFY_AUTO) {           /* a named procedure, and the default above it */
+        for (int i = 0; i + 1 < l->count; i++)
+            cJSON_Delete(l->settings[i]);
+        l->settings[1] = l->settings[l->count - 1];
+        l->settings[0] = NULL;
+        l->count = 2;
+    }
+    for (int i = 0; i < l->count; i++)
+        l->rungs[i] = (struct ladder_rung) { .error = NAN, .seconds = NAN };
+    if ((opt->target_error > 0 || opt->target_seconds > 0) && opt->method == IDENTIFY_AUTO) {
+        rc = ladder_run(&ladder, l->rungs, &outcome, err);
+        if (rc == MODAL_OK && (outcome.chosen < 0 || (outcome.stop == LADDER_RUN_OUT && isfinite(l->rungs[outcome.ran - 1].error))))
+            outcome.chosen = outcome.ran - 1;     /* all the data, where nothing says less is enough: estimates differ by chance */
+        if (rc == MODAL_OK)
+            l->chosen = outcome.chosen, l->stop = stops[outcome.stop];
+        return rc;
+    }
+    l->chosen = opt->method == IDENTIFY_AUTO ? l->count - 1 : 0;
+    cJSON_Delete(l->settings[l->chosen]);
+    l->settings[l->chosen] = l->request->options != NULL ? cJSON_Duplicate(l->request->options, true) : cJSON_CreateObject();
+    rc = identify_ladder_answer(l->request, l->settings[l->chosen], &l->answer[l->chosen], err);
+    if (rc == MODAL_OK)
+        l->rungs[l->chosen] = (struct ladder_rung) { .ran = true, .error = identify_error(&l->answer[l->chosen]), .seconds = cpu_seconds(NULL) - start };
+    return rc;
+}
+
+static cJSON *print_ladder(struct own_ladder *l)
+{
+    cJSON *o = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(o, "rungs");
+
+    for (int i = 0; i < l->count; i++) {
+        cJSON *rung = cJSON_CreateObject();
+        cJSON_AddItemToObject(rung, "settings", l->settings[i]);
+        l->settings[i] = NULL;
+        json_set_number(rung, "error", l->rungs[i].error);
+        json_set_number(rung, "seconds", l->rungs[i].seconds);
+        cJSON_AddBoolToObject(rung, "ran", l->rungs[i].ran);
+        cJSON_AddItemToArray(list, rung);
+    }
+    cJSON_AddNumberToObject(o, "chosen", l->chosen);
+    if (l->stop != NULL)
+        cJSON_AddStringToObject(o, "stop", l->stop);
+    else
+        cJSON_AddNullToObject(o, "stop");
+    return o;
+}
+
 enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
     struct meter start = { seconds(CLOCK_MONOTONIC), seconds(CLOCK_PROCESS_CPUTIME_ID), request };
+    struct own_ladder *ladder = calloc(1, sizeof *ladder);
     struct identify_options opt;
-    struct identify_result result;
-    int threads, *channels;
+    int threads, *channels = NULL;
     enum modal_status rc = identify_options_read(request->options, request->batch, &opt, &threads, &channels, err);
 
-    if (rc != MODAL_OK)
-        return rc;
-    openblas_set_num_threads(threads);
-    opt.clock = cpu_clock, opt.cancelled = stop_asked, opt.context = &start;
-    rc = modal_identify(request->batch, &opt, &result, err);
-    if (rc == MODAL_OK) {
-        out->result = print_result(request, &result, &start, threads);
-        identify_result_done(&result);
-    }
     free(channels);
+    if (rc == MODAL_OK && ladder == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the ladder");
+    if (rc != MODAL_OK)
+        goto out;
+    ladder->request = request;
+    rc = answer(ladder, &opt, err);
+    if (rc == MODAL_OK) {
+        struct identify_result *r = &ladder->answer[ladder->chosen];
+        r->used.target_error = opt.target_error, r->used.target_seconds = opt.target_seconds;
+        out->result = print_result(request, r, &start, threads);
+        cJSON_AddItemToObject(out->result, "ladder", print_ladder(ladder));
+    }
+out:
+    for (int i = 0; ladder != NULL && i < ladder->count; i++) {
+        identify_result_done(&ladder->answer[i]);
+        cJSON_Delete(ladder->settings[i]);
+    }
+    free(ladder);
     return rc;
 }

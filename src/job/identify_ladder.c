@@ -20,14 +20,15 @@ static const struct rung {
     bool band;                   /* decimated to the modes' band */
     bool in_short;
 } rungs[] = {
-    { "partial-floquet",      0.1,  0,   0,  true,  false, true  },
+    { NULL,                   0,    0.25, 0, false, false, true  },
+    { NULL,                   0,    0.5, 0,  false, false, true  },
+    { "partial-floquet",      0.1,  0,   0,  true,  false, false },
     { "partial-floquet",      0,    0.5, 0,  true,  false, false },
-    { "partial-floquet",      0,    0,   0,  true,  false, true  },
+    { "partial-floquet",      0,    0,   0,  true,  false, false },
     { "autoregressive",       0.5,  0,   0,  true,  false, false },
     { "partial-floquet",      0,    0,   1,  true,  false, false },
     { "partial-floquet",      0,    0,   0,  true,  true,  false },
     { NULL,                   0.1,  0,   0,  true,  false, false },
-    { NULL,                   0,    0.5, 0,  false, false, false },
     { NULL,                   0,    0,   0,  false, true,  false },
     { NULL,                   0,    0,   1,  false, false, false },
     { NULL,                   0,    0,   0,  true,  false, false },
@@ -44,7 +45,8 @@ static bool suits(const struct rung *r, const struct identify_ladder_facts *f, c
         return false;
     if (r->rows > 0 && (f->period > 0 || r->rows * (double)f->samples < 2 * f->order + 8))
         return false;
-    if (r->window > 0 && (cJSON_HasObjectItem(asked, "window") || r->window * (double)f->samples < 6 * f->order + 16))
+    if (r->window > 0 && (cJSON_HasObjectItem(asked, "window") || r->window * (double)f->samples < 6 * f->order + 64
+                          || (f->period > 0 && r->window * (double)f->samples * f->dt < 8 * f->period)))
         return false;
     if (r->pod > 0 && (f->channels <= 8 || f->order == 0))
         return false;

@@ -18,13 +18,10 @@ struct identify_ladder_facts {
 
 /*
  * Options of each rung: ASKED (an object, or NULL) with the rung's own keys laid over it, so that they can be pasted back.  SHORT_ONE: the
- * three rungs that an ordinary identify climbs; else all that the facts allow.  Returns the count; the caller deletes each.
+ * default procedure on a quarter, half and all of the record, which an ordinary identify climbs; else all that the facts allow.  Returns the count; the caller deletes each.
  */
 int identify_ladder_rungs(const cJSON *asked, const struct identify_ladder_facts *facts, bool short_one,
                           cJSON *settings[IDENTIFY_RUNGS_MOST]);
-
-/* The rung of the short ladder that ASKED itself is: by its method and `refine`. */
-int identify_ladder_own(const cJSON *asked);
 
 /* The answer's own estimate: the largest standard error (or error bar) of an exponent over its modulus; NAN: no mode, or unknown. */
 double identify_error(const struct identify_result *result);

@@ -28,6 +28,7 @@
 #include <unistd.h>
 #include <zmq.h>
 
+#define FLUSH_LEAST_NS 1000000          /* ns */
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
 struct daemon {
@@ -410,12 +411,13 @@ static void on_time(struct daemon *d)
 
     if (core_next_ns(d->core) <= now)
         step(d, &(struct event) { .type = EVENT_TIME });
-    if (d->clients.blocked == NULL && d->workers.blocked == NULL)
-        d->flush_wait_ns = SECOND / 500;
-    else if (now >= d->next_flush_ns) {            /* 2 ms at first, 100 ms for readers that stay away */
-        peers_flush(&d->clients, peer_changed, d);
-        peers_flush(&d->workers, peer_changed, d);
-        d->flush_wait_ns = d->flush_wait_ns < SECOND / 10 ? d->flush_wait_ns * 2 : SECOND / 10;
+    if (d->clients.blocked == NULL && d->workers.blocked == NULL) {
+        d->flush_wait_ns = FLUSH_LEAST_NS;
+        d->next_flush_ns = 0;
+    } else if (now >= d->next_flush_ns) {          /* 1 ms while somebody reads, 100 ms for readers that stay away */
+        bool moved = peers_flush(&d->clients, peer_changed, d);
+        moved |= peers_flush(&d->workers, peer_changed, d);
+        d->flush_wait_ns = moved ? FLUSH_LEAST_NS : d->flush_wait_ns < SECOND / 10 ? d->flush_wait_ns * 2 : SECOND / 10;
         d->next_flush_ns = now + d->flush_wait_ns;
     }
     if (d->watchdog_ns > 0 && now >= d->next_ping_ns) {

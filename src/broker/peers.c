@@ -178,10 +178,15 @@ static int drain(struct peers *peers, struct peer *peer)
     return error;
 }
 
-void peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum peer_change), void *context)
+bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum peer_change), void *context)
 {
+    bool moved = false;
+
     for (struct peer *peer = peers->blocked, *next; peer != NULL; peer = next) {
+        const struct outgoing *before = peer->first;
         int error = drain(peers, peer);
+
+        moved |= peer->first != before;
 
         next = peer->next_blocked;
         if (error != 0 && error != EAGAIN) {
@@ -197,6 +202,7 @@ void peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum pee
             changed(context, peer->number, PEER_READY);
         }
     }
+    return moved;
 }
 
 void peers_prune(struct peers *peers, int64_t before_ns)

@@ -38,8 +38,8 @@ struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t s
 struct peer *peers_by_number(const struct peers *peers, uint64_t number);
 /* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and it is freed. */
 enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header, struct blob *body);
-/* Try again what is queued; CHANGED is called for each peer whose state changes. */
-void peers_flush(struct peers *peers, void (*changed)(void *context, uint64_t number, enum peer_change), void *context);
+/* Try again what is queued; CHANGED is called for each peer whose state changes.  Whether anything went out. */
+bool peers_flush(struct peers *peers, void (*changed)(void *context, uint64_t number, enum peer_change), void *context);
 /* Forget peers silent for so long, once there are many. */
 void peers_prune(struct peers *peers, int64_t before_ns);
 void peers_done(struct peers *peers);

@@ -101,3 +101,28 @@ TEST(what_overflows_is_said)
     CHECK(expm(w, B, F, NULL) == MODAL_OVERFLOW);
     expm_free(w);
 }
+
+/* Rates 0.3, 1 and 3e6 1/s side by side, coupled by a similarity: exp(A) = V diag(e^-r) V^-1 has no large entry, though
+ * exp(A - tr/3 I) would have. */
+TEST(a_rate_of_millions_beside_slow_ones_does_not_overflow)
+{
+    const double r[3] = { 0.3, 1, 3e6 }, V[9] = { 1, 0.5, 0, 0, 1, 0.25, 0, 0, 1 };      /* by columns, unit triangular */
+    const double inverse[9] = { 1, -0.5, 0.125, 0, 1, -0.25, 0, 0, 1 };
+    double A[9] = { 0 }, E[9], expected;
+    struct expm *w = NULL;
+
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++)
+                A[i + 3 * j] -= V[i + 3 * k] * r[k] * inverse[k + 3 * j];
+    CHECK(expm_new(3, &w, NULL) == MODAL_OK);
+    CHECK(expm(w, A, E, NULL) == MODAL_OK);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            expected = 0;
+            for (int k = 0; k < 3; k++)
+                expected += V[i + 3 * k] * exp(-r[k]) * inverse[k + 3 * j];
+            CHECK_NEAR(E[i + 3 * j], expected, 3e6 * 10 * DBL_EPSILON);   /* a relative perturbation of A by epsilon */
+        }
+    expm_free(w);
+}

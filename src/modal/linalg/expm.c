@@ -174,15 +174,17 @@ static enum modal_status exponential(struct expm *w, const double *A, double *E,
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, n, w->V, n, w->pivot, E, n) != 0)
         return MODAL_OVERFLOW;
+    double factor = exp(ldexp(shift, -squarings));     /* before squaring: exp(A - shift I) alone may overflow */
+    for (size_t i = 0; i < size; i++)
+        result[i] *= factor;
     for (int k = 0; k < squarings; k++) {
         square_multiply(n, 1, result, result, 0, other);
         double *swap = result;
         result = other;
         other = swap;
     }
-    double factor = exp(shift);
-    for (size_t i = 0; i < size; i++)
-        E[i] = factor * result[i];
+    if (result != E)
+        memcpy(E, result, size * sizeof *E);
     return MODAL_OK;
 }
 

@@ -56,6 +56,21 @@ static enum modal_status read_interval(const cJSON *o, const char *key, double o
     return rc;
 }
 
+/* "Q_TFA1" for a channel called "Q_TFA1 (m)", where no other begins so. */
+static int find_without_unit(const struct batch *b, const char *name)
+{
+    size_t length = strlen(name);
+    int found = -1;
+
+    for (size_t c = 0; b->names != NULL && c < b->channels; c++)
+        if (b->names[c] != NULL && strncmp(b->names[c], name, length) == 0 && strncmp(b->names[c] + length, " (", 2) == 0) {
+            if (found >= 0)
+                return -1;
+            found = (int)c;
+        }
+    return found;
+}
+
 static int find_channel(const struct batch *b, const cJSON *name)
 {
     char own[24];
@@ -67,7 +82,7 @@ static int find_channel(const struct batch *b, const cJSON *name)
         if (strcmp(name->valuestring, b->names != NULL && b->names[c] != NULL ? b->names[c] : own) == 0)
             return (int)c;
     }
-    return -1;
+    return cJSON_IsString(name) ? find_without_unit(b, name->valuestring) : -1;
 }
 
 static enum modal_status no_such_channel(const struct batch *b, const cJSON *name, struct modal_error *err)

@@ -46,7 +46,7 @@ static void about_mode(struct identify_result *r, const struct diagnose_facts *f
         identify_diagnose(r, "fast_decay", -1, "mode %d decays by exp(-%.3g) from one row to the next: it is gone after a few; its exponent rests on them alone. Sample faster, or start the window later to drop it", i, decay);
     if (-decay * f->rows > GROWTH_HIDES)
         identify_diagnose(r, "growth_hides", -1, "mode %d grows by exp(%.3g) over the record: whatever did not grow with it is below its rounding errors; use a shorter window to see the rest", i, -decay * f->rows);
-    if (r->period == 0 && f->tau <= 1.001 * r->dt && turn > 0.95 * M_PI)
+    if (r->period == 0 && r->decimation == 1 && r->shift == 1 && turn > 0.95 * M_PI)
         identify_diagnose(r, "near_nyquist", -1, "mode %d lies at %.3g of the Nyquist frequency: a faster mode may have folded there; sample faster", i, turn / M_PI);
     if (r->period > 0 && m->runner_up >= 0.8)
         identify_diagnose(r, "near_tie", -1, "mode %d: two harmonics are nearly equally strong (ratio %.3g), so the integer %d that resolves its frequency is not certain", i, m->runner_up, m->resolved_k);

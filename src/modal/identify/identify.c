@@ -37,6 +37,8 @@ static const double STEP_MOST = 30;
 /* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
 enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
 
+static const double SPARING = 0.6;
+
 struct work {
     struct identify_options opt;    /* defaults filled in */
     struct record rec;
@@ -178,10 +180,10 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
     }
-    w->data = (struct refine_data) { w->X, w->tau, 1 };
+    w->data = (struct refine_data) { w->X, w->tau, 1, w->rec.share };
     if (rc == MODAL_OK && w->shift > 1) {
         rc = fold(w->X, w->shift, &w->folded, err);
-        w->data = (struct refine_data) { &w->folded, w->tau, w->shift };
+        w->data = (struct refine_data) { &w->folded, w->tau, w->shift, 0 };
     }
     return rc;
 }
@@ -311,7 +313,7 @@ static double norm_of(const struct matrix *Y)
 /* The criterion (7) of refine.c for no poles at all. */
 static double bic_of_nothing(const struct refine_data *d)
 {
-    double n = (double)d->Y->m * d->phases, sum = 0;
+    double n = (double)d->Y->m * d->phases, own = d->share > 0 ? d->share * n : n, sum = 0;
 
     for (int g = 0; g < d->Y->n / d->phases; g++) {
         double energy = 0;
@@ -319,9 +321,27 @@ static double bic_of_nothing(const struct refine_data *d)
             double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
             energy += norm * norm;
         }
-        sum += energy > 0 ? n * log(energy / n) : 0;
+        sum += energy > 0 ? own * log(energy / n) : 0;
     }
     return sum;
+}
+
+/* The order whose unknowns are SPARING of the independent numbers: S rows of them to fit, S + 1 unknowns for each order. */
+static int sparing_order(const struct work *w)
+{
+    double rows = w->data.Y->m * (w->data.share > 0 ? w->data.share : 1), S = w->data.Y->n;
+    int order = (int)(SPARING * rows * S / (S + 1)), least = w->data.Y->m > 2 ? 2 : 1;
+
+    return order > least ? order : least;
+}
+
+/* BIC is an expansion for many data: where unknowns nearly exhaust them it prefers to interpolate noise.  An order beyond the sparing one is believed
+ * only if it reaches rounding. */
+static bool overfitted(const struct work *w)
+{
+    const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+
+    return fit != NULL && fit->order > sparing_order(w) && fit->residual > 1e-12 * norm_of(w->data.Y);
 }
 
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
@@ -344,6 +364,11 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     opt.thorough = w->shift > 1;
     opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;
     rc = order_choose(&w->data, &source, &opt, &w->choice, err);
+    if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
+        opt.order_most = source.most = sparing_order(w);
+        order_done(&w->choice);
+        rc = order_choose(&w->data, &source, &opt, &w->choice, err);
+    }
     if (rc == MODAL_OK && w->choice.chosen >= 0 && w->opt.rank.rule == RANK_AUTO
         && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
         w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
@@ -528,8 +553,8 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
 
     for (int i = 0; i < r->mode_count && r->period > 0 && !w->opt.difference; i++) {
         const struct identify_mode *m = &r->modes[i];
-        double bar = fmax(1e-6, fmin(0.05, 3 * (isfinite(m->std_multiplier) ? m->std_multiplier : isfinite(m->bar) ? m->bar : 0)));
-        found |= fabs(creal(m->multiplier) - 1) <= fmax(bar, 1e-3) && cimag(m->multiplier) == 0 && m->energy > 0.01;
+        double bar = fmax(1e-9, fmin(0.05, 3 * (isfinite(m->std_multiplier) ? m->std_multiplier : isfinite(m->bar) ? m->bar : 0)));
+        found |= fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0 && m->energy > 0.01;
     }
     return found;
 }

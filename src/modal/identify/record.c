@@ -273,6 +273,16 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
     return MODAL_OK;
 }
 
+/* The filter's power gain for white noise. */
+static double noise_gain(const struct zoom *z)
+{
+    double sum = 0;
+
+    for (int m = 0; m < z->taps; m++)
+        sum += z->w[m] * z->w[m];
+    return sum;
+}
+
 /* (1), in place: row q reads rows >= q D only.  The factor 2 makes the amplitude that of the real signal. */
 static void zoom_column(double *x, int rows, const struct zoom *z, double dt, const double *c, const double *s)
 {
@@ -323,6 +333,8 @@ static enum modal_status zoom_record(struct record *r, const double band[2], str
     r->step *= z.decimation;
     r->decimation = z.decimation;
     r->shift_rad_s = 2 * M_PI * (z.centre - z.raise);
+    r->share = z.decimation * (z.centre > 0 ? 2 : 1) * noise_gain(&z);
+    r->share = fmin(r->share, 1);
 out:
     free(c);
     free(z.w);

@@ -355,9 +355,15 @@ static enum modal_status evaluate(struct work *w, const struct point *at, struct
     return rc;
 }
 
+/* Rows that are independent: all, unless a filter left the noise only a share of them. */
+static double rows(const struct work *w)
+{
+    return w->L * (w->data->share > 0 ? w->data->share : 1);
+}
+
 static double freedom(const struct work *w)
 {
-    return (double)w->S * (w->L - w->order) - w->parameters;
+    return w->S * (rows(w) - w->order) - w->parameters;
 }
 
 /* (6), for the fastest pole. */
@@ -519,13 +525,13 @@ static void swap_in(struct search *s)
 /* (7), every residual times FACTOR. */
 static double bic(const struct work *w, const double *rss, double factor)
 {
-    double n = (double)w->L * w->phases, sum = 0, used = 0, live = 0;
+    double n = (double)w->L * w->phases, own = rows(w) * w->phases, sum = 0, used = 0, live = 0;
 
     for (int g = 0; g < w->groups; g++) {
         if (w->energy[g] == 0)
             continue;
-        sum += n * log(fmax(factor * rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
-        used += n, live += w->phases;
+        sum += own * log(fmax(factor * rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
+        used += own, live += w->phases;
     }
     return sum + (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
 }
@@ -847,7 +853,7 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
                               double most, struct wide_step *out, struct modal_error *err)
 {
     struct matrix shape = { d->L, JOIN_MOST + 1 < d->S ? d->S : JOIN_MOST + 1, d->L, NULL };    /* never joined */
-    struct refine_data data = { &shape, tau, 0 };
+    struct refine_data data = { &shape, tau, 0, 0 };
     struct work w = { .data = &data, .Y = &shape, .L = d->L, .S = shape.n, .groups = 1, .phases = shape.n, .count = count, .fixed = fixed };
     struct search s = { 0 };
     double *cov = NULL, step = 0;

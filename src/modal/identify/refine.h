@@ -17,6 +17,7 @@ struct refine_data {
     const struct matrix *Y;      /* borrowed; scaled so that squares neither overflow nor underflow */
     double tau;                  /* s */
     int phases;                  /* 0: 1 */
+    double share;                /* noise that was filtered fills this share of the rows' freedom, 0 < share <= 1; 0: 1, white */
 };
 
 struct refine_options {

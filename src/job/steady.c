@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "job/cost.h"
+#include "job/curve.h"
 #include "job/plan.h"
 #include "job/steady_print.h"
 #include "modal/scene/scene.h"
@@ -25,38 +26,74 @@ static enum modal_status kept_start(const struct steady_settings *settings, stru
     return MODAL_OK;
 }
 
-static enum modal_status one_state(const struct job_request *request, struct program *p, struct steady_settings *settings, struct cost *cost,
+/* One point, or with `solutions` all every one, the first converged first. */
+static enum modal_status solve_points(struct steady *s, const struct program *p, const struct steady_settings *settings,
+                                      const struct steady_start *start, struct steady_point **points, int *count, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (settings->all)
+        return steady_solve_all(s, p->omega, start, points, count, err);
+    *points = calloc(1, sizeof **points);
+    if (*points == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    rc = steady_solve(s, p->omega, start, *points, err);
+    *count = rc == MODAL_OK ? 1 : 0;
+    return rc;
+}
+
+static enum modal_status print_point(struct steady *s, struct program *p, const struct steady_settings *settings, struct steady_point *point,
+                                     struct cost *cost, cJSON **doc, struct modal_error *err)
+{
+    struct stability stability = { 0 };
+    enum modal_status rc = settings->stability && point->converged ? stability_of(s, point, &stability, err) : MODAL_OK;
+
+    cost_stage(cost, "stability");
+    if (rc == MODAL_OK)
+        rc = steady_print(s, p, settings, point, settings->stability && point->converged ? &stability : NULL, doc, err);
+    if (rc == MODAL_OK)
+        steady_count(p, point);
+    stability_done(&stability);
+    return rc;
+}
+
+static enum modal_status one_state(struct program *p, struct steady_settings *settings, struct cost *cost,
                                    cJSON **doc, struct modal_error *err)
 {
     struct steady *s = NULL;
-    struct steady_point point = { 0 };
+    struct steady_point *points = NULL;
     struct steady_start start = { 0 };
-    struct stability stability = { 0 };
-    cJSON *plan;
+    cJSON *list = NULL, *one = NULL;
+    int count = 0;
     enum modal_status rc = steady_new(p, &settings->opt, &s, err);
 
-    (void)request;
     if (rc == MODAL_OK)
         rc = kept_start(settings, s, &start, err);
     if (rc == MODAL_OK)
-        rc = steady_solve(s, p->omega, start.X != NULL ? &start : NULL, &point, err);
+        rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, err);
     cost_stage(cost, "solve");
-    if (rc == MODAL_OK && settings->stability && point.converged)
-        rc = stability_of(s, &point, &stability, err);
-    cost_stage(cost, "stability");
-    if (rc == MODAL_OK)
-        rc = steady_print(s, p, settings, &point, settings->stability && point.converged ? &stability : NULL, doc, err);
-    if (rc == MODAL_OK) {
-        steady_count(p, &point);
-        plan = plan_print(p, point.method != NULL ? point.method : "none");
-        cJSON_AddNumberToObject(plan, "ffts", (double)point.ffts);
-        cJSON_AddNumberToObject(plan, "iterations", point.iterations);
-        cJSON_AddItemToObject(*doc, "plan", plan);
+    if (rc == MODAL_OK && settings->all)
+        list = cJSON_CreateArray();
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        rc = print_point(s, p, settings, &points[i], cost, i == 0 ? doc : &one, err);
+        if (rc == MODAL_OK && list != NULL)
+            cJSON_AddItemToArray(list, i == 0 ? cJSON_Duplicate(*doc, 1) : one);
     }
+    if (rc == MODAL_OK) {
+        cJSON *plan = plan_print(p, points[0].method != NULL ? points[0].method : "none");
+
+        if (list != NULL)
+            cJSON_AddItemToObject(*doc, "solutions", list);
+        cJSON_AddNumberToObject(plan, "ffts", (double)points[0].ffts);
+        cJSON_AddNumberToObject(plan, "iterations", points[0].iterations);
+        cJSON_AddItemToObject(*doc, "plan", plan);
+    } else
+        cJSON_Delete(list);
     cost_stage(cost, "print");
+    for (int i = 0; i < count; i++)
+        steady_point_done(&points[i]);
+    free(points);
     free((void *)start.X);
-    stability_done(&stability);
-    steady_point_done(&point);
     steady_free(s);
     return rc;
 }
@@ -76,14 +113,15 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     rc = steady_settings_read(request, p, &settings, &shown, err);
     if (rc != MODAL_OK)
         goto out;
-    if (!(p->omega > 0)) {
+    if (!(p->omega > 0) && settings.sweep == NULL && settings.follow == NULL) {
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
         goto out;
     }
     steady_subharmonic(p, settings.subharmonic);
     steady_count_start(p);
     cost_stage(&cost, "lower");
-    rc = one_state(request, p, &settings, &cost, &doc, err);
+    rc = settings.sweep != NULL || settings.follow != NULL ? curve_run(request, p, &settings, &cost, &doc, err)
+       : one_state(p, &settings, &cost, &doc, err);
     if (rc != MODAL_OK)
         goto out;
     cJSON_AddItemToObject(doc, "cost", cost_print(&cost));

@@ -520,7 +520,7 @@ static void tail_in_time(const struct balance *wide, int H, struct steady_point 
     point->tail_rms = sqrt(squares);
 }
 
-enum modal_status steady_estimate(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+static enum modal_status estimate(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
 {
     int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64, q = b->q;
     int N2 = power_of_two(s->exact ? 4L * H2 : 2L * (b->aft != NULL ? aft_samples(b->aft) : 0) > 8L * H2 ? 2L * aft_samples(b->aft) : 8L * H2);
@@ -613,10 +613,11 @@ static enum modal_status solve_at(struct steady *s, int H, double omega, const s
     if (rc != MODAL_OK)
         goto out;
     take_counts(b, before, ffts, point);
-    if (point->converged)
-        rc = steady_estimate(s, b, point, err);
-    if (rc == MODAL_OK)
-        rc = balance_set(b, omega, 1, err);                /* recovery at this H again */
+    if (point->converged && !(s->opt.estimate_later && s->opt.harmonics > 0)) {
+        rc = estimate(s, b, point, err);
+        if (rc == MODAL_OK)
+            rc = balance_set(b, omega, 1, err);            /* recovery at this H again */
+    }
 out:
     free(before);
     free(X);
@@ -657,11 +658,118 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
     rc = balance_residual(b, point->X, false, err);
     point->residual = balance_relative_residual(b, point->X);
     if (rc == MODAL_OK && s->p->harmonics > 0) {
-        rc = steady_estimate(s, b, point, err);
+        rc = estimate(s, b, point, err);
         if (rc == MODAL_OK)
             rc = balance_set(b, omega, 1, err);
     }
     return rc;
+}
+
+enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err)
+{
+    struct balance *b;
+    enum modal_status rc;
+
+    if (s->linear)
+        return MODAL_OK;
+    if (!s->opt.estimate_later && point->error > 0)
+        return MODAL_OK;                                   /* it has them */
+    rc = steady_balance(s, point->H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = estimate(s, b, point, err);
+    return rc == MODAL_OK ? balance_set(b, point->omega, 1, err) : rc;
+}
+
+enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
+                                    struct modal_error *err)
+{
+    long *before = calloc((size_t)s->p->laws + 1, sizeof *before), ffts = aft_transforms(b->aft);
+    enum modal_status rc;
+
+    memset(point, 0, sizeof *point);
+    if (before == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    for (int l = 0; l < s->p->laws; l++)
+        before[l] = aft_evaluations(b->aft, l);
+    rc = point_init(s, point, b->q, b->H, aft_samples(b->aft), err);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b, X, false, err);
+    if (rc == MODAL_OK) {
+        memcpy(point->X, X, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        take_counts(b, before, ffts, point);
+        point->residual = balance_relative_residual(b, X);
+        point->omega = b->omega;
+        point->level = b->level;
+        point->converged = true;
+        point->error = point->truncation = point->sampling = point->solver = NAN;
+    } else
+        steady_point_done(point);
+    free(before);
+    return rc;
+}
+
+/* A point of every solution in FOUND, errors estimated. */
+static enum modal_status take_all(struct steady *s, struct balance *b, const struct solutions *found, const char *method,
+                                  struct steady_point *points, int *count, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < found->count; i++) {
+        rc = balance_set(b, b->omega, 1, err);
+        if (rc == MODAL_OK)
+            rc = steady_point_take(s, b, found->X[i], &points[*count], err);
+        if (rc != MODAL_OK)
+            break;
+        points[*count].method = method;
+        points[*count].attempts = 1;
+        rc = estimate(s, b, &points[(*count)++], err);
+    }
+    return rc;
+}
+
+enum modal_status steady_solve_all(struct steady *s, double omega, const struct steady_start *start, struct steady_point **points, int *count,
+                                   struct modal_error *err)
+{
+    struct solutions_options opt = { .cancelled = s->opt.cancelled, .context = s->opt.context };
+    struct solutions found = { 0 };
+    struct steady_point *list = calloc(SOLUTIONS_MOST + 1, sizeof *list);
+    struct balance *b = NULL;
+    enum modal_status rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : steady_solve(s, omega, start, &list[0], err);
+
+    *count = rc == MODAL_OK ? 1 : 0;
+    if (rc != MODAL_OK || s->linear)
+        goto out;
+    rc = steady_balance(s, list[0].H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+    if (rc == MODAL_OK && list[0].converged)
+        solutions_add(&found, b, list[0].X);
+    if (rc == MODAL_OK)
+        rc = solutions_along_levels(b, &opt, &found, err);
+    if (rc == MODAL_OK)
+        rc = solutions_from_starts(b, &opt, &found, err);
+    if (rc == MODAL_OK && found.count > 0) {
+        const char *method = list[0].converged ? list[0].method : "multi-start";
+
+        steady_point_done(&list[0]);
+        *count = 0;
+        rc = take_all(s, b, &found, method, list, count, err);
+    }
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+out:
+    solutions_done(&found);
+    if (rc != MODAL_OK) {
+        for (int i = 0; list != NULL && i < *count; i++)
+            steady_point_done(&list[i]);
+        free(list);
+        *count = 0;
+        return rc;
+    }
+    *points = list;
+    return MODAL_OK;
 }
 
 /* H doubled, each from the last, until the estimate meets the target. */

@@ -17,6 +17,7 @@ struct steady_options {
     bool by_differences;      /* Newton's derivative by difference quotients, as in 1989 */
     double target_error;      /* relative to max |x|; 0: 1e-6 */
     double relaxation;        /* direct iteration; 0: 1 */
+    bool estimate_later;      /* at given H: leave the errors to steady_estimate_point */
     const int *dofs;          /* those whose errors count, `dofs_count` of them; NULL: all */
     int dofs_count;
     bool (*cancelled)(void *context);
@@ -70,8 +71,14 @@ void steady_point_done(struct steady_point *point);
 enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err);
 /* Samples that H harmonics of these laws need, where the options name none. */
 int steady_samples(const struct steady *s, int H);
-/* Fill a point's estimates of error at its solution (done by steady_solve; curves ask for it). */
-enum modal_status steady_estimate(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err);
+/* Fill a converged point's estimates of error (done by steady_solve unless estimate_later). */
+enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err);
+/* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are left to steady_estimate_point. */
+enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
+                                    struct modal_error *err);
+/* Every solution found at OMEGA: along the level of the loads and from many starts; points, *COUNT of them, the caller's. */
+enum modal_status steady_solve_all(struct steady *s, double omega, const struct steady_start *start, struct steady_point **points, int *count,
+                                   struct modal_error *err);
 /* X of dof DOF, harmonics 0 .. H of the point. */
 enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err);
 

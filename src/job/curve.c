@@ -1,0 +1,422 @@
+/*
+ * curve.c - steady states over one number of the scene
+ *
+ * A sweep solves N points, each from its neighbour.  A continuation follows one branch (path.h) and reports folds, and
+ * between its points the changes of stability: a multiplier that leaves the unit circle at +1 (a branch point, or at a
+ * fold), at -1 (period doubling) or as a pair (Neimark-Sacker), located by regula falsi on |mu| - 1 over the parameter.
+ */
+#include "job/curve.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "job/plan.h"
+#include "job/scene_path.h"
+#include "job/steady_print.h"
+#include "modal/scene/scene.h"
+#include "modal/steady/path.h"
+
+enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60 };
+
+struct curve {
+    const struct job_request *request;
+    struct steady_settings *settings;
+    struct cost *cost;
+    struct program *p;             /* of the scene as given: counts and names */
+    char path[128];
+    double from, to;
+    int count;
+    bool omega;                    /* the parameter is omega: one session for all */
+    cJSON *scene;                  /* a copy to change */
+    struct program *here;          /* lowered at the parameter; p itself for omega */
+    struct steady *s;
+    int H;
+    double complex *last;          /* of the point before */
+    int last_q, last_H;
+    double last_value, last_turn;
+    struct stability before;
+    cJSON *points, *folds, *bifurcations;
+    long ffts;
+    int iterations, done;
+};
+
+static enum modal_status parse(struct curve *c, const char *text, const char *field, bool counted, struct modal_error *err)
+{
+    const char *equals = strchr(text, '=');
+    char *end = NULL, *rest = NULL;
+    long count = 2;
+
+    if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof c->path)
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s", text, counted ? ":N" : "");
+    memcpy(c->path, text, (size_t)(equals - text));
+    c->from = strtod(equals + 1, &end);
+    c->to = *end == ':' ? strtod(end + 1, &rest) : NAN;
+    if (counted && rest != NULL && *rest == ':')
+        count = strtol(rest + 1, &rest, 10);
+    else if (counted)
+        rest = NULL;
+    if (rest == NULL || *rest != '\0' || !isfinite(c->from) || !isfinite(c->to) || count < 2 || count > POINTS_MOST || (!counted && c->from == c->to))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s, finite, %s", text, counted ? ":N" : "",
+                                counted ? "2 to 20000 points" : "A and B different");
+    c->count = (int)count;
+    c->omega = strcmp(c->path, "omega") == 0;
+    if (c->omega && (c->from <= 0 || c->to <= 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "omega from %g to %g; accepted: > 0", c->from, c->to);
+    return MODAL_OK;
+}
+
+/* The session at VALUE, c->s; omega to solve at into *OMEGA. */
+static enum modal_status session_at(struct curve *c, double value, double *omega, struct modal_error *err)
+{
+    const char *field = c->settings->sweep != NULL ? "sweep" : "continue";
+    enum modal_status rc = MODAL_OK;
+
+    if (c->omega && c->s != NULL) {
+        *omega = value / c->settings->subharmonic;
+        return MODAL_OK;
+    }
+    steady_free(c->s);
+    c->s = NULL;
+    if (c->here != c->p)
+        program_free(c->here);
+    c->here = c->p;
+    if (c->omega)
+        *omega = value / c->settings->subharmonic;
+    else {
+        c->here = NULL;
+        rc = scene_path_set(c->scene, c->path, value, field, err);
+        if (rc == MODAL_OK)
+            rc = scene_lower(c->scene, NULL, &c->here, err);
+        if (rc != MODAL_OK)
+            return rc;
+        if (!(c->here->omega > 0))
+            return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+        steady_subharmonic(c->here, c->settings->subharmonic);
+        *omega = c->here->omega;
+    }
+    return steady_new(c->here, &c->settings->opt, &c->s, err);
+}
+
+static void remember(struct curve *c, const struct steady_point *point)
+{
+    size_t size = (size_t)point->q * ((size_t)point->H + 1);
+    double complex *copy = point->converged ? malloc((size + 1) * sizeof *copy) : NULL;
+
+    if (copy == NULL)
+        return;
+    memcpy(copy, point->X, size * sizeof *copy);
+    free(c->last);
+    c->last = copy;
+    c->last_q = point->q;
+    c->last_H = point->H;
+}
+
+static void tell(const struct curve *c, double fraction, double value, const struct steady_point *point, const struct stability *st)
+{
+    cJSON *event;
+
+    if (c->request->progress == NULL)
+        return;
+    event = cJSON_CreateObject();
+    json_set_number(event, "fraction", fraction);
+    cJSON_AddStringToObject(event, "parameter", c->path);
+    json_set_number(event, "value", value);
+    cJSON_AddBoolToObject(event, "converged", point->converged);
+    json_set_number(event, "amplitude", point->amplitude);
+    if (st->verdict == STABILITY_STABLE || st->verdict == STABILITY_UNSTABLE)
+        cJSON_AddBoolToObject(event, "stable", st->verdict == STABILITY_STABLE);
+    c->request->progress(c->request->context, event);
+    cJSON_Delete(event);
+}
+
+/* Print POINT at VALUE into the curve; takes nothing over. */
+static enum modal_status add_point(struct curve *c, double value, double fraction, struct steady_point *point, const struct stability *st,
+                                   struct modal_error *err)
+{
+    cJSON *doc = NULL;
+    enum modal_status rc = steady_print(c->s, c->here, c->settings, point, c->settings->stability && point->converged ? st : NULL, &doc, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    json_set_number(doc, "value", value);
+    if (c->omega)
+        json_set_number(doc, "omega", value);
+    if (c->settings->subharmonic > 1)
+        json_set_number(doc, "fundamental", point->omega);
+    cJSON_AddItemToArray(c->points, doc);
+    steady_count(c->p, point);
+    c->ffts += point->ffts;
+    c->iterations += point->iterations;
+    c->done++;
+    tell(c, fraction, value, point, st);
+    cost_stage(c->cost, "print");
+    return MODAL_OK;
+}
+
+static bool cancelled(const struct curve *c)
+{
+    return c->request->cancelled != NULL && c->request->cancelled(c->request->context);
+}
+
+static enum modal_status sweep(struct curve *c, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < c->count; i++) {
+        double value = i == c->count - 1 ? c->to : c->from + (c->to - c->from) * i / (c->count - 1), omega = 0;
+        struct steady_start start = { c->last_q, c->last_H, c->last };
+        struct steady_point point = { 0 };
+        struct stability st = { 0 };
+
+        if (cancelled(c))
+            return modal_fail(err, MODAL_CANCELLED, "cancelled at point %d of %d", i, c->count);
+        rc = session_at(c, value, &omega, err);
+        cost_stage(c->cost, c->omega ? "solve" : "lower");
+        if (rc == MODAL_OK)
+            rc = steady_solve(c->s, omega, c->last != NULL ? &start : NULL, &point, err);
+        cost_stage(c->cost, "solve");
+        if (rc == MODAL_OK && point.converged)
+            rc = steady_estimate_point(c->s, &point, err);
+        cost_stage(c->cost, "error");
+        if (rc == MODAL_OK && c->settings->stability && point.converged)
+            rc = stability_of(c->s, &point, &st, err);
+        cost_stage(c->cost, "stability");
+        if (rc == MODAL_OK) {
+            remember(c, &point);
+            rc = add_point(c, value, (i + 1.0) / c->count, &point, &st, err);
+        }
+        stability_done(&st);
+        steady_point_done(&point);
+    }
+    return rc;
+}
+
+static enum modal_status balance_at(void *context, double value, struct balance **out, struct modal_error *err)
+{
+    struct curve *c = context;
+    double omega = 0;
+    enum modal_status rc = session_at(c, value, &omega, err);
+
+    if (rc == MODAL_OK)
+        rc = steady_balance(c->s, c->H, out, err);
+    return rc == MODAL_OK ? balance_set(*out, omega, 1, err) : rc;
+}
+
+/* A steady_point of a balance's solution, X copied. */
+static enum modal_status point_of(struct curve *c, struct balance *b, const double complex *X, int iterations, struct steady_point *point,
+                                  struct modal_error *err)
+{
+    enum modal_status rc = steady_point_take(c->s, b, X, point, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    point->method = "continuation";
+    point->iterations = iterations;
+    return MODAL_OK;
+}
+
+static int unstable(const struct stability *s)
+{
+    int count = 0;
+
+    for (int i = 0; i < s->count; i++)
+        count += cabs(s->multiplier[i]) > 1 + 1e-9;
+    return count;
+}
+
+/* The multiplier nearest the circle that changed sides between two points. */
+static double complex changed(const struct stability *a, const struct stability *b)
+{
+    const struct stability *more = unstable(a) > unstable(b) ? a : b;
+    int least = unstable(a) > unstable(b) ? unstable(b) : unstable(a);
+
+    return more->multiplier[least];
+}
+
+/* Between the last point and this one the stability changes without a fold: where |mu| = 1, at a fixed parameter's Newton solution. */
+static enum modal_status refine(struct curve *c, double value, const double complex *X, const struct stability *st, struct modal_error *err)
+{
+    double a = c->last_value, b = value, where = NAN;
+    int base = unstable(&c->before) < unstable(st) ? unstable(&c->before) : unstable(st);
+    bool rises = unstable(st) > unstable(&c->before);
+    size_t size = (size_t)c->last_q * ((size_t)c->last_H + 1);
+    double complex *Y = malloc((size + 1) * sizeof *Y), mu = changed(&c->before, st);
+    enum modal_status rc = Y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : MODAL_OK;
+    const char *type;
+    cJSON *event;
+
+    for (int i = 0; rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > 1e-10 * fabs(c->to - c->from); i++) {
+        double middle = 0.5 * (a + b), share = (middle - c->last_value) / (value - c->last_value), omega = 0;
+        struct steady_start start = { c->last_q, c->last_H, Y };
+        struct steady_point point = { 0 };
+        struct stability here = { 0 };
+
+        for (size_t e = 0; e < size; e++)
+            Y[e] = c->last[e] + share * (X[e] - c->last[e]);
+        rc = session_at(c, middle, &omega, err);
+        if (rc == MODAL_OK)
+            rc = steady_solve(c->s, omega, &start, &point, err);
+        if (rc == MODAL_OK && point.converged)
+            rc = stability_of(c->s, &point, &here, err);
+        if (rc == MODAL_OK && here.count > base) {
+            where = middle;
+            mu = here.multiplier[base];
+            if ((unstable(&here) > base) == rises)
+                b = middle;
+            else
+                a = middle;
+        } else
+            i = REFINE_MOST;
+        stability_done(&here);
+        steady_point_done(&point);
+    }
+    free(Y);
+    if (rc != MODAL_OK)
+        return rc;
+    type = fabs(cimag(mu)) > 1e-6 ? "neimark_sacker" : creal(mu) < 0 ? "period_doubling" : "branch_point";
+    event = cJSON_CreateObject();
+    cJSON_AddStringToObject(event, "type", type);
+    json_set_number(event, c->path, isnan(where) ? 0.5 * (c->last_value + value) : 0.5 * (a + b));
+    cJSON_AddItemToArray(c->bifurcations, event);
+    return MODAL_OK;
+}
+
+static enum modal_status on_point(void *context, const struct path_point *path, struct balance *b, bool *stop, struct modal_error *err)
+{
+    struct curve *c = context;
+    struct steady_point point = { 0 };
+    struct stability st = { 0 };
+    double fraction = fmin(1, fmax(0, (path->lambda - c->from) / (c->to - c->from)));
+    enum modal_status rc;
+
+    (void)stop;
+    cost_stage(c->cost, "solve");
+    rc = point_of(c, b, path->X, path->iterations, &point, err);
+    if (rc == MODAL_OK)
+        rc = steady_estimate_point(c->s, &point, err);
+    cost_stage(c->cost, "error");
+    if (rc == MODAL_OK && c->settings->stability)
+        rc = stability_of(c->s, &point, &st, err);
+    cost_stage(c->cost, "stability");
+    if (rc == MODAL_OK)
+        rc = add_point(c, path->lambda, fraction, &point, &st, err);
+    if (rc == MODAL_OK && c->before.count > 0 && st.count == c->before.count && unstable(&st) != unstable(&c->before)
+        && path->turn * c->last_turn > 0 && c->last != NULL) {
+        rc = refine(c, path->lambda, point.X, &st, err);
+        cost_stage(c->cost, "locate");
+    }
+    if (rc == MODAL_OK) {
+        remember(c, &point);
+        stability_done(&c->before);
+        c->before = st;
+        st = (struct stability) { 0 };
+        c->last_value = path->lambda;
+        c->last_turn = path->turn;
+    }
+    stability_done(&st);
+    steady_point_done(&point);
+    return rc;
+}
+
+static enum modal_status on_special(void *context, enum path_special kind, const struct path_point *path, struct balance *b, struct modal_error *err)
+{
+    struct curve *c = context;
+    cJSON *event;
+
+    (void)b;
+    (void)err;
+    if (kind != PATH_FOLD)
+        return MODAL_OK;                    /* branch points show in the multipliers */
+    event = cJSON_CreateObject();
+    json_set_number(event, c->path, path->lambda);
+    cJSON_AddItemToArray(c->folds, event);
+    return MODAL_OK;
+}
+
+static bool path_cancelled(void *context) { return cancelled(context); }
+
+static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error *err)
+{
+    struct path_problem problem = { .at = balance_at, .point = on_point, .special = on_special, .cancelled = path_cancelled, .context = c,
+                                    .from = c->from, .to = c->to, .points_most = POINTS_MOST / 4 };
+    struct path_report report = { 0 };
+    struct steady_point first = { 0 };
+    double omega = 0;
+    enum modal_status rc = session_at(c, c->from, &omega, err);
+
+    if (rc == MODAL_OK)
+        rc = steady_solve(c->s, omega, NULL, &first, err);
+    if (rc == MODAL_OK && !first.converged) {
+        struct stability none = { 0 };
+
+        report.reason = "there is no solution where the branch should set out";
+        rc = add_point(c, c->from, 1, &first, &none, err);
+    } else if (rc == MODAL_OK) {
+        struct balance *b;
+        int H = first.H;
+        struct steady_start start = { first.q, first.H, first.X };
+
+        c->H = c->settings->opt.harmonics > 0 ? c->settings->opt.harmonics : H < H_FOLLOWED_MOST ? H : H_FOLLOWED_MOST;
+        rc = steady_balance(c->s, c->H, &b, err);
+        if (rc == MODAL_OK) {
+            double complex *X = calloc((size_t)b->q * ((size_t)c->H + 1) + 1, sizeof *X);
+
+            for (int i = 0; X != NULL && i < b->q; i++)
+                for (int k = 0; k <= c->H && k <= start.H; k++)
+                    X[i * (c->H + 1) + k] = start.X[i * (start.H + 1) + k];
+            rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : path_follow(&problem, X, &report, err);
+            free(X);
+        }
+    }
+    cost_stage(c->cost, "solve");
+    if (rc == MODAL_OK) {
+        cJSON_AddBoolToObject(doc, "complete", report.complete);
+        if (report.reason != NULL)
+            cJSON_AddStringToObject(doc, "reason", report.reason);
+    }
+    steady_point_done(&first);
+    return rc;
+}
+
+static void curve_done(struct curve *c)
+{
+    steady_free(c->s);
+    if (c->here != c->p)
+        program_free(c->here);
+    cJSON_Delete(c->scene);
+    free(c->last);
+    stability_done(&c->before);
+}
+
+enum modal_status curve_run(const struct job_request *request, struct program *p, struct steady_settings *settings, struct cost *cost,
+                            cJSON **doc, struct modal_error *err)
+{
+    struct curve c = { .request = request, .settings = settings, .cost = cost, .p = p, .here = p };
+    bool counted = settings->sweep != NULL;
+    cJSON *out = cJSON_CreateObject(), *plan;
+    enum modal_status rc = parse(&c, counted ? settings->sweep : settings->follow, counted ? "sweep" : "continue", counted, err);
+
+    settings->opt.estimate_later = settings->opt.harmonics > 0;
+    cJSON_AddStringToObject(out, "kind", "curve");
+    cJSON_AddStringToObject(out, "parameter", c.path);
+    c.points = cJSON_AddArrayToObject(out, "points");
+    c.folds = cJSON_AddArrayToObject(out, "folds");
+    c.bifurcations = cJSON_AddArrayToObject(out, "bifurcations");
+    if (rc == MODAL_OK && !c.omega) {
+        c.scene = cJSON_Duplicate(request->scene, 1);
+        rc = c.scene == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : MODAL_OK;
+    }
+    if (rc == MODAL_OK)
+        rc = counted ? sweep(&c, err) : follow(&c, out, err);
+    if (rc == MODAL_OK) {
+        plan = plan_print(p, counted ? "sweep" : "continuation");
+        cJSON_AddNumberToObject(plan, "ffts", (double)c.ffts);
+        cJSON_AddNumberToObject(plan, "iterations", c.iterations);
+        cJSON_AddItemToObject(out, "plan", plan);
+        *doc = out;
+        out = NULL;
+    }
+    cJSON_Delete(out);
+    curve_done(&c);
+    return rc;
+}

@@ -1,7 +1,8 @@
 /* bulk.c - `submit --from LIST.jsonl`: many submissions in flight, each accepted once
  *
  * A line is {"kind", "file", "options"?, "key"?, "priority"?, "run_limit_s"?, "deadline_s"?}; "-": the list from stdin.  A
- * line without a key gets LIST:N, N its number, so that submitting the list again finds the jobs of the first time.  Each
+ * line without a key gets LIST:N:HASH, its number and the FNV-1a of its text, so that submitting the list again finds the
+ * jobs of the first time, and another list of that name does not.  Each
  * accepted line's queue document is one line of stdout, in order of acceptance, with "line".  With --resume, LIST.accepted
  * keeps the numbers of accepted lines and those are not sent again.
  */
@@ -17,7 +18,7 @@
 
 enum { WINDOW_DEFAULT = 64, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28 };
 
-struct item { cJSON *line; long number; };
+struct item { cJSON *line; long number; uint64_t hash; };
 
 struct flight { int64_t id; size_t item; bool used; };
 
@@ -53,6 +54,15 @@ static enum modal_status check_line(const cJSON *line, long number, struct modal
     return rc == MODAL_OK ? json_need_string(line, base, "file", &file, err) : rc;
 }
 
+static uint64_t fnv1a(const char *text)
+{
+    uint64_t hash = 0xcbf29ce484222325u;
+
+    for (; *text != 0 && *text != '\r'; text++)
+        hash = (hash ^ (unsigned char)*text) * 0x100000001b3u;
+    return hash;
+}
+
 /* The lines of the list that are not in SKIP (numbers of accepted ones, 0-terminated by count). */
 static enum modal_status read_items(char *list, const bool *skip, long skips, struct bulk *b, struct modal_error *err)
 {
@@ -61,6 +71,7 @@ static enum modal_status read_items(char *list, const bool *skip, long skips, st
 
     for (char *line; rc == MODAL_OK && (line = strsep(&list, "\n")) != NULL; ) {
         cJSON *object = NULL;
+        uint64_t hash = fnv1a(line);
         number++;
         if (line[strspn(line, " \t\r")] == 0 || (number < skips && skip[number]))
             continue;
@@ -77,7 +88,7 @@ static enum modal_status read_items(char *list, const bool *skip, long skips, st
             break;
         }
         b->items = more;
-        b->items[b->count++] = (struct item) { object, number };
+        b->items[b->count++] = (struct item) { object, number, hash };
     }
     return rc;
 }
@@ -159,7 +170,7 @@ static enum modal_status send_item(struct bulk *b, size_t i, double deadline, st
 
     if (rc != MODAL_OK)
         return rc;
-    snprintf(key, sizeof key, "%.100s:%ld", base ? base + 1 : b->args->from, b->items[i].number);
+    snprintf(key, sizeof key, "%.90s:%ld:%016llx", base ? base + 1 : b->args->from, b->items[i].number, (unsigned long long)b->items[i].hash);
     struct client_job job = remote_job(&b->input, b->args, text(line, "key") ? text(line, "key") : key);
     job.options = options ? options : job.options;
     job.priority = get(line, "priority", job.priority);

@@ -20,7 +20,7 @@ sys.path.insert(0, str(TOP / "clients" / "python"))
 
 import modald  # noqa: E402
 
-PATIENCE = 60
+PATIENCE = 120
 
 
 def environment(**more):

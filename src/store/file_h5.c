@@ -3,6 +3,9 @@
  *
  * A driver of HDF5's virtual file layer holds two addresses: `eoa`, the end of what the library has allocated, and `eof`,
  * the end of what is in the file.  The file is made long enough when it is closed.
+ *
+ * A write that fails while HDF5 (1.10) closes a file leaves it half open, to crash when the library ends.  So a failed
+ * write is kept here, the library goes on as if it had passed, and file_h5_status tells after the file is closed.
  */
 #include "store/file_h5.h"
 #include <fcntl.h>
@@ -22,16 +25,26 @@ struct h5_file {
     ino_t inode;
 };
 
+static struct modal_error failed;     /* the first since file_h5_access; under batch_h5_lock, as all of HDF5 */
+
+static enum modal_status keep(enum modal_status rc, const struct modal_error *err)
+{
+    if (rc != MODAL_OK && rc != MODAL_NOT_FOUND && failed.status == MODAL_OK)     /* H5Fcreate tries what is there first */
+        failed = *err;
+    return rc;
+}
+
 static H5FD_t *h5_open(const char *name, unsigned flags, hid_t access, haddr_t most)
 {
     struct h5_file *file = calloc(1, sizeof *file);
     int how = (flags & H5F_ACC_RDWR ? O_RDWR : O_RDONLY) | (flags & H5F_ACC_TRUNC ? O_TRUNC : 0) | (flags & H5F_ACC_CREAT ? O_CREAT : 0) |
               (flags & H5F_ACC_EXCL ? O_EXCL : 0);
+    struct modal_error err;
     struct stat known;
 
     (void)access;
     (void)most;
-    if (file == NULL || file_open(name, how, 0640, &file->fd, NULL) != MODAL_OK) {
+    if (file == NULL || keep(file_open(name, how, 0640, &file->fd, &err), &err) != MODAL_OK) {
         free(file);
         return NULL;
     }
@@ -90,11 +103,12 @@ static haddr_t h5_get_eof(const H5FD_t *base, H5FD_mem_t type)
 /* Past the end there are zeros. */
 static herr_t h5_read(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address, size_t size, void *buffer)
 {
+    struct modal_error err;
     size_t got = 0;
 
     (void)type;
     (void)plan;
-    if (file_read(((struct h5_file *)base)->fd, buffer, size, address, &got, NULL) != MODAL_OK)
+    if (keep(file_read(((struct h5_file *)base)->fd, buffer, size, address, &got, &err), &err) != MODAL_OK)
         return -1;
     memset((char *)buffer + got, 0, size - got);
     return 0;
@@ -103,11 +117,11 @@ static herr_t h5_read(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address
 static herr_t h5_write(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address, size_t size, const void *buffer)
 {
     struct h5_file *file = (struct h5_file *)base;
+    struct modal_error err;
 
     (void)type;
     (void)plan;
-    if (file_write(file->fd, buffer, size, address, NULL) != MODAL_OK)
-        return -1;
+    keep(file_write(file->fd, buffer, size, address, &err), &err);
     if (address + size > file->eof)
         file->eof = address + size;
     return 0;
@@ -116,13 +130,13 @@ static herr_t h5_write(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t addres
 static herr_t h5_truncate(H5FD_t *base, hid_t plan, hbool_t closing)
 {
     struct h5_file *file = (struct h5_file *)base;
+    struct modal_error err;
 
     (void)plan;
     (void)closing;
     if (file->eoa == file->eof)
         return 0;
-    if (file_truncate(file->fd, file->eoa, NULL) != MODAL_OK)
-        return -1;
+    keep(file_truncate(file->fd, file->eoa, &err), &err);
     file->eof = file->eoa;
     return 0;
 }
@@ -138,6 +152,7 @@ hid_t file_h5_access(hsize_t threshold, hsize_t alignment)
     static hid_t id = H5I_INVALID_HID;
     hid_t access = H5Pcreate(H5P_FILE_ACCESS);
 
+    failed.status = MODAL_OK;
     if (id < 0)
         id = H5FDregister(&driver);
     if (access >= 0 && (id < 0 || H5Pset_driver(access, id, NULL) < 0 || H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V18) < 0 ||
@@ -146,4 +161,9 @@ hid_t file_h5_access(hsize_t threshold, hsize_t alignment)
         return H5I_INVALID_HID;
     }
     return access;
+}
+
+enum modal_status file_h5_status(struct modal_error *err)
+{
+    return failed.status == MODAL_OK ? MODAL_OK : modal_fail(err, failed.status, "%s", failed.message);
 }

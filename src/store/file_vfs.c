@@ -125,7 +125,9 @@ static int vfs_truncate(sqlite3_file *file, sqlite3_int64 size)
 
 static int vfs_sync(sqlite3_file *file, int flags)
 {
-    return GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC, real(file)->pMethods->xSync(real(file), flags));
+    int rc = GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC, real(file)->pMethods->xSync(real(file), flags));
+
+    return rc == SQLITE_FULL ? SQLITE_IOERR_FSYNC : rc;     /* whatever the reason, what is on the disk is unknown */
 }
 
 static int vfs_file_size(sqlite3_file *file, sqlite3_int64 *size)

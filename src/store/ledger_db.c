@@ -2,10 +2,11 @@
  * ledger_db.c - opening the ledger's database, its schema, and reading all of it
  *
  * What SQLite is told: write-ahead log with full synchronisation (a commit is one fdatasync of the log); checkpoints
- * by us only (ledger_settle), because SQLite's own swallow a failed fsync of the database and would try it again;
+ * by us only (ledger_settle), because SQLite's own, at a commit or at the end, swallow a failed fsync of the database;
  * incremental vacuum, so that retention gives space back; 8 reserved bytes a page for the checksums of file_vfs.c.
  */
 #include "store/ledger_db.h"
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,6 +45,8 @@ enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct
 
     if ((extended & 0xff) != (code & 0xff))
         extended = code;
+    if (extended == SQLITE_CANTOPEN && db != NULL && (sqlite3_system_errno(db) == ENOSPC || sqlite3_system_errno(db) == EDQUOT))
+        extended = SQLITE_FULL;                 /* no inode is left */
     for (size_t i = 0; i < sizeof table / sizeof *table; i++)
         if (table[i].code == extended || table[i].code == (extended & 0xff))
             return modal_fail(err, table[i].status, "ledger: %s: %s (%d)%s", what, db != NULL ? sqlite3_errmsg(db) : sqlite3_errstr(code), extended,
@@ -117,6 +120,7 @@ static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err
 
     sqlite3_extended_result_codes(db, 1);
     sqlite3_busy_timeout(db, 5000);
+    sqlite3_db_config(db, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     sqlite3_file_control(db, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved);
     rc = ledger_db_run(db, "PRAGMA cache_size=-4000; PRAGMA temp_store=MEMORY; PRAGMA cell_size_check=ON; PRAGMA trusted_schema=OFF;"
                            "PRAGMA mmap_size=0; PRAGMA wal_autocheckpoint=0", err);

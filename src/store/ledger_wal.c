@@ -111,37 +111,41 @@ static void put_big(unsigned char *p, uint32_t word)
 }
 
 /*
- * The header's own sums are wrong.  Torn while a new life of the log began, with an old life's frames behind it, or
- * damaged?  Put the constants and the first frame's salts in its place: if that has the stored sums, or its salts and
- * constants were these all along, it was whole once.  (A new header torn within its sequence number has the old sums of the
- * number before: not damage.)
+ * Is the header torn: the beginning of a new life's (sequence + 1, other salts and sums) before the end of the old one's,
+ * whose salts the frames carry?  Only a bit of damage to the sequence number can look so.
  */
+static bool header_torn(const struct wal *wal, bool big)
+{
+    struct sums none = { 0, 0 }, sums;
+    unsigned char old[HEADER];
+
+    put_big(old, MAGIC | (uint32_t)big);
+    put_big(old + 4, VERSION);
+    put_big(old + 8, wal->page);
+    put_big(old + 12, big_word(wal->header + 12) - 1);
+    put_big(old + 16, wal->salt[0]);
+    put_big(old + 20, wal->salt[1]);
+    sums = add(big, none, old, 24);
+    put_big(old + 24, sums.a);
+    put_big(old + 28, sums.b);
+    for (size_t cut = 16; cut < HEADER; cut++)
+        if (memcmp(wal->header + cut, old + cut, HEADER - cut) == 0)
+            return memcmp(wal->header, old, 12) == 0;
+    return false;
+}
+
+/* The header's own sums are wrong: torn while the log began anew, with an old life's frames behind it, or damaged? */
 static bool header_damaged(struct wal *wal)
 {
-    unsigned char was[HEADER];
-    struct sums none = { 0, 0 };
-    bool unchanged;
-
     wal->page = 4096;
-    if (!read_frame(wal, 0, false))
-        return false;
-    wal->salt[0] = big_word(wal->frame + 8);
-    wal->salt[1] = big_word(wal->frame + 12);
-    for (int big = 0; big < 2; big++) {
-        memcpy(was, wal->header, HEADER);
-        put_big(was, MAGIC | (uint32_t)big);
-        put_big(was + 4, VERSION);
-        put_big(was + 8, wal->page);
-        put_big(was + 16, wal->salt[0]);
-        put_big(was + 20, wal->salt[1]);
-        if (same(add(big, none, was, 24), wal->header + 24))
-            return groups_after(wal, 0);
-        unchanged = memcmp(was, wal->header, 24) == 0;
-        put_big(was + 12, big_word(was + 12) - 1);
-        if (unchanged && !same(add(big, none, was, 24), wal->header + 24))
-            return groups_after(wal, 0);
+    wal->salt[0] = wal->salt[1] = 0;
+    for (uint64_t i = 0; (wal->salt[0] | wal->salt[1]) == 0; i++) {
+        if (!read_frame(wal, i, false))
+            return false;
+        wal->salt[0] = big_word(wal->frame + 8);
+        wal->salt[1] = big_word(wal->frame + 12);
     }
-    return false;
+    return groups_after(wal, 0) && !header_torn(wal, false) && !header_torn(wal, true);
 }
 
 static bool header_good(struct wal *wal)

@@ -112,6 +112,8 @@ static enum modal_status make_file(const char *path, const struct input_shape *s
         rc = modal_fail(err, MODAL_IO, "%s: HDF5 could not close the file", path);
     if (access >= 0)
         H5Pclose(access);
+    if (file_h5_status(err) != MODAL_OK)
+        rc = file_h5_status(err);
     batch_h5_unlock();
     cJSON_Delete(attributes);
     return rc;
@@ -129,16 +131,6 @@ static enum modal_status reserve_file(struct upload *upload, struct modal_error 
     if (rc == MODAL_OK)
         rc = file_sync(upload->fd, err);
     return rc == MODAL_OK ? file_sync_dir(upload->dir, err) : rc;
-}
-
-/* HDF5 does not say why it failed: a full disk is told from the file system. */
-static enum modal_status why(const char *dir, enum modal_status rc, struct modal_error *err)
-{
-    struct statvfs known;
-
-    if (rc == MODAL_IO && statvfs(dir, &known) == 0 && ((known.f_files > 0 && known.f_favail == 0) || known.f_bavail * known.f_frsize < 65536))
-        return modal_fail(err, MODAL_STORAGE_FULL, "no space is left in %s", dir);
-    return rc;
 }
 
 static struct upload *upload_new(const char *dir, int64_t id, const struct input_shape *shape)
@@ -172,7 +164,6 @@ enum modal_status upload_begin(const char *dir, int64_t id, const struct input_s
     if (rc == MODAL_OK)
         rc = reserve_file(upload, err);
     if (rc != MODAL_OK) {
-        rc = why(upload->dir, rc, err);
         file_unlink(upload->part, NULL);
         upload_close(upload);
         return rc;

@@ -28,9 +28,11 @@ def main():
             socket.send_multipart([b"MODALW1", verb.encode(), json.dumps(header).encode(), *body])
 
     def beat():
-        while True:
+        parent = os.getppid()
+        while os.getppid() == parent:       # a daemon that was killed leaves no worker behind
             time.sleep(1)
             say("BEAT")
+        os._exit(0)
 
     def receive():
         while True:

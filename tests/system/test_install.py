@@ -1,0 +1,168 @@
+"""What is installed, and that it is usable: libraries and headers by pkg-config, man pages, completion, the hardened unit."""
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+from conftest import BUILD, TOP, environment
+
+UNITS = sorted((TOP / "systemd").glob("*.service"))
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    prefix = tmp_path_factory.mktemp("install") / "usr"
+    subprocess.run(["cmake", "--install", str(BUILD), "--prefix", str(prefix)], check=True, capture_output=True)
+    return prefix
+
+
+def library_folder(prefix):
+    return next(path.parent for path in prefix.glob("lib/**/libmodal.a"))
+
+
+def test_everything_is_where_debian_expects_it(installed):
+    lib = library_folder(installed).relative_to(installed)
+    for name in ("bin/modalctl", "sbin/modald", "sbin/modald-worker", f"{lib}/libmodal.a", f"{lib}/libmodal.so", f"{lib}/libmodald-stream.a",
+                 f"{lib}/libmodald-stream.so", f"{lib}/libmodald-client.so", f"{lib}/pkgconfig/modal.pc", f"{lib}/pkgconfig/modald-stream.pc",
+                 f"{lib}/pkgconfig/modald-client.pc", "include/modal/error.h", "include/modal/batch.h", "include/modal/linalg/svd.h", "include/modald.h",
+                 "include/modald_stream.h", "lib/systemd/system/modald.service", "lib/sysusers.d/modald.conf", "lib/tmpfiles.d/modald.conf",
+                 "share/man/man1/modalctl.1", "share/man/man8/modald.8", "share/man/man8/modald-worker.8", "share/bash-completion/completions/modalctl"):
+        assert (installed / name).exists(), name
+    assert list(installed.glob("lib/python3*/dist-packages/modald/client.py"))
+
+
+def compile_and_run(installed, folder, suffix, source, package, compiler):
+    (folder / f"a{suffix}").write_text(source)
+    env = {**os.environ, "PKG_CONFIG_PATH": str(library_folder(installed) / "pkgconfig")}
+    flags = subprocess.run(["pkg-config", "--cflags", "--libs", package], env=env, capture_output=True, text=True, check=True).stdout.split()
+    subprocess.run([*compiler, "-Wall", "-Wextra", "-Werror", str(folder / f"a{suffix}"), "-o", str(folder / "a"), *flags], check=True, capture_output=True)
+    return subprocess.run([str(folder / "a")], env=environment(LD_LIBRARY_PATH=library_folder(installed)), capture_output=True, text=True)
+
+
+def test_libmodal_is_usable_alone(installed, tmp_path):
+    source = '''#include <stdio.h>
+#include "modal/error.h"
+int main(void) { puts(modal_status_code(MODAL_BAD_INPUT)); return modal_status_exit(MODAL_TIMEOUT); }
+'''
+    done = compile_and_run(installed, tmp_path, ".c", source, "modal", ["cc", "-std=c11"])
+    assert done.stdout == "bad_input\n" and done.returncode == 5
+
+
+@pytest.mark.parametrize("suffix, compiler", [(".c", ["cc", "-std=c89", "-pedantic"]), (".cpp", ["c++"])])
+def test_the_client_headers_serve_old_c_and_cpp(suffix, compiler, installed, tmp_path):
+    if shutil.which(compiler[0]) is None:
+        pytest.skip(f"no {compiler[0]}")
+    stream = '''#include "modald_stream.h"
+int main(void) { double y[2] = { 1, 2 }; modald_stream *s = modald_open("a", 2, 0.1); modald_push(s, y); modald_close(s); return modald_verdict(s); }
+'''
+    client = '''#include "modald.h"
+int main(void) { struct modald *m = 0; struct modald_error e; int status = modald_connect("nonsense", 0, &m, &e); modald_disconnect(m); return status; }
+'''
+    assert compile_and_run(installed, tmp_path, suffix, stream, "modald-stream", compiler).returncode == 0
+    assert compile_and_run(installed, tmp_path, suffix, client, "modald-client", compiler).returncode == 2
+
+
+def test_the_stream_library_is_small_and_needs_only_libzmq(installed):
+    library = (library_folder(installed) / "libmodald-stream.so").resolve()
+    needed = subprocess.run(["objdump", "-p", str(library)], capture_output=True, text=True, check=True).stdout
+    assert set(re.findall(r"NEEDED\s+(\S+)", needed)) <= {"libzmq.so.5", "libm.so.6", "libc.so.6", "libasan.so.8", "libubsan.so.1"}
+    text, data, *_ = subprocess.run(["size", str(library)], capture_output=True, text=True, check=True).stdout.splitlines()[1].split()
+    assert int(text) + int(data) < 100_000
+
+
+def test_the_client_library_shows_nothing_but_its_header(installed):
+    library = (library_folder(installed) / "libmodald-client.so").resolve()
+    symbols = subprocess.run(["nm", "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True).stdout
+    shown = {line.split()[-1].split("@")[0] for line in symbols.splitlines()}
+    declared = set(re.findall(r"\b(modald_\w+)\(", (TOP / "clients/c/modald.h").read_text()))
+    assert shown == declared
+
+
+def verbs():
+    out = subprocess.run([str(BUILD / "bin" / "modalctl"), "--help"], capture_output=True, text=True, check=True).stdout
+    return re.findall(r"^  ([a-z]+) ", out.split("options:")[0], re.M)
+
+
+def options(verb):
+    out = subprocess.run([str(BUILD / "bin" / "modalctl"), verb, "--help"], capture_output=True, text=True, check=True).stdout
+    return set(re.findall(r"--([a-z-]+) ", out.split("options:")[1]))
+
+
+def plain(path):
+    """A man page's text, with its dashes as dashes."""
+    return re.sub(r"\\f[A-Z]", "", path.read_text().replace("\\-", "-"))
+
+
+def test_the_man_page_names_every_verb_and_option():
+    page = plain(TOP / "clients/ctl/modalctl.1")
+    assert len(verbs()) > 20
+    for verb in verbs():
+        assert re.search(rf"\b{verb}\b", page), verb
+        for option in options(verb):
+            assert f"--{option}" in page, option
+
+
+@pytest.mark.parametrize("page", ["clients/ctl/modalctl.1", "systemd/modald.8", "systemd/modald-worker.8"])
+def test_man_pages_are_well_formed(page):
+    text = (TOP / page).read_text()
+    sections = re.findall(r"^\.SH (.+)$", text, re.M)
+    assert text.startswith(".TH ") and sections[:3] == ["NAME", "SYNOPSIS", "DESCRIPTION"] and "EXIT STATUS" in sections and sections[-1] == "SEE ALSO"
+    if shutil.which("groff"):
+        done = subprocess.run(["groff", "-man", "-ww", "-z", str(TOP / page)], capture_output=True, text=True)
+        assert done.stderr == ""
+
+
+def test_the_daemons_options_stand_in_its_man_page_and_keys_in_the_example():
+    page = plain(TOP / "systemd/modald.8")
+    for option in ("--data", "--bind", "--workers", "--config", "--check-config", "--version"):
+        assert option in page
+    rows = re.findall(r'^    \{ "([a-z_]+)", [A-Z]+,', (TOP / "src/broker/config.c").read_text(), re.M)
+    example = (TOP / "systemd/modald.conf").read_text()
+    assert len(rows) > 15
+    for key in rows:
+        assert re.search(rf"^#?{key} =", example, re.M), key
+
+
+def test_the_example_configuration_is_accepted(tmp_path):
+    text = (TOP / "systemd/modald.conf").read_text().replace("/var/lib/modald", str(tmp_path / "data")).replace("/run/modald", str(tmp_path))
+    (tmp_path / "modald.conf").write_text(text)
+    done = subprocess.run([str(BUILD / "bin" / "modald"), "--check-config", "--config", str(tmp_path / "modald.conf")], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def complete(line):
+    """What bash offers at the end of LINE."""
+    words = line.split(" ")
+    script = f'''source {TOP}/clients/ctl/modalctl.bash
+COMP_WORDS=({" ".join(f"'{w}'" for w in words)}); COMP_CWORD={len(words) - 1}; compopt() {{ :; }}
+_modalctl; printf '%s\\n' "${{COMPREPLY[@]}}"'''
+    env = environment(PATH=f"{BUILD}/bin:{os.environ['PATH']}")
+    return subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=env).stdout.split()
+
+
+def test_completion_offers_verbs_kinds_options_and_states():
+    assert set(complete("modalctl ")) == set(verbs())
+    assert complete("modalctl ident") == ["identify"]
+    assert "tradeoff" in complete("modalctl submit ")
+    assert set(complete("modalctl list --")) >= {f"--{option}" for option in options("list")}
+    assert complete("modalctl list --state qu") == ["queued"]
+    assert "rank.fixed=" in complete("modalctl identify a.h5 -o rank.f")
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda p: p.name)
+def test_the_unit_is_hardened(unit):
+    done = subprocess.run(["systemd-analyze", "security", "--offline=true", "--threshold=15", str(unit)], capture_output=True, text=True)
+    overall = re.search(r"Overall exposure level for \S+: ([0-9.]+)", done.stdout)
+    assert overall and float(overall.group(1)) <= 1.5, done.stdout[-300:] + done.stderr
+
+
+def test_the_demo_ends_0_with_both_pairs():
+    if not pathlib.Path("/usr/share/sonic-pi/samples/perc_bell.flac").exists():
+        pytest.skip("the recording is not installed (Debian package sonic-pi-samples)")
+    done = subprocess.run([str(TOP / "clients/demo")], capture_output=True, text=True, env=environment(MODALD_BUILD=BUILD), timeout=300)
+    assert done.returncode == 0, done.stderr
+    for frequency in ("3615.4", "3620.9", "6738", "6748"):
+        assert frequency in done.stdout
+    assert "cost:" in done.stdout and "damping ratio" in done.stdout

@@ -1,8 +1,549 @@
-/* nonlinear_stepper.c - stepping of nonlinear programs */
+/*
+ * nonlinear_stepper.c - steps of programs with laws: exact in what is linear, collocation in the forces of the laws
+ *
+ * Over a step the channels' forces are a polynomial through their values at Radau's nodes; the linear part answers it
+ * exactly (collocation.h).  The unknowns are those values alone,
+ *
+ *     phi_i = f(t_i, probes_i),   probes_i = RE_i y + RG_i w + sum_j H_ij phi_j,                       (1)
+ *
+ * solved by Newton's method with the laws' exact derivatives: channels x STAGES unknowns whatever the number of states.  A
+ * rigid slider that sticks has its rate, 0, in place of (1), and its force is what holds it.
+ *
+ * Error and step.  The polynomial, continued to the step's start, misses the force there by delta; the miss times h and
+ * the channel's effect bounds what a force of one degree more would change, and is kept below tolerance times the largest
+ * state so far.  Steps are dt / 2^k so that their maps can be kept.
+ *
+ * Events.  Where a law leaves its smooth piece (events.h) the step is cut there and solved again, until the end of the
+ * step and the event agree to 1e-10 of it: no step has a kink inside.
+ *
+ * Laws that keep a history of their own (a user's) cannot be asked twice about one time: they are asked once at the end
+ * of each of the STEPS_SEQUENTIAL equal steps of dt, in order, and enter (1) by the polynomial through their last
+ * four values (fewer in the first steps, and after corners of the excitation).
+ */
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/collocation.h"
+#include "modal/scene/events.h"
+#include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
+
+enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, STEPS_SEQUENTIAL = 64, PAST = 4 };
+
+struct nonlinear_stepper {
+    struct stepper face;
+    const struct statespace *ss;
+    const struct sources *src;
+    struct ports *ports;
+    struct collocation *collocation;
+    struct stepper_options opt;
+    int level, calm;                  /* the step is dt / 2^level; accepted in a row */
+    bool sequential, started;
+    double scale;                     /* the largest |y| so far */
+    double missed;                    /* of the last step */
+    double *weight;                   /* of each channel: |U| */
+    double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *slope, *J, *residual, *knots, *past;
+    int pasts;
+    int *pivot;
+};
+
+static double norm(const double *x, int n)
+{
+    return n > 0 ? fabs(x[cblas_idamax(n, x, 1)]) : 0;
+}
+
+/* Probes at y. */
+static void probe(const struct nonlinear_stepper *s, const double *y, double *out)
+{
+    int r = 2 * s->ports->probes;
+
+    cblas_dgemv(CblasColMajor, CblasNoTrans, r, s->ss->N, 1, s->ports->R, r, y, 1, 0, out, 1);
+}
+
+/* The part of the nodes' probes that does not depend on phi: RE_i y + RG_i w. */
+static void bases(struct nonlinear_stepper *s, const struct collocation_map *map)
+{
+    int r = 2 * s->ports->probes, N = s->ss->N, nw = s->src->nw;
+
+    for (int i = 0; i < S; i++) {
+        double *out = s->base + (size_t)i * (size_t)r;
+        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, map->RE + (size_t)i * (size_t)r * (size_t)N, r, s->y, 1, 0, out, 1);
+        if (nw > 0)
+            cblas_dgemv(CblasColMajor, CblasNoTrans, r, nw, 1, map->RG + (size_t)i * (size_t)r * (size_t)nw, r, s->w, 1, 1, out, 1);
+    }
+}
+
+static void probes_of_phi(struct nonlinear_stepper *s, const struct collocation_map *map)
+{
+    int r = 2 * s->ports->probes, m = s->ports->channels;
+
+    for (int i = 0; i < S; i++) {
+        double *out = s->probes + (size_t)i * (size_t)r;
+        memcpy(out, s->base + (size_t)i * (size_t)r, (size_t)r * sizeof *out);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, r, m * S, 1, map->H + (size_t)i * S * (size_t)r * (size_t)m, r, s->phi, 1, 1, out, 1);
+    }
+}
+
+static bool stuck(const struct port_law *l)
+{
+    return l->law->kind->set_valued && l->held == 0;
+}
+
+/* Rows of node I of residual and Jacobian (1). */
+static enum modal_status equations(struct nonlinear_stepper *s, const struct collocation_map *map, double t, int i, struct modal_error *err)
+{
+    struct ports *p = s->ports;
+    int m = p->channels, q = p->probes, r = 2 * q, size = m * S;
+    const double *H = map->H + (size_t)i * S * (size_t)r * (size_t)m, *at = s->probes + (size_t)i * (size_t)r;
+    double *R = s->residual + (size_t)i * (size_t)m;
+    enum modal_status rc = ports_force(p, t, at, s->probe0, s->memory, R, s->slope, NULL, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    for (int k = 0; k < m; k++)
+        R[k] = s->phi[i * m + k] - R[k];
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, m, size, r, -1, s->slope, m, H, r, 0, s->J + i * m, size);
+    for (int k = 0; k < m; k++)
+        s->J[(size_t)(i * m + k) + (size_t)(i * m + k) * (size_t)size] += 1;
+    for (int l = 0; l < p->laws; l++) {
+        int c = p->law[l].channel, row = i * m + c;
+        if (!stuck(&p->law[l]))
+            continue;
+        double most = DBL_MIN;                            /* the rate as a force: its row scaled to 1 */
+        for (int k = 0; k < size; k++)
+            most = fmax(most, fabs(H[(size_t)(q + c) + (size_t)k * (size_t)r]));
+        s->residual[row] = at[q + c] / most;
+        for (int k = 0; k < size; k++)
+            s->J[(size_t)row + (size_t)k * (size_t)size] = H[(size_t)(q + c) + (size_t)k * (size_t)r] / most;
+    }
+    return MODAL_OK;
+}
+
+/* Channels of laws with their own history: what the last values extrapolate to at the nodes; they are not iterated. */
+static void fix_sequential(struct nonlinear_stepper *s)
+{
+    struct ports *p = s->ports;
+    int m = p->channels, size = m * S;
+    const double *node = collocation_nodes(s->collocation);
+
+    for (int l = 0; l < p->laws; l++)
+        for (int c = p->law[l].channel; p->law[l].law->kind->restart != NULL && c < p->law[l].channel + p->law[l].law->kind->inputs; c++)
+            for (int i = 0; i < S; i++) {
+                double value = 0;
+                for (int a = 0; a < s->pasts; a++) {            /* Lagrange on theta = 0, -1, -2, -3 */
+                    double weight = 1;
+                    for (int b = 0; b < s->pasts; b++)
+                        weight *= a == b ? 1 : (node[i] + b) / (b - a);
+                    value += weight * s->past[a * m + c];
+                }
+                int row = i * m + c;
+                s->residual[row] = s->phi[row] - value;
+                for (int k = 0; k < size; k++)
+                    s->J[(size_t)row + (size_t)k * (size_t)size] = k == row;
+            }
+}
+
+/* Newton's iteration on (1); *converged says whether it ended. */
+static enum modal_status solve(struct nonlinear_stepper *s, const struct collocation_map *map, double t, bool *converged, struct modal_error *err)
+{
+    int m = s->ports->channels, size = m * S;
+    const double *node = collocation_nodes(s->collocation);
+    double before = HUGE_VAL;
+
+    *converged = false;
+    bases(s, map);
+    for (int k = 0; k < NEWTON_MOST; k++) {
+        enum modal_status rc = MODAL_OK;
+        probes_of_phi(s, map);
+        for (int i = 0; i < S && rc == MODAL_OK; i++)
+            rc = equations(s, map, t + node[i] * map->h, i, err);
+        if (rc != MODAL_OK)
+            return rc;
+        if (s->sequential)
+            fix_sequential(s);
+        if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, size, 1, s->J, size, s->pivot, s->residual, size) != 0)
+            return MODAL_OK;
+        double change = 0;
+        for (int i = 0; i < size; i++) {
+            s->phi[i] -= s->residual[i];
+            change = fmax(change, fabs(s->residual[i]) * s->weight[i % m] * map->h);
+        }
+        if (!(change < 1e300))
+            return MODAL_OK;
+        if (change <= 4 * DBL_EPSILON * s->scale || (change <= 1e-9 * s->scale && change >= before / 2)) {
+            *converged = true;
+            probes_of_phi(s, map);
+            return MODAL_OK;
+        }
+        before = change;
+    }
+    return MODAL_OK;
+}
+
+/* What the polynomial misses at the start, as a share of the largest state; stuck and sequential channels do not count. */
+static double miss(struct nonlinear_stepper *s, const struct collocation_map *map)
+{
+    const double *zero = collocation_at_zero(s->collocation);
+    int m = s->ports->channels;
+    double worst = 0;
+
+    for (int c = 0; c < m; c++) {
+        double p0 = 0;
+        for (int j = 0; j < S; j++)
+            p0 += zero[j] * s->phi[j * m + c];
+        if (!isnan(s->force0[c]))
+            worst = fmax(worst, fabs(p0 - s->force0[c]) * s->weight[c]);
+    }
+    collocation_finish(s->collocation, map, s->w, s->phi, s->y);
+    s->scale = fmax(s->scale, norm(s->y, s->ss->N));
+    return 0.05 * map->h * worst / s->scale;
+}
+
+static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
+{
+    struct ports *p = s->ports;
+    enum modal_status rc = MODAL_OK;
+
+    memcpy(s->y, y, (size_t)s->ss->N * sizeof *y);
+    s->scale = fmax(s->scale, fmax(norm(y, s->ss->N), DBL_MIN));
+    sources_at(s->src, t, s->w);
+    probe(s, y, s->probe0);
+    if (s->sequential)
+        return MODAL_OK;
+    rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->force0, NULL, NULL, err);
+    for (int l = 0; l < p->laws; l++)
+        if (stuck(&p->law[l]))
+            s->force0[p->law[l].channel] = NAN;
+    return rc;
+}
+
+static enum modal_status solve_step(struct nonlinear_stepper *s, double t, double h, const struct collocation_map **map, bool *converged,
+                                    struct modal_error *err)
+{
+    int m = s->ports->channels, r = 2 * s->ports->probes;
+    enum modal_status rc = collocation_map(s->collocation, h, map, err);
+
+    for (int i = 0; i < m * S; i++)
+        s->phi[i] = s->phi_end[i % m];
+    if (rc == MODAL_OK)
+        rc = solve(s, *map, t, converged, err);
+    memcpy(s->knots, s->probe0, (size_t)r * sizeof *s->knots);
+    memcpy(s->knots + r, s->probes, (size_t)r * S * sizeof *s->knots);
+    return rc;
+}
+
+/* The step's end becomes the state. */
+static enum modal_status accept(struct nonlinear_stepper *s, const struct collocation_map *map, double t, double *y, struct modal_error *err)
+{
+    int m = s->ports->channels;
+    size_t last = (size_t)(S - 1);
+    enum modal_status rc = MODAL_OK;
+
+    collocation_finish(s->collocation, map, s->w, s->phi, y);
+    memcpy(s->phi_end, s->phi + last * (size_t)m, (size_t)m * sizeof *s->phi);
+    if (!s->sequential) {
+        rc = ports_force(s->ports, t + map->h, s->probes + last * 2 * (size_t)s->ports->probes, s->probe0, s->memory, s->force0, NULL, s->after, err);
+        memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
+    }
+    s->face.steps++;
+    return rc;
+}
+
+/* A rigid slider whose piece ended: from slipping to sticking, from sticking to slipping the way it is pushed. */
+static void switch_slider(struct nonlinear_stepper *s, int law)
+{
+    struct port_law *l = &s->ports->law[law];
+
+    if (!l->law->kind->set_valued)
+        return;
+    l->held = l->held != 0 ? 0 : s->phi_end[l->channel] > 0 ? 1 : -1;
+}
+
+/* A slider that is already past its piece where the step begins is switched before the step is believed; true: one was. */
+static bool correct_sliders(struct nonlinear_stepper *s)
+{
+    struct ports *p = s->ports;
+    int q = p->probes, m = p->channels;
+    bool any = false;
+
+    for (int l = 0; l < p->laws; l++) {
+        struct port_law *law = &p->law[l];
+        if (!law->law->kind->set_valued)
+            continue;
+        double force = s->phi[law->channel], rate = s->knots[2 * q + q + law->channel];   /* at the first node */
+        if (law->held == 0 && fabs(force) > law->law->limit * (1 + 1e-12)) {
+            double early = 0, at[S];
+            collocation_lagrange(s->collocation, 0, at);
+            for (int j = 0; j < S; j++)
+                early += at[j] * s->phi[j * m + law->channel];
+            if (fabs(early) > law->law->limit * (1 - 1e-9)) {
+                law->held = force > 0 ? 1 : -1;
+                any = true;
+            }
+        } else if (law->held != 0 && rate * law->held < 0 && s->knots[q + law->channel] * law->held <= 1e-9 * s->scale) {
+            law->held = 0;
+            any = true;
+        }
+    }
+    return any;
+}
+
+/*
+ * One step of at most H from t: on return *taken is its length (0: none could be, *H was halved), and an event may have
+ * ended it.
+ */
+static enum modal_status try_step(struct nonlinear_stepper *s, double t, double *h, double *y, double *taken, struct modal_error *err)
+{
+    const struct collocation_map *map = NULL;
+    struct event event = { HUGE_VAL, -1 };
+    double step = *h;
+    bool converged, cut = false;
+    enum modal_status rc = begin_step(s, t, y, err);
+
+    *taken = 0;
+    for (int k = 0; k < CUTS_MOST && rc == MODAL_OK; k++) {
+        rc = solve_step(s, t, step, &map, &converged, err);
+        if (rc != MODAL_OK || !converged)
+            break;
+        if (k < 3 && correct_sliders(s)) {
+            rc = begin_step(s, t, y, err);
+            continue;
+        }
+        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, cut ? 1.2 : 1, &event, err);
+        double off = fabs(event.theta - 1);       /* a turning point is known to the root of rounding only */
+        if (rc != MODAL_OK || event.law < 0 || off < 1e-10 || (k >= 4 && off < 1e-6) || k + 1 == CUTS_MOST)
+            break;
+        cut = true;
+        step = fmin(step * event.theta, *h);
+    }
+    if (rc != MODAL_OK)
+        return rc;
+    s->missed = converged ? miss(s, map) : HUGE_VAL;
+    if (s->missed > s->opt.tolerance) {
+        s->face.rejected++;
+        *h = step / 2;
+        return MODAL_OK;
+    }
+    rc = accept(s, map, t, y, err);
+    *taken = map->h;
+    if (rc == MODAL_OK && event.law >= 0 && fabs(event.theta - 1) < 1e-6)
+        switch_slider(s, event.law);
+    return rc;
+}
+
+static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t, double h, double *y, struct modal_error *err)
+{
+    double done = 0;
+    enum modal_status rc = MODAL_OK;
+
+    while (done < h * (1 - 1e-14) && rc == MODAL_OK) {
+        double size = ldexp(s->opt.dt, -s->level), left = h - done, step = left < size * (1 + 1e-9) ? left : size, asked = step, taken;
+        if (s->opt.cancelled != NULL && s->face.steps % 1024 == 0 && s->opt.cancelled(s->opt.context))
+            return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", t + done);
+        rc = try_step(s, t + done, &step, y, &taken, err);
+        if (rc != MODAL_OK)
+            return rc;
+        done += taken;
+        if (taken == 0) {
+            while (s->level < LEVELS && ldexp(s->opt.dt, -s->level) > step * 1.001)
+                s->level++;
+            s->calm = 0;
+            if (s->level >= LEVELS)
+                return modal_fail(err, MODAL_NO_CONVERGENCE, "steps of %g s at t = %.9g s still miss the tolerance %g", step, t + done, s->opt.tolerance);
+        } else if (taken == asked && asked == size) {
+            s->calm++;
+            if (s->level > 0 && s->calm >= 2 && s->missed < s->opt.tolerance / 64) {
+                s->level--;
+                s->calm = 0;
+            }
+        }
+        if (!(norm(y, s->ss->N) < 1e300))
+            return modal_fail(err, MODAL_OVERFLOW, "overflow");
+    }
+    return rc;
+}
+
+/* Laws with a history: the value at the end of each step, in order. */
+static enum modal_status remember(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
+{
+    int m = s->ports->channels;
+    enum modal_status rc;
+
+    memmove(s->past + m, s->past, (size_t)(PAST - 1) * (size_t)m * sizeof *s->past);
+    probe(s, y, s->probes);
+    rc = ports_force(s->ports, t, s->probes, s->started ? s->probe0 : s->probes, s->memory, s->past, NULL, s->after, err);
+    memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
+    s->pasts = s->pasts < PAST ? s->pasts + 1 : PAST;
+    return rc;
+}
+
+static enum modal_status advance_sequential(struct nonlinear_stepper *s, double t, double h, double *y, struct modal_error *err)
+{
+    int steps = (int)fmax(1, ceil(STEPS_SEQUENTIAL * h / s->opt.dt - 1e-9));
+    double step = h / steps;
+    bool regular = step == s->opt.dt / STEPS_SEQUENTIAL;
+    enum modal_status rc = MODAL_OK;
+
+    if (!regular)
+        s->pasts = s->pasts > 1 ? 1 : s->pasts;       /* values at other distances do not extrapolate */
+    for (int k = 0; k < steps && rc == MODAL_OK; k++) {
+        const struct collocation_map *map = NULL;
+        bool converged = false;
+        double at = t + k * step;
+        rc = begin_step(s, at, y, err);
+        if (rc == MODAL_OK)
+            rc = solve_step(s, at, step, &map, &converged, err);
+        if (rc == MODAL_OK && !converged)
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "the step of %g s at t = %.9g s did not converge", step, at);
+        if (rc == MODAL_OK)
+            rc = accept(s, map, at, y, err);
+        if (rc == MODAL_OK)
+            rc = remember(s, at + step, y, err);
+        if (rc == MODAL_OK && !regular)
+            s->pasts = 1;
+    }
+    return rc;
+}
+
+/* The first call: forces at the start, and which rigid sliders slip. */
+static enum modal_status start(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
+{
+    struct ports *p = s->ports;
+    enum modal_status rc = MODAL_OK;
+
+    s->scale = fmax(norm(y, s->ss->N), s->scale);
+    probe(s, y, s->probe0);
+    if (s->sequential) {
+        for (int l = 0; l < p->laws; l++)
+            if (p->law[l].law->kind->restart != NULL)
+                p->law[l].law->kind->restart(p->law[l].law);
+        rc = remember(s, t, y, err);
+        memcpy(s->phi_end, s->past, (size_t)p->channels * sizeof *s->phi_end);
+    } else {
+        rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->phi_end, NULL, s->after, err);
+        memcpy(s->memory, s->after, (size_t)p->memory * sizeof *s->memory);      /* a slider put past its bound has followed */
+    }
+    s->started = true;
+    return rc;
+}
+
+/* Impulses and first steps: a slider that moves slips, wherever it was thought to be. */
+static void release_sliders(struct nonlinear_stepper *s, const double *y)
+{
+    struct ports *p = s->ports;
+
+    probe(s, y, s->probe0);
+    for (int l = 0; l < p->laws; l++) {
+        double rate = s->probe0[p->probes + p->law[l].channel];
+        if (p->law[l].law->kind->set_valued && fabs(rate) > 1e-9 * fmax(norm(y, s->ss->N), s->scale) * s->weight[p->law[l].channel])
+            p->law[l].held = rate > 0 ? 1 : -1;
+    }
+}
+
+static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+{
+    struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
+    enum modal_status rc = s->started ? MODAL_OK : start(s, t, y, err);
+
+    release_sliders(s, y);
+    if (rc == MODAL_OK)
+        rc = s->sequential ? advance_sequential(s, t, h, y, err) : advance_adaptive(s, t, h, y, err);
+    face->maps = collocation_maps_made(s->collocation);
+    face->products = face->steps;
+    return rc;
+}
+
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+{
+    struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
+    int N = s->ss->N;
+    double *p = calloc((size_t)s->ss->n + 1, sizeof *p);
+    enum modal_status rc = p == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory") : s->started ? MODAL_OK : start(s, t, y, err);
+
+    if (rc == MODAL_OK) {
+        memset(F, 0, (size_t)N * sizeof *F);
+        sources_at(s->src, t, s->w);
+        if (s->src->nw > 0)
+            cblas_dgemv(CblasColMajor, CblasNoTrans, s->ss->n, s->src->nw, 1, s->src->P, s->ss->n, s->w, 1, 0, p, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, s->ss->n, 1, s->ss->B, N, p, 1, 0, F, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, s->ports->inputs, 1, s->ports->U, N, s->phi_end, 1, 1, F, 1);
+    }
+    free(p);
+    return rc;
+}
+
+static void report(struct stepper *face, struct program *p)
+{
+    struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
+
+    for (int i = 0; i < s->ports->laws; i++) {
+        struct program_effect *e = &p->effect[p->law[i].effect];
+        e->evaluations += s->ports->law[i].evaluations;
+        e->active = e->active || s->ports->law[i].acted;
+    }
+}
+
+static void nonlinear_free(struct stepper *face)
+{
+    struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
+    double *all[] = { s->weight, s->memory, s->after, s->w, s->y, s->probe0, s->base, s->probes, s->phi, s->phi_end, s->force0, s->slope, s->J,
+                      s->residual, s->knots, s->past };
+
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        free(all[i]);
+    free(s->pivot);
+    collocation_free(s->collocation);
+    ports_free(s->ports);
+    free(s);
+}
+
+static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_error *err)
+{
+    size_t m = (size_t)s->ports->channels, r = 2 * (size_t)s->ports->probes, N = (size_t)s->ss->N, size = m * S;
+    struct { double **x; size_t count; } all[] = {
+        { &s->weight, m }, { &s->memory, (size_t)s->ports->memory }, { &s->after, (size_t)s->ports->memory }, { &s->w, (size_t)s->src->nw },
+        { &s->y, N }, { &s->probe0, r }, { &s->base, r * S }, { &s->probes, r * S }, { &s->phi, size }, { &s->phi_end, m }, { &s->force0, m },
+        { &s->slope, m * r }, { &s->J, size * size }, { &s->residual, size }, { &s->knots, r * (S + 1) }, { &s->past, m * PAST } };
+
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    if ((s->pivot = calloc(size + 1, sizeof *s->pivot)) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    for (size_t c = 0; c < m; c++)
+        s->weight[c] = norm(s->ports->U + c * N, (int)N);
+    return MODAL_OK;
+}
+
 enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
                                         struct stepper **out, struct modal_error *err)
 {
-    (void)ss; (void)src; (void)opt; (void)out;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "nonlinear scenes are not stepped yet");
+    struct nonlinear_stepper *s = calloc(1, sizeof *s);
+    enum modal_status rc;
+
+    if (s == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    s->face = (struct stepper) { .name = "exponential-collocation", .advance = advance, .force = force, .report = report, .free = nonlinear_free };
+    s->ss = ss;
+    s->src = src;
+    s->opt = *opt;
+    s->opt.tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-10;
+    rc = ports_new(ss, &s->ports, err);
+    if (rc == MODAL_OK && 2 * s->ports->probes * S > 4000)
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "effects", "%d places of nonlinear or pulsating forces are too many to step; at most %d",
+                              s->ports->probes, 2000 / S);
+    if (rc == MODAL_OK)
+        rc = collocation_new(ss, src, s->ports->channels, s->ports->U, 2 * s->ports->probes, s->ports->R, &s->collocation, err);
+    if (rc == MODAL_OK)
+        rc = allocate(s, err);
+    for (int i = 0; rc == MODAL_OK && i < s->ports->laws; i++)
+        s->sequential = s->sequential || s->ports->law[i].law->kind->restart != NULL;
+    if (rc == MODAL_OK)
+        *out = &s->face;
+    else
+        nonlinear_free(&s->face);
+    return rc;
 }

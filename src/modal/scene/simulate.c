@@ -155,6 +155,8 @@ static enum modal_status simulate_on_its_axes(struct program *p, const struct sc
 
     if (rc == MODAL_OK)
         rc = run(&m, time, opt, signals, err);
+    if (rc == MODAL_OK && m.stepper->report != NULL)
+        m.stepper->report(m.stepper, p);
     if (rc == MODAL_OK)
         *out = (struct simulate_result) { m.stepper->name, m.stepper->products, m.stepper->maps, m.stepper->steps, m.stepper->rejected };
     done(&m);

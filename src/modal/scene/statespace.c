@@ -150,7 +150,7 @@ static bool decouple(struct statespace *ss)
     size_t N = (size_t)ss->N, n = (size_t)ss->n;
     double largest = 0;
 
-    if (ss->nz > 0 || ss->harmonics > 0)
+    if (ss->nz > 0)
         return false;
     for (size_t i = 0; i < N * N; i++)
         largest = fmax(largest, fabs(ss->A[i]));

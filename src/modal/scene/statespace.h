@@ -24,7 +24,7 @@ struct statespace {
     double *B;                   /* N x n: what a unit force on a dof does to y' */
     int harmonics;               /* of A(t) = A + sum_h Ac_h cos(k_h Omega t) + As_h sin(k_h Omega t) */
     struct statespace_harmonic { int k; double *cosine, *sine; } *harmonic;    /* N x N each */
-    bool modal;                  /* A decouples into n 2 x 2 blocks (rows and columns i, n + i), nothing else */
+    bool modal;                  /* A, the constant part, falls into n 2 x 2 blocks: rows and columns i, n + i */
 };
 
 /* Fails with MODAL_TOO_LARGE, MODAL_NO_MEMORY, MODAL_BAD_INPUT (a singular E of linear states; pulsating mass). */

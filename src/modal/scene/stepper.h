@@ -19,6 +19,8 @@ struct stepper {
     enum modal_status (*advance)(struct stepper *s, double t, double h, double *y, struct modal_error *err);
     /* What loads and laws add to y' at (t, y), N numbers, for accelerations. */
     enum modal_status (*force)(struct stepper *s, double t, const double *y, double *F, struct modal_error *err);
+    /* Counters and activity of laws into the program's effects; NULL: it has none. */
+    void (*report)(struct stepper *s, struct program *p);
     void (*free)(struct stepper *s);
     int64_t products;            /* dense exponential products (or n 2 x 2 modal blocks) applied */
     int64_t maps;                /* exponentials computed */

@@ -1,0 +1,155 @@
+/*
+ * events.c - see events.h
+ *
+ * Between the knots a probe is the Hermite polynomial of its displacements and rates (degree 2 STAGES + 1).  The piece of
+ * a law at theta is the regime it reports; of a law with memory, that of a point a moment after theta reached from its
+ * memory a moment before, both taken along the rate, so that a slider that has turned round shows.  A set-valued law that
+ * slips leaves its piece where its rate changes sign, one that sticks where the force that holds it passes its limit.
+ *
+ * The step is looked at in GRID points; the first change against the piece at the first of them is bisected.
+ */
+#include "modal/scene/events.h"
+#include <math.h>
+#include <string.h>
+
+enum { S = COLLOCATION_STAGES, KNOTS = S + 1, TERMS = 2 * KNOTS, INPUTS = LAW_INPUTS_MOST };
+static const double GRID[] = { 1e-4, 0.04, 0.09, 0.16, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.84, 0.92, 1.0, 1.1, 1.2 };
+enum { POINTS = sizeof GRID / sizeof *GRID };
+
+struct view {                    /* one law over one step */
+    struct ports *p;
+    const struct collocation *c;
+    const struct port_law *law;
+    int index;
+    double t, h;
+    double x[TERMS];             /* knots, each twice */
+    double a[INPUTS][TERMS];     /* Newton coefficients of each input */
+    double start[INPUTS];        /* displacements at the step's start */
+    const double *memory, *phi;
+};
+
+/* Newton's divided differences on doubled knots: values d and slopes h v. */
+static void interpolate(struct view *view, int input, const double *knots)
+{
+    int q = view->p->probes, at = view->law->channel + input;
+    double *a = view->a[input], difference[TERMS];
+    const double *node = collocation_nodes(view->c);
+
+    for (int i = 0; i < TERMS; i++) {
+        view->x[i] = i < 2 ? 0 : node[i / 2 - 1];
+        difference[i] = knots[(size_t)(i / 2) * 2 * (size_t)q + (size_t)at];
+    }
+    a[0] = difference[0];
+    for (int order = 1; order < TERMS; order++) {
+        for (int i = 0; i + order < TERMS; i++) {
+            double width = view->x[i + order] - view->x[i];
+            difference[i] = width == 0 ? view->h * knots[(size_t)(i / 2) * 2 * (size_t)q + (size_t)(q + at)]
+                                       : (difference[i + 1] - difference[i]) / width;
+        }
+        a[order] = difference[0];
+    }
+    view->start[input] = knots[at];
+}
+
+static void motion(const struct view *view, double theta, double *d, double *v)
+{
+    for (int i = 0; i < view->law->law->kind->inputs; i++) {
+        double value = view->a[i][TERMS - 1], slope = 0;
+        for (int k = TERMS - 2; k >= 0; k--) {
+            slope = slope * (theta - view->x[k]) + value;
+            value = value * (theta - view->x[k]) + view->a[i][k];
+        }
+        d[i] = value;
+        v[i] = slope / view->h;
+    }
+}
+
+static enum modal_status set_valued_piece(const struct view *view, double theta, int *piece)
+{
+    double l[S], force = 0, d[INPUTS], v[INPUTS], limit = view->law->law->limit;
+
+    if (view->law->held != 0) {
+        motion(view, theta, d, v);
+        *piece = v[0] * view->law->held > 0;
+        return MODAL_OK;
+    }
+    collocation_lagrange(view->c, theta, l);
+    for (int j = 0; j < S; j++)
+        force += l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
+    *piece = force > limit ? 1 : force < -limit ? -1 : 0;
+    return MODAL_OK;
+}
+
+static enum modal_status piece_at(const struct view *view, double theta, int *piece, struct modal_error *err)
+{
+    double d[INPUTS], v[INPUTS], before[INPUTS], after[INPUTS], turned[1024], unused[1024], moment = 1e-5 * view->h;
+    double t = view->t + theta * view->h;
+    int regime;
+    enum modal_status rc;
+
+    if (view->law->law->kind->set_valued)
+        return set_valued_piece(view, theta, piece);
+    motion(view, theta, d, v);
+    if (view->law->law->memory == 0)
+        return ports_law(view->p, view->index, t, d, v, view->start, view->memory, unused, piece, err);
+    for (int i = 0; i < view->law->law->kind->inputs; i++) {
+        before[i] = d[i] - moment * v[i];
+        after[i] = d[i] + moment * v[i];
+    }
+    rc = ports_law(view->p, view->index, t, before, v, view->start, view->memory, turned, &regime, err);
+    if (rc == MODAL_OK)
+        rc = ports_law(view->p, view->index, t, after, v, before, turned, unused, piece, err);
+    return rc;
+}
+
+static enum modal_status bisect(const struct view *view, int piece, double low, double high, double *theta, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < 60 && high - low > 1e-14 && rc == MODAL_OK; i++) {
+        double middle = (low + high) / 2;
+        int now;
+        rc = piece_at(view, middle, &now, err);
+        if (now == piece)
+            low = middle;
+        else
+            high = middle;
+    }
+    *theta = high;
+    return rc;
+}
+
+static enum modal_status find_in(const struct view *view, double limit, double *theta, struct modal_error *err)
+{
+    int first, now;
+    enum modal_status rc = piece_at(view, GRID[0], &first, err);
+
+    *theta = HUGE_VAL;
+    for (int i = 1; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
+        rc = piece_at(view, GRID[i], &now, err);
+        if (rc == MODAL_OK && now != first)
+            return bisect(view, first, GRID[i - 1], GRID[i], theta, err);
+    }
+    return rc;
+}
+
+enum modal_status events_find(struct ports *p, const struct collocation *c, double t, double h, const double *knots, const double *phi,
+                              const double *memory, double limit, struct event *out, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    *out = (struct event) { HUGE_VAL, -1 };
+    for (int i = 0; i < p->laws && rc == MODAL_OK; i++) {
+        const struct law *law = p->law[i].law;
+        struct view view = { .p = p, .c = c, .law = &p->law[i], .index = i, .t = t, .h = h, .memory = memory + p->law[i].memory, .phi = phi };
+        double theta;
+        if (law->kind->smooth || law->kind->restart != NULL)
+            continue;
+        for (int k = 0; k < law->kind->inputs; k++)
+            interpolate(&view, k, knots);
+        rc = find_in(&view, limit, &theta, err);
+        if (rc == MODAL_OK && theta < out->theta)
+            *out = (struct event) { theta, i };
+    }
+    return rc;
+}

@@ -1,0 +1,228 @@
+/* ports.c - see ports.h */
+#include "modal/scene/ports.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LAW_MEMORY_MOST = 1024 };
+
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "ports: out of memory");
+}
+
+/* Dofs that a pulsating entry touches, as row or column; INDEX[dof] is its place, -1 none. */
+static int touched(const struct program *p, int *index)
+{
+    int count = 0;
+
+    for (int i = 0; i < p->n; i++)
+        index[i] = -1;
+    for (int h = 0; h < p->harmonics; h++)
+        for (int part = 0; part < 6; part++) {
+            const struct sparse *a = part < 3 ? &p->harmonic[h].cosine[part] : &p->harmonic[h].sine[part - 3];
+            for (int i = 0; i < a->m; i++)
+                for (int k = a->start[i]; k < a->start[i + 1]; k++)
+                    index[i] = index[a->index[k]] = 0;
+        }
+    for (int i = 0; i < p->n; i++)
+        if (index[i] == 0)
+            index[i] = count++;
+    return count;
+}
+
+static double *spread(const struct sparse *a, const int *index, int rows)
+{
+    double *x = calloc((size_t)rows * (size_t)rows + 1, sizeof *x);
+
+    for (int i = 0; x != NULL && i < a->m; i++)
+        for (int k = a->start[i]; k < a->start[i + 1]; k++)
+            x[index[i] + (size_t)index[a->index[k]] * (size_t)rows] += a->value[k];
+    return x;
+}
+
+static enum modal_status fill_harmonics(struct ports *p, const int *index, struct modal_error *err)
+{
+    const struct program *program = p->ss->p;
+    static const int matrix[2] = { PROGRAM_C, PROGRAM_K };
+
+    if ((p->harmonic = calloc((size_t)program->harmonics + 1, sizeof *p->harmonic)) == NULL)
+        return no_memory(err);
+    for (int h = 0; h < program->harmonics; h++) {
+        p->harmonic[h].k = program->harmonic[h].k;
+        for (int i = 0; i < 2; i++) {
+            p->harmonic[h].cosine[i] = spread(&program->harmonic[h].cosine[matrix[i]], index, p->rows);
+            p->harmonic[h].sine[i] = spread(&program->harmonic[h].sine[matrix[i]], index, p->rows);
+            if (p->harmonic[h].cosine[i] == NULL || p->harmonic[h].sine[i] == NULL)
+                return no_memory(err);
+        }
+    }
+    for (int i = 0; i < program->n; i++)
+        if (index[i] >= 0)
+            p->row_dof[index[i]] = i;
+    return MODAL_OK;
+}
+
+/* Channel and probe C between dof and to. */
+static void connect(struct ports *p, int c, int dof, int to)
+{
+    const struct statespace *ss = p->ss;
+    size_t N = (size_t)ss->N, r = 2 * (size_t)p->probes, n = (size_t)ss->n;
+    int ends[2] = { dof, to };
+
+    for (int e = 0; e < 2; e++) {
+        double sign = e == 0 ? 1 : -1;
+        if (ends[e] < 0)
+            continue;
+        for (size_t i = 0; i < N; i++)
+            p->U[i + (size_t)c * N] -= sign * ss->B[i + (size_t)ends[e] * N];
+        for (size_t j = 0; j < n; j++) {
+            double phi = sign * ss->phi[(size_t)ends[e] + j * n];
+            p->R[(size_t)c + j * r] += phi / ss->s[j];
+            p->R[(size_t)(p->probes + c) + (n + j) * r] += phi;
+        }
+    }
+}
+
+static enum modal_status fill(struct ports *p, const int *index, struct modal_error *err)
+{
+    const struct program *program = p->ss->p;
+    int channel = 0;
+
+    for (int i = 0; i < program->laws; i++) {
+        const struct law *law = &program->law[i];
+        p->law[i] = (struct port_law) { .law = law, .channel = channel, .memory = p->memory };
+        p->memory += law->memory;
+        for (int k = 0; k < law->kind->inputs; k++)
+            connect(p, channel++, law->dof[k], law->to[k]);
+        if (law->memory > LAW_MEMORY_MOST)
+            return modal_fail_field(err, MODAL_TOO_LARGE, "effects", "a law remembers %d numbers; at most %d", law->memory, LAW_MEMORY_MOST);
+    }
+    for (int i = 0; i < program->n; i++)
+        if (index[i] >= 0)
+            connect(p, p->inputs + index[i], i, -1);
+    return fill_harmonics(p, index, err);
+}
+
+enum modal_status ports_new(const struct statespace *ss, struct ports **out, struct modal_error *err)
+{
+    struct ports *p = calloc(1, sizeof *p);
+    const struct program *program = ss->p;
+    int *index = malloc(((size_t)program->n + 1) * sizeof *index);
+    enum modal_status rc = p != NULL && index != NULL ? MODAL_OK : no_memory(err);
+
+    if (rc == MODAL_OK) {
+        p->ss = ss;
+        p->laws = program->laws;
+        for (int i = 0; i < program->laws; i++)
+            p->inputs += program->law[i].kind->inputs;
+        p->rows = touched(program, index);
+        p->channels = p->probes = p->inputs + p->rows;
+        p->law = calloc((size_t)p->laws + 1, sizeof *p->law);
+        p->U = calloc((size_t)ss->N * (size_t)p->channels + 1, sizeof *p->U);
+        p->R = calloc((size_t)ss->N * 2 * (size_t)p->probes + 1, sizeof *p->R);
+        p->row_dof = calloc((size_t)p->rows + 1, sizeof *p->row_dof);
+        rc = p->law != NULL && p->U != NULL && p->R != NULL && p->row_dof != NULL ? fill(p, index, err) : no_memory(err);
+    }
+    free(index);
+    if (rc == MODAL_OK)
+        *out = p;
+    else
+        ports_free(p);
+    return rc;
+}
+
+void ports_free(struct ports *p)
+{
+    if (p == NULL)
+        return;
+    for (int h = 0; p->harmonic != NULL && h < p->ss->p->harmonics; h++)
+        for (int i = 0; i < 2; i++) {
+            free(p->harmonic[h].cosine[i]);
+            free(p->harmonic[h].sine[i]);
+        }
+    free(p->harmonic);
+    free(p->law);
+    free(p->U);
+    free(p->R);
+    free(p->row_dof);
+    free(p);
+}
+
+enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v, const double *d_before,
+                            const double *memory, double *after, int *regime, struct modal_error *err)
+{
+    struct port_law *l = &p->law[law];
+    struct law_point at = { t, d, v, d_before, memory };
+    struct law_force f = { .memory = after };
+    enum modal_status rc = l->law->kind->force(l->law, &at, &f, err);
+
+    l->evaluations++;
+    *regime = f.regime;
+    return rc;
+}
+
+/* One law's part of ports_force. */
+static enum modal_status law_part(struct ports *p, struct port_law *l, double t, const double *probe, const double *before,
+                                  const double *memory, double *force, double *slope, double *after, struct modal_error *err)
+{
+    int inputs = l->law->kind->inputs, c = l->channel, q = p->probes;
+    double scratch[LAW_MEMORY_MOST];
+    struct law_point at = { t, probe + c, probe + q + c, before + c, memory + l->memory };
+    struct law_force f = { .memory = after != NULL ? after + l->memory : scratch };
+    enum modal_status rc;
+
+    if (l->law->kind->set_valued) {
+        force[c] = l->held * l->law->limit;
+        l->acted = l->acted || l->held != 0;
+        return MODAL_OK;
+    }
+    rc = l->law->kind->force(l->law, &at, &f, err);
+    l->evaluations++;
+    for (int i = 0; i < inputs; i++) {
+        force[c + i] = f.f[i];
+        for (int j = 0; slope != NULL && j < inputs; j++) {
+            slope[(size_t)(c + i) + (size_t)(c + j) * (size_t)p->channels] = f.fd[i][j];
+            slope[(size_t)(c + i) + (size_t)(q + c + j) * (size_t)p->channels] = f.fv[i][j];
+        }
+    }
+    if (after != NULL)
+        l->acted = l->acted || f.acts;
+    return rc;
+}
+
+/* The pulsating rows: f = (C(t) v + K(t) x). */
+static void pulsating_part(struct ports *p, double t, const double *probe, double *force, double *slope)
+{
+    int q = p->probes, rows = p->rows;
+
+    for (int h = 0; h < p->ss->p->harmonics; h++) {
+        double theta = p->harmonic[h].k * p->ss->p->omega * t, c = cos(theta), s = sin(theta);
+        for (int j = 0; j < rows; j++)
+            for (int i = 0; i < rows; i++) {
+                size_t at = (size_t)i + (size_t)j * (size_t)rows;
+                double damping = c * p->harmonic[h].cosine[0][at] + s * p->harmonic[h].sine[0][at];
+                double stiffness = c * p->harmonic[h].cosine[1][at] + s * p->harmonic[h].sine[1][at];
+                force[p->inputs + i] += stiffness * probe[p->inputs + j] + damping * probe[q + p->inputs + j];
+                if (slope != NULL) {
+                    slope[(size_t)(p->inputs + i) + (size_t)(p->inputs + j) * (size_t)p->channels] += stiffness;
+                    slope[(size_t)(p->inputs + i) + (size_t)(q + p->inputs + j) * (size_t)p->channels] += damping;
+                }
+            }
+    }
+}
+
+enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before, const double *memory,
+                              double *force, double *slope, double *after, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    memset(force, 0, (size_t)p->channels * sizeof *force);
+    if (slope != NULL)
+        memset(slope, 0, (size_t)p->channels * 2 * (size_t)p->probes * sizeof *slope);
+    for (int i = 0; i < p->laws && rc == MODAL_OK; i++)
+        rc = law_part(p, &p->law[i], t, probe, before, memory, force, slope, after, err);
+    if (rc == MODAL_OK && p->rows > 0)
+        pulsating_part(p, t, probe, force, slope);
+    return rc;
+}

@@ -4,6 +4,7 @@
 #include "job/scene_jobs.h"
 #include "job/steady.h"
 #include "job/tradeoff.h"
+#include <cblas.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,8 +53,10 @@ enum modal_status job_run(const struct job_request *request, struct job_result *
         return modal_fail_field(err, MODAL_BAD_INPUT, "kind", "unknown kind \"%.40s\"; accepted: %s", request->kind ? request->kind : "", list);
     }
     rc = check_input(kind, request, err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
+        openblas_set_num_threads(1);      /* the same numbers everywhere; a kind with an option `threads` sets its own */
         rc = kind->run(request, out, err);
+    }
     if (rc != MODAL_OK)
         job_result_done(out);
     return rc;

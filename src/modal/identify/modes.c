@@ -480,6 +480,22 @@ static int by_amplitude(const void *a, const void *b)
     return (cimag(p->exponent) > cimag(q->exponent)) - (cimag(p->exponent) < cimag(q->exponent));
 }
 
+/* What is no stronger than the stop band's leakage is an alias of something outside. */
+static void drop_leakage(const struct work *w, struct identify_result *r)
+{
+    int kept = 0;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        if (r->modes[i].amplitude > w->rec->leak) {
+            r->modes[kept++] = r->modes[i];
+            continue;
+        }
+        free(r->modes[i].harmonics);
+        free(r->modes[i].shape);
+    }
+    r->mode_count = kept;
+}
+
 /* A band was asked for: what lies outside of it is the filter's skirt. */
 static bool out_of_band(const struct work *w, int j)
 {
@@ -514,8 +530,11 @@ enum modal_status modes_report(const struct record *rec, const struct poles *pol
     for (int i = 0; i < w.modes && rc == MODAL_OK; i++) {
         result->mode_count++;
         rc = report_mode(&w, i, &result->modes[i], err);
-        total += result->modes[i].amplitude * result->modes[i].amplitude;
     }
+    if (rec->leak > 0)
+        drop_leakage(&w, result);
+    for (int i = 0; i < result->mode_count; i++)
+        total += result->modes[i].amplitude * result->modes[i].amplitude;
     for (int i = 0; i < result->mode_count; i++)
         result->modes[i].energy = total > 0 ? result->modes[i].amplitude * result->modes[i].amplitude / total : 0;
     if (rc == MODAL_OK)

@@ -227,7 +227,7 @@ static double bessel_i0(double x)
     return sum;
 }
 
-struct zoom { double centre, raise, cutoff, transition; int decimation, taps; double *w; };
+struct zoom { double centre, raise, cutoff, transition, attenuation; int decimation, taps; double *w; };
 
 /* Decimation, shifts and the filter of (1) for the band, on samples of rate fs. */
 static enum modal_status plan_zoom(const double band[2], double fs, int L, struct zoom *z, struct modal_error *err)
@@ -240,11 +240,11 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
     z->decimation = (int)fmax(1, floor(fs / (4 * width)));
     fd = fs / z->decimation;
     if (centre - fd / 4 >= 0 && centre + fd / 4 <= fs / 2) {
-        *z = (struct zoom) { centre, fd / 4, 0.5 * (width / 2 + fd / 4), fd / 4 - width / 2, z->decimation, 0, NULL };
+        *z = (struct zoom) { centre, fd / 4, 0.5 * (width / 2 + fd / 4), fd / 4 - width / 2, 0, z->decimation, 0, NULL };
     } else {
         z->decimation = (int)fmax(1, floor(fs / (4 * band[1])));
         fd = fs / z->decimation;
-        *z = (struct zoom) { 0, 0, 0.5 * (band[1] + fd / 2), fd / 2 - band[1], z->decimation, 0, NULL };
+        *z = (struct zoom) { 0, 0, 0.5 * (band[1] + fd / 2), fd / 2 - band[1], 0, z->decimation, 0, NULL };
     }
     if (z->decimation == 1 && z->centre == 0)
         return MODAL_OK;                              /* nothing to remove: only the report is cut */
@@ -259,6 +259,7 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
             return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz: %d samples are too few to filter it out; accepted: a wider band or a longer record",
                                     band[0], band[1], L);
     }
+    z->attenuation = A;
     beta = A > 50 ? 0.1102 * (A - 8.7) : 0.5842 * pow(A - 21, 0.4) + 0.07886 * (A - 21);
     z->w = malloc(sizeof *z->w * z->taps);
     if (z->w == NULL)
@@ -327,8 +328,13 @@ static enum modal_status zoom_record(struct record *r, const double band[2], str
         c[m] = z.w[m] * cos(angle);
         s[m] = z.w[m] * sin(angle);
     }
-    for (int j = 0; j < r->Y.n; j++)
-        zoom_column(r->Y.x + (size_t)j * r->Y.ld, rows, &z, r->step, c, s);
+    for (int j = 0; j < r->Y.n; j++) {
+        double *x = r->Y.x + (size_t)j * r->Y.ld, before = safe_norm(x, r->Y.m) / sqrt(r->Y.m), after;
+        zoom_column(x, rows, &z, r->step, c, s);
+        after = safe_norm(x, rows) / sqrt(rows);
+        if (after > 0)
+            r->leak = fmax(r->leak, pow(10, -z.attenuation / 20) * (before / after));
+    }
     r->Y.m = rows;
     r->step *= z.decimation;
     r->decimation = z.decimation;

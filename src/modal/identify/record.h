@@ -18,6 +18,7 @@ struct record {
     int per_period;             /* period / step where that is an integer; 0: it is not, or there is no period */
     int decimation;             /* step = decimation * dt */
     double shift_rad_s;         /* band: the demodulation frequency; 0: none */
+    double leak;                /* band: rms that the stop band may let through, in a channel of unit rms */
     double share;               /* band: what white noise fills of the new Nyquist band, in power; 0: no filter */
     int *channel; int channels; /* owned: indices into the batch */
     double *scale;              /* owned, per channel: rms of what was cut from the batch */

@@ -17,6 +17,7 @@ struct ledger_thread {
     pthread_cond_t more;
     struct transaction *first, **end;
     bool stop, ping, full;
+    bool settling;                             /* pages to give back, at leisure */
     struct ledger *ledger;
     const char *dir;
     struct done_queue *done;
@@ -109,7 +110,7 @@ static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
     struct transaction *list, **cut;
 
     pthread_mutex_lock(&l->mutex);
-    while (l->first == NULL && !l->stop && !l->ping)
+    while (l->first == NULL && !l->stop && !l->ping && !l->settling)
         pthread_cond_wait(&l->more, &l->mutex);
     list = l->first;
     cut = &l->first;
@@ -154,12 +155,9 @@ static void *run(void *context)
 
         if (ping)
             done_ping(l->done);
-        if (group == NULL) {
-            if (stop)
-                return NULL;
-            continue;
-        }
-        rc = commit(l, group, &err);
+        if (group == NULL && stop)
+            return NULL;
+        rc = group != NULL ? commit(l, group, &err) : MODAL_OK;
         if (rc == MODAL_STORAGE_FULL) {
             full_disk(l, group);
             continue;
@@ -170,7 +168,12 @@ static void *run(void *context)
         }
         if (l->full)
             l->full = reserve_hold(l->dir, RESERVE_BYTES, NULL) != MODAL_OK;
-        done_transactions(l->done, group);
+        if (group != NULL)
+            done_transactions(l->done, group);
+        if (ledger_settle(l->ledger, &l->settling, &err) != MODAL_OK) {
+            done_fatal(l->done, &err);
+            return NULL;
+        }
     }
 }
 

@@ -56,6 +56,8 @@ enum modal_status file_get(const char *path, size_t most, char **data, size_t *l
 
 /* The name of SQLite's VFS that passes this place; registered at the first call. */
 const char *file_vfs(void);
+/* Whether the 4096 bytes of PAGE, from OFFSET of a database written through it, carry the right checksum. */
+bool file_vfs_page_good(const void *page, int64_t offset);
 
 /* Set the fault of this process from TEXT as above, NULL for none, and restart the counts.  Without MODALD_FAULTS it
  * does nothing and returns false. */

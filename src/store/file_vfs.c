@@ -79,7 +79,6 @@ static int vfs_close(sqlite3_file *file)
 static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 offset)
 {
     struct vfs_file *file = (struct vfs_file *)base;
-    unsigned char sum[RESERVED];
     int rc = GUARDED(FILE_PREAD, SQLITE_IOERR_READ, real(base)->pMethods->xRead(real(base), data, amount, offset));
 
     if (rc != SQLITE_OK)
@@ -87,8 +86,7 @@ static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 of
     learn(file, data, amount, offset);
     if (!file->checked || !is_page(file, amount, offset))
         return rc;
-    page_sum(data, offset, sum);
-    return memcmp(sum, (const char *)data + PAGE - RESERVED, RESERVED) == 0 ? SQLITE_OK : SQLITE_IOERR_DATA;
+    return file_vfs_page_good(data, offset) ? SQLITE_OK : SQLITE_IOERR_DATA;
 }
 
 static int write_through(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset, bool cut)
@@ -261,6 +259,14 @@ static void vfs_register(void)
     ours.mxPathname = under->mxPathname;
     ours.szOsFile = (int)sizeof(struct vfs_file) + under->szOsFile;
     sqlite3_vfs_register(&ours, 0);
+}
+
+bool file_vfs_page_good(const void *page, int64_t offset)
+{
+    unsigned char sum[RESERVED];
+
+    page_sum(page, offset, sum);
+    return memcmp(sum, (const char *)page + PAGE - RESERVED, RESERVED) == 0;
 }
 
 const char *file_vfs(void)

@@ -249,17 +249,17 @@ static enum modal_status bind_note(struct binder *to, const struct ledger_change
     return MODAL_OK;
 }
 
-enum { SQL_MOST = 2 };
+enum { SQL_MOST = 2, VACUUM_PAGES = 512 };
 
-/* Each verb's statements; each is bound alike.  `must`: the last one must change a row. */
+/* Each verb's statements; each is bound alike.  `must`: the last one must change a row; `frees`: it makes free pages. */
 static const struct {
     const char *sql[SQL_MOST];
     enum modal_status (*bind)(struct binder *, const struct ledger_change *, struct modal_error *);
-    bool must;
+    bool must, frees;
 } verbs[LEDGER_VERB_COUNT] = {
     [LEDGER_INPUT_PUT] = { { "INSERT OR REPLACE INTO inputs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,?19)" }, bind_input, true },
     [LEDGER_INPUT_USED] = { { "UPDATE inputs SET used=?2 WHERE id=?1" }, bind_used, true },
-    [LEDGER_INPUT_DELETE] = { { "DELETE FROM chunks WHERE input=?1", "DELETE FROM inputs WHERE id=?1" }, bind_id, true },
+    [LEDGER_INPUT_DELETE] = { { "DELETE FROM chunks WHERE input=?1", "DELETE FROM inputs WHERE id=?1" }, bind_id, true, true },
     [LEDGER_CHUNK_PUT] = { { "INSERT OR REPLACE INTO chunks VALUES(?1,?2,?3,?4)" }, bind_chunk, true },
     [LEDGER_JOB_PUT] = { { "INSERT INTO jobs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,?19,?20,?21,?22,?23,?24,?25,?26,?27)" },
                          bind_job, true },
@@ -267,12 +267,12 @@ static const struct {
                             " error_message=?11, error_field=?12, error_detail=?13, result_bytes=?14, output=?15, cached=?16, stderr=?17"
                             " WHERE id=?1 AND (1 << state) & ?2" }, bind_move, true },
     [LEDGER_JOB_LIMITS] = { { "UPDATE jobs SET priority=?2, run_limit=?3, deadline=?4, not_before=?5, tag=?6 WHERE id=?1" }, bind_limits, true },
-    [LEDGER_JOB_DELETE] = { { "DELETE FROM results WHERE job=?1", "DELETE FROM jobs WHERE id=?1" }, bind_id, true },
+    [LEDGER_JOB_DELETE] = { { "DELETE FROM results WHERE job=?1", "DELETE FROM jobs WHERE id=?1" }, bind_id, true, true },
     [LEDGER_RESULT_PUT] = { { "INSERT OR REPLACE INTO results VALUES(?1,?2,?3,?4,?5,?6)" }, bind_result, true },
     [LEDGER_TOMBSTONE_PUT] = { { "INSERT OR REPLACE INTO tombstones VALUES(?1,?2,?3,?4,?5)" }, bind_tombstone, true },
-    [LEDGER_TOMBSTONES_PRUNE] = { { "DELETE FROM tombstones WHERE expired<?1" }, bind_id, false },
+    [LEDGER_TOMBSTONES_PRUNE] = { { "DELETE FROM tombstones WHERE expired<?1" }, bind_id, false, true },
     [LEDGER_EVENT_PUT] = { { "INSERT INTO events VALUES(?1,?2,?3,?4,?5,?6)" }, bind_event, true },
-    [LEDGER_EVENTS_PRUNE] = { { "DELETE FROM events WHERE number<?1" }, bind_id, false },
+    [LEDGER_EVENTS_PRUNE] = { { "DELETE FROM events WHERE number<?1" }, bind_id, false, true },
     [LEDGER_NOTE_PUT] = { { "DELETE FROM notes WHERE topic=?1 AND name=?2", "INSERT INTO notes SELECT ?1,?2,?3 WHERE ?3 IS NOT NULL" }, bind_note, false },
 };
 
@@ -283,6 +283,7 @@ struct ledger {
     sqlite3_stmt *statements[LEDGER_VERB_COUNT][SQL_MOST];
     sqlite3_stmt *begin, *commit, *known;
     int log_pages;             /* of the write-ahead log after the last commit */
+    bool deleted;              /* rows, since free pages were counted */
     bool broken;
 };
 
@@ -394,6 +395,7 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
     if (ledger == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for a ledger");
     ledger->lock = ledger->socket = -1;
+    ledger->deleted = true;
     if (strlen(dir) >= sizeof ledger->dir - 64) {
         rc = modal_fail(err, MODAL_TOO_LARGE, "the path of the data folder is longer than %zu bytes", sizeof ledger->dir - 64);
         goto out;
@@ -535,6 +537,8 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
             return rc;
     }
     rc = apply_all(ledger, changes, count, err);
+    for (size_t i = 0; i < count; i++)
+        ledger->deleted |= verbs[changes[i].verb].frees;
     if (rc == MODAL_OK)
         return rc;
     if (!sqlite3_get_autocommit(ledger->db))
@@ -543,29 +547,22 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
     return rc;
 }
 
-enum modal_status ledger_settle(struct ledger *ledger, struct modal_error *err)
-{
-    if (ledger->broken)
-        return refuse_broken(err);
-    return ledger->log_pages > LEDGER_CHECKPOINT_PAGES ? checkpoint(ledger, err) : MODAL_OK;
-}
-
 enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor, struct modal_error *err)
 {
     return ledger_db_load(ledger->db, visitor, err);
 }
 
-static enum modal_status free_pages(struct ledger *ledger, int64_t *out, struct modal_error *err)
+static enum modal_status count_pages(struct ledger *ledger, const char *pragma, int64_t *out, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    int code = sqlite3_prepare_v2(ledger->db, "PRAGMA freelist_count", -1, &row, NULL);
+    int code = sqlite3_prepare_v2(ledger->db, pragma, -1, &row, NULL);
 
     if (code == SQLITE_OK)
         code = sqlite3_step(row);
     if (code == SQLITE_ROW)
         *out = sqlite3_column_int64(row, 0);
     sqlite3_finalize(row);
-    return code == SQLITE_ROW ? MODAL_OK : ledger_db_fail(ledger->db, code, "counting free pages", err);
+    return code == SQLITE_ROW ? MODAL_OK : ledger_db_fail(ledger->db, code, pragma, err);
 }
 
 enum modal_status ledger_vacuum(struct ledger *ledger, int most_pages, int64_t *left, struct modal_error *err)
@@ -580,8 +577,34 @@ enum modal_status ledger_vacuum(struct ledger *ledger, int most_pages, int64_t *
     if (rc == MODAL_OK)
         rc = checkpoint(ledger, err);
     if (rc == MODAL_OK)
-        rc = free_pages(ledger, left, err);
+        rc = count_pages(ledger, "PRAGMA freelist_count", left, err);
     if (!survivable(rc))
         ledger->broken = true;
     return rc;
+}
+
+enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_error *err)
+{
+    int64_t unused = 0, pages = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (more != NULL)
+        *more = false;
+    if (ledger->broken)
+        return refuse_broken(err);
+    if (ledger->log_pages > LEDGER_CHECKPOINT_PAGES)
+        rc = checkpoint(ledger, err);
+    if (rc != MODAL_OK || !ledger->deleted)
+        return rc;
+    rc = count_pages(ledger, "PRAGMA freelist_count", &unused, err);
+    if (rc == MODAL_OK)
+        rc = count_pages(ledger, "PRAGMA page_count", &pages, err);
+    ledger->deleted = rc == MODAL_OK && unused > 64 && unused > pages / 10;
+    if (ledger->deleted)
+        rc = ledger_vacuum(ledger, VACUUM_PAGES, &unused, err);
+    if (rc != MODAL_OK)
+        ledger->deleted = false;               /* not now */
+    if (more != NULL)
+        *more = ledger->deleted;
+    return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;
 }

@@ -164,9 +164,10 @@ const char *ledger_store_id(const struct ledger *ledger);
  */
 enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count, struct modal_error *err);
 
-/* To be called now and then, after the acknowledgements of a commit are on their way: moves a long log to the database.
- * (ledger_commit does so itself once the log is four times as long.)  Fails as ledger_commit does. */
-enum modal_status ledger_settle(struct ledger *ledger, struct modal_error *err);
+/* To be called after the acknowledgements of a commit are on their way: moves a long log to the database (ledger_commit
+ * does so itself once it is four times as long), gives back some of the pages of deleted rows where these are more than a
+ * tenth.  *MORE (may be NULL): there is more of that to do in a next call, at leisure.  Fails as ledger_commit does. */
+enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_error *err);
 
 enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor, struct modal_error *err);
 

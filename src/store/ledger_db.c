@@ -6,10 +6,10 @@
  * incremental vacuum, so that retention gives space back; 8 reserved bytes a page for the checksums of file_vfs.c.
  */
 #include "store/ledger_db.h"
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/statvfs.h>
 #include "modal/json.h"
 #include "store/file.h"
 
@@ -45,8 +45,6 @@ enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct
 
     if ((extended & 0xff) != (code & 0xff))
         extended = code;
-    if (extended == SQLITE_CANTOPEN && db != NULL && (sqlite3_system_errno(db) == ENOSPC || sqlite3_system_errno(db) == EDQUOT))
-        extended = SQLITE_FULL;                 /* no inode is left */
     for (size_t i = 0; i < sizeof table / sizeof *table; i++)
         if (table[i].code == extended || table[i].code == (extended & 0xff))
             return modal_fail(err, table[i].status, "ledger: %s: %s (%d)%s", what, db != NULL ? sqlite3_errmsg(db) : sqlite3_errstr(code), extended,
@@ -131,6 +129,16 @@ static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err
     return rc;
 }
 
+/* SQLite cannot open a file, and does not say that no inode was left for it. */
+static enum modal_status or_full(const char *dir, enum modal_status rc, struct modal_error *err)
+{
+    struct statvfs known;
+
+    if (rc == MODAL_IO && statvfs(dir, &known) == 0 && (known.f_bavail == 0 || (known.f_files > 0 && known.f_favail == 0)))
+        return modal_fail(err, MODAL_STORAGE_FULL, "ledger: no space is left in %s", dir);
+    return rc;
+}
+
 enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, struct modal_error *err)
 {
     char path[4096], wal[4100];
@@ -152,7 +160,7 @@ enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, str
         rc = file_sync_dir(dir, err);
     if (rc != MODAL_OK) {
         sqlite3_close(db);
-        return rc;
+        return or_full(dir, rc, err);
     }
     *out = db;
     return MODAL_OK;

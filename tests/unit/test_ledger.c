@@ -464,7 +464,7 @@ TEST(space_of_deleted_rows_is_given_back)
         struct ledger_change change = { .verb = LEDGER_RESULT_PUT };
         ledger_result_put(dir, i, big, 60000, &change.result, NULL);
         one(ledger, change);
-        CHECK(ledger_settle(ledger, NULL) == MODAL_OK);
+        CHECK(ledger_settle(ledger, NULL, NULL) == MODAL_OK);
     }
     CHECK(ledger_vacuum(ledger, 0, &left, NULL) == MODAL_OK);
     snprintf(path, sizeof path, "%s/ledger.db", dir);
@@ -498,7 +498,7 @@ TEST(a_hundred_thousand_jobs_are_loaded_in_under_two_seconds)
             group[j] = job_put(i + j + 1, keys[j]);
         }
         CHECK(ledger_commit(ledger, group, GROUP, NULL) == MODAL_OK);
-        CHECK(ledger_settle(ledger, NULL) == MODAL_OK);
+        CHECK(ledger_settle(ledger, NULL, NULL) == MODAL_OK);
     }
     ledger_close(ledger);
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &from);

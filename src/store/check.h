@@ -1,0 +1,30 @@
+/* check.h - a data folder looked over, written out, and copied, beside a running daemon or without one */
+#ifndef STORE_CHECK_H
+#define STORE_CHECK_H
+#include <stdint.h>
+#include "modal/error.h"
+
+struct check_report {
+    int64_t jobs, inputs, results, chunks, tombstones, bytes;   /* looked at; bytes of data read */
+    int64_t problems;
+    int64_t orphans;        /* files without a row: left by a crash, removed at the next start; no problem */
+};
+
+/*
+ * Read everything in DIR and hold it against its checksums: the log, every page of the ledger, every row, every input and
+ * result.  PROBLEM is called with one line for each thing that is wrong: which file, at which offset.  Nothing is changed.
+ * MODAL_OK however many problems there are (OUT->problems); MODAL_BAD_VERSION, MODAL_NOT_FOUND (no ledger), MODAL_IO.
+ */
+enum modal_status check_folder(const char *dir, void (*problem)(void *context, const char *line), void *context,
+                               struct check_report *out, struct modal_error *err);
+
+/* All rows of DIR's ledger as JSON, one object a call: {"row":"job", ...}.  Data and results are told by size, not written out. */
+enum modal_status check_dump(const char *dir, void (*line)(void *context, const char *json), void *context, struct modal_error *err);
+
+/*
+ * A copy of DIR that a daemon can be started on, made while one may run: the ledger by SQLite's backup, sealed inputs and
+ * results as hard links (copies on another file system), open uploads copied.  TO must not exist; it is there whole, and
+ * synced, once this returns MODAL_OK, and may be incomplete otherwise.
+ */
+enum modal_status check_backup(const char *dir, const char *to, struct modal_error *err);
+#endif

@@ -22,6 +22,9 @@ foreach(source ${benches})
   add_executable(${name} ${source})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bench)
   target_link_libraries(${name} PRIVATE house broker worker job store wire modal)
+  if(TARGET modald_stream_static)
+    target_link_libraries(${name} PRIVATE modald_stream_static)
+  endif()
 endforeach()
 
 # Fuzz targets (clang only): every tests/fuzz/fuzz_*.c, run for a while by tests/run.

@@ -12,8 +12,8 @@
  * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in order, within the
  * daemon's credit; a lost connection makes all of them unsent.  Repeats are harmless: a sample is known by its index.
  *
- * Spilling begins when the ring is half full and the window cannot move: the window's frames go to the file first, then
- * everything that is taken, and the window is filled from the file until it is empty again.  So the order is kept.
+ * Spilling begins when the ring is half full: the window's frames go to the file first, then everything that is taken, and
+ * the window is filled from the file until it is empty again.  So the order is kept.
  *
  * push_at: the samples at k dt between times t_1 <= k dt <= t_2 are those of the cubic through (t_0, t_1, t_2, t_3):
  *     y(t) = sum_j y_j prod_{m != j} (t - t_m) / (t_j - t_m).                                              (1)
@@ -37,9 +37,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
-#include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 #include <zmq.h>
@@ -572,12 +570,12 @@ static void take(modald_stream *s)
     }
 }
 
-/* The ring is half full and the window cannot move: from now on everything goes through the file. */
+/* The ring is half full: the daemon does not keep up, and from now on everything goes through the file. */
 static void spill_if_needed(modald_stream *s, bool all)
 {
     uint64_t waiting = atomic_load_explicit(&s->page->head, memory_order_acquire) - atomic_load_explicit(&s->page->tail, memory_order_relaxed);
 
-    if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed || (!all && (s->frames < WINDOW || waiting < s->slots / 2)))
+    if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed || (!all && waiting < s->slots / 2))
         return;
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);
@@ -1035,14 +1033,13 @@ static void *sender(void *argument)
 
     sigfillset(&all);
     pthread_sigmask(SIG_BLOCK, &all, NULL);
-    setpriority(PRIO_PROCESS, (id_t)syscall(SYS_gettid), 10);
     if (!connect_socket(s)) {
         s->refused = true;
         say(s, "no socket to the daemon; the run goes on without it");
     }
     while (atomic_load(&s->stop) == 0) {
         bool moved = s->refused ? (release(s, s->taken = atomic_load(&s->page->head)), false) : turn(s, false);
-        idle = moved ? 0.0005 : fmin(2 * idle, 0.01);
+        idle = moved ? 0.0005 : fmin(2 * idle, 0.005);
         rest(idle);
     }
     s->seal = atomic_load(&s->page->head) > 0;

@@ -52,7 +52,7 @@ static void rest(double seconds)
         nanosleep(&t, NULL);
 }
 
-/* Wait while the ring is more than half full: a file is not a simulation, nothing need be dropped. */
+/* Wait while the ring is a quarter full: a file is not a simulation, nothing need be dropped. */
 static void keep_up(modald_stream *s, struct live *live, double most)
 {
     struct modald_report r;
@@ -71,7 +71,7 @@ static void push_all(modald_stream *s, const struct signals *in, const struct ar
         modald_push(s, in->x + k * in->channels);
         if ((k + 1) % block != 0)
             continue;
-        keep_up(s, live, (double)(((size_t)4 << 20) / sizeof(double) / (in->channels + 2)));
+        keep_up(s, live, (double)(((size_t)2 << 20) / sizeof(double) / (in->channels + 2)));
         say_estimate(s, live);
         rest(args->rate > 0 ? (double)block / args->rate : 0);
     }

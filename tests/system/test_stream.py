@@ -1,0 +1,326 @@
+"""The streaming client: three calls that never disturb their host, and lose nothing while there is room."""
+import shutil
+import socket
+import subprocess
+import time
+
+import numpy as np
+import pytest
+import zmq
+from conftest import BUILD, PATIENCE, environment, write_batch
+from stream_peer import Peer
+
+import modald
+
+EXAMPLES = BUILD / "examples"
+
+
+@pytest.fixture
+def peer(tmp_path):
+    made = Peer(f"ipc://{tmp_path}/s").start()
+    yield made
+    made.stop()
+
+
+def loop(name, steps, url=None, *more, **env):
+    """The C example, its own log as rows."""
+    done = subprocess.run([str(EXAMPLES / "example_loop"), name, str(steps), *map(str, more)], capture_output=True, timeout=PATIENCE,
+                          env=environment(**({"MODALD_URL": url} if url else {}), **env))
+    return done, np.frombuffer(done.stdout).reshape(-1, 2)
+
+
+def test_the_record_is_the_runs_own_log_bit_for_bit(peer):
+    done, log = loop("rig7", 50000, peer.endpoint)
+    assert done.returncode == 0 and done.stderr == b"" and len(log) == 50000
+    assert np.array_equal(peer.record("rig7"), log)
+    assert peer.closes == [("rig7", False)] and not peer.streams["rig7"][-1].gaps
+    assert peer.opens["rig7"]["channels"] == 2 and peer.opens["rig7"]["dt"] == 1e-3
+
+
+def test_without_the_environment_nothing_happens():
+    done, log = loop("rig7", 1000)
+    assert done.returncode == 0 and done.stderr == b"" and len(log) == 1000
+
+
+@pytest.mark.parametrize("fault", ["absent", "silent", "wrong-url", "no-key", "no-spill"])
+def test_a_fault_changes_neither_output_nor_exit_status(fault, peer, tmp_path):
+    plain = loop("x", 20000)[0].stdout
+    env = {"MODALD_CLOSE_WAIT": "0.3", "MODALD_SPILL": tmp_path}
+    url = peer.endpoint
+    if fault == "absent":
+        url += "-not"
+    elif fault == "silent":
+        peer.silent = True
+    elif fault == "wrong-url":
+        url = "nonsense://here"
+    elif fault == "no-key":
+        (tmp_path / "key").write_text("public\n")
+        env["MODALD_KEYFILE"] = tmp_path / "key"
+    else:
+        url += "-not"
+        env["MODALD_SPILL"] = "/dev/null/nowhere"
+    start = time.monotonic()
+    done, _ = loop("x", 20000, url, **env)
+    assert done.returncode == 0 and done.stdout == plain
+    assert done.stderr.count(b"\n") <= 2
+
+
+def test_what_an_absent_server_missed_is_replayed(peer, ctl, tmp_path):
+    done, log = loop("rig8", 30000, peer.endpoint + "-not", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.2")
+    left = list(tmp_path.glob("modald-rig8-*.spill"))
+    assert len(left) == 1 and str(left[0]).encode() in done.stderr
+    said = ctl("replay", left[0], server=peer.endpoint)
+    assert said.status == 0 and said.document["samples"] == 30000
+    assert np.array_equal(peer.record("rig8"), log)
+
+
+def test_what_the_ring_cannot_hold_waits_in_a_file_in_its_order(peer, tmp_path):
+    """120,000 samples of 32 bytes in a ring of 4 MiB: none can be dropped, more than half the ring is spilled."""
+    peer.stop()
+    with open(tmp_path / "log", "wb") as out, subprocess.Popen([str(EXAMPLES / "example_loop"), "rig9", "120000"], stdout=out, stderr=subprocess.PIPE,
+                          env=environment(MODALD_URL=peer.endpoint, MODALD_RING=4194304, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")) as run:
+        end = time.monotonic() + PATIENCE
+        while not list(tmp_path.glob("modald-rig9-*.spill")):
+            assert time.monotonic() < end and run.poll() is None
+        peer.start()
+        assert run.wait(PATIENCE) == 0 and run.stderr.read() == b""
+    log = np.frombuffer((tmp_path / "log").read_bytes()).reshape(-1, 2)
+    assert np.array_equal(peer.record("rig9"), log) and not peer.streams["rig9"][-1].gaps
+    assert not list(tmp_path.glob("*.spill"))
+
+
+def test_past_ring_and_spill_samples_are_a_counted_gap(peer):
+    done, log = loop("gap", 100000, peer.endpoint + "-not", MODALD_RING=65536, MODALD_SPILL_MAX="0", MODALD_CLOSE_WAIT="0.1")
+    assert done.returncode == 0 and len(log) == 100000 and b"samples were dropped; the record shows the gap" in done.stderr
+
+
+def test_the_server_may_come_and_go(peer, tmp_path):
+    """Twenty losses of the connection in a run of a few seconds: gaps 0, the record the run's own log."""
+    with subprocess.Popen([str(EXAMPLES / "example_loop"), "long", "40000", "2", "0.00005"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          env=environment(MODALD_URL=peer.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")) as run:
+        import threading
+        log = []
+        reader = threading.Thread(target=lambda: log.append(run.stdout.read()))
+        reader.start()
+        for i in range(20):
+            have = len(peer.streams["long"][-1].rows) if "long" in peer.streams else 0
+            peer.wait(lambda: "long" in peer.streams and (len(peer.streams["long"][-1].rows) > have or bool(peer.closes)))
+            peer.stop()
+            peer.start()
+        assert run.wait(PATIENCE) == 0
+        reader.join()
+    assert np.array_equal(peer.record("long"), np.frombuffer(log[0]).reshape(-1, 2))
+    assert len(peer.streams["long"]) == 1 and not peer.streams["long"][-1].gaps
+
+
+def test_a_ring_in_a_file_outlives_its_host(peer, tmp_path):
+    env = environment(MODALD_URL=peer.endpoint + "-not", MODALD_RING_FILE=tmp_path / "ring-%s", MODALD_SPILL_MAX="0")
+    with subprocess.Popen([str(EXAMPLES / "example_loop"), "killed", "1000000", "2", "0.0001"], stdout=subprocess.PIPE, env=env) as run:
+        head = run.stdout.read(4096 * 8)                # 2,048 samples are out
+        run.kill()
+        log = head + run.stdout.read()
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", peer.endpoint, "--json", "replay", str(tmp_path / "ring-killed")],
+                          capture_output=True, text=True, env=environment(), timeout=PATIENCE)
+    assert done.returncode == 0, done.stdout
+    record, logged = peer.record("killed"), np.frombuffer(log).reshape(-1, 2)
+    assert len(record) >= len(logged) >= 2048           # stdout is buffered, the ring is not
+    assert np.array_equal(record[:len(logged)], logged)
+
+
+def test_push_makes_no_system_call(peer, tmp_path):
+    if shutil.which("strace") is None:
+        pytest.skip("no strace")
+    bench = BUILD / "bench" / "bench_stream"
+    trace = tmp_path / "trace"
+    subprocess.run(["strace", "-o", str(trace), str(bench), "--marked"], check=True, capture_output=True, timeout=PATIENCE,
+                   env=environment(MODALD_URL=peer.endpoint, MODALD_CLOSE_WAIT="10"))
+    text = trace.read_text()
+    between = text[text.index("BEGIN"):text.index("END", text.index("BEGIN"))].splitlines()[1:-1]
+    calls = [line for line in between if not line.startswith("---")]
+    assert calls == [], calls[:5]
+
+
+@pytest.mark.parametrize("example", ["example_loop", "example_loop_fortran"])
+def test_a_run_stops_itself_when_told_that_it_is_unstable(example, peer):
+    if not (EXAMPLES / example).exists():
+        pytest.skip(f"{example} was not built: no Fortran compiler")
+    peer.event = {"stability": {"stable": False}, "modes": [{"frequency_hz": 3.0, "damping_ratio": -0.01, "std": {"frequency_hz": 0.1, "damping_ratio": 0.002}}]}
+    if example == "example_loop":
+        done, log = loop("verdict", 2000000, peer.endpoint, "2", "0.0001")
+        assert done.returncode == 0 and len(log) < 2000000
+    else:
+        done = subprocess.run([str(EXAMPLES / example), "verdict"], capture_output=True, text=True, env=environment(MODALD_URL=peer.endpoint), timeout=PATIENCE)
+        steps = int(done.stdout.split()[1])
+        assert done.returncode == 0 and len(peer.record("verdict")) >= min(steps, 2000)
+
+
+def test_fortran_pushes_what_it_computes(peer):
+    if not (EXAMPLES / "example_loop_fortran").exists():
+        pytest.skip("no Fortran compiler")
+    done = subprocess.run([str(EXAMPLES / "example_loop_fortran"), "oscillator  "], capture_output=True, text=True, env=environment(MODALD_URL=peer.endpoint), timeout=PATIENCE)
+    assert done.stdout.split() == ["steps", "2000"]
+    record, t = peer.record("oscillator"), np.arange(2000) * 1e-3
+    d, k = 0.85, 3.9e4
+    w = np.sqrt(k - d * d)
+    exact = np.exp(-d * t) * (np.cos(w * t) + d / w * np.sin(w * t))
+    assert np.allclose(record[:, 0], exact, atol=1e-12)      # phases up to 400 rad, each rounded to 6e-14
+
+
+# -- Python --------------------------------------------------------------------------------------------------------------
+
+@pytest.fixture
+def url(peer, monkeypatch):
+    monkeypatch.setenv("MODALD_URL", peer.endpoint)
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "20")
+    return peer.endpoint
+
+
+def test_python_pushes_rows_names_and_a_verdict(peer, url):
+    peer.event = {"stability": {"stable": True}, "modes": [{"frequency_hz": 2.5, "damping_ratio": 0.03, "std": {"frequency_hz": 0.25, "damping_ratio": 0.005}},
+                                                            {"frequency_hz": 1.5, "damping_ratio": 0.01, "std": {"frequency_hz": 0.125, "damping_ratio": 0.001}}]}
+    rows = np.random.default_rng(2).standard_normal((500, 3))
+    with modald.stream("py", ["root", "mid", "tip"], 0.01, units="m", window=100, hop=50) as s:
+        s.push(rows)
+        end = time.monotonic() + PATIENCE
+        while s.verdict == "unknown":                    # the event's arrival
+            assert time.monotonic() < end
+        assert s.verdict == "stable" and not s.unstable
+        assert (s.estimate.frequency_hz, s.estimate.damping_ratio) == (1.5, 0.01)
+        assert (s.estimate.frequency_std, s.estimate.damping_std) == (0.125, 0.001)
+    assert np.array_equal(peer.record("py"), rows)
+    opened = peer.opens["py"]
+    assert opened["names"] == ["root", "mid", "tip"] and opened["units"] == "m" and opened["window"] == {"samples": 100, "hop": 50}
+
+
+def test_an_exception_closes_the_stream_as_broken_off(peer, url):
+    with pytest.raises(ZeroDivisionError):
+        with modald.stream("broken", 1, 0.01) as s:
+            s.push([1.0])
+            1 / 0
+    assert peer.closes == [("broken", True)]
+
+
+def test_python_without_the_environment_does_nothing(monkeypatch):
+    monkeypatch.delenv("MODALD_URL", raising=False)
+    with modald.stream("none", 2, 0.01) as s:
+        s.push([1, 2])
+        assert s.verdict == "unknown" and s.estimate is None and s.report.pushed == 0
+
+
+def test_the_verdict_is_forgotten_when_the_link_breaks(peer, url):
+    peer.event = {"stability": {"stable": True}, "modes": []}
+    with modald.stream("stale", 1, 0.01) as s:
+        s.push(np.ones((10, 1)))
+        end = time.monotonic() + PATIENCE
+        while s.verdict != "stable":
+            assert time.monotonic() < end
+        peer.stop()
+        while s.verdict != "unknown":
+            assert time.monotonic() < end
+        peer.start()
+
+
+def test_a_run_from_a_checkpoint_repeats_or_begins_an_epoch(peer, url):
+    rows = np.arange(100.0).reshape(-1, 1)
+    with modald.stream("run", 1, 0.01) as s:
+        s.push(rows[:60])
+    with modald.stream("run", 1, 0.01) as s:                # the same again from 40 on: a repeat
+        s.seek(40)
+        s.push(rows[40:])
+    assert len(peer.streams["run"]) == 1 and np.array_equal(peer.record("run"), rows)
+    with modald.stream("run", 1, 0.01) as s:                # other numbers: an epoch, both kept
+        s.seek(50)
+        s.push(-rows[50:70])
+    assert len(peer.streams["run"]) == 2 and np.array_equal(peer.record("run"), -rows[50:70]) and np.array_equal(peer.record("run", 0), rows)
+
+
+def test_uneven_steps_are_brought_to_equal_ones_and_the_error_is_estimated(peer, url):
+    dt, w = 0.01, 2 * np.pi * 3
+    t = np.cumsum(np.random.default_rng(4).uniform(0.3, 1.0, 3000) * dt)
+    with modald.stream("uneven", 1, dt) as s:
+        for moment in t:
+            s.push_at(moment, [np.sin(w * moment)])
+        end = time.monotonic() + PATIENCE
+        while s.report.acknowledged < t[-10] / dt - 200 and time.monotonic() < end:
+            pass
+        estimate = s.report.resampling_error
+    record = peer.record("uneven")[:, 0]
+    first = int(np.ceil(t[0] / dt))
+    exact = np.sin(w * dt * (first + np.arange(len(record))))
+    error = np.max(np.abs(record - exact)) / np.sqrt(np.mean(exact ** 2))
+    # the cubic's error is at most 3/128 (w h)^4 with h <= dt between points, once more at the two ends: (w h)^4 / 24
+    assert error < (w * dt) ** 4 / 24 * np.sqrt(2) + 1e-12 and error <= estimate < (w * dt) ** 3
+    assert abs(first + len(record) - 1 - t[-1] / dt) <= 1
+
+
+# -- codes by others -------------------------------------------------------------------------------------------------------
+
+def test_rosco_gets_its_answer_and_the_numbers_become_a_stream(peer, tmp_path):
+    where = f"ipc://{tmp_path}/rosco"
+    bridge = subprocess.Popen([str(EXAMPLES / "rosco_bridge"), where, "200"], env=environment(MODALD_URL=peer.endpoint))
+    sent = np.random.default_rng(6).standard_normal((200, 14))
+    for i, row in enumerate(sent):                          # as ROSCO does: a new context, REQ, text with 7 digits
+        context = zmq.Context()
+        request = context.socket(zmq.REQ)
+        request.connect(where)
+        request.send_string(",".join(f"{x:.6e}" for x in (1, 0, 0.025 * i, *row)))
+        assert request.poll(20000)
+        reply = [float(x) for x in request.recv_string().split(",")]
+        assert len(reply) == 8 and reply[:5] == [0] * 5
+        context.destroy(linger=0)
+    assert bridge.wait(PATIENCE) == 0
+    record = peer.record("rosco-1")
+    assert len(record) == 199 and np.allclose(record, sent[1:], atol=1e-6)
+
+
+@pytest.mark.parametrize("local", [True, False])
+def test_mbdyns_rows_become_a_stream(local, peer, tmp_path):
+    if local:
+        where = str(tmp_path / "mbdyn.sock")
+    else:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            where = str(probe.getsockname()[1])
+    listener = subprocess.Popen([str(EXAMPLES / "mbdyn_listener"), where, "mbdyn", "5", "0.001"], env=environment(MODALD_URL=peer.endpoint))
+    rows = np.random.default_rng(8).standard_normal((3000, 5))
+    end = time.monotonic() + PATIENCE
+    while True:
+        out = socket.socket(socket.AF_UNIX if local else socket.AF_INET)
+        try:
+            out.connect(where if local else ("127.0.0.1", int(where)))
+            break
+        except OSError:
+            out.close()
+            assert time.monotonic() < end and listener.poll() is None
+    out.sendall(rows.tobytes() + b"\0" * 11)                # broken off within a row
+    out.close()
+    assert listener.wait(PATIENCE) == 0
+    assert np.array_equal(peer.record("mbdyn"), rows)
+
+
+# The flutter root of Ziegler's column, its quartic solved: streaming facts of the project, checked here against the closed form.
+def flutter_root(p, beta=0.1):
+    """Two links, masses 2 and 1, springs 1, dampers beta, follower force p: M x'' + beta D x' + (D - p P) x = 0 in absolute angles."""
+    mass = np.array([[3.0, 1.0], [1.0, 1.0]])
+    joints = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    force = np.array([[1.0, -1.0], [0.0, 0.0]])
+    a = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, joints - p * force), -beta * np.linalg.solve(mass, joints)]])
+    roots = np.linalg.eigvals(a)
+    return max((r for r in roots if r.imag > 0), key=lambda r: r.real)
+
+
+@pytest.mark.parametrize("p, table", [(1.20, -0.004134964 + 0.492721119j), (1.46, -0.000209726 + 0.532864142j),
+                                      (1.48, 0.000250405 + 0.536459161j), (1.60, 0.003819840 + 0.560042841j)])
+def test_zieglers_column_by_simbody_gives_the_quartics_roots(p, table, peer, ctl, tmp_path):
+    if not (EXAMPLES / "example_ziegler").exists():
+        pytest.skip("example_ziegler was not built: Debian package libsimbody-dev")
+    assert abs(flutter_root(p) - table) < 1e-8
+    done = subprocess.run([str(EXAMPLES / "example_ziegler"), "column", str(p), "1500"], capture_output=True, text=True,
+                          env=environment(MODALD_URL=peer.endpoint), timeout=PATIENCE)
+    assert done.returncode == 0, done.stderr
+    path = write_batch(tmp_path / "column.h5", peer.record("column"), 0.1)
+    said = ctl("identify", path, "-o", "rank.fixed=4")
+    assert said.status == 0, said.document
+    found = max((complex(*m["exponent"]) for m in said.document["modes"] if m["exponent"][1] > 0), key=lambda r: r.real)
+    assert abs(found - table) < 1e-6
+    assert said.document["stability"]["stable"] is (table.real < 0)

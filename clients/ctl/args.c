@@ -43,7 +43,7 @@ static const struct row {
     { "from",      0,   TEXT,   offsetof(struct args, from),      0, 0,      TAKES_BULK,    "LIST.jsonl", "one submission a line" },
     { "resume",    0,   FLAG,   offsetof(struct args, resume),    0, 0,      TAKES_BULK,    "",         "skip what was accepted before" },
     { "window",    0,   WHOLE,  offsetof(struct args, window),    1, 1024,   TAKES_BULK,    "N",        "submissions in flight (default 64)" },
-    { "data",      'd', TEXT,   offsetof(struct args, data),      0, 0,      TAKES_DATA,    "DIR",      "a data folder, its daemon stopped" },
+    { "data",      'd', TEXT,   offsetof(struct args, data),      0, 0,      TAKES_DATA,    "DIR",      "a daemon's data folder on this machine" },
     { "name",      0,   TEXT,   offsetof(struct args, name),      0, 0,      TAKES_STREAM,  "NAME",     "the stream's name (default the file's)" },
     { "rate",      0,   NUMBER, offsetof(struct args, rate),      0, 1e9,    TAKES_STREAM,  "N",        "push N samples a second (default: as fast as they go)" },
 };

@@ -41,6 +41,9 @@ static const struct verb verbs[] = {
     { "stream",   "FILE|-",            "push samples as a simulation would, print live modes",1, 1, TAKES_SIGNALS | TAKES_STREAM | TAKES_TIMEOUT, run_stream },
     { "replay",   "FILE",              "send a spill or ring file a simulation left",         1, 1, TAKES_TIMEOUT, run_replay },
     { "keygen",   "FILE [SERVER-KEY]", "a new pair of CURVE keys",                            1, 2, 0, run_keygen },
+    { "fsck",     "DIR",               "read a data folder whole, name what is damaged",      0, 1, TAKES_DATA, run_fsck },
+    { "dump",     "DIR",               "every row of its ledger, a JSON object a line",       0, 1, TAKES_DATA, run_dump },
+    { "backup",   "DIR TO",            "copy it to a new folder, also beside its daemon",     1, 2, TAKES_DATA, run_backup },
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 
@@ -60,7 +63,7 @@ static int help(const struct verb *only)
 
 static const struct verb *find(const struct args *args, struct modal_error *err)
 {
-    char list[512] = "";
+    char list[1024] = "";
 
     for (int i = 0; args->words > 0 && i < VERBS; i++)
         if (strcmp(verbs[i].name, args->word[0]) == 0)

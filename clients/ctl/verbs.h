@@ -37,6 +37,11 @@ int run_bulk(const struct args *args);                                    /* bul
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */
 
+/* A data folder on this machine (folder.c). */
+int run_fsck(const struct verb *verb, const struct args *args);
+int run_dump(const struct verb *verb, const struct args *args);
+int run_backup(const struct verb *verb, const struct args *args);
+
 int run_stream(const struct verb *verb, const struct args *args);         /* stream.c */
 int run_replay(const struct verb *verb, const struct args *args);
 

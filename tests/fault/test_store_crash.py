@@ -18,7 +18,7 @@ import crashgen
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
 CRASHIO = BUILD / "fault" / "libcrashio.so"
-VARIANTS = int(os.environ.get("MODALD_CRASH_VARIANTS", "8"))
+VARIANTS = int(os.environ.get("MODALD_CRASH_VARIANTS", "40"))
 CALLS = ["open", "pread", "pwrite", "fsync", "fdatasync", "ftruncate", "fallocate", "rename", "unlink", "mkdir"]
 PROMISES = {"P1": "acknowledged is durable", "P2": "one key, one job", "P3": "states move by the table", "P5": "data are bit for bit, or reported"}
 
@@ -111,7 +111,7 @@ def test_a_power_cut_anywhere_loses_nothing_that_was_acknowledged(scratch, capsy
     with capsys.disabled():
         print()
         checker.close("power cuts")
-    assert checker.tried > 100 * VARIANTS
+    assert checker.tried > 400 + 50 * VARIANTS
 
 
 def test_the_generator_finds_a_store_that_does_not_sync(scratch):

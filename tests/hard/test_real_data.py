@@ -1,0 +1,109 @@
+"""Measured signals and other programs' simulations: reference against found, as a table.
+
+The references are those of shared/data/README.md (published, a peer's, or the librarian's own independent estimate, with its spread).
+The bell to the wider of that spread and 0.2 Hz, 0.3 1/s.  Its doublets are judged at order 4 in their band: a room's reverberation is not a free decay, and by default it gets modes too.
+"""
+import json
+import os
+import pathlib
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+
+TOP = pathlib.Path(__file__).resolve().parents[2]
+SHARED = pathlib.Path(os.environ.get("MODALD_SHARED", TOP / ".." / "shared"))
+FOLDER = SHARED / "data"
+MODALCTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "modalctl"
+
+pytestmark = [pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no measured data at {FOLDER}"),
+              pytest.mark.skipif(not MODALCTL.exists(), reason=f"no {MODALCTL}: build first")]
+
+
+def run(name, *options):
+    args = [str(MODALCTL), "--local", "--json", "identify", str(FOLDER / f"{name}.h5")]
+    for option in options:
+        args += ["-o", option]
+    done = subprocess.run(args, capture_output=True, text=True, timeout=300)
+    result = json.loads(done.stdout)
+    assert done.returncode == 0, result
+    return result
+
+
+def codes(result):
+    return {d["code"] for d in result["diagnostics"]}
+
+
+def near(result, hz):
+    return min(result["modes"], key=lambda m: abs(m["frequency_hz"] - hz))
+
+
+HAMMER = ("hammer_beam_case1", "signals=1")
+BELL = ("bell_perc", "rank.fixed=4")
+AWT = ("awt27_two_bladed_steady_wind", "period=0", "difference=true", "signals=YawBrRDxt,YawBrRDyt,YawBrRVxp,YawBrRVyp")
+
+# run, frequency [Hz], its spread, what of damping, reference, spread
+TABLE = [
+    (HAMMER + ("window=0.1,0.5",), 212.09, 0.02, "damping_ratio", 0.00085, 0.00005),
+    (HAMMER + ("window=2.0,2.5",), 212.10, 0.02, "damping_ratio", 0.00095, 0.00005),
+    (HAMMER + ("window=0.1,0.5",), 579.0, 0.1, "damping_ratio", 0.0019, 0.0001),
+    (HAMMER + ("window=0.01,1", "band=20,50"), 34.05, 0.02, "damping_ratio", 0.00015, 0.00015),
+    (BELL + ("band=3315,3915", "window=0.02,0.5"), 3620.9, 0.2, "decay", 1.55, 0.15),
+    (BELL + ("band=3315,3915", "window=0.02,0.5"), 3615.4, 0.2, "decay", 3.0, 1.0),
+    (BELL + ("band=6443,7043", "window=0.02,0.5"), 6748.5, 0.2, "decay", 6.85, 0.3),
+    (BELL + ("band=6443,7043", "window=0.02,0.5"), 6738.3, 0.3, "decay", 7.6, 1.0),
+    (("tetraspar_f2t1_free",), 0.7991, 0.0002, "damping_ratio", 0.0045, 0.0001),
+    (("tetraspar_f2t1_free",), 0.1002, 0.0002, "damping_ratio", 0.0, 0.0015),
+    (AWT, 0.980, 0.001, "damping_ratio", 0.0465, 0.001),
+    (("tower_rotor_f0t2s1_free",), 0.457, 0.01, "damping_ratio", 0.003, 0.006),
+    (("tower_rotor_f0t2s1_free",), 0.468, 0.01, "damping_ratio", 0.003, 0.006),
+]
+
+
+def label(row):
+    return f"{row[0][0]}-{row[1]}Hz-{row[0][-1]}"
+
+
+def found(row):
+    mode = near(run(*row[0]), row[1])
+    return mode["frequency_hz"], -mode["exponent"][0] if row[3] == "decay" else mode["damping_ratio"]
+
+
+@pytest.mark.parametrize("row", TABLE, ids=label)
+def test_free_decays_reproduce_their_references_within_the_stated_spread(row, capsys):
+    hz, damping = found(row)
+    with capsys.disabled():
+        print(f"\n{row[0][0]:34s} {row[1]:10.4f} Hz +- {row[2]:<7g} found {hz:10.4f}   {row[3]:13s} {row[4]:8.5f} +- {row[5]:<8g} found {damping:8.5f}", end="")
+    assert abs(hz - row[1]) <= row[2]
+    assert abs(damping - row[4]) <= row[5]
+
+
+def test_cart3s_exponents_are_its_monodromys_modulo_omega():
+    """Slow ones to rounding; the flap pair, 8e-4 apart in a record where it decays by e^-62, to 3e-4 each and its mean to 1e-4."""
+    with h5py.File(FOLDER / "cart3_rotor_ltp_free.h5", "r") as f:
+        truth = [complex(*z) for z in f["floquet_exponents_re_im"][:] if z[1] >= 0]
+    result = run("cart3_rotor_ltp_free")
+    found_ = [complex(*m["exponent"]) for m in result["modes"]]
+    assert len(found_) == 6
+    flap = [z for z in truth if z.real < -2]
+    for z in truth:
+        assert min(abs(f - z) for f in found_) < (3e-4 if z in flap else 1e-9)
+    mean = np.mean([f for f in found_ if f.real < -2])
+    assert abs(mean - np.mean(flap)) < 1e-4
+
+
+def test_the_overpass_in_an_earthquake_is_not_a_free_decay():
+    assert "poor_reconstruction" in codes(run("painter_street_overpass_eq2022"))
+
+
+def test_the_moving_roller_is_not_explained_by_constant_modes():
+    result = run("dropbear_moving_roller", "signals=0", "window=0,3")
+    assert codes(result) & {"poor_reconstruction", "parameters_change"}
+
+
+def test_repeats_of_an_nmr_decay_give_their_lines_as_conjugate_pairs():
+    result = run("nmr_fid_13c", "window=0,0.018")
+    for hz, spread in ((9887, 3), (9818.4, 3)):
+        mode = near(result, hz)
+        assert abs(abs(mode["damped_frequency_rad_s"]) / 2 / np.pi - hz) <= spread

@@ -15,7 +15,7 @@
 enum { THREADS_MOST = 256 };
 
 static const char *const keys[] = {
-    "method", "signals", "pod.energy", "pod.rank", "rank.energy", "rank.fixed", "rank.rule", "rank.threshold", "rank.most", "detrend",
+    "method", "signals", "pod.energy", "pod.rank", "rank.energy", "rank.fixed", "rank.rule", "rank.threshold", "rank.most", "detrend", "scale",
     "threads", "rows", "columns", "stride", "window", "band", "period", "difference", "refine", "shapes", "target.error", "target.seconds",
     NULL,
 };
@@ -174,7 +174,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
                                         int **channels, struct modal_error *err)
 {
     cJSON *o = flatten(options);
-    int method = IDENTIFY_AUTO, detrend = DETREND_NONE;
+    int method = IDENTIFY_AUTO, detrend = DETREND_NONE, scale = SCALE_RMS;
     bool refine = false;
     enum modal_status rc;
 
@@ -186,6 +186,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
     if ((rc = json_keys(o, "", keys, err)) != MODAL_OK
         || (rc = json_get_choice(o, "", "method", identify_method_names, &method, err)) != MODAL_OK
         || (rc = json_get_choice(o, "", "detrend", identify_detrend_names, &detrend, err)) != MODAL_OK
+        || (rc = json_get_choice(o, "", "scale", identify_scale_names, &scale, err)) != MODAL_OK
         || (rc = json_get_bool(o, "", "difference", &opt->difference, err)) != MODAL_OK
         || (rc = json_get_bool(o, "", "shapes", &opt->shapes, err)) != MODAL_OK
         || (rc = json_get_bool(o, "", "refine", &refine, err)) != MODAL_OK
@@ -197,6 +198,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
         goto out;
     opt->method = method;
     opt->detrend = detrend;
+    opt->scale = scale;
     if (cJSON_HasObjectItem(o, "refine"))
         opt->refine = refine ? CHOICE_YES : CHOICE_NO;
     if (cJSON_HasObjectItem(o, "period") && opt->period == 0)
@@ -241,6 +243,7 @@ cJSON *identify_options_write(const struct identify_options *u, const cJSON *ask
     write_number(o, "rank.threshold", u->rank.rule == RANK_THRESHOLD ? u->rank.threshold : 0);
     write_number(o, "rank.most", u->rank.most);
     cJSON_AddStringToObject(o, "detrend", identify_detrend_names[u->detrend]);
+    cJSON_AddStringToObject(o, "scale", identify_scale_names[u->scale]);
     cJSON_AddNumberToObject(o, "threads", threads);
     write_number(o, "rows", u->rows);
     write_number(o, "columns", u->columns);

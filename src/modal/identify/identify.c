@@ -121,6 +121,7 @@ static enum modal_status check_options(const struct identify_options *o, struct 
     const struct { const char *field; double value, low, high; } limits[] = {
         { "method", o->method, 0, IDENTIFY_METHOD_COUNT - 1 },
         { "detrend", o->detrend, 0, DETREND_COUNT - 1 },
+        { "scale", o->scale, 0, SCALE_COUNT - 1 },
         { "rank.rule", o->rank.rule, 0, RANK_RULE_COUNT - 1 },
         { "pod.energy", o->pod_energy, 0, 1 },
         { "pod.rank", o->pod_rank, 0, IDENTIFY_ORDER_MOST },

@@ -37,6 +37,8 @@ extern const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1];
 enum identify_choice { CHOICE_DEFAULT, CHOICE_NO, CHOICE_YES };
 enum identify_detrend { DETREND_NONE, DETREND_MEAN, DETREND_LINEAR, DETREND_COUNT };
 extern const char *const identify_detrend_names[DETREND_COUNT + 1];
+enum identify_scale { SCALE_RMS, SCALE_COMMON, SCALE_COUNT };      /* each channel to unit rms; all by one factor */
+extern const char *const identify_scale_names[SCALE_COUNT + 1];
 
 enum {
     IDENTIFY_SAMPLES_LEAST = 8,
@@ -56,6 +58,7 @@ struct identify_options {
     int pod_rank;                 /* 0: by energy */
     struct rank_options rank;
     enum identify_detrend detrend;
+    enum identify_scale scale;
     int rows, columns;            /* of H0, per signal; 0: hankel_default_sizes */
     int stride;                   /* samples between columns, systems without period; 0: 1 */
     double window[2];             /* s, [t0, t1]; both 0: the whole record */

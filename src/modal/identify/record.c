@@ -8,7 +8,8 @@
  *   difference           d[k] = h(t_k + T) - h(t_k) removes any T-periodic part exactly and multiplies each exp(lambda t) by exp(lambda T) - 1; with
  *                        T/dt not an integer h(t_k + T) is Lagrange's polynomial through the ten nearest samples, itself a filter of fixed weights
  *   band                 a finite impulse response filter, evaluated only where all its inputs are inside the record, mixed down and decimated
- *   scale                each channel divided by its rms, in two steps (largest magnitude, then rms) so that 1e+-300 is harmless
+ *   scale                each channel divided by its rms, in two steps (largest magnitude, then rms) so that 1e+-300 is harmless; or all by the
+ *                        largest rms, which keeps their proportions, as the paper has it
  *
  * Band.  With w[m], m = 0..M-1, a Kaiser-windowed low-pass and fc the centre of the band,
  *
@@ -35,6 +36,7 @@ static const double ATTENUATION = 90;    /* dB */
 static const double INTEGER = 1e-6;      /* |T/dt - p| <= INTEGER * p counts as an integer */
 
 const char *const identify_detrend_names[DETREND_COUNT + 1] = { "none", "mean", "linear", NULL };
+const char *const identify_scale_names[SCALE_COUNT + 1] = { "rms", "common", NULL };
 
 void record_done(struct record *r)
 {
@@ -391,6 +393,20 @@ static enum modal_status view_wide(const struct batch *b, size_t first, size_t l
     return rc;
 }
 
+/* Columns of unit rms brought back into proportion: the strongest keeps its rms of 1. */
+static void share_scale(struct record *r)
+{
+    double most = largest_magnitude(r->scale, r->channels);
+
+    for (int c = 0; c < r->channels; c++) {
+        double part = r->scale[c] / most;
+        for (int k = 0; k < r->Y.m; k++)
+            r->Y.x[k + (size_t)c * r->Y.ld] *= part;
+        if (r->scale[c] > 0)
+            r->scale[c] = most;
+    }
+}
+
 static void find_period(struct record *r, const struct identify_options *opt, const struct batch *b)
 {
     int p;
@@ -437,6 +453,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
         rc = zoom_record(&r, opt->band, err);
     for (int c = 0; rc == MODAL_OK && !wide && c < r.channels; c++)
         scale_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, &r.scale[c]);
+    if (rc == MODAL_OK && !wide && opt->scale == SCALE_COMMON)
+        share_scale(&r);
 out:
     if (rc != MODAL_OK)
         record_done(&r);

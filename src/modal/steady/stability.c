@@ -490,6 +490,34 @@ static enum modal_status eigenvalues(struct monodromy *m, double complex *out, s
     return rc;
 }
 
+/* A bound of the angular frequency at rest, per radian of theta: sqrt |M^-1 K|. */
+static double fastest(const struct monodromy *m)
+{
+    double most = 0;
+
+    for (int i = 0; i < m->n; i++) {
+        double sum = 0;
+
+        for (int j = 0; j < m->n; j++) {
+            double entry = 0;
+
+            for (int k = 0; k < m->n; k++)
+                entry += m->Minv[k * m->n + i] * m->K[j * m->n + k];
+            sum += fabs(entry);
+        }
+        most = fmax(most, sum);
+    }
+    return sqrt(most);
+}
+
+static bool finite_map(const struct monodromy *m)
+{
+    for (int i = 0; i < m->order * m->order; i++)
+        if (!isfinite(m->map[i]))
+            return false;
+    return true;
+}
+
 /* Steps doubled until the multipliers settle. */
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
@@ -498,7 +526,7 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
     int steps = STEPS_FIRST;
     enum modal_status rc = before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
 
-    while (steps < 2 * m->point->H && steps < 512)
+    while ((steps < 2 * m->point->H && steps < 512) || (steps < 2 * fastest(m) && steps < STEPS_MOST / 4))
         steps *= 2;
     for (bool first = true; rc == MODAL_OK; first = false, steps *= 2) {
         if (each * (m->cuts + (m->varies ? 3.0 * steps : 0)) > WORK_MOST) {
@@ -506,6 +534,12 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
             break;
         }
         rc = around(m, steps, err);
+        if (rc == MODAL_OK && m->reason == NULL && !finite_map(m)) {       /* steps too long for a stiff dof */
+            m->reason = m->varies && steps < STEPS_MOST ? NULL : "the disturbances overflow";
+            first = true;
+            if (m->reason == NULL)
+                continue;
+        }
         if (rc != MODAL_OK || m->reason != NULL || (rc = eigenvalues(m, out->multiplier, err)) != MODAL_OK)
             break;
         out->error = 0;

@@ -44,7 +44,7 @@ static enum modal_status parse(struct curve *c, const char *text, const char *fi
 {
     const char *equals = strchr(text, '=');
     char *end = NULL, *rest = NULL;
-    long count = 2;
+    long count = counted ? 2 : 100;
 
     if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof c->path)
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s", text, counted ? ":N" : "");
@@ -94,7 +94,13 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
         steady_subharmonic(c->here, c->settings->subharmonic);
         *omega = c->here->omega;
     }
-    return steady_new(c->here, &c->settings->opt, &c->s, err);
+    rc = steady_new(c->here, &c->settings->opt, &c->s, err);
+    if (rc == MODAL_OK && c->omega && c->count > 2) {
+        cost_stage(c->cost, "lower");
+        rc = steady_reduce(c->s, err);
+        cost_stage(c->cost, "reduce");
+    }
+    return rc;
 }
 
 static void remember(struct curve *c, const struct steady_point *point)

@@ -9,6 +9,8 @@
 #include "modal/scene/scene.h"
 #include "modal/steady/solve.h"
 
+enum { ROUNDS = 5 };
+
 static double cpu(void)
 {
     struct timespec t;
@@ -54,14 +56,14 @@ static double path(const char *name, const char *scene, int H, int N, double fro
     struct program *p = lower(scene);
     struct steady_options opt = { .harmonics = H, .samples = N, .estimate_later = true };
     struct modal_error err = { 0 };
-    double ms[7];
+    double ms[ROUNDS];
 
-    for (int round = 0; round < 7; round++) {
+    for (int round = 0; round < ROUNDS; round++) {
         struct steady *s;
         struct steady_point last = { 0 };
         double spent = 0;
 
-        if (steady_new(p, &opt, &s, &err) != MODAL_OK)
+        if (steady_new(p, &opt, &s, &err) != MODAL_OK || steady_reduce(s, &err) != MODAL_OK)
             fail(err.message);
         for (int i = 0; i < points; i++) {
             struct steady_start start = { last.q, last.H, last.X };
@@ -79,9 +81,9 @@ static double path(const char *name, const char *scene, int H, int N, double fro
         steady_free(s);
     }
     program_free(p);
-    qsort(ms, 7, sizeof *ms, by_value);
-    line(name, ms[3], "ms/point", peer, peer_ms / ms[3], points);
-    return ms[3];
+    qsort(ms, ROUNDS, sizeof *ms, by_value);
+    line(name, ms[ROUNDS / 2], "ms/point", peer, peer_ms / ms[ROUNDS / 2], points);
+    return ms[ROUNDS / 2];
 }
 
 static void chain_scene(char *text, size_t room, int n)

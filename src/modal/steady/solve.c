@@ -27,7 +27,7 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/solutions.h"
 
-enum { H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24 };
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6;
 
 struct steady {
@@ -127,6 +127,13 @@ void steady_free(struct steady *s)
 
 struct condense *steady_condense(struct steady *s) { return s->c; }
 const struct program *steady_program(const struct steady *s) { return s->p; }
+
+enum modal_status steady_reduce(struct steady *s, struct modal_error *err)
+{
+    bool done;
+
+    return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK : condense_reduce(s->c, &done, err);
+}
 
 enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err)
 {

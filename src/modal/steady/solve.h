@@ -57,6 +57,8 @@ struct steady;
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err);
 void steady_free(struct steady *s);
 struct condense *steady_condense(struct steady *s);
+/* Many frequencies follow: condense_reduce where it pays. */
+enum modal_status steady_reduce(struct steady *s, struct modal_error *err);
 const struct program *steady_program(const struct steady *s);
 
 /*

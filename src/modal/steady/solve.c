@@ -27,7 +27,7 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24 };
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24, EXTENSIONS = 5 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6;
 
 struct steady {
@@ -572,6 +572,46 @@ out:
     free(E);
     free(W);
     free(y);
+    return rc;
+}
+
+enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,
+                                struct modal_error *err)
+{
+    struct balance *wide = NULL, *b;
+    double *y = NULL;
+    enum modal_status rc = steady_balance(s, point->H, &b, err);
+
+    *done = false;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b, point->X, true, err);
+    if (rc != MODAL_OK || !balance_factor(b, NULL))
+        return rc;
+    y = calloc((size_t)b->order + 1, sizeof *y);
+    rc = y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_new(s->p, s->c, H2, power_of_two(4L * H2), true, &wide, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(wide, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        widen_motion(point->X, b->q, b->H, H2, E);
+    for (int round = 0; rc == MODAL_OK && round < EXTENSIONS; round++) {
+        double complex *low = malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof *low);
+
+        rc = low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_residual(wide, E, false, err);
+        for (int i = 0; rc == MODAL_OK && i < b->q; i++)
+            memcpy(low + i * (b->H + 1), E + i * (H2 + 1), ((size_t)b->H + 1) * sizeof *low);
+        if (rc == MODAL_OK) {
+            chord(b, wide, low, y, E);
+            rc = tail_of(wide, b->H, E, err);
+        }
+        free(low);
+    }
+    *done = rc == MODAL_OK;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+    free(y);
+    balance_free(wide);
     return rc;
 }
 

@@ -75,6 +75,10 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out, 
 int steady_samples(const struct steady *s, int H);
 /* Fill a converged point's estimates of error (done by steady_solve unless estimate_later). */
 enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err);
+/* The kept dofs' motion of a converged POINT carried on to H2 > point->H harmonics and corrected for them (solve.c, (1) and (2)):
+ * E[i (H2+1) + k], nearer the exact motion than the point is.  False in *DONE where the derivative is singular there. */
+enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,
+                                struct modal_error *err);
 /* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are left to steady_estimate_point. */
 enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
                                     struct modal_error *err);

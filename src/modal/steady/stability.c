@@ -26,7 +26,7 @@
 #include <string.h>
 
 static const double TWO_PI = 6.283185307179586477, ON_CIRCLE = 1e-8, SETTLED = 2e-11, WORK_MOST = 6e10;
-enum { STEPS_FIRST = 32, STEPS_MOST = 16384 };
+enum { STEPS_FIRST = 32, STEPS_MOST = 16384, EXTENDED = 2048 };
 
 struct monodromy {
     struct steady *s;
@@ -45,6 +45,8 @@ struct monodromy {
     bool varies;                       /* A between cuts */
     int *pivot;
     const char *reason;
+    int H;                             /* of the motion followed: the point's, or more for laws with events */
+    double complex *X;
 };
 
 static void *room(size_t count, size_t size) { return calloc(count + 1, size); }
@@ -59,6 +61,7 @@ static void monodromy_done(struct monodromy *m)
         free(m->A[i]);
     for (int i = 0; i < 6; i++)
         free(m->work[i]);
+    free(m->X);
     free(m->first_slider);
     free(m->in);
     free(m->pieces);
@@ -100,7 +103,7 @@ static bool invert_mass(struct monodromy *m, const struct matrix *M)
 /* Motions of each law's inputs, at full resolution, and its pieces. */
 static enum modal_status law_motions(struct monodromy *m, struct modal_error *err)
 {
-    int H = m->point->H, K = H + 1, N = 64;
+    int H = m->H, K = H + 1, N = 64;
     const int *place = condense_place(m->point->c);
     struct orbit_grid *g = NULL;
     enum modal_status rc;
@@ -118,8 +121,8 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
 
             rc = orbit_init(o, H, N, err);
             for (int k = 0; rc == MODAL_OK && k < K; k++)
-                o->D[k] = (law->dof[j] >= 0 ? m->point->X[place[law->dof[j]] * K + k] : 0)
-                        - (law->to[j] >= 0 ? m->point->X[place[law->to[j]] * K + k] : 0);
+                o->D[k] = (law->dof[j] >= 0 ? m->X[place[law->dof[j]] * K + k] : 0)
+                        - (law->to[j] >= 0 ? m->X[place[law->to[j]] * K + k] : 0);
             if (rc == MODAL_OK)
                 orbit_sample(o, g, m->point->omega);
             if (rc == MODAL_OK && law->kind->pieces != NULL)
@@ -134,6 +137,29 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
     }
     orbit_grid_free(g);
     return rc;
+}
+
+/* Events move the multipliers by the motion's error there, H^-3: laws with events get the motion carried on to EXTENDED. */
+static enum modal_status choose_motion(struct monodromy *m, struct modal_error *err)
+{
+    const struct steady_point *point = m->point;
+    bool events = false, done = false;
+    int H2 = 16 * point->H > EXTENDED ? EXTENDED : 16 * point->H;
+    enum modal_status rc = MODAL_OK;
+
+    for (int l = 0; l < m->p->laws; l++)
+        events |= m->p->law[l].kind->pieces != NULL && point->acts[l];
+    m->H = events && H2 > point->H ? H2 : point->H;
+    m->X = room((size_t)point->q * ((size_t)m->H + 1), sizeof *m->X);
+    if (m->X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
+    if (m->H > point->H)
+        rc = steady_extend(m->s, point, m->H, m->X, &done, err);
+    if (!done) {
+        m->H = point->H;
+        memcpy(m->X, point->X, (size_t)point->q * ((size_t)point->H + 1) * sizeof *m->X);
+    }
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
 static int by_value(const void *a, const void *b)
@@ -593,7 +619,9 @@ static enum modal_status prepare(struct monodromy *m, struct modal_error *err)
     if (!invert_mass(m, &M))
         m->reason = "the mass matrix is singular";
     memset(m->work[0], 0, order * order * sizeof(double));
-    rc = m->reason == NULL ? law_motions(m, err) : MODAL_OK;
+    rc = m->reason == NULL ? choose_motion(m, err) : MODAL_OK;
+    if (rc == MODAL_OK && m->reason == NULL)
+        rc = law_motions(m, err);
     return rc == MODAL_OK && m->reason == NULL ? find_cuts(m, err) : rc;
 }
 

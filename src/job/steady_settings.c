@@ -11,7 +11,7 @@ static const char *const scene_keys[] = { "harmonics", "samples", "method", "cut
 static const char *const option_keys[] = { "harmonics", "samples", "method", "cutoff", "tolerance", "max_iterations", "stability", "start",
                                            "solutions", "dofs", "located", "differences", "relaxation", "subharmonic", "time",
                                            "target.error", "threads", "sweep", "continue", NULL };
-static const char *const methods[] = { "auto", "direct", "newton", NULL };
+static const char *const methods[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting", NULL };
 static const char *const solutions[] = { "one", "all", NULL };
 
 static enum modal_status read_dof(const cJSON *item, const char *path, const struct program *p, int *out, struct modal_error *err)

@@ -25,6 +25,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/steady/iterate.h"
+#include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
 enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24, EXTENSIONS = 5 };
@@ -850,11 +851,60 @@ static enum modal_status solve_to_target(struct steady *s, double omega, const s
     }
 }
 
+/* By time integration, for comparison: the last period's harmonics; its own errors are not estimated. */
+static enum modal_status solve_by_marching(struct steady *s, double omega, struct steady_point *point, struct modal_error *err)
+{
+    static const char *const names[] = { "rk4", "adaptive", "shooting" };
+    int which = s->opt.method - STEADY_RK4, N = s->opt.samples > 0 ? s->opt.samples : 512;
+    int H = s->opt.harmonics > 0 ? s->opt.harmonics : (N - 1) / 2 < 64 ? (N - 1) / 2 : 64, q = condense_kept(s->c);
+    double target = s->opt.target_error > 0 ? s->opt.target_error : TARGET;
+    struct march_options opt = { .method = (enum march_method)which, .samples = N, .periodic = target / 10, .cancelled = s->opt.cancelled,
+                                 .tolerance = s->opt.tolerance > 1e-11 ? s->opt.tolerance : target, .context = s->opt.context };
+    struct march_report report;
+    struct orbit_grid *g = NULL;
+    double *x;
+    struct balance *b;
+    enum modal_status rc;
+
+    if (condense_highest_load(s->c) > H)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples", "%d samples do not hold the excitation at harmonic %d", N, condense_highest_load(s->c));
+    x = malloc(((size_t)s->p->n * (size_t)N + 1) * sizeof *x);
+    rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : march_run(s->p, omega, &opt, x, &report, err);
+    if (rc == MODAL_OK)
+        rc = orbit_grid_new(N, &g, err);
+    if (rc == MODAL_OK)
+        rc = point_init(s, point, q, H, N, err);
+    for (int i = 0; rc == MODAL_OK && i < q; i++)
+        orbit_analyze(g, x + (size_t)condense_dofs(s->c)[i] * (size_t)N, H, point->X + i * (H + 1));
+    if (rc == MODAL_OK)
+        rc = steady_balance(s, H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+    if (rc == MODAL_OK) {
+        point->method = names[which];
+        point->converged = report.converged;
+        point->reason = report.converged ? NULL : "time integration did not reach a periodic motion";
+        point->iterations = report.periods;
+        point->step = report.change;
+        point->residual = report.change;
+        point->error = point->truncation = point->sampling = point->solver = NAN;
+        for (int l = 0; l < point->laws; l++) {
+            point->evaluations[l] = report.evaluations;
+            point->acts[l] = true;
+        }
+    }
+    free(x);
+    orbit_grid_free(g);
+    return rc;
+}
+
 static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                    struct modal_error *err)
 {
     if (s->linear)
         return solve_linear(s, omega, point, err);
+    if (s->opt.method >= STEADY_RK4)
+        return solve_by_marching(s, omega, point, err);
     return s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err) : solve_to_target(s, omega, start, point, err);
 }
 

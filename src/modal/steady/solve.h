@@ -4,7 +4,7 @@
 #include <stdint.h>
 #include "modal/steady/balance.h"
 
-enum steady_method { STEADY_AUTO, STEADY_DIRECT, STEADY_NEWTON };
+enum steady_method { STEADY_AUTO, STEADY_DIRECT, STEADY_NEWTON, STEADY_RK4, STEADY_ADAPTIVE, STEADY_SHOOTING };   /* the last three: march.h */
 
 struct steady_options {
     int harmonics;            /* H; 0: so many that the errors' estimate meets target_error */

@@ -1,0 +1,278 @@
+/*
+ * tradeoff_steady.c - see tradeoff_steady.h
+ *
+ * Errors are max over time and dofs of |x - ref| / max |ref|, the reference being the steady state of REFERENCE_H harmonics
+ * (fewer for many dofs), itself orders finer than any rung.  Seconds are those of the solution alone, each rung from rest.
+ */
+#include "job/tradeoff_steady.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "job/cost.h"
+#include "job/plan.h"
+#include "job/steady.h"
+#include "job/tradeoff.h"
+#include "modal/scene/scene.h"
+
+enum { REFERENCE_H = 384, CHECKS = 512, RUNGS_MOST = 48 };
+
+static const struct rung {
+    enum steady_method method;
+    int harmonics, samples;
+    bool sampled;                 /* located: false */
+    double cutoff, tolerance;
+} ladder_rungs[] = {
+    { STEADY_AUTO, 4, 0, false, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0 }, { STEADY_AUTO, 16, 0, false, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0 },
+    { STEADY_AUTO, 64, 0, false, 0, 0 }, { STEADY_AUTO, 128, 0, false, 0, 0 },
+    { STEADY_NEWTON, 16, 0, false, 1e-3, 0 }, { STEADY_NEWTON, 64, 0, false, 1e-3, 0 },
+    { STEADY_DIRECT, 16, 0, false, 0, 1e-6 }, { STEADY_DIRECT, 64, 0, false, 0, 1e-8 },
+    { STEADY_DIRECT, 31, 64, true, 0, 1e-6 }, { STEADY_DIRECT, 127, 256, true, 0, 1e-6 },
+    { STEADY_NEWTON, 31, 64, true, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0 }, { STEADY_NEWTON, 63, 128, true, 0, 0 },
+    { STEADY_NEWTON, 63, 1024, true, 0, 0 }, { STEADY_NEWTON, 63, 4096, true, 0, 0 },
+    { STEADY_RK4, 0, 64, false, 0, 0 }, { STEADY_RK4, 0, 256, false, 0, 0 }, { STEADY_RK4, 0, 1024, false, 0, 0 }, { STEADY_RK4, 0, 4096, false, 0, 0 },
+    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8 },
+    { STEADY_SHOOTING, 0, 256, false, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0 }, { STEADY_SHOOTING, 0, 4096, false, 0, 0 },
+};
+static const char *const names[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting" };
+
+struct tradeoff {
+    const struct program *p;
+    struct steady_options base;
+    const struct rung *rung[RUNGS_MOST];
+    int rungs, H;
+    double complex *reference;             /* n x (H+1) */
+    double scale;
+    const struct job_request *request;
+};
+
+static struct steady_options options_of(const struct tradeoff *t, const struct rung *r)
+{
+    struct steady_options opt = t->base;
+
+    opt.method = r->method;
+    opt.harmonics = r->harmonics;
+    opt.samples = r->samples;
+    opt.unlocated = r->sampled;
+    opt.cutoff = r->cutoff;
+    opt.tolerance = r->tolerance > 0 ? r->tolerance : opt.tolerance;
+    opt.estimate_later = true;
+    return opt;
+}
+
+static cJSON *print_rung(const struct rung *r)
+{
+    cJSON *o = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(o, "method", names[r->method]);
+    if (r->harmonics > 0)
+        cJSON_AddNumberToObject(o, "harmonics", r->harmonics);
+    if (r->samples > 0)
+        cJSON_AddNumberToObject(o, "samples", r->samples);
+    if (r->sampled)
+        cJSON_AddBoolToObject(o, "located", false);
+    if (r->cutoff > 0)
+        cJSON_AddNumberToObject(o, "cutoff", r->cutoff);
+    if (r->tolerance > 0)
+        cJSON_AddNumberToObject(o, "tolerance", r->tolerance);
+    return o;
+}
+
+/* max over time of the sum of harmonics given */
+static double peak(const double complex *X, int H, struct orbit_grid *g, double *x)
+{
+    double most = 0;
+
+    orbit_synthesize(g, H, X, 0, x);
+    for (int j = 0; j < orbit_grid_samples(g); j++)
+        most = fmax(most, fabs(x[j]));
+    return most;
+}
+
+/* Solve with OPT; every dof's harmonics into X, n x (t->H + 1). */
+static enum modal_status solve(const struct tradeoff *t, const struct steady_options *opt, double complex *X, bool *converged, struct modal_error *err)
+{
+    struct steady *s = NULL;
+    struct steady_point point = { 0 };
+    int K = t->H + 1;
+    enum modal_status rc = steady_new(t->p, opt, &s, err);
+
+    if (rc == MODAL_OK)
+        rc = steady_solve(s, t->p->omega, NULL, &point, err);
+    *converged = rc == MODAL_OK && point.converged;
+    for (int i = 0; X != NULL && *converged && i < t->p->n && rc == MODAL_OK; i++) {
+        double complex *own = calloc((size_t)point.H + 1, sizeof *own);
+
+        rc = own == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : steady_recover(s, &point, i, own, err);
+        memset(X + (size_t)i * (size_t)K, 0, (size_t)K * sizeof *X);
+        for (int k = 0; rc == MODAL_OK && k <= point.H && k < K; k++)
+            X[(size_t)i * (size_t)K + (size_t)k] = own[k];
+        free(own);
+    }
+    steady_point_done(&point);
+    steady_free(s);
+    return rc;
+}
+
+static enum modal_status error_of(const struct tradeoff *t, const double complex *X, double *error, struct modal_error *err)
+{
+    int K = t->H + 1;
+    double *x = malloc((size_t)(4 * K) * sizeof *x);
+    double complex *d = malloc((size_t)K * sizeof *d);
+    struct orbit_grid *g = NULL;
+    enum modal_status rc = x == NULL || d == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : orbit_grid_new(4 * K, &g, err);
+
+    *error = 0;
+    for (int i = 0; rc == MODAL_OK && i < t->p->n; i++) {
+        for (int k = 0; k < K; k++)
+            d[k] = X[(size_t)i * (size_t)K + (size_t)k] - t->reference[(size_t)i * (size_t)K + (size_t)k];
+        *error = fmax(*error, peak(d, t->H, g, x) / t->scale);
+    }
+    free(x);
+    free(d);
+    orbit_grid_free(g);
+    return rc;
+}
+
+static enum modal_status climb(void *context, int i, double *error, struct modal_error *err)
+{
+    struct tradeoff *t = context;
+    struct steady_options opt = options_of(t, t->rung[i]);
+    double complex *X = calloc((size_t)t->p->n * ((size_t)t->H + 1), sizeof *X);
+    bool converged = false;
+    enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : solve(t, &opt, X, &converged, err);
+
+    if (rc == MODAL_BAD_INPUT || rc == MODAL_OVERFLOW || (rc == MODAL_OK && !converged))
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "this rung has no answer");
+    if (rc == MODAL_OK)
+        rc = error_of(t, X, error, err);
+    free(X);
+    return rc;
+}
+
+static bool was_cancelled(void *context)
+{
+    const struct tradeoff *t = context;
+
+    return t->request->cancelled != NULL && t->request->cancelled(t->request->context);
+}
+
+/* Rungs that this scene can climb: the loads' harmonic fits, and laws for methods to differ on. */
+static void choose_rungs(struct tradeoff *t)
+{
+    int load = 0;
+
+    for (int i = 0; i < t->p->loads; i++)
+        load = t->p->load[i].k > load ? t->p->load[i].k : load;
+    for (size_t i = 0; i < sizeof ladder_rungs / sizeof *ladder_rungs; i++) {
+        const struct rung *r = &ladder_rungs[i];
+        bool fits = r->harmonics == 0 ? 2 * load < r->samples : r->harmonics >= load;
+
+        if (fits && (t->p->laws > 0 || t->rungs == 0))
+            t->rung[t->rungs++] = r;
+    }
+}
+
+static enum modal_status find_reference(struct tradeoff *t, struct modal_error *err)
+{
+    struct steady_options opt = t->base;
+    size_t K;
+    double *x;
+    struct orbit_grid *g = NULL;
+    bool converged = false;
+    enum modal_status rc;
+
+    t->H = REFERENCE_H;
+    while (t->H > 64 && (long)t->p->laws * 2 * (2 * t->H + 1) > 1600)
+        t->H /= 2;
+    K = (size_t)t->H + 1;
+    opt.harmonics = t->H;
+    opt.samples = 0;
+    opt.method = STEADY_AUTO;
+    opt.estimate_later = true;
+    t->reference = calloc((size_t)t->p->n * K, sizeof *t->reference);
+    x = malloc(4 * K * sizeof *x);
+    rc = t->reference == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : orbit_grid_new((int)(4 * K), &g, err);
+    if (rc == MODAL_OK)
+        rc = solve(t, &opt, t->reference, &converged, err);
+    if (rc == MODAL_OK && !converged)
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "tradeoff: no periodic solution was found to measure errors against");
+    for (int i = 0; rc == MODAL_OK && i < t->p->n; i++)
+        t->scale = fmax(t->scale, peak(t->reference + (size_t)i * K, t->H, g, x));
+    if (rc == MODAL_OK && !(t->scale > 0))
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "tradeoff: the steady state is rest; there is no error to measure");
+    free(x);
+    orbit_grid_free(g);
+    return rc;
+}
+
+static enum modal_status run(struct tradeoff *t, double target, double seconds, int repetitions, cJSON **doc, struct modal_error *err)
+{
+    struct ladder ladder = { .rungs = t->rungs, .repetitions = repetitions, .target_error = target, .target_seconds = seconds, .climb = climb,
+                             .clock = tradeoff_clock, .cancelled = was_cancelled, .context = t };
+    struct ladder_rung rungs[RUNGS_MOST];
+    struct ladder_outcome outcome;
+    cJSON *settings[RUNGS_MOST], *reference;
+    enum modal_status rc = ladder_run(&ladder, rungs, &outcome, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    for (int i = 0; i < outcome.ran; i++)
+        settings[i] = print_rung(t->rung[i]);
+    reference = cJSON_CreateObject();
+    cJSON_AddStringToObject(reference, "method", "auto");
+    cJSON_AddNumberToObject(reference, "harmonics", t->H);
+    return tradeoff_print("steady", reference, settings, rungs, outcome.ran, outcome.recommended, doc, err);
+}
+
+enum modal_status tradeoff_steady(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
+    static const char *const keys[] = { "of", "target.error", "target.seconds", "repetitions", "threads", "stability", NULL };
+    struct job_request scene_only = *request;
+    struct steady_settings settings = { 0 };
+    struct tradeoff t = { .request = request };
+    struct program *p = NULL;
+    struct cost cost;
+    cJSON *shown = NULL, *doc = NULL;
+    double target = 0, seconds = 0;
+    int repetitions = 3;
+    enum modal_status rc = request->options != NULL ? json_keys(request->options, "", keys, err) : MODAL_OK;
+
+    cost_start(&cost);
+    if (rc == MODAL_OK)
+        rc = json_get_number(request->options, "", "target.error", 0, 1, &target, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(request->options, "", "target.seconds", 0, 1e6, &seconds, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(request->options, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &repetitions, err);
+    if (rc == MODAL_OK)
+        rc = scene_lower(request->scene, NULL, &p, err);
+    scene_only.options = NULL;
+    if (rc == MODAL_OK)
+        rc = steady_settings_read(&scene_only, p, &settings, &shown, err);
+    if (rc == MODAL_OK && !(p->omega > 0))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+    if (rc != MODAL_OK)
+        goto out;
+    steady_subharmonic(p, settings.subharmonic);
+    t.p = p;
+    t.base = settings.opt;
+    choose_rungs(&t);
+    rc = find_reference(&t, err);
+    cost_stage(&cost, "reference");
+    if (rc == MODAL_OK)
+        rc = run(&t, target, seconds, repetitions, &doc, err);
+    cost_stage(&cost, "climb");
+    if (rc != MODAL_OK)
+        goto out;
+    cJSON_AddItemToObject(doc, "plan", plan_print(p, "ladder"));
+    cJSON_AddItemToObject(doc, "cost", cost_print(&cost));
+    cJSON_AddItemToObject(doc, "provenance", provenance_print(request, shown));
+    shown = NULL;
+    out->result = doc;
+out:
+    free(t.reference);
+    cJSON_Delete(shown);
+    steady_settings_done(&settings);
+    program_free(p);
+    return rc;
+}

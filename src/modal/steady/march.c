@@ -1,0 +1,368 @@
+/*
+ * march.c - time integration to a periodic motion
+ *
+ * y' = g(t, y), y = (x, v), the laws' memory m carried from step to step: the stages of a step see m at its start, and the
+ * step's end writes it.  Fixed steps use the classical Runge-Kutta method; adaptive ones the pair of [DP80], its step from
+ * err^(-1/5).  Friction's turning points fall inside steps, which both then take with an error of O(h^2): that is the
+ * comparison.  Shooting solves y(T; y0) = y0 by Newton's method with difference quotients over (y, m).
+ *
+ * [DP80] Dormand, Prince, J. Comp. Appl. Math. 6 (1980) 19-26.
+ */
+#include "modal/steady/march.h"
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct march {
+    const struct program *p;
+    double omega;
+    int n, states, memory;             /* states = 2n */
+    double *Minv;
+    double *m, *m_next;                /* the laws' memory: at the step's start; scratch */
+    double *force;
+    double *y, *k[7], *trial, *trial2;
+    double *start_d;
+    long evaluations;
+};
+
+static void march_done(struct march *w)
+{
+    free(w->Minv);
+    free(w->m);
+    free(w->m_next);
+    free(w->force);
+    free(w->y);
+    free(w->trial);
+    free(w->trial2);
+    free(w->start_d);
+    for (int i = 0; i < 7; i++)
+        free(w->k[i]);
+}
+
+static enum modal_status march_init(struct march *w, struct modal_error *err)
+{
+    size_t n = (size_t)w->n;
+    struct matrix M;
+    int *pivot;
+    bool singular;
+
+    for (int l = 0; l < w->p->laws; l++)
+        w->memory += w->p->law[l].memory;
+    w->states = 2 * w->n;
+    w->Minv = calloc(n * n + 1, sizeof(double));
+    w->m = calloc((size_t)w->memory + 1, sizeof(double));
+    w->m_next = calloc((size_t)w->memory + 1, sizeof(double));
+    w->force = calloc(n + 1, sizeof(double));
+    w->y = calloc(2 * n + 1, sizeof(double));
+    w->trial = calloc(2 * n + 1, sizeof(double));
+    w->trial2 = calloc(2 * n + 1, sizeof(double));
+    w->start_d = calloc((size_t)w->p->laws * LAW_INPUTS_MOST + 1, sizeof(double));
+    for (int i = 0; i < 7; i++)
+        w->k[i] = calloc(2 * n + 1, sizeof(double));
+    pivot = calloc(n + 1, sizeof *pivot);
+    if (w->Minv == NULL || w->m == NULL || w->m_next == NULL || w->force == NULL || w->y == NULL || w->trial == NULL || w->trial2 == NULL
+        || w->start_d == NULL || w->k[6] == NULL || w->k[0] == NULL || pivot == NULL) {
+        free(pivot);
+        return modal_fail(err, MODAL_NO_MEMORY, "march: no memory for %d dofs", w->n);
+    }
+    M = (struct matrix) { w->n, w->n, w->n, w->Minv };
+    sparse_add_to_dense(&w->p->constant[PROGRAM_M], 1, &M);
+    singular = LAPACKE_dgetrf(LAPACK_COL_MAJOR, w->n, w->n, w->Minv, w->n, pivot) != 0
+            || LAPACKE_dgetri(LAPACK_COL_MAJOR, w->n, w->Minv, w->n, pivot) != 0;
+    free(pivot);
+    return singular ? modal_fail_field(err, MODAL_BAD_INPUT, "structure", "the mass is singular: time integration does not apply") : MODAL_OK;
+}
+
+static double relative(const struct law *law, int j, const double *x)
+{
+    return (law->dof[j] >= 0 ? x[law->dof[j]] : 0) - (law->to[j] >= 0 ? x[law->to[j]] : 0);
+}
+
+/* The laws' forces subtracted from w->force; memory after into w->m_next. */
+static enum modal_status law_forces(struct march *w, double t, const double *y, struct modal_error *err)
+{
+    int at = 0;
+
+    for (int l = 0; l < w->p->laws; l++) {
+        const struct law *law = &w->p->law[l];
+        double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
+        struct law_point point = { t, d, v, w->start_d + l * LAW_INPUTS_MOST, w->m + at };
+        struct law_force f = { .memory = w->m_next + at };
+        enum modal_status rc;
+
+        for (int j = 0; j < law->kind->inputs; j++) {
+            d[j] = relative(law, j, y);
+            v[j] = relative(law, j, y + w->n);
+        }
+        rc = law->kind->force(law, &point, &f, err);
+        if (rc != MODAL_OK)
+            return rc;
+        for (int j = 0; j < law->kind->inputs; j++) {
+            if (law->dof[j] >= 0)
+                w->force[law->dof[j]] -= f.f[j];
+            if (law->to[j] >= 0)
+                w->force[law->to[j]] += f.f[j];
+        }
+        w->evaluations++;
+        at += law->memory;
+    }
+    return MODAL_OK;
+}
+
+static enum modal_status rate(struct march *w, double t, const double *y, double *out, struct modal_error *err)
+{
+    int n = w->n;
+    enum modal_status rc;
+
+    memset(w->force, 0, (size_t)n * sizeof *w->force);
+    for (int i = 0; i < w->p->loads; i++) {
+        const struct program_load *load = &w->p->load[i];
+
+        w->force[load->dof] += load->cosine * cos(load->k * w->omega * t) + load->sine * sin(load->k * w->omega * t);
+    }
+    sparse_multiply_add(&w->p->constant[PROGRAM_C], -1, y + n, w->force);
+    sparse_multiply_add(&w->p->constant[PROGRAM_K], -1, y, w->force);
+    for (int h = 0; h < w->p->harmonics; h++) {
+        const struct program_harmonic *a = &w->p->harmonic[h];
+        double c = cos(a->k * w->omega * t), s = sin(a->k * w->omega * t);
+
+        if (a->cosine[PROGRAM_K].start != NULL) sparse_multiply_add(&a->cosine[PROGRAM_K], -c, y, w->force);
+        if (a->sine[PROGRAM_K].start != NULL) sparse_multiply_add(&a->sine[PROGRAM_K], -s, y, w->force);
+        if (a->cosine[PROGRAM_C].start != NULL) sparse_multiply_add(&a->cosine[PROGRAM_C], -c, y + n, w->force);
+        if (a->sine[PROGRAM_C].start != NULL) sparse_multiply_add(&a->sine[PROGRAM_C], -s, y + n, w->force);
+    }
+    rc = law_forces(w, t, y, err);
+    for (int i = 0; i < n; i++) {
+        double sum = 0;
+
+        for (int j = 0; j < n; j++)
+            sum += w->Minv[j * n + i] * w->force[j];
+        out[i] = y[n + i];
+        out[n + i] = sum;
+    }
+    return rc;
+}
+
+/* The step's end: memory from its start to now, at the new y. */
+static enum modal_status commit(struct march *w, double t, struct modal_error *err)
+{
+    enum modal_status rc = law_forces(w, t, w->y, err);
+
+    memcpy(w->m, w->m_next, (size_t)w->memory * sizeof *w->m);
+    for (int l = 0; l < w->p->laws; l++)
+        for (int j = 0; j < w->p->law[l].kind->inputs; j++)
+            w->start_d[l * LAW_INPUTS_MOST + j] = relative(&w->p->law[l], j, w->y);
+    for (int i = 0; rc == MODAL_OK && i < w->states; i++)
+        if (!isfinite(w->y[i]))
+            return modal_fail(err, MODAL_OVERFLOW, "march: the motion left the range of doubles at t = %.6g s", t);
+    return rc;
+}
+
+static enum modal_status step_rk4(struct march *w, double t, double h, struct modal_error *err)
+{
+    static const double at[4] = { 0, 0.5, 0.5, 1 };
+    enum modal_status rc = MODAL_OK;
+
+    for (int s = 0; rc == MODAL_OK && s < 4; s++) {
+        for (int i = 0; i < w->states; i++)
+            w->trial[i] = w->y[i] + (s > 0 ? h * at[s] * w->k[s - 1][i] : 0);
+        rc = rate(w, t + at[s] * h, w->trial, w->k[s], err);
+    }
+    for (int i = 0; i < w->states; i++)
+        w->y[i] += h / 6 * (w->k[0][i] + 2 * w->k[1][i] + 2 * w->k[2][i] + w->k[3][i]);
+    return rc == MODAL_OK ? commit(w, t + h, err) : rc;
+}
+
+static const double dp_c[7] = { 0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1 };
+static const double dp_a[7][6] = {
+    { 0 }, { 1.0 / 5 }, { 3.0 / 40, 9.0 / 40 }, { 44.0 / 45, -56.0 / 15, 32.0 / 9 },
+    { 19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729 },
+    { 9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656 },
+    { 35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84 } };
+static const double dp_error[7] = { 71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40 };
+
+/* From t to END in steps that keep the error estimate below tolerance times the scales; *H the step to begin with, and after. */
+static enum modal_status adapt(struct march *w, double t, double end, double tolerance, double *scale, double *h, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    while (rc == MODAL_OK && t < end * (1 - 4 * DBL_EPSILON)) {
+        double step = fmin(*h, end - t), worst = 0, factor;
+
+        for (int s = 0; rc == MODAL_OK && s < 7; s++) {
+            for (int i = 0; i < w->states; i++) {
+                double sum = 0;
+
+                for (int j = 0; j < s; j++)
+                    sum += dp_a[s][j] * w->k[j][i];
+                w->trial[i] = w->y[i] + step * sum;
+            }
+            rc = rate(w, t + dp_c[s] * step, w->trial, w->k[s], err);
+        }
+        for (int i = 0; i < w->states; i++) {
+            double e = 0;
+
+            for (int s = 0; s < 7; s++)
+                e += dp_error[s] * w->k[s][i];
+            scale[i >= w->n] = fmax(scale[i >= w->n], fabs(w->trial[i]));
+            worst = fmax(worst, fabs(step * e) / (tolerance * fmax(scale[i >= w->n], DBL_MIN)));
+        }
+        factor = worst > 0 ? 0.9 * pow(worst, -0.2) : 5;
+        if (worst <= 1 || step < 1e-12 * end) {
+            memcpy(w->y, w->trial, (size_t)w->states * sizeof *w->y);
+            t += step;
+            rc = rc == MODAL_OK ? commit(w, t, err) : rc;
+        }
+        if (worst > 1 || step == *h)
+            *h = step * fmin(5, fmax(0.2, factor));
+    }
+    return rc;
+}
+
+/* One period from the state in w; samples into x. */
+static enum modal_status one_period(struct march *w, const struct march_options *opt, double *x, double *scale, double *h, struct modal_error *err)
+{
+    double T = 2 * M_PI / w->omega;
+    int N = opt->samples;
+    enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; rc == MODAL_OK && j < N; j++) {
+        for (int i = 0; i < w->n; i++)
+            x[(size_t)i * (size_t)N + (size_t)j] = w->y[i];
+        rc = opt->method == MARCH_ADAPTIVE ? adapt(w, T * j / N, T * (j + 1) / N, opt->tolerance, scale, h, err) : step_rk4(w, T * j / N, T / N, err);
+    }
+    return rc;
+}
+
+static double difference(const double *a, const double *b, size_t n)
+{
+    double most = 0, scale = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        most = fmax(most, fabs(a[i] - b[i]));
+        scale = fmax(scale, fabs(a[i]));
+    }
+    return scale > 0 ? most / scale : 0;
+}
+
+static enum modal_status to_periodicity(struct march *w, const struct march_options *opt, double *x, struct march_report *report,
+                                        struct modal_error *err)
+{
+    size_t size = (size_t)w->n * (size_t)opt->samples;
+    double *last = malloc((size + 1) * sizeof *last), scale[2] = { 0, 0 }, h = 2 * M_PI / w->omega / 64;
+    int most = opt->periods_most > 0 ? opt->periods_most : MARCH_PERIODS_MOST;
+    enum modal_status rc = last == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
+
+    while (rc == MODAL_OK && !report->converged && report->periods < most) {
+        if (opt->cancelled != NULL && opt->cancelled(opt->context)) {
+            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
+            break;
+        }
+        memcpy(last, x, size * sizeof *last);
+        rc = one_period(w, opt, x, scale, &h, err);
+        report->periods++;
+        report->change = difference(x, last, size);
+        report->converged = report->periods > 1 && report->change <= opt->periodic;
+    }
+    free(last);
+    return rc;
+}
+
+static void get_state(const struct march *w, double *s)
+{
+    memcpy(s, w->y, (size_t)w->states * sizeof *s);
+    memcpy(s + w->states, w->m, (size_t)w->memory * sizeof *s);
+}
+
+static void put_state(struct march *w, const double *s)
+{
+    memcpy(w->y, s, (size_t)w->states * sizeof *s);
+    memcpy(w->m, s + w->states, (size_t)w->memory * sizeof *s);
+    for (int l = 0; l < w->p->laws; l++)
+        for (int j = 0; j < w->p->law[l].kind->inputs; j++)
+            w->start_d[l * LAW_INPUTS_MOST + j] = relative(&w->p->law[l], j, w->y);
+}
+
+/* Newton's method on the period map, after two periods of marching. */
+static enum modal_status shoot(struct march *w, const struct march_options *opt, double *x, struct march_report *report, struct modal_error *err)
+{
+    int n = w->states + w->memory;
+    size_t m = (size_t)n;
+    double *s = calloc(m, sizeof *s), *end = calloc(m, sizeof *end), *J = calloc(m * m, sizeof *J), *moved = calloc(m, sizeof *moved);
+    double scale[2], h = 0;
+    int *pivot = calloc(m, sizeof *pivot);
+    enum modal_status rc = s == NULL || end == NULL || J == NULL || moved == NULL || pivot == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < 2; i++)
+        rc = one_period(w, opt, x, scale, &h, err);
+    if (rc == MODAL_OK)
+        get_state(w, s);
+    for (report->periods = 2; rc == MODAL_OK && report->periods < 2 + 30 * (n + 1); ) {
+        double size = 0, step = 0;
+
+        put_state(w, s);
+        rc = one_period(w, opt, x, scale, &h, err);
+        get_state(w, end);
+        report->periods++;
+        for (int i = 0; i < n; i++)
+            size = fmax(size, fabs(s[i]));
+        for (int c = 0; rc == MODAL_OK && c < n; c++) {
+            double dx = 1e-6 * (size > 0 ? size : 1);
+
+            memcpy(moved, s, m * sizeof *moved);
+            moved[c] += dx;
+            put_state(w, moved);
+            rc = one_period(w, opt, x, scale, &h, err);
+            get_state(w, moved);
+            report->periods++;
+            for (int i = 0; i < n; i++)
+                J[(size_t)c * m + (size_t)i] = (i == c ? 1 : 0) - (moved[i] - end[i]) / dx;
+        }
+        for (int i = 0; i < n; i++)
+            moved[i] = end[i] - s[i];
+        if (rc != MODAL_OK || LAPACKE_dgesv(LAPACK_COL_MAJOR, n, 1, J, n, pivot, moved, n) != 0)
+            break;
+        for (int i = 0; i < n; i++) {
+            s[i] += moved[i];
+            step = fmax(step, fabs(moved[i]));
+        }
+        report->change = size > 0 ? step / size : step;
+        if (report->change <= opt->periodic) {
+            put_state(w, s);
+            rc = one_period(w, opt, x, scale, &h, err);
+            report->converged = rc == MODAL_OK;
+            break;
+        }
+    }
+    free(s);
+    free(end);
+    free(J);
+    free(moved);
+    free(pivot);
+    return rc;
+}
+
+enum modal_status march_run(const struct program *p, double omega, const struct march_options *opt, double *x,
+                            struct march_report *report, struct modal_error *err)
+{
+    struct march w = { .p = p, .omega = omega, .n = p->n };
+    enum modal_status rc;
+
+    memset(report, 0, sizeof *report);
+    if (p->n > MARCH_DOFS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "structure", "%d dofs; time integration takes at most %d", p->n, MARCH_DOFS_MOST);
+    if (p->n_linear > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "method", "time integration here takes no linear states of effects");
+    for (int l = 0; l < p->laws; l++)
+        if (p->law[l].kind->set_valued)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "method", "rigid friction has no rate to integrate here; accepted: auto, direct, newton");
+    memset(x, 0, (size_t)p->n * (size_t)opt->samples * sizeof *x);
+    rc = march_init(&w, err);
+    if (rc == MODAL_OK)
+        rc = opt->method == MARCH_SHOOTING ? shoot(&w, opt, x, report, err) : to_periodicity(&w, opt, x, report, err);
+    report->evaluations = p->laws > 0 ? w.evaluations / p->laws : 0;
+    march_done(&w);
+    return rc;
+}

@@ -1,6 +1,7 @@
 /* tradeoff.c - see tradeoff.h */
 #include "job/tradeoff.h"
 #include "job/tradeoff_identify.h"
+#include "job/tradeoff_steady.h"
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -12,6 +13,7 @@ static const struct tradeoff {
     enum modal_status (*run)(const struct job_request *, struct job_result *, struct modal_error *);
 } tradeoffs[] = {
     { "identify", false, tradeoff_identify },
+    { "steady", true, tradeoff_steady },
     { NULL, false, NULL },
 };
 

@@ -856,7 +856,7 @@ static enum modal_status solve_by_marching(struct steady *s, double omega, struc
 {
     static const char *const names[] = { "rk4", "adaptive", "shooting" };
     int which = s->opt.method - STEADY_RK4, N = s->opt.samples > 0 ? s->opt.samples : 512;
-    int H = s->opt.harmonics > 0 ? s->opt.harmonics : (N - 1) / 2 < 64 ? (N - 1) / 2 : 64, q = condense_kept(s->c);
+    int H = s->opt.harmonics > 0 ? s->opt.harmonics : (N - 1) / 2 < 256 ? (N - 1) / 2 : 256, q = condense_kept(s->c);
     double target = s->opt.target_error > 0 ? s->opt.target_error : TARGET;
     struct march_options opt = { .method = (enum march_method)which, .samples = N, .periodic = target / 10, .cancelled = s->opt.cancelled,
                                  .tolerance = s->opt.tolerance > 1e-11 ? s->opt.tolerance : target, .context = s->opt.context };

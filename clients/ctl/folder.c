@@ -1,6 +1,9 @@
 /* folder.c - `fsck`, `dump`, `backup`: a data folder on this machine, beside its daemon or without one */
+#include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
+#include <string.h>
+#include <unistd.h>
 #include "answer.h"
 #include "store/check.h"
 #include "verbs.h"
@@ -10,8 +13,12 @@ static const char *folder_of(const struct args *args, int words, struct modal_er
 {
     const char *dir = args->data != NULL ? args->data : args->words > words ? args->word[1] : NULL;
 
-    if (dir == NULL)
+    if (dir == NULL) {
         modal_fail_field(err, MODAL_BAD_INPUT, "data", "which data folder? accepted: its path, or --data DIR");
+    } else if (access(dir, R_OK | X_OK) != 0) {
+        modal_fail_field(err, MODAL_BAD_INPUT, "data", "%s: %s", dir, strerror(errno));
+        return NULL;
+    }
     return dir;
 }
 

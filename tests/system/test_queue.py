@@ -1,6 +1,7 @@
 """The queue as its users meet it: cancel, limits, workers that die, many submissions, events."""
 import json
 import os
+import pathlib
 import signal
 import subprocess
 import time
@@ -226,3 +227,93 @@ def test_an_upload_cut_off_resumes_where_it_was(own_daemon, tmp_path):
         assert client.upload(batch, progress=lambda what, share: shares.append(share)) == batch.sha256()
         assert shares[0] > 2 * 262144 / batch.signals.nbytes and shares[-1] == 1
         assert client.submit("identify", sha256=batch.sha256(), options={"rank.fixed": 2, "rows": 20, "columns": 40, "refine": False}).wait(PATIENCE).state == "done"
+
+
+# -- the operator -----------------------------------------------------------------------------------------------------
+
+def test_a_backup_of_a_running_daemon_is_whole_and_starts(own_daemon, ctl, large_batch, tmp_path):
+    daemon = own_daemon()
+    assert ctl("submit", "identify", large_batch, "-o", "rank.fixed=4", "--key", "kept", "--wait", server=daemon).status == 0
+    said = ctl("backup", tmp_path / "copy", "--data", daemon.data)
+    assert said.status == 0, said.document
+    for folder in (daemon.data, tmp_path / "copy"):
+        said = ctl("fsck", "--data", folder)
+        assert said.status == 0 and said.document["problems"] == [] and said.document["jobs"] == 1
+    rows = ctl("dump", "--data", tmp_path / "copy", one=False).lines
+    assert [row["row"] for row in rows].count("job") == 1
+    first = ctl("result", "key:kept", server=daemon).document
+    daemon.stop()
+    daemon.data = str(tmp_path / "copy")
+    daemon.start()
+    assert ctl("result", "key:kept", server=daemon).document == first
+
+
+def test_fsck_says_which_file_is_damaged_and_where(own_daemon, ctl, large_batch):
+    daemon = own_daemon()
+    assert ctl("submit", "identify", large_batch, "-o", "rank.fixed=4", "--wait", server=daemon).status == 0
+    daemon.stop()
+    path = next(pathlib.Path(daemon.data, "spool").glob("*.h5"))
+    with open(path, "r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        byte = file.read(1)
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte[0] ^ 1]))
+    said = ctl("fsck", "--data", daemon.data)
+    assert said.status == 1 and said.document["error"]["code"] == "corrupt" and path.name in said.document["problems"][0]
+
+
+def test_what_is_no_data_folder_is_bad_input(ctl, tmp_path):
+    for words in (["fsck"], ["dump"], ["backup", tmp_path / "b"]):
+        assert ctl(*words).document["error"]["field"] == "data"
+        assert ctl(*words, "--data", tmp_path / "absent").status == 2
+
+
+def test_drained_a_daemon_refuses_work_and_answers_the_rest(own_daemon, ctl, batch):
+    daemon = own_daemon()
+    assert ctl("drain", server=daemon).document["draining"] is True
+    said = ctl("submit", "identify", batch, server=daemon)
+    assert said.status == 4 and said.document["error"]["code"] == "draining"
+    assert ctl("list", server=daemon).status == 0
+    assert ctl("undrain", server=daemon).document["draining"] is False
+    assert ctl("identify", batch, "-o", "rank.fixed=4", server=daemon).status == 0
+
+
+def keys_of(ctl, path, *server_key):
+    return ctl("keygen", path, *server_key).document["public"]
+
+
+def test_with_keys_each_user_has_their_own_jobs_and_nobody_else_gets_in(own_daemon, ctl, batch, tmp_path):
+    server = keys_of(ctl, tmp_path / "server.key")
+    public = {name: keys_of(ctl, tmp_path / f"{name}.key", server) for name in ("ann", "ben", "eve")}
+    (tmp_path / "keys").write_text(f"{public['ann']} ann submit\n{public['ben']} ben read\n")
+    (tmp_path / "keys").chmod(0o600)
+
+    import conftest
+    start = conftest.Daemon.start
+
+    def with_key(self):                                     # the fixture's HELLO needs a key, too
+        os.environ["MODALD_KEYFILE"] = str(tmp_path / "ann.key")
+        try:
+            start(self)
+        finally:
+            del os.environ["MODALD_KEYFILE"]
+    conftest.Daemon.start = with_key
+    try:
+        daemon = own_daemon(config=[f"server_key = {tmp_path}/server.key", f"keys = {tmp_path}/keys"])
+    finally:
+        conftest.Daemon.start = start
+
+    def as_user(name, *words):
+        return ctl("--keyfile", tmp_path / f"{name}.key", *words, server=daemon)
+    job = as_user("ann", "submit", "identify", batch, "--wait").document["job"]
+    assert as_user("ann", "whoami").document["user"] == "ann"
+    said = as_user("ben", "status", job)
+    nothing = as_user("ben", "status", "nosuchjob")
+    assert said.status == 4 and said.document == nothing.document          # B cannot tell whether A's job exists
+    assert as_user("ben", "submit", "identify", batch).document["error"]["code"] == "denied"
+    assert as_user("eve", "whoami").status in (3, 4)
+    assert ctl("--keyfile", tmp_path / "ann.key", "whoami", server=daemon).status == 0
+    assert ctl("whoami", server=daemon).status in (3, 4)                   # no key at all
+    (tmp_path / "ann.key").chmod(0o644)
+    said = as_user("ann", "whoami")
+    assert said.status == 2 and said.document["error"]["field"] == "keyfile"

@@ -3,6 +3,7 @@
 #include "job/identify.h"
 #include "job/scene_jobs.h"
 #include "job/steady.h"
+#include "job/sweep.h"
 #include "job/tradeoff.h"
 #include <cblas.h>
 #include <stdio.h>
@@ -16,6 +17,7 @@ const struct job_kind job_kinds[] = {
     { "simulate", JOB_ON_SCENE, simulate_run },
     { "floquet", JOB_ON_SCENE, floquet_run },
     { "steady", JOB_ON_SCENE, steady_run },
+    { "sweep", JOB_ON_SCENE, sweep_run },
     { NULL, JOB_ON_BATCH, NULL },
 };
 

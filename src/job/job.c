@@ -17,6 +17,7 @@ const struct job_kind job_kinds[] = {
     { "simulate", JOB_ON_SCENE, simulate_run },
     { "floquet", JOB_ON_SCENE, floquet_run },
     { "steady", JOB_ON_SCENE, steady_run },
+    { "ablate", JOB_ON_SCENE, ablate_run },
     { "sweep", JOB_ON_SCENE, sweep_run },
     { NULL, JOB_ON_BATCH, NULL },
 };

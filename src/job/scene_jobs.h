@@ -1,4 +1,4 @@
-/* scene_jobs.h - the kinds on a scene that need no steady state: simulate, floquet, ablate, sweep */
+/* scene_jobs.h - the kinds on a scene that need no steady state: simulate, floquet, ablate */
 #ifndef JOB_SCENE_JOBS_H
 #define JOB_SCENE_JOBS_H
 #include "job/job.h"
@@ -8,5 +8,8 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
 
 /* Options: tolerance (of the monodromy matrix), hill (bool, default true where periodic), hill.harmonics. */
 enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+
+/* Options: those of steady, where the scene has an excitation. */
+enum modal_status ablate_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
 
 #endif

@@ -1,0 +1,274 @@
+/* influence.c - see influence.h
+ *
+ * States of the two programs, y = (s q, q', z) each in its own modes, are related by y = D y', D = diag(S Phi^T M Phi' / S',
+ * Phi^T M Phi', 1), since x is the same: X' of (1) is D X' D^-1.  Eigenvalues are matched by the largest overlaps
+ * |l_i D r'_j|, |r'| = 1, greedily.  Where the numbers of linear states differ, the common part of the states is compared.
+ */
+#include "modal/scene/influence.h"
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/eigen.h"
+#include "modal/scene/magnus.h"
+#include "modal/scene/statespace.h"
+
+struct side {
+    struct statespace *ss;
+    double *X;                       /* N x N */
+    double complex *value, *V, *L;   /* eigenvalues, right eigenvectors, and (of `from`) left ones as rows */
+};
+
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "influence: out of memory");
+}
+
+static enum modal_status matrix_of(struct side *side, bool periodic, double period, struct modal_error *err)
+{
+    struct statespace *ss = side->ss;
+    size_t bytes = (size_t)ss->N * (size_t)ss->N * sizeof *side->X;
+    struct magnus *m = NULL;
+    int substeps = 16;
+    double error;
+    enum modal_status rc;
+
+    if ((side->X = malloc(bytes + 1)) == NULL)
+        return no_memory(err);
+    if (!periodic) {
+        memcpy(side->X, ss->A, bytes);
+        return MODAL_OK;
+    }
+    rc = magnus_new(ss, NULL, &m, err);
+    if (rc == MODAL_OK)
+        rc = magnus_converge(m, 0, period, 1e-12, &substeps, side->X, &error, err);
+    magnus_free(m);
+    return rc;
+}
+
+static enum modal_status solve(struct side *side, bool periodic, double period, struct modal_error *err)
+{
+    int N = side->ss->N;
+    size_t count = (size_t)N * (size_t)N;
+    double *copy = malloc(count * sizeof *copy + 1);
+    struct matrix A = { N, N, N, copy };
+    enum modal_status rc = matrix_of(side, periodic, period, err);
+
+    side->value = calloc((size_t)N + 1, sizeof *side->value);
+    side->V = calloc(count + 1, sizeof *side->V);
+    if (rc == MODAL_OK && (copy == NULL || side->value == NULL || side->V == NULL))
+        rc = no_memory(err);
+    if (rc == MODAL_OK) {
+        memcpy(copy, side->X, count * sizeof *copy);
+        rc = eigen_general(&A, side->value, NULL, side->V, err);
+    }
+    free(copy);
+    return rc;
+}
+
+/* Rows of V^-1.  A defective matrix has none: the rows are then NAN. */
+static enum modal_status left_vectors(struct side *side, struct modal_error *err)
+{
+    int N = side->ss->N;
+    size_t count = (size_t)N * (size_t)N;
+    double complex *copy = malloc(count * sizeof *copy + 1);
+    int *pivot = malloc((size_t)N * sizeof *pivot + 1), info = -1;
+
+    side->L = calloc(count + 1, sizeof *side->L);
+    if (copy != NULL && pivot != NULL && side->L != NULL) {
+        memcpy(copy, side->V, count * sizeof *copy);
+        for (int i = 0; i < N; i++)
+            side->L[(size_t)i * ((size_t)N + 1)] = 1;
+        info = LAPACKE_zgesv(LAPACK_COL_MAJOR, N, N, copy, N, pivot, side->L, N);
+        for (size_t i = 0; info != 0 && i < count; i++)
+            side->L[i] = NAN;
+    }
+    free(copy);
+    free(pivot);
+    return info >= 0 ? MODAL_OK : no_memory(err);
+}
+
+/* D (a->N x b->N): states of b in the coordinates of a. */
+static double *change(const struct statespace *a, const struct statespace *b)
+{
+    int n = a->n, nz = a->nz < b->nz ? a->nz : b->nz;
+    size_t Na = (size_t)a->N;
+    double *D = calloc(Na * (size_t)b->N + 1, sizeof *D), *work = calloc((size_t)n * (size_t)n + 1, sizeof *work);
+    const struct sparse *M = &a->p->constant[PROGRAM_M];
+
+    for (int j = 0; D != NULL && work != NULL && j < n; j++)
+        sparse_multiply_add(M, 1, b->phi + (size_t)j * (size_t)n, work + (size_t)j * (size_t)n);
+    if (D != NULL && work != NULL)
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, n, 1, a->phi, n, work, n, 0, D + (size_t)n + (size_t)n * Na, (int)Na);
+    for (int j = 0; D != NULL && j < n; j++)
+        for (int i = 0; i < n; i++)
+            D[(size_t)i + (size_t)j * Na] = a->s[i] * D[(size_t)(n + i) + (size_t)(n + j) * Na] / b->s[j];
+    for (int k = 0; D != NULL && k < nz; k++)
+        D[(size_t)(2 * n + k) + (size_t)(2 * n + k) * Na] = 1;
+    if (work == NULL) {
+        free(D);
+        D = NULL;
+    }
+    free(work);
+    return D;
+}
+
+/* (1) for every eigenvalue of a. */
+static enum modal_status estimate(const struct side *a, const struct side *b, double complex *out, struct modal_error *err)
+{
+    int N = a->ss->N;
+    size_t count = (size_t)N * (size_t)N;
+    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss), *work = malloc(count * sizeof *work + 1), *difference = malloc(count * sizeof *work + 1);
+    enum modal_status rc = D != NULL && back != NULL && work != NULL && difference != NULL ? MODAL_OK : no_memory(err);
+
+    if (rc == MODAL_OK) {
+        memcpy(difference, a->X, count * sizeof *work);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, b->X, N, back, N, 0, work, N);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, D, N, work, N, -1, difference, N);
+        for (int i = 0; i < N; i++) {
+            out[i] = 0;
+            for (int k = 0; k < N; k++) {
+                double complex row = 0;
+                for (int j = 0; j < N; j++)
+                    row += a->L[(size_t)i + (size_t)j * (size_t)N] * difference[(size_t)j + (size_t)k * (size_t)N];
+                out[i] += row * a->V[(size_t)k + (size_t)i * (size_t)N];
+            }
+        }
+    }
+    free(D);
+    free(back);
+    free(work);
+    free(difference);
+    return rc;
+}
+
+/* match[i]: which eigenvalue of b is i's, -1 none. */
+static enum modal_status pair_up(const struct side *a, const struct side *b, int *match, struct modal_error *err)
+{
+    int Na = a->ss->N, Nb = b->ss->N;
+    double *D = change(a->ss, b->ss), *overlap = calloc((size_t)Na * (size_t)Nb + 1, sizeof *overlap);
+    double complex *moved = calloc((size_t)Na + 1, sizeof *moved);
+    enum modal_status rc = D != NULL && overlap != NULL && moved != NULL ? MODAL_OK : no_memory(err);
+
+    for (int j = 0; rc == MODAL_OK && j < Nb; j++) {
+        for (int i = 0; i < Na; i++) {
+            moved[i] = 0;
+            for (int k = 0; k < Nb; k++)
+                moved[i] += D[(size_t)i + (size_t)k * (size_t)Na] * b->V[(size_t)k + (size_t)j * (size_t)Nb];
+        }
+        for (int i = 0; i < Na; i++) {
+            double complex sum = 0;
+            for (int k = 0; k < Na; k++)
+                sum += a->L[(size_t)i + (size_t)k * (size_t)Na] * moved[k];
+            overlap[(size_t)i + (size_t)j * (size_t)Na] = isnan(cabs(sum)) ? 1 / (1 + cabs(a->value[i] - b->value[j])) : cabs(sum);
+        }
+    }
+    for (int i = 0; i < Na; i++)
+        match[i] = -1;
+    for (int pairs = 0; rc == MODAL_OK && pairs < Na && pairs < Nb; pairs++) {
+        size_t best = 0;
+        for (size_t k = 0; k < (size_t)Na * (size_t)Nb; k++)
+            if (overlap[k] > overlap[best])
+                best = k;
+        int i = (int)(best % (size_t)Na), j = (int)(best / (size_t)Na);
+        if (overlap[best] < 0)
+            break;
+        match[i] = j;
+        for (int k = 0; k < Nb; k++)
+            overlap[(size_t)i + (size_t)k * (size_t)Na] = -1;
+        for (int k = 0; k < Na; k++)
+            overlap[(size_t)k + (size_t)j * (size_t)Na] = -1;
+    }
+    free(D);
+    free(overlap);
+    free(moved);
+    return rc;
+}
+
+static double complex exponent(double complex value, const struct influence *f)
+{
+    if (!f->periodic)
+        return value;
+    return cabs(value) > 1e-13 ? clog(value) / f->period : CMPLX(NAN, NAN);
+}
+
+static double margin(const double complex *value, int count, const struct influence *f)
+{
+    double most = -HUGE_VAL;
+
+    for (int i = 0; i < count; i++)
+        most = fmax(most, creal(exponent(value[i], f)));
+    return -most;
+}
+
+static enum modal_status fill(struct influence *f, const struct side *a, const struct side *b, struct modal_error *err)
+{
+    int N = a->ss->N, *match = malloc((size_t)N * sizeof *match + 1);
+    bool alike = a->ss->nz == b->ss->nz;
+    enum modal_status rc;
+
+    f->count = N;
+    f->from = calloc((size_t)N + 1, sizeof *f->from);
+    f->to = calloc((size_t)N + 1, sizeof *f->to);
+    f->first_order = calloc((size_t)N + 1, sizeof *f->first_order);
+    rc = match != NULL && f->from != NULL && f->to != NULL && f->first_order != NULL ? pair_up(a, b, match, err) : no_memory(err);
+    if (rc == MODAL_OK && alike)
+        rc = estimate(a, b, f->first_order, err);
+    for (int i = 0; rc == MODAL_OK && i < N; i++) {
+        f->from[i] = exponent(a->value[i], f);
+        f->to[i] = match[i] >= 0 ? exponent(b->value[match[i]], f) : CMPLX(NAN, NAN);
+        f->first_order[i] = !alike ? CMPLX(NAN, NAN) : f->periodic ? f->first_order[i] / (a->value[i] * f->period) : f->first_order[i];
+    }
+    f->margin_from = margin(a->value, N, f);
+    f->margin_to = margin(b->value, b->ss->N, f);
+    free(match);
+    return rc;
+}
+
+static void side_done(struct side *s)
+{
+    statespace_free(s->ss);
+    free(s->X);
+    free(s->value);
+    free(s->V);
+    free(s->L);
+}
+
+enum modal_status influence(const struct program *from, const struct program *to, struct influence *out, struct modal_error *err)
+{
+    struct influence f = { .periodic = from->harmonics > 0 || to->harmonics > 0 };
+    struct side a = { 0 }, b = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    f.period = from->period > 0 ? from->period : from->omega > 0 ? 2 * M_PI / from->omega : 0;
+    if (from->laws > 0 || to->laws > 0 || from->n != to->n)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "effects", from->n != to->n ? "the two scenes differ in their dofs"
+                                : "exponents are of linear scenes; give the scene an excitation, and steady states are compared");
+    rc = statespace_new(from, &a.ss, err);
+    if (rc == MODAL_OK)
+        rc = statespace_new(to, &b.ss, err);
+    if (rc == MODAL_OK)
+        rc = solve(&a, f.periodic, f.period, err);
+    if (rc == MODAL_OK)
+        rc = solve(&b, f.periodic, f.period, err);
+    if (rc == MODAL_OK)
+        rc = left_vectors(&a, err);
+    if (rc == MODAL_OK)
+        rc = fill(&f, &a, &b, err);
+    side_done(&a);
+    side_done(&b);
+    if (rc == MODAL_OK)
+        *out = f;
+    else
+        influence_done(&f);
+    return rc;
+}
+
+void influence_done(struct influence *f)
+{
+    free(f->from);
+    free(f->to);
+    free(f->first_order);
+    memset(f, 0, sizeof *f);
+}

@@ -1,0 +1,32 @@
+/* influence.h - how exponents move between two programs of the same dofs: exactly, and to first order
+ *
+ * The first-order estimate is from the left and right eigenvectors of the first: with X the state matrix (constant) or
+ * the monodromy matrix (periodic) of the one, X' that of the other in the same coordinates,
+ *
+ *     d_i = l_i (X' - X) r_i,   l_i r_i = 1,                                                        (1)
+ *
+ * for lambda_i where both are constant; d rho_i where either is periodic, d lambda_i = d rho_i / (rho_i T) then.
+ */
+#ifndef MODAL_INFLUENCE_H
+#define MODAL_INFLUENCE_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/scene/program.h"
+
+struct influence {
+    int count;                       /* exponents of FROM */
+    bool periodic;
+    double period;
+    double complex *from, *to;       /* exponents, matched by their eigenvectors; NAN where `to` has none or it is below rounding */
+    double complex *first_order;     /* (1): of to - from; NAN where the numbers of linear states differ */
+    double margin_from, margin_to;   /* -max Re exponent */
+};
+
+/*
+ * Fails with MODAL_BAD_INPUT (laws; other dofs), MODAL_TOO_LARGE, MODAL_OVERFLOW, MODAL_NO_CONVERGENCE, MODAL_NO_MEMORY.
+ * influence_done frees.
+ */
+enum modal_status influence(const struct program *from, const struct program *to, struct influence *out, struct modal_error *err);
+void influence_done(struct influence *f);
+
+#endif

@@ -1,0 +1,165 @@
+#include "check.h"
+#include <complex.h>
+#include "job/job.h"
+#include "job/sweep.h"
+#include "modal/scene/influence.h"
+#include "scene_text.h"
+
+static cJSON *job(const char *kind, const char *scene_json, const char *options_json, enum modal_status expected, struct modal_error *err)
+{
+    cJSON *scene = scene_text(scene_json), *options = options_json != NULL ? scene_text(options_json) : NULL, *result;
+    struct job_request request = { .kind = kind, .scene = scene, .options = options };
+    struct job_result r;
+    struct modal_error why = { 0 };
+    enum modal_status rc = job_run(&request, &r, &why);
+
+    if (rc != expected)
+        fail_msg("%s of %s: %s at %s: %s", kind, scene_json, modal_status_code(rc), why.field, why.message);
+    if (err != NULL)
+        *err = why;
+    result = r.result;
+    r.result = NULL;
+    job_result_done(&r);
+    cJSON_Delete(scene);
+    cJSON_Delete(options);
+    return result;
+}
+
+static double number(const cJSON *json, const char *a, const char *b)
+{
+    const cJSON *x = cJSON_GetObjectItemCaseSensitive(json, a);
+
+    if (b != NULL)
+        x = cJSON_GetObjectItemCaseSensitive(x, b);
+    return cJSON_IsNumber(x) ? x->valuedouble : NAN;
+}
+
+TEST(a_plan_names_class_states_hash_and_every_effect_in_order)
+{
+    cJSON *r = job("simulate", "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':10},"
+                   "'effects':[{'type':'damper','dof':'x1','coefficient':0.1},{'type':'friction','dof':'x1','stiffness':1,'limit':9},"
+                   "{'type':'gap','dof':'x1','stiffness':9,'clearance':0.2}]}", NULL, MODAL_OK, NULL);
+    const cJSON *plan = cJSON_GetObjectItem(r, "plan"), *effects = cJSON_GetObjectItem(plan, "effects");
+
+    CHECK_STRING(cJSON_GetObjectItem(plan, "class")->valuestring, "nonlinear");
+    CHECK(number(plan, "states", NULL) == 3 && strlen(cJSON_GetObjectItem(plan, "hash")->valuestring) == 64);
+    CHECK(cJSON_GetArraySize(effects) == 3 && number(cJSON_GetArrayItem(effects, 0), "evaluations", NULL) == 0);
+    CHECK(cJSON_IsFalse(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 1), "active")));
+    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 2), "active")));
+    CHECK(number(cJSON_GetArrayItem(effects, 2), "seconds", NULL) > 0);
+    CHECK(number(r, "samples", NULL) == 101 && cJSON_IsObject(cJSON_GetObjectItem(r, "provenance")));
+    cJSON_Delete(r);
+}
+
+/* m = 1, k = 9 + 0.4: removing the spring takes w = sqrt(9.4) to 3, to first order by -0.4 / (2 sqrt 9.4); removing the damper
+ * takes Re lambda from -0.15 to 0, exactly so to first order in the exponent. */
+TEST(ablation_gives_each_effect_s_change_and_its_first_order)
+{
+    cJSON *r = job("ablate", "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'effects':[{'type':'spring','dof':'x1','stiffness':0.4},"
+                   "{'type':'damper','dof':'x1','coefficient':0.3}]}", NULL, MODAL_OK, NULL);
+    const cJSON *effects = cJSON_GetObjectItem(r, "effects"), *spring = cJSON_GetArrayItem(effects, 0), *damper = cJSON_GetArrayItem(effects, 1);
+    const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItem(cJSON_GetObjectItem(spring, "change"), "modes"), 0);
+    double w = sqrt(9.4);
+
+    CHECK_NEAR(number(mode, "frequency_change_hz", NULL), (3 - w) / (2 * M_PI), 1e-14);
+    CHECK_NEAR(number(mode, "frequency_first_order_hz", NULL), -0.4 / (2 * w) / (2 * M_PI), 1e-14);
+    mode = cJSON_GetArrayItem(cJSON_GetObjectItem(cJSON_GetObjectItem(damper, "change"), "modes"), 0);
+    CHECK_NEAR(number(mode, "damping_change", NULL), -0.15 / w, 1e-14);
+    CHECK_NEAR(number(mode, "damping_first_order", NULL), -0.15 / w, 1e-14);
+    CHECK_NEAR(number(damper, "change", "margin"), -0.15, 1e-14);
+    CHECK(cJSON_IsNull(cJSON_GetObjectItem(cJSON_GetObjectItem(cJSON_GetObjectItem(damper, "without"), "stability"), "stable")));
+    cJSON_Delete(r);
+}
+
+TEST(ablation_of_an_excited_scene_compares_steady_states)
+{
+    /* X = p / (k - w^2 + i c w): without the spring of 3, 1 / (6 - 4 + 0.2 i), with it 1 / (9 - 4 + 0.2 i) */
+    cJSON *r = job("ablate", "{'structure':{'type':'chain','masses':[1],'springs':[6,0],'dampers':[0.1,0]},'omega':2,'excitation':[{'dof':'x1','cos':1}],"
+                   "'effects':[{'type':'spring','dof':'x1','stiffness':3}]}", NULL, MODAL_OK, NULL);
+    const cJSON *change = cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "effects"), 0), "change");
+    double complex a = 1 / CMPLX(5, 0.2), b = 1 / CMPLX(2, 0.2);
+
+    CHECK_STRING(cJSON_GetObjectItem(r, "of")->valuestring, "steady");
+    CHECK_NEAR(number(change, "harmonics", NULL), cabs(b - a), 1e-12);
+    CHECK_NEAR(number(change, "relative", NULL), cabs(b - a) / cabs(a), 1e-12);
+    cJSON_Delete(r);
+}
+
+#define GRID "{'verb':'floquet','scene':{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]},'omega':2,'effects':" \
+    "[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]},'grid':[{'path':'effects[0].stiffness','values':[-0.1,-0.3,-0.5]}," \
+    "{'path':'omega','values':[1.6,1.9,2.0,2.3]}]}"
+
+TEST(shares_of_a_sweep_put_together_are_the_sweep)
+{
+    cJSON *whole = job("sweep", GRID, NULL, MODAL_OK, NULL), *a = job("sweep", GRID, "{'count':5}", MODAL_OK, NULL);
+    cJSON *b = job("sweep", GRID, "{'first':5}", MODAL_OK, NULL), *points = cJSON_GetObjectItem(whole, "points");
+    int i = 0;
+    const cJSON *point;
+
+    CHECK(cJSON_GetArraySize(points) == 12);
+    cJSON_ArrayForEach(point, points) {
+        const cJSON *share = cJSON_GetArrayItem(cJSON_GetObjectItem(i < 5 ? a : b, "points"), i < 5 ? i : i - 5);
+        CHECK(cJSON_Compare(point, share, 1));
+        CHECK((int)cJSON_GetArrayItem(cJSON_GetObjectItem(point, "index"), 0)->valuedouble == i / 4);
+        i++;
+    }
+    /* the principal tongue at omega_p = 2: growth 2 mu / 4 less damping 0.005, so mu = 0.15 is unstable, and at 1.6 stable */
+    CHECK(cJSON_IsFalse(cJSON_GetObjectItem(cJSON_GetObjectItem(cJSON_GetArrayItem(points, 6), "stability"), "stable")));
+    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(cJSON_GetObjectItem(cJSON_GetArrayItem(points, 0), "stability"), "stable")));
+    cJSON_Delete(whole);
+    cJSON_Delete(a);
+    cJSON_Delete(b);
+}
+
+TEST(a_point_that_cannot_be_computed_says_so_in_its_row)
+{
+    cJSON *r = job("sweep", "{'verb':'floquet','scene':{'structure':{'type':'chain','masses':[1],'springs':[1,0]}},"
+                   "'grid':[{'path':'structure.masses[0]','values':[1,-1]}]}", NULL, MODAL_OK, NULL);
+    const cJSON *bad = cJSON_GetArrayItem(cJSON_GetObjectItem(r, "points"), 1);
+
+    CHECK_STRING(cJSON_GetObjectItem(cJSON_GetObjectItem(bad, "error"), "field")->valuestring, "structure.masses[0]");
+    CHECK(cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "points"), 0), "error") == NULL);
+    cJSON_Delete(r);
+}
+
+TEST(a_sweep_s_own_faults_are_named)
+{
+    static const struct { const char *text, *options, *field; } bad[] = {
+        { "{'verb':'fly','scene':{},'grid':[]}", NULL, "verb" },
+        { "{'verb':'floquet','grid':[{'path':'omega','values':[1]}]}", NULL, "scene" },
+        { "{'verb':'floquet','scene':{},'grid':[]}", NULL, "grid" },
+        { "{'verb':'floquet','scene':{'effects':[]},'grid':[{'path':'effects[0].limit','values':[1]}]}", NULL, "grid[0].path" },
+        { "{'verb':'floquet','scene':{},'grid':[{'path':'omega','values':[]}]}", NULL, "grid[0].values" },
+        { GRID, "{'first':12}", "first" } };
+
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct modal_error err;
+        CHECK(job("sweep", bad[i].text, bad[i].options, MODAL_BAD_INPUT, &err) == NULL);
+        if (strcmp(err.field, bad[i].field) != 0)
+            fail_msg("%s: at %s: %s", bad[i].text, err.field, err.message);
+    }
+}
+
+static int events;
+static void count_event(void *context, const cJSON *event)
+{
+    (void)context;
+    events += number(event, "fraction", NULL) > 0 && cJSON_IsArray(cJSON_GetObjectItem(event, "points"));
+}
+
+static bool after_two(void *context)
+{
+    (void)context;
+    return events >= 2;
+}
+
+TEST(a_sweep_reports_chunks_and_stops_when_cancelled)
+{
+    cJSON *scene = scene_text(GRID);
+    struct job_request request = { .kind = "sweep", .scene = scene, .progress = count_event, .cancelled = after_two };
+    struct job_result r;
+
+    events = 0;
+    CHECK(job_run(&request, &r, NULL) == MODAL_CANCELLED && events == 2);
+    cJSON_Delete(scene);
+}

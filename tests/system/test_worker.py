@@ -1,5 +1,6 @@
 """modald-worker spoken to as the daemon does: proto/PROTOCOL.md, section 13, over a ROUTER of our own."""
 import json
+import math
 import os
 import pathlib
 import shutil
@@ -16,6 +17,15 @@ BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resol
 WORKER = BUILD / "bin" / "modald-worker"
 VERSION = b"MODALW1"
 LIMIT_MS = 20000
+
+
+def crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    return crc ^ 0xFFFFFFFF
 
 
 class Daemon:
@@ -46,6 +56,13 @@ class Daemon:
                 return verb.decode(), json.loads(header), body
         raise AssertionError(f"none of {verbs} came")
 
+    def drain(self):
+        """The verbs of what has come so far."""
+        out = []
+        while self.router.poll(0):
+            out.append(self.router.recv_multipart()[2].decode())
+        return out
+
     def send(self, verb, header, *body):
         self.router.send_multipart([self.peer, VERSION, verb.encode(), json.dumps(header).encode(), *body])
 
@@ -53,6 +70,27 @@ class Daemon:
         header = {"job": job, "attempt": 1, "kind": kind, "options": options or {}, "run_limit_s": 0,
                   "input": {"content": "batch", "samples": len(samples), "channels": 1, "dt": 0.05, **more}}
         self.send("RUN", header, *([] if "file" in more else [struct.pack(f"<{len(samples)}d", *samples)]))
+
+    def run_scene(self, job, kind, scene, options=None):
+        text = json.dumps(scene).encode()
+        self.send("RUN", {"job": job, "attempt": 1, "kind": kind, "options": options or {}, "run_limit_s": 0,
+                          "input": {"content": "scene", "bytes": len(text)}}, text)
+
+    def answer(self, job, go=True):
+        """(verb, header, document, signals): the PARTs put together, each answered by GO."""
+        parts, description = {"document": b"", "batch": b""}, None
+        while True:
+            verb, header, body = self.next("PART", "DONE", "FAILED")
+            assert header["job"] == job and header["attempt"] == 1
+            if verb != "PART":
+                document = b"".join(body) or parts["document"]
+                return verb, header, json.loads(document) if document else None, (description, parts["batch"])
+            assert header["offset"] == len(parts[header["part"]]) and len(body) == 1 and len(body[0]) <= 1 << 20
+            description = header.get("batch", description)
+            parts[header["part"]] += body[0]
+            assert len(parts[header["part"]]) <= header["total"]
+            if go:
+                self.send("GO", {"job": job, "attempt": 1})
 
     def close(self):
         if self.process.poll() is None:
@@ -168,3 +206,93 @@ def test_started_by_root_it_runs_as_the_user_it_is_told():
     status = open(f"/proc/{daemon.process.pid}/status").read()
     assert "Uid:\t65534\t65534\t65534\t65534" in status
     daemon.close()
+
+
+def decay(count=600):
+    return [math.exp(-0.1 * 0.05 * k) * math.cos(6.0 * 0.05 * k) for k in range(count)]
+
+
+OSCILLATOR = {"structure": {"type": "matrices", "M": [[1.0]], "C": [[0.2]], "K": [[9.0]]}, "effects": [],
+              "excitation": [{"type": "harmonic", "dof": "x1", "k": 1, "cos": 1.0}], "omega": 2.0,
+              "initial": {"x": {"x1": 1.0}}, "time": {"dt": 0.01, "duration": 5.0}}
+
+
+def test_identify_gives_the_same_document_from_a_mapped_file_and_from_the_message(daemon):
+    samples = decay()
+    raw = struct.pack(f"<{len(samples)}d", *samples)
+    path = f"{daemon.dir}/data/spool/1.h5"
+    with open(path, "wb") as file:
+        file.write(b"\0" * 4104 + raw)
+    crc = crc32c(raw)
+    found = []
+    for more in ({}, {"file": path, "offset": 4104, "crc32c": crc}):
+        daemon.next("READY")
+        daemon.run("a", "identify", samples, {"rank.fixed": 2}, **more)
+        verb, header, document, _ = daemon.answer("a")
+        assert verb == "DONE" and header["cpu_s"] > 0, header
+        mode = document["modes"][0]
+        assert abs(mode["exponent"][0] + 0.1) < 1e-9 and abs(abs(mode["exponent"][1]) - 6.0) < 1e-9
+        found.append([document["modes"], document["rank"]])
+    assert found[0] == found[1]
+
+
+def test_the_signals_of_simulate_come_in_parts_of_at_most_a_mebibyte(daemon):
+    daemon.next("READY")
+    scene = {**OSCILLATOR, "time": {"dt": 1e-4, "duration": 20.0}}
+    daemon.run_scene("s", "simulate", scene)
+    verb, header, document, (description, raw) = daemon.answer("s")
+    assert verb == "DONE", header
+    assert document["kind"] == "simulate" and description["samples"] == 200001 and len(raw) == 8 * description["samples"] * description["channels"]
+    assert description["dt"] == 1e-4 and struct.unpack_from("<d", raw)[0] == 1.0
+
+
+def test_no_more_than_four_parts_wait_for_their_go(daemon):
+    daemon.next("READY")
+    daemon.run_scene("s", "simulate", {**OSCILLATOR, "time": {"dt": 2e-5, "duration": 20.0}})      # 8 MB
+    for _ in range(4):
+        daemon.next("PART", "DONE", "FAILED")
+    daemon.next("BEAT")
+    daemon.next("BEAT")                      # two seconds later the heart still beats, and no fifth has come
+    assert not any(verb in ("PART", "DONE") for verb in daemon.drain())
+    for _ in range(9):
+        daemon.send("GO", {"job": "s", "attempt": 1})
+    assert daemon.next("PART")[1]["offset"] == 4 << 20
+
+
+@pytest.mark.parametrize("kind, scene, options", [
+    ("steady", OSCILLATOR, {}), ("floquet", OSCILLATOR, {}),
+])
+def test_each_kind_runs_confined(daemon, kind, scene, options):
+    daemon.next("READY")
+    daemon.run_scene("k", kind, scene, options)
+    verb, header, document, _ = daemon.answer("k")
+    assert verb == "DONE" and document, header
+
+
+def test_more_blas_threads_start_within_the_walls(daemon):
+    daemon.next("READY")
+    daemon.run("t", "identify", decay(2000), {"threads": 2, "rank.fixed": 2})
+    verb, header, _, _ = daemon.answer("t")
+    assert verb == "DONE", header
+
+
+def test_the_heart_beats_with_the_job_while_it_works(daemon):
+    daemon.next("READY")
+    daemon.run_scene("long", "simulate", {**OSCILLATOR, "time": {"dt": 1e-6, "duration": 30.0}})
+    seen = [daemon.next("BEAT", "PART", "DONE", "FAILED") for _ in range(2)]
+    assert any(verb == "BEAT" and header == {"job": "long", "attempt": 1} for verb, header, _ in seen) or seen[0][0] != "BEAT", seen
+
+
+LUA = [("", "DONE"), ("io.open('/etc/passwd')", "FAILED"), ("os.execute('true')", "FAILED"), ("os.exit(3)", "FAILED"),
+       ("require('socket')", "FAILED"), ("dofile('/etc/passwd')", "FAILED")]
+
+
+def test_a_lua_force_reaches_neither_files_nor_programs_nor_the_network(daemon):
+    for attack, expected in LUA:
+        daemon.next("READY")
+        source = f"function force(t, x, v, memory) {attack}; return 0.1 * x^3 end"
+        daemon.run_scene("l", "steady", {**OSCILLATOR, "effects": [{"type": "lua", "dof": "x1", "source": source}]})
+        verb, header, _, _ = daemon.answer("l")
+        assert verb == expected, (attack, header)
+        assert expected == "DONE" or header["error"]["code"] == "element_failed", (attack, header)
+        assert daemon.process.poll() is None

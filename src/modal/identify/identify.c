@@ -25,6 +25,8 @@
 #include "modal/identify/pod.h"
 #include "modal/identify/projection.h"
 #include "modal/identify/record.h"
+#include "modal/identify/screen.h"
+#include "modal/identify/trend.h"
 #include "modal/identify/verdict.h"
 #include "modal/linalg/svd.h"
 
@@ -36,6 +38,8 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
 static const double STEP_MOST = 30;
 /* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
 enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
+/* The pencil begins with few triplets and doubles them while the order is near their number; long records end earlier: a fit costs L r^2. */
+enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 };
 
 static const double SPARING = 0.6;
 
@@ -50,6 +54,7 @@ struct work {
     double tau;
     bool refine;
     struct pencil pencil;
+    int triplets;                   /* asked of the pencil */
     struct projection projection;
     bool projected;                 /* which of the two was made */
     struct order_choice choice;
@@ -223,7 +228,7 @@ static enum modal_status project(struct work *w, struct identify_result *out, st
 static enum modal_status pencil(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
-    struct pencil_options opt = { w->opt.rows, fixed + 4 > TRIPLETS ? fixed + 4 : TRIPLETS };
+    struct pencil_options opt = { w->opt.rows, fixed > 0 ? fixed + 4 : w->triplets };
     enum modal_status rc;
 
     if (fixed > most)
@@ -241,6 +246,7 @@ static enum modal_status decompose(struct work *w, struct identify_result *out, 
 
     if (rc != MODAL_OK)
         return rc;
+    free(out->singular);
     out->singular = malloc(sizeof *s * (count + 1));
     if (out->singular == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d singular values", count);
@@ -379,6 +385,31 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         w->facts.order = c->fit.order;
         w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-13 * norm_of(w->data.Y);
         out->hankel_rank = c->fit.order;
+    }
+    return rc;
+}
+
+/* Was the ladder cut off by the number of triplets, not by its own end? */
+static bool cut_off(const struct work *w)
+{
+    int most = w->X->m > LONG ? TRIPLETS_LONG : TRIPLETS_MOST;
+
+    return !w->projected && w->opt.rank.rule == RANK_AUTO && w->choice.chosen >= 0 && w->triplets < most && w->pencil.count == w->triplets
+        && w->facts.full_rank == w->pencil.count && w->rank + ORDER_AHEAD > w->pencil.count;
+}
+
+/* Twice the triplets, until the ladder ends by itself. */
+static enum modal_status choose_order_of_all(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    enum modal_status rc = choose_order(w, out, err);
+
+    while (rc == MODAL_OK && cut_off(w)) {
+        w->triplets *= 2;
+        pencil_done(&w->pencil);
+        order_done(&w->choice);
+        rc = decompose(w, out, err);
+        if (rc == MODAL_OK)
+            rc = choose_order(w, out, err);
     }
     return rc;
 }
@@ -560,6 +591,18 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
     return found;
 }
 
+/* What the samples and the fit say about the model itself. */
+static enum modal_status doubt(struct work *w, const struct batch *batch, struct identify_result *out, struct modal_error *err)
+{
+    const struct poles *p = &w->poles;
+    struct trend_input in = { w->X, w->rec.step, w->rec.t0, p->lambda, p->count, w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
+
+    screen_samples(batch, out);
+    if (!w->refine || w->shift > 1 || w->rec.period > 0)
+        return MODAL_OK;
+    return trend_diagnose(&in, out, err);
+}
+
 static enum modal_status conclude(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     double duration = w->data.Y->m * w->tau;
@@ -596,7 +639,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
                                  struct identify_result *out, struct modal_error *err)
 {
     static const struct identify_options defaults = { 0 };
-    struct work w = { .opt = options != NULL ? *options : defaults, .facts = { .converged = true } };
+    struct work w = { .opt = options != NULL ? *options : defaults, .facts = { .converged = true }, .triplets = TRIPLETS_FIRST };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
@@ -610,7 +653,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = stage(&w, "pod", out, err)) != MODAL_OK
         || (rc = decompose(&w, out, err)) != MODAL_OK
         || (rc = stage(&w, "svd", out, err)) != MODAL_OK
-        || (rc = choose_order(&w, out, err)) != MODAL_OK
+        || (rc = choose_order_of_all(&w, out, err)) != MODAL_OK
         || (w.choice.chosen >= 0 && (rc = look_above(&w, err)) != MODAL_OK)
         || (rc = stage(&w, w.refine ? "refine" : "eig", out, err)) != MODAL_OK
         || (rc = take_poles(&w, err)) != MODAL_OK)
@@ -620,6 +663,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = stage(&w, "synthesis", out, err)) != MODAL_OK
         || (rc = report_ladder(&w, out, err)) != MODAL_OK
         || (rc = conclude(&w, out, err)) != MODAL_OK
+        || (rc = doubt(&w, batch, out, err)) != MODAL_OK
         || (rc = stage(&w, "verdict", out, err)) != MODAL_OK)
         goto out;
 out:

@@ -24,7 +24,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double REACH = 0.02, SPLIT_REACH = 60;
+static const double REACH = 0.02, SPLIT_REACH = 60, WORSE = 1.5;
 
 struct climb {
     const struct refine_data *data;
@@ -251,6 +251,39 @@ static enum modal_status simplify(struct climb *c, int *best, struct modal_error
     return MODAL_OK;
 }
 
+/* A pole that moves in the record and whose error exceeds its own size: the data do not say that it is there. -1: none. */
+static int undetermined(const struct climb *c, const struct refined *fit)
+{
+    double record = c->data->tau * c->data->Y->m;
+    int worst = -1;
+
+    for (int j = 0; j < fit->poles; j++) {
+        double size = cabs(fit->lambda[j]), error = hypot(fit->std_re[j], fit->std_im[j]);
+        if (size * record > 3 && error > size && (worst < 0 || error > hypot(fit->std_re[worst], fit->std_im[worst])))
+            worst = j;
+    }
+    return worst;
+}
+
+/* Pass 4: two poles that cancel each other fit a transient as t e^{lambda t} would, and mean nothing one by one: out with them, one at a
+ * time, unless the fit is much the worse for it. */
+static enum modal_status drop_undetermined(struct climb *c, int *best, struct modal_error *err)
+{
+    for (;;) {
+        const struct refined *fit = &c->choice.candidates[*best].fit;
+        double residual = fit->residual;
+        int drop = undetermined(c, fit), n, at;
+        enum modal_status rc;
+        if (drop < 0 || fit->poles < 2)
+            return MODAL_OK;
+        n = without(c, *best, drop, c->lambda);
+        rc = try_poles(c, 0, c->lambda, n, NULL, true, 0, &at, err);
+        if (rc != MODAL_OK || at < 0 || !(c->choice.candidates[at].fit.residual < WORSE * residual))
+            return rc;
+        *best = at;
+    }
+}
+
 /* Pass 4: the slowest real pole as a constant. */
 static enum modal_status pin_offset(struct climb *c, int *best, struct modal_error *err)
 {
@@ -295,6 +328,8 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
         rc = split(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0)
         rc = simplify(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0 && c.choice.candidates[best].refined)
+        rc = drop_undetermined(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && !c.opt->no_offset)
         rc = pin_offset(&c, &best, err);
     if (rc != MODAL_OK)

@@ -1,0 +1,325 @@
+/*
+ * trend.c - one mode, watched over windows
+ *
+ * White or not: with e the residual of the chosen fit, each signal divided by its rms, the autocorrelation at lag l is r_l, with
+ * deviation 1 / sqrt(n) for white noise of n numbers in all.  The model is called adequate where
+ *
+ *     n sum_{l=1..LAGS} r_l^2 <= LAGS + 8 sqrt(2 LAGS)                                                      (1)
+ *
+ * (Box and Pierce's statistic, eight deviations of chi-square: no false alarm in any ordinary number of records), or where the residual is
+ * rounding.  Only an inadequate fit, or one with a crowd of modes in one place, is looked at further: two close modes of a linear system beat, and watched through windows as
+ * one they would seem to drift, but their fit is adequate.
+ *
+ * Each window is identified on its own (pencil.c, order.c with few orders); its strongest oscillating mode is compared over the windows.  A change
+ * counts where it exceeds CHANGE and six times its own standard errors.  The sign of every step agreeing with that of the
+ * amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude dependence; anything else is a change of the system.
+ */
+#include "modal/identify/trend.h"
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/exponents.h"
+#include "modal/identify/order.h"
+#include "modal/identify/pencil.h"
+#include "modal/identify/synthesis.h"
+
+enum { LAGS = 8, ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
+static const double CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7, WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
+
+struct window { double t, frequency, damping, std_frequency, std_damping, amplitude, left; bool found; };
+
+/* ---- is the fit adequate? ---- */
+
+static double whiteness(const struct matrix *E, double *n)
+{
+    double sum = 0, r[LAGS] = { 0 };
+
+    *n = 0;
+    for (int c = 0; c < E->n; c++) {
+        const double *e = E->x + (size_t)c * (size_t)E->ld;
+        double square = 0;
+        for (int k = 0; k < E->m; k++)
+            square += e[k] * e[k];
+        if (!(square > 0))
+            continue;
+        *n += E->m;
+        for (int l = 1; l <= LAGS; l++)
+            for (int k = l; k < E->m; k++)
+                r[l - 1] += e[k] * e[k - l] / square * E->m;
+    }
+    for (int l = 0; l < LAGS; l++)
+        sum += *n > 0 ? r[l] / *n * r[l] / *n : 0;
+    return *n * sum;
+}
+
+static enum modal_status adequate(const struct trend_input *in, bool *answer, struct modal_error *err)
+{
+    struct matrix E = { in->X->m, in->X->n, in->X->m, malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
+    struct synthesis fit = { 0 };
+    enum modal_status rc;
+    double n, total = 0;
+
+    if (E.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d x %d", E.m, E.n);
+    rc = synthesis_fit(in->lambda, in->count, in->tau, in->X, &E, &fit, err);
+    for (int c = 0; c < E.n && rc == MODAL_OK; c++)
+        for (int k = 0; k < E.m; k++) {
+            double y = in->X->x[k + (size_t)c * (size_t)in->X->ld];
+            total += y * y;
+            E.x[k + (size_t)c * (size_t)E.m] = y - E.x[k + (size_t)c * (size_t)E.m];
+        }
+    if (rc == MODAL_OK)
+        *answer = fit.residual <= 1e-9 * sqrt(total) || whiteness(&E, &n) <= LAGS + 8 * sqrt(2.0 * LAGS);        /* (1) */
+    synthesis_done(&fit);
+    free(E.x);
+    return rc;
+}
+
+/* Three or more vibrations within CLOSE of one another: what a mode that drifts is made of, to any accuracy. */
+static bool crowded(const struct trend_input *in)
+{
+    for (int i = 0; i < in->count; i++) {
+        int near = 0;
+        for (int j = 0; j < in->count; j++)
+            near += cimag(in->lambda[j]) > 0 && fabs(cimag(in->lambda[j]) - cimag(in->lambda[i])) < CLOSE * cimag(in->lambda[i]);
+        if (near >= 3)
+            return true;
+    }
+    return false;
+}
+
+/* ---- windows ---- */
+
+struct source { struct pencil pencil; double tau; };
+
+static enum modal_status poles_of(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+{
+    struct source *s = context;
+    double complex rho[ORDERS + 1];
+    enum modal_status rc = pencil_multipliers(&s->pencil, r, rho, err);
+
+    if (rc == MODAL_OK)
+        *count = poles_of_multipliers(rho, r, s->tau, 1e-300, lambda, NULL);
+    return rc;
+}
+
+/* Mean square of pole j's part over the window, all signals. */
+static double energy_of(const struct synthesis *f, int j, double complex lambda, double tau)
+{
+    double sum = 0, a = creal(lambda) * tau, reference = f->reference[j], weight = 0;
+
+    for (int c = 0; c < f->channels; c++) {
+        double complex b = f->coefficient[j + (size_t)c * (size_t)f->poles];
+        sum += 0.5 * (creal(b) * creal(b) + cimag(b) * cimag(b));
+    }
+    for (int k = 0; k < f->rows; k++)
+        weight += exp(2 * (a * k - reference)) / f->rows;
+    return sum * weight;
+}
+
+/* The strongest oscillation of a window's fit. */
+static enum modal_status strongest(const struct matrix *Y, double tau, const struct refined *fit, struct window *w, struct modal_error *err)
+{
+    struct synthesis f = { 0 };
+    enum modal_status rc = synthesis_fit(fit->lambda, fit->poles, tau, Y, NULL, &f, err);
+    double most = 0, total = 0;
+
+    if (rc != MODAL_OK)
+        return rc;
+    for (int c = 0; c < Y->n; c++)
+        for (int k = 0; k < Y->m; k++)
+            total += Y->x[k + (size_t)c * (size_t)Y->ld] * Y->x[k + (size_t)c * (size_t)Y->ld];
+    w->left = total > 0 ? f.residual / sqrt(total) : 0;
+    for (int j = 0; j < fit->poles; j++) {
+        double complex z = fit->lambda[j];
+        double energy = energy_of(&f, j, z, tau), turns = cimag(z) * tau * Y->m / (2 * M_PI);
+        if (pole_kind(z, tau) != POLE_PAIR || turns < 2 || fabs(creal(z)) > 0.5 * cimag(z) || energy <= most)
+            continue;
+        most = energy;
+        w->found = true, w->amplitude = sqrt(energy);
+        w->frequency = cabs(z) / (2 * M_PI), w->damping = damping_ratio_of(z);
+        refined_std(fit, j, tau, &w->std_frequency, &w->std_damping, NULL);
+    }
+    synthesis_done(&f);
+    return rc;
+}
+
+static enum modal_status look_at(const struct trend_input *in, int first, int rows, struct window *w, struct modal_error *err)
+{
+    struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + first };
+    struct refine_data data = { .Y = &Y, .tau = in->tau, .phases = 1 };
+    struct source s = { .tau = in->tau };
+    struct order_source source = { .poles = poles_of, .context = &s };
+    struct order_options opt = { .refine = { .iterations = 30 }, .cancelled = in->cancelled, .context = in->context };
+    struct order_choice choice = { .chosen = -1 };
+    enum modal_status rc = pencil_new(&Y, &(struct pencil_options) { 0, ORDERS }, &s.pencil, err);
+
+    *w = (struct window) { .t = in->t0 + (first + 0.5 * rows) * in->tau, .left = 1 };
+    source.most = s.pencil.count;
+    if (rc == MODAL_OK)
+        rc = order_choose(&data, &source, &opt, &choice, err);
+    if (rc == MODAL_OK && choice.chosen >= 0)
+        rc = strongest(&Y, in->tau, &choice.candidates[choice.chosen].fit, w, err);
+    order_done(&choice);
+    pencil_done(&s.pencil);
+    return rc;
+}
+
+/* ---- what the windows say ---- */
+
+/* Kendall's tau of x against y. */
+static double kendall(const struct window *w, int n, double (*x)(const struct window *))
+{
+    int sum = 0, pairs = 0;
+
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) {
+            double d = (x(&w[i]) - x(&w[j])) * (w[i].amplitude - w[j].amplitude);
+            sum += (d > 0) - (d < 0);
+            pairs++;
+        }
+    return pairs > 0 ? (double)sum / pairs : 0;
+}
+
+static double frequency_at(const struct window *w) { return w->frequency; }
+static double damping_at(const struct window *w) { return w->damping; }
+
+/* Does x range over more than `least` of its size and six of the standard errors at the ends of the range? */
+static bool changes(const struct window *w, int n, double (*x)(const struct window *), bool damping, double least)
+{
+    int low = 0, high = 0;
+    double size = 0, error;
+
+    for (int i = 0; i < n; i++) {
+        low = x(&w[i]) < x(&w[low]) ? i : low, high = x(&w[i]) > x(&w[high]) ? i : high;
+        size = fmax(size, fabs(x(&w[i])));
+    }
+    error = damping ? hypot(w[low].std_damping, w[high].std_damping) : hypot(w[low].std_frequency, w[high].std_frequency);
+    return x(&w[high]) - x(&w[low]) > fmax(least * size, 6 * error);
+}
+
+/* "0.9 s 3.741 Hz 0.0069; …" */
+static void write_table(const struct window *w, int n, char *text, size_t size)
+{
+    text[0] = 0;
+    for (int i = 0; i < n; i++)
+        snprintf(text + strlen(text), size - strlen(text), "%s%.3g s %.5g Hz %.2g", i > 0 ? "; " : "", w[i].t, w[i].frequency, w[i].damping);
+}
+
+static void judge(const struct window *w, int n, struct identify_result *result)
+{
+    bool f = changes(w, n, frequency_at, false, CHANGE), z = changes(w, n, damping_at, true, DAMPING_CHANGE);
+    double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)), range = 0;
+    bool decays = w[n - 1].amplitude < 0.7 * w[0].amplitude;
+    char table[240];
+
+    if (!f && !z)
+        return;
+    for (int i = 1; i < n; i++)
+        range = fmax(range, fabs(w[i].frequency - w[0].frequency) / w[0].frequency);
+    write_table(w, n, table, sizeof table);
+    if (decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST)))
+        identify_diagnose(result, "amplitude_dependent", -1, "the mode changes as it decays, close pairs may be one mode; window by window: %s", table);
+    else if (f)
+        identify_diagnose(result, "changes_in_record", -1, "not one system throughout, identify each part by `window`: %s", table);
+}
+
+/* Few windows that decaying modes rebuild, in a record that they do not rebuild either. */
+static bool is_driven(const struct window *w, int n, struct identify_result *result)
+{
+    int well = 0;
+
+    for (int i = 0; i < n; i++)
+        well += w[i].left < WELL;
+    if (5 * well >= n || result->total_relative_error < POOR)
+        return false;
+    identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying modes to %g %%: the response is driven, or noise; "
+                      "window a part after the excitation has ended", well, n, 100 * WELL);
+    return true;
+}
+
+static enum modal_status watch(const struct trend_input *in, struct identify_result *result, struct modal_error *err)
+{
+    struct window all[TREND_WINDOWS_LONG], found[TREND_WINDOWS_LONG];
+    int most = in->X->m > LONG ? TREND_WINDOWS_LONG : TREND_WINDOWS;
+    int n = in->X->m / ROWS_LEAST < most ? in->X->m / ROWS_LEAST : most, rows, count = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (n < 3)
+        return MODAL_OK;
+    rows = in->X->m / n;
+    for (int i = 0; i < n && rc == MODAL_OK; i++) {
+        rc = look_at(in, i * rows, rows, &all[i], err);
+        if (rc == MODAL_NO_CONVERGENCE)
+            rc = MODAL_OK;
+        all[i].frequency += in->hertz;
+        if (all[i].found && all[i].left < WELL)
+            found[count++] = all[i];
+    }
+    if (rc != MODAL_OK)
+        return rc;
+    if (!is_driven(all, n, result) && count >= 3)
+        judge(found, count, result);
+    return MODAL_OK;
+}
+
+/* ---- what the modes say ---- */
+
+static void look_for_harmonics(struct identify_result *r)
+{
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++) {
+            const struct identify_mode *a = &r->modes[i], *b = &r->modes[j];
+            double f = cimag(b->exponent) / cimag(a->exponent), n = nearbyint(f), decay = creal(b->exponent) / creal(a->exponent);
+            if (cimag(a->exponent) <= 0 || (n != 2 && n != 3) || b->energy > 0.05 * a->energy)
+                continue;
+            if (fabs(f - n) < 5e-3 * n && fabs(decay / n - 1) < 0.3)
+                identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %g times %.5g Hz and decays as its power: a harmonic of that mode (nonlinearity), not a mode",
+                                  cimag(b->exponent) / (2 * M_PI), n, cimag(a->exponent) / (2 * M_PI));
+        }
+}
+
+static void look_for_mains(struct identify_result *r)
+{
+    static const double mains[] = { 50, 60 };
+
+    for (int i = 0; i < r->mode_count; i++)
+        for (int m = 0; m < 2; m++) {
+            double hz = cimag(r->modes[i].exponent) / (2 * M_PI), n = nearbyint(hz / mains[m]);
+            if (n >= 1 && n <= 5 && fabs(hz - n * mains[m]) < 1e-3 * mains[m] && fabs(damping_ratio_of(r->modes[i].exponent)) < 2e-4)
+                identify_diagnose(r, "mains_line", -1, "%.5g Hz is an undamped line at %g times %g Hz: mains, not a mode", hz, n, mains[m]);
+        }
+}
+
+static void look_for_drift(struct identify_result *r, double record)
+{
+    bool vibrates = false;
+
+    for (int i = 0; i < r->mode_count; i++)
+        vibrates |= cimag(r->modes[i].exponent) * record > 4 * M_PI;
+    for (int i = 0; i < r->mode_count && vibrates; i++)
+        if (cabs(r->modes[i].exponent) * record < 1.5 && r->modes[i].energy > 0.01) {
+            identify_diagnose(r, "drift", -1, "%.2g of the energy moves more slowly than the record of %g s: drift or a rigid motion; its exponent says little, "
+                              "and `detrend` or `band` removes it", r->modes[i].energy, record);
+            return;
+        }
+}
+
+enum modal_status trend_diagnose(const struct trend_input *in, struct identify_result *result, struct modal_error *err)
+{
+    bool good = true;
+    enum modal_status rc = MODAL_OK;
+
+    if (in->count > 0 && in->X->m > 2 * in->count + 2)
+        rc = adequate(in, &good, err);
+    if (rc == MODAL_OK && (!good || crowded(in)))
+        rc = watch(in, result, err);
+    if (rc != MODAL_OK)
+        return rc;
+    look_for_harmonics(result);
+    look_for_mains(result);
+    look_for_drift(result, in->X->m * in->tau);
+    return MODAL_OK;
+}

@@ -1,0 +1,38 @@
+/* trend.h - is one set of constant exponents the right model at all? */
+#ifndef MODAL_TREND_H
+#define MODAL_TREND_H
+#include <complex.h>
+#include "modal/error.h"
+#include "modal/identify/identify.h"
+#include "modal/linalg/matrix.h"
+
+enum { TREND_WINDOWS = 8, TREND_WINDOWS_LONG = 28 };    /* a long record has room for more */
+
+struct trend_input {
+    const struct matrix *X;          /* the signals that were fitted, borrowed */
+    double tau, t0;                  /* s: between rows; of row 0 */
+    const double complex *lambda;    /* the chosen poles */
+    int count;
+    double hertz;                    /* what a band shifted the frequencies by */
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+/*
+ * Where the chosen fit leaves more than white noise and more than rounding, identify so many parts of the record on their own and compare the
+ * strongest mode of each.  Adds diagnostics:
+ *
+ *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the message holds the trend
+ *   changes_in_record     they change otherwise: the system is not the same throughout
+ *   not_free_decay        the windows neither lose energy nor are reconstructed: driven, or noise
+ *
+ * and, from the modes of RESULT alone:
+ *
+ *   harmonic_of_mode      a weak mode at twice or three times a strong one that decays as fast as that power of it
+ *   mains_line            an undamped line at a multiple of 50 or 60 Hz
+ *   drift                 a strong aperiodic part slower than the record beside vibrations
+ *
+ * Not for periodic systems.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
+ */
+enum modal_status trend_diagnose(const struct trend_input *in, struct identify_result *result, struct modal_error *err);
+#endif

@@ -1,0 +1,173 @@
+/* Is the model right at all?  Signals made wrong in one known way get that diagnostic; right ones get none. */
+#include "modal/identify/identify.h"
+#include <stdlib.h>
+#include "check.h"
+#include "signals.h"
+
+static double x[40000];
+
+static struct batch batch_of(int samples, int channels, double dt)
+{
+    return (struct batch) { .samples = (size_t)samples, .channels = (size_t)channels, .signals = x, .dt = dt };
+}
+
+static bool has(const struct identify_result *r, const char *code)
+{
+    for (int i = 0; i < r->diagnostic_count; i++)
+        if (strcmp(r->diagnostics[i].code, code) == 0)
+            return true;
+    return false;
+}
+
+static bool finds(const struct batch *b, const char *code)
+{
+    struct identify_options opt = { 0 };
+    struct identify_result r;
+    bool found;
+
+    CHECK(modal_identify(b, &opt, &r, NULL) == MODAL_OK);
+    found = has(&r, code);
+    identify_result_done(&r);
+    return found;
+}
+
+static const char *const doubts[] = { "clipped", "quantised", "amplitude_dependent", "changes_in_record", "not_free_decay", "harmonic_of_mode", "mains_line", "drift" };
+
+/* Clean and noisy decays of the six cases, two draws each: none of the doubts. */
+TEST(a_linear_free_decay_raises_no_doubt)
+{
+    const double levels[4] = { 0, 60, 40, 20 };
+
+    for (int k = 0; k < 6; k++)
+        for (int q = 0; q < 4; q++) {
+            struct random rng = { 500 + 10 * (uint64_t)k + (uint64_t)q };
+            static double column[3600];
+            struct decay d;
+            struct identify_options opt = { 0 };
+            struct identify_result r;
+            decay_of_case(&decay_cases[k], &rng, &d);
+            decay_signals(&d, column, (size_t)d.samples);
+            if (levels[q] > 0)
+                decay_noise(&d, column, (size_t)d.samples, levels[q], &rng);
+            for (int i = 0; i < d.samples; i++)
+                for (int c = 0; c < 3; c++)
+                    x[3 * i + c] = column[i + c * d.samples];
+            struct batch b = batch_of(d.samples, 3, d.dt);
+            CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+            for (size_t i = 0; i < sizeof doubts / sizeof *doubts; i++)
+                CHECK(!has(&r, doubts[i]));
+            identify_result_done(&r);
+        }
+}
+
+static double wave(int k, double dt)
+{
+    return exp(-0.15 * k * dt) * cos(2 * M_PI * 1.7 * k * dt + 0.4) + 0.6 * exp(-0.2 * k * dt) * cos(2 * M_PI * 3.1 * k * dt);
+}
+
+TEST(peaks_cut_off_are_clipped_and_whole_ones_are_not)
+{
+    struct batch b = batch_of(600, 1, 0.02);
+
+    for (int k = 0; k < 600; k++)
+        x[k] = fmax(-0.8, fmin(0.8, wave(k, 0.02)));
+    CHECK(finds(&b, "clipped"));
+    for (int k = 0; k < 600; k++)
+        x[k] = wave(k, 0.02);
+    CHECK(!finds(&b, "clipped") && !finds(&b, "quantised"));
+}
+
+TEST(values_on_a_grid_are_quantised)
+{
+    struct batch b = batch_of(600, 1, 0.02);
+
+    for (int k = 0; k < 600; k++)
+        x[k] = nearbyint(wave(k, 0.02) / 0.005) * 0.005;
+    CHECK(finds(&b, "quantised"));
+}
+
+/* A slowly softening and more damped oscillator: a' = -zeta(a) w a, phi' = w (1 - 0.03 a), zeta = 0.002 + 0.006 a. */
+TEST(frequency_and_damping_that_follow_the_amplitude_are_called_so)
+{
+    struct batch b = batch_of(6000, 1, 0.01);
+    struct random r = { 3 };
+    double a = 1, phase = 0, w = 2 * M_PI * 3.8;
+
+    for (int k = 0; k < 6000; k++) {
+        x[k] = a * cos(phase) + 1e-4 * random_normal(&r);
+        phase += w * (1 - 0.03 * a) * 0.01;
+        a -= (0.002 + 0.006 * a) * w * a * 0.01;
+    }
+    CHECK(finds(&b, "amplitude_dependent"));
+    CHECK(!finds(&b, "not_free_decay"));
+}
+
+/* Struck every 4 s; the stiffness steps up and down between. */
+TEST(a_system_that_changes_in_mid_record_is_called_so)
+{
+    struct batch b = batch_of(6400, 1, 0.005);
+    const double hz[8] = { 5, 6, 7, 6.5, 5.5, 7.5, 6, 5 };
+    struct random r = { 4 };
+
+    for (int k = 0; k < 6400; k++) {
+        double t = (k % 800) * 0.005;
+        x[k] = exp(-0.3 * t) * sin(2 * M_PI * hz[k / 800] * t) + 1e-3 * random_normal(&r);
+    }
+    CHECK(finds(&b, "changes_in_record"));
+    CHECK(!finds(&b, "amplitude_dependent"));
+}
+
+/* x'' + 2 zeta w x' + w^2 x = white noise, stepped exactly enough for the purpose. */
+TEST(a_driven_response_is_not_a_free_decay)
+{
+    struct batch b = batch_of(4000, 1, 0.02);
+    struct random r = { 5 };
+    double p = 0, v = 0, w = 2 * M_PI * 2.2;
+
+    for (int k = 0; k < 4000; k++) {
+        for (int i = 0; i < 10; i++) {
+            v += 0.002 * (-2 * 0.05 * w * v - w * w * p + 30 * random_normal(&r));
+            p += 0.002 * v;
+        }
+        x[k] = p;
+    }
+    CHECK(finds(&b, "not_free_decay"));
+}
+
+TEST(a_weak_mode_at_twice_the_frequency_and_decay_is_a_harmonic)
+{
+    struct batch b = batch_of(1500, 1, 0.01);
+
+    for (int k = 0; k < 1500; k++) {
+        double t = k * 0.01, a = exp(-0.12 * t), c = cos(2 * M_PI * 3.75 * t);
+        x[k] = a * c + 0.04 * a * a * c * c;
+    }
+    CHECK(finds(&b, "harmonic_of_mode"));
+    for (int k = 0; k < 1500; k++) {                   /* twice the frequency, but decaying on its own terms: a mode */
+        double t = k * 0.01;
+        x[k] = exp(-0.12 * t) * cos(2 * M_PI * 3.75 * t) + 0.05 * exp(-0.05 * t) * cos(2 * M_PI * 7.5 * t);
+    }
+    CHECK(!finds(&b, "harmonic_of_mode"));
+}
+
+TEST(an_undamped_line_at_fifty_hertz_is_mains_and_a_damped_one_is_not)
+{
+    struct batch b = batch_of(3000, 1, 0.002);
+
+    for (int k = 0; k < 3000; k++)
+        x[k] = exp(-0.5 * k * 0.002) * cos(2 * M_PI * 12.3 * k * 0.002) + 0.05 * cos(2 * M_PI * 50 * k * 0.002 + 1);
+    CHECK(finds(&b, "mains_line"));
+    for (int k = 0; k < 3000; k++)
+        x[k] = exp(-0.5 * k * 0.002) * cos(2 * M_PI * 12.3 * k * 0.002) + 0.05 * exp(-0.4 * k * 0.002) * cos(2 * M_PI * 50 * k * 0.002 + 1);
+    CHECK(!finds(&b, "mains_line"));
+}
+
+TEST(a_part_slower_than_the_record_is_drift)
+{
+    struct batch b = batch_of(1000, 1, 0.02);
+    struct random r = { 6 };
+
+    for (int k = 0; k < 1000; k++)
+        x[k] = wave(k, 0.02) + 0.8 * exp(-0.03 * k * 0.02) + 1e-4 * random_normal(&r);
+    CHECK(finds(&b, "drift"));
+}

@@ -480,8 +480,11 @@ void core_free(struct core *c)
 
     while ((job = map_next(&c->jobs, &at)) != NULL)
         free_job(job);
-    for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;)
+    for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;) {
+        if (input->filling != NULL)
+            upload_close(input->filling->upload);
         input_forget(c, input);
+    }
     for (size_t i = 0; i < c->user_count; i++)
         free_user(c->user_list[i]);
     for (int i = 0; i < RING; i++) {

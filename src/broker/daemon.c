@@ -755,6 +755,27 @@ static enum modal_status begin(struct daemon *d, struct modal_error *err)
     return bind_all(d, err);
 }
 
+/* What the threads gave back too late: it is on disk, and the next start finds it there. */
+static void drop_done(struct daemon *d)
+{
+    struct transaction *transactions, *t;
+    struct task *tasks, *task;
+    bool pinged, fatal;
+
+    if (d->done.wake < 0)
+        return;
+    done_take(&d->done, &transactions, &tasks, &pinged, &fatal);
+    while ((t = transactions) != NULL) {
+        transactions = t->next;
+        transaction_free(t);
+    }
+    while ((task = tasks) != NULL) {
+        tasks = task->next;
+        task_free(task);
+    }
+    done_close(&d->done);
+}
+
 static void end(struct daemon *d)
 {
     pool_kill_all(&d->pool);
@@ -772,6 +793,9 @@ static void end(struct daemon *d)
     }
     spool_threads_stop(d->spool);
     ledger_thread_stop(d->ledger_thread);
+    drop_done(d);
+    if (d->core != NULL)
+        core_free(d->core);
     if (d->ledger != NULL)
         ledger_close(d->ledger);
     peers_done(&d->clients);
@@ -801,5 +825,7 @@ int daemon_run(struct config *config, config_again *again, void *context)
         log_line("level=notice event=stopped");
     }
     end(d);
-    return status;                                 /* the process ends: the core's memory goes with it */
+    free(d);
+    config_done(config);
+    return status;
 }

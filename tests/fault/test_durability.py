@@ -1,0 +1,299 @@
+"""What was acknowledged survives: kill -9 under load, at the n-th system call, failing syncs, a full disk (PROTOCOL.md, section 6).
+
+The workers are tests/system/fake_worker.py, so that the daemon, not the numerics, is what is under load.  MODALD_KILLS and
+MODALD_JOBS enlarge the runs.
+"""
+import json
+import os
+import pathlib
+import random
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+import zmq
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "system"))
+from wire import BUILD, Daemon, crc32c, identity, ring_down, submit  # noqa: E402
+
+FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
+KILLS = int(os.environ.get("MODALD_KILLS", 20))
+JOBS = int(os.environ.get("MODALD_JOBS", 2000))
+CLIENTS = 8
+needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+
+
+def patiently(client, verb, body=(), seconds=120, **header):
+    """Ask until there is an answer that is not `try again`: what section 10 tells a client to do."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            reply = client.ask(verb, body, **header)
+        except zmq.Again:
+            client.early.clear()
+            continue
+        if reply.code not in ("busy", "draining", "storage_full"):
+            return reply
+        time.sleep(reply["error"]["detail"]["retry_after_s"] / 20)
+    raise AssertionError(f"no answer to {verb}")
+
+
+class Submitter(threading.Thread):
+    """Submits keys of its own and writes down what was acknowledged."""
+
+    def __init__(self, daemon, number, count):
+        super().__init__(daemon=True)
+        self.endpoint, self.number, self.count, self.acks, self.error = daemon.endpoint, number, count, {}, None
+
+    def run(self):
+        from wire import Client
+        client = Client(self.endpoint, timeout_s=0.7)
+        try:
+            for i in range(self.count):
+                key = f"c{self.number}-{i}"
+                data, described = ring_down(samples=16, phase=self.number + i * 1e-3)
+                reply = patiently(client, "SUBMIT", [data], kind="identify", options={"n": [self.number, i]}, input=described, key=key)
+                assert reply.ok, reply
+                self.acks[key] = reply["job"]
+        except BaseException as error:
+            self.error = error
+        finally:
+            client.close()
+
+
+def all_docs(client):
+    docs, after = [], None
+    while True:
+        page = json.loads(patiently(client, "LIST", limit=1000, **({"after": after} if after else {})).body[0])
+        docs += page["jobs"]
+        after = page["next"]
+        if after is None:
+            return docs
+
+
+def check_everything(client, acks, seconds=180):
+    """Each acknowledged key names one job with one result; no key has two jobs; no two edges into an end."""
+    end = time.monotonic() + seconds
+    while True:
+        docs = all_docs(client)
+        if all(d["state"] == "done" for d in docs) or time.monotonic() > end:
+            break
+        time.sleep(0.2)
+    by_key = {}
+    for doc in docs:
+        assert doc["key"] not in by_key, f"two jobs under {doc['key']}"
+        by_key[doc["key"]] = doc
+    lost = [key for key, job in acks.items() if by_key.get(key, {}).get("job") != job]
+    assert not lost, f"{len(lost)} acknowledged jobs are lost, such as {lost[:3]}"
+    assert [d for d in docs if d["state"] != "done"] == []
+    assert patiently(client, "EVENTS", **{"from": 1}).ok
+    ends = {}
+    while len(ends) < len(docs):
+        event = client.receive()
+        if event.verb == "EVENT" and event.get("event") == "state" and event["state"] == "done":
+            assert event["job"] not in ends, f"two results of {event['job']}"
+            ends[event["job"]] = event["number"]
+
+
+def test_8_clients_lose_and_double_nothing_while_the_daemon_is_killed_20_times():
+    dice = random.Random(20)
+    with Daemon(config=FAKE, workers=2) as d:
+        submitters = [Submitter(d, n, JOBS // CLIENTS) for n in range(CLIENTS)]
+        for s in submitters:
+            s.start()
+        for _ in range(KILLS):
+            time.sleep(dice.uniform(0.05, 0.5))
+            d.kill()
+            d.start()
+        for s in submitters:
+            s.join(240)
+            assert s.error is None and not s.is_alive(), s.error
+        acks = {key: job for s in submitters for key, job in s.acks.items()}
+        assert len(acks) == JOBS // CLIENTS * CLIENTS
+        client = d.client(timeout_s=60)
+        check_everything(client, acks)
+        for key in random.Random(1).sample(sorted(acks), 50):
+            number, i = key[1:].split("-")
+            data, described = ring_down(samples=16, phase=int(number) + int(i) * 1e-3)
+            again = patiently(client, "SUBMIT", [data], kind="identify", options={"n": [int(number), int(i)]}, input=described, key=key)
+            assert again["job"] == acks[key] and again["duplicate"] is True
+        print(f"\nP1 P2 P3 P4: {KILLS} kills, {len(acks)} acknowledged jobs, 0 violations")
+
+
+def load(endpoint, acks, uploads, stop):
+    """Submissions and one upload, until the daemon dies; what was acknowledged goes to ACKS and UPLOADS."""
+    from wire import Client
+    client = Client(endpoint, timeout_s=0.5)
+    try:
+        data = bytes(800000)
+        begun = client.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1, key="load")
+        at = begun["present"]
+        i = len(acks)
+        while not stop.is_set() and i < len(acks) + 40:
+            if begun.ok and at < len(data):
+                piece = data[at:at + 65536]
+                if client.ask("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at, crc32c=crc32c(piece)).ok:
+                    at += len(piece)
+                    uploads["present"] = at
+            reply = submit(client, key=f"s{i}", phase=i * 1e-3)
+            if reply.ok:
+                acks[f"s{i}"] = reply["job"]
+            i += 1
+    except (zmq.Again, KeyError):
+        pass
+    finally:
+        client.close()
+
+
+@needs_strace
+@pytest.mark.parametrize("call", ["write", "pwrite64", "fdatasync", "fsync", "rename", "ftruncate"])
+def test_a_kill_at_the_nth_call_loses_nothing_acknowledged(call, tmp_path):
+    points = int(os.environ.get("MODALD_KILL_POINTS", 6))
+    acks, uploads, killed = {}, {"present": 0}, 0
+    for n in [1 + (i * (i + 1)) // 2 * 2 for i in range(points)]:
+        wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e", f"inject={call}:signal=SIGKILL:when={n}"]
+        stop = threading.Event()
+        try:
+            d = Daemon(folder=tmp_path, config=FAKE, workers=1, wrap=wrap)
+        except RuntimeError:
+            killed += 1                              # at the start: nothing was acknowledged in this life
+            continue
+        worker = threading.Thread(target=load, args=(d.endpoint, acks, uploads, stop), daemon=True)
+        worker.start()
+        worker.join(3)
+        killed += d.process.poll() is not None
+        stop.set()
+        worker.join(5)
+        d.__exit__()
+    with Daemon(folder=tmp_path, config=FAKE, workers=2) as d:
+        c = d.client(timeout_s=30)
+        present = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1, key="load")
+        assert present.ok and present["present"] >= uploads["present"]
+        for key, job in acks.items():
+            done = c.ask("WAIT", job=f"key:{key}", timeout_s=30)
+            assert done.ok and done["job"] == job and done["state"] == "done", (key, job, done)
+    print(f"\nP1 P5: {call}: {killed} kills, {len(acks)} jobs and {uploads['present']} bytes acknowledged, 0 violations")
+
+
+@needs_strace
+@pytest.mark.parametrize("call", ["fdatasync", "fsync"])
+def test_a_failed_sync_ends_the_daemon_and_acknowledges_nothing_more(call, tmp_path):
+    """P7: EIO from the n-th sync; every acknowledgement before it holds after the restart."""
+    ended, acks = 0, {}
+    for n in (3, 9):
+        wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e", f"inject={call}:error=EIO:when={n}+"]
+        try:
+            d = Daemon(folder=tmp_path, config=FAKE, workers=1, wrap=wrap)
+        except RuntimeError:
+            ended += 1
+            continue
+        load(d.endpoint, acks, {"present": 0}, threading.Event())
+        try:
+            status = d.process.wait(10)
+            ended += 1
+            assert status != 0
+            assert "event=storage" in d.text()
+        except subprocess.TimeoutExpired:
+            pass                                     # this call is not used so often
+        d.__exit__()
+    with Daemon(folder=tmp_path, config=FAKE, workers=2) as d:
+        c = d.client(timeout_s=30)
+        for key, job in acks.items():
+            assert c.ask("WAIT", job=f"key:{key}", timeout_s=30)["job"] == job
+    if call == "fdatasync" or ended:
+        assert ended > 0, "no sync was ever reached"
+    print(f"\nP7: {call}: {ended} failing syncs, {len(acks)} acknowledged jobs, 0 violations")
+
+
+def mounted(size, folder):
+    """A small file system of its own; None where this user may not mount."""
+    folder.mkdir()
+    if os.geteuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder)], capture_output=True).returncode != 0:
+        return None
+    return folder
+
+
+def test_a_full_disk_refuses_submits_and_recovers_without_a_hand(tmp_path):
+    """P8: the reserve of 16 MiB is inside the 40 MiB; documents of 200 kB fill the rest."""
+    disk = mounted("40m", tmp_path / "disk")
+    if disk is None:
+        pytest.skip("mounting a tmpfs needs root")
+    try:
+        with Daemon(folder=disk, config=FAKE, workers=2) as d:
+            c = d.client(timeout_s=30)
+            acks, full = {}, False
+            for i in range(400):
+                reply = submit(c, key=f"f{i}", options={"document": 200000}, phase=i * 1e-3)
+                if reply.code == "storage_full":
+                    full = True
+                    assert reply["error"]["detail"]["retry_after_s"] > 0
+                    break
+                assert reply.ok, reply
+                acks[f"f{i}"] = reply["job"]
+            else:
+                (disk / "ballast").write_bytes(b"")
+            assert full, "the disk never filled"
+            for key in acks:                         # every job that was taken ends, and can be read
+                done = c.ask("WAIT", job=f"key:{key}", timeout_s=30)
+                assert done["state"] in ("done", "failed"), done
+                if done["state"] == "failed":
+                    assert done["error"]["code"] == "storage_full"
+            assert c.ask("STATUS", job="key:f0").ok and c.ask("RESULT", job="key:f0", length=100).ok
+            for key in list(acks)[: len(acks) // 2]:
+                assert c.ask("DELETE", job=f"key:{key}").ok
+            end = time.monotonic() + 20
+            while not (reply := submit(c, key="after", options={"say": "again"})).ok:
+                assert reply.code == "storage_full" and time.monotonic() < end, reply
+                time.sleep(0.1)
+            assert c.ask("WAIT", job="key:after", timeout_s=30)["state"] == "done"
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=False)
+
+
+def rss_mb(pid):
+    with open(f"/proc/{pid}/status") as f:
+        return next(int(line.split()[1]) for line in f if line.startswith("VmRSS")) / 1024
+
+
+def test_10_clients_uploading_at_once_keep_the_daemon_under_200_mb():
+    """Each sends MODALD_UPLOAD_MB (64; nightly 1000) as fast as credit allows."""
+    size = int(os.environ.get("MODALD_UPLOAD_MB", 64)) << 20
+    piece = bytes(262144)
+    crc = crc32c(piece)
+    peak, errors = [0.0], []
+
+    def feed(d, n):
+        from wire import Client
+        c = Client(d.endpoint, timeout_s=120)
+        try:
+            begun = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1, key=f"u{n}")
+            credit, at, acked, waiting = begun["credit"], 0, 0, []
+            while acked < size:
+                while at < size and (not waiting or at - acked + len(piece) <= credit):
+                    waiting.append(c.send("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at, crc32c=crc))
+                    at += len(piece)
+                reply = c.answer(waiting.pop(0))
+                assert reply.ok, reply
+                acked, credit = reply["present"], reply["credit"]
+            assert c.ask("UPLOAD", op="abort", upload=begun["upload"]).ok
+        except BaseException as error:
+            errors.append(error)
+        finally:
+            c.close()
+
+    with Daemon(config=FAKE, workers=1) as d:
+        threads = [threading.Thread(target=feed, args=(d, n), daemon=True) for n in range(10)]
+        for t in threads:
+            t.start()
+        while any(t.is_alive() for t in threads):
+            peak[0] = max(peak[0], rss_mb(d.pid))
+            time.sleep(0.05)
+        assert not errors, errors[0]
+        print(f"\nP6: 10 uploads of {size >> 20} MB at once: RSS at most {peak[0]:.0f} MB")
+        assert peak[0] < 200

@@ -13,7 +13,7 @@
 #include "store/file.h"
 #include <errno.h>
 #include <fcntl.h>
-#include <poll.h>
+#include <malloc.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -483,6 +483,7 @@ static void loop(struct daemon *d)
     while (!d->stop) {
         int n = poll_items(d, items, slots);
 
+        fflush(stderr);                            /* one write for all lines of a round */
         if (zmq_poll(items, n, more ? 0 : wait_ms(d)) < 0 && errno != EINTR)
             break;
         more = false;
@@ -517,7 +518,7 @@ static void *router(struct daemon *d)
 {
     void *socket = zmq_socket(d->context, ZMQ_ROUTER);
     int64_t frame = WIRE_BODY_MOST;
-    bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1) && set_int(socket, ZMQ_SNDHWM, 32) && set_int(socket, ZMQ_RCVHWM, 16)
+    bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1) && set_int(socket, ZMQ_SNDHWM, 64) && set_int(socket, ZMQ_RCVHWM, 16)
         && set_int(socket, ZMQ_HANDSHAKE_IVL, 3000) && set_int(socket, ZMQ_LINGER, 200) && set_int(socket, ZMQ_HEARTBEAT_IVL, 10000)
         && set_int(socket, ZMQ_HEARTBEAT_TIMEOUT, 30000) && set_int(socket, ZMQ_BACKLOG, 1024)
         && zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) == 0;
@@ -808,7 +809,9 @@ int daemon_run(struct config *config, config_again *again, void *context)
     struct modal_error err;
     int status = 1;
 
-    *d = (struct daemon) { .config = config, .again = again, .again_context = context, .signals = -1, .flush_wait_ns = SECOND / 500 };
+    setvbuf(stderr, NULL, _IOFBF, 1 << 16);
+    mallopt(M_ARENA_MAX, 2);
+    *d = (struct daemon) { .config = config, .again = again, .again_context = context, .signals = -1 };
     d->done.wake = -1;
     if (begin(d, &err) != MODAL_OK) {
         log_error("start", &err);
@@ -825,6 +828,7 @@ int daemon_run(struct config *config, config_again *again, void *context)
         log_line("level=notice event=stopped");
     }
     end(d);
+    fflush(stderr);
     free(d);
     config_done(config);
     return status;

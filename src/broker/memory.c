@@ -9,6 +9,7 @@ static void *checked(void *p)
 {
     if (p == NULL) {
         fputs("level=crit event=no_memory\n", stderr);
+        fflush(stderr);
         abort();
     }
     return p;

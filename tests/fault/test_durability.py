@@ -134,8 +134,8 @@ def load(endpoint, acks, uploads, stop):
         data = bytes(800000)
         begun = client.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1, key="load")
         at = begun["present"]
-        i = len(acks)
-        while not stop.is_set() and i < len(acks) + 40:
+        first = i = len(acks)
+        while not stop.is_set() and i < first + 30:
             if begun.ok and at < len(data):
                 piece = data[at:at + 65536]
                 if client.ask("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at, crc32c=crc32c(piece)).ok:

@@ -1,0 +1,96 @@
+"""The vectors and schemas of proto/, replayed from Python against a live daemon (tests/unit/test_wire.c does it from C)."""
+import json
+import pathlib
+import struct
+
+import jsonschema
+import pytest
+
+from wire import Daemon, Reply, crc32c, identity, submit
+
+PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
+FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
+REQUESTS = json.loads((PROTO / "vectors" / "requests.json").read_text())
+CHECKED_BEFORE_ALL = {"bad_frame", "bad_version", "unknown_verb", "bad_input", "too_large"}
+
+
+def data_of(frame):
+    if "text" in frame:
+        return frame["text"].encode()
+    return bytes.fromhex(frame["hex"]) if "hex" in frame else frame["repeat"].encode() * frame["times"]
+
+
+def schema(name):
+    return json.loads((PROTO / "schema" / f"{name}.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def daemon():
+    with Daemon(config=FAKE, workers=1) as d:
+        yield d
+
+
+@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["name"] != "an oversize body frame" and {"text": "STREAM"} not in v["frames"]], ids=lambda v: v["name"])
+def test_a_request_vector_gets_its_code_through_the_socket(daemon, vector):
+    client = daemon.client()
+    client.raw(*[data_of(f) for f in vector["frames"]])
+    reply = client.receive()
+    if vector["code"] == "ok":                       # well formed: at most about something that is not there
+        assert reply.code not in CHECKED_BEFORE_ALL or reply["error"].get("field") == "kind", reply
+    else:
+        assert reply.code == vector["code"], reply
+        assert reply["error"].get("field", "") == vector.get("field", reply["error"].get("field", ""))
+        jsonschema.validate(reply.header, schema("error"))
+    if vector["name"] == "drain":
+        client.ask("UNDRAIN")
+    client.close()
+
+
+@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["code"] == "ok"], ids=lambda v: v["name"])
+def test_a_good_request_meets_its_schema(vector):
+    verb, header = data_of(vector["frames"][1]).decode(), json.loads(data_of(vector["frames"][2]))
+    jsonschema.validate(header, schema(f"{verb.lower()}.request"))
+
+
+@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["code"] == "bad_input" and v.get("field") not in ("body", "names", None)], ids=lambda v: v["name"])
+def test_a_bad_request_does_not_meet_its_schema(vector):
+    verb, header = data_of(vector["frames"][1]).decode(), json.loads(data_of(vector["frames"][2]))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(header, schema(f"{verb.lower()}.request"))
+
+
+def test_the_checksum_vectors_hold():
+    for vector in json.loads((PROTO / "vectors" / "crc32c.json").read_text()):
+        assert crc32c(data_of(vector)) == vector["crc32c"]
+
+
+def test_the_daemon_knows_inputs_by_the_identity_vectors(daemon):
+    client = daemon.client()
+    for vector in json.loads((PROTO / "vectors" / "identity.json").read_text()):
+        sha = vector.pop("sha256")
+        body = bytes.fromhex(vector.pop("data")) if "data" in vector else vector.pop("text").encode()
+        if vector["content"] == "batch":
+            assert identity(data=body, **{k: v for k, v in vector.items() if k != "content"}) == sha
+        assert client.ask("SUBMIT", [body], kind="identify", input=vector).ok
+        assert client.ask("SUBMIT", kind="identify", input={"sha256": sha}, options={"say": "by hash"}).ok
+
+
+def test_every_answer_meets_its_schema(daemon):
+    client = daemon.client()
+    job = submit(client, key="schema", options={"progress": 0.5})
+    ident = job["job"]
+    asked = [("HELLO", {}), ("STATUS", {"job": ident}), ("WAIT", {"job": ident}), ("RESULT", {"job": ident}), ("LIST", {}), ("STATS", {}),
+             ("METRICS", {}), ("WHOAMI", {}), ("EVENTS", {"from": 1}), ("CANCEL", {"job": ident}), ("DRAIN", {}), ("UNDRAIN", {}),
+             ("UPLOAD", {"op": "begin", "content": "batch", "samples": 9, "channels": 1, "dt": 1}), ("DELETE", {"job": ident})]
+    jsonschema.validate(job.header, schema("submit.reply"))
+    for verb, header in asked:
+        reply = client.ask(verb, **header)
+        assert reply.ok, reply
+        jsonschema.validate(reply.header, schema(f"{verb.lower()}.reply"))
+        if verb == "LIST":
+            page = json.loads(reply.body[0])
+            for doc in page["jobs"]:
+                jsonschema.validate(doc, schema("doc"))
+    for event in [r for r in client.early if r.verb == "EVENT"]:
+        jsonschema.validate(event.header, schema("event"))
+    assert client.early, "no event came"

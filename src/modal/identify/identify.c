@@ -196,9 +196,18 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
 
 /* ---- decomposition ---- */
 
+/* The pencil uses every column there is. */
+static bool every_column(const struct work *w)
+{
+    int rows = w->opt.rows, columns = 0;
+
+    hankel_default_sizes(w->X->m, w->X->n, w->shift, &rows, &columns);
+    return w->opt.columns == 0 || w->opt.columns == columns;
+}
+
 static bool wants_projection(const struct work *w)
 {
-    return w->shift > 1 || !w->refine || w->opt.method != IDENTIFY_AUTO || w->opt.columns > 0
+    return w->shift > 1 || !w->refine || w->opt.method != IDENTIFY_AUTO || !every_column(w)
         || (w->opt.rank.rule != RANK_AUTO && w->opt.rank.rule != RANK_FIXED);
 }
 
@@ -234,7 +243,7 @@ static enum modal_status pencil(struct work *w, struct identify_result *out, str
     if (fixed > most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
     rc = pencil_new(w->X, &opt, &w->pencil, err);
-    out->rows = w->pencil.rows, out->columns = w->pencil.columns;
+    out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
     return rc;
 }
 

@@ -93,6 +93,10 @@ def test_cart3s_exponents_are_its_monodromys_modulo_omega():
     assert abs(mean - np.mean(flap)) < 1e-4
 
 
+def test_two_close_tower_modes_in_two_cycles_are_not_passed_off_as_certain():
+    assert {"short_record", "unresolved_pair"} <= codes(run("tower_rotor_f0t2s1_free"))
+
+
 def test_the_overpass_in_an_earthquake_is_not_a_free_decay():
     assert "poor_reconstruction" in codes(run("painter_street_overpass_eq2022"))
 

@@ -55,6 +55,26 @@ static void about_mode(struct identify_result *r, const struct diagnose_facts *f
                           i, m->harmonics[0].k, m->harmonics[1].k);
 }
 
+/* Two strong modes, or one, that the record is too short to tell: the numbers rest on the model being exact. */
+static void about_length(struct identify_result *r, const struct diagnose_facts *f)
+{
+    const double STRONG = 0.01;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double cycles = cimag(m->exponent) * f->record / (2 * M_PI);
+        if (r->period > 0 || m->energy < STRONG || cimag(m->exponent) == 0)
+            continue;
+        if (cycles < 2)
+            identify_diagnose(r, "short_record", -1, "mode %d turns %.2g times in the record: its damping, and the standard errors, hold only if the motion is exactly a sum of exponentials; record longer", i, cycles);
+        for (int j = i + 1; j < r->mode_count; j++) {
+            double beat = fabs(cimag(m->exponent) - cimag(r->modes[j].exponent)) * f->record / (2 * M_PI);
+            if (beat < 0.5 && r->modes[j].energy >= STRONG && cimag(r->modes[j].exponent) != 0)
+                identify_diagnose(r, "unresolved_pair", -1, "modes %d and %d differ by %.2g of a beat over the record: they are told apart by the model alone, and a slow change of one mode looks the same; record longer", i, j, beat);
+        }
+    }
+}
+
 /* A strong channel or an orbit hides the others. */
 static void about_channels(struct identify_result *r)
 {
@@ -83,9 +103,12 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
         identify_diagnose(r, "periodic_orbit", -1, "a multiplier of 1 varies over the period: the periodic solution itself was not removed and may hide weaker modes; use difference=true");
     for (int i = 0; i < r->mode_count; i++)
         about_mode(r, f, i);
+    about_length(r, f);
     for (int i = 0; i < r->cluster_count; i++)
         if (r->clusters[i].near_defective)
             identify_diagnose(r, "near_defective", -1, "%d multiplier%s within %.2g of %.6g%+.6gi nearly coalesce: only their mean is well determined, and growth like a polynomial in time is possible",
                               r->clusters[i].member_count, r->clusters[i].member_count > 1 ? "s" : " and its conjugate", r->clusters[i].radius, creal(r->clusters[i].centroid), cimag(r->clusters[i].centroid));
+    if (f->colour > 1)
+        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise: standard errors were widened by up to %.2g; the model may be missing something slow, driven or nonlinear", f->colour);
     about_channels(r);
 }

@@ -15,6 +15,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/colour.h"
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
@@ -524,6 +525,44 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
     return rc;
 }
 
+/* Where what the poles leave is not white, their standard errors grow by its colour at their frequency. */
+static enum modal_status widen_for_colour(struct work *w, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    const struct matrix *Y = w->data.Y;
+    struct matrix E = { Y->m, Y->n, Y->m, NULL };
+    struct synthesis s = { 0 };
+    double *theta = NULL, norm = norm_of(Y);
+    enum modal_status rc = MODAL_OK;
+
+    if (!w->refine || w->shift > 1 || p->count == 0 || w->rec.share > 0 || w->choice.candidates[w->choice.chosen].fit.residual <= 1e-12 * norm)
+        return MODAL_OK;
+    E.x = malloc(sizeof *E.x * Y->m * Y->n);
+    theta = malloc(sizeof *theta * 2 * p->count);
+    if (E.x == NULL || theta == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for residuals of %d signals", Y->n);
+        goto out;
+    }
+    rc = synthesis_fit(p->lambda, p->count, p->tau, Y, &E, &s, err);
+    for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
+        for (int l = 0; l < Y->m; l++)
+            E.x[l + (size_t)c * E.ld] -= Y->x[l + (size_t)c * Y->ld];
+    for (int j = 0; j < p->count; j++)
+        theta[j] = fabs(cimag(p->lambda[j])) * p->tau;
+    if (rc == MODAL_OK)
+        rc = colour_factors(&E, theta, p->count, theta + p->count, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        p->std_re[j] *= theta[p->count + j];
+        p->std_im[j] *= theta[p->count + j];
+        w->facts.colour = fmax(w->facts.colour, theta[p->count + j]);
+    }
+out:
+    synthesis_done(&s);
+    free(E.x);
+    free(theta);
+    return rc;
+}
+
 /* ---- what the ladder saw ---- */
 
 static double pole_distance(double complex a, double complex b)
@@ -665,7 +704,8 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = choose_order_of_all(&w, out, err)) != MODAL_OK
         || (w.choice.chosen >= 0 && (rc = look_above(&w, err)) != MODAL_OK)
         || (rc = stage(&w, w.refine ? "refine" : "eig", out, err)) != MODAL_OK
-        || (rc = take_poles(&w, err)) != MODAL_OK)
+        || (rc = take_poles(&w, err)) != MODAL_OK
+        || (rc = widen_for_colour(&w, err)) != MODAL_OK)
         goto out;
     report_settings(&w, out);
     if ((rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK

@@ -1,0 +1,56 @@
+/* test_colour.c - error bars under noise that is not white */
+#include "check.h"
+#include <stdlib.h>
+#include "modal/identify/colour.h"
+
+enum { L = 2048 };
+
+/* x[l] = a x[l-1] + white: its spectrum over its mean at angle theta is (1 - a^2) / |1 - a e^{-i theta}|^2. */
+static void autoregressive(double *x, double a)
+{
+    uint32_t z = 12345;
+
+    for (int l = 0; l < L; l++) {
+        z = 1664525u * z + 1013904223u;
+        x[l] = (l > 0 ? a * x[l - 1] : 0) + z / 4294967296.0 - 0.5;
+    }
+}
+
+TEST(white_noise_leaves_every_bar_as_it_is)
+{
+    double x[L], theta[9], factor[9];
+    struct matrix E = { L, 1, L, x };
+
+    autoregressive(x, 0);
+    for (int j = 0; j < 9; j++)
+        theta[j] = M_PI * j / 8;
+    CHECK(colour_factors(&E, theta, 9, factor, NULL) == MODAL_OK);
+    for (int j = 0; j < 9; j++)
+        CHECK(factor[j] == 1);
+}
+
+TEST(coloured_noise_widens_by_the_root_of_its_spectrum)
+{
+    const double a = 0.9, theta[3] = { 0.15, 0.4, 2.5 };
+    double x[L], factor[3];
+    struct matrix E = { L, 1, L, x };
+
+    autoregressive(x, a);
+    CHECK(colour_factors(&E, theta, 3, factor, NULL) == MODAL_OK);
+    for (int j = 0; j < 2; j++) {
+        double ratio = (1 - a * a) / (1 - 2 * a * cos(theta[j]) + a * a);
+        double expected = ratio > 2 ? sqrt(ratio) : 1;
+        CHECK_NEAR(factor[j], expected, 0.3 * expected);       /* 65 bins: 12 % of the power, and its slope across them */
+    }
+    CHECK(factor[2] == 1);                                     /* less noise than the mean is no reason to narrow a bar */
+}
+
+TEST(a_short_or_empty_residual_changes_nothing)
+{
+    double x[L] = { 0 }, theta = 0.3, factor = 7;
+    struct matrix zero = { L, 1, L, x }, few = { 40, 1, 40, x };
+
+    CHECK(colour_factors(&zero, &theta, 1, &factor, NULL) == MODAL_OK && factor == 1);
+    factor = 7;
+    CHECK(colour_factors(&few, &theta, 1, &factor, NULL) == MODAL_OK && factor == 1);
+}

@@ -6,6 +6,7 @@
 #include <unistd.h>
 #include "answer.h"
 #include "input.h"
+#include "plot.h"
 #include "remote.h"
 #include "show.h"
 #include "store/batch_file.h"
@@ -74,10 +75,13 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
     return input_read(verb->name, of, args->word[args->words - 1], args, input, err);
 }
 
-static enum modal_status show(const struct verb *verb, const struct args *args, const struct job_result *result, struct modal_error *err)
+static enum modal_status show(const struct verb *verb, const struct args *args, const struct job_result *result, const struct input *input,
+                              struct modal_error *err)
 {
     enum modal_status rc = write_signals(result, args->output, err);
 
+    if (rc == MODAL_OK && args->plot != NULL)
+        rc = plot_result(args->plot, verb->name, result->result, input, err);
     if (rc != MODAL_OK)
         return rc;
     if (args->json)
@@ -99,7 +103,7 @@ int run_job(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = args->local ? run_here(&input, args, &result, &err) : remote_run(&input, args, &result, &detail, &err);
     if (rc == MODAL_OK)
-        rc = show(verb, args, &result, &err);
+        rc = show(verb, args, &result, &input, &err);
     int status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     job_result_done(&result);

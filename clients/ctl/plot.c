@@ -1,0 +1,509 @@
+/* plot.c - see plot.h
+ *
+ * A channel's reconstruction is drawn from a free least-squares fit of the found exponents to it, over at most 600 samples,
+ *
+ *     y(t) = sum_j e^{sigma_j t} (a_j cos w_j t + b_j sin w_j t),                                        (1)
+ *
+ * solved by QR (LAPACK dgels) with its columns scaled: it shows whether these exponents can carry the channel.
+ */
+#include "plot.h"
+#include <errno.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "option.h"
+#include "svg.h"
+
+enum { ORBIT_POINTS = 400, SHOWN_SAMPLES = 600, ORDERS = 16 };
+static const struct svg_axis empty = { "", 1, 0, false };
+
+static const cJSON *get(const cJSON *object, const char *key)
+{
+    return cJSON_GetObjectItemCaseSensitive(object, key);
+}
+
+static double number(const cJSON *object, const char *key)
+{
+    const cJSON *item = get(object, key);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
+
+static double at(const cJSON *list, int i)
+{
+    const cJSON *item = cJSON_GetArrayItem(list, i);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
+
+static struct svg_panel panel_of(const char *x, const char *y)
+{
+    struct svg_panel p = { empty, empty };
+
+    p.x.label = x;
+    p.y.label = y;
+    return p;
+}
+
+/* ------------------------------------------------------------------ identify */
+
+static void draw_modes(struct svg *svg, const cJSON *result)
+{
+    struct svg_panel p = panel_of("frequency, Hz", "damping ratio");
+    const cJSON *mode;
+
+    cJSON_ArrayForEach(mode, get(result, "modes")) {
+        svg_hold(&p.x, number(mode, "frequency_hz"));
+        svg_hold(&p.y, number(mode, "damping_ratio"));
+    }
+    svg_hold(&p.y, 0);
+    svg_panel(svg, &p);
+    svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 0, 0 }, 2, SVG_THIN);
+    cJSON_ArrayForEach(mode, get(result, "modes")) {
+        const cJSON *std = get(mode, "std");
+        svg_bar(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"), number(std, "frequency_hz"), number(std, "damping_ratio"));
+        svg_dot(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"), true);
+    }
+}
+
+/* The batch identified with ORDER exponents, without refinement; NULL where that fails. */
+static cJSON *at_order(const struct input *input, int order)
+{
+    struct job_request request = { .kind = "identify", .batch = &input->batch };
+    struct job_result out = { 0 };
+    cJSON *options = cJSON_Duplicate(input->options, true);
+
+    cJSON_DeleteItemFromObjectCaseSensitive(options, "rank.rule");
+    cJSON_DeleteItemFromObjectCaseSensitive(options, "rank.fixed");
+    cJSON_DeleteItemFromObjectCaseSensitive(options, "refine");
+    cJSON_AddNumberToObject(options, "rank.fixed", order);
+    cJSON_AddFalseToObject(options, "refine");
+    request.options = options;
+    job_run(&request, &out, NULL);
+    cJSON_Delete(options);
+    cJSON *result = out.result;
+    out.result = NULL;
+    job_result_done(&out);
+    return result;
+}
+
+/* Frequencies by order: a mode is where they stay. */
+static void draw_stabilisation(struct svg *svg, const cJSON *result, const struct input *input)
+{
+    struct svg_panel p = panel_of("frequency, Hz", "order");
+    cJSON *found[ORDERS] = { NULL };
+    const cJSON *mode;
+
+    cJSON_ArrayForEach(mode, get(result, "modes"))
+        svg_hold(&p.x, number(mode, "frequency_hz"));
+    double room = fmax(0.5 * (p.x.high - p.x.low), 0.2 * p.x.high);
+    svg_hold(&p.x, p.x.low - room > 0 ? p.x.low - room : 0);
+    svg_hold(&p.x, p.x.high + room);
+    for (int i = 0; i < ORDERS; i++)
+        found[i] = at_order(input, 2 * i + 2);
+    svg_hold(&p.y, 0);
+    svg_hold(&p.y, 2 * ORDERS);
+    svg_panel(svg, &p);
+    cJSON_ArrayForEach(mode, get(result, "modes"))
+        svg_line(svg, &p, (double[]) { number(mode, "frequency_hz"), number(mode, "frequency_hz") }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
+    for (int i = 0; i < ORDERS; i++) {
+        cJSON_ArrayForEach(mode, get(found[i], "modes"))
+            svg_dot(svg, &p, number(mode, "frequency_hz"), 2 * i + 2, number(mode, "damping_ratio") > 0 && number(mode, "damping_ratio") < 0.2);
+        cJSON_Delete(found[i]);
+    }
+}
+
+/* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot be. */
+static bool fit_channel(const cJSON *modes, double *y, int count, double step)
+{
+    int columns = 2 * cJSON_GetArraySize(modes), j = 0;
+    double *a = calloc((size_t)count * (size_t)columns + 1, sizeof *a), *copy, *right = malloc((size_t)count * sizeof *right);
+    const cJSON *mode;
+    bool good = columns > 0 && columns <= count && a != NULL && right != NULL;
+
+    cJSON_ArrayForEach(mode, modes) {
+        double s = at(get(mode, "resolved_exponent"), 0), w = at(get(mode, "resolved_exponent"), 1), last = s > 0 ? (count - 1) * step : 0;
+        for (int i = 0; good && i < count; i++) {           /* each column's largest entry about 1 */
+            double e = exp(s * (i * step - last));
+            a[(size_t)j * (size_t)count + (size_t)i] = e * cos(w * i * step);
+            a[(size_t)(j + 1) * (size_t)count + (size_t)i] = w != 0 ? e * sin(w * i * step) : e * (1e-12 * (i % 2));
+        }
+        j += 2;
+    }
+    copy = good ? malloc((size_t)count * (size_t)columns * sizeof *copy) : NULL;
+    if (copy != NULL) {
+        memcpy(copy, a, (size_t)count * (size_t)columns * sizeof *copy);
+        memcpy(right, y, (size_t)count * sizeof *right);
+        good = LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', count, columns, 1, copy, count, right, count) == 0;
+        for (int i = 0; good && i < count; i++) {
+            y[i] = 0;
+            for (int c = 0; c < columns; c++)
+                y[i] += a[(size_t)c * (size_t)count + (size_t)i] * right[c];
+        }
+    }
+    good = good && copy != NULL;
+    free(a); free(copy); free(right);
+    return good;
+}
+
+static void draw_history(struct svg *svg, const cJSON *result, const struct input *input)
+{
+    const struct batch *b = &input->batch;
+    int count = b->samples < SHOWN_SAMPLES ? (int)b->samples : SHOWN_SAMPLES;
+    double t[SHOWN_SAMPLES], y[SHOWN_SAMPLES], fit[SHOWN_SAMPLES];
+    struct svg_panel p = panel_of("time, s", b->names ? b->names[0] : "channel 0");
+
+    for (int i = 0; i < count; i++) {
+        t[i] = i * b->dt;
+        y[i] = fit[i] = b->signals[(size_t)i * b->channels];
+        svg_hold(&p.x, t[i]);
+        svg_hold(&p.y, y[i]);
+    }
+    svg_panel(svg, &p);
+    svg_line(svg, &p, t, y, count, SVG_SOLID);
+    if (get(input->options, "band") == NULL && fit_channel(get(result, "modes"), fit, count, b->dt))
+        svg_line(svg, &p, t, fit, count, SVG_DASHED);
+}
+
+static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+{
+    bool signals = input != NULL && input->batch.samples > 0;
+
+    svg_begin(svg, file, signals ? 3 : 1, signals ? "modes; by order; a channel (solid) and its reconstruction (dashed)" : "modes");
+    draw_modes(svg, result);
+    if (signals) {
+        draw_stabilisation(svg, result, input);
+        draw_history(svg, result, input);
+    }
+    return true;
+}
+
+/* ------------------------------------------------------------------ steady */
+
+/* |X_k| of the first dof, and its orbit x, x'. */
+static void draw_spectrum(struct svg *svg, const cJSON *dof)
+{
+    struct svg_panel p = panel_of("harmonic k", "|X_k|");
+    int n = cJSON_GetArraySize(get(dof, "k"));
+
+    p.y.logarithmic = true;
+    for (int i = 0; i < n; i++) {
+        double size = hypot(at(get(dof, "re"), i), at(get(dof, "im"), i));
+        svg_hold(&p.x, at(get(dof, "k"), i));
+        svg_hold(&p.y, size > 1e-16 ? size : NAN);
+    }
+    svg_panel(svg, &p);
+    for (int i = 0; i < n; i++) {
+        double k = at(get(dof, "k"), i), size = hypot(at(get(dof, "re"), i), at(get(dof, "im"), i));
+        svg_line(svg, &p, (double[]) { k, k }, (double[]) { p.y.low, size }, 2, SVG_SOLID);
+        svg_dot(svg, &p, k, size, true);
+    }
+}
+
+static void draw_orbit(struct svg *svg, const cJSON *dof, double omega)
+{
+    struct svg_panel p = panel_of(cJSON_GetStringValue(get(dof, "dof")), "its velocity");
+    int n = cJSON_GetArraySize(get(dof, "k"));
+    double x[ORBIT_POINTS + 1], v[ORBIT_POINTS + 1];
+
+    for (int j = 0; j <= ORBIT_POINTS; j++) {
+        double theta = 2 * M_PI * j / ORBIT_POINTS;
+        x[j] = v[j] = 0;
+        for (int i = 0; i < n; i++) {
+            double k = at(get(dof, "k"), i), re = at(get(dof, "re"), i), im = at(get(dof, "im"), i);
+            x[j] += re * cos(k * theta) - im * sin(k * theta);
+            v[j] -= k * omega * (re * sin(k * theta) + im * cos(k * theta));
+        }
+        svg_hold(&p.x, x[j]);
+        svg_hold(&p.y, v[j]);
+    }
+    svg_panel(svg, &p);
+    svg_line(svg, &p, x, v, ORBIT_POINTS + 1, SVG_SOLID);
+}
+
+/* The largest |X_k|, k >= 1, of the first dof reported. */
+static double size_of(const cJSON *point)
+{
+    const cJSON *dof = cJSON_GetArrayItem(get(point, "harmonics"), 0);
+    double most = NAN;
+
+    for (int i = 0; i < cJSON_GetArraySize(get(dof, "k")); i++)
+        if (at(get(dof, "k"), i) > 0)
+            most = fmax(isnan(most) ? 0 : most, hypot(at(get(dof, "re"), i), at(get(dof, "im"), i)));
+    return most;
+}
+
+static double value_of(const cJSON *point)
+{
+    return isfinite(number(point, "value")) ? number(point, "value") : number(point, "omega");
+}
+
+static bool is_unstable(const cJSON *point)
+{
+    return cJSON_IsFalse(get(get(point, "stability"), "stable"));
+}
+
+/* Runs of points of one verdict as one line each; a run ends where the next begins. */
+static void draw_runs(struct svg *svg, const struct svg_panel *p, const cJSON *points)
+{
+    int room = cJSON_GetArraySize(points), n = 0;
+    double *x = malloc(((size_t)room + 1) * sizeof *x), *y = malloc(((size_t)room + 1) * sizeof *y);
+    const cJSON *point, *before = NULL;
+
+    for (point = points ? points->child : NULL; point != NULL && x != NULL && y != NULL; before = point, point = point->next) {
+        if (before != NULL && is_unstable(point) != is_unstable(before)) {
+            svg_line(svg, p, x, y, n, is_unstable(before) ? SVG_DASHED : SVG_SOLID);
+            x[0] = value_of(before);
+            y[0] = size_of(before);
+            n = 1;
+        }
+        x[n] = value_of(point);
+        y[n++] = size_of(point);
+    }
+    if (before != NULL && n > 0)
+        svg_line(svg, p, x, y, n, is_unstable(before) ? SVG_DASHED : SVG_SOLID);
+    free(x);
+    free(y);
+}
+
+static void draw_curve(struct svg *svg, const cJSON *result)
+{
+    struct svg_panel p = panel_of(cJSON_GetStringValue(get(result, "parameter")), "largest |X_k|");
+    const cJSON *point, *fold;
+
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        svg_hold(&p.x, value_of(point));
+        svg_hold(&p.y, size_of(point));
+    }
+    svg_panel(svg, &p);
+    draw_runs(svg, &p, get(result, "points"));
+    cJSON_ArrayForEach(fold, get(result, "folds"))
+        svg_line(svg, &p, (double[]) { value_of(fold), value_of(fold) }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
+}
+
+static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+{
+    const cJSON *dof = cJSON_GetArrayItem(get(result, "harmonics"), 0);
+
+    (void)input;
+    if (get(result, "points") != NULL) {
+        svg_begin(svg, file, 1, "response curve: stable solid, unstable dashed, folds thin");
+        draw_curve(svg, result);
+        return true;
+    }
+    if (dof == NULL)
+        return false;
+    svg_begin(svg, file, 2, "spectrum and orbit");
+    draw_spectrum(svg, dof);
+    draw_orbit(svg, dof, number(result, "omega"));
+    return true;
+}
+
+/* ------------------------------------------------------------------ floquet, tradeoff, sweep */
+
+/* A list of [re, im], with the unit circle where CIRCLE. */
+static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const char *y, bool circle)
+{
+    struct svg_panel p = panel_of(x, y);
+    double c[101], s[101];
+    const cJSON *pair;
+
+    for (int i = 0; i <= 100; i++) {
+        c[i] = cos(2 * M_PI * i / 100);
+        s[i] = sin(2 * M_PI * i / 100);
+        svg_hold(&p.x, circle ? c[i] : 0);
+        svg_hold(&p.y, circle ? s[i] : 0);
+    }
+    cJSON_ArrayForEach(pair, list) {
+        svg_hold(&p.x, at(pair, 0));
+        svg_hold(&p.y, at(pair, 1));
+    }
+    svg_panel(svg, &p);
+    if (circle)
+        svg_line(svg, &p, c, s, 101, SVG_THIN);
+    else
+        svg_line(svg, &p, (double[]) { 0, 0 }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
+    cJSON_ArrayForEach(pair, list)
+        svg_dot(svg, &p, at(pair, 0), at(pair, 1), true);
+}
+
+static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+{
+    const cJSON *multipliers = get(result, "multipliers"), *exponents = get(result, "exponents");
+
+    (void)input;
+    if (multipliers == NULL && exponents == NULL)
+        return false;
+    svg_begin(svg, file, (multipliers != NULL) + (exponents != NULL), "stable left of the line, within the circle");
+    if (exponents != NULL)
+        draw_plane(svg, exponents, "Re exponent, 1/s", "Im, rad/s", false);
+    if (multipliers != NULL)
+        draw_plane(svg, multipliers, "Re multiplier", "Im", true);
+    return true;
+}
+
+static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+{
+    struct svg_panel p = panel_of("seconds", "error");
+    const cJSON *rung, *best = cJSON_GetArrayItem(get(result, "rungs"), cJSON_IsNumber(get(result, "recommended")) ? get(result, "recommended")->valueint : -1);
+    double bound = number(result, "bound");
+
+    (void)input;
+    p.x.logarithmic = p.y.logarithmic = true;
+    cJSON_ArrayForEach(rung, get(result, "rungs")) {
+        svg_hold(&p.x, number(rung, "seconds"));
+        svg_hold(&p.y, number(rung, "error"));
+    }
+    svg_hold(&p.y, bound);
+    svg_begin(svg, file, 1, "accuracy against time: filled, none is both faster and better");
+    svg_panel(svg, &p);
+    if (bound > 0) {
+        svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { bound, bound }, 2, SVG_DASHED);
+        svg_text(svg, &p, p.x.low, bound, "Cramer-Rao bound of the data");
+    }
+    cJSON_ArrayForEach(rung, get(result, "rungs"))
+        svg_dot(svg, &p, number(rung, "seconds"), number(rung, "error"), cJSON_IsTrue(get(rung, "pareto")));
+    if (best != NULL)
+        svg_text(svg, &p, number(best, "seconds"), number(best, "error"), "recommended");
+    return true;
+}
+
+/* Value I of axis AXIS of a sweep's grid. */
+static double grid_value(const cJSON *grid, int axis, int i)
+{
+    return at(get(cJSON_GetArrayItem(grid, axis), "values"), i);
+}
+
+static const char *grid_path(const cJSON *grid, int axis)
+{
+    const char *path = cJSON_GetStringValue(get(cJSON_GetArrayItem(grid, axis), "path"));
+
+    return path ? path : "";
+}
+
+static int index_of(const cJSON *point, int axis)
+{
+    const cJSON *i = cJSON_GetArrayItem(get(point, "index"), axis);
+
+    return cJSON_IsNumber(i) ? i->valueint : 0;
+}
+
+/* What tells how stable a point is: its largest multiplier, or e^-margin. */
+static double level(const cJSON *point)
+{
+    const cJSON *s = get(point, "stability");
+    double m = number(s, "max_multiplier");
+
+    return isfinite(m) ? m : exp(-number(s, "margin"));
+}
+
+static void draw_levels(struct svg *svg, const cJSON *result, const cJSON *grid)
+{
+    struct svg_panel p = panel_of(grid_path(grid, 0), "largest multiplier");
+    const cJSON *point;
+
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        svg_hold(&p.x, grid_value(grid, 0, index_of(point, 0)));
+        svg_hold(&p.y, level(point));
+    }
+    svg_hold(&p.y, 1);
+    svg_panel(svg, &p);
+    svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 1, 1 }, 2, SVG_THIN);
+    cJSON_ArrayForEach(point, get(result, "points"))
+        svg_dot(svg, &p, grid_value(grid, 0, index_of(point, 0)), level(point), !cJSON_IsFalse(get(get(point, "stability"), "stable")));
+}
+
+/* Half a cell towards the neighbour D of value I. */
+static double edge(const cJSON *grid, int axis, int i, int d)
+{
+    int n = cJSON_GetArraySize(get(cJSON_GetArrayItem(grid, axis), "values"));
+    int other = i + d >= 0 && i + d < n ? i + d : i - d >= 0 && i - d < n ? i - d : i;
+    double half = fabs(grid_value(grid, axis, other) - grid_value(grid, axis, i)) / 2;
+
+    return grid_value(grid, axis, i) + d * half;
+}
+
+static void draw_map(struct svg *svg, const cJSON *result, const cJSON *grid)
+{
+    struct svg_panel p = panel_of(grid_path(grid, 0), grid_path(grid, 1));
+    const cJSON *point;
+
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        svg_hold(&p.x, grid_value(grid, 0, index_of(point, 0)));
+        svg_hold(&p.y, grid_value(grid, 1, index_of(point, 1)));
+    }
+    svg_panel(svg, &p);
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        const cJSON *stable = get(get(point, "stability"), "stable");
+        int i = index_of(point, 0), j = index_of(point, 1);
+        svg_shade(svg, &p, edge(grid, 0, i, -1), edge(grid, 1, j, -1), edge(grid, 0, i, 1), edge(grid, 1, j, 1),
+                  cJSON_IsTrue(stable) ? "#d5e8d4" : cJSON_IsFalse(stable) ? "#d98880" : "#e0e0e0");
+    }
+}
+
+/* Where each point has exponents: their path as the first value runs. */
+static void draw_roots(struct svg *svg, const cJSON *result)
+{
+    struct svg_panel p = panel_of("Re exponent, 1/s", "Im, rad/s");
+    const cJSON *point, *pair;
+
+    svg_hold(&p.x, 0);
+    cJSON_ArrayForEach(point, get(result, "points"))
+        cJSON_ArrayForEach(pair, get(point, "exponents")) {
+            svg_hold(&p.x, at(pair, 0));
+            svg_hold(&p.y, at(pair, 1));
+        }
+    svg_panel(svg, &p);
+    svg_shade(svg, &p, 0, p.y.low, p.x.high, p.y.high, "#f5d5d0");
+    cJSON_ArrayForEach(point, get(result, "points"))
+        cJSON_ArrayForEach(pair, get(point, "exponents"))
+            svg_dot(svg, &p, at(pair, 0), at(pair, 1), at(pair, 0) < 0);
+}
+
+static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+{
+    const cJSON *grid = get(result, "grid") ? get(result, "grid") : input ? get(input->scene, "grid") : NULL;
+    bool roots = get(cJSON_GetArrayItem(get(result, "points"), 0), "exponents") != NULL;
+
+    if (cJSON_GetArraySize(grid) < 1 || cJSON_GetArraySize(grid) > 2)
+        return false;
+    svg_begin(svg, file, 1 + roots, "stable green or filled, unstable red or open");
+    if (cJSON_GetArraySize(grid) == 1)
+        draw_levels(svg, result, grid);
+    else
+        draw_map(svg, result, grid);
+    if (roots)
+        draw_roots(svg, result);
+    return true;
+}
+
+/* ------------------------------------------------------------------ the table */
+
+static const struct { const char *kind; bool (*plot)(struct svg *, FILE *, const cJSON *, const struct input *); } plots[] = {
+    { "identify", plot_identify }, { "steady", plot_steady }, { "floquet", plot_floquet }, { "tradeoff", plot_tradeoff }, { "sweep", plot_sweep },
+};
+
+enum modal_status plot_result(const char *path, const char *kind, const cJSON *result, const struct input *input, struct modal_error *err)
+{
+    struct svg svg;
+    FILE *file = fopen(path, "we");
+    bool drawn = false;
+
+    if (file == NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
+    for (size_t i = 0; i < sizeof plots / sizeof plots[0]; i++)
+        if (strcmp(plots[i].kind, kind) == 0)
+            drawn = plots[i].plot(&svg, file, result, input);
+    if (drawn)
+        svg_end(&svg);
+    bool written = !ferror(file);
+    if (fclose(file) != 0 || !written)
+        return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
+    if (!drawn) {
+        remove(path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "a result of %s has no picture", kind);
+    }
+    return MODAL_OK;
+}

@@ -1,0 +1,69 @@
+"""--plot and its Python kin: a picture a kind of result, with what the kind must show."""
+import json
+import xml.etree.ElementTree as tree
+
+import pytest
+
+from conftest import decay, write_batch
+
+SVG = "{http://www.w3.org/2000/svg}"
+DUFFING = {"structure": {"type": "chain", "masses": [1], "springs": [1, 0], "dampers": [0.1, 0]},
+           "effects": [{"type": "cubic_spring", "dof": "x1", "coefficient": 0.5}], "excitation": [{"dof": "x1", "k": 1, "cos": 0.5}],
+           "omega": 1.2, "steady": {"harmonics": 7}}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "duffing.json"
+    path.write_text(json.dumps(DUFFING))
+    return path
+
+
+def drawn(path):
+    root = tree.parse(path).getroot()
+    dashed = [e for e in root.iter(SVG + "path") if e.get("stroke-dasharray")]
+    return root, list(root.iter(SVG + "circle")), dashed, " ".join(e.text or "" for e in root.iter(SVG + "text"))
+
+
+def test_identify_draws_modes_orders_and_the_reconstruction(ctl, tmp_path):
+    path = write_batch(tmp_path / "a.h5", decay(400))
+    assert ctl("identify", path, "-o", "rank.fixed=4", "--plot", tmp_path / "a.svg").status == 0
+    _, dots, dashed, words = drawn(tmp_path / "a.svg")
+    assert len(dots) >= 2 + 2 and len(dashed) == 1 and "damping ratio" in words and "order" in words
+
+
+def test_a_response_curve_is_dashed_where_it_is_unstable(ctl, scene, tmp_path):
+    said = ctl("steady", scene, "--continue", "omega=0.5:2.5", "--plot", tmp_path / "a.svg")
+    assert said.status == 0 and len(said.document["folds"]) == 2
+    _, _, dashed, words = drawn(tmp_path / "a.svg")
+    assert len(dashed) == 1 and "omega" in words
+
+
+def test_a_steady_state_has_spectrum_and_orbit(ctl, scene, tmp_path):
+    assert ctl("steady", scene, "--plot", tmp_path / "a.svg").status == 0
+    _, dots, _, words = drawn(tmp_path / "a.svg")
+    assert len(dots) >= 4 and "harmonic k" in words and "its velocity" in words
+
+
+def test_tradeoff_draws_its_rungs(ctl, tmp_path):
+    path = write_batch(tmp_path / "a.h5", decay(300))
+    said = ctl("tradeoff", "identify", path, "--plot", tmp_path / "a.svg")
+    assert said.status == 0
+    _, dots, _, words = drawn(tmp_path / "a.svg")
+    rungs = [r for r in said.document["rungs"] if r["error"] and r["seconds"]]
+    assert len(dots) == len(rungs) and "seconds" in words
+
+
+def test_what_has_no_picture_says_so(ctl, batch, tmp_path):
+    said = ctl("identify", batch, "-o", "rank.fixed=4", "--plot", tmp_path / "no" / "a.svg")
+    assert said.status == 2 and said.document["error"]["field"] == "plot"
+
+
+def test_python_draws_them_too(ctl, scene, tmp_path):
+    plots = pytest.importorskip("modald.plots")
+    plots.use("agg")
+    path = write_batch(tmp_path / "a.h5", decay(300))
+    for draw, said in ((plots.modes, ctl("identify", path, "-o", "rank.fixed=4")), (plots.tradeoff, ctl("tradeoff", "identify", path)),
+                       (plots.curve, ctl("steady", scene, "--continue", "omega=0.5:2.5")), (plots.orbit, ctl("steady", scene))):
+        draw(said.document).savefig(tmp_path / "a.png")
+        assert (tmp_path / "a.png").stat().st_size > 5000

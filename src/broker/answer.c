@@ -96,6 +96,18 @@ void answer_fail(struct core *c, const struct reply *reply, enum modal_status st
     answer_error(c, reply, &err, detail);
 }
 
+/* A key whose job is gone.  Until that is committed a restart could bring the job back, so nothing is said yet. */
+bool answer_expired(struct core *c, const struct reply *reply, const struct tombstone *stone)
+{
+    if (stone == NULL)
+        return false;
+    if (stone->committed)
+        answer_fail(c, reply, MODAL_EXPIRED, "key", NULL, "the job of this key is past its retention or was deleted; use a new key");
+    else
+        answer_fail(c, reply, MODAL_BUSY, "key", answer_number("retry_after_s", 0.05), "the job of this key is being deleted");
+    return true;
+}
+
 cJSON *answer_number(const char *key, double value)
 {
     cJSON *detail = cJSON_CreateObject();

@@ -124,7 +124,10 @@ static enum modal_status load_tombstone(void *context, const struct tombstone_re
 {
     struct core *c = context;
 
-    user_bury(user_get(c, r->user), r->key, r->fingerprint, r->expired_ns);
+    struct user *user = user_get(c, r->user);
+
+    user_bury(user, r->key, r->fingerprint, r->expired_ns);
+    user_tombstone(user, r->key)->committed = true;
     return MODAL_OK;
 }
 
@@ -246,7 +249,10 @@ static void entered(struct core *c, struct after *after)
 static void removed(struct core *c, struct after *after)
 {
     struct job *job = after->job;
+    struct tombstone *stone = job->key == NULL ? NULL : user_tombstone(job->user, job->key);
 
+    if (stone != NULL)
+        stone->committed = true;
     answer_doc(c, &after->reply, job, -1, NULL);
     if (!job->deleting)
         return;

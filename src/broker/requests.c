@@ -14,9 +14,7 @@ static struct job *need_job(struct core *c, const struct event *e, const struct 
 
     if (job != NULL && job->committed)
         return job;
-    if (r->job.key != NULL && user_tombstone(user, r->job.key) != NULL)
-        answer_fail(c, &reply, MODAL_EXPIRED, "job", NULL, "the job of this key is past its retention or was deleted");
-    else
+    if (r->job.key == NULL || !answer_expired(c, &reply, user_tombstone(user, r->job.key)))
         answer_fail(c, &reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
     return NULL;
 }

@@ -108,7 +108,7 @@ struct job {
 
 struct wait { struct wait *next, **link; uint64_t number; struct job *job; struct reply reply; bool result; struct user *user; };
 
-struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; };
+struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; bool committed; };
 
 struct user {
     char name[NAME_MOST];
@@ -220,6 +220,8 @@ void core_log(struct core *c, const char *format, ...) __attribute__((format(pri
 void core_timer(struct core *c, int64_t when_ns, enum timer what, int64_t order, int64_t extra);
 void job_ident(const struct core *c, const struct job *job, char out[9]);
 void input_ident(const struct core *c, const struct input *input, char out[9]);
+
+bool answer_expired(struct core *c, const struct reply *reply, const struct tombstone *stone);   /* false: STONE is NULL */
 
 /* jobs.c: the moves */
 struct job *job_by_id(const struct core *c, int64_t id);

@@ -142,10 +142,8 @@ static bool known_key(struct core *c, struct submission *s)
 
     if (s->r->submit.key == NULL)
         return false;
-    if (user_tombstone(s->user, s->r->submit.key) != NULL) {
-        answer_fail(c, &s->reply, MODAL_EXPIRED, "key", NULL, "the job of this key is past its retention or was deleted; use a new key");
+    if (answer_expired(c, &s->reply, user_tombstone(s->user, s->r->submit.key)))
         return true;
-    }
     job = job_find(c, s->user, &(struct wire_job) { .key = s->r->submit.key });
     if (job == NULL)
         return false;

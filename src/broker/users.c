@@ -149,6 +149,7 @@ void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32]
     }
     stone->user = user;
     stone->expired_ns = expired_ns;
+    stone->committed = false;
     memcpy(stone->fingerprint, fingerprint, 32);
 }
 

@@ -1,0 +1,652 @@
+/*
+ * test_broker_step.c - the broker's core without sockets, clocks or disks, driven by a simulator with faults from a seed
+ *
+ * The world of a seed: a ledger that commits late, in groups, refuses for want of space, and forgets what it had not
+ * committed when the daemon "dies"; workers that answer, die, fall silent, or answer for an attempt long gone; clients
+ * that repeat, cancel, retry, delete and vanish.  A restart makes a new core from the committed rows alone.  The checker
+ * keeps its own account: what was acknowledged, which edges were committed, which results were published.
+ *
+ *     MODALD_SEEDS=n   how many worlds (default 1000);  MODALD_SEED=s   that one alone, with its log
+ */
+#include "check.h"
+#include <stdlib.h>
+#include "broker/core.h"
+#include "broker/map.h"
+
+#define SECOND INT64_C(1000000000)
+
+enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096 };
+
+/* ---- the ledger of the world ------------------------------------------------------------------------------------ */
+
+struct row {
+    int64_t id;
+    char key[16], user[16], kind[16], options[256], tag[160], error[32];
+    int64_t input;
+    uint8_t fingerprint[32];
+    int priority;
+    int64_t run_limit, deadline, not_before, submitted, started, finished;
+    enum job_state state;
+    int attempts, crashes;
+    uint64_t result_bytes;
+    bool cached, gone, has_result;
+    int results;                 /* RESULT_PUT rows seen */
+};
+
+struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples; bool gone; };
+
+struct world {
+    uint64_t dice, seed;
+    struct core *core;
+    struct settings settings;
+    struct account account[2];
+    struct moment now;
+    struct row rows[ROWS]; int row_count;
+    struct input_row inputs[ROWS]; int input_count;
+    struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job; } stones[ROWS]; int stone_count;
+    int64_t last_event;
+    struct transaction *waiting, **waiting_end;
+    struct task *tasks, **tasks_end;
+    struct { bool alive; int64_t job_pid; char job[9]; int attempt; bool busy, silent; char old_job[9]; int old_attempt; bool booting; } workers[WORKERS];
+    char acked[2][KEYS][9];      /* by user and key: the job it was told */
+    int acked_variant[2][KEYS];
+    bool expired[2][KEYS];
+    int64_t request;
+    struct { int user, key, variant; bool used; } asked[1 << 12];
+    bool full;
+    long states, violations[11];
+    bool verbose;
+};
+
+static struct world *w;
+static long total_states, total_restarts, total_violations[11];
+
+static uint32_t roll(uint32_t below)
+{
+    w->dice = w->dice * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)(w->dice >> 33) % below;
+}
+
+static void violate(int promise, const char *what)
+{
+    w->violations[promise]++;
+    printf("seed %llu: P%d violated: %s\n", (unsigned long long)w->seed, promise, what);
+}
+
+static struct row *row_by_id(int64_t id)
+{
+    for (int i = 0; i < w->row_count; i++)
+        if (w->rows[i].id == id && !w->rows[i].gone)
+            return &w->rows[i];
+    return NULL;
+}
+
+static void copy(char *out, size_t room, const char *text)
+{
+    snprintf(out, room, "%s", text == NULL ? "" : text);
+}
+
+static void put_job(const struct job_record *r)
+{
+    struct row *row = &w->rows[w->row_count++];
+
+    for (int i = 0; i < w->row_count - 1; i++)
+        if (r->key != NULL && !w->rows[i].gone && strcmp(w->rows[i].key, r->key) == 0 && strcmp(w->rows[i].user, r->user) == 0)
+            violate(2, "two rows under one key");
+    *row = (struct row) { .id = r->id, .input = r->input, .priority = r->priority, .run_limit = r->run_limit_ns, .deadline = r->deadline_ns,
+        .not_before = r->not_before_ns, .submitted = r->submitted_ns, .finished = r->finished_ns, .state = r->state, .cached = r->cached,
+        .result_bytes = r->result_bytes, .attempts = r->attempts };
+    memcpy(row->fingerprint, r->fingerprint, 32);
+    copy(row->key, sizeof row->key, r->key);
+    copy(row->user, sizeof row->user, r->user);
+    copy(row->kind, sizeof row->kind, r->kind);
+    copy(row->options, sizeof row->options, r->options);
+    copy(row->tag, sizeof row->tag, r->tag);
+    if (r->state == JOB_DONE && !r->cached)
+        violate(3, "a job born done without being cached");
+}
+
+static void move_job(const struct job_record *r)
+{
+    struct row *row = row_by_id(r->id);
+
+    if (row == NULL) {
+        violate(3, "an edge of a job that is not there");
+        return;
+    }
+    if (!ledger_moves[row->state][r->state])
+        violate(3, "an edge that is not in the table");
+    if (row->state == JOB_DONE || row->state == JOB_FAILED || row->state == JOB_CANCELLED)
+        violate(3, "an end changed");
+    if (r->state == JOB_DONE && row->results != 1)
+        violate(4, "done without exactly one result");
+    if (r->attempts < row->attempts)
+        violate(4, "attempts went back");
+    row->state = r->state;
+    row->attempts = r->attempts;
+    row->crashes = r->crashes;
+    row->started = r->started_ns;
+    row->finished = r->finished_ns;
+    row->result_bytes = r->result_bytes;
+    copy(row->error, sizeof row->error, r->error_code);
+}
+
+static void apply(struct ledger_change *change)
+{
+    struct row *row;
+
+    switch (change->verb) {
+    case LEDGER_INPUT_PUT: {
+        struct input_row *in = NULL;
+        for (int i = 0; i < w->input_count; i++)
+            if (w->inputs[i].id == change->input.id)
+                in = &w->inputs[i];
+        if (in == NULL)
+            in = &w->inputs[w->input_count++];
+        *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples };
+        memcpy(in->sha256, change->input.sha256, 32);
+        copy(in->user, sizeof in->user, change->input.user);
+        break;
+    }
+    case LEDGER_INPUT_DELETE:
+        for (int i = 0; i < w->input_count; i++)
+            w->inputs[i].gone |= w->inputs[i].id == change->id;
+        break;
+    case LEDGER_JOB_PUT: put_job(&change->job); break;
+    case LEDGER_JOB_MOVE: move_job(&change->job); break;
+    case LEDGER_JOB_LIMITS:
+        row = row_by_id(change->job.id);
+        if (row != NULL)
+            copy(row->tag, sizeof row->tag, change->job.tag);
+        break;
+    case LEDGER_JOB_DELETE:
+        row = row_by_id(change->id);
+        if (row == NULL || !job_state_final(row->state))
+            violate(3, "a job that has not ended was deleted");
+        else
+            row->gone = true;
+        break;
+    case LEDGER_RESULT_PUT:
+        row = row_by_id(change->result.job);
+        if (row != NULL)
+            row->results++;
+        break;
+    case LEDGER_TOMBSTONE_PUT:
+        copy(w->stones[w->stone_count].user, 16, change->tombstone.user);
+        copy(w->stones[w->stone_count].key, 16, change->tombstone.key);
+        memcpy(w->stones[w->stone_count].fingerprint, change->tombstone.fingerprint, 32);
+        w->stones[w->stone_count++].job = change->tombstone.job;
+        break;
+    case LEDGER_EVENT_PUT:
+        if (change->event.number <= w->last_event)
+            violate(3, "event numbers do not grow");
+        w->last_event = change->event.number;
+        break;
+    default: break;
+    }
+}
+
+/* ---- carrying out ----------------------------------------------------------------------------------------------- */
+
+static void run_step(struct event e);
+
+static void told(const struct action *a)
+{
+    cJSON *header = cJSON_Parse(a->header);
+    const cJSON *id = cJSON_GetObjectItem(header, "id"), *verb = cJSON_GetObjectItem(header, "verb"), *job = cJSON_GetObjectItem(header, "job");
+    const cJSON *state = cJSON_GetObjectItem(header, "state");
+    struct row *row = NULL;
+
+    if (w->verbose)
+        printf("  -> %s %s\n", a->verb, a->header);
+    if (job != NULL && strcmp(a->verb, "REPLY") == 0)
+        row = row_by_id(ident_number(w->settings.secret, job->valuestring));
+    if (row != NULL && state != NULL && cJSON_GetObjectItem(header, "deleted") == NULL && strcmp(job_states[row->state], state->valuestring) != 0
+        && job_state_final(row->state) && row->state != JOB_DEAD)
+        violate(3, "a doc shows another state than the committed end");
+    if (row == NULL && job != NULL && strcmp(a->verb, "REPLY") == 0 && cJSON_GetObjectItem(header, "deleted") == NULL)
+        violate(1, "a doc of a job that is not committed");
+    if (verb != NULL && strcmp(verb->valuestring, "SUBMIT") == 0 && cJSON_IsNumber(id)) {
+        int n = (int)id->valuedouble & 4095, user = w->asked[n].user, key = w->asked[n].key;
+        const cJSON *error = cJSON_GetObjectItem(header, "error");
+        const char *code = error == NULL ? "" : cJSON_GetObjectItem(error, "code")->valuestring;
+        if (strcmp(a->verb, "REPLY") == 0) {
+            if (w->acked[user][key][0] != 0 && strcmp(w->acked[user][key], job->valuestring) != 0)
+                violate(2, "one key, two jobs");
+            if (w->acked[user][key][0] != 0 && w->acked_variant[user][key] != w->asked[n].variant)
+                violate(2, "other content was taken under a known key");
+            if (w->expired[user][key])
+                violate(2, "a key that had expired ran again");
+            copy(w->acked[user][key], 9, job->valuestring);
+            w->acked_variant[user][key] = w->asked[n].variant;
+        } else if (strcmp(code, "conflict") == 0 && w->acked[user][key][0] != 0 && w->acked_variant[user][key] == w->asked[n].variant)
+            violate(2, "a conflict with itself");
+        else if (strcmp(code, "expired") == 0)
+            w->expired[user][key] = true;
+    }
+    cJSON_Delete(header);
+}
+
+static void to_worker(const struct action *a)
+{
+    cJSON *header = cJSON_Parse(a->header);
+    int slot = a->slot;
+
+    if (strcmp(a->verb, "RUN") == 0) {
+        if (!w->workers[slot].alive || w->workers[slot].busy)
+            violate(4, "RUN to a worker that is not idle");
+        copy(w->workers[slot].job, 9, cJSON_GetObjectItem(header, "job")->valuestring);
+        w->workers[slot].attempt = (int)cJSON_GetObjectItem(header, "attempt")->valuedouble;
+        w->workers[slot].busy = true;
+    }
+    cJSON_Delete(header);
+}
+
+static void carry_out(struct action *a)
+{
+    switch (a->type) {
+    case ACT_SEND:
+        told(a);
+        break;
+    case ACT_COMMIT:
+        a->transaction->next = NULL;
+        *w->waiting_end = a->transaction;
+        w->waiting_end = &a->transaction->next;
+        break;
+    case ACT_TASK:
+        a->task->next = NULL;
+        *w->tasks_end = a->task;
+        w->tasks_end = &a->task->next;
+        break;
+    case ACT_WORKER:
+        to_worker(a);
+        break;
+    case ACT_SPAWN:
+        w->workers[a->slot].alive = w->workers[a->slot].booting = true;
+        w->workers[a->slot].busy = w->workers[a->slot].silent = false;
+        break;
+    case ACT_KILL:
+        w->workers[a->slot].alive = false;
+        break;
+    default:
+        if (w->verbose && a->type == ACT_LOG)
+            printf("     %s\n", a->header);
+    }
+    if (a->type != ACT_COMMIT && a->type != ACT_TASK) {
+        free(a->header);
+        blob_drop(a->body);
+    }
+}
+
+static void carry_out_all(const struct actions *list)
+{
+    size_t count = list->count;
+    struct action *own = malloc((count + 1) * sizeof *own);
+
+    memcpy(own, list->items, count * sizeof *own);
+    for (size_t i = 0; i < count; i++)
+        carry_out(&own[i]);
+    free(own);
+}
+
+static void run_step(struct event e)
+{
+    w->states++;
+    carry_out_all(core_step(w->core, &e, w->now));
+}
+
+/* ---- what may happen -------------------------------------------------------------------------------------------- */
+
+static void request(int user, const char *verb, const char *header, const void *body, size_t size)
+{
+    struct wire_frame frames[4] = { { WIRE_VERSION, 7 }, { verb, strlen(verb) }, { header, strlen(header) }, { body, size } };
+    struct blob *blobs[1] = { body != NULL ? blob_copy(body, size) : NULL };
+    struct wire_message m;
+    struct modal_error err;
+    enum modal_status rc = wire_open(frames, body != NULL ? 4 : 3, WIRE_VERSION, true, &m, &err);
+
+    if (w->verbose)
+        printf("<- %s %s\n", verb, header);
+    if (m.body_count == 1)
+        m.body[0].data = blobs[0]->data;
+    run_step((struct event) { .type = EVENT_REQUEST, .peer = 1 + (uint64_t)user, .key = user == 0 ? "" : "second", .message = rc == MODAL_OK ? &m : NULL,
+                              .verb = m.verb, .id = m.id, .fault = &err, .body = blobs });
+    wire_close(&m);
+    blob_drop(blobs[0]);
+}
+
+static void submit_something(void)
+{
+    int user = (int)roll(2), key = (int)roll(KEYS), variant = roll(12) == 0 ? 1 : 0;
+    double data[2] = { key + 100 * user, variant };
+    char header[400];
+    int n = (int)(++w->request & 4095);
+
+    w->asked[n].user = user;
+    w->asked[n].key = key;
+    w->asked[n].variant = variant;
+    snprintf(header, sizeof header, "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}%s%s}",
+             n, key, roll(256), roll(5) == 0 ? ",\"run_limit_s\":3" : "", roll(8) == 0 ? ",\"deadline_s\":30" : "");
+    request(user, "SUBMIT", header, data, sizeof data);
+}
+
+static void ask_about_something(const char *verb)
+{
+    char header[100];
+
+    snprintf(header, sizeof header, "{\"id\":\"q\",\"job\":\"key:k%u\"}", roll(KEYS));
+    request((int)roll(2), verb, header, NULL, 0);
+}
+
+static void worker_says(int slot, const char *verb, const char *job, int attempt, const char *more, const char *body)
+{
+    char header[300];
+    struct wire_frame frames[4] = { { WIRE_WORKER, 7 }, { verb, strlen(verb) }, { header, 0 }, { body, body == NULL ? 0 : strlen(body) } };
+    struct blob *blobs[1] = { body != NULL ? blob_copy(body, strlen(body)) : NULL };
+    struct wire_message m;
+
+    snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s}", job, attempt, more);
+    frames[2].size = strlen(header);
+    if (wire_open(frames, body != NULL ? 4 : 3, WIRE_WORKER, false, &m, NULL) == MODAL_OK)
+        run_step((struct event) { .type = EVENT_WORKER, .slot = slot, .message = &m, .body = blobs });
+    wire_close(&m);
+    blob_drop(blobs[0]);
+}
+
+static void worker_acts(void)
+{
+    int slot = (int)roll(WORKERS);
+    uint32_t what = roll(20);
+
+    if (!w->workers[slot].alive || w->workers[slot].silent)
+        return;
+    if (w->workers[slot].booting) {
+        w->workers[slot].booting = false;
+        worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
+    } else if (what == 0) {
+        w->workers[slot].alive = false;                    /* it dies */
+    } else if (what == 1) {
+        w->workers[slot].silent = true;                    /* it hangs */
+    } else if (what == 2 && w->workers[slot].old_job[0] != 0) {
+        worker_says(slot, "DONE", w->workers[slot].old_job, w->workers[slot].old_attempt, "", "{\"late\":1}");
+    } else if (w->workers[slot].busy && what < 14) {
+        memcpy(w->workers[slot].old_job, w->workers[slot].job, sizeof w->workers[slot].job);
+        w->workers[slot].old_attempt = w->workers[slot].attempt;
+        w->workers[slot].busy = false;
+        if (what < 12)
+            worker_says(slot, "DONE", w->workers[slot].job, w->workers[slot].attempt, ",\"cpu_s\":0.1", "{\"kind\":\"identify\"}");
+        else
+            worker_says(slot, "FAILED", w->workers[slot].job, w->workers[slot].attempt, ",\"error\":{\"code\":\"no_convergence\",\"message\":\"x\"}", NULL);
+        worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
+    } else
+        worker_says(slot, "BEAT", "", 0, "", NULL);
+}
+
+static bool slot_waits[WORKERS];
+
+/* Deaths become known, in any order with other things. */
+static void exits(void)
+{
+    for (int slot = 0; slot < WORKERS; slot++)
+        if (!w->workers[slot].alive && !slot_waits[slot]) {
+            slot_waits[slot] = true;
+            w->workers[slot].busy = false;
+            run_step((struct event) { .type = EVENT_EXIT, .slot = slot, .status = 9, .stderr_text = "last words" });
+        }
+}
+
+static void note_alive(void)
+{
+    for (int slot = 0; slot < WORKERS; slot++)
+        if (w->workers[slot].alive)
+            slot_waits[slot] = false;
+}
+
+/* Commit a prefix of what waits as one group; on a full disk the refusable ones of it are refused. */
+static void commit_some(uint32_t most)
+{
+    for (uint32_t n = 0; n < most && w->waiting != NULL; n++) {
+        struct transaction *t = w->waiting;
+        w->waiting = t->next;
+        if (w->waiting == NULL)
+            w->waiting_end = &w->waiting;
+        if (w->full && t->refusable)
+            t->status = MODAL_STORAGE_FULL;
+        else
+            for (size_t i = 0; i < t->count; i++)
+                apply(&t->changes[i]);
+        run_step((struct event) { .type = EVENT_COMMITTED, .transaction = t });
+    }
+}
+
+static void do_tasks(void)
+{
+    while (w->tasks != NULL) {
+        struct task *t = w->tasks;
+        w->tasks = t->next;
+        if (w->tasks == NULL)
+            w->tasks_end = &w->tasks;
+        t->status = MODAL_OK;
+        if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT || t->type == TASK_READ_STDERR)
+            t->text = blob_copy("0123456789abcdef", 16);
+        run_step((struct event) { .type = EVENT_TASK, .task = t });
+    }
+}
+
+/* ---- restarts --------------------------------------------------------------------------------------------------- */
+
+static void load_rows(struct ledger_visitor *v)
+{
+    for (int i = 0; i < w->input_count; i++) {
+        struct input_record r = { .id = w->inputs[i].id, .user = w->inputs[i].user, .shape = { .type = INPUT_BATCH, .samples = 2, .channels = 1, .dt = 1 },
+                                  .state = INPUT_SEALED, .inline_data = true, .created_ns = 1, .used_ns = w->now.utc_ns };
+        memcpy(r.sha256, w->inputs[i].sha256, 32);
+        if (!w->inputs[i].gone)
+            v->input(v->context, &r);
+    }
+    for (int i = 0; i < w->row_count; i++) {
+        const struct row *row = &w->rows[i];
+        struct job_record r = { .id = row->id, .user = row->user, .key = row->key[0] ? row->key : NULL, .kind = row->kind, .options = row->options, .input = row->input,
+            .priority = row->priority, .run_limit_ns = row->run_limit, .deadline_ns = row->deadline, .not_before_ns = row->not_before, .tag = row->tag,
+            .state = row->state, .attempts = row->attempts, .crashes = row->crashes, .submitted_ns = row->submitted, .started_ns = row->started,
+            .finished_ns = row->finished, .error_code = row->error[0] ? row->error : NULL, .result_bytes = row->result_bytes, .cached = row->cached };
+        memcpy(r.fingerprint, row->fingerprint, 32);
+        if (!row->gone)
+            v->job(v->context, &r);
+    }
+    for (int i = 0; i < w->stone_count; i++) {
+        struct tombstone_record r = { .user = w->stones[i].user, .key = w->stones[i].key, .job = w->stones[i].job };
+        v->tombstone(v->context, &r);
+    }
+    if (w->last_event > 0)
+        v->event(v->context, &(struct event_record) { .number = w->last_event, .user = "one", .text = "{}" });
+}
+
+static void drop_all(void)
+{
+    while (w->waiting != NULL) {
+        struct transaction *t = w->waiting;
+        w->waiting = t->next;
+        transaction_free(t);
+    }
+    while (w->tasks != NULL) {
+        struct task *t = w->tasks;
+        w->tasks = t->next;
+        task_free(t);
+    }
+    w->waiting_end = &w->waiting;
+    w->tasks_end = &w->tasks;
+}
+
+static void boot(void)
+{
+    struct ledger_visitor v;
+
+    memset(w->workers, 0, sizeof w->workers);
+    memset(slot_waits, 0, sizeof slot_waits);
+    w->core = core_new(&w->settings, w->now);
+    core_visitor(w->core, &v);
+    load_rows(&v);
+    carry_out_all(core_loaded(w->core, w->now));
+}
+
+/* Power off: what was not committed never was. */
+static void restart(void)
+{
+    if (w->verbose)
+        printf("---- restart\n");
+    total_restarts++;
+    drop_all();
+    core_free(w->core);
+    boot();
+}
+
+/* ---- a world ---------------------------------------------------------------------------------------------------- */
+
+static void pass_time(void)
+{
+    int64_t ns = (int64_t)roll(4) * SECOND + (int64_t)roll(1000) * 1000000;
+
+    w->now.mono_ns += ns;
+    w->now.utc_ns += ns + (roll(50) == 0 ? ((int64_t)roll(7200) - 3600) * SECOND : 0);     /* the wall clock may jump an hour */
+    run_step((struct event) { .type = EVENT_TIME });
+}
+
+static void something_happens(void)
+{
+    static const char *const verbs[] = { "STATUS", "CANCEL", "RETRY", "DELETE", "WAIT", "RESULT" };
+    uint32_t what = roll(100);
+
+    if (what < 22)
+        submit_something();
+    else if (what < 34)
+        ask_about_something(verbs[roll(6)]);
+    else if (what < 64)
+        worker_acts();
+    else if (what < 82)
+        commit_some(1 + roll(6));
+    else if (what < 90)
+        do_tasks();
+    else if (what < 96)
+        pass_time();
+    else if (what < 97)
+        w->full = !w->full;
+    else if (what < 98)
+        run_step((struct event) { .type = EVENT_PEER_GONE, .peer = 1 + roll(2) });
+    else if (what < 99)
+        restart();
+    exits();
+    note_alive();
+}
+
+/* With no more faults everything that was acknowledged comes to an end. */
+static void settle(void)
+{
+    struct core_counts n;
+
+    w->full = false;
+    for (int round = 0; round < 3000; round++) {
+        core_count(w->core, &n);
+        if (n.states[JOB_QUEUED] == 0 && n.states[JOB_RUNNING] == 0 && n.uncommitted == 0 && n.tasks == 0)
+            return;
+        for (int slot = 0; slot < WORKERS; slot++) {
+            if (w->workers[slot].silent)
+                w->workers[slot].alive = false;
+            if (w->workers[slot].alive && w->workers[slot].booting) {
+                w->workers[slot].booting = false;
+                worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
+            } else if (w->workers[slot].alive && w->workers[slot].busy) {
+                w->workers[slot].busy = false;
+                worker_says(slot, "DONE", w->workers[slot].job, w->workers[slot].attempt, "", "{}");
+                worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
+            }
+        }
+        exits();
+        note_alive();
+        commit_some(100);
+        do_tasks();
+        w->now.mono_ns += SECOND / 2;
+        w->now.utc_ns += SECOND / 2;
+        run_step((struct event) { .type = EVENT_TIME });
+    }
+    violate(4, "what was acknowledged does not end");
+}
+
+static void check_acknowledged(void)
+{
+    for (int user = 0; user < 2; user++)
+        for (int key = 0; key < KEYS; key++) {
+            struct row *row = w->acked[user][key][0] == 0 ? NULL : row_by_id(ident_number(w->settings.secret, w->acked[user][key]));
+            bool stone = false;
+            char name[16];
+            snprintf(name, sizeof name, "k%d", key);
+            for (int i = 0; i < w->stone_count; i++)
+                stone |= strcmp(w->stones[i].key, name) == 0 && strcmp(w->stones[i].user, user == 0 ? "one" : "two") == 0;
+            if (w->acked[user][key][0] != 0 && row == NULL && !stone)
+                violate(1, "an acknowledged job is lost");
+            if (row != NULL && !job_state_final(row->state))
+                violate(4, "an acknowledged job has not ended");
+        }
+    for (int i = 0; i < w->row_count; i++)
+        if (w->rows[i].results > 1)
+            violate(4, "two results of one job");
+}
+
+static void run_world(uint64_t seed, bool verbose)
+{
+    w = calloc(1, sizeof *w);
+    w->seed = w->dice = seed;
+    w->dice = map_hash_number(seed + 1);
+    w->verbose = verbose;
+    w->waiting_end = &w->waiting;
+    w->tasks_end = &w->tasks;
+    w->now = (struct moment) { 1000 * SECOND, INT64_C(1790000000) * SECOND };
+    w->account[0] = (struct account) { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN, .weight = 1 };
+    w->account[1] = (struct account) { .key = "second", .user = "two", .role = WIRE_ROLE_SUBMIT, .weight = 2 };
+    w->settings = (struct settings) { .accounts = w->account, .account_count = 2, .workers = WORKERS, .queue_jobs = 20, .input_bytes = 1 << 20,
+        .window_bytes = 1 << 20, .lease_ns = 5 * SECOND, .result_age_ns = 3600 * SECOND, .input_age_ns = 60 * SECOND, .tombstone_age_ns = 86400 * SECOND,
+        .upload_idle_ns = 86400 * SECOND, .result_bytes = 1 << 30, .events_kept = 1024, .secret = 0x1234567 };
+    boot();
+    for (int i = 0; i < STEPS; i++)
+        something_happens();
+    settle();
+    check_acknowledged();
+    drop_all();
+    core_free(w->core);
+    total_states += w->states;
+    for (int p = 0; p < 11; p++)
+        total_violations[p] += w->violations[p];
+    free(w);
+}
+
+TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
+{
+    const char *one = getenv("MODALD_SEED"), *many = getenv("MODALD_SEEDS");
+    long seeds = many != NULL ? strtol(many, NULL, 10) : 1000, violations = 0;
+
+    if (one != NULL)
+        run_world(strtoull(one, NULL, 10), true);
+    else
+        for (long seed = 0; seed < seeds; seed++)
+            run_world((uint64_t)seed, false);
+    for (int p = 1; p <= 4; p++) {
+        printf("P%d: simulator, %ld seeds, %ld restarts, %ld states tried, %ld violations\n", p, seeds, total_restarts, total_states, total_violations[p]);
+        violations += total_violations[p];
+    }
+    CHECK(violations == 0);
+}
+
+/* Identifiers are a bijection: 10,000 numbers give 10,000 texts, each its own number again. */
+TEST(an_identifier_gives_its_number_back_and_others_give_none)
+{
+    char text[9], before[9] = "";
+
+    for (int64_t number = 1; number < 10000; number++) {
+        ident_text(text, 77, number);
+        CHECK(ident_number(77, text) == number);
+        CHECK(strcmp(text, before) != 0);
+        strcpy(before, text);
+    }
+    CHECK(ident_number(77, "") == -1 && ident_number(77, "0000000") == -1 && ident_number(77, "0000000I") == -1);
+    CHECK(ident_number(77, "key:abcd9") == -1);
+}

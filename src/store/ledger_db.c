@@ -113,6 +113,7 @@ static enum modal_status check_schema(sqlite3 *db, const char *path, bool write,
 
 static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err)
 {
+    int64_t pages = 0;
     int reserved = 8;
     enum modal_status rc;
 
@@ -125,7 +126,11 @@ static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err
     if (rc == MODAL_OK && !write)
         rc = ledger_db_run(db, "PRAGMA query_only=ON", err);
     if (rc == MODAL_OK && write)
-        rc = ledger_db_run(db, "PRAGMA auto_vacuum=INCREMENTAL; PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA journal_size_limit=8388608", err);
+        rc = read_number(db, "PRAGMA page_count", &pages, err);
+    if (rc == MODAL_OK && write && pages == 0)
+        rc = ledger_db_run(db, "PRAGMA auto_vacuum=INCREMENTAL", err);       /* on an old one it would write each time */
+    if (rc == MODAL_OK && write)
+        rc = ledger_db_run(db, "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA journal_size_limit=8388608", err);
     return rc;
 }
 
@@ -149,7 +154,7 @@ enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, str
     if (snprintf(path, sizeof path, "%s/ledger.db", dir) >= (int)sizeof path)
         return modal_fail(err, MODAL_TOO_LARGE, "the path of the data folder is longer than %zu bytes", sizeof path - 16);
     snprintf(wal, sizeof wal, "%s-wal", path);
-    rc = ledger_wal_check(wal, err);
+    rc = ledger_wal_check(wal, write, err);
     if (rc != MODAL_OK)
         return rc;
     code = sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE | (write ? SQLITE_OPEN_CREATE : 0) | SQLITE_OPEN_FULLMUTEX, file_vfs());

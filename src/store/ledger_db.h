@@ -32,7 +32,7 @@ enum modal_status ledger_names_read(const char *text, uint64_t channels, const c
  * Is the write-ahead log at PATH whole as far as acknowledged groups go?  SQLite takes the first bad frame for the end of the
  * log, which is right for a group torn by a crash and wrong for damage to older ones: a later group is only begun once those
  * before are synced.  MODAL_CORRUPT, with the frame and its offset, where later groups follow a bad frame; MODAL_OK otherwise
- * and where there is no log.
+ * and where there is no log.  The OWNER, before anything is written, also cuts off what SQLite will not read.
  */
-enum modal_status ledger_wal_check(const char *path, struct modal_error *err);
+enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_error *err);
 #endif

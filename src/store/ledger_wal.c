@@ -20,7 +20,7 @@
 #include <unistd.h>
 #include "store/file.h"
 
-enum { HEADER = 32, FRAME_HEADER = 24, PAGE_MOST = 65536 };
+enum { HEADER = 32, FRAME_HEADER = 24, PAGE_MOST = 65536, LOOKS = 4 };
 #define MAGIC 0x377f0682u
 #define VERSION 3007000u
 
@@ -162,40 +162,69 @@ static bool header_good(struct wal *wal)
     return same(add(wal->big, none, wal->header, 24), wal->header + 24);
 }
 
-static enum modal_status check(struct wal *wal, const char *path, struct modal_error *err)
+/* The offset behind the last good commit's frame, up to which SQLite will read; 0 where it will read nothing. */
+static enum modal_status check(struct wal *wal, const char *path, uint64_t *end, struct modal_error *err)
 {
     struct sums sums;
     uint64_t i = 0;
 
+    *end = 0;
     if (!header_good(wal))
         return header_damaged(wal) ? modal_fail(err, MODAL_CORRUPT, "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
                                    : MODAL_OK;
+    *end = HEADER;
     sums = (struct sums) { big_word(wal->header + 24), big_word(wal->header + 28) };
-    while (read_frame(wal, i, true) && frame_good(wal, &sums))
+    while (read_frame(wal, i, true) && frame_good(wal, &sums)) {
         i++;
+        if (big_word(wal->frame + 4) != 0)
+            *end = frame_offset(wal, i);
+    }
     if (groups_after(wal, i))
         return modal_fail(err, MODAL_CORRUPT, "%s: frame %llu (offset %llu) is damaged, and acknowledged groups follow it", path,
                           (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
     return MODAL_OK;
 }
 
-enum modal_status ledger_wal_check(const char *path, struct modal_error *err)
+/* Once, as it is now. */
+static enum modal_status look(struct wal *wal, const char *path, uint64_t *end, struct modal_error *err)
 {
-    struct wal *wal = calloc(1, sizeof *wal);
-    enum modal_status rc;
     struct stat known;
     size_t got = 0;
+    enum modal_status rc;
+
+    wal->size = fstat(wal->fd, &known) == 0 ? (uint64_t)known.st_size : 0;
+    *end = 0;
+    rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
+    return rc == MODAL_OK && got == HEADER ? check(wal, path, end, err) : rc;
+}
+
+/* What is left of a torn group, or of a life before, would be taken for later groups once others are written before it. */
+static enum modal_status trim(const struct wal *wal, uint64_t end, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (wal->size <= end)
+        return MODAL_OK;
+    rc = file_truncate(wal->fd, end, err);
+    return rc == MODAL_OK ? file_sync(wal->fd, err) : rc;
+}
+
+enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_error *err)
+{
+    struct wal *wal = calloc(1, sizeof *wal);
+    uint64_t end = 0;
+    enum modal_status rc;
 
     if (wal == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory to check %s", path);
     wal->fd = -1;
-    rc = file_open(path, O_RDONLY, 0, &wal->fd, err);
-    if (rc == MODAL_OK && fstat(wal->fd, &known) == 0)
-        wal->size = (uint64_t)known.st_size;
+    rc = file_open(path, owner ? O_RDWR : O_RDONLY, 0, &wal->fd, err);
     if (rc == MODAL_OK)
-        rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
-    if (rc == MODAL_OK && got == HEADER)
-        rc = check(wal, path, err);
+        rc = look(wal, path, &end, err);
+    for (int i = 0; rc == MODAL_CORRUPT && !owner && i < LOOKS; i++)     /* it may have been written to meanwhile */
+        rc = look(wal, path, &end, err);
+    if (rc == MODAL_OK && owner)
+        rc = trim(wal, end, err);
     if (rc == MODAL_NOT_FOUND)
         rc = MODAL_OK;
     if (wal->fd >= 0)

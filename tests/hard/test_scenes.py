@@ -1,0 +1,164 @@
+"""Scenes against the beam reference, and what a scene does not list costing nothing: its module's code does not run."""
+import csv
+import json
+import math
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+
+TOP = pathlib.Path(__file__).resolve().parents[2]
+DATA = TOP / "tests/data/beam"
+CTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin/modalctl"
+EI, M = 6570.0, 3.24                        # N m^2, kg/m, of a beam of 1 m
+W1, P1 = math.pi ** 2 * math.sqrt(EI / M), math.pi ** 2 * EI
+EPS = {"undamped": 0.0, "eps12.57": 12.57, "eps39.50": 39.50479803045654}
+
+
+def rows(name):
+    with open(DATA / name) as file:
+        return list(csv.DictReader(file))
+
+
+def run(verb, scene, tmp_path, *options):
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(scene))
+    done = subprocess.run([CTL, "--local", "--json", verb, file, *options], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout)
+
+
+def multipliers(result):
+    return [complex(*z) for z in result["multipliers"] if z]
+
+
+def near_edge(row):
+    """|rho| is square-root sensitive where the trace is near +-(1 + det)."""
+    return abs(abs(float(row["trace"])) - 1 - float(row["det"])) < 1e-2
+
+
+def modal_scene(omega, mu, eps):
+    return {"structure": {"type": "matrices", "M": [[1]], "K": [[W1 ** 2]], "C": [[eps]]}, "omega": 2 * omega * W1,
+            "effects": [{"type": "parametric_stiffness", "dof": "x1", "stiffness": -2 * mu * W1 ** 2}]}
+
+
+def beam_scene(omega, mu, effects):
+    return {"structure": {"type": "beam", "length": 1, "elements": 4, "EI": EI, "mass_per_length": M}, "omega": 2 * omega * W1,
+            "effects": [{"type": "axial_load", "amplitude": 2 * mu * P1}] + effects}
+
+
+@pytest.mark.parametrize("case", EPS)
+def test_modal_multipliers_match_the_reference_to_1e_9_and_1e_7_near_edges(case, tmp_path):
+    for row in rows(f"modal_{case}.csv")[::4]:
+        found = multipliers(run("floquet", modal_scene(float(row["omega"]), 0.15, EPS[case]), tmp_path))
+        for re_, im in (("rho_re", "rho_im"), ("rho2_re", "rho2_im")):
+            expected = complex(float(row[re_]), float(row[im]))
+            assert min(abs(z - expected) for z in found) < (1e-7 if near_edge(row) else 1e-9), row["omega"]
+
+
+@pytest.mark.parametrize("column, effects", [
+    ("und", []),
+    ("eps12.57", [{"type": "viscous_damping", "per_length": 12.57 * M}]),
+    ("eps39.50", [{"type": "viscous_damping", "per_length": EPS["eps39.50"] * M}]),
+    ("eps12.57_strainrate", [{"type": "strain_rate_damping", "mu": 12.57 / W1 ** 2}]),
+    ("eps39.50_strainrate", [{"type": "strain_rate_damping", "mu": EPS["eps39.50"] / W1 ** 2}])])
+def test_the_four_element_beam_matches_the_reference_to_1e_9(column, effects, tmp_path):
+    for row in rows("fe4.csv")[::8]:
+        result = run("floquet", beam_scene(float(row["omega"]), 0.15, effects), tmp_path, "-o", "hill=false")
+        expected = complex(float(row[column + "_rho_re"]), float(row[column + "_rho_im"]))
+        assert min(abs(z - expected) for z in multipliers(result)) < 1e-9, row["omega"]
+        assert abs(result["stability"]["max_multiplier"] - float(row[column + "_maxabs_all"])) < 1e-9
+
+
+def test_hill_agrees_with_floquet_within_its_truncation(tmp_path):
+    result = run("floquet", beam_scene(1.0, 0.15, [{"type": "viscous_damping", "per_length": 12.57 * M}]), tmp_path)
+    assert result["hill"]["truncation"] < 1e-8 and result["hill"]["difference"] < 1e-8
+
+
+@pytest.mark.parametrize("case", EPS)
+def test_strutt_s_diagram_is_right_beside_every_reference_boundary(case, tmp_path):
+    """1e-6 inside each tongue it is unstable, 1e-6 outside it is not."""
+    points = []
+    for row in rows(f"strutt_{case}.csv"):
+        if row["omega_low"]:
+            low, high = float(row["omega_low"]), float(row["omega_high"])
+            if high - low > 1e-4:
+                points += [(float(row["mu"]), low - 1e-6, False), (float(row["mu"]), low + 1e-6, True),
+                           (float(row["mu"]), high - 1e-6, True), (float(row["mu"]), high + 1e-6, False)]
+    assert len(points) > 50
+    scene = modal_scene(1, 0.1, EPS[case])
+    for mu in sorted({p[0] for p in points})[::4]:
+        here = [p for p in points if p[0] == mu]
+        scene["effects"][0]["stiffness"] = -2 * mu * W1 ** 2
+        document = {"verb": "floquet", "scene": scene, "grid": [{"path": "omega", "values": [2 * p[1] * W1 for p in here]}]}
+        for (mu_, omega, unstable), point in zip(here, run("sweep", document, tmp_path)["points"]):
+            assert (point["stability"]["stable"] is False) == unstable, (mu_, omega, point)
+
+
+# --- what is not listed does not run --------------------------------------------------------------------------
+
+LISTED = {"type": "chain", "masses": [1, 2], "springs": [3, 1, 2]}
+EFFECTS = {
+    "spring": {"dof": "x1", "stiffness": 1}, "damper": {"dof": "x1", "coefficient": 1}, "cubic_spring": {"dof": "x1", "coefficient": 1},
+    "friction": {"dof": "x1", "stiffness": 1, "limit": 0.1}, "gap": {"dof": "x1", "stiffness": 1, "clearance": 0.1},
+    "parametric_stiffness": {"dof": "x1", "stiffness": 0.1}, "polynomial_damper": {"dof": "x1", "coefficients": [1, 2]},
+    "coulomb": {"dof": "x1", "limit": 0.1}, "rayleigh_damping": {"alpha": 0.1}}
+LAWS = {"friction": "sliders_force", "gap": "gap_force", "cubic_spring": "spring_force", "coulomb": "rigid_force"}
+
+
+def functions_run(scene, tmp_path):
+    """Functions that executed at least one instruction, by file and name."""
+    file, out = tmp_path / "scene.json", tmp_path / "callgrind.out"
+    file.write_text(json.dumps(scene))
+    subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--compress-strings=no", "--compress-pos=no", CTL, "--local", "--json",
+                    "simulate", file, "-O", tmp_path / "out.h5"], check=True, capture_output=True, env={**os.environ, "OPENBLAS_CORETYPE": "Haswell",
+                                                                                                       "OPENBLAS_NUM_THREADS": "1"})
+    run_, at = set(), ""
+    for line in out.read_text().splitlines():
+        if line.startswith(("fl=", "fi=", "fe=")):
+            at = line[3:]
+        elif line.startswith("fn="):
+            run_.add((pathlib.Path(at).name, line[3:]))
+    return run_
+
+
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
+def test_no_instruction_of_an_unlisted_effect_s_module_runs(tmp_path):
+    base = {"structure": LISTED, "omega": 1.3, "initial": {"x": {"x1": 1}}, "time": {"dt": 0.2, "duration": 4}}
+    plain = functions_run({**base, "effects": [{"type": "damper", "dof": "x2", "coefficient": 0.1}]}, tmp_path)
+    files = {file for file, _ in plain}
+    assert "damper.c" in files and "chain.c" in files
+    assert not files & {f"{name}.c" for name in EFFECTS if name not in ("damper",)} - {"damper.c"}
+    assert not files & {"slider.c", "polynomial.c", "lua.c", "nonlinear_stepper.c", "magnus.c", "beam.c"}
+    listed = functions_run({**base, "effects": [{"type": "friction", **EFFECTS["friction"]}]}, tmp_path)
+    names = {name for _, name in listed}
+    assert any(re.match(r"sliders_force", name) for name in names)
+    assert not {file for file, _ in listed} & {"gap.c", "polynomial.c", "damper.c", "coulomb.c"}
+
+
+def test_a_linear_scene_steps_at_one_product_a_sample(tmp_path):
+    scene = {"structure": LISTED, "initial": {"x": {"x1": 1}}, "time": {"dt": 0.2, "duration": 200},
+             "effects": [{"type": "damper", "dof": "x2", "coefficient": 0.1}]}
+    result = run("simulate", scene, tmp_path, "-O", tmp_path / "out.h5")
+    assert result["work"]["products"] == 1000 and result["work"]["exponentials"] == 1
+    assert all(effect["evaluations"] == 0 for effect in result["plan"]["effects"])
+
+
+@pytest.mark.parametrize("change, field", [
+    ({"structure": {"type": "chain", "masses": [1], "springs": [1]}}, "structure.springs"),
+    ({"effects": [{"type": "gap", "dof": "x9", "stiffness": 1, "clearance": 0}]}, "effects[0].dof"),
+    ({"effects": [{"type": "axial_load", "mean": 1}]}, "effects[0].type"),
+    ({"initial": {"x": {"w9": 1}}}, "initial.x.w9"),
+    ({"time": {"dt": 0, "duration": 1}}, "time.dt"),
+    ({"time": {"dt": 0.1}}, "time.duration"),
+    ({"effects": [{"type": "parametric_stiffness", "dof": "x1", "stiffness": 1}]}, "omega")])
+def test_bad_input_is_exit_2_and_names_its_path(change, field, tmp_path):
+    scene = {"structure": LISTED, "time": {"dt": 0.2, "duration": 1}, **change}
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(scene))
+    done = subprocess.run([CTL, "--local", "--json", "simulate", file, "-O", tmp_path / "out.h5"], capture_output=True, text=True)
+    error = json.loads(done.stdout)["error"]
+    assert done.returncode == 2 and error["code"] == "bad_input" and error["field"] == field

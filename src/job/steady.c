@@ -26,6 +26,37 @@ static enum modal_status kept_start(const struct steady_settings *settings, stru
     return MODAL_OK;
 }
 
+/* A motion found from rest that is unstable is not what a machine does: a stable one is sought among all, and given if there is. */
+static enum modal_status prefer_stable(struct steady *s, const struct program *p, struct steady_point *point, struct modal_error *err)
+{
+    struct stability st = { 0 };
+    struct steady_point *points = NULL;
+    int count = 0, stable = -1;
+    enum modal_status rc = stability_of(s, point, &st, err);
+    bool unstable = rc == MODAL_OK && st.verdict == STABILITY_UNSTABLE;
+
+    stability_done(&st);
+    if (!unstable)
+        return rc;
+    rc = steady_solve_all(s, p->omega, NULL, &points, &count, err);
+    for (int i = 0; rc == MODAL_OK && i < count && stable < 0; i++) {
+        rc = points[i].converged ? stability_of(s, &points[i], &st, err) : MODAL_OK;
+        if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)
+            stable = i;
+        stability_done(&st);
+    }
+    if (rc == MODAL_OK && stable >= 0) {
+        steady_point_done(point);
+        *point = points[stable];
+        point->method = "multi-start";
+        memset(&points[stable], 0, sizeof points[stable]);
+    }
+    for (int i = 0; i < count; i++)
+        steady_point_done(&points[i]);
+    free(points);
+    return rc;
+}
+
 /* One point, or with `solutions` all every one, the first converged first. */
 static enum modal_status solve_points(struct steady *s, const struct program *p, const struct steady_settings *settings,
                                       const struct steady_start *start, struct steady_point **points, int *count, struct modal_error *err)
@@ -39,6 +70,8 @@ static enum modal_status solve_points(struct steady *s, const struct program *p,
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     rc = steady_solve(s, p->omega, start, *points, err);
     *count = rc == MODAL_OK ? 1 : 0;
+    if (rc == MODAL_OK && settings->stability && start == NULL && settings->opt.method == STEADY_AUTO && p->laws > 0 && (*points)->converged)
+        rc = prefer_stable(s, p, *points, err);
     return rc;
 }
 

@@ -7,7 +7,7 @@
 #include "modal/steady/path.h"
 
 static const double SAME = 1e-6, LEVEL_START = 1e-3, LEVEL_HIGH = 4;
-enum { STARTS = 240, STEPS = 30, LEVEL_POINTS = 1500 };
+enum { STARTS = 240, STEPS = 30, LEVEL_POINTS = 600, DISTANCES = 15, SHIFTS = 6 };
 
 static size_t size_of(const struct balance *b) { return (size_t)b->q * ((size_t)b->H + 1); }
 
@@ -152,14 +152,55 @@ static enum modal_status images(struct balance *b, const struct solutions_option
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < out->count; i++)
-        for (int j = 0; rc == MODAL_OK && j < 4 * m; j++) {
-            double shift = 2 * M_PI * (j / 2) / (2 * m), sign = j % 2 ? -1 : 1;
+        for (int j = 0; rc == MODAL_OK && j < 4 * m + 2 * SHIFTS; j++) {
+            static const double small[SHIFTS] = { 0.01, 0.03, 0.06, 0.12, 0.25, 0.5 };   /* near a fold the other differs in phase */
+            int n = j - 4 * m;
+            double shift = n < 0 ? 2 * M_PI * (j / 2) / (2 * m) : (n % 2 ? -1 : 1) * small[n / 2], sign = n < 0 && j % 2 ? -1 : 1;
 
             for (int d = 0; d < b->q; d++)
                 for (int k = 0; k < K; k++)
                     X[d * K + k] = sign * out->X[i][d * K + k] * cexp(I * k * shift);
             rc = try(b, opt, X, out, err);
         }
+    return rc;
+}
+
+/* Beside every solution, along the direction in which its derivative is weakest: near a fold the other one lies there. */
+static enum modal_status beside(struct balance *b, const struct solutions_options *opt, struct solutions *out, double complex *X,
+                                struct modal_error *err)
+{
+    double *v = malloc(((size_t)b->order + 1) * sizeof *v), *u = malloc(((size_t)b->order + 1) * sizeof *u);
+    enum modal_status rc = v == NULL || u == NULL ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory") : MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < out->count; i++) {
+        double size = largest(out->X[i], size_of(b));
+
+        rc = balance_residual(b, out->X[i], true, err);
+        if (rc != MODAL_OK || !balance_factor(b, NULL))
+            continue;
+        for (int e = 0; e < b->order; e++)
+            v[e] = 1 + 0.37 * (e % 3);
+        for (int round = 0; round < 3; round++) {               /* inverse iteration */
+            double most = 0;
+
+            balance_solve(b, v, 1);
+            for (int e = 0; e < b->order; e++)
+                most = fmax(most, fabs(v[e]));
+            for (int e = 0; e < b->order; e++)
+                v[e] = most > 0 && isfinite(most) ? v[e] / most : 0;
+        }
+        for (int n = 0; rc == MODAL_OK && n < 2 * DISTANCES; n++) {
+            double far = (n % 2 ? -1 : 1) * size * pow(10, -4 + 3.5 * (n / 2) / (DISTANCES - 1));
+
+            balance_pack(b, out->X[i], u);
+            for (int e = 0; e < b->order; e++)
+                u[e] += far * v[e];
+            balance_unpack(b, u, X);
+            rc = try(b, opt, X, out, err);
+        }
+    }
+    free(v);
+    free(u);
     return rc;
 }
 
@@ -195,6 +236,8 @@ enum modal_status solutions_from_starts(struct balance *b, const struct solution
         }
         rc = try(b, opt, X, out, err);
     }
+    if (rc == MODAL_OK)
+        rc = beside(b, opt, out, X, err);
     if (rc == MODAL_OK)
         rc = images(b, opt, out, X, err);
     free(X);

@@ -28,8 +28,8 @@
 #include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 200, BALANCES = 24, EXTENSIONS = 5 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6;
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, FEW = 7 };
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_SMALL = 0.1, LEVEL_HIGH = 1e3, TARGET = 1e-6;
 
 struct steady {
     const struct program *p;
@@ -303,6 +303,30 @@ static enum modal_status along_levels(struct steady *s, struct balance *b, doubl
 static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
                                          struct modal_error *err);
 
+/* Newton's method took long from rest, as when it leaps between solutions of smooth laws: the branch that grows out of small
+ * loads is the one to give, where it reaches the load without a fold. */
+static enum modal_status from_low(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+{
+    struct steady_point low = *point;
+    size_t size = (size_t)b->q * ((size_t)b->H + 1);
+    enum modal_status rc;
+
+    low.X = calloc(size + 1, sizeof *low.X);
+    if (low.X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    low.converged = false;
+    low.residual = -1;
+    rc = ramp(s, b, LEVEL_SMALL, X, &low, err);
+    if (rc == MODAL_OK && low.converged) {
+        memcpy(point->X, low.X, size * sizeof *low.X);
+        free(low.X);
+        low.X = point->X;
+        *point = low;
+    } else
+        free(low.X);
+    return rc;
+}
+
 static enum modal_status attempts(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
                                   bool coarse, struct steady_point *point, struct modal_error *err)
 {
@@ -323,6 +347,8 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
             return rc;
     }
     if (!point->converged && (rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
+        return rc;
+    if (method == STEADY_AUTO && start == NULL && s->degree > 0 && !s->exact && point->iterations > FEW && (rc = from_low(s, b, X, point, err)) != MODAL_OK)
         return rc;
     if (!point->converged && start != NULL) {
         memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);

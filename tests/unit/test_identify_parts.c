@@ -14,6 +14,7 @@
 #include "modal/identify/projection.h"
 #include "modal/identify/rank.h"
 #include "modal/identify/record.h"
+#include "modal/identify/refine.h"
 #include "modal/identify/synthesis.h"
 #include "modal/identify/transition.h"
 #include "modal/linalg/eigen.h"
@@ -630,4 +631,39 @@ TEST(a_cancelled_identification_says_so_and_leaves_nothing)
         x[k] = cos(0.3 * k);
     CHECK(modal_identify(&batch, &opt, &r, NULL) == MODAL_CANCELLED);
     CHECK(r.modes == NULL && r.stage_count == 0);
+}
+
+/* Twelve channels of one noise level, a third of which hear the motion fifty times weaker: scaled to unit rms they are mostly noise.  The bars must be
+ * those of a fit that knows that the noise is the same everywhere (the Cramer-Rao bound), not those of channels taken as equal. */
+TEST(channels_that_hear_mostly_noise_cost_the_others_nothing)
+{
+    enum { L = 300, S = 12 };
+    static double x[L * S], y[L * S];
+    struct batch batch = { .samples = L, .channels = S, .signals = x, .dt = 0.05 };
+    struct matrix Y = { L, S, L, y };
+    struct refine_data data = { &Y, 0.05, 0, 0 };
+    const double complex truth[2] = { CMPLX(-0.1, 6.2), CMPLX(-0.05, 14) };
+    struct identify_result r;
+    struct refined bound;
+    uint32_t z = 7;
+
+    for (int c = 0; c < S; c++)
+        for (int l = 0; l < L; l++) {
+            double t = 0.05 * l, size = c % 3 == 0 ? 0.02 : 1, noise = 0;
+            for (int i = 0; i < 12; i++) {
+                z = 1664525u * z + 1013904223u;
+                noise += z / 4294967296.0 - 0.5;             /* sum of twelve: unit variance */
+            }
+            y[l + c * L] = x[l * S + c] = size * (creal(cexp(truth[0] * t + I * c)) + 0.6 * creal(cexp(truth[1] * t + 2.0 * I * c * c))) + 0.01 * noise;
+        }
+    CHECK(refine_poles(&data, truth, 2, NULL, &(struct refine_options) { .equal_noise = true }, &bound, NULL) == MODAL_OK);
+    CHECK(modal_identify(&batch, NULL, &r, NULL) == MODAL_OK && r.mode_count == 2);
+    for (int i = 0; i < 2; i++) {
+        int j = fabs(cimag(r.modes[i].exponent) - 6.2) < 1 ? 0 : 1;
+        CHECK(r.modes[i].std_re < 1.2 * bound.std_re[j] && r.modes[i].std_re > 0.8 * bound.std_re[j]);
+        CHECK_NEAR(creal(r.modes[i].exponent), creal(truth[j]), 5 * bound.std_re[j]);
+        CHECK_NEAR(cimag(r.modes[i].exponent), cimag(truth[j]), 5 * bound.std_im[j]);
+    }
+    refined_done(&bound);
+    identify_result_done(&r);
 }

@@ -48,6 +48,7 @@ struct work {
     struct identify_options opt;    /* defaults filled in */
     struct record rec;
     struct pod pod;
+    struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
     struct refine_data data;        /* what is refined: X, or X folded */
@@ -79,6 +80,7 @@ static void work_done(struct work *w)
 {
     record_done(&w->rec);
     pod_done(&w->pod);
+    free(w->weighted.x);
     free(w->folded.x);
     pencil_done(&w->pencil);
     projection_done(&w->projection);
@@ -100,13 +102,20 @@ void identify_result_done(struct identify_result *r)
     memset(r, 0, sizeof *r);
 }
 
-/* A stage ends: its seconds are noted, and a cancelled job stops. */
+/* A stage ends: its seconds are noted (a second time over, added), and a cancelled job stops. */
 static enum modal_status stage(struct work *w, const char *name, struct identify_result *out, struct modal_error *err)
 {
     double now = w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
 
-    if (out->stage_count < IDENTIFY_STAGES)
-        out->stages[out->stage_count++] = (struct identify_stage) { name, now - w->clock };
+    int i = 0;
+
+    while (i < out->stage_count && strcmp(out->stages[i].name, name) != 0)
+        i++;
+    if (i < IDENTIFY_STAGES) {
+        out->stages[i].name = name;
+        out->stages[i].seconds += now - w->clock;
+        out->stage_count = i < out->stage_count ? out->stage_count : i + 1;
+    }
     w->clock = now;
     if (w->opt.cancelled != NULL && w->opt.cancelled(w->opt.context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled after the stage %s", name);
@@ -182,7 +191,7 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > CHANNELS_FEW)) {
         struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };       /* refined on all channels afterwards */
-        rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(&w->rec.Y, &opt, &w->pod, err);
+        rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
@@ -452,6 +461,105 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
     return MODAL_OK;
 }
 
+/* ---- channels by their noise ---- */
+
+/*
+ * Proper orthogonal signals of channels scaled to unit rms mix channels of little noise with channels of much, and no weight on the mixture can undo that: a
+ * channel that hears hardly anything but noise then costs a factor in the error of all.  So, once a first answer tells the noise of each channel,
+ * they are divided by it, and reduced and identified again.
+ */
+static bool worth_weighing(const struct work *w)
+{
+    return w->refine && w->pod.count > 0 && !w->rec.wide && w->weighted.x == NULL && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
+        && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS
+        && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * norm_of(w->data.Y);
+}
+
+/* The rms that the chosen poles leave in each channel of unit rms. */
+static enum modal_status channel_noise(const struct work *w, double *noise, struct modal_error *err)
+{
+    const struct refined *fit = &w->choice.candidates[w->choice.chosen].fit;
+    struct matrix folded = { 0 };
+    const struct matrix *Y = &w->rec.Y;
+    struct synthesis s = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    if (w->shift > 1) {
+        rc = fold(&w->rec.Y, w->shift, &folded, err);
+        Y = &folded;
+    }
+    if (rc == MODAL_OK)
+        rc = synthesis_fit(fit->lambda, fit->poles, w->tau, Y, NULL, &s, err);
+    for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
+        noise[c] = safe_norm(s.channel_residual + (size_t)c * w->shift, w->shift) / sqrt((double)Y->m * w->shift);
+    synthesis_done(&s);
+    free(folded.x);
+    return rc;
+}
+
+/* weighted = rec.Y over the noise, the quietest channel at 1; left out where all are alike. */
+static enum modal_status weigh_channels(struct work *w, struct modal_error *err)
+{
+    const double ALIKE = 1.3, QUIETEST = 1e-13;
+    const struct matrix *Y = &w->rec.Y;
+    double *noise = malloc(sizeof *noise * w->rec.channels), least = HUGE_VAL, most = 0;
+    enum modal_status rc;
+
+    if (noise == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d channels", w->rec.channels);
+    rc = channel_noise(w, noise, err);
+    for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
+        noise[c] = fmax(noise[c], QUIETEST);
+        least = w->rec.scale[c] > 0 ? fmin(least, noise[c]) : least;
+        most = w->rec.scale[c] > 0 ? fmax(most, noise[c]) : most;
+    }
+    if (rc == MODAL_OK && most > ALIKE * least) {
+        w->weighted = (struct matrix) { Y->m, Y->n, Y->m, malloc(sizeof(double) * Y->m * Y->n) };
+        if (w->weighted.x == NULL)
+            rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels", Y->m, Y->n);
+        for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
+            for (int l = 0; l < Y->m; l++)
+                w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * (least / noise[c]);
+    }
+    free(noise);
+    return rc;
+}
+
+/* From signals to the chosen order. */
+static enum modal_status analyse(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    w->triplets = TRIPLETS_FIRST;
+    if ((rc = reduce(w, out, err)) != MODAL_OK
+        || (rc = stage(w, "pod", out, err)) != MODAL_OK
+        || (rc = decompose(w, out, err)) != MODAL_OK
+        || (rc = stage(w, "svd", out, err)) != MODAL_OK
+        || (rc = choose_order_of_all(w, out, err)) != MODAL_OK
+        || (w->choice.chosen >= 0 && (rc = look_above(w, err)) != MODAL_OK)
+        || (rc = stage(w, w->refine ? "refine" : "eig", out, err)) != MODAL_OK)
+        return rc;
+    return MODAL_OK;
+}
+
+/* Once more, on channels weighed by the noise that the first answer left. */
+static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    enum modal_status rc = weigh_channels(w, err);
+
+    if (rc != MODAL_OK || w->weighted.x == NULL)
+        return rc;
+    pod_done(&w->pod);
+    pencil_done(&w->pencil);
+    projection_done(&w->projection);
+    order_done(&w->choice);
+    free(w->folded.x), w->folded.x = NULL;
+    free(out->singular), out->singular = NULL;
+    w->projected = false;
+    w->facts = (struct diagnose_facts) { .converged = true };
+    return analyse(w, out, err);
+}
+
 /* ---- the chosen poles with their errors ---- */
 
 /* A wide batch: the step over all its channels, which also gives their coefficients. */
@@ -687,7 +795,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
                                  struct identify_result *out, struct modal_error *err)
 {
     static const struct identify_options defaults = { 0 };
-    struct work w = { .opt = options != NULL ? *options : defaults, .facts = { .converged = true }, .triplets = TRIPLETS_FIRST };
+    struct work w = { .opt = options != NULL ? *options : defaults, .facts = { .converged = true } };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
@@ -697,13 +805,8 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK
         || (rc = choose_shift(&w, err)) != MODAL_OK
         || (rc = stage(&w, "read", out, err)) != MODAL_OK
-        || (rc = reduce(&w, out, err)) != MODAL_OK
-        || (rc = stage(&w, "pod", out, err)) != MODAL_OK
-        || (rc = decompose(&w, out, err)) != MODAL_OK
-        || (rc = stage(&w, "svd", out, err)) != MODAL_OK
-        || (rc = choose_order_of_all(&w, out, err)) != MODAL_OK
-        || (w.choice.chosen >= 0 && (rc = look_above(&w, err)) != MODAL_OK)
-        || (rc = stage(&w, w.refine ? "refine" : "eig", out, err)) != MODAL_OK
+        || (rc = analyse(&w, out, err)) != MODAL_OK
+        || (worth_weighing(&w) && (rc = analyse_again(&w, out, err)) != MODAL_OK)
         || (rc = take_poles(&w, err)) != MODAL_OK
         || (rc = widen_for_colour(&w, err)) != MODAL_OK)
         goto out;

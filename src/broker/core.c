@@ -29,7 +29,7 @@ static enum modal_status load_input(void *context, const struct input_record *r)
 
     if (r->id >= c->next_input)
         c->next_input = r->id + 1;
-    if (input->state == INPUT_OPEN) {
+    if (input->state == INPUT_OPEN && !input->inline_data) {      /* with its data in the row it is a stream's segment */
         struct user *user = input->user;
         input->filling = filling_new(r->used_ns > r->created_ns ? r->used_ns : r->created_ns);
         input->filling->accepted = input->filling->durable = r->received;
@@ -153,6 +153,8 @@ static enum modal_status load_note(void *context, const struct note_record *r)
 
     if (strcmp(r->topic, "upload") == 0)
         load_upload_note(c, r);
+    if (strcmp(r->topic, "stream") == 0)
+        stream_load_note(c, r);
     if (strcmp(r->topic, "daemon") == 0 && strcmp(r->name, "draining") == 0)
         c->draining = true;
     return MODAL_OK;
@@ -183,6 +185,27 @@ static void watch(struct core *c, struct job *job)
         job_enqueue(c, job);
 }
 
+static int by_id(const void *a, const void *b)
+{
+    const struct input *x = *(struct input *const *)a, *y = *(struct input *const *)b;
+
+    return (x->id > y->id) - (x->id < y->id);
+}
+
+static void load_segments(struct core *c)
+{
+    struct input **all = grab((c->inputs.count + 1) * sizeof *all), *input;
+    size_t count = 0, at = 0;
+
+    while ((input = map_next(&c->inputs, &at)) != NULL)
+        if (input->state == INPUT_OPEN && input->inline_data)
+            all[count++] = input;
+    qsort(all, count, sizeof *all, by_id);
+    for (size_t i = 0; i < count; i++)
+        stream_load_segment(c, all[i]);
+    free(all);
+}
+
 struct actions *core_loaded(struct core *c, struct moment now)
 {
     size_t at = 0;
@@ -199,6 +222,7 @@ struct actions *core_loaded(struct core *c, struct moment now)
             job_move(c, job, JOB_QUEUED, NULL);
         watch(c, job);
     }
+    load_segments(c);
     for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;)
         if (input->filling != NULL && input->filling->aborting)
             upload_quiet(c, input);
@@ -286,7 +310,7 @@ static void say_drain(struct core *c, const struct reply *reply)
     answer_send(c, reply, header, NULL);
 }
 
-static void follow(struct core *c, struct after *after)
+static void follow(struct core *c, struct after *after, struct transaction *t)
 {
     switch (after->type) {
     case AFTER_EVENT:  events_committed(c, after); break;
@@ -297,6 +321,7 @@ static void follow(struct core *c, struct after *after)
     case AFTER_DELETE: removed(c, after); break;
     case AFTER_GONE:   gone(c, after->input); break;
     case AFTER_DRAIN:  say_drain(c, &after->reply); break;
+    case AFTER_STREAM: stream_after(c, after, t); break;
     default:           upload_after(c, after, MODAL_OK);
     }
 }
@@ -314,7 +339,7 @@ static void committed(struct core *c, struct transaction *t)
     else {
         c->storage_full = false;
         for (struct after *after = t->after; after != NULL; after = after->next)
-            follow(c, after);
+            follow(c, after, t);
     }
     transaction_free(t);
 }
@@ -331,6 +356,9 @@ static void task_done(struct core *c, struct task *task)
             upload_task_done(c, task);
         break;
     case TASK_REMOVE_RESULT:
+        break;
+    case TASK_STREAM_SEAL:
+        stream_sealed(c, task);
         break;
     case TASK_RESULT_PUT:
         job_result_put(c, task);
@@ -353,6 +381,7 @@ static void housekeeping(struct core *c)
 {
     jobs_retain(c);
     inputs_retain(c);
+    streams_retain(c);
     if (c->last_event > c->settings.events_kept && c->last_event / 1024 != c->pruned / 1024) {
         struct transaction *t = transaction_new();
         c->pruned = c->last_event;
@@ -497,6 +526,11 @@ void core_free(struct core *c)
         free(c->ring[i].user);
         free(c->ring[i].topic);
         free(c->ring[i].text);
+    }
+    while (c->streams != NULL) {
+        struct stream *next = c->streams->next_stream;
+        stream_free(c->streams);
+        c->streams = next;
     }
     while (c->subscriptions != NULL) {
         struct subscription *next = c->subscriptions->next;

@@ -68,6 +68,7 @@ struct transaction {
 
 enum task_type {
     TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_ABORT, TASK_CLOSE, TASK_REMOVE_INPUT,   /* on an upload, one at a time */
+    TASK_STREAM_SEAL,                     /* segments of the ledger into one batch: begin, write, sync, seal */
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
 };
 
@@ -86,6 +87,7 @@ struct task {
     uint32_t crc;                         /* SEAL: out */
     struct result_record record;          /* RESULT_PUT: out */
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
+    struct segment_read { int64_t input; uint64_t first, count; } *segments; size_t segment_count;   /* STREAM_SEAL: in; samples */
     enum modal_status status;             /* out */
     struct modal_error err;
     void *owner;                          /* the core's */

@@ -122,6 +122,10 @@ void events_committed(struct core *c, struct after *after)
         row->job = after->job->id;
         row->user = grab_text(after->job->user->name);
     }
+    if (after->stream != NULL) {
+        row->user = grab_text(after->stream->user->name);
+        row->topic = grab_text(after->stream->name);
+    }
     c->last_event = after->value;
 }
 

@@ -2,6 +2,7 @@
 #include "broker/queue.h"
 #include "store/file.h"
 #include <fcntl.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -80,6 +81,50 @@ static enum modal_status drop(const char *dir, struct task *task)
     return spool_remove(dir, task->id, &task->err);
 }
 
+/* One row of a stream behind the samples before it; a gap between them is NaN, which no job takes for data. */
+static enum modal_status add_segment(struct ledger_reader *reader, struct task *task, const struct segment_read *segment, uint64_t *at)
+{
+    uint64_t size = 8 * task->shape.channels, gap = segment->first * size - *at;
+    char *data = NULL;
+    size_t length = 0;
+    enum modal_status rc = ledger_read_input(reader, segment->input, &data, &length, &task->err);
+
+    if (rc == MODAL_OK && length != segment->count * size)
+        rc = modal_fail(&task->err, MODAL_CORRUPT, "segment %lld of a stream has %zu bytes", (long long)segment->input, length);
+    while (rc == MODAL_OK && gap > 0) {
+        double nan[4096];
+        size_t part = gap < sizeof nan ? (size_t)gap : sizeof nan;
+        for (size_t i = 0; i < part / 8; i++)
+            nan[i] = NAN;
+        rc = upload_write(task->upload, *at, nan, part, NULL, &task->err);
+        *at += part;
+        gap -= part;
+    }
+    if (rc == MODAL_OK)
+        rc = upload_write(task->upload, *at, data, length, NULL, &task->err);
+    *at += length;
+    free(data);
+    return rc;
+}
+
+static enum modal_status seal_stream(const char *dir, struct ledger_reader *reader, struct task *task)
+{
+    uint64_t at = 0;
+    enum modal_status rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
+
+    for (size_t i = 0; rc == MODAL_OK && i < task->segment_count; i++)
+        rc = add_segment(reader, task, &task->segments[i], &at);
+    if (rc == MODAL_OK)
+        rc = upload_sync(task->upload, &task->err);
+    if (rc == MODAL_OK)
+        rc = seal(task);
+    upload_close(task->upload);
+    task->upload = NULL;
+    if (rc != MODAL_OK && rc != MODAL_IO)
+        spool_remove(dir, task->id, NULL);
+    return rc;
+}
+
 /* The part [offset, offset + length) of DATA, which is freed. */
 static enum modal_status cut(struct task *task, char *data, size_t length)
 {
@@ -150,6 +195,7 @@ static enum modal_status do_task(const char *dir, struct ledger_reader *reader, 
     case TASK_RESUME:        return resume(dir, reader, task);
     case TASK_WRITE:         return write_chunks(task);
     case TASK_SEAL:          return seal(task);
+    case TASK_STREAM_SEAL:   return seal_stream(dir, reader, task);
     case TASK_ABORT:         return drop(dir, task);
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
@@ -166,7 +212,7 @@ static enum modal_status do_task(const char *dir, struct ledger_reader *reader, 
 /* Whether a failure of this task means that stable storage cannot be trusted any more. */
 static bool is_fatal(const struct task *task)
 {
-    bool writes = task->type == TASK_BEGIN || task->type == TASK_WRITE || task->type == TASK_SEAL || task->type == TASK_RESULT_PUT;
+    bool writes = task->type == TASK_BEGIN || task->type == TASK_WRITE || task->type == TASK_SEAL || task->type == TASK_STREAM_SEAL || task->type == TASK_RESULT_PUT;
 
     return writes && task->status == MODAL_IO;
 }

@@ -32,6 +32,7 @@ struct after {
     enum after_type type;
     struct job *job;
     struct input *input;
+    struct stream *stream;
     struct reply reply;
     enum job_state from, to;
     int attempts;
@@ -73,6 +74,32 @@ struct filling {
     bool sealing, aborting, broken;
     int64_t touched_ns;
     int slot;                             /* of the worker that makes it; -1 */
+};
+
+struct segment { struct input *input; uint64_t epoch, first, count; };
+
+/* Samples of unknown number; see streams.c. */
+struct stream {
+    struct stream *next_stream;
+    int64_t id;
+    struct user *user;
+    char *name, *header;                  /* header: what open said, as JSON */
+    uint64_t channels;
+    double dt, period;
+    uint64_t epoch, begin, next, durable; /* of the present epoch: its first sample, the next to come, the next to be committed */
+    uint64_t run_from;                    /* first sample after the last gap */
+    struct segment *segments; size_t segment_count, segment_room;
+    uint64_t (*gaps)[2]; size_t gap_count;
+    uint32_t *crcs; uint64_t crc_count, crc_room;      /* of each sample from `begin` on; 0: not known */
+    int64_t in_flight;                    /* bytes */
+    struct transaction *last;
+    struct after *askers;                 /* who closed it */
+    struct input *sealed;
+    bool closing, closed, broken, live;   /* live: a worker has a window of it */
+    int64_t closed_ns;
+    uint64_t window, hop, next_window;    /* samples; next_window: the index at which one is due */
+    char *options;
+    char *recent;                         /* the last `window` samples, by index % window */
 };
 
 struct failure { enum modal_status status; char *message, *field, *detail; };
@@ -136,6 +163,7 @@ struct slot {
     struct input *output;                 /* signals on their way */
     bool finishing;                       /* DONE has come; the output is being sealed */
     double cpu_s;
+    struct stream *live; uint64_t live_from, live_to;   /* a window instead of a job */
 };
 
 struct subscription {
@@ -167,6 +195,8 @@ struct core {
     int64_t *ended; size_t ended_first, ended_count, ended_room;   /* ids in the order of ending, for retention */
     uint64_t next_wait, next_subscription;
     struct subscription *subscriptions;
+    struct stream *streams;
+    int live_attempts;
     uint64_t *full; size_t full_count, full_room;
     struct event_row ring[RING];          /* committed events, by number % RING */
     int64_t cache_bytes;                  /* inline inputs kept */
@@ -308,6 +338,17 @@ void events_progress(struct core *c, struct job *job);
 void events_pump(struct core *c);
 void events_task_done(struct core *c, struct task *task);
 void events_peer(struct core *c, uint64_t peer, enum event_type type);
+
+/* streams.c */
+void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
+void stream_sealed(struct core *c, struct task *task);
+void stream_after(struct core *c, struct after *after, struct transaction *t);
+struct blob *stream_window(struct stream *s, uint64_t *from);      /* NULL: none is due */
+void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_message *m);
+void stream_load_note(struct core *c, const struct note_record *r);
+void stream_load_segment(struct core *c, struct input *input);
+void stream_free(struct stream *s);
+void streams_retain(struct core *c);
 
 /* requests.c */
 void request_handle(struct core *c, const struct event *e);

@@ -10,6 +10,8 @@
 #include <string.h>
 #include <sys/wait.h>
 
+enum { LIVE_LIMIT_S = 60 };
+
 static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
 {
     char *text = json_print(header);
@@ -100,6 +102,62 @@ void job_input_read(struct core *c, struct task *task)
     run_on(c, job, job->slot, task->text);
 }
 
+/* A live window goes before all jobs: it is small, and somebody watches. */
+static bool start_live(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+    struct blob *data = NULL;
+    struct stream *stream;
+    cJSON *header, *input;
+    uint8_t sha256[32];
+    char hex[65];
+    uint64_t from = 0;
+
+    for (stream = c->streams; stream != NULL; stream = stream->next_stream)
+        if (!stream->live && (data = stream_window(stream, &from)) != NULL)
+            break;
+    if (data == NULL)
+        return false;
+    stream->live = true;
+    s->live = stream;
+    s->live_from = from;
+    s->live_to = from + stream->window - 1;
+    s->state = SLOT_BUSY;
+    s->attempt = ++c->live_attempts;
+    s->started_ns = s->heard_ns = c->now.mono_ns;
+    header = cJSON_CreateObject();
+    cJSON_AddStringToObject(header, "job", "live");
+    cJSON_AddNumberToObject(header, "attempt", s->attempt);
+    cJSON_AddStringToObject(header, "kind", "identify");
+    cJSON_AddRawToObject(header, "options", stream->options);
+    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
+    input = cJSON_Parse(stream->header);
+    cJSON_DeleteItemFromObject(input, "window");
+    cJSON_AddStringToObject(input, "content", "batch");
+    cJSON_AddNumberToObject(input, "samples", (double)stream->window);
+    identity_sha256(data->data, data->size, sha256, NULL);
+    identity_hex(sha256, hex);
+    cJSON_AddStringToObject(input, "sha256", hex);
+    cJSON_AddItemToObject(header, "input", input);
+    to_worker(c, slot, "RUN", header, data);
+    core_timer(c, c->now.mono_ns + c->settings.lease_ns, TIMER_LEASE, slot, 0);
+    return true;
+}
+
+/* The end of a live window, with its result or its error. */
+static void end_live(struct core *c, int slot, const struct wire_message *m)
+{
+    struct slot *s = &c->slots[slot];
+    struct stream *stream = s->live;
+
+    s->live = NULL;
+    stream->live = false;
+    if (m == NULL)
+        return;
+    s->state = SLOT_TAKEN;
+    stream_result(c, stream, s->live_from, s->live_to, m);
+}
+
 void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating)
@@ -108,7 +166,7 @@ void workers_schedule(struct core *c)
         struct user *user;
         struct job *job;
 
-        if (c->slots[slot].state != SLOT_IDLE)
+        if (c->slots[slot].state != SLOT_IDLE || start_live(c, slot))
             continue;
         user = user_next(c);
         if (user == NULL)
@@ -162,7 +220,7 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
     }
     if (s->state != SLOT_BUSY && s->state != SLOT_STARTING)
         return;
-    if (c->now.mono_ns < due) {
+    if (c->now.mono_ns < due && !(s->live != NULL && c->now.mono_ns - s->started_ns > LIVE_LIMIT_S * SECOND)) {
         core_timer(c, due, TIMER_LEASE, slot, 0);
         return;
     }
@@ -246,6 +304,8 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
     struct job *job = s->job;
     int64_t again_ns = 0;
 
+    if (s->live != NULL)
+        end_live(c, slot, NULL);
     if (job != NULL) {
         enum ending ending = job->ending;
         account_for(c, s, job);
@@ -564,6 +624,12 @@ void worker_message(struct core *c, int slot, const struct wire_message *m, stru
     for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
         if (strcmp(verbs[i].verb, m->verb) != 0)
             continue;
+        if (verbs[i].on_job && s->live != NULL) {
+            json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
+            if (attempt == s->attempt && (verbs[i].run == on_done || verbs[i].run == on_failed))
+                end_live(c, slot, m);
+            return;
+        }
         if (verbs[i].on_job) {
             json_get_string(m->header, "", "job", &ident, NULL);
             json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);

@@ -1,0 +1,594 @@
+/*
+ * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch; live windows on the way
+ *
+ * A segment is an open input with its data in its row, at most LEDGER_INLINE_MOST bytes: durable by the same group commit
+ * as everything else.  A sample is known by epoch and index.  Each sample of the present epoch has its CRC-32C in memory:
+ * the same index with the same bytes is a repeat and ignored, with other bytes it begins an epoch; what the checksums of
+ * an earlier life of the daemon were is not known, and such samples count as repeats.
+ */
+#include "broker/state.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { IN_FLIGHT = 4 << 20, STREAMS_MOST = 256 };
+
+static uint64_t sample_bytes(const struct stream *s)
+{
+    return 8 * s->channels;
+}
+
+static struct stream *stream_by_id(const struct core *c, int64_t id)
+{
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->id == id)
+            return s;
+    return NULL;
+}
+
+static struct stream *stream_open_named(const struct core *c, const struct user *user, const char *name)
+{
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->user == user && !s->closed && strcmp(s->name, name) == 0)
+            return s;
+    return NULL;
+}
+
+static void say(struct core *c, const struct reply *reply, const struct stream *s)
+{
+    cJSON *header = answer_new(reply);
+    char ident[9], hex[65];
+
+    ident_text(ident, ~c->settings.secret, s->id);
+    cJSON_AddStringToObject(header, "stream", ident);
+    cJSON_AddStringToObject(header, "name", s->name);
+    cJSON_AddNumberToObject(header, "epoch", (double)s->epoch);
+    cJSON_AddNumberToObject(header, "next", (double)s->durable);
+    cJSON_AddNumberToObject(header, "credit", IN_FLIGHT / 2);
+    if (s->closed) {
+        cJSON *gaps = cJSON_AddArrayToObject(header, "gaps");
+        cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
+        for (size_t i = 0; i < s->gap_count; i++) {
+            double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
+            cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
+        }
+        if (s->sealed != NULL) {
+            identity_hex(s->sealed->sha256, hex);
+            cJSON_AddStringToObject(header, "sha256", hex);
+        }
+    }
+    answer_send(c, reply, header, NULL);
+}
+
+/* What is remembered of it over a restart. */
+static void note(struct core *c, struct transaction *t, const struct stream *s)
+{
+    cJSON *text = cJSON_CreateObject();
+    char name[32], *printed;
+
+    (void)c;
+    cJSON_AddStringToObject(text, "user", s->user->name);
+    cJSON_AddStringToObject(text, "name", s->name);
+    cJSON_AddRawToObject(text, "open", s->header);
+    cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
+    cJSON_AddNumberToObject(text, "begin", (double)s->begin);
+    printed = json_print(text);
+    cJSON_Delete(text);
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "stream", transaction_text(t, name), transaction_text(t, printed) };
+    free(printed);
+}
+
+static void read_window(struct stream *s, const cJSON *window)
+{
+    double samples = 0, periods = 0, hop = 0;
+    const cJSON *options = cJSON_GetObjectItemCaseSensitive(window, "options");
+
+    json_get_number(window, "", "samples", 8, 1e9, &samples, NULL);
+    json_get_number(window, "", "periods", 1, 1e6, &periods, NULL);
+    json_get_number(window, "", "hop", 1, 1e9, &hop, NULL);
+    s->window = samples > 0 ? (uint64_t)samples : periods > 0 && s->period > 0 ? (uint64_t)(periods * s->period / s->dt + 0.5) : 0;
+    s->hop = hop > 0 ? (samples > 0 ? (uint64_t)hop : (uint64_t)(hop * s->period / s->dt + 0.5)) : s->window;
+    s->options = cJSON_IsObject(options) ? canonical_text(options) : grab_text("{}");
+}
+
+static struct stream *make(struct core *c, struct user *user, const char *name, const struct wire_input *w, const cJSON *window, int64_t id)
+{
+    struct stream *s = grab(sizeof *s);
+    cJSON *header = cJSON_CreateObject();
+
+    s->id = id;
+    s->user = user;
+    s->name = grab_text(name);
+    s->channels = w->channels;
+    s->dt = w->dt;
+    s->period = w->period;
+    wire_input_write(header, w);
+    cJSON_DeleteItemFromObject(header, "samples");
+    cJSON_DeleteItemFromObject(header, "content");
+    if (window != NULL)
+        cJSON_AddItemToObject(header, "window", cJSON_Duplicate(window, true));
+    s->header = json_print(header);
+    cJSON_Delete(header);
+    if (window != NULL)
+        read_window(s, window);
+    s->next_stream = c->streams;
+    c->streams = s;
+    return s;
+}
+
+static void on_open(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    struct stream *s = stream_open_named(c, user, r->stream.name);
+    struct transaction *t;
+    struct after *after;
+    int open = 0;
+
+    if (s != NULL && (s->channels != r->stream.input.channels || s->dt != r->stream.input.dt)) {
+        answer_fail(c, &reply, MODAL_CONFLICT, "name", NULL, "the stream is open with %llu channels and dt %.17g", (unsigned long long)s->channels, s->dt);
+        return;
+    }
+    if (s != NULL && s->last == NULL) {
+        say(c, &reply, s);
+        return;
+    }
+    if (s == NULL) {
+        for (struct stream *one = c->streams; one != NULL; one = one->next_stream)
+            open += one->user == user && !one->closed;
+        if (open >= STREAMS_MOST || 8 * r->stream.input.channels > LEDGER_INLINE_MOST) {
+            answer_fail(c, &reply, MODAL_TOO_LARGE, "channels", NULL, "at most %d open streams of at most %d channels", STREAMS_MOST, LEDGER_INLINE_MOST / 8);
+            return;
+        }
+        if (c->draining || c->terminating) {
+            answer_fail(c, &reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+            return;
+        }
+        s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
+        if (s->window * sample_bytes(s) > WIRE_BODY_MOST) {
+            c->streams = s->next_stream;
+            stream_free(s);
+            answer_fail(c, &reply, MODAL_TOO_LARGE, "window.samples", NULL, "a live window has at most %d bytes", WIRE_BODY_MOST);
+            return;
+        }
+        t = transaction_new();
+        note(c, t, s);
+        s->last = t;
+        core_commit(c, t);
+    }
+    after = after_new(AFTER_STREAM, &reply);
+    after->stream = s;
+    transaction_join(s->last, after);
+}
+
+/* ---- pushing ---------------------------------------------------------------------------------------------------- */
+
+/* Checksums of samples [first, first + count), as far as they are known, against DATA: false where one differs. */
+static bool same_samples(const struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    for (uint64_t i = 0; i < count; i++) {
+        uint64_t at = first + i;
+        if (at < s->begin || at >= s->next)
+            return at >= s->next;
+        if (at - s->begin < s->crc_count && s->crcs[at - s->begin] != 0 && s->crcs[at - s->begin] != wire_crc32c(data + i * sample_bytes(s), sample_bytes(s)))
+            return false;
+    }
+    return true;
+}
+
+static void remember(struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    uint64_t need = first + count - s->begin;
+
+    if (need > s->crc_room) {
+        s->crc_room = 2 * need;
+        s->crcs = regrab(s->crcs, s->crc_room * sizeof *s->crcs);
+    }
+    if (need > s->crc_count)
+        memset(s->crcs + s->crc_count, 0, (need - s->crc_count) * sizeof *s->crcs);
+    s->crc_count = need > s->crc_count ? need : s->crc_count;
+    for (uint64_t i = 0; i < count; i++)
+        s->crcs[first - s->begin + i] = wire_crc32c(data + i * sample_bytes(s), sample_bytes(s));
+}
+
+static void add_gap(struct stream *s, uint64_t from, uint64_t to)
+{
+    s->gaps = regrab(s->gaps, (s->gap_count + 1) * sizeof *s->gaps);
+    s->gaps[s->gap_count][0] = from;
+    s->gaps[s->gap_count++][1] = to;
+}
+
+static void add_segment(struct stream *s, struct input *input, uint64_t epoch, uint64_t first, uint64_t count)
+{
+    if (s->segment_count == s->segment_room) {
+        s->segment_room = s->segment_room ? 2 * s->segment_room : 16;
+        s->segments = regrab(s->segments, s->segment_room * sizeof *s->segments);
+    }
+    s->segments[s->segment_count++] = (struct segment) { input, epoch, first, count };
+}
+
+/* One row of at most LEDGER_INLINE_MOST bytes. */
+static void put_segment(struct core *c, struct stream *s, struct transaction *t, uint64_t first, uint64_t count, const char *data)
+{
+    char *attributes = grab_format("{\"stream\":%lld,\"epoch\":%llu,\"first\":%llu}", (long long)s->id, (unsigned long long)s->epoch, (unsigned long long)first);
+    struct wire_input w = { .content = WIRE_BATCH, .samples = count, .channels = s->channels, .dt = s->dt };
+    struct input *input = input_new(c, s->user, &w, c->next_input++);
+    struct input_record *row = &transaction_add(t, LEDGER_INPUT_PUT)->input;
+
+    input->state = INPUT_OPEN;
+    input->inline_data = true;
+    input->crc = wire_crc32c(data, count * sample_bytes(s));
+    input->attributes = attributes;
+    input->shape.attributes = attributes;
+    input_record_fill(input, t, row);
+    row->data = data;                              /* in the push's body, which the transaction keeps */
+    add_segment(s, input, s->epoch, first, count);
+}
+
+static void keep_recent(struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    for (uint64_t i = 0; s->window > 0 && i < count; i++) {
+        if (s->recent == NULL)
+            s->recent = grab(s->window * sample_bytes(s));
+        memcpy(s->recent + (first + i) % s->window * sample_bytes(s), data + i * sample_bytes(s), sample_bytes(s));
+    }
+}
+
+static void append(struct core *c, struct stream *s, uint64_t first, uint64_t count, const char *data, struct transaction *t)
+{
+    uint64_t most = LEDGER_INLINE_MOST / sample_bytes(s);
+
+    if (s->next == 0 && s->segment_count == 0)
+        s->begin = s->next = s->durable = s->run_from = first;
+    if (first > s->next) {
+        add_gap(s, s->next, first);
+        s->run_from = first;
+    }
+    remember(s, first, count, data);
+    keep_recent(s, first, count, data);
+    for (uint64_t at = 0; at < count; at += most)
+        put_segment(c, s, t, first + at, count - at < most ? count - at : most, data + at * sample_bytes(s));
+    s->next = first + count;
+}
+
+static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct transaction *t)
+{
+    s->epoch++;
+    s->begin = s->next = s->run_from = first;
+    s->crc_count = 0;
+    s->gap_count = 0;
+    s->next_window = 0;
+    note(c, t, s);
+}
+
+static void on_push(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
+{
+    struct reply reply = reply_to(e, r);
+    uint64_t first = r->stream.first, count = r->stream.count, size = count * sample_bytes(s), known;
+    const char *data = e->message->body[0].data;
+    struct transaction *t;
+    struct after *after;
+
+    if (e->message->body_bytes != size)
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "body", NULL, "%zu bytes are not %llu samples of %llu channels", e->message->body_bytes, (unsigned long long)count, (unsigned long long)s->channels);
+    else if (wire_crc32c(data, size) != r->stream.crc32c)
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the samples' CRC-32C is %u, not %u", wire_crc32c(data, size), r->stream.crc32c);
+    else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
+        answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
+    else if (s->closed || s->closing)
+        answer_fail(c, &reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
+    else if (s->in_flight > IN_FLIGHT)
+        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
+    else if (!user_quota(c, s->user, &reply, 0, (int64_t)size)) {
+        t = transaction_new();
+        transaction_keep(t, e->body[0]);
+        if (!same_samples(s, first, count, data))
+            new_epoch(c, s, first, t);
+        known = first < s->next && s->segment_count > 0 ? s->next - first : 0;
+        if (known < count)
+            append(c, s, first + known, count - known, data + known * sample_bytes(s), t);
+        after = after_new(AFTER_STREAM, &reply);
+        after->stream = s;
+        after->value = (int64_t)s->next;
+        after->length = (int64_t)size;
+        after->attempts = (int)s->epoch;
+        transaction_join(t, after);
+        s->in_flight += (int64_t)size;
+        s->last = t;
+        core_commit(c, t);
+    }
+}
+
+/* ---- closing: the present epoch becomes a batch ----------------------------------------------------------------- */
+
+static void seal(struct core *c, struct stream *s)
+{
+    cJSON *open = cJSON_Parse(s->header), *attributes = cJSON_GetObjectItemCaseSensitive(open, "attributes"), *gaps;
+    struct task *task = grab(sizeof *task);
+    struct wire_input w;
+
+    if (attributes == NULL)
+        attributes = cJSON_AddObjectToObject(open, "attributes");
+    cJSON_AddStringToObject(attributes, "stream", s->name);
+    cJSON_AddNumberToObject(attributes, "first_sample", (double)s->begin);
+    cJSON_AddBoolToObject(attributes, "broken_off", s->broken);
+    gaps = cJSON_AddArrayToObject(attributes, "gaps");
+    for (size_t i = 0; i < s->gap_count && i < 1000; i++) {
+        double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
+        cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
+    }
+    cJSON_DeleteItemFromObject(open, "window");
+    cJSON_AddNumberToObject(open, "samples", (double)(s->next - s->begin));
+    wire_input_read(open, "", WIRE_BATCH, &w, NULL);
+    s->sealed = input_new(c, s->user, &w, c->next_input++);
+    cJSON_Delete(open);
+    task->type = TASK_STREAM_SEAL;
+    task->id = s->sealed->id;
+    task->shape = s->sealed->shape;
+    task->owner = s;
+    task->segments = grab((s->segment_count + 1) * sizeof *task->segments);
+    for (size_t i = 0; i < s->segment_count; i++)
+        if (s->segments[i].epoch == s->epoch)
+            task->segments[task->segment_count++] = (struct segment_read) { s->segments[i].input->id, s->segments[i].first - s->begin, s->segments[i].count };
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+static void end_segments(struct core *c, struct stream *s, struct transaction *t)
+{
+    char name[32];
+
+    for (size_t i = 0; i < s->segment_count; i++)
+        if (s->segments[i].epoch == s->epoch) {
+            transaction_add(t, LEDGER_INPUT_DELETE)->id = s->segments[i].input->id;
+            input_forget(c, s->segments[i].input);
+        }
+    s->segment_count = 0;
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
+}
+
+void stream_sealed(struct core *c, struct task *task)
+{
+    struct stream *s = task->owner;
+    struct transaction *t;
+
+    if (task->status != MODAL_OK) {
+        for (struct after *after = s->askers; after != NULL; after = after->next)
+            answer_error(c, &after->reply, &task->err, NULL);
+        after_free(s->askers);
+        s->askers = NULL;
+        s->closing = false;
+        input_forget(c, s->sealed);
+        s->sealed = NULL;
+        return;
+    }
+    s->sealed->state = INPUT_SEALED;
+    memcpy(s->sealed->sha256, task->sha256, 32);
+    s->sealed->crc = task->crc;
+    s->sealed->offset = task->offset;
+    t = transaction_new();
+    input_record_fill(s->sealed, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
+    end_segments(c, s, t);
+    for (struct after *after = s->askers; after != NULL; after = after->next)
+        after->stream = s, after->value = -1;
+    transaction_join(t, s->askers);
+    s->askers = NULL;
+    core_commit(c, t);
+}
+
+static void on_close(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
+{
+    struct reply reply = reply_to(e, r);
+
+    if (s->closed) {
+        say(c, &reply, s);
+        return;
+    }
+    after_append(&s->askers, after_new(AFTER_STREAM, &reply));
+    s->broken |= r->stream.broken;
+    if (s->closing)
+        return;
+    s->closing = true;
+    if (s->next == s->begin) {                     /* nothing ever came: there is no batch of no samples */
+        struct transaction *t = transaction_new();
+        end_segments(c, s, t);
+        s->askers->stream = s;
+        s->askers->value = -1;
+        transaction_join(t, s->askers);
+        s->askers = NULL;
+        core_commit(c, t);
+    } else if (s->durable == s->next)
+        seal(c, s);
+}
+
+void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    struct stream *s;
+
+    if (r->stream.op == WIRE_OPEN) {
+        on_open(c, e, r, user);
+        return;
+    }
+    s = stream_by_id(c, ident_number(~c->settings.secret, r->stream.stream));
+    if (s == NULL || s->user != user) {
+        answer_fail(c, &reply, MODAL_NOT_FOUND, "stream", NULL, "no such stream of yours");
+        return;
+    }
+    if (r->stream.op == WIRE_PUSH)
+        on_push(c, e, r, s);
+    else
+        on_close(c, e, r, s);
+}
+
+/* ---- live windows ----------------------------------------------------------------------------------------------- */
+
+/* The window that is due, as raw samples; NULL: none.  It never reaches over a gap or an epoch. */
+struct blob *stream_window(struct stream *s, uint64_t *from)
+{
+    uint64_t size = sample_bytes(s);
+    char *data;
+
+    if (s->window == 0 || s->closed || s->recent == NULL || s->durable != s->next || s->durable < s->run_from + s->window)
+        return NULL;
+    if (s->next_window < s->run_from + s->window)
+        s->next_window = s->run_from + s->window;
+    if (s->durable < s->next_window)
+        return NULL;
+    *from = s->durable - s->window;
+    data = grab(s->window * size);
+    for (uint64_t i = 0; i < s->window; i++)
+        memcpy(data + i * size, s->recent + (*from + i) % s->window * size, size);
+    while (s->next_window <= s->durable)
+        s->next_window += s->hop;
+    return blob_take(data, s->window * size);
+}
+
+/* What a window gave, as a numbered event: the modes and the verdict. */
+void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_message *m)
+{
+    struct blob *body = m->body_count > 0 ? blob_copy(m->body[0].data, m->body[0].size) : NULL;
+    cJSON *document = NULL, *text = cJSON_CreateObject(), *part;
+    static const char *const parts[] = { "modes", "stability", "diagnostics" };
+    struct transaction *t = transaction_new();
+    struct after *after = transaction_after(t, AFTER_EVENT);
+    struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
+
+    if (body != NULL)
+        json_read(body->data, body->size, &document, NULL);
+    cJSON_AddStringToObject(text, "event", "modes");
+    cJSON_AddStringToObject(text, "stream", s->name);
+    cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
+    cJSON_AddNumberToObject(text, "from", (double)from);
+    cJSON_AddNumberToObject(text, "to", (double)to);
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
+        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
+            cJSON_AddItemToObject(text, parts[i], part);
+    if ((part = cJSON_GetObjectItemCaseSensitive(m->header, "error")) != NULL)
+        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(part, true));
+    after->text = json_print(text);
+    if (strlen(after->text) > 49152) {             /* it must fit a header: the verdict alone */
+        cJSON_DeleteItemFromObject(text, "modes");
+        cJSON_DeleteItemFromObject(text, "diagnostics");
+        free(after->text);
+        after->text = json_print(text);
+    }
+    after->value = c->next_event;
+    after->stream = s;
+    change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .user = transaction_text(t, s->user->name),
+                                            .topic = transaction_text(t, s->name), .text = transaction_text(t, after->text) };
+    cJSON_Delete(text);
+    cJSON_Delete(document);
+    blob_drop(body);
+    core_commit(c, t);
+}
+
+/* ---- after a commit, and at the start --------------------------------------------------------------------------- */
+
+void stream_after(struct core *c, struct after *after, struct transaction *t)
+{
+    struct stream *s = after->stream;
+
+    if (s->last == t)
+        s->last = NULL;
+    if (after->value == -1) {
+        s->closed = true;
+        s->closed_ns = c->now.mono_ns;
+        if (s->sealed != NULL) {
+            s->sealed->committed = true;
+            input_index(s->sealed);
+        }
+    } else if (after->length > 0) {
+        s->in_flight -= after->length;
+        for (size_t i = s->segment_count; i > 0 && !s->segments[i - 1].input->committed; i--)
+            if (s->segments[i - 1].epoch < (uint64_t)after->attempts || s->segments[i - 1].first < (uint64_t)after->value)
+                s->segments[i - 1].input->committed = true;
+        if ((uint64_t)after->attempts == s->epoch)
+            s->durable = (uint64_t)after->value;
+    }
+    say(c, &after->reply, s);
+    if (s->closing && !s->closed && s->sealed == NULL && s->durable == s->next && s->next > s->begin && s->last == NULL)
+        seal(c, s);
+}
+
+void stream_load_note(struct core *c, const struct note_record *r)
+{
+    cJSON *note_text = NULL, *open;
+    const char *user = "", *name = "";
+    double epoch = 0, begin = 0;
+    struct wire_input w;
+    struct stream *s;
+
+    if (json_read(r->text, strlen(r->text), &note_text, NULL) != MODAL_OK)
+        return;
+    open = cJSON_GetObjectItemCaseSensitive(note_text, "open");
+    json_get_string(note_text, "", "user", &user, NULL);
+    json_get_string(note_text, "", "name", &name, NULL);
+    json_get_number(note_text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
+    json_get_number(note_text, "", "begin", 0, WIRE_INTEGER_MOST, &begin, NULL);
+    cJSON_AddNumberToObject(open, "samples", 1);
+    if (wire_input_read(open, "", WIRE_BATCH, &w, NULL) == MODAL_OK) {
+        s = make(c, user_get(c, user), name, &w, cJSON_GetObjectItemCaseSensitive(open, "window"), strtoll(r->name, NULL, 10));
+        s->epoch = (uint64_t)epoch;
+        s->begin = s->next = s->durable = s->run_from = (uint64_t)begin;
+    }
+    cJSON_Delete(note_text);
+}
+
+/* Segments, in ascending order of their ids, find their streams once all notes are read. */
+void stream_load_segment(struct core *c, struct input *input)
+{
+    cJSON *attributes = NULL;
+    double id = 0, epoch = 0, first = 0;
+    struct stream *s;
+
+    if (input->attributes == NULL || json_read(input->attributes, strlen(input->attributes), &attributes, NULL) != MODAL_OK)
+        return;
+    json_get_number(attributes, "", "stream", 0, WIRE_INTEGER_MOST, &id, NULL);
+    json_get_number(attributes, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
+    json_get_number(attributes, "", "first", 0, WIRE_INTEGER_MOST, &first, NULL);
+    cJSON_Delete(attributes);
+    s = stream_by_id(c, (int64_t)id);
+    if (s == NULL)
+        return;
+    if ((uint64_t)epoch == s->epoch) {
+        bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
+        if (!any)
+            s->begin = s->next = (uint64_t)first;
+        if ((uint64_t)first > s->next)
+            add_gap(s, s->next, (uint64_t)first);
+        s->next = s->durable = s->run_from = (uint64_t)first + input->shape.samples;
+    }
+    add_segment(s, input, (uint64_t)epoch, (uint64_t)first, input->shape.samples);
+}
+
+/* Closed streams are remembered for ten minutes, for who asks again. */
+void streams_retain(struct core *c)
+{
+    struct stream **link = &c->streams;
+
+    while (c->uncommitted == 0 && c->tasks == 0 && *link != NULL) {
+        struct stream *s = *link;
+        if (!s->closed || s->live || s->closed_ns + 600 * SECOND > c->now.mono_ns) {
+            link = &s->next_stream;
+            continue;
+        }
+        *link = s->next_stream;
+        stream_free(s);
+    }
+}
+
+void stream_free(struct stream *s)
+{
+    after_free(s->askers);
+    free(s->name);
+    free(s->header);
+    free(s->options);
+    free(s->segments);
+    free(s->gaps);
+    free(s->crcs);
+    free(s->recent);
+    free(s);
+}

@@ -1,0 +1,140 @@
+"""Streams in the daemon (PROTOCOL.md, section 11): durable by index, repeats, epochs, gaps, resumption, sealing, live windows."""
+import json
+import math
+import pathlib
+import struct
+
+import pytest
+
+from wire import Daemon, crc32c, identity
+
+FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
+
+
+@pytest.fixture(scope="module")
+def daemon():
+    with Daemon(config=FAKE, workers=1) as d:
+        yield d
+
+
+@pytest.fixture()
+def client(daemon):
+    c = daemon.client()
+    yield c
+    c.close()
+
+
+def rows(first, count, channels=2, factor=1.0):
+    return struct.pack(f"<{count * channels}d", *[factor * math.sin(0.37 * i + ch) for i in range(first, first + count) for ch in range(channels)])
+
+
+def push(client, stream, epoch, first, data, channels=2):
+    return client.ask("STREAM", [data], op="push", stream=stream, epoch=epoch, first=first, count=len(data) // 8 // channels, crc32c=crc32c(data))
+
+
+def begin(client, name, **more):
+    return client.ask("STREAM", op="open", name=name, channels=2, dt=0.01, **more)
+
+
+def test_a_pushed_stream_is_sealed_into_the_batch_of_its_samples(client):
+    s = begin(client, "rig1", names=["a", "b"], units="m")
+    assert s.ok and s["next"] == 0 and s["credit"] >= 262144
+    at = 0
+    for count in (1, 7, 16000, 500):
+        assert push(client, s["stream"], 0, at, rows(at, count))["next"] == at + count
+        at += count
+    closed = client.ask("STREAM", op="close", stream=s["stream"])
+    assert closed["samples"] == at and closed["gaps"] == []
+    assert closed["sha256"] == identity(at, 2, 0.01, rows(0, at), units="m", names=["a", "b"])
+    job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
+    assert client.ask("WAIT", job=job, timeout_s=15)["state"] == "done"
+    assert client.ask("RESULT", job=job, part="input", offset=160, length=320).body[0] == rows(10, 20)
+    assert client.ask("STREAM", op="close", stream=s["stream"])["sha256"] == closed["sha256"]
+    assert push(client, s["stream"], 0, at, rows(at, 1)).code == "conflict"
+
+
+def test_the_same_index_with_the_same_bytes_is_ignored(client):
+    s = begin(client, "rig2")["stream"]
+    assert push(client, s, 0, 0, rows(0, 100))["next"] == 100
+    assert push(client, s, 0, 40, rows(40, 30))["next"] == 100
+    reply = push(client, s, 0, 90, rows(90, 30))
+    assert (reply["next"], reply["epoch"]) == (120, 0)
+    assert client.ask("STREAM", op="close", stream=s)["sha256"] == identity(120, 2, 0.01, rows(0, 120))
+
+
+def test_the_same_index_with_other_bytes_begins_an_epoch(client):
+    s = begin(client, "rig3")["stream"]
+    push(client, s, 0, 0, rows(0, 100))
+    reply = push(client, s, 0, 50, rows(50, 20, factor=-1))
+    assert (reply["epoch"], reply["next"]) == (1, 70)
+    closed = client.ask("STREAM", op="close", stream=s)
+    assert closed["samples"] == 20 and closed["sha256"] == identity(20, 2, 0.01, rows(50, 20, factor=-1))
+
+
+def test_an_index_beyond_the_next_is_a_gap_that_the_record_shows(client):
+    s = begin(client, "rig4")["stream"]
+    push(client, s, 0, 0, rows(0, 10))
+    assert push(client, s, 0, 25, rows(25, 10))["next"] == 35
+    closed = client.ask("STREAM", op="close", stream=s, broken=True)
+    assert closed["gaps"] == [[10, 25]] and closed["samples"] == 35
+    job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
+    client.ask("WAIT", job=job, timeout_s=15)
+    part = client.ask("RESULT", job=job, part="input")
+    assert part["batch"]["attributes"]["gaps"] == [[10, 25]] and part["batch"]["attributes"]["broken_off"] is True
+    assert part.body[0][:160] == rows(0, 10) and part.body[0][400:] == rows(25, 10)
+    assert all(math.isnan(x) for x in struct.unpack("<30d", part.body[0][160:400]))
+
+
+def test_open_again_resumes_at_the_last_acknowledged_sample_after_a_kill():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        s = begin(c, "rig5")["stream"]
+        for at in range(0, 5000, 500):
+            push(c, s, 0, at, rows(at, 500))
+        d.kill()
+        d.start()
+        c = d.client()
+        again = begin(c, "rig5")
+        assert again["stream"] == s and again["next"] == 5000 and again["epoch"] == 0
+        assert push(c, s, 0, 4500, rows(4500, 1000))["next"] == 5500
+        assert c.ask("STREAM", op="close", stream=s)["sha256"] == identity(5500, 2, 0.01, rows(0, 5500))
+
+
+@pytest.mark.parametrize("change, field", [({"crc32c": 5}, "crc32c"), ({"count": 9}, "body"), ({"epoch": 3}, "epoch")])
+def test_a_wrong_push_names_what_is_wrong_and_harms_nothing(client, change, field):
+    s = begin(client, "rig6" + field)["stream"]
+    data = rows(0, 10)
+    header = {"op": "push", "stream": s, "epoch": 0, "first": 0, "count": 10, "crc32c": crc32c(data), **change}
+    reply = client.ask("STREAM", [data], **header)
+    assert reply.code in ("bad_input", "conflict") and reply["error"]["field"] == field
+    assert push(client, s, 0, 0, data)["next"] == 10
+
+
+def test_a_stream_of_nobody_is_not_found_and_other_channels_conflict(client):
+    assert push(client, "00000000", 0, 0, rows(0, 1)).code == "not_found"
+    begin(client, "rig7")
+    assert client.ask("STREAM", op="open", name="rig7", channels=3, dt=0.01).code == "conflict"
+
+
+def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
+    """x'' + 2 z w x' + w^2 x = 0 sampled: f = 31 / 2 pi Hz, z = 0.02; each window of 200 samples, every 100, must show it."""
+    z, w, dt = 0.02, 31.0, 0.01
+    data = [math.exp(-z * w * dt * i) * math.cos(w * math.sqrt(1 - z * z) * dt * i) for i in range(600)]
+    with Daemon(workers=1) as d:
+        c = d.client(timeout_s=30)
+        assert c.ask("EVENTS", stream="live").ok
+        s = c.ask("STREAM", op="open", name="live", channels=1, dt=dt, window={"samples": 200, "hop": 100, "options": {"rank.fixed": 2}})["stream"]
+        events = []
+        for at in range(0, 600, 100):
+            piece = struct.pack("<100d", *data[at:at + 100])
+            push(c, s, 0, at, piece, channels=1)
+            if at >= 100:
+                while len(events) < at // 100:
+                    reply = c.early.pop(0) if c.early else c.receive()
+                    if reply.verb == "EVENT":
+                        events.append(reply.header)
+        assert [(e["from"], e["to"]) for e in events] == [(k, k + 199) for k in range(0, 500, 100)]
+        for e in events:
+            assert e["event"] == "modes" and e["stream"] == "live" and e["number"] > 0, e
+            assert len(e["modes"]) == 1 and e["stability"]["stable"] is True
+            assert abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6

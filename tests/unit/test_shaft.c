@@ -187,34 +187,59 @@ TEST(every_wrong_key_is_named_by_its_path)
     check_refused(text, "structure.frame");
 }
 
-/* On fixed axes the rotor is periodic; seen from turning ones it is the program written on turning axes. */
+/* TEXT with MORE put before the gyroscopic effect. */
+static void insert(const char *text, const char *more, char *out, size_t room)
+{
+    const char *at = strstr(text, "{\"type\":\"gyroscopic\"}");
+
+    CHECK(at != NULL);
+    snprintf(out, room, "%.*s%s%s", (int)(at - text), text, more, at);
+}
+
+static void check_same_matrices(const struct program *a, const struct program *b)
+{
+    static double got[64 * 64], expected[64 * 64];
+
+    CHECK(a->n == b->n && a->n <= 64);
+    for (int q = 0; q < 3; q++) {
+        double scale = 0;
+
+        memset(got, 0, sizeof got);
+        memset(expected, 0, sizeof expected);
+        add(&a->constant[q], 1, got, a->n, 0, 0);
+        add(&b->constant[q], 1, expected, a->n, 0, 0);
+        for (int i = 0; i < a->n * a->n; i++)
+            scale = fmax(scale, fabs(expected[i]));
+        for (int i = 0; i < a->n * a->n; i++)
+            CHECK_NEAR(got[i], expected[i], 1e-14 * scale);
+    }
+}
+
+/* On fixed axes the rotor is periodic; seen from turning ones it is the program written on turning axes, whatever damps it. */
 TEST(fixed_axes_seen_from_turning_ones_are_the_constant_program)
 {
-    static const char *const models[] = { "A0", "FE6" };
+    static const struct { const char *model, *more; bool damped; } cases[] = {
+        { "A0", "", false },
+        { "A1", "", false },
+        { "FE6", "", true },
+        { "FE6", "{\"type\":\"rotary_inertia\",\"I_rho\":1.01e-5},", true },
+        { "FE6", "{\"type\":\"viscous_damping\",\"per_length\":0.013},{\"type\":\"rayleigh_damping\",\"alpha\":0.7,\"beta\":1e-4},", false },
+    };
 
-    for (int m = 0; m < 2; m++) {
-        char text[4096];
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[4096], whole[4096];
         struct program *fixed, *rotating, *turned = NULL;
-        double got[56 * 56], expected[56 * 56], scale = 0;
 
-        rotor(text, sizeof text, models[m], "fixed", 2e4, m == 1, 24, "");
-        fixed = lower(text);
+        rotor(text, sizeof text, cases[i].model, "fixed", 2e4, cases[i].damped, 24, "");
+        insert(text, cases[i].more, whole, sizeof whole);
+        fixed = lower(whole);
         CHECK(program_class(fixed) == PROGRAM_LINEAR_PERIODIC && fixed->harmonic[0].k == 2);
         CHECK(program_turned(fixed, &turned, NULL) == MODAL_OK && turned != NULL);
         CHECK(program_class(turned) == PROGRAM_LINEAR_CONSTANT);
-        rotor(text, sizeof text, models[m], "rotating", 2e4, m == 1, 24, "");
-        rotating = lower(text);
-        CHECK(turned->n == rotating->n);
-        for (int q = 0; q < 3; q++) {
-            memset(got, 0, sizeof got);
-            memset(expected, 0, sizeof expected);
-            add(&turned->constant[q], 1, got, turned->n, 0, 0);
-            add(&rotating->constant[q], 1, expected, turned->n, 0, 0);
-            for (int i = 0; i < turned->n * turned->n; i++)
-                scale = fmax(scale, fabs(expected[i]));
-            for (int i = 0; i < turned->n * turned->n; i++)
-                CHECK_NEAR(got[i], expected[i], 1e-14 * scale);
-        }
+        rotor(text, sizeof text, cases[i].model, "rotating", 2e4, cases[i].damped, 24, "");
+        insert(text, cases[i].more, whole, sizeof whole);
+        rotating = lower(whole);
+        check_same_matrices(turned, rotating);
         program_turned_free(turned);
         program_free(rotating);
         program_free(fixed);
@@ -228,8 +253,7 @@ TEST(a_support_that_is_not_isotropic_does_not_turn)
     struct program *p, *turned = NULL;
 
     rotor(text, sizeof text, "FE6", "fixed", 2e4, false, 24, "");
-    char *at = strstr(text, "{\"type\":\"gyroscopic\"}");
-    snprintf(changed, sizeof changed, "%.*s{\"type\":\"spring\",\"dof\":\"y0\",\"stiffness\":7},%s", (int)(at - text), text, at);
+    insert(text, "{\"type\":\"spring\",\"dof\":\"y0\",\"stiffness\":7},", changed, sizeof changed);
     p = lower(changed);
     CHECK(program_turned(p, &turned, NULL) == MODAL_OK && turned == NULL);
     program_free(p);
@@ -325,4 +349,42 @@ TEST(a_massless_journal_in_its_clearance_follows_the_reference)
 {
     check_clearance(24, TEST_DATA "/rotor/clearance_traj_C_24.csv");
     check_clearance(45, TEST_DATA "/rotor/clearance_traj_C_45.csv");
+}
+
+/* Each effect that the rotor does not list leaves the same program, numbers and all, when its module is not in the table. */
+TEST(an_effect_not_listed_leaves_no_trace)
+{
+    static const char *const models[] = { "A0", "FE6" };
+    char text[4096];
+    int left_out = 0;
+
+    for (int m = 0; m < 2; m++) {
+        cJSON *scene = NULL;
+
+        rotor(text, sizeof text, models[m], "rotating", 2e4, true, 24, "");
+        CHECK(json_read(text, strlen(text), &scene, NULL) == MODAL_OK);
+        for (int out = 0; scene_effects[out] != NULL; out++) {
+            const struct scene_effect_kind *table[64];
+            struct scene_options options = { .effects = table };
+            struct program *with = NULL, *without = NULL;
+            struct modal_error err = { 0 };
+            int n = 0;
+
+            for (int i = 0; scene_effects[i] != NULL && n < 63; i++)
+                if (i != out)
+                    table[n++] = scene_effects[i];
+            table[n] = NULL;
+            if (scene_lower(scene, &options, &without, &err) != MODAL_OK) {
+                CHECK(strstr(err.field, ".type") != NULL);       /* the rotor lists it */
+                continue;
+            }
+            CHECK(scene_lower(scene, NULL, &with, NULL) == MODAL_OK);
+            CHECK_STRING(without->hash, with->hash);
+            program_free(with);
+            program_free(without);
+            left_out++;
+        }
+        cJSON_Delete(scene);
+    }
+    CHECK(left_out >= 2 * 18);
 }

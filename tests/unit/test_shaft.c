@@ -5,6 +5,7 @@
  */
 #include "check.h"
 #include <complex.h>
+#include <cblas.h>
 #include <lapacke.h>
 #include <stdlib.h>
 #include "modal/json.h"
@@ -12,6 +13,12 @@
 #include "modal/scene/program.h"
 #include "modal/scene/scene.h"
 #include "modal/scene/turning.h"
+
+/* Matrices this small gain nothing from threads, which wait for each other on a busy machine. */
+__attribute__((constructor)) static void one_thread(void)
+{
+    openblas_set_num_threads(1);
+}
 
 enum { STATES_MOST = 128 };
 

@@ -4,10 +4,17 @@
  */
 #include "check.h"
 #include <complex.h>
+#include <cblas.h>
 #include <lapacke.h>
 #include <stdlib.h>
 #include "modal/linalg/eigen.h"
 #include "modal/scene/wing_model.h"
+
+/* Matrices this small gain nothing from threads, which wait for each other on a busy machine. */
+__attribute__((constructor)) static void one_thread(void)
+{
+    openblas_set_num_threads(1);
+}
 
 static const struct wing goland = { 20, 6, 4, 2.4e7, 2.4e6, 0.75, 1.95, 0.6 };
 

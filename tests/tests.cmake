@@ -12,7 +12,7 @@ foreach(source ${unit_tests})
     target_link_libraries(${name} PRIVATE ctl modald_client)
   endif()
   add_test(NAME ${name} COMMAND ${name})
-  set_tests_properties(${name} PROPERTIES TIMEOUT 300)
+  set_tests_properties(${name} PROPERTIES TIMEOUT 300 ENVIRONMENT "OPENBLAS_NUM_THREADS=1")   # threads that wait for each other starve a busy machine
 endforeach()
 
 # Benchmarks: every tests/bench/bench_*.c is one program; tests/bench/run drives them.

@@ -13,6 +13,7 @@
  * frame was written when the bad group had been synced.
  */
 #include "store/ledger_db.h"
+#include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,6 +34,8 @@ struct wal {
     uint32_t page;            /* bytes of a page */
     uint32_t salt[2];
     bool big;                 /* the sums read words big-endian */
+    enum modal_status read;   /* the first read that failed, and why: nothing is concluded from what could not be read */
+    struct modal_error why;
 };
 
 static uint32_t big_word(const unsigned char *p)
@@ -64,14 +67,15 @@ static uint64_t frame_offset(const struct wal *wal, uint64_t frame)
     return HEADER + frame * (uint64_t)(FRAME_HEADER + wal->page);
 }
 
-/* Read frame FRAME, with its page where WHOLE; false past the end. */
+/* Read frame FRAME, with its page where WHOLE; false past the end, and where a read failed. */
 static bool read_frame(struct wal *wal, uint64_t frame, bool whole)
 {
-    size_t length = FRAME_HEADER + (whole ? wal->page : 0), got;
+    size_t length = FRAME_HEADER + (whole ? wal->page : 0), got = 0;
 
-    if (frame_offset(wal, frame) + FRAME_HEADER + wal->page > wal->size)
+    if (wal->read != MODAL_OK || frame_offset(wal, frame) + FRAME_HEADER + wal->page > wal->size)
         return false;
-    return file_read(wal->fd, wal->frame, length, frame_offset(wal, frame), &got, NULL) == MODAL_OK && got == length;
+    wal->read = file_read(wal->fd, wal->frame, length, frame_offset(wal, frame), &got, &wal->why);
+    return wal->read == MODAL_OK && got == length;
 }
 
 static bool ours(const struct wal *wal)
@@ -192,10 +196,14 @@ static enum modal_status look(struct wal *wal, const char *path, uint64_t *end, 
     size_t got = 0;
     enum modal_status rc;
 
-    wal->size = fstat(wal->fd, &known) == 0 ? (uint64_t)known.st_size : 0;
     *end = 0;
+    if (fstat(wal->fd, &known) < 0)
+        return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
+    wal->size = (uint64_t)known.st_size;
     rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
-    return rc == MODAL_OK && got == HEADER ? check(wal, path, end, err) : rc;
+    if (rc == MODAL_OK && got == HEADER)
+        rc = check(wal, path, end, err);
+    return wal->read == MODAL_OK ? rc : modal_fail(err, wal->read, "%s", wal->why.message);
 }
 
 /* What is left of a torn group, or of a life before, would be taken for later groups once others are written before it. */

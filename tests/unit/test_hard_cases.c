@@ -347,6 +347,28 @@ TEST(a_period_of_sixteen_and_a_half_samples_is_never_rounded)
     identify_result_done(&r);
 }
 
+TEST(real_multipliers_of_a_period_of_a_fraction_of_samples_are_real)
+{
+    enum { N = 199 };
+    double h[N], off;
+    struct batch batch = { .samples = N, .channels = 1, .signals = h, .dt = 1 / 16.5, .period = 1 };
+    struct identify_result r;
+    const struct identify_mode *m;
+
+    for (int k = 0; k < N; k++) {
+        double t = k / 16.5;
+        h[k] = pow(1.1, t) * cos(M_PI * t) + 0.7 * pow(0.9, t) * (1 + 0.4 * cos(2 * M_PI * t));
+    }
+    add_noise(h, N, 9, 1e-5);
+    CHECK(modal_identify(&batch, &defaults, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == 2);
+    m = nearest(&r, -1.1, &off);
+    CHECK(off < 5 * m->std_multiplier + 1e-12 && cimag(m->exponent) == M_PI && cimag(m->multiplier) == 0);
+    m = nearest(&r, 0.9, &off);
+    CHECK(off < 5 * m->std_multiplier + 1e-12 && cimag(m->exponent) == 0 && cimag(m->multiplier) == 0);
+    identify_result_done(&r);
+}
+
 /* ---- HC11 ---- */
 
 TEST(a_rank_that_cuts_a_pair_is_named)

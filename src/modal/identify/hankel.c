@@ -18,11 +18,10 @@ enum modal_status hankel_check(const struct hankel *h, struct modal_error *err)
 }
 
 /* limits/identification.md: rows between a third and a half of the samples are best before refinement and indifferent after it. */
-void hankel_default_sizes(int samples, int signals, int shift, int *rows, int *columns)
+void hankel_default_sizes(int samples, int shift, int *rows, int *columns)
 {
     long left = samples - (long)*columns * shift;       /* < 1: too many columns, which the check will say */
 
-    (void)signals;
     if (*rows <= 0 && *columns > 0 && left > 0)
         *rows = (int)left;
     else if (*rows <= 0)

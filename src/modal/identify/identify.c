@@ -211,7 +211,7 @@ static bool every_column(const struct work *w)
 {
     int rows = w->opt.rows, columns = 0;
 
-    hankel_default_sizes(w->X->m, w->X->n, w->shift, &rows, &columns);
+    hankel_default_sizes(w->X->m, w->shift, &rows, &columns);
     return w->opt.columns == 0 || w->opt.columns == columns;
 }
 
@@ -228,7 +228,7 @@ static enum modal_status project(struct work *w, struct identify_result *out, st
     int side, wanted = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed + 4 : TRIPLETS;
     enum modal_status rc;
 
-    hankel_default_sizes(w->X->m, w->X->n, w->shift, &h.rows, &h.columns);
+    hankel_default_sizes(w->X->m, w->shift, &h.rows, &h.columns);
     rc = hankel_check(&h, err);
     if (rc != MODAL_OK)
         return rc;

@@ -13,8 +13,9 @@
  *
  * Offset: an isolated real exponent that is zero within its error and, for a periodic system, whose coefficient is the same at all phases.
  *
- * MPC of [PEL93]: with the centred... the uncentred second moments of Re and Im of the shape,
- *     ((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2.
+ * Modal phase collinearity [PEL93], from the second moments of Re and Im of the shape about zero:
+ *
+ *     ((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2.                                                          (2)
  *
  * [PEL93] Pappa, Elliott and Schenk, J. Guidance Control Dyn. 16 (1993) 832-838.
  */
@@ -250,17 +251,21 @@ static void group_poles(struct work *w)
 
 /* ---- one mode ---- */
 
-/* Principal value, Im in [0, Omega/2], and the shift of k that takes there: lambda = principal + i k Omega, or its conjugate. */
-static double complex principal(double complex lambda, double Omega, int *k, bool *flipped)
+/* Principal value, Im in [0, Omega/2], and the shift of k that takes there: lambda = principal + i k Omega, or its conjugate.  A pair beside the
+ * real axis would show two lines; one line at 0 or Omega/2, within its error, is a real multiplier. */
+static double complex principal(double complex lambda, double Omega, double error, int *k, bool *flipped)
 {
     double im = cimag(lambda), turns = ceil(im / Omega - 0.5);
 
     im -= turns * Omega;
     *k = (int)turns;
     *flipped = im < 0;
-    if (fabs(fabs(im) - Omega / 2) < 1e-12 * Omega)
-        im = copysign(Omega / 2, im);
-    return CMPLX(creal(lambda), fabs(im));
+    im = fabs(im);
+    if (im < error)
+        im = 0;
+    if (Omega / 2 - im < error)
+        im = Omega / 2;
+    return CMPLX(creal(lambda), im);
 }
 
 /* (1): the mean of a mode's poles, brought to the head's branch; std of the mean. */
@@ -349,6 +354,7 @@ static double complex component(const struct work *w, int j, int c, const struct
     return sum;
 }
 
+/* (2) */
 double modes_mpc(const double complex *shape, int count)
 {
     double xx = 0, yy = 0, xy = 0;
@@ -426,7 +432,7 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     m->residual = p->angle[head];
     m->amplitude = sqrt(energy_of(w, which) / ((double)w->Y->m * p->shift * w->live));
     if (comb)
-        m->exponent = principal(lambda, Omega, &turns, &flipped);
+        m->exponent = principal(lambda, Omega, fmax(1e-9 * Omega, m->std_im > 0 ? 3 * m->std_im : 0), &turns, &flipped);
     if (comb)
         rc = comb_harmonics(w, which, turns, flipped, m, err);
     else if (rec->period > 0)

@@ -6,8 +6,8 @@
 #include "modal/linalg/matrix.h"
 
 /*
- * Y is L x S: column s is one channel (or, after pod_reduce, one proper orthogonal signal) at equal steps, contiguous.
- * Channel c of the batch is scale[c] * exp2(0) * column c where no POD was made; zero channels have scale 0 and a zero column.
+ * Y is L x S: column s is one channel at equal steps, contiguous.
+ * What was cut from channel c of the batch is scale[c] times column c; a zero channel has scale 0 and a zero column.
  */
 struct record {
     struct matrix Y;            /* owned */

@@ -3,7 +3,8 @@
 #define JOB_SCENE_JOBS_H
 #include "job/job.h"
 
-/* Options: tolerance (of a step, relative).  The signals come in job_result.batch. */
+/* Options: integrator (auto, rk4), tolerance (auto: of a step, relative), substeps (rk4: of dt), without (numbers of effects left
+ * out).  The signals come in job_result.batch. */
 enum modal_status simulate_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
 
 /* Options: tolerance (of the monodromy matrix), hill (bool, default true where periodic), hill.harmonics. */

@@ -8,17 +8,46 @@
 #include "modal/scene/scene.h"
 #include "modal/scene/simulate.h"
 
-static enum modal_status read_options(const cJSON *json, struct simulate_options *o, struct modal_error *err)
+/* Options, with the effects to leave out in WITHOUT. */
+static enum modal_status read_options(const cJSON *json, struct simulate_options *o, struct scene_options *without, struct modal_error *err)
 {
-    static const char *const keys[] = { "tolerance", "threads", NULL };
-    int threads = 1;
+    static const char *const keys[] = { "tolerance", "integrator", "substeps", "without", "threads", NULL };
+    static const char *const integrators[] = { "auto", "rk4", NULL };
+    double *out = NULL;
+    size_t count = 0;
+    int threads = 1, integrator = 0;
     enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
 
     if (rc == MODAL_OK)
         rc = json_get_number(json, "", "tolerance", 1e-14, 1, &o->tolerance, err);
     if (rc == MODAL_OK)
         rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
+    o->substeps = 1;
+    if (rc == MODAL_OK)
+        rc = json_get_choice(json, "", "integrator", integrators, &integrator, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "substeps", 1, 1000000, &o->substeps, err);
+    if (rc == MODAL_OK)
+        rc = json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &out, &count, err);
+    for (size_t i = 0; i < count; i++)
+        without->without[(int)out[i]] = true;
+    free(out);
+    o->rk4 = integrator == 1;
     return rc;
+}
+
+static cJSON *print_options(const struct simulate_options *o, const struct scene_options *scene)
+{
+    cJSON *json = cJSON_CreateObject(), *without = cJSON_CreateArray();
+
+    cJSON_AddStringToObject(json, "integrator", o->rk4 ? "rk4" : "auto");
+    json_set_number(json, "tolerance", o->tolerance);
+    cJSON_AddNumberToObject(json, "substeps", o->substeps);
+    for (int i = 0; i < SCENE_EFFECTS_MOST; i++)
+        if (scene->without[i])
+            cJSON_AddItemToArray(without, cJSON_CreateNumber(i));
+    cJSON_AddItemToObject(json, "without", without);
+    return json;
 }
 
 static void report(void *context, double fraction)
@@ -110,15 +139,15 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     struct scene_time t;
     struct program *p = NULL;
     struct cost cost;
-    enum modal_status rc = read_options(request->options, &o, err);
-    cJSON *options;
+    struct scene_options scene = { 0 };
+    enum modal_status rc = read_options(request->options, &o, &scene, err);
 
     cost_start(&cost);
     o.progress = request->progress != NULL ? report : NULL;
     o.cancelled = request->cancelled != NULL ? asked_to_stop : NULL;
     o.context = (void *)request;
     if (rc == MODAL_OK)
-        rc = scene_lower(request->scene, NULL, &p, err);
+        rc = scene_lower(request->scene, &scene, &p, err);
     if (rc == MODAL_OK)
         rc = scene_time(request->scene, p, &t, err);
     cost_stage(&cost, "lower");
@@ -128,11 +157,9 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
         rc = simulate(p, &t, &o, out->signals, &s, err);
     cost_stage(&cost, "step");
     if (rc == MODAL_OK) {
-        options = cJSON_CreateObject();
-        json_set_number(options, "tolerance", o.tolerance);
         out->result = print_result(p, &t, &s, &out->batch);
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, options));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&o, &scene)));
     }
     program_free(p);
     return rc;

@@ -1,6 +1,7 @@
 /* tradeoff.c - see tradeoff.h */
 #include "job/tradeoff.h"
 #include "job/tradeoff_identify.h"
+#include "job/tradeoff_simulate.h"
 #include "job/tradeoff_steady.h"
 #include <stdio.h>
 #include <string.h>
@@ -14,6 +15,7 @@ static const struct tradeoff {
 } tradeoffs[] = {
     { "identify", false, tradeoff_identify },
     { "steady", true, tradeoff_steady },
+    { "simulate", true, tradeoff_simulate },
     { NULL, false, NULL },
 };
 

@@ -163,3 +163,26 @@ TEST(a_sweep_reports_chunks_and_stops_when_cancelled)
     CHECK(job_run(&request, &r, NULL) == MODAL_CANCELLED && events == 2);
     cJSON_Delete(scene);
 }
+
+/* Explicit steps of order 4: four times the substeps, 256 times less error; and the rungs' settings can be pasted back. */
+TEST(the_trade_off_of_a_simulation_shows_the_order_of_its_peer)
+{
+#define MOTION "{'structure':{'type':'chain','masses':[1.3],'springs':[2,0],'dampers':[0.1,0]},'initial':{'x':{'x1':1.1}},'time':{'dt':0.4,'duration':20}," \
+    "'effects':[{'type':'cubic_spring','dof':'x1','coefficient':1.7},{'type':'damper','dof':'x1','coefficient':0.2}]}"
+    cJSON *r = job("tradeoff", MOTION, "{'of':'simulate'}", MODAL_OK, NULL), *rungs = cJSON_GetObjectItem(r, "rungs");
+    const cJSON *rung;
+    double coarse = NAN, fine = NAN, own = NAN, without = NAN;
+
+    cJSON_ArrayForEach(rung, rungs) {
+        const cJSON *s = cJSON_GetObjectItem(rung, "settings");
+        double n = number(s, "substeps", NULL), error = number(rung, "error", NULL);
+        coarse = n == 16 ? error : coarse;
+        fine = n == 64 ? error : fine;
+        if (number(s, "tolerance", NULL) == 1e-10)
+            *(cJSON_GetObjectItem(s, "without") ? &without : &own) = error;
+    }
+    CHECK(log2(coarse / fine) > 7.5 && log2(coarse / fine) < 8.5);
+    CHECK(own < 1e-9 && without > 0.1);
+    job_result_done(&(struct job_result) { .result = job("simulate", MOTION, "{'integrator':'rk4','substeps':16}", MODAL_OK, NULL) });
+    cJSON_Delete(r);
+}

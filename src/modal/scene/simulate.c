@@ -38,13 +38,13 @@ static enum modal_status (*const steppers[])(const struct statespace *, const st
 static enum modal_status start(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
                                struct motion *m, struct modal_error *err)
 {
-    struct stepper_options how = { .dt = time->dt, .tolerance = opt->tolerance, .cancelled = opt->cancelled, .context = opt->context };
+    struct stepper_options how = { .dt = time->dt, .tolerance = opt->tolerance, .substeps = opt->substeps, .cancelled = opt->cancelled, .context = opt->context };
     enum modal_status rc = statespace_new(p, &m->ss, err);
 
     if (rc == MODAL_OK)
         rc = sources_new(p, &m->src, err);
     if (rc == MODAL_OK)
-        rc = steppers[program_class(p)](m->ss, m->src, &how, &m->stepper, err);
+        rc = (opt->rk4 ? rk4_stepper_new : steppers[program_class(p)])(m->ss, m->src, &how, &m->stepper, err);
     if (rc == MODAL_OK)
         rc = readout_new(m->ss, &m->readout, err);
     if (rc != MODAL_OK)

@@ -9,6 +9,8 @@ enum { SIMULATE_VALUES_MOST = 200000000 };    /* samples x channels: 1.6 GB */
 
 struct simulate_options {
     double tolerance;                          /* see stepper.h; 0: the default of the class */
+    bool rk4;                                  /* classical Runge-Kutta steps dt / substeps in place of the class's own */
+    int substeps;
     bool (*cancelled)(void *context);          /* asked every few thousand samples; may be NULL */
     void (*progress)(void *context, double fraction);    /* may be NULL */
     void *context;

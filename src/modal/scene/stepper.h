@@ -8,6 +8,7 @@
 struct stepper_options {
     double dt;                   /* the step that will be asked for most */
     double tolerance;            /* relative error of a step where it is not exact; 0: 1e-12 linear, 1e-10 nonlinear */
+    int substeps;                /* of dt, by rk4; 0: 1 */
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;
 };
@@ -36,6 +37,10 @@ enum modal_status periodic_stepper_new(const struct statespace *ss, const struct
 /* Exponential collocation, laws iterated at their own dofs. */
 enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
                                         struct stepper **out, struct modal_error *err);
+
+/* Classical Runge-Kutta steps dt / substeps of any program: the peer of trade-offs. */
+enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                  struct stepper **out, struct modal_error *err);
 
 /* B P: what each row of w does to y', N x nw by columns; the caller frees.  NULL: no memory. */
 double *stepper_source_matrix(const struct statespace *ss, const struct sources *src);

@@ -1,0 +1,161 @@
+/* tradeoff_simulate.c - see tradeoff_simulate.h */
+#include "job/tradeoff_simulate.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "job/cost.h"
+#include "job/tradeoff.h"
+
+enum { RUNGS_MOST = 64, EFFECTS_SHOWN = 24, SUBSTEPS_LAST = 1024 };
+
+struct work {
+    const struct job_request *request;
+    struct job_result reference;
+    cJSON *settings[RUNGS_MOST];
+    int count;
+};
+
+static void add_rung(struct work *w, const char *integrator, double tolerance, int substeps, int without)
+{
+    cJSON *s = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(s, "integrator", integrator);
+    if (tolerance > 0)
+        json_set_number(s, "tolerance", tolerance);
+    if (substeps > 0)
+        cJSON_AddNumberToObject(s, "substeps", substeps);
+    if (without >= 0)
+        cJSON_AddItemToObject(s, "without", json_numbers((double[]) { without }, 1));
+    w->settings[w->count++] = s;
+}
+
+/* Exact steppers of linear scenes know no tolerance: one rung. */
+static void make_rungs(struct work *w, bool linear_constant)
+{
+    static const double tolerance[] = { 1e-4, 1e-6, 1e-8, 1e-10, 1e-12 };
+    const cJSON *effects = cJSON_GetObjectItemCaseSensitive(w->request->scene, "effects");
+    int listed = cJSON_GetArraySize(effects);
+
+    for (int i = linear_constant ? 4 : 0; i < 5; i++)
+        add_rung(w, "auto", tolerance[i], 0, -1);
+    for (int i = 0; i < listed && i < EFFECTS_SHOWN; i++)
+        add_rung(w, "auto", linear_constant ? 1e-12 : 1e-10, 0, i);
+    for (int n = 1; n <= SUBSTEPS_LAST; n *= 4)
+        add_rung(w, "rk4", 0, n, -1);
+}
+
+static enum modal_status run(const struct work *w, const cJSON *options, struct job_result *out, struct modal_error *err)
+{
+    struct job_request inner = { .kind = "simulate", .options = options, .scene = w->request->scene, .cancelled = w->request->cancelled,
+                                 .context = w->request->context };
+
+    return job_run(&inner, out, err);
+}
+
+/* max |x - ref| / max |ref| of the worst channel; a channel whose reference is 0 throughout counts against the largest one. */
+static double error_of(const struct batch *x, const struct batch *reference)
+{
+    double worst = 0, scale = 0;
+    size_t values = reference->samples * reference->channels;
+
+    for (size_t i = 0; i < values; i++)
+        scale = fmax(scale, fabs(reference->signals[i]));
+    for (size_t c = 0; c < reference->channels; c++) {
+        double most = 0, off = 0;
+        for (size_t k = c; k < values; k += reference->channels) {
+            most = fmax(most, fabs(reference->signals[k]));
+            off = fmax(off, fabs(x->signals[k] - reference->signals[k]));
+        }
+        worst = fmax(worst, off / (most > 0 ? most : scale > 0 ? scale : 1));
+    }
+    return worst;
+}
+
+/* A rung that overflows (too long an explicit step) or has no scene without its effect has no answer; the climb goes on. */
+static enum modal_status climb(void *context, int i, double *error, struct modal_error *err)
+{
+    struct work *w = context;
+    struct job_result r;
+    enum modal_status rc = run(w, w->settings[i], &r, err);
+
+    if (rc == MODAL_OVERFLOW || rc == MODAL_BAD_INPUT)
+        return MODAL_NO_CONVERGENCE;
+    if (rc != MODAL_OK)
+        return rc;
+    *error = error_of(&r.batch, &w->reference.batch);
+    job_result_done(&r);
+    return MODAL_OK;
+}
+
+static bool cancelled(void *context)
+{
+    const struct work *w = context;
+
+    return w->request->cancelled != NULL && w->request->cancelled(w->request->context);
+}
+
+static enum modal_status read_options(const cJSON *json, struct ladder *ladder, struct modal_error *err)
+{
+    static const char *const keys[] = { "of", "repetitions", "target.error", "target.seconds", "threads", NULL };
+    int threads = 1;
+    enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
+
+    ladder->repetitions = 1;
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &ladder->repetitions, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "", "target.error", 0, 1e300, &ladder->target_error, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "", "target.seconds", 0, 1e300, &ladder->target_seconds, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
+    return rc;
+}
+
+static enum modal_status run_reference(struct work *w, cJSON **settings, struct modal_error *err)
+{
+    *settings = cJSON_CreateObject();
+    cJSON_AddStringToObject(*settings, "integrator", "auto");
+    json_set_number(*settings, "tolerance", 1e-13);
+    return run(w, *settings, &w->reference, err);
+}
+
+enum modal_status tradeoff_simulate(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
+    struct work w = { .request = request };
+    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = cancelled, .context = &w };
+    struct ladder_rung rungs[RUNGS_MOST];
+    struct ladder_outcome outcome;
+    struct cost cost;
+    cJSON *reference = NULL, *plan;
+    const cJSON *class;
+    enum modal_status rc = read_options(request->options, &ladder, err);
+
+    cost_start(&cost);
+    if (rc == MODAL_OK)
+        rc = run_reference(&w, &reference, err);
+    cost_stage(&cost, "reference");
+    if (rc == MODAL_OK) {
+        plan = cJSON_GetObjectItemCaseSensitive(w.reference.result, "plan");
+        class = cJSON_GetObjectItemCaseSensitive(plan, "class");
+        make_rungs(&w, cJSON_IsString(class) && strcmp(class->valuestring, "linear-constant") == 0);
+        ladder.rungs = w.count;
+        rc = ladder_run(&ladder, rungs, &outcome, err);
+        cost_stage(&cost, "rungs");
+    }
+    if (rc == MODAL_OK) {
+        rc = tradeoff_print("simulate", reference, w.settings, rungs, w.count, outcome.recommended, &out->result, err);
+        reference = NULL;
+    }
+    if (rc == MODAL_OK) {
+        cJSON_AddItemToObject(out->result, "plan", cJSON_DetachItemFromObjectCaseSensitive(w.reference.result, "plan"));
+        cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, cJSON_Duplicate(request->options, 1)));
+    }
+    for (int i = 0; i < w.count; i++)
+        cJSON_Delete(w.settings[i]);
+    cJSON_Delete(reference);
+    job_result_done(&w.reference);
+    return rc;
+}

@@ -1,0 +1,159 @@
+/*
+ * rk4_stepper.c - the classical Runge-Kutta steps of every class of program: what accuracy costs without knowing the scene
+ *
+ *     k1 = F(t, y), k2 = F(t + h/2, y + h k1/2), k3 = F(t + h/2, y + h k2/2), k4 = F(t + h, y + h k3),
+ *     y + h (k1 + 2 k2 + 2 k3 + k4) / 6,   error O(h^4),                                                (1)
+ *
+ * F = A(t) y + B P w(t) + U f: every effect is evaluated four times a step, none is exact, and steps longer than 2.8 over the
+ * highest frequency grow without bound.  It is the peer that the trade-off is measured against; laws with memory are
+ * asked from the step's start, rigid sliders take the sign of their rate.
+ */
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/ports.h"
+#include "modal/scene/stepper.h"
+
+struct rk4_stepper {
+    struct stepper face;
+    const struct statespace *ss;
+    const struct sources *src;
+    struct ports *ports;
+    double step, *BP, *w, *k, *y, *probe, *before, *memory, *after, *force;
+};
+
+/* U f of the laws at (t, y) added to OUT; AFTER (or NULL) gets their memory. */
+static enum modal_status add_laws(struct rk4_stepper *s, double t, const double *y, double *after, double *out, struct modal_error *err)
+{
+    struct ports *p = s->ports;
+    int r = 2 * p->probes, N = s->ss->N;
+    enum modal_status rc;
+
+    if (p->channels == 0)
+        return MODAL_OK;
+    cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, p->R, r, y, 1, 0, s->probe, 1);
+    for (int l = 0; l < p->laws; l++)
+        if (p->law[l].law->kind->set_valued)
+            p->law[l].held = (s->probe[p->probes + p->law[l].channel] > 0) - (s->probe[p->probes + p->law[l].channel] < 0);
+    rc = ports_force(p, t, s->probe, s->before, s->memory, s->force, NULL, after, err);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, N, p->channels, 1, p->U, N, s->force, 1, 1, out, 1);
+    return rc;
+}
+
+/* F of (1). */
+static enum modal_status derivative(struct rk4_stepper *s, double t, const double *y, double *out, struct modal_error *err)
+{
+    int N = s->ss->N, nw = s->src->nw;
+
+    cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, s->ss->A, N, y, 1, 0, out, 1);
+    sources_at(s->src, t, s->w);
+    if (nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 1, out, 1);
+    return add_laws(s, t, y, NULL, out, err);
+}
+
+static enum modal_status one_step(struct rk4_stepper *s, double t, double h, double *y, struct modal_error *err)
+{
+    static const double reach[4] = { 0, 0.5, 0.5, 1 }, weight[4] = { 1, 2, 2, 1 };
+    int N = s->ss->N, r = 2 * s->ports->probes;
+    double *k = s->k, *sum = s->k + N;
+    enum modal_status rc = MODAL_OK;
+
+    if (r > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, s->ports->R, r, y, 1, 0, s->before, 1);
+    memset(sum, 0, (size_t)N * sizeof *sum);
+    for (int i = 0; i < 4 && rc == MODAL_OK; i++) {
+        double end = t + reach[i] * h;
+        memcpy(s->y, y, (size_t)N * sizeof *y);
+        if (i > 0)
+            cblas_daxpy(N, reach[i] * h, k, 1, s->y, 1);
+        rc = derivative(s, i == 3 ? nextafter(end, t) : end, s->y, k, err);      /* a corner at the end is the next step's */
+        cblas_daxpy(N, weight[i], k, 1, sum, 1);
+    }
+    cblas_daxpy(N, h / 6, sum, 1, y, 1);
+    if (rc == MODAL_OK && s->ports->memory > 0) {
+        memset(k, 0, (size_t)N * sizeof *k);
+        rc = add_laws(s, t + h, y, s->after, k, err);
+        memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
+    }
+    return rc;
+}
+
+static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+{
+    struct rk4_stepper *s = (struct rk4_stepper *)face;
+    int steps = (int)fmin(1e9, fmax(1, ceil(h / s->step - 1e-9)));
+    enum modal_status rc = MODAL_OK;
+
+    for (int k = 0; k < steps && rc == MODAL_OK; k++) {
+        rc = one_step(s, t + k * (h / steps), h / steps, y, err);
+        face->steps++;
+        if (!(fabs(y[cblas_idamax(s->ss->N, y, 1)]) < 1e300))
+            return modal_fail(err, MODAL_OVERFLOW, "overflow");
+    }
+    return rc;
+}
+
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+{
+    struct rk4_stepper *s = (struct rk4_stepper *)face;
+    int N = s->ss->N, nw = s->src->nw, r = 2 * s->ports->probes;
+
+    memset(F, 0, (size_t)N * sizeof *F);
+    sources_at(s->src, t, s->w);
+    if (nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 0, F, 1);
+    if (r > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, s->ports->R, r, y, 1, 0, s->before, 1);
+    return add_laws(s, t, y, NULL, F, err);
+}
+
+static void report(struct stepper *face, struct program *p)
+{
+    struct rk4_stepper *s = (struct rk4_stepper *)face;
+
+    for (int i = 0; i < s->ports->laws; i++) {
+        p->effect[p->law[i].effect].evaluations += s->ports->law[i].evaluations;
+        p->effect[p->law[i].effect].active |= s->ports->law[i].acted;
+    }
+}
+
+static void rk4_free(struct stepper *face)
+{
+    struct rk4_stepper *s = (struct rk4_stepper *)face;
+    double *all[] = { s->BP, s->w, s->k, s->y, s->probe, s->before, s->memory, s->after, s->force };
+
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        free(all[i]);
+    ports_free(s->ports);
+    free(s);
+}
+
+enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
+                                  struct stepper **out, struct modal_error *err)
+{
+    struct rk4_stepper *s = calloc(1, sizeof *s);
+    enum modal_status rc = s != NULL ? ports_new(ss, &s->ports, err) : modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+
+    if (rc == MODAL_OK) {
+        size_t N = (size_t)ss->N, r = 2 * (size_t)s->ports->probes, m = (size_t)s->ports->memory;
+        struct { double **x; size_t count; } all[] = { { &s->w, (size_t)src->nw }, { &s->k, 2 * N }, { &s->y, N }, { &s->probe, r }, { &s->before, r },
+                                                       { &s->memory, m }, { &s->after, m }, { &s->force, (size_t)s->ports->channels } };
+        s->face = (struct stepper) { .name = "rk4", .advance = advance, .force = force, .report = report, .free = rk4_free };
+        s->ss = ss;
+        s->src = src;
+        s->step = opt->dt / (opt->substeps > 0 ? opt->substeps : 1);
+        s->BP = stepper_source_matrix(ss, src);
+        for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+            if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
+                rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+        if (s->BP == NULL)
+            rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    }
+    if (rc == MODAL_OK)
+        *out = &s->face;
+    else if (s != NULL)
+        rk4_free(&s->face);
+    return rc;
+}

@@ -15,7 +15,7 @@
 #include <unistd.h>
 #include "../../clients/c/modald_stream.h"
 
-enum { CHANNELS = 8, N = 200000, MARKED = 20000 };
+enum { CHANNELS = 8, N = 100000, MARKED = 20000 };
 
 static double ns(void)
 {
@@ -73,14 +73,17 @@ int main(int argc, char **argv)
     modald_stream *s;
 
     setenv("MODALD_URL", "ipc:///nonexistent/modald", 0);
-    setenv("MODALD_RING", "67108864", 0);
     setenv("MODALD_SPILL_MAX", "0", 0);
     setenv("MODALD_CLOSE_WAIT", "0.1", 0);
     s = modald_open("bench", CHANNELS, 1e-3);
     if (s == NULL || base == NULL || push == NULL || noop == NULL)
         return 1;
-    if (argc > 1 && strcmp(argv[1], "--marked") == 0)
+    if (argc > 1 && strcmp(argv[1], "--marked") == 0) {
+        free(base);
+        free(push);
+        free(noop);
         return push_marked(s);
+    }
     measure(s, 0, base);
     measure(s, 1, push);
     measure(NULL, 1, noop);

@@ -425,6 +425,26 @@ static cJSON *print_clusters(const struct identify_result *r)
     return list;
 }
 
+/* The strongest vibration, part by part, where it is not the same throughout. */
+static cJSON *print_trend(const struct identify_result *r)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int i = 0; i < r->trend_count; i++) {
+        const struct identify_window *w = &r->trend[i];
+        cJSON *o = cJSON_CreateObject(), *std = cJSON_CreateObject();
+        json_set_number(o, "t", w->t);
+        json_set_number(o, "frequency_hz", w->frequency_hz);
+        json_set_number(o, "damping_ratio", w->damping_ratio);
+        json_set_number(o, "amplitude", w->amplitude);
+        json_set_number(std, "frequency_hz", w->std_frequency_hz);
+        json_set_number(std, "damping_ratio", w->std_damping_ratio);
+        cJSON_AddItemToObject(o, "std", std);
+        cJSON_AddItemToArray(list, o);
+    }
+    return list;
+}
+
 static cJSON *print_diagnostics(const struct identify_result *r)
 {
     cJSON *list = cJSON_CreateArray();
@@ -511,6 +531,7 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
     cJSON_AddItemToObject(o, "order", print_order(r));
     cJSON_AddItemToObject(o, "stabilisation", print_stabilisation(r));
     cJSON_AddItemToObject(o, "clusters", print_clusters(r));
+    cJSON_AddItemToObject(o, "trend", print_trend(r));
     cJSON_AddItemToObject(o, "diagnostics", print_diagnostics(r));
     cJSON_AddItemToObject(o, "cost", print_cost(r, start));
     cJSON_AddItemToObject(o, "provenance", print_provenance(q, r, threads));

@@ -4,6 +4,7 @@
 #include "check.h"
 #include "signals.h"
 
+enum { TREND_PARTS = 8 };
 static double x[40000];
 
 static struct batch batch_of(int samples, int channels, double dt)
@@ -100,6 +101,21 @@ TEST(frequency_and_damping_that_follow_the_amplitude_are_called_so)
     }
     CHECK(finds(&b, "amplitude_dependent"));
     CHECK(!finds(&b, "not_free_decay"));
+    struct identify_options opt = { 0 };
+    struct identify_result res;
+    CHECK(modal_identify(&b, &opt, &res, NULL) == MODAL_OK);
+    CHECK(res.trend_count >= 3);
+    for (int i = 0; i < res.trend_count; i++) {
+        /* a' = -(z0 + z1 a) w a has a = z0 / ((z0 + z1) e^{z0 w t} - z1); the instantaneous frequency and damping are those of a at the middle,
+         * the window's estimate those of its stronger, earlier part: between the amplitudes at its two ends */
+        double span = 60.0 / TREND_PARTS, t = res.trend[i].t, f[2];
+        for (int e = 0; e < 2; e++) {
+            double at = 0.002 / (0.008 * exp(0.002 * w * (t + (e - 0.5) * span)) - 0.006);
+            f[e] = 3.8 * (1 - 0.03 * at);
+        }
+        CHECK(res.trend[i].frequency_hz > f[0] - 1e-3 && res.trend[i].frequency_hz < f[1] + 1e-3);
+    }
+    identify_result_done(&res);
 }
 
 /* Struck every 4 s; the stiffness steps up and down between. */

@@ -98,7 +98,7 @@ void identify_result_done(struct identify_result *r)
     for (int i = 0; i < r->cluster_count; i++)
         free(r->clusters[i].members);
     free(r->modes), free(r->offset), free(r->singular), free(r->channel), free(r->rms_error), free(r->relative_error);
-    free(r->candidates), free(r->poles), free(r->clusters);
+    free(r->candidates), free(r->poles), free(r->clusters), free(r->trend);
     memset(r, 0, sizeof *r);
 }
 

@@ -107,6 +107,8 @@ struct identify_cluster {
     bool near_defective;
 };
 struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -1: none */ };
+/* The strongest vibration of one part of the record. */
+struct identify_window { double t, frequency_hz, damping_ratio, std_frequency_hz, std_damping_ratio, amplitude; /* t: its middle, s */ };
 struct identify_stage { const char *name; double seconds; };
 
 struct identify_result {
@@ -130,6 +132,7 @@ struct identify_result {
     struct identify_candidate *candidates; int candidate_count;
     struct identify_pole *poles; int pole_count;      /* stabilisation: every candidate's */
     struct identify_cluster *clusters; int cluster_count;
+    struct identify_window *trend; int trend_count;   /* where amplitude_dependent or changes_in_record is among the diagnostics */
     struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;
 
     struct identify_stage stages[IDENTIFY_STAGES]; int stage_count;

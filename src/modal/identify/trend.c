@@ -120,7 +120,7 @@ static double energy_of(const struct synthesis *f, int j, double complex lambda,
 }
 
 /* The strongest oscillation of a window's fit. */
-static enum modal_status strongest(const struct matrix *Y, double tau, const struct refined *fit, struct window *w, struct modal_error *err)
+static enum modal_status strongest(const struct matrix *Y, double tau, const struct refined *fit, struct window *w, int *which, struct modal_error *err)
 {
     struct synthesis f = { 0 };
     enum modal_status rc = synthesis_fit(fit->lambda, fit->poles, tau, Y, NULL, &f, err);
@@ -137,12 +137,38 @@ static enum modal_status strongest(const struct matrix *Y, double tau, const str
         double energy = energy_of(&f, j, z, tau), turns = cimag(z) * tau * Y->m / (2 * M_PI);
         if (pole_kind(z, tau) != POLE_PAIR || turns < 2 || fabs(creal(z)) > 0.5 * cimag(z) || energy <= most)
             continue;
-        most = energy;
+        most = energy, *which = j;
         w->found = true, w->amplitude = sqrt(energy);
         w->frequency = cabs(z) / (2 * M_PI), w->damping = damping_ratio_of(z);
         refined_std(fit, j, tau, &w->std_frequency, &w->std_damping, NULL);
     }
     synthesis_done(&f);
+    return rc;
+}
+
+/* The strongest oscillation of a window, as one: poles crowded about it are left out and the rest refined, so that a mode which changes within the
+ * window is averaged, not split. */
+static enum modal_status strongest_alone(const struct refine_data *data, const struct refined *fit, struct window *w, struct modal_error *err)
+{
+    double complex *lambda = malloc(sizeof *lambda * (size_t)fit->poles);
+    struct refined alone = { 0 };
+    int which = -1, n = 0;
+    enum modal_status rc = strongest(data->Y, data->tau, fit, w, &which, err);
+
+    if (lambda == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d poles", fit->poles);
+    for (int j = 0; j < fit->poles && rc == MODAL_OK && which >= 0; j++) {
+        double im = cimag(fit->lambda[which]);
+        if (j == which || fabs(cimag(fit->lambda[j]) - im) > CLOSE * im)
+            lambda[n++] = fit->lambda[j];
+    }
+    if (rc == MODAL_OK && n > 0 && n < fit->poles) {
+        rc = refine_poles(data, lambda, n, NULL, NULL, &alone, err);
+        if (rc == MODAL_OK && alone.end != REFINE_DEGENERATE)
+            rc = strongest(data->Y, data->tau, &alone, w, &which, err);
+    }
+    refined_done(&alone);
+    free(lambda);
     return rc;
 }
 
@@ -161,7 +187,7 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
     if (rc == MODAL_OK)
         rc = order_choose(&data, &source, &opt, &choice, err);
     if (rc == MODAL_OK && choice.chosen >= 0)
-        rc = strongest(&Y, in->tau, &choice.candidates[choice.chosen].fit, w, err);
+        rc = strongest_alone(&data, &choice.candidates[choice.chosen].fit, w, err);
     order_done(&choice);
     pencil_done(&s.pencil);
     return rc;
@@ -208,6 +234,14 @@ static void write_table(const struct window *w, int n, char *text, size_t size)
         snprintf(text + strlen(text), size - strlen(text), "%s%.3g s %.5g Hz %.2g", i > 0 ? "; " : "", w[i].t, w[i].frequency, w[i].damping);
 }
 
+/* The windows into the result, which owns them; without memory for them the message has to do. */
+static void keep(const struct window *w, int n, struct identify_result *result)
+{
+    result->trend = malloc(sizeof *result->trend * (size_t)n);
+    for (int i = 0; result->trend != NULL && i < n; i++)
+        result->trend[result->trend_count++] = (struct identify_window) { w[i].t, w[i].frequency, w[i].damping, w[i].std_frequency, w[i].std_damping, w[i].amplitude };
+}
+
 static void judge(const struct window *w, int n, struct identify_result *result)
 {
     bool f = changes(w, n, frequency_at, false, CHANGE), z = changes(w, n, damping_at, true, DAMPING_CHANGE);
@@ -220,6 +254,8 @@ static void judge(const struct window *w, int n, struct identify_result *result)
     for (int i = 1; i < n; i++)
         range = fmax(range, fabs(w[i].frequency - w[0].frequency) / w[0].frequency);
     write_table(w, n, table, sizeof table);
+    if (f || decays)
+        keep(w, n, result);
     if (decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST)))
         identify_diagnose(result, "amplitude_dependent", -1, "the mode changes as it decays, close pairs may be one mode; window by window: %s", table);
     else if (f)

@@ -22,7 +22,7 @@ struct trend_input {
  * Where the chosen fit leaves more than white noise and more than rounding, identify so many parts of the record on their own and compare the
  * strongest mode of each.  Adds diagnostics:
  *
- *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the message holds the trend
+ *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the message and result->trend hold the trend
  *   changes_in_record     they change otherwise: the system is not the same throughout
  *   not_free_decay        the windows neither lose energy nor are reconstructed: driven, or noise
  *

@@ -510,3 +510,43 @@ TEST(a_hundred_thousand_jobs_are_loaded_in_under_two_seconds)
     free(group);
     stop(ledger);
 }
+
+/* One flipped bit in each frame of the log in turn: of all groups but the last, which a crash may have torn, it is reported. */
+TEST(damage_to_any_group_of_the_log_but_the_last_is_reported)
+{
+    struct ledger *ledger = start(), *opened = NULL;
+    char path[128], copy[320];
+    struct stat known;
+    int fd, reported = 0, frames;
+    long last;
+
+    for (int i = 1; i <= 8; i++)
+        CHECK(one(ledger, job_put(i, NULL)) == MODAL_OK);
+    snprintf(path, sizeof path, "%s/ledger.db-wal", dir);
+    CHECK(stat(path, &known) == 0);
+    last = (long)known.st_size;
+    CHECK(one(ledger, job_put(9, NULL)) == MODAL_OK);
+    ledger_close(ledger);
+    CHECK(stat(path, &known) == 0);
+    frames = (int)((last - 32) / 4120);
+    snprintf(copy, sizeof copy, "cp %s %s.whole", path, path);
+    CHECK(system(copy) == 0);
+    for (int i = -1; i < frames; i++) {
+        off_t at = i < 0 ? 20 : 32 + 4120 * (off_t)i + (i % 2 == 0 ? 1000 : 18);
+        unsigned char byte;
+        fd = open(path, O_RDWR);
+        CHECK(fd >= 0 && pread(fd, &byte, 1, at) == 1);
+        byte ^= 2;
+        CHECK(pwrite(fd, &byte, 1, at) == 1);
+        close(fd);
+        reported += ledger_open(dir, &opened, NULL) == MODAL_CORRUPT;
+        CHECK(opened == NULL);
+        snprintf(copy, sizeof copy, "cp %s.whole %s", path, path);
+        CHECK(system(copy) == 0);
+    }
+    CHECK(frames >= 8 && reported == frames + 1);
+    CHECK(truncate(path, known.st_size - 100) == 0);         /* torn: the last group was never acknowledged */
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_OK);
+    CHECK(load(opened).jobs == 8);
+    stop(opened);
+}

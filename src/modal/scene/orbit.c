@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-8;
+static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-6;
 enum { ROOT_STEPS_MOST = 80 };
 
 struct orbit_grid {

@@ -47,7 +47,7 @@ struct aft_law {
 };
 
 struct aft {
-    int q, H, N, laws, room;
+    int q, H, N, laws, room, HJ;          /* HJ: of derivatives */
     bool located;
     double omega;
     struct orbit_grid *grid;
@@ -130,7 +130,7 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
 
     if (w == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory");
-    *w = (struct aft) { .q = q, .H = H, .N = N, .located = located, .laws = p->laws };
+    *w = (struct aft) { .q = q, .H = H, .HJ = H, .N = N, .located = located, .laws = p->laws };
     w->room = 8 * H + 8 > N ? 8 * H + 8 : N;
     w->law = calloc((size_t)p->laws + 1, sizeof *w->law);
     w->mask = calloc((size_t)w->room, sizeof *w->mask);
@@ -182,11 +182,6 @@ static void mask_of(struct aft *w, double from, double to, int most)
     }
 }
 
-static double complex side(const double complex *G, int m)        /* G_m of a real gain, any sign of m */
-{
-    return m >= 0 ? G[m] : conj(G[-m]);
-}
-
 /* (2): F_k += of gain G (known to m = K + H) times motion D (0 .. H), k = 0 .. K. */
 static void convolve_add(const double complex *G, const double complex *D, int H, int K, double complex *F)
 {
@@ -198,12 +193,21 @@ static void convolve_add(const double complex *G, const double complex *D, int H
     for (int k = 1; k <= K; k++) {
         double re = 2 * creal(G[k]) * creal(D[0]), im = 2 * cimag(G[k]) * creal(D[0]);
 
-        for (int l = 1; l <= H; l++) {
-            double complex p = side(G, k - l), m = G[k + l];
+        int low = k < H ? k : H;
+
+        for (int l = 1; l <= low; l++) {
+            double pr = creal(G[k - l]), pi = cimag(G[k - l]), mr = creal(G[k + l]), mi = cimag(G[k + l]);
             double Dr = creal(D[l]), Di = cimag(D[l]);
 
-            re += (creal(p) + creal(m)) * Dr + (cimag(m) - cimag(p)) * Di;
-            im += (cimag(p) + cimag(m)) * Dr + (creal(p) - creal(m)) * Di;
+            re += (pr + mr) * Dr + (mi - pi) * Di;
+            im += (pi + mi) * Dr + (pr - mr) * Di;
+        }
+        for (int l = low + 1; l <= H; l++) {                       /* G_{k-l} = conj G_{l-k} */
+            double pr = creal(G[l - k]), pi = -cimag(G[l - k]), mr = creal(G[k + l]), mi = cimag(G[k + l]);
+            double Dr = creal(D[l]), Di = cimag(D[l]);
+
+            re += (pr + mr) * Dr + (mi - pi) * Di;
+            im += (pi + mi) * Dr + (pr - mr) * Di;
         }
         F[k] += CMPLX(re, im);
     }
@@ -292,8 +296,8 @@ static void pieces_gains(struct aft *w, struct aft_law *a, double complex *work)
             double complex *gain = a->gain + (size_t)(i * inputs + j) * stride;
             double complex *damp = a->damp + (size_t)(i * inputs + j) * stride;
 
-            wave_of(w, a, i, j, WAVE_GAIN, 2 * H, gain);
-            wave_of(w, a, i, j, WAVE_DAMP, 2 * H, damp);
+            wave_of(w, a, i, j, WAVE_GAIN, 2 * w->HJ, gain);
+            wave_of(w, a, i, j, WAVE_DAMP, 2 * w->HJ, damp);
             if (!wave_of(w, a, i, j, WAVE_CROSS, 3 * H, w->wave))
                 continue;
             memset(w->product, 0, stride * sizeof *w->product);
@@ -530,7 +534,7 @@ out:
 /* (2)'s derivative as a real matrix of order 2H+1 into w->block. */
 static void gain_block(struct aft *w, const double complex *G, const double complex *V)
 {
-    int H = w->H, n = 2 * H + 1;
+    int H = w->HJ, n = 2 * H + 1;
     double *B = w->block;
 
     B[0] = creal(G[0]);
@@ -563,7 +567,7 @@ static void wave_at(struct aft *w, double theta)                  /* cos and sin
 
     w->cosine[0] = 1;
     w->sine[0] = 0;
-    for (int k = 1; k <= w->H; k++) {
+    for (int k = 1; k <= w->HJ; k++) {
         w->cosine[k] = w->cosine[k - 1] * c - w->sine[k - 1] * s;
         w->sine[k] = w->cosine[k - 1] * s + w->sine[k - 1] * c;
     }
@@ -572,7 +576,7 @@ static void wave_at(struct aft *w, double theta)                  /* cos and sin
 /* block += column (masks or jumps, one-sided) x row (displacement, or rate, at an angle) */
 static void outer_block(struct aft *w, const double complex *column, double factor, bool rate)
 {
-    int H = w->H, n = 2 * H + 1;
+    int H = w->HJ, n = 2 * H + 1;
 
     for (int l = rate ? 1 : 0; l <= H; l++) {
         double a = factor * (rate ? -l * w->sine[l] : w->cosine[l]);
@@ -603,15 +607,15 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
         if (piece->output != i)
             continue;
         if (piece->holds && piece->ref[j] != 0) {
-            mask_of(w, piece->from, piece->to, w->H);
-            for (int k = 1; k <= w->H; k++)
+            mask_of(w, piece->from, piece->to, w->HJ);
+            for (int k = 1; k <= w->HJ; k++)
                 w->mask[k] *= 2;
             wave_at(w, piece->at);
             outer_block(w, w->mask, piece->ref[j], false);
         }
         if (piece->jump != 0 && piece->slope != 0 && j == 0) {
             wave_at(w, piece->from);
-            for (int k = 0; k <= w->H; k++)
+            for (int k = 0; k <= w->HJ; k++)
                 w->mask[k] = (k > 0 ? 2 : 1) / TWO_PI * CMPLX(w->cosine[k], -w->sine[k]);
             outer_block(w, w->mask, piece->jump / piece->slope, true);
         }
@@ -620,7 +624,7 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
 
 static void add_block(const struct aft *w, double sign, int row, int column, double *J, int ld)
 {
-    int n = 2 * w->H + 1;
+    int n = 2 * w->HJ + 1;
 
     if (row < 0 || column < 0)
         return;
@@ -655,6 +659,7 @@ void aft_add_derivative(struct aft *w, double *J, int ld)
     }
 }
 
+void aft_set_order(struct aft *w, int HJ) { w->HJ = HJ; }
 int aft_samples(const struct aft *w) { return w->N; }
 long aft_transforms(const struct aft *w) { return orbit_grid_transforms(w->grid); }
 long aft_evaluations(const struct aft *w, int law) { return w->law[law].evaluations; }

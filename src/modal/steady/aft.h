@@ -28,7 +28,9 @@ void aft_free(struct aft *w);
  */
 enum modal_status aft_force(struct aft *w, double omega, const double complex *X, bool derivative, double complex *F,
                             struct modal_error *err);
-/* dF/du of the last aft_force, added into J, order q (2H+1), by columns with leading dimension ld. */
+/* Derivatives from here on are of harmonics 0 .. HJ <= H alone, of order q (2 HJ + 1). */
+void aft_set_order(struct aft *w, int HJ);
+/* dF/du of the last aft_force, added into J, order q (2 HJ + 1), by columns with leading dimension ld. */
 void aft_add_derivative(struct aft *w, double *J, int ld);
 /* The last force's harmonics up to H2 >= H, into F[i*(H2+1)+k]: exact for pieces, up to N/2 for sampled laws. */
 enum modal_status aft_force_beyond(struct aft *w, int H2, double complex *F, struct modal_error *err);

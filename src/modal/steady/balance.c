@@ -23,7 +23,7 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
 
     if (b == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory");
-    *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order, .level = 1 };
+    *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order, .level = 1, .HJ = H, .small = (int)order };
     if (order > ORDER_MOST) {
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics are %zu unknowns; the most is %d", b->q, H, order, ORDER_MOST);
         goto out;
@@ -33,8 +33,9 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     b->F = calloc(q * K + 1, sizeof *b->F);
     b->R = calloc(order + 1, sizeof *b->R);
     b->row = calloc(order + 1, sizeof *b->row);
+    b->gather = calloc(order + 1, sizeof *b->gather);
     b->pivot = calloc(order + 1, sizeof *b->pivot);
-    if (b->S == NULL || b->load == NULL || b->F == NULL || b->R == NULL || b->row == NULL || b->pivot == NULL) {
+    if (b->S == NULL || b->load == NULL || b->F == NULL || b->R == NULL || b->row == NULL || b->gather == NULL || b->pivot == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for %zu unknowns", order);
         goto out;
     }
@@ -59,6 +60,7 @@ void balance_free(struct balance *b)
     free(b->R);
     free(b->J);
     free(b->row);
+    free(b->gather);
     free(b->pivot);
     free(b);
 }
@@ -137,8 +139,8 @@ static void periodic_force(struct balance *b, double complex G, int kappa, int t
 
 static void add_complex(struct balance *b, int i, int k, int j, int l, double complex T, double complex Hc)
 {
-    int n = 2 * b->H + 1;
-    double *re = b->J + (size_t)(j * n + (l > 0 ? 2 * l - 1 : 0)) * (size_t)b->order + i * n, *im = re + b->order;
+    int n = 2 * b->HJ + 1;
+    double *re = b->J + (size_t)(j * n + (l > 0 ? 2 * l - 1 : 0)) * (size_t)b->small + i * n, *im = re + b->small;
     double Tr = creal(T), Ti = cimag(T), Hr = creal(Hc), Hi = cimag(Hc);
 
     if (k == 0) {
@@ -157,7 +159,7 @@ static void add_complex(struct balance *b, int i, int k, int j, int l, double co
 
 static void periodic_derivative(struct balance *b, double complex G, int kappa, int t, int i, int j)
 {
-    int H = b->H;
+    int H = b->HJ;
 
     if (kappa <= H && t == PROGRAM_K)
         add_complex(b, i, kappa, j, 0, 2 * G, 0);
@@ -227,11 +229,11 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
         return MODAL_OK;
     if (b->J == NULL && (b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
-    memset(b->J, 0, (size_t)b->order * (size_t)b->order * sizeof *b->J);
+    memset(b->J, 0, (size_t)b->small * (size_t)b->small * sizeof *b->J);
     b->factored = false;
-    aft_add_derivative(b->aft, b->J, b->order);
+    aft_add_derivative(b->aft, b->J, b->small);
     each_periodic(b, NULL);
-    for (int k = 0; k <= b->H; k++)
+    for (int k = 0; k <= b->HJ; k++)
         for (int j = 0; j < b->q; j++)
             for (int i = 0; i < b->q; i++)
                 add_complex(b, i, k, j, k, b->S[(k * b->q + j) * b->q + i], 0);
@@ -240,7 +242,7 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
 
 bool balance_factor(struct balance *b, int *sign)
 {
-    int n = b->order, info, s = 1;
+    int n = b->small, info, s = 1;
     double most = 0, least = HUGE_VAL;
 
     for (int i = 0; i < n; i++)
@@ -270,12 +272,35 @@ bool balance_factor(struct balance *b, int *sign)
     return b->factored;
 }
 
+void balance_set_order(struct balance *b, int HJ)
+{
+    b->HJ = b->q == 1 ? HJ : b->H;
+    b->small = b->q * (2 * b->HJ + 1);
+    b->factored = false;
+    aft_set_order(b->aft, b->HJ);
+}
+
+static void solve_tail(const struct balance *b, double *y)
+{
+    for (int k = b->HJ + 1; k <= b->H; k++) {
+        double complex x = CMPLX(y[2 * k - 1], y[2 * k]) / b->S[k];
+
+        y[2 * k - 1] = creal(x);
+        y[2 * k] = cimag(x);
+    }
+}
+
 void balance_solve(struct balance *b, double *y, int columns)
 {
-    for (int j = 0; j < columns; j++)
-        for (int i = 0; i < b->order; i++)
-            y[(size_t)j * (size_t)b->order + (size_t)i] *= b->row[i];
-    LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->order, columns, b->J, b->order, b->pivot, y, b->order);
+    for (int j = 0; j < columns; j++) {
+        double *column = y + (size_t)j * (size_t)b->order;
+
+        for (int i = 0; i < b->small; i++)
+            b->gather[i] = column[i] * b->row[i];
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot, b->gather, b->small);
+        memcpy(column, b->gather, (size_t)b->small * sizeof *column);
+        solve_tail(b, column);
+    }
 }
 
 static double scale_of(const double complex *X, int K)

@@ -19,6 +19,8 @@ struct balance {
     double complex *F;               /* F + T of the last residual, [i (H+1) + k] */
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
     int *pivot;
+    int HJ, small;                   /* J is of harmonics 0 .. HJ, order `small`; past HJ balance_solve takes S_k alone */
+    double *gather;
     bool factored;
 };
 
@@ -33,6 +35,11 @@ enum modal_status balance_set(struct balance *b, double omega, double level, str
 void balance_set_level(struct balance *b, double level);
 /* b->R of X; with DERIVATIVE b->J too, not yet factored. */
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
+/*
+ * Keep harmonics past HJ out of J: their rows are solved with S_k, as in [CG89] (7), exact but for the laws' slope over |S_k|.
+ * Only for one kept dof; HJ = H undoes it.
+ */
+void balance_set_order(struct balance *b, int HJ);
 /* Factor b->J, rows scaled; false where it is singular to rounding.  The sign of its determinant into *SIGN (may be NULL). */
 bool balance_factor(struct balance *b, int *sign);
 /* y <- J^-1 y, order entries, `columns` columns. */

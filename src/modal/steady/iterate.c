@@ -18,8 +18,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TOLERANCE = 1e-12, FLOOR = 1e-9, LAMBDA_LEAST = 1e-4;
-enum { ITERATIONS_MOST = 60 };
+static const double TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
+static const double TAIL_GAIN = 0.1;
+enum { ITERATIONS_MOST = 60, ORDER_TAIL = 33, TAIL_LEAST = 4 };
 
 static bool stopped(const struct iterate_options *opt)
 {
@@ -220,7 +221,7 @@ static void cut_off(struct balance *b, double cutoff, const double complex *X)
 /* A singular derivative gets a little stiffness, which only delays convergence. */
 static bool factor_somehow(struct balance *b, double *kept)
 {
-    size_t size = (size_t)b->order * (size_t)b->order;
+    size_t size = (size_t)b->small * (size_t)b->small;
 
     memcpy(kept, b->J, size * sizeof *kept);
     if (balance_factor(b, NULL))
@@ -233,8 +234,8 @@ static bool factor_somehow(struct balance *b, double *kept)
             most = fmax(most, fabs(kept[i]));
         if (!isfinite(most) || most == 0)
             return false;
-        for (int i = 0; i < b->order; i++)
-            b->J[(size_t)i * ((size_t)b->order + 1)] += mu * most;
+        for (int i = 0; i < b->small; i++)
+            b->J[(size_t)i * ((size_t)b->small + 1)] += mu * most;
         if (balance_factor(b, NULL))
             return true;
     }
@@ -285,12 +286,57 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
     return MODAL_OK;
 }
 
+/* Harmonics past the one returned have a gain slope / |S_k| below TAIL_GAIN: (7) serves them as well as Newton's method. */
+static int matrix_order(const struct balance *b, const struct iterate_options *opt)
+{
+    double slope = aft_slope(b->aft);
+    int HJ = b->H;
+
+    if (b->q != 1 || b->order < ORDER_TAIL || b->p->harmonics > 0 || opt->by_differences || opt->cutoff > 0)
+        return b->H;
+    while (HJ > TAIL_LEAST && cabs(b->S[HJ]) * TAIL_GAIN > slope)
+        HJ--;
+    return HJ;
+}
+
+static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                struct iterate_report *report, struct modal_error *err);
+
 enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt, double complex *X,
                                  struct iterate_report *report, struct modal_error *err)
 {
+    enum modal_status rc = MODAL_OK;
+    int HJ;
+
+    rc = b->order < ORDER_TAIL ? MODAL_OK : balance_residual(b, X, false, err);
+    if (rc == MODAL_OVERFLOW)
+        rc = MODAL_OK;
+    HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
+    if (rc == MODAL_OK && HJ < 2 * b->H / 3) {
+        double complex *start = malloc(((size_t)b->H + 2) * sizeof *start);
+
+        if (start == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory");
+        memcpy(start, X, ((size_t)b->H + 1) * sizeof *start);
+        balance_set_order(b, HJ);
+        rc = newton(b, opt, X, report, err);
+        balance_set_order(b, b->H);
+        if (rc != MODAL_OK || report->converged) {
+            free(start);
+            return rc;
+        }
+        memcpy(X, start, ((size_t)b->H + 1) * sizeof *start);
+        free(start);
+    }
+    return rc == MODAL_OK ? newton(b, opt, X, report, err) : rc;
+}
+
+static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                struct iterate_report *report, struct modal_error *err)
+{
     size_t n = (size_t)b->order;
     struct newton_work w = { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
-                             malloc((n * n + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
+                             malloc(((size_t)b->small * (size_t)b->small + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
                              malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)) };
     double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1;
     int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
@@ -330,11 +376,13 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
             memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
             break;
         }
-        last = report->step;
-        if (report->iterations == 1) {                      /* from nothing: the linear answer, whole */
+        if (report->iterations == 1 || (report->step < CLOSE && report->step < 0.5 * last)) {
+            /* from nothing, the linear answer, whole; near the solution steps shrink by themselves */
+            last = report->step;
             memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
             continue;
         }
+        last = report->step;
         rc = damp(b, &w, norm_relative(b, w.step, X), X, &lambda, &ok, err);
         if (rc != MODAL_OK)
             goto out;

@@ -28,8 +28,8 @@
 #include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, FEW = 7 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_SMALL = 0.1, LEVEL_HIGH = 1e3, TARGET = 1e-6;
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, FEW = 4, H_ROUGH = 8 };
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_SMALL = 0.1, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-3;
 
 struct steady {
     const struct program *p;
@@ -38,6 +38,7 @@ struct steady {
     bool exact, linear;         /* every law has pieces; there is none */
     int degree;                 /* the largest of polynomial laws; 0: none */
     bool sampled;               /* some law is neither */
+    bool jumps;                 /* rigid friction, located */
     struct balance *balance[BALANCES];
     int balances;
 };
@@ -74,6 +75,7 @@ static void classify(struct steady *s)
         bool exact = law->kind->pieces != NULL && !s->opt.unlocated;
 
         s->exact &= exact;
+        s->jumps |= exact && law->kind->set_valued;
         s->degree = law->degree > s->degree ? law->degree : s->degree;
         s->sampled |= !exact && law->degree == 0;
     }
@@ -327,6 +329,36 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
     return rc;
 }
 
+/* From rest to many harmonics: the way is gone with few, roughly. */
+static enum modal_status rough_start(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+{
+    int load = condense_highest_load(s->c), H = 2 * load > H_ROUGH ? 2 * load : H_ROUGH;
+    struct iterate_options opt = iterate_options_of(s);
+    struct iterate_report r;
+    struct balance *few;
+    double complex *Y;
+    enum modal_status rc;
+
+    if (b->H < 2 * H || s->opt.by_differences || s->opt.cutoff > 0)
+        return MODAL_OK;
+    rc = steady_balance(s, H, &few, err);
+    if (rc != MODAL_OK)
+        return rc;
+    Y = calloc((size_t)few->q * ((size_t)H + 1) + 1, sizeof *Y);
+    opt.tolerance = ROUGH;
+    rc = Y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_set(few, b->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = iterate_newton(few, &opt, Y, &r, err);
+    if (rc == MODAL_OK && r.converged) {
+        struct steady_start start = { few->q, H, Y };
+
+        put_start(b, &start, X);
+        point->iterations += r.iterations;
+    }
+    free(Y);
+    return rc == MODAL_OK ? balance_set(b, b->omega, 1, err) : rc;
+}
+
 static enum modal_status attempts(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
                                   bool coarse, struct steady_point *point, struct modal_error *err)
 {
@@ -334,6 +366,8 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
     enum modal_status rc;
 
     put_start(b, start, X);
+    if (start == NULL && method != STEADY_DIRECT && !coarse && s->exact && (rc = rough_start(s, b, X, point, err)) != MODAL_OK)
+        return rc;
     if (method == STEADY_DIRECT) {
         if (start == NULL)
             laws_left_out(b, X);
@@ -622,7 +656,7 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
         rc = balance_set(wide, point->omega, 1, err);
     if (rc == MODAL_OK)
         widen_motion(point->X, b->q, b->H, H2, E);
-    for (int round = 0; rc == MODAL_OK && round < EXTENSIONS; round++) {
+    for (int round = 0; rc == MODAL_OK && round < (s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS); round++) {
         double complex *low = malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof *low);
 
         rc = low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_residual(wide, E, false, err);
@@ -645,6 +679,58 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
 enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err)
 {
     return condense_recover(s->c, dof, point->H, point->X, point->H, X, err);
+}
+
+/*
+ * Rigid friction jumps where the motion turns, and there a series of H harmonics has its worst error: the turns, and with
+ * them every harmonic, are off by c_1/H + c_2/H^2 + ...  The motion is carried on to SHARP/4, SHARP/2 and SHARP harmonics and its first
+ * H extrapolated to none missing; what is left is the tail that the H harmonics given do not hold.
+ */
+static enum modal_status sharpen(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+{
+    int H = point->H, least = H < SHARP / 8 ? SHARP / 4 : 2 * H, H2 = 4 * least, q = point->q, K2 = H2 + 1;
+    size_t size = (size_t)q * (size_t)K2 + 1;
+    double complex *E = calloc(size, sizeof *E), *low = calloc(size, sizeof *low), *S = calloc((size_t)q * size, sizeof *S);
+    double complex *load = calloc(size, sizeof *load), *R = calloc(3 * (size_t)q * ((size_t)H + 1) + 1, sizeof *R);
+    size_t part = (size_t)q * ((size_t)H + 1);
+    bool done = true;
+    enum modal_status rc = E == NULL || low == NULL || S == NULL || load == NULL || R == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    for (int round = 0; rc == MODAL_OK && done && round < 3; round++) {
+        int Hr = least << round;
+
+        rc = steady_extend(s, point, Hr, E, &done, err);
+        for (int i = 0; i < q; i++)
+            for (int k = 0; k <= H; k++)
+                R[(size_t)round * part + (size_t)(i * (H + 1) + k)] = E[i * (Hr + 1) + k];
+    }
+    if (rc != MODAL_OK || !done)
+        goto out;
+    point->solver = point->sampling = point->amplitude = 0;
+    for (size_t i = 0; i < part; i++) {
+        double complex a = 2 * R[part + i] - R[i], c = 2 * R[2 * part + i] - R[part + i];
+
+        point->X[i] = (4 * c - a) / 3;
+        point->sampling = fmax(point->sampling, cabs(point->X[i] - c));
+    }
+    for (int i = 0; i < q; i++)
+        for (int k = 0; k <= H; k++)
+            E[i * K2 + k] = low[i * K2 + k] = point->X[i * (H + 1) + k];
+    rc = condense_at(s->c, point->omega, 1, H2, S, load, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, E, low, q, H2, &point->error, &point->amplitude, err);
+    point->truncation = point->error;
+    point->error += point->sampling;
+    point->solver = point->step * point->amplitude;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+out:
+    free(E);
+    free(low);
+    free(S);
+    free(load);
+    free(R);
+    return rc;
 }
 
 static void take_counts(const struct balance *b, const long *before, long ffts_before, struct steady_point *point)
@@ -687,7 +773,11 @@ static enum modal_status solve_at(struct steady *s, int H, double omega, const s
     if (rc != MODAL_OK)
         goto out;
     take_counts(b, before, ffts, point);
-    if (point->converged && !(s->opt.estimate_later && s->opt.harmonics > 0)) {
+    if (!point->converged && s->jumps)
+        point->reason = "no motion without stops closes under rigid friction; where the body stops, give the friction a stiffness (type friction)";
+    if (point->converged && s->jumps)
+        rc = sharpen(s, b, point, err);
+    else if (point->converged && !(s->opt.estimate_later && s->opt.harmonics > 0)) {
         rc = estimate(s, b, point, err);
         if (rc == MODAL_OK)
             rc = balance_set(b, omega, 1, err);            /* recovery at this H again */
@@ -744,7 +834,7 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
     struct balance *b;
     enum modal_status rc;
 
-    if (s->linear)
+    if (s->linear || s->jumps)
         return MODAL_OK;
     if (!s->opt.estimate_later && point->error > 0)
         return MODAL_OK;                                   /* it has them */

@@ -18,6 +18,7 @@
  * [ML03]   Moler, Van Loan, SIAM Review 45 (2003) 3-49.
  */
 #include "modal/steady/stability.h"
+#include "modal/scene/floquet.h"
 #include <float.h>
 #include <lapacke.h>
 #include <cblas.h>
@@ -625,12 +626,44 @@ static enum modal_status prepare(struct monodromy *m, struct modal_error *err)
     return rc == MODAL_OK && m->reason == NULL ? find_cuts(m, err) : rc;
 }
 
+/* No laws: the program's own multipliers, whatever the motion. */
+static enum modal_status linear_stability(const struct program *p, double omega, struct stability *out, struct modal_error *err)
+{
+    struct program linear = *p;
+    struct floquet f = { 0 };
+    struct modal_error why;
+    enum modal_status rc;
+
+    linear.omega = omega;
+    linear.period = TWO_PI / omega;
+    rc = floquet(&linear, NULL, &f, &why);
+    if (rc != MODAL_OK) {
+        out->reason = rc == MODAL_OVERFLOW ? "the disturbances overflow" : rc == MODAL_TOO_LARGE ? "more states than multipliers are computed for"
+                    : "the multipliers of the linear scene could not be computed";
+        return rc == MODAL_NO_MEMORY || rc == MODAL_CANCELLED ? modal_fail(err, rc, "%s", why.message) : MODAL_OK;
+    }
+    out->multiplier = room((size_t)f.count, sizeof *out->multiplier);
+    if (out->multiplier == NULL) {
+        floquet_done(&f);
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
+    }
+    memcpy(out->multiplier, f.multiplier, (size_t)f.count * sizeof *f.multiplier);
+    out->count = f.count;
+    out->largest = f.max_multiplier;
+    out->error = f.error;
+    out->verdict = f.stable == FLOQUET_STABLE ? STABILITY_STABLE : f.stable == FLOQUET_UNSTABLE ? STABILITY_UNSTABLE : STABILITY_UNDECIDED;
+    floquet_done(&f);
+    return MODAL_OK;
+}
+
 enum modal_status stability_of(struct steady *s, const struct steady_point *point, struct stability *out, struct modal_error *err)
 {
     struct monodromy m = { .s = s, .p = steady_program(s), .point = point };
     enum modal_status rc = MODAL_OK;
 
     memset(out, 0, sizeof *out);
+    if (m.p->laws == 0)
+        return linear_stability(m.p, point->omega, out, err);
     m.n = m.p->n;
     m.nz = m.p->n_linear;
     m.varies = m.p->harmonics > 0;

@@ -35,8 +35,10 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
     "auto", "partial-floquet", "partial-floquet-full", "autoregressive", "autoregressive-full", NULL,
 };
 
-/* The longest step over all channels that is believed, in standard errors: from an efficient start it is a few. */
-static const double STEP_MOST = 30;
+/* A step over all channels, in standard errors of all parameters: up to STEP_SHORT the linear model holds and one pass is enough (from an efficient start it is
+ * a few); longer ones, where channels of much noise spoilt the start, are repeated while they shrink; past STEP_MOST they are not believed. */
+static const double STEP_SHORT = 8, STEP_MOST = 1e4;
+enum { STEPS = 4 };
 /* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
 enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
 /* The pencil begins with few triplets and doubles them while the order is near their number; long records end earlier: a fit costs L r^2. */
@@ -402,7 +404,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
         w->rank = c->r > 0 ? c->r : c->fit.order;
         w->facts.order = c->fit.order;
-        w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-13 * norm_of(w->data.Y);
+        w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-12 * norm_of(w->data.Y);
         out->hankel_rank = c->fit.order;
     }
     return rc;
@@ -562,6 +564,28 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
 
 /* ---- the chosen poles with their errors ---- */
 
+/* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in step->lambda.  Where they do not shrink the standard
+ * deviations are as long as the step that was not believed. */
+static enum modal_status step_wide(struct work *w, const bool *fixed, struct wide_step *step, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    double most = w->refine ? STEP_MOST : 0;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < STEPS && rc == MODAL_OK; i++) {
+        rc = wide_refine(&w->rec.view, p->tau, p->lambda, p->count, fixed, most, step, err);
+        if (rc != MODAL_OK || !step->taken || step->length <= STEP_SHORT)
+            break;
+        most = step->length / 2;
+        memcpy(p->lambda, step->lambda, sizeof *p->lambda * p->count);
+    }
+    for (int j = 0; j < p->count && rc == MODAL_OK && w->refine && !step->taken; j++) {
+        step->std_re[j] *= fmax(1, step->length);
+        step->std_im[j] *= fmax(1, step->length);
+    }
+    return rc;
+}
+
 /* A wide batch: the step over all its channels, which also gives their coefficients. */
 static enum modal_status refine_wide(struct work *w, struct modal_error *err)
 {
@@ -584,7 +608,7 @@ static enum modal_status refine_wide(struct work *w, struct modal_error *err)
     }
     for (int j = 0; j < n; j++)
         fixed[j] = p->lambda[j] == 0;
-    rc = wide_refine(&w->rec.view, p->tau, p->lambda, n, fixed, w->refine ? STEP_MOST : 0, &step, err);
+    rc = step_wide(w, fixed, &step, err);
     for (int c = 0; rc == MODAL_OK && c < S; c++) {
         double over = w->rec.scale[c] > 0 ? 1 / w->rec.scale[c] : 0;
         for (int j = 0; j < n; j++)

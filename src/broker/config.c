@@ -109,10 +109,12 @@ static enum modal_status set_text(char *place, size_t room, const char *key, con
 
 static enum modal_status set_number(char *place, const struct row *row, const char *value, struct modal_error *err)
 {
-    double x = row->kind == MODE ? (double)strtol(value, NULL, 8) : quantity(value);
+    bool octal = row->kind == MODE && value[0] != 0 && value[strspn(value, "01234567")] == 0;
+    double x = octal ? (double)strtol(value, NULL, 8) : row->kind == MODE ? NAN : quantity(value);
 
     if (!(x >= row->low && x <= row->high) || (row->kind != SECONDS && row->kind != NANOSECONDS && x != floor(x)))
-        return modal_fail_field(err, MODAL_BAD_INPUT, row->key, "%s is \"%.60s\"; accepted: a number from %.15g to %.15g", row->key, value, row->low, row->high);
+        return modal_fail_field(err, MODAL_BAD_INPUT, row->key, "%s is \"%.60s\"; accepted: %s from %.15g to %.15g", row->key, value,
+                                row->kind == MODE ? "an octal number, in decimal" : "a number", row->low, row->high);
     if (row->kind == COUNT || row->kind == MODE)
         *(int *)(void *)place = (int)x;
     else if (row->kind == BYTES)

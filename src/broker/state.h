@@ -155,6 +155,7 @@ enum slot_state { SLOT_EMPTY, SLOT_STARTING, SLOT_IDLE, SLOT_TAKEN, SLOT_BUSY, S
 
 struct slot {
     enum slot_state state;
+    bool watched;                         /* a TIMER_LEASE is set */
     struct job *job;
     int attempt;
     int64_t heard_ns, started_ns;         /* mono */

@@ -63,7 +63,6 @@ static void start(struct core *c, struct job *job, int slot)
     s->attempt = job->attempts;
     s->started_ns = s->heard_ns = c->now.mono_ns;
     s->cpu_s = 0;
-    core_timer(c, c->now.mono_ns + c->settings.lease_ns, TIMER_LEASE, slot, 0);
     job_move(c, job, JOB_RUNNING, NULL);
     if (job->input->inline_data && job->input->data == NULL) {
         struct task *task = grab(sizeof *task);
@@ -140,7 +139,6 @@ static bool start_live(struct core *c, int slot)
     cJSON_AddStringToObject(input, "sha256", hex);
     cJSON_AddItemToObject(header, "input", input);
     to_worker(c, slot, "RUN", header, data);
-    core_timer(c, c->now.mono_ns + c->settings.lease_ns, TIMER_LEASE, slot, 0);
     return true;
 }
 
@@ -178,12 +176,21 @@ void workers_schedule(struct core *c)
 
 /* ---- processes -------------------------------------------------------------------------------------------------- */
 
+/* One lease timer a slot, as long as it has a process. */
+static void watch(struct core *c, int slot, int64_t when_ns)
+{
+    if (c->slots[slot].watched)
+        return;
+    c->slots[slot].watched = true;
+    core_timer(c, when_ns, TIMER_LEASE, slot, 0);
+}
+
 static void spawn(struct core *c, int slot)
 {
     c->slots[slot].state = SLOT_STARTING;
     c->slots[slot].heard_ns = c->now.mono_ns;
     core_act(c, (struct action) { .type = ACT_SPAWN, .slot = slot });
-    core_timer(c, c->now.mono_ns + c->settings.lease_ns, TIMER_LEASE, slot, 0);
+    watch(c, slot, c->now.mono_ns + c->settings.lease_ns);
 }
 
 void workers_fill(struct core *c)
@@ -218,10 +225,11 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
             spawn(c, slot);
         return;
     }
-    if (s->state != SLOT_BUSY && s->state != SLOT_STARTING)
+    s->watched = false;
+    if (s->state == SLOT_EMPTY || s->state == SLOT_KILLED)
         return;
     if (c->now.mono_ns < due && !(s->live != NULL && c->now.mono_ns - s->started_ns > LIVE_LIMIT_S * SECOND)) {
-        core_timer(c, due, TIMER_LEASE, slot, 0);
+        watch(c, slot, due);
         return;
     }
     core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot, (double)(c->now.mono_ns - s->heard_ns) / 1e9);

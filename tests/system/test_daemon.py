@@ -1,0 +1,141 @@
+"""The daemon and the machine around it: the service manager, leases, the metrics file, the command line."""
+import os
+import pathlib
+import re
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+
+from wire import BUILD, Client, Daemon, submit
+
+HERE = pathlib.Path(__file__).parent
+FAKE = f"worker_path = {HERE / 'fake_worker.py'}\n"
+MODALD = str(BUILD / "bin" / "modald")
+
+
+def until(predicate, seconds=15):
+    end = time.monotonic() + seconds
+    while not predicate():
+        assert time.monotonic() < end, "it did not become true"
+        time.sleep(0.01)
+
+
+def run(*arguments, **more):
+    return subprocess.run([MODALD, *arguments], capture_output=True, text=True, timeout=30, **more)
+
+
+def test_the_service_manager_hears_ready_watchdog_reload_and_stopping(tmp_path):
+    heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    heard.bind(str(tmp_path / "notify"))
+    heard.settimeout(10)
+    env = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
+    with Daemon(folder=tmp_path, config=FAKE, env=env) as d:
+        assert heard.recv(200).startswith(b"READY=1")
+        assert [heard.recv(200) for _ in range(3)] == [b"WATCHDOG=1"] * 3
+        d.process.send_signal(signal.SIGHUP)
+        said = [heard.recv(200) for _ in range(12)]
+        assert b"RELOADING=1" in said and b"READY=1" in said[said.index(b"RELOADING=1"):]
+        d.process.send_signal(signal.SIGTERM)
+        until(lambda: heard.recv(200).startswith(b"STOPPING=1"))
+
+
+def test_a_worker_that_falls_silent_loses_its_lease_and_the_job_runs_elsewhere():
+    with Daemon(config=FAKE + "lease_s = 1.5\n", workers=2) as d:
+        c = d.client()
+        job = submit(c, options={"sleep": 3, "say": "hang"})["job"]
+        until(lambda: c.ask("STATUS", job=job)["state"] == "running")
+        time.sleep(0.3)
+        before = d.children()
+        for pid in before:
+            os.kill(pid, signal.SIGSTOP)
+        done = c.ask("WAIT", job=job, timeout_s=30)
+        assert done["state"] == "done" and done["attempts"] == 2
+        assert not set(before) & set(d.children())
+        assert "event=lease" in d.text()
+
+
+def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
+    script = tmp_path / "parent.sh"
+    script.write_text(f"#!/bin/sh\nsleep 1000 &\necho $! > {tmp_path}/child\nexec {HERE / 'fake_worker.py'} \"$@\"\n")
+    script.chmod(0o755)
+    with Daemon(config=f"worker_path = {script}\n", workers=1) as d:
+        c = d.client()
+        job = submit(c, options={"sleep": 60})["job"]
+        until(lambda: c.ask("STATUS", job=job)["state"] == "running")
+        child = int((tmp_path / "child").read_text())
+        os.kill(child, 0)
+        assert c.ask("CANCEL", job=job)["state"] == "cancelled"
+        until(lambda: not pathlib.Path(f"/proc/{child}").exists() or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2], 5)
+
+
+def test_the_metrics_file_is_written_whole(tmp_path):
+    file = tmp_path / "modald.prom"
+    with Daemon(config=FAKE + f"metrics_file = {file}\nmetrics_s = 0.2\n", workers=1) as d:
+        c = d.client()
+        c.ask("WAIT", job=submit(c)["job"], timeout_s=15)
+        until(lambda: file.exists() and 'modald_jobs{state="done"} 1' in file.read_text())
+        for line in file.read_text().splitlines():
+            assert line.startswith("# ") or re.fullmatch(r'[a-z_]+(\{[a-z]+="[^"]*"\})? -?[0-9.e+-]+', line), line
+
+
+def test_version_and_check_config(tmp_path):
+    assert re.fullmatch(r"modald \d+\.\d+\.\d+\n", run("--version").stdout)
+    good, bad = tmp_path / "good", tmp_path / "bad"
+    good.write_text(f"# a comment\ndata = {tmp_path}/d\nbind = \"ipc://{tmp_path}/s\"\nworkers = 3\nresult_bytes = 2G\n")
+    assert run("--config", str(good), "--check-config").returncode == 0
+    for line, said in (("workers = many", "workers"), ("wrokers = 3", "wrokers"), ("workers", "key = value"), ("bind = tcp://*:1", "without keys"),
+                       ("keys = /x", "server_key"), ("ipc_mode = 9999", "ipc_mode"), ("sandbox = maybe", "on, off")):
+        bad.write_text(f"data = {tmp_path}/d\n{line}\n")
+        out = run("--config", str(bad), "--check-config", env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
+        assert out.returncode == 2 and said in out.stderr, (line, out)
+
+
+@pytest.mark.parametrize("arguments", [[], ["--data"], ["--data", "x", "y"], ["--speed", "9"], ["--data", "x", "--workers", "-1"]])
+def test_wrong_usage_ends_with_2_and_says_why(arguments):
+    out = run(*arguments)
+    assert out.returncode == 2 and out.stderr
+
+
+def test_the_default_endpoint_works_without_root(tmp_path):
+    process = subprocess.Popen([MODALD, "--data", str(tmp_path / "data"), "--workers", "0"], stderr=subprocess.DEVNULL,
+                               env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
+    try:
+        endpoint = tmp_path / "modald" / "modald.ipc"
+        until(endpoint.exists)
+        assert Client(f"ipc://{endpoint}").ask("HELLO").ok
+        assert endpoint.stat().st_mode & 0o777 == 0o600
+    finally:
+        process.terminate()
+        assert process.wait(20) == 0
+
+
+def test_a_data_folder_with_a_long_path_works():
+    import tempfile
+    with tempfile.TemporaryDirectory() as top:
+        deep = pathlib.Path(top) / ("x" * 60) / ("y" * 60)
+        deep.mkdir(parents=True)
+        with Daemon(folder=deep, config=FAKE, endpoint=f"ipc://{top}/s.ipc") as d:
+            c = d.client()
+            assert c.ask("WAIT", job=submit(c)["job"], timeout_s=15)["state"] == "done"
+
+
+def test_an_endpoint_where_another_daemon_listens_is_refused(tmp_path):
+    with Daemon(config=FAKE, endpoint=f"ipc://{tmp_path}/one.ipc") as d:
+        with pytest.raises(RuntimeError, match="another daemon"):
+            Daemon(config=FAKE, endpoint=f"ipc://{tmp_path}/one.ipc")
+        assert d.client().ask("HELLO").ok
+
+
+def test_an_idle_daemon_takes_no_more_than_a_thousandth_of_a_core():
+    with Daemon(config=FAKE, workers=1) as d:
+        def ticks():
+            fields = pathlib.Path(f"/proc/{d.pid}/stat").read_text().rsplit(")", 1)[1].split()
+            return int(fields[11]) + int(fields[12])
+        time.sleep(1)
+        before, begin = ticks(), time.monotonic()
+        time.sleep(10)
+        used_s = (ticks() - before) / os.sysconf("SC_CLK_TCK")
+        assert used_s <= 0.001 * (time.monotonic() - begin) + 0.01      # one tick is 10 ms

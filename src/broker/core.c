@@ -233,9 +233,40 @@ struct actions *core_loaded(struct core *c, struct moment now)
 
 /* ---- after a commit --------------------------------------------------------------------------------------------- */
 
+/* A result for which there was no room: the job, decided done, failed; who asked about it is told so. */
+static void result_refused(struct core *c, struct transaction *t, struct job *job)
+{
+    struct modal_error err;
+
+    for (struct after *after = t->after; after != NULL; after = after->next)
+        if (after->type == AFTER_DOC) {
+            struct after *again = after_new(AFTER_DOC, &after->reply);
+            again->job = job;
+            after_append(&job->asks, again);
+        }
+    c->state_counts[JOB_DONE]--;
+    c->state_counts[JOB_RUNNING]++;
+    job->user->running++;
+    job->state = JOB_RUNNING;
+    job->result_bytes = 0;
+    input_use(c, job->output, -1);
+    job->output = NULL;
+    c->hold_until = c->now.mono_ns + 5 * SECOND;
+    core_timer(c, c->hold_until, TIMER_WAIT, 0, 0);        /* a wake-up: no wait has number 0 */
+    modal_fail(&err, MODAL_STORAGE_FULL, "the disk is full: there is no room for the result");
+    job_fail(c, job, JOB_FAILED, &err, NULL);
+}
+
 static void refused(struct core *c, struct transaction *t)
 {
     struct job *job = NULL;
+
+    c->storage_full = true;
+    for (struct after *after = t->after; after != NULL; after = after->next)
+        if (after->type == AFTER_SHOW && after->to == JOB_DONE) {
+            result_refused(c, t, after->job);
+            return;
+        }
 
     c->storage_full = true;
     c->storage_full_until = c->now.mono_ns + SECOND;

@@ -61,7 +61,8 @@ struct transaction {
     struct arena *arena;
     struct after *after, **after_end;
     struct blob *keep[4];         /* bodies the changes point into */
-    bool refusable;               /* may come back with MODAL_STORAGE_FULL; all others must pass */
+    enum { MUST_PASS, LAST_REFUSED, FIRST_REFUSED } refusable;   /* on a full disk FIRST come back with MODAL_STORAGE_FULL at
+                                     once, LAST when the reserve is used up too; all others wait until they pass */
     enum modal_status status;     /* out */
     struct transaction *next;     /* for the queues of whoever has it */
 };

@@ -2,7 +2,8 @@
  * ledger_thread.c - group commit: what waits while one group syncs is the next group
  *
  * On a full disk a group is taken apart: what may be refused (submissions) is, and what must pass (edges of jobs that run,
- * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.
+ * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.  Results
+ * wait too, and are refused when the reserve is used up: their jobs fail.
  */
 #include "broker/queue.h"
 #include <stdlib.h>
@@ -70,13 +71,13 @@ static enum modal_status commit(struct ledger_thread *l, struct transaction *fir
 }
 
 /* Take the refusable ones out of *FIRST, answer them, leave the rest. */
-static void refuse(struct ledger_thread *l, struct transaction **first)
+static void refuse(struct ledger_thread *l, struct transaction **first, bool last_too)
 {
     struct transaction *refused = NULL, **end = &refused;
 
     while (*first != NULL) {
         struct transaction *t = *first;
-        if (!t->refusable) {
+        if (t->refusable == MUST_PASS || (t->refusable == LAST_REFUSED && !last_too)) {
             first = &t->next;
             continue;
         }
@@ -134,9 +135,11 @@ static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
 
 static void full_disk(struct ledger_thread *l, struct transaction *group)
 {
+    bool again = l->full;
+
     reserve_release(l->dir, NULL);
     l->full = true;
-    refuse(l, &group);
+    refuse(l, &group, again);
     if (group == NULL)
         return;
     put_back(l, group);

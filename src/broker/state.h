@@ -205,7 +205,7 @@ struct core {
     int64_t in_flight;                    /* bytes of chunks, all uploads */
     int64_t uncommitted, tasks;
     bool draining, terminating, stopped, storage_full;
-    int64_t storage_full_until;
+    int64_t storage_full_until, hold_until;   /* hold_until: no job starts, for want of disk for its result */
     int64_t rejects[MODAL_STATUS_COUNT], replies, deaths, commits, committed_changes;
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */

@@ -234,7 +234,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     struct job *job;
     struct after *after;
 
-    t->refusable = true;
+    t->refusable = FIRST_REFUSED;
     if (s->input == NULL) {
         s->input = input_new(c, s->user, &s->r->submit.input, c->next_input++);
         s->input->state = INPUT_SEALED;

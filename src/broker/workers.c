@@ -158,7 +158,7 @@ static void end_live(struct core *c, int slot, const struct wire_message *m)
 
 void workers_schedule(struct core *c)
 {
-    if (c->draining || c->terminating)
+    if (c->draining || c->terminating || c->now.mono_ns < c->hold_until)
         return;
     for (int slot = 0; slot < c->slot_count; slot++) {
         struct user *user;
@@ -374,6 +374,7 @@ void job_result_put(struct core *c, struct task *task)
         return;
     }
     t = transaction_new();
+    t->refusable = LAST_REFUSED;
     row = &transaction_add(t, LEDGER_RESULT_PUT)->result;
     *row = task->record;
     memcpy(row->input, job->input->sha256, 32);

@@ -410,7 +410,7 @@ static void commit_some(uint32_t most)
         w->waiting = t->next;
         if (w->waiting == NULL)
             w->waiting_end = &w->waiting;
-        if (w->full && t->refusable)
+        if (w->full && (t->refusable == FIRST_REFUSED || (t->refusable == LAST_REFUSED && roll(2) == 0)))
             t->status = MODAL_STORAGE_FULL;
         else
             for (size_t i = 0; i < t->count; i++)

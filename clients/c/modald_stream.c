@@ -128,7 +128,7 @@ struct modald_stream {
 
     /* both */
     _Atomic int verdict, stop;               /* stop: 1 close, 2 broken off */
-    _Atomic bool finished;
+    _Atomic bool finished, refused;
     _Atomic uint64_t acknowledged;
     _Atomic uint64_t spilled;
     _Atomic unsigned estimate_version;       /* odd while it is written */
@@ -143,7 +143,7 @@ struct modald_stream {
 
     /* the sender's */
     void *context, *socket, *monitor;
-    bool ready, opened, opening, closing, closed, refused;
+    bool ready, opened, opening, closing, closed;
     int64_t next_id, open_id, close_id;
     double asked_at;
     char stream[128];
@@ -278,6 +278,7 @@ void modald_get_report(const modald_stream *s, struct modald_report *out)
     out->waiting = (double)(s->head - atomic_load(&s->page->tail));
     out->spilled = (double)atomic_load(&s->spilled);
     out->resampling_error = s->resampling_error;
+    out->refused = atomic_load(&s->refused);
 }
 
 /* ------------------------------------------------------------------ text */

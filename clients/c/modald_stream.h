@@ -44,6 +44,7 @@ struct modald_estimate {                     /* the least damped mode of the las
 struct modald_report {                       /* counts of samples */
     double pushed, acknowledged, dropped, waiting, spilled;
     double resampling_error;                 /* of modald_push_at: largest estimated, relative to each channel's rms */
+    double refused;                          /* 1: the daemon does not want it, the run goes on without */
 };
 
 /* DT in seconds; 1 .. 65536 channels.  NULL where there is nothing to do or no memory. */

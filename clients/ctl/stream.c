@@ -1,7 +1,8 @@
 /* stream.c - `stream FILE|-` and `replay FILE`: what a simulation would do, from the command line
  *
  * `stream` pushes a batch's samples through the streaming client and prints the live modes that come back; at the end it
- * says how many samples were acknowledged and how many were dropped.  `-`: rows of numbers from stdin as they come, --dt given.
+ * says how many samples were acknowledged and how many were dropped.  `-`: rows of numbers from stdin, each pushed as it
+ * comes, parted by commas, semicolons or blanks; a first line of names is the channels'; --dt is needed.
  */
 #include <math.h>
 #include <stdio.h>
@@ -77,6 +78,60 @@ static void push_all(modald_stream *s, const struct signals *in, const struct ar
     }
 }
 
+/* The numbers of LINE into X (at most MOST); -1: one of them is none. */
+static int read_row(char *line, double *x, int most)
+{
+    int n = 0;
+
+    for (char *field; (field = strsep(&line, " \t,;\r\n")) != NULL; ) {
+        char *end;
+        if (*field == 0)
+            continue;
+        if (n == most)
+            return -1;
+        x[n++] = strtod(field, &end);
+        if (*end != 0)
+            return -1;
+    }
+    return n;
+}
+
+enum { ROW_MOST = 4096 };
+
+/* Open by the first row, then push rows until stdin ends.  A line that is no row of as many numbers is an error. */
+static enum modal_status push_stdin(const struct args *args, const char *name, struct live *live, modald_stream **out, size_t *samples,
+                                    struct modal_error *err)
+{
+    double x[ROW_MOST];
+    char *line = NULL;
+    size_t room = 0;
+    int channels = 0;
+    long number = 0;
+    enum modal_status rc = args->dt > 0 ? MODAL_OK : modal_fail_field(err, MODAL_BAD_INPUT, "dt", "rows from stdin need --dt SECONDS");
+
+    while (rc == MODAL_OK && getline(&line, &room, stdin) > 0) {
+        int n = read_row(line, x, ROW_MOST);
+        number++;
+        if (n == 0 || (n < 0 && channels == 0 && number == 1))
+            continue;                                   /* blank, or names */
+        if (channels == 0 && n > 0) {
+            channels = n;
+            *out = modald_open(name, channels, args->dt);
+        }
+        if (n != channels || *out == NULL)
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "line %ld: accepted: %d numbers (at most %d)", number, channels, ROW_MOST);
+        else {
+            modald_push(*out, x);
+            ++*samples;
+            say_estimate(*out, live);
+        }
+    }
+    free(line);
+    if (rc == MODAL_OK && *out == NULL)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "stdin has no row of numbers");
+    return rc;
+}
+
 static int say_end(modald_stream *s, const struct live *live, size_t samples)
 {
     struct modald_report r;
@@ -93,12 +148,18 @@ static int say_end(modald_stream *s, const struct live *live, size_t samples)
     json_set_number(line, "acknowledged", r.acknowledged);
     json_set_number(line, "dropped", r.dropped);
     cJSON_AddStringToObject(line, "verdict", verdicts[modald_verdict(s)]);
+    if (r.refused > 0) {
+        struct modal_error why = { .status = MODAL_DENIED, .message = "the daemon refused the stream; the line on stderr says why" };
+        cJSON *error = answer_error(&why, NULL);
+        cJSON_AddItemToObject(line, "error", cJSON_DetachItemFromObjectCaseSensitive(error, "error"));
+        cJSON_Delete(error);
+    }
     if (live->args->json)
         answer_json(line, NULL);
     else
         printf("%.0f samples, %.0f acknowledged, %.0f dropped; %s\n", r.pushed, r.acknowledged, r.dropped, verdicts[modald_verdict(s)]);
     cJSON_Delete(line);
-    return all ? 0 : 3;
+    return r.refused > 0 ? 4 : all ? 0 : 3;
 }
 
 /* The streaming client takes its server and keys from the environment only. */
@@ -126,31 +187,43 @@ static const char *stream_name(const struct args *args)
     return args->name ? args->name : strcmp(args->word[1], "-") == 0 ? "stdin" : slash ? slash + 1 : args->word[1];
 }
 
-int run_stream(const struct verb *verb, const struct args *args)
+/* Open by a file's shape and push it. */
+static enum modal_status push_file(const struct args *args, const char *name, struct live *live, modald_stream **out, size_t *samples,
+                                   struct modal_error *err)
 {
     struct signals_options options = { .dt = args->dt, .scale = args->scale };
-    struct modal_error err = { 0 };
     struct signals in = { 0 };
+    enum modal_status rc = signals_read(args->word[1], &options, &in, err);
+
+    if (rc == MODAL_OK && (*out = modald_open(name, (int)in.channels, in.dt)) == NULL)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "name", "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
+    if (rc == MODAL_OK) {
+        modald_describe(*out, (const char *const *)in.names, in.units, in.period);
+        push_all(*out, &in, args, live);
+        *samples = in.samples;
+    }
+    signals_done(&in);
+    return rc;
+}
+
+int run_stream(const struct verb *verb, const struct args *args)
+{
+    struct modal_error err = { 0 };
     struct live live = { .sample = -2, .args = args };
-    modald_stream *s;
+    const char *name = stream_name(args);
+    modald_stream *s = NULL;
+    size_t samples = 0;
     int status;
-    enum modal_status rc = signals_read(args->word[1], &options, &in, &err);
+    enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "stream needs a daemon") : set_environment(args, &err);
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = set_environment(args, &err);
-    s = rc == MODAL_OK ? modald_open(stream_name(args), (int)in.channels, in.dt) : NULL;
-    if (rc == MODAL_OK && s == NULL)
-        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "name", "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
-    if (rc == MODAL_OK) {
-        modald_describe(s, (const char *const *)in.names, in.units, in.period);
-        push_all(s, &in, args, &live);
-        status = say_end(s, &live, in.samples);
+        rc = strcmp(args->word[1], "-") == 0 ? push_stdin(args, name, &live, &s, &samples, &err) : push_file(args, name, &live, &s, &samples, &err);
+    status = rc == MODAL_OK ? say_end(s, &live, samples) : answer_failure(args->json, &err, NULL);
+    if (rc == MODAL_OK)
         modald_close(s);
-    } else {
-        status = answer_failure(args->json, &err, NULL);
-    }
-    signals_done(&in);
+    else
+        modald_abandon(s);
     return status;
 }
 

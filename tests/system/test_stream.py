@@ -324,3 +324,30 @@ def test_zieglers_column_by_simbody_gives_the_quartics_roots(p, table, peer, ctl
     found = max((complex(*m["exponent"]) for m in said.document["modes"] if m["exponent"][1] > 0), key=lambda r: r.real)
     assert abs(found - table) < 1e-6
     assert said.document["stability"]["stable"] is (table.real < 0)
+
+
+# -- modalctl stream -------------------------------------------------------------------------------------------------------
+
+def test_a_file_is_pushed_as_a_simulation_would(peer, ctl, tmp_path):
+    peer.event = {"stability": {"stable": True}, "modes": [{"frequency_hz": 1.5, "damping_ratio": 0.01, "std": {"frequency_hz": 0.1, "damping_ratio": 0.001}}]}
+    rows = np.random.default_rng(9).standard_normal((3000, 2))
+    said = ctl("stream", write_batch(tmp_path / "run.h5", rows), "--name", "file", server=peer.endpoint, one=False)
+    assert said.status == 0 and np.array_equal(peer.record("file"), rows)
+    assert said.lines[-1]["acknowledged"] == 3000 and said.lines[-1]["dropped"] == 0
+    assert all(line["frequency_hz"] == 1.5 for line in said.lines[:-1])
+
+
+def test_rows_from_stdin_are_pushed_as_they_come(peer):
+    with subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", peer.endpoint, "--json", "stream", "-", "--dt", "0.1"], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True, env=environment()) as run:
+        run.stdin.write("tip,root\n1.5,-2\n")
+        run.stdin.flush()
+        peer.wait(lambda: "stdin" in peer.streams and len(peer.streams["stdin"][-1].rows) == 1)      # before the second row exists
+        out, _ = run.communicate("2.5, 4e-3\n", timeout=PATIENCE)
+    assert run.returncode == 0 and np.array_equal(peer.record("stdin"), [[1.5, -2], [2.5, 4e-3]])
+
+
+@pytest.mark.parametrize("text, words, field", [("1 2\n", [], "dt"), ("1 2\n3\n", ["--dt", "0.1"], "signals"), ("", ["--dt", "0.1"], "signals")])
+def test_bad_rows_from_stdin_are_named(text, words, field, peer, ctl):
+    said = ctl("stream", "-", *words, server=peer.endpoint, stdin=text)
+    assert said.status == 2 and said.document["error"]["field"] == field

@@ -30,7 +30,7 @@ class _Estimate(ctypes.Structure):
 
 
 class _Report(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in ("pushed", "acknowledged", "dropped", "waiting", "spilled", "resampling_error")]
+    _fields_ = [(name, ctypes.c_double) for name in ("pushed", "acknowledged", "dropped", "waiting", "spilled", "resampling_error", "refused")]
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class Report:
     waiting: float
     spilled: float
     resampling_error: float
+    refused: float
 
 
 def _load() -> ctypes.CDLL:

@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
+#include "modal/identify/pencil.h"
 #include "modal/identify/transition.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/lanczos.h"
@@ -80,14 +81,20 @@ static enum modal_status decompose_dense(const struct hankel *h, struct projecti
     return rc;
 }
 
+/* Columns one sample apart are correlations, done by FFT; further apart there are few of them, and direct sums serve. */
 static enum modal_status decompose_leading(const struct hankel *h, struct projection *p, struct matrix *U, struct modal_error *err)
 {
+    struct matrix Y = { h->rows + h->columns - 1, h->Y->n, h->Y->ld, h->Y->x + h->start };
     struct linear_operator A = { p->m, p->n, (void *)h, operator_apply, operator_apply_transpose };
     struct lanczos_options opt = { .wanted = U->n };
     struct lanczos_result result;
-    enum modal_status rc = lanczos_svd(&A, &opt, p->s, U, &p->VT, &result, err);
+    struct hankel_operator *fast = NULL;
+    enum modal_status rc = h->shift == 1 ? hankel_operator_new(&Y, h->rows, &fast, &A, err) : MODAL_OK;
 
+    if (rc == MODAL_OK)
+        rc = lanczos_svd(&A, &opt, p->s, U, &p->VT, &result, err);
     p->count = rc == MODAL_OK ? result.count : 0;
+    hankel_operator_done(fast);
     return rc;
 }
 

@@ -152,6 +152,22 @@ TEST(qr_gives_back_the_matrix_and_orthonormal_columns)
     free(A.x), free(B.x), free(R.x);
 }
 
+/* A^T A = R^T R, and |R_ij| is that of any other QR of A: only the signs of rows are free. */
+TEST(the_triangle_of_a_tall_matrix_read_by_panels_is_the_triangle_of_its_qr)
+{
+    static const int rows[] = { 561, 1000, 5003 };
+
+    for (int t = 0; t < 3; t++) {
+        int m = rows[t];
+        struct matrix A = random_matrix(m, 7, m + 2, 5), Q = random_matrix(m, 7, m + 2, 5), R = random_matrix(7, 7, 8, 1), S = random_matrix(7, 7, 8, 2);
+        CHECK(qr_orthonormal(&Q, &S, NULL) == MODAL_OK && qr_triangle(&A, &R, NULL) == MODAL_OK);
+        for (int j = 0; j < 7; j++)
+            for (int i = 0; i < 7; i++)
+                CHECK_NEAR(fabs(R.x[i + j * 8]), fabs(S.x[i + j * 8]), 20 * sqrt(m) * DBL_EPSILON * fabs(S.x[j + j * 8]));
+        free(A.x), free(Q.x), free(R.x), free(S.x);
+    }
+}
+
 /* b = A x exactly representable: columns scaled by 1e-150, 1, 1e150 must not lose x. */
 TEST(least_squares_is_indifferent_to_the_scale_of_its_columns)
 {

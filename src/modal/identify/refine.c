@@ -52,6 +52,7 @@
 #include "modal/identify/refine.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/wide.h"
+#include "modal/linalg/qr.h"
 #include <cblas.h>
 #include <float.h>
 #include <lapacke.h>
@@ -61,7 +62,7 @@
 
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
-enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64, JOIN_MOST = 16 };
+enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
 struct point { double *a, *b; };
@@ -80,6 +81,7 @@ struct work {
     bool join;                   /* Y joins the QR */
     int panel;                   /* columns of Y at a time */
     double *basis;               /* L x columns: [Phi D], then Q; L x (columns + S) where Y joins */
+    double *triangle;            /* (columns + S)^2, for many rows; else NULL: the QR is in place */
     double *tau;                 /* Householder */
     double *R;                   /* most_columns x 2 order */
     double *Z;                   /* most_columns x panel: Q^T Y */
@@ -104,7 +106,7 @@ struct evaluation {
 static void work_done(struct work *w)
 {
     free(w->kind), free(w->column), free(w->first);
-    free(w->basis), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack), free(w->reflect);
+    free(w->basis), free(w->triangle), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack), free(w->reflect);
     free(w->weight), free(w->energy), free(w->floor2);
 }
 
@@ -146,6 +148,11 @@ static bool work_allocate(struct work *w)
     w->panel = w->join ? w->S : w->panel;
     w->stack_rows = P + w->panel * (w->most_columns - q);
     w->basis = numbers(L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
+    if (w->join && w->L > TALL) {
+        w->triangle = numbers((size_t)(w->columns + w->S), (size_t)(w->columns + w->S));
+        if (w->triangle == NULL)
+            return false;
+    }
     w->tau = numbers((size_t)w->columns + (size_t)w->panel, 1);
     w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
@@ -217,8 +224,16 @@ static enum modal_status factor(struct work *w, bool *regular, struct modal_erro
     *regular = true;
     for (int c = 0; w->join && c < w->S; c++)
         memcpy(w->basis + (size_t)(w->columns + c) * (size_t)L, w->Y->x + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof(double));
-    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect, REFLECT * n) != 0)
+    if (w->triangle != NULL) {                /* Q is not needed: the triangle alone, back at the top of the basis */
+        struct matrix A = { L, n, L, w->basis }, T = { n, n, n, w->triangle };
+        enum modal_status rc = qr_triangle(&A, &T, err);
+        if (rc != MODAL_OK)
+            return rc;
+        for (int j = 0; j < n; j++)
+            memcpy(w->basis + (size_t)j * (size_t)L, T.x + (size_t)j * (size_t)n, (size_t)n * sizeof(double));
+    } else if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect, REFLECT * n) != 0) {
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, n);
+    }
     for (int j = 0; j < w->columns; j++)
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;

@@ -215,7 +215,8 @@ static enum modal_status turn_rest(const struct program *p, struct program *q, s
         if (q->effect[i].type == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
     }
-    memcpy(q->law, p->law, (size_t)p->laws * sizeof *q->law);
+    for (int i = 0; i < p->laws; i++)
+        q->law[i] = p->law[i];
     q->laws = p->laws;
     return MODAL_OK;
 }

@@ -29,8 +29,12 @@ static enum modal_status read_options(const cJSON *json, struct simulate_options
         rc = json_get_int(json, "", "substeps", 1, 1000000, &o->substeps, err);
     if (rc == MODAL_OK)
         rc = json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &out, &count, err);
-    for (size_t i = 0; i < count; i++)
-        without->without[(int)out[i]] = true;
+    for (size_t i = 0; i < count && rc == MODAL_OK; i++) {
+        if (out[i] != floor(out[i]))
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, "without", "without lists the numbers of effects, from 0; %g is not whole", out[i]);
+        else
+            without->without[(int)out[i]] = true;
+    }
     free(out);
     o->rk4 = integrator == 1;
     return rc;

@@ -29,7 +29,7 @@
 #include "modal/steady/solutions.h"
 
 enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, FEW = 4, H_ROUGH = 8 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_SMALL = 0.1, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-3;
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-3;
 
 struct steady {
     const struct program *p;
@@ -235,6 +235,18 @@ static void laws_left_out(const struct balance *b, double complex *X)
     free(pivot);
 }
 
+/* Whether X lies further from GOOD than a motion in proportion to its load would, three times over: another branch. */
+static bool leaps(const double complex *X, const double complex *good, size_t size, double step)
+{
+    double far = 0, scale = 0;
+
+    for (size_t i = 0; i < size; i++) {
+        far = fmax(far, cabs(X[i] - good[i]));
+        scale = fmax(scale, cabs(good[i]));
+    }
+    return far > 3 * expm1(fabs(step)) * scale;
+}
+
 /* From level FROM to 1, each from the last; the step of log(level) halves on failure and grows on success. */
 static enum modal_status ramp(struct steady *s, struct balance *b, double from, double complex *X, struct steady_point *point,
                               struct modal_error *err)
@@ -259,6 +271,8 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
         if (rc != MODAL_OK || (rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
             break;
         point->iterations += r.iterations;
+        if (r.converged && !isnan(level_done) && leaps(X, good, size, at - level_done))
+            r.converged = false;
         if (r.converged) {
             level_done = at;
             if (at == 0)
@@ -306,7 +320,7 @@ static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, do
                                          struct modal_error *err);
 
 /* Newton's method took long from rest, as when it leaps between solutions of smooth laws: the branch that grows out of small
- * loads is the one to give, where it reaches the load without a fold. */
+ * loads is the one to give, at its first crossing of the load. */
 static enum modal_status from_low(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
 {
     struct steady_point low = *point;
@@ -318,7 +332,7 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     low.converged = false;
     low.residual = -1;
-    rc = ramp(s, b, LEVEL_SMALL, X, &low, err);
+    rc = along_levels(s, b, X, &low, err);
     if (rc == MODAL_OK && low.converged) {
         memcpy(point->X, low.X, size * sizeof *low.X);
         free(low.X);

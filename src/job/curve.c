@@ -145,8 +145,10 @@ static enum modal_status add_point(struct curve *c, double value, double fractio
     if (rc != MODAL_OK)
         return rc;
     json_set_number(doc, "value", value);
-    if (c->omega)
+    if (c->omega) {
+        cJSON_DeleteItemFromObjectCaseSensitive(doc, "omega");      /* the parameter's own digits, and the key once */
         json_set_number(doc, "omega", value);
+    }
     if (c->settings->subharmonic > 1)
         json_set_number(doc, "fundamental", point->omega);
     cJSON_AddItemToArray(c->points, doc);

@@ -227,3 +227,17 @@ def test_a_simulated_batch_can_be_identified(ctl, daemon, tmp_path):
         assert abs(modes[0]["damping_ratio"] - 0.02) < 1e-6 and abs(modes[0]["frequency_rad_s"] - 20) < 1e-4
     with h5py.File(tmp_path / "a.h5") as a, h5py.File(tmp_path / "b.h5") as b:
         assert np.array_equal(a["signals"], b["signals"]) and len(a["signals"]) == 401
+
+
+@pytest.mark.parametrize("curve", [["--sweep", "omega=0.5:2:4"], ["--continue", "omega=0.5:2"]])
+def test_a_response_curve_is_the_same_served_and_local_and_has_each_key_once(curve, ctl, daemon, tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [1], "springs": [1, 0], "dampers": [0.1, 0]},
+             "effects": [{"type": "cubic_spring", "dof": "x1", "coefficient": 0.5}], "excitation": [{"dof": "x1", "k": 1, "cos": 0.5}],
+             "omega": 1.2, "steady": {"harmonics": 5}}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    local, served = (ctl("steady", tmp_path / "scene.json", *curve, server=server) for server in (None, daemon))
+    assert local.status == served.status == 0, served.document
+    modald.wire.loads(local.out)                            # strict: no key twice
+    for key in ("points", "folds", "bifurcations"):
+        assert local.document[key] == served.document[key]
+    assert local.document["points"][0]["omega"] == 0.5 and local.document["points"][-1]["omega"] == 2

@@ -351,3 +351,26 @@ def test_rows_from_stdin_are_pushed_as_they_come(peer):
 def test_bad_rows_from_stdin_are_named(text, words, field, peer, ctl):
     said = ctl("stream", "-", *words, server=peer.endpoint, stdin=text)
     assert said.status == 2 and said.document["error"]["field"] == field
+
+
+# -- the daemon itself -----------------------------------------------------------------------------------------------------
+
+def test_a_growing_run_stops_itself_by_the_daemons_verdict(daemon):
+    """Damping -2 at 31.8 Hz grows by e a second: told after the first windows of 500 samples, long before the 20,000 steps end."""
+    done, log = loop("growing", 20000, daemon.endpoint, "-2", "0.0005", MODALD_WINDOW=500, MODALD_HOP=100)
+    assert done.returncode == 0 and 500 <= len(log) < 5000
+
+
+@pytest.mark.parametrize("p, unstable", [(1.60, True), (1.46, False)])
+def test_zieglers_column_stops_itself_only_where_it_is_unstable(p, unstable, daemon):
+    if not (EXAMPLES / "example_ziegler").exists():
+        pytest.skip("example_ziegler was not built: Debian package libsimbody-dev")
+    done = subprocess.run([str(EXAMPLES / "example_ziegler"), f"column-{p}", str(p), "3001", "1e-5", "0.001"], capture_output=True, text=True, timeout=PATIENCE,
+                          env=environment(MODALD_URL=daemon.endpoint, MODALD_WINDOW=600, MODALD_HOP=100, MODALD_OPTIONS='{"rank.fixed":4}'))
+    assert done.returncode == 0, done.stderr
+    words = done.stdout.split()
+    steps, tip, verdict = int(words[1]), float(words[3]), int(words[5])
+    if unstable:
+        assert steps < 3001 and verdict == 2 and tip < 0.01       # said before the tip passes 1 % of a link
+    else:
+        assert steps == 3001 and verdict != 2

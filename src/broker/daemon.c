@@ -590,7 +590,7 @@ static enum modal_status worker_place(struct daemon *d, struct modal_error *err)
     const char *runtime = getenv("XDG_RUNTIME_DIR");
 
     if (strlen(d->config->data) < 90) {
-        snprintf(d->worker_endpoint, sizeof d->worker_endpoint, "ipc://%s/workers.ipc", d->config->data);
+        snprintf(d->worker_endpoint, sizeof d->worker_endpoint, "ipc://%.90s/workers.ipc", d->config->data);
         return MODAL_OK;
     }
     snprintf(d->worker_folder, sizeof d->worker_folder, "%s/modald-XXXXXX", runtime != NULL && strlen(runtime) < 60 ? runtime : "/tmp");

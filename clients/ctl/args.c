@@ -35,6 +35,7 @@ static const struct row {
     { "run-limit", 0,   NUMBER, offsetof(struct args, run_limit), 1e-3, 1e9, TAKES_SUBMIT,  "SECONDS",  "bound of one attempt" },
     { "deadline",  0,   NUMBER, offsetof(struct args, deadline),  1e-3, 1e9, TAKES_SUBMIT,  "SECONDS",  "bound of everything from submission on" },
     { "wait",      'w', FLAG,   offsetof(struct args, wait),      0, 0,      TAKES_WAIT,    "",         "until the job has ended" },
+    { "cancel",    0,   FLAG,   offsetof(struct args, cancel),    0, 0,      TAKES_SWEEP,   "",         "end its jobs instead" },
     { "timeout",   't', NUMBER, offsetof(struct args, timeout),   0, 1e9,    TAKES_TIMEOUT, "SECONDS",  "wait no longer; exit 5 if not finished" },
     { "state",     0,   TEXT,   offsetof(struct args, state),     0, 0,      TAKES_LIST,    "STATE",    "only queued, running, done, failed, cancelled or dead" },
     { "kind",      0,   TEXT,   offsetof(struct args, kind),      0, 0,      TAKES_LIST,    "KIND",     "only jobs of this kind" },

@@ -4,14 +4,17 @@
 #include <string.h>
 #include "answer.h"
 #include "job/blas_core.h"
+#include "sweep.h"
 #include "verbs.h"
 
 #define JOB_TAKES (TAKES_OPTIONS | TAKES_SUBMIT | TAKES_TIMEOUT)
 
-/* A sweep can be long: on a server it is only waited for with --wait. */
+/* A sweep can be long: on a server it is only waited for with --wait.  A share of one is a job like others. */
 static int run_sweep(const struct verb *verb, const struct args *args)
 {
-    return args->local || args->wait ? run_job(verb, args) : submit_one("sweep", NULL, args->word[1], args);
+    if (!sweep_is_whole(args) && !args->local && !args->wait && !args->cancel)
+        return submit_one("sweep", NULL, args->word[1], args);
+    return (args->local || args->wait) && !args->cancel ? run_job(verb, args) : sweep_submit(args);
 }
 
 static const struct verb verbs[] = {
@@ -21,7 +24,7 @@ static const struct verb verbs[] = {
     { "floquet",  "SCENE.json",        "exact multipliers of a linear scene",                 1, 1, JOB_TAKES | TAKES_PLOT, run_job },
     { "tradeoff", "identify|steady|simulate FILE", "error against time over the ladder of settings", 2, 2, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
     { "ablate",   "SCENE.json",        "each effect's cost and influence",                    1, 1, JOB_TAKES, run_job },
-    { "sweep",    "FILE.json",         "a scene over a grid of its values",                   1, 1, JOB_TAKES | TAKES_WAIT | TAKES_PLOT, run_sweep },
+    { "sweep",    "FILE.json",         "a scene over a grid of its values",                   1, 1, JOB_TAKES | TAKES_WAIT | TAKES_PLOT | TAKES_SWEEP, run_sweep },
     { "submit",   "KIND FILE",         "put a job on the queue; or many: --from LIST.jsonl",  0, 3, JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
     { "status",   "JOB",               "a job's state now (JOB is an id, or key:K)",          1, 1, TAKES_TIMEOUT, run_status },
     { "wait",     "JOB",               "until it has ended, with its result",                 1, 1, TAKES_TIMEOUT, run_wait },

@@ -10,6 +10,7 @@
 #include "remote.h"
 #include "show.h"
 #include "store/batch_file.h"
+#include "sweep.h"
 #include "verbs.h"
 
 struct limit { double end; bool passed; };       /* seconds of the monotonic clock; 0: none */
@@ -92,6 +93,13 @@ static enum modal_status show(const struct verb *verb, const struct args *args, 
     return MODAL_OK;
 }
 
+static enum modal_status run_there(const struct input *input, const struct args *args, struct job_result *out, cJSON **detail, struct modal_error *err)
+{
+    bool shared = strcmp(input->kind->name, "sweep") == 0 && sweep_is_whole(args);
+
+    return shared ? sweep_remote(input, args, out, detail, err) : remote_run(input, args, out, detail, err);
+}
+
 int run_job(const struct verb *verb, const struct args *args)
 {
     struct modal_error err = { 0 };
@@ -101,7 +109,7 @@ int run_job(const struct verb *verb, const struct args *args)
     enum modal_status rc = read_input(verb, args, &input, &err);
 
     if (rc == MODAL_OK)
-        rc = args->local ? run_here(&input, args, &result, &err) : remote_run(&input, args, &result, &detail, &err);
+        rc = args->local ? run_here(&input, args, &result, &err) : run_there(&input, args, &result, &detail, &err);
     if (rc == MODAL_OK)
         rc = show(verb, args, &result, &input, &err);
     int status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);

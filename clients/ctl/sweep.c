@@ -1,0 +1,398 @@
+/* sweep.c - see sweep.h
+ *
+ * Shares are those of the job's options `first` and `count` (job/sweep.h).  How a grid is cut depends on its size alone,
+ * and a share's key on the document, the options, the version and the share, so that the same sweep meets the same jobs
+ * from anywhere at any time.  A key whose job ended without a result is spent (a job's end never changes): the next
+ * round, the number at the key's end, takes its place.
+ */
+#include "sweep.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+#include "answer.h"
+#include "job/sweep.h"
+#include "modal/sha256.h"
+#include "verbs.h"
+#include "wire/limits.h"
+
+enum { SHARES_MOST = 128, ROUNDS_MOST = 1000, STEM_MOST = WIRE_KEY_MOST - 24 };
+
+struct grid {
+    const struct input *input;
+    const struct args *args;
+    struct link *link;
+    double deadline;
+    char stem[STEM_MOST + 1];            /* what the keys of all shares begin with */
+    int points, shares;
+    cJSON *docs[SHARES_MOST];            /* the shares' queue documents */
+};
+
+static const char *word(const cJSON *object, const char *key)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
+
+    return s ? s : "";
+}
+
+static double number(const cJSON *object, const char *key)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : 0;
+}
+
+/* The first point of share I; of I = shares, the number of points. */
+static int first_of(const struct grid *g, int i)
+{
+    return (int)((long long)g->points * i / g->shares);
+}
+
+static void add_text(struct sha256 *s, const char *text)
+{
+    sha256_add(s, text, strlen(text) + 1);
+}
+
+/* The user's key, or one of the content. */
+static enum modal_status set_stem(struct grid *g, struct modal_error *err)
+{
+    char hex[65], *options = json_print(g->input->options);
+    struct sha256 hash;
+
+    if (options == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "sweep: out of memory");
+    sha256_start(&hash);
+    add_text(&hash, MODALD_VERSION);
+    add_text(&hash, g->input->sha256);
+    add_text(&hash, options);
+    sha256_hex(&hash, hex);
+    free(options);
+    if (g->args->key != NULL && strlen(g->args->key) > STEM_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "key", "the key of a sweep has at most %d bytes", STEM_MOST);
+    snprintf(g->stem, sizeof g->stem, "%s%s", g->args->key ? "" : "sweep-", g->args->key ? g->args->key : hex);
+    return MODAL_OK;
+}
+
+static void set_key(const struct grid *g, int i, int round, const char *before, char key[WIRE_KEY_MOST + 8])
+{
+    snprintf(key, WIRE_KEY_MOST + 8, "%s%s:%d:%d", before, g->stem, first_of(g, i), round);
+}
+
+/* Checks the document here, where its points are counted. */
+static enum modal_status grid_open(struct grid *g, const struct input *input, const struct args *args, struct modal_error *err)
+{
+    struct sweep *s = NULL;
+    enum modal_status rc = sweep_new(input->scene, &s, err);
+
+    *g = (struct grid) { .input = input, .args = args, .deadline = remote_deadline(args) };
+    if (rc != MODAL_OK)
+        return rc;
+    g->points = sweep_points(s);
+    g->shares = g->points < SHARES_MOST ? g->points : SHARES_MOST;
+    sweep_free(s);
+    rc = set_stem(g, err);
+    return rc == MODAL_OK ? remote_open(args, &g->link, err) : rc;
+}
+
+static void grid_close(struct grid *g)
+{
+    for (int i = 0; i < g->shares; i++)
+        cJSON_Delete(g->docs[i]);
+    link_close(g->link);
+}
+
+/* May the same be asked again later?  Then the time until later has passed. */
+static bool rested(enum modal_status rc, const cJSON *detail, double deadline)
+{
+    double s = fmin(fmax(number(detail, "retry_after_s"), 0.1), 5);
+    struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
+
+    if (rc != MODAL_BUSY && (rc != MODAL_QUOTA || !cJSON_HasObjectItem(detail, "retry_after_s")))
+        return false;
+    if (link_now() + s > deadline)
+        return false;
+    nanosleep(&t, NULL);
+    return true;
+}
+
+/* One SUBMIT under KEY, repeated while the daemon is full. */
+static enum modal_status submit_key(struct grid *g, const cJSON *options, const char *key, cJSON **doc, cJSON **detail, struct modal_error *err)
+{
+    struct client_input in = remote_input(g->input);
+    struct client_job job = remote_job(g->input, g->args, key);
+    enum modal_status rc;
+
+    job.options = options;
+    for (;;) {
+        rc = client_submit(g->link, &job, &in, NULL, g->deadline, doc, detail, err);
+        if (rc == MODAL_OK || !rested(rc, *detail, g->deadline))
+            return rc;
+        cJSON_Delete(*detail);
+        *detail = NULL;
+    }
+}
+
+/* Share I: the job of its last round, where that runs or has a result; else one of the next. */
+static enum modal_status submit_share(struct grid *g, int i, cJSON **detail, struct modal_error *err)
+{
+    cJSON *options = cJSON_Duplicate(g->input->options, true);
+    char key[WIRE_KEY_MOST + 8];
+    enum modal_status rc = MODAL_OK;
+    bool spent = true;
+
+    cJSON_AddNumberToObject(options, "first", first_of(g, i));
+    cJSON_AddNumberToObject(options, "count", first_of(g, i + 1) - first_of(g, i));
+    for (int round = 0; round < ROUNDS_MOST && spent; round++) {
+        cJSON *doc = NULL;
+        set_key(g, i, round, "", key);
+        rc = submit_key(g, options, key, &doc, detail, err);
+        spent = rc == MODAL_EXPIRED || (rc == MODAL_OK && cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "duplicate"))
+                                        && client_ended(doc) && strcmp(word(doc, "state"), "done") != 0);
+        if (spent) {
+            cJSON_Delete(doc);
+            cJSON_Delete(*detail);
+            *detail = NULL;
+        } else {
+            g->docs[i] = doc;
+        }
+    }
+    cJSON_Delete(options);
+    return rc == MODAL_OK && spent ? modal_fail_field(err, MODAL_TOO_LARGE, "key", "%d rounds of share %d were broken off", ROUNDS_MOST, i) : rc;
+}
+
+static enum modal_status submit_shares(struct grid *g, cJSON **detail, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < g->shares && rc == MODAL_OK; i++)
+        rc = submit_share(g, i, detail, err);
+    return rc;
+}
+
+/* End what has not ended; a failure leaves the rest to run, which harms nobody. */
+static void cancel_shares(struct grid *g)
+{
+    for (int i = 0; i < g->shares; i++) {
+        cJSON *doc = NULL, *detail = NULL;
+        struct modal_error unsaid;
+        if (g->docs[i] == NULL || client_ended(g->docs[i]))
+            continue;
+        if (client_do(g->link, "CANCEL", word(g->docs[i], "job"), g->deadline, &doc, &detail, &unsaid) == MODAL_OK) {
+            cJSON_Delete(g->docs[i]);
+            g->docs[i] = doc;
+        }
+        cJSON_Delete(detail);
+    }
+}
+
+/* ------------------------------------------------------------------ waiting and putting together */
+
+struct shown { int done, shares; };
+
+static void tell(void *context, const char *what, double fraction)
+{
+    struct shown *shown = context;
+
+    (void)what;
+    fprintf(stderr, "\rsweep    %3.0f %% \r", 100 * (shown->done + fraction) / shown->shares);
+}
+
+/* Until share I has ended, with its result in its document. */
+static enum modal_status wait_share(struct grid *g, int i, cJSON **detail, struct modal_error *err)
+{
+    struct shown shown = { i, g->shares };
+    struct client_progress progress = { tell, &shown };
+    char job[160];
+    cJSON *doc = NULL;
+    enum modal_status rc;
+
+    snprintf(job, sizeof job, "%s", word(g->docs[i], "job"));
+    rc = client_wait(g->link, job, isatty(STDERR_FILENO) ? &progress : NULL, g->deadline, &doc, detail, err);
+    if (doc != NULL) {
+        cJSON_Delete(g->docs[i]);
+        g->docs[i] = doc;
+    }
+    if (rc == MODAL_OK)
+        rc = remote_job_error(g->docs[i], detail, err);
+    return rc == MODAL_OK ? remote_add_result(g->link, g->docs[i], g->deadline, detail, err) : rc;
+}
+
+static void add_number(cJSON *to, const cJSON *from, const char *key)
+{
+    cJSON *item = cJSON_GetObjectItemCaseSensitive(to, key);
+
+    if (cJSON_IsNumber(item))
+        cJSON_SetNumberValue(item, item->valuedouble + number(from, key));
+}
+
+/* Seconds add up over the shares, memory is the most that one needed. */
+static void add_cost(cJSON *to, const cJSON *from)
+{
+    cJSON *stages = cJSON_GetObjectItemCaseSensitive(to, "stages"), *peak = cJSON_GetObjectItemCaseSensitive(to, "peak_bytes"), *stage;
+
+    add_number(to, from, "wall_s");
+    add_number(to, from, "cpu_s");
+    cJSON_ArrayForEach(stage, stages)
+        add_number(stages, cJSON_GetObjectItemCaseSensitive(from, "stages"), stage->string);
+    if (cJSON_IsNumber(peak))
+        cJSON_SetNumberValue(peak, fmax(peak->valuedouble, number(from, "peak_bytes")));
+}
+
+/* PART's points behind those of WHOLE. */
+static void append(cJSON *whole, cJSON *part)
+{
+    cJSON *to = cJSON_GetObjectItemCaseSensitive(whole, "points"), *from = cJSON_GetObjectItemCaseSensitive(part, "points");
+
+    while (from != NULL && from->child != NULL)
+        cJSON_AddItemToArray(to, cJSON_DetachItemViaPointer(from, from->child));
+    add_cost(cJSON_GetObjectItemCaseSensitive(whole, "cost"), cJSON_GetObjectItemCaseSensitive(part, "cost"));
+}
+
+/* The result of share I into *WHOLE, which share 0's becomes. */
+static void take(struct grid *g, int i, cJSON **whole)
+{
+    cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result");
+
+    if (i == 0) {
+        *whole = result;
+        return;
+    }
+    append(*whole, result);
+    cJSON_Delete(result);
+}
+
+/* The whole's provenance: of all points, not of share 0. */
+static enum modal_status finish(const struct grid *g, cJSON *whole, struct modal_error *err)
+{
+    cJSON *options = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(whole, "provenance"), "options");
+    cJSON *count = cJSON_GetObjectItemCaseSensitive(options, "count");
+    int points = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(whole, "points"));
+
+    if (points != g->points)
+        return modal_fail(err, MODAL_INTERNAL, "the shares hold %d of %d points", points, g->points);
+    if (cJSON_IsNumber(count))
+        cJSON_SetNumberValue(count, g->points);
+    return MODAL_OK;
+}
+
+enum modal_status sweep_remote(const struct input *input, const struct args *args, struct job_result *out, cJSON **detail,
+                               struct modal_error *err)
+{
+    struct grid g;
+    enum modal_status rc = grid_open(&g, input, args, err);
+
+    if (rc == MODAL_OK)
+        rc = submit_shares(&g, detail, err);
+    for (int i = 0; i < g.shares && rc == MODAL_OK; i++) {
+        rc = wait_share(&g, i, detail, err);
+        if (rc == MODAL_OK)
+            take(&g, i, &out->result);
+        else if (client_ended(g.docs[i]) && strcmp(word(g.docs[i], "state"), "done") != 0)
+            cancel_shares(&g);
+    }
+    if (rc == MODAL_OK)
+        rc = finish(&g, out->result, err);
+    grid_close(&g);
+    return rc;
+}
+
+bool sweep_is_whole(const struct args *args)
+{
+    return !cJSON_HasObjectItem(args->options, "first") && !cJSON_HasObjectItem(args->options, "count");
+}
+
+/* ------------------------------------------------------------------ without waiting */
+
+/* Share I's job of its last round, where there is one. */
+static enum modal_status find_share(struct grid *g, int i, cJSON **detail, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int round = 0; round < ROUNDS_MOST && rc == MODAL_OK; round++) {
+        char key[WIRE_KEY_MOST + 8];
+        cJSON *doc = NULL;
+        set_key(g, i, round, "key:", key);
+        rc = client_do(g->link, "STATUS", key, g->deadline, &doc, detail, err);
+        if (rc == MODAL_OK) {
+            cJSON_Delete(g->docs[i]);
+            g->docs[i] = doc;
+        } else if (rc == MODAL_EXPIRED) {
+            cJSON_Delete(*detail);
+            *detail = NULL;
+            rc = MODAL_OK;
+        }
+    }
+    return rc == MODAL_NOT_FOUND ? MODAL_OK : rc;
+}
+
+static enum modal_status cancel_found(struct grid *g, cJSON **detail, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    int found = 0;
+
+    for (int i = g->shares - 1; i >= 0 && rc == MODAL_OK; i--) {      /* the last first: they have not begun */
+        rc = find_share(g, i, detail, err);
+        found += g->docs[i] != NULL;
+    }
+    if (rc == MODAL_OK && found == 0)
+        return modal_fail(err, MODAL_NOT_FOUND, "this sweep has no jobs on the server");
+    if (rc == MODAL_OK) {
+        cJSON_Delete(*detail);
+        *detail = NULL;
+        cancel_shares(g);
+    }
+    return rc;
+}
+
+/* {"kind", "key", "points", "done": points of done shares, "jobs": queue documents} */
+static enum modal_status say(struct grid *g, struct modal_error *err)
+{
+    cJSON *answer = cJSON_CreateObject(), *jobs;
+    enum modal_status rc = MODAL_OK;
+    int done = 0;
+
+    for (int i = 0; i < g->shares; i++)
+        if (strcmp(word(g->docs[i], "state"), "done") == 0)
+            done += first_of(g, i + 1) - first_of(g, i);
+    cJSON_AddStringToObject(answer, "kind", "sweep");
+    cJSON_AddStringToObject(answer, "key", g->stem);
+    cJSON_AddNumberToObject(answer, "points", g->points);
+    cJSON_AddNumberToObject(answer, "done", done);
+    jobs = cJSON_AddArrayToObject(answer, "jobs");
+    for (int i = 0; i < g->shares; i++)
+        if (g->docs[i] != NULL)
+            cJSON_AddItemReferenceToArray(jobs, g->docs[i]);
+    if (g->args->json)
+        rc = answer_json(answer, err);
+    else
+        printf("%d of %d points done, %d jobs from %s on; `modalctl sweep FILE --wait` gives the table\n", done, g->points,
+               cJSON_GetArraySize(jobs), word(jobs->child, "job"));
+    cJSON_Delete(answer);
+    return rc;
+}
+
+int sweep_submit(const struct args *args)
+{
+    struct modal_error err = { 0 };
+    struct input input = { 0 };
+    struct grid g = { 0 };
+    cJSON *detail = NULL;
+    int status;
+    enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--cancel speaks of a daemon's queue; --local has none") : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        rc = input_read("sweep", NULL, args->word[1], args, &input, &err);
+    if (rc == MODAL_OK)
+        rc = grid_open(&g, &input, args, &err);
+    if (rc == MODAL_OK)
+        rc = args->cancel ? cancel_found(&g, &detail, &err) : submit_shares(&g, &detail, &err);
+    if (rc == MODAL_OK)
+        rc = say(&g, &err);
+    status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
+    cJSON_Delete(detail);
+    grid_close(&g);
+    input_done(&input);
+    return status;
+}

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import pathlib
 import secrets
@@ -19,6 +20,7 @@ from . import wire
 
 Document = dict[str, Any]
 Progress = Callable[[str, float], None]
+SHARES_MOST = 128                                                                   # of a sweep
 ENDED = ("done", "failed", "cancelled", "dead")
 FIRST_PATIENCE, LOST_PATIENCE, ASK_AGAIN, CHUNK_PATIENCE = 2.0, 30.0, 5.0, 10.0     # s
 
@@ -557,6 +559,46 @@ class Client:
         limits.setdefault("key", "python-" + secrets.token_hex(16))
         job = self.submit("simulate", scene, options, **limits)
         return job.result(timeout), self.signals(job.id)
+
+    def sweep(self, document: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+        """A scene over a grid of its values: shares of the points as jobs over all workers, as one table.  The same sweep
+        finds its jobs again, also after a restart of either side."""
+        deadline = float("inf") if timeout is None else time.monotonic() + timeout
+        points = math.prod(len(axis["values"]) for axis in document["grid"])
+        shares = max(1, min(SHARES_MOST, points))
+        cuts = [points * i // shares for i in range(shares + 1)]
+        stem = limits.pop("key", None) or "python-sweep-" + wire.scene_identity(wire.dumps([document, options]))
+        jobs = [self._share(document, {**(options or {}), "first": a, "count": b - a}, f"{stem}:{a}", limits) for a, b in zip(cuts, cuts[1:])]
+        try:
+            parts = [job.result(None if timeout is None else max(0.0, deadline - time.monotonic())) for job in jobs]
+        except Error as why:
+            if why.code not in ("timeout", "no_server"):
+                for job in jobs:
+                    job.cancel()
+            raise
+        whole = parts[0]
+        for part in parts[1:]:
+            whole["points"] += part["points"]
+            for cost, more in ((whole["cost"], part["cost"]), (whole["cost"]["stages"], part["cost"]["stages"])):
+                cost.update({key: (max if key == "peak_bytes" else sum)((cost[key], more[key])) for key in cost if key != "stages"})
+        whole["provenance"]["options"]["count"] = points
+        return whole
+
+    def _share(self, document: Scene, options: Document, key: str, limits: Document) -> Job:
+        """Under the first key that is not spent on a job without a result."""
+        number = 0
+        while True:
+            try:
+                job = self.submit("sweep", document, options, key=f"{key}:{number}", **limits)
+                if not job.document.get("duplicate") or job.state not in ("failed", "cancelled", "dead"):
+                    return job
+                number += 1
+            except Error as why:
+                if why.code not in ("busy", "expired"):
+                    raise
+                number += why.code == "expired"
+                if why.code == "busy":
+                    time.sleep(float(why.detail.get("retry_after_s", 1)))
 
 
 def connect(endpoint: str | None = None, keyfile: str | None = None, timeout: float | None = 60.0) -> Client:

@@ -209,7 +209,7 @@ def test_higher_priority_is_more_urgent(daemon):
         first = submit(c, options={"sleep": 0.5})
         until(lambda: c.ask("STATUS", job=first["job"])["state"] == "running")
         low = submit(c, options={"say": "low"}, priority=10)
-        high = submit(c, options={"say": "high"}, priority=200)
+        high = submit(c, options={"say": "high", "sleep": 0.05}, priority=200)
         assert c.ask("STATUS", job=low["job"])["position"] == 1
         wait(c, low["job"])
         assert wait(c, first["job"])["started"] <= wait(c, high["job"])["started"] < wait(c, low["job"])["started"]

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "job/blas_core.h"
+#include "job/cost.h"
 #include "job/identify.h"
 #include "job/identify_ladder.h"
 #include "job/tradeoff.h"
@@ -189,9 +190,9 @@ static cJSON *reference_of(const struct tradeoff_work *w)
 }
 
 /* Beside the common document: the bound, what each rung's error is made of, where it was computed. */
-static void add_own(const struct tradeoff_work *w, const struct ladder_rung *rungs, double start, cJSON *doc)
+static void add_own(const struct tradeoff_work *w, const struct ladder_rung *rungs, struct cost *cost, cJSON *doc)
 {
-    cJSON *list = cJSON_GetObjectItemCaseSensitive(doc, "rungs"), *provenance = cJSON_CreateObject(), *cost = cJSON_CreateObject();
+    cJSON *list = cJSON_GetObjectItemCaseSensitive(doc, "rungs"), *provenance = cJSON_CreateObject();
 
     json_set_number(doc, "bound", w->bound);
     for (int i = 0; i < w->count; i++) {
@@ -200,8 +201,8 @@ static void add_own(const struct tradeoff_work *w, const struct ladder_rung *run
         cJSON_AddNumberToObject(rung, "unmatched", rungs[i].ran && isfinite(rungs[i].error) ? w->unmatched[i] : w->truth_count);
     }
     cJSON_AddNumberToObject(doc, "repetitions", w->repetitions);
-    json_set_number(cost, "cpu_s", tradeoff_clock(NULL) - start);
-    cJSON_AddItemToObject(doc, "cost", cost);
+    cost_stage(cost, "climb");
+    cJSON_AddItemToObject(doc, "cost", cost_print(cost));
     cJSON_AddStringToObject(provenance, "version", MODALD_VERSION);
     cJSON_AddItemToObject(provenance, "options", w->request->options != NULL ? cJSON_Duplicate(w->request->options, true) : cJSON_CreateObject());
     if (w->request->input_sha256 != NULL)
@@ -219,7 +220,10 @@ enum modal_status tradeoff_identify(const struct job_request *request, struct jo
     struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = stopped, .context = &w };
     const cJSON *truth = cJSON_GetObjectItemCaseSensitive(request->options, "truth");
     double start = tradeoff_clock(NULL);
+    struct cost cost;
     enum modal_status rc = read_options(&w, err);
+
+    cost_start(&cost);
 
     if (rc == MODAL_OK && truth != NULL)
         rc = truth_from_option(&w, truth, err);
@@ -231,6 +235,7 @@ enum modal_status tradeoff_identify(const struct job_request *request, struct jo
         rc = take_reference(&w, &reference, err);
     if (rc != MODAL_OK)
         goto out;
+    cost_stage(&cost, "reference");
     if (w.repetitions == 0)
         w.repetitions = tradeoff_clock(NULL) - start > DEAR ? 1 : 3;
     struct identify_ladder_facts facts = facts_of(&w, &reference);
@@ -243,7 +248,7 @@ enum modal_status tradeoff_identify(const struct job_request *request, struct jo
     sort_rungs(&w, rungs, &outcome.recommended);
     rc = tradeoff_print("identify", reference_of(&w), w.settings, rungs, w.count, outcome.recommended, &out->result, err);
     if (rc == MODAL_OK)
-        add_own(&w, rungs, start, out->result);
+        add_own(&w, rungs, &cost, out->result);
 out:
     identify_result_done(&reference);
     work_done(&w);

@@ -154,3 +154,95 @@ TEST(a_cancel_is_heard_and_a_source_without_poles_has_no_choice)
     CHECK(order_choose(&data, &source, &opt, &c, NULL) == MODAL_CANCELLED);
     pencil_done(&s.p);
 }
+
+/* L rows and q + S columns of one QR: 200 (4 + 3)^2. */
+TEST(the_work_of_a_look_is_rows_times_columns_squared)
+{
+    struct random r = { 7 };
+    struct refine_options look = { .iterations = -1 };
+    struct refined fit;
+    struct decay d;
+
+    decay_of_case(&decay_cases[0], &r, &d);
+    decay_signals(&d, y, 200);
+    struct matrix Y = { 200, 3, 200, y };
+    struct refine_data data = { &Y, d.dt, 0, 0 };
+    CHECK(refine_poles(&data, (double complex[]) { CMPLX(-0.1, 3), CMPLX(-0.2, 7) }, 2, NULL, &look, &fit, NULL) == MODAL_OK);
+    CHECK_NEAR(fit.work, 200 * 49, 0);
+    refined_done(&fit);
+}
+
+/* Six modes in noise as strong as a tenth of them.  The last evaluation may overrun the limit, and has 2 q + S columns at most. */
+TEST(a_ladder_ends_where_its_work_is_spent_with_the_best_so_far_and_says_so)
+{
+    struct decay d = { .modes = 6, .channels = 3, .samples = 1200, .dt = 0.02 };
+    struct random r = { 8 };
+    struct matrix Y = { 1200, 3, 1200, y };
+    struct order_choice all, part, again;
+
+    for (int j = 0; j < 6; j++)
+        d.lambda[j] = decay_pole(2 + 3.1 * j, 0.004);
+    decay_amplitudes(&d, &r);
+    decay_signals(&d, y, 1200);
+    decay_noise(&d, y, 1200, 20, &r);
+    choose(&Y, d.dt, NULL, &all);
+    CHECK(!all.limited && all.candidates[all.chosen].fit.order == 12);
+    for (double share = 0.05; share < 1; share += 0.15) {
+        struct order_options opt = { .work = share * all.work };
+        double least = HUGE_VAL, q = 0;
+        choose(&Y, d.dt, &opt, &part);
+        choose(&Y, d.dt, &opt, &again);
+        for (int i = 0; i < part.count; i++) {
+            least = fmin(least, part.candidates[i].fit.bic);
+            q = fmax(q, part.candidates[i].fit.order);
+        }
+        CHECK(part.limited && part.chosen >= 0);
+        CHECK(part.work <= opt.work + 2 * 1200 * pow(2 * q + 3, 2));
+        CHECK_NEAR(part.candidates[part.chosen].fit.bic, least, 0);
+        CHECK(again.chosen == part.chosen && again.work == part.work);
+        CHECK(again.candidates[again.chosen].fit.bic == part.candidates[part.chosen].fit.bic);
+        order_done(&part), order_done(&again);
+    }
+    order_done(&all);
+}
+
+/* Looking may take a quarter of the limit, so five times the need is enough for either. */
+TEST(a_limit_above_the_ladders_need_changes_nothing)
+{
+    struct random r = { 9 };
+    struct order_choice all, same;
+    struct decay d;
+
+    decay_of_case(&decay_cases[2], &r, &d);
+    decay_signals(&d, y, (size_t)d.samples);
+    decay_noise(&d, y, (size_t)d.samples, 40, &r);
+    struct matrix Y = { d.samples, 3, d.samples, y };
+    choose(&Y, d.dt, NULL, &all);
+    choose(&Y, d.dt, &(struct order_options) { .work = 5 * all.work }, &same);
+    const struct refined *a = &all.candidates[all.chosen].fit, *b = &same.candidates[same.chosen].fit;
+    CHECK(!same.limited && same.work == all.work && same.count == all.count && same.chosen == all.chosen);
+    CHECK(a->bic == b->bic && a->lambda[0] == b->lambda[0]);
+    order_done(&all), order_done(&same);
+}
+
+/* Where a larger source is to come, the least looked at is chosen as it is. */
+TEST(a_ladder_near_the_end_of_its_source_is_cut_before_it_is_refined)
+{
+    struct random r = { 11 };
+    struct order_choice c;
+    struct decay d;
+
+    decay_of_case(&decay_cases[0], &r, &d);
+    decay_signals(&d, y, 200);
+    struct matrix Y = { 200, 3, 200, y };
+    choose(&Y, d.dt, &(struct order_options) { .cut = 1 }, &c);
+    int r_least = c.candidates[c.chosen].r;
+    CHECK(c.cut && !c.candidates[c.chosen].refined);
+    order_done(&c);
+    choose(&Y, d.dt, &(struct order_options) { .cut = r_least + ORDER_AHEAD - 1 }, &c);
+    CHECK(c.cut && !c.candidates[c.chosen].refined);
+    order_done(&c);
+    choose(&Y, d.dt, &(struct order_options) { .cut = r_least + ORDER_AHEAD }, &c);
+    CHECK(!c.cut && c.candidates[c.chosen].refined && c.candidates[c.chosen].fit.order == 2 * d.modes);
+    order_done(&c);
+}

@@ -33,6 +33,8 @@ static void about_rank(struct identify_result *r, const struct diagnose_facts *f
         identify_diagnose(r, "rank_too_low", -1, "a higher rank than %d fits far better: weaker modes, unstable ones among them, may be missing; leave rank.rule to auto", f->asked_rank);
     if (f->order > 0 && f->rows < f->order + 3)
         identify_diagnose(r, "too_many_unknowns", -1, "%d equations for %d unknowns a phase and signal: a small reconstruction error proves nothing; record more periods or lower the rank", f->rows, f->order);
+    if (f->work_limit)
+        identify_diagnose(r, "order_work_limit", -1, "the search for an order ended where its work was spent: the answer is the best seen, and more or fewer modes may fit better; give `band` or `window` to look at less, or rank.fixed");
     if (!f->converged)
         identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents are those with the least residual seen, their errors unknown");
 }

@@ -14,12 +14,13 @@ struct diagnose_facts {
     double tau;               /* s: the multipliers' step */
     bool cut_pair, rank_low;  /* one more direction completes a pair; fits far better */
     bool converged;           /* the refinement; true where none was asked for */
+    bool work_limit;          /* the search for an order ended where its work was spent */
     double colour;            /* the largest factor by which coloured residuals widened a standard error; 0 or 1: none */
     bool orbit;               /* a multiplier of 1 whose coefficient varies over the period */
 };
 
 /*
- * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, not_converged, offset, periodic_orbit, fast_decay, growth_hides,
+ * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, order_work_limit, not_converged, offset, periodic_orbit, fast_decay, growth_hides,
  * near_nyquist, short_record, unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction, coloured_residual.
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);

@@ -44,7 +44,12 @@ enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
 /* The pencil begins with few triplets and doubles them while the order is near their number; long records end earlier: a fit costs L r^2. */
 enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 };
 
+/* In records longer than this a ladder that is near the number of triplets is not refined before they are doubled: it is thrown away, and costs seconds. */
+enum { VERY_LONG = 32768 };
+
 static const double SPARING = 0.6;
+/* Multiplications (refine.h) that all ladders of an answer may take, and one that begins after they are spent: some seconds. */
+static const double WORK_MOST = 1.6e10, WORK_LEAST = 1e9;
 
 struct work {
     struct identify_options opt;    /* defaults filled in */
@@ -61,6 +66,7 @@ struct work {
     int triplets;                   /* asked of the pencil */
     struct projection projection;
     bool projected;                 /* which of the two was made */
+    double spent;                   /* work of the ladders so far */
     struct order_choice choice;
     int rank;                       /* of the chosen candidate */
     struct poles poles;
@@ -372,6 +378,34 @@ static bool overfitted(const struct work *w)
     return fit != NULL && fit->order > sparing_order(w) && fit->residual > 1e-12 * norm_of(w->data.Y);
 }
 
+/* Can the ladder be cut off by the number of triplets, so that more of them may help? */
+static bool more_triplets(const struct work *w)
+{
+    int most = w->X->m > LONG ? TRIPLETS_LONG : TRIPLETS_MOST;
+
+    return !w->projected && w->opt.rank.rule == RANK_AUTO && w->triplets < most && w->pencil.count == w->triplets && w->facts.full_rank == w->pencil.count;
+}
+
+/* Was it, and not by its own end? */
+static bool cut_off(const struct work *w)
+{
+    return more_triplets(w) && w->choice.chosen >= 0 && !w->choice.limited && w->rank + ORDER_AHEAD > w->pencil.count;
+}
+
+/* The ladder within what is left of WORK_MOST; a rank that was given is refined to its end. */
+static enum modal_status climb(struct work *w, const struct order_source *source, struct order_options *opt, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    opt->cut = w->data.Y->m > VERY_LONG && more_triplets(w) ? w->pencil.count : 0;
+    opt->work = w->opt.rank.rule == RANK_AUTO ? fmax(WORK_MOST - w->spent, WORK_LEAST) : 0;
+    order_done(&w->choice);
+    rc = order_choose(&w->data, source, opt, &w->choice, err);
+    w->spent += w->choice.work;
+    w->facts.work_limit = rc == MODAL_OK && w->choice.limited;
+    return rc;
+}
+
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     struct order_source source = { order_most(w), w->projected ? projection_source : pencil_source, w };
@@ -391,13 +425,12 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;
     opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;
-    rc = order_choose(&w->data, &source, &opt, &w->choice, err);
+    rc = climb(w, &source, &opt, err);
     if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
         opt.order_most = source.most = sparing_order(w);
-        order_done(&w->choice);
-        rc = order_choose(&w->data, &source, &opt, &w->choice, err);
+        rc = climb(w, &source, &opt, err);
     }
-    if (rc == MODAL_OK && w->choice.chosen >= 0 && w->opt.rank.rule == RANK_AUTO
+    if (rc == MODAL_OK && w->choice.chosen >= 0 && !w->choice.cut && w->opt.rank.rule == RANK_AUTO
         && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
         w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
     if (rc == MODAL_OK && w->choice.chosen >= 0) {
@@ -408,15 +441,6 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         out->hankel_rank = c->fit.order;
     }
     return rc;
-}
-
-/* Was the ladder cut off by the number of triplets, not by its own end? */
-static bool cut_off(const struct work *w)
-{
-    int most = w->X->m > LONG ? TRIPLETS_LONG : TRIPLETS_MOST;
-
-    return !w->projected && w->opt.rank.rule == RANK_AUTO && w->choice.chosen >= 0 && w->triplets < most && w->pencil.count == w->triplets
-        && w->facts.full_rank == w->pencil.count && w->rank + ORDER_AHEAD > w->pencil.count;
 }
 
 /* Twice the triplets, until the ladder ends by itself. */

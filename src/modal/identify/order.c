@@ -17,14 +17,18 @@
  *    well enough to be worth refining.
  * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
  *    zero within its error becomes a constant, with one parameter less, if BIC falls.
+ *
+ * Work is counted, never timed.  Each pass ends where `work` is spent, so that a long record of many modes ends with the best so far.
  */
 #include "modal/identify/order.h"
 #include "modal/identify/exponents.h"
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 static const double REACH = 0.02, SPLIT_REACH = 60, WORSE = 1.5;
+static const double LOOK_SHARE = 0.25;      /* of the work, for pass 1 */
 
 struct climb {
     const struct refine_data *data;
@@ -46,11 +50,38 @@ static int order_most(const struct climb *c)
     return c->opt->order_most > 0 && c->opt->order_most < c->data->Y->m ? c->opt->order_most : c->data->Y->m - 1;
 }
 
+/* Is SHARE of the work spent?  Asked where there is more to try. */
+static bool spent(struct climb *c, double share)
+{
+    bool yes = c->opt->work > 0 && c->choice.work >= share * c->opt->work;
+
+    c->choice.limited |= yes;
+    return yes;
+}
+
+/* refine_poles within the work that is left. */
+static enum modal_status fit_poles(struct climb *c, const double complex *lambda, int count, const bool *fixed, bool refine, double rival,
+                                   struct refined *fit, struct modal_error *err)
+{
+    struct refine_options opt = c->opt->refine;
+    enum modal_status rc;
+
+    opt.rival = rival;
+    opt.work = c->opt->work > 0 ? fmax(c->opt->work - c->choice.work, DBL_MIN) : 0;
+    if (!refine)
+        opt.iterations = -1;
+    rc = refine_poles(c->data, lambda, count, fixed, &opt, fit, err);
+    if (rc == MODAL_OK) {
+        c->choice.work += fit->work;
+        c->choice.limited |= fit->end == REFINE_STOPPED;
+    }
+    return rc;
+}
+
 /* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is nothing to fit. */
 static enum modal_status try_poles(struct climb *c, int r, const double complex *lambda, int count, const bool *fixed,
                                    bool refine, double rival, int *at, struct modal_error *err)
 {
-    struct refine_options opt = c->opt->refine;
     struct order_candidate *k;
     enum modal_status rc;
 
@@ -66,12 +97,9 @@ static enum modal_status try_poles(struct climb *c, int r, const double complex 
             return modal_fail(err, MODAL_NO_MEMORY, "order: no memory for %d candidates", room);
         c->choice.candidates = k, c->room = room;
     }
-    opt.rival = rival;
-    if (!refine)
-        opt.iterations = -1;
     k = &c->choice.candidates[c->choice.count];
     *k = (struct order_candidate) { .r = r, .refined = refine };
-    rc = refine_poles(c->data, lambda, count, fixed, &opt, &k->fit, err);
+    rc = fit_poles(c, lambda, count, fixed, refine, rival, &k->fit, err);
     if (rc == MODAL_OK)
         *at = c->choice.count++;
     return rc;
@@ -88,6 +116,8 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         int count = 0, at;
         if (c->opt->fixed > 0 && r != c->opt->fixed)
             continue;
+        if (*least >= 0 && spent(c, LOOK_SHARE))
+            break;
         rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
         if (rc == MODAL_NO_CONVERGENCE) {       /* the factors of this order left the range of doubles: no candidate */
             rc = MODAL_OK;
@@ -105,7 +135,6 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
 static enum modal_status refine_candidate(struct climb *c, int i, double rival, struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[i];
-    struct refine_options opt = c->opt->refine;
     struct refined fit;
     enum modal_status rc;
 
@@ -113,8 +142,7 @@ static enum modal_status refine_candidate(struct climb *c, int i, double rival, 
         return MODAL_OK;
     if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", k->r);
-    opt.rival = rival;
-    rc = refine_poles(c->data, k->fit.lambda, k->fit.poles, NULL, &opt, &fit, err);
+    rc = fit_poles(c, k->fit.lambda, k->fit.poles, NULL, true, rival, &fit, err);
     if (rc != MODAL_OK)
         return rc;
     refined_done(&k->fit);
@@ -132,6 +160,8 @@ static enum modal_status refine_side(struct climb *c, int looked, int step, int 
     for (int i = *best + step; i >= 0 && i < looked && lost < 2 && rc == MODAL_OK; i += step) {
         if (bic_of(c, i) > bic_of(c, *best) + fmax(reach, 100) && step < 0)
             break;
+        if (spent(c, 1))
+            break;
         rc = refine_candidate(c, i, bic_of(c, *best), err);
         bool wins = rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best);
         lost = wins ? 0 : lost + 1;
@@ -147,7 +177,7 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
     double reach = fmax(REACH * c->data->Y->m * c->data->Y->n, 100);
     enum modal_status rc = refine_candidate(c, least, 0, err);
 
-    for (int i = 0; i < looked && c->opt->thorough && rc == MODAL_OK; i++) {
+    for (int i = 0; i < looked && c->opt->thorough && rc == MODAL_OK && !spent(c, 1); i++) {
         rc = refine_candidate(c, i, bic_of(c, *best), err);
         if (rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best))
             *best = i;
@@ -161,6 +191,8 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
     for (int i = 0; i < looked && rc == MODAL_OK; i++) {
         if (c->choice.candidates[i].refined || bic_of(c, i) > bic_of(c, *best) + reach || i > *best + 2)
             continue;
+        if (spent(c, 1))
+            break;
         rc = refine_candidate(c, i, bic_of(c, *best), err);
         if (rc == MODAL_OK && bic_of(c, i) < bic_of(c, *best))
             *best = i;
@@ -174,7 +206,6 @@ static enum modal_status split_pole(struct climb *c, int j, int *best, struct mo
     const struct refined *fit = &c->choice.candidates[*best].fit;
     double apart = 0.5 / (c->data->tau * c->data->Y->m), nyquist = M_PI / c->data->tau;
     double complex lambda = fit->lambda[j];
-    struct refine_options opt = c->opt->refine;
     struct refined looked;
     int n = fit->poles, at;
     bool worth;
@@ -184,8 +215,7 @@ static enum modal_status split_pole(struct climb *c, int j, int *best, struct mo
         return MODAL_OK;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
     c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;
-    opt.iterations = -1;
-    rc = refine_poles(c->data, c->lambda, n + 1, NULL, &opt, &looked, err);
+    rc = fit_poles(c, c->lambda, n + 1, NULL, false, 0, &looked, err);
     if (rc != MODAL_OK)
         return rc;
     worth = looked.bic < bic_of(c, *best) + SPLIT_REACH;
@@ -203,7 +233,7 @@ static enum modal_status split(struct climb *c, int *best, struct modal_error *e
     enum modal_status rc = MODAL_OK;
     int poles = c->choice.candidates[*best].fit.poles;
 
-    for (int j = 0; j < poles && j < c->source->most && rc == MODAL_OK; j++)
+    for (int j = 0; j < poles && j < c->source->most && rc == MODAL_OK && !spent(c, 1); j++)
         rc = split_pole(c, j, best, err);
     return rc;
 }
@@ -228,11 +258,11 @@ static enum modal_status simplify(struct climb *c, int *best, struct modal_error
         double least = HUGE_VAL;
         enum modal_status rc;
         for (int j = 0; j < poles; j++) {
-            struct refine_options opt = c->opt->refine;
             struct refined fit;
-            opt.iterations = -1;
+            if (spent(c, 1))
+                return MODAL_OK;
             n = without(c, *best, j, c->lambda);
-            rc = refine_poles(c->data, c->lambda, n, NULL, &opt, &fit, err);
+            rc = fit_poles(c, c->lambda, n, NULL, false, 0, &fit, err);
             if (rc != MODAL_OK)
                 return rc;
             if (fit.bic < least)
@@ -274,7 +304,7 @@ static enum modal_status drop_undetermined(struct climb *c, int *best, struct mo
         double residual = fit->residual;
         int drop = undetermined(c, fit), n, at;
         enum modal_status rc;
-        if (drop < 0 || fit->poles < 2)
+        if (drop < 0 || fit->poles < 2 || spent(c, 1))
             return MODAL_OK;
         n = without(c, *best, drop, c->lambda);
         rc = try_poles(c, 0, c->lambda, n, NULL, true, 0, &at, err);
@@ -295,7 +325,7 @@ static enum modal_status pin_offset(struct climb *c, int *best, struct modal_err
     for (int j = 0; j < fit->poles; j++)
         if (pole_kind(fit->lambda[j], c->data->tau) == POLE_REAL && (slow < 0 || fabs(creal(fit->lambda[j])) < fabs(creal(fit->lambda[slow]))))
             slow = j;
-    if (slow < 0 || !(fabs(creal(fit->lambda[slow])) <= fmax(4 * fit->std_re[slow], 1e-9 / record)))
+    if (slow < 0 || !(fabs(creal(fit->lambda[slow])) <= fmax(4 * fit->std_re[slow], 1e-9 / record)) || spent(c, 1))
         return MODAL_OK;
     c->lambda[0] = 0;
     n = 1 + without(c, *best, slow, c->lambda + 1);
@@ -304,6 +334,23 @@ static enum modal_status pin_offset(struct climb *c, int *best, struct modal_err
     rc = try_poles(c, 0, c->lambda, n, c->fixed, true, 0, &at, err);
     if (rc == MODAL_OK && at >= 0 && bic_of(c, at) <= bic_of(c, *best))
         *best = at, c->choice.offset = true;
+    return rc;
+}
+
+/* Passes 2 to 4. */
+static enum modal_status improve(struct climb *c, int *best, struct modal_error *err)
+{
+    bool fixed = c->opt->fixed > 0;
+    enum modal_status rc = refine_ladder(c, best, err);
+
+    if (rc == MODAL_OK && !fixed)
+        rc = split(c, best, err);
+    if (rc == MODAL_OK && !fixed)
+        rc = simplify(c, best, err);
+    if (rc == MODAL_OK && !fixed && c->choice.candidates[*best].refined)
+        rc = drop_undetermined(c, best, err);
+    if (rc == MODAL_OK && !c->opt->no_offset)
+        rc = pin_offset(c, best, err);
     return rc;
 }
 
@@ -322,16 +369,9 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
         goto out;
     }
     rc = look(&c, &best, err);
-    if (rc == MODAL_OK && best >= 0)
-        rc = refine_ladder(&c, &best, err);
-    if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0)
-        rc = split(&c, &best, err);
-    if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0)
-        rc = simplify(&c, &best, err);
-    if (rc == MODAL_OK && best >= 0 && c.opt->fixed == 0 && c.choice.candidates[best].refined)
-        rc = drop_undetermined(&c, &best, err);
-    if (rc == MODAL_OK && best >= 0 && !c.opt->no_offset)
-        rc = pin_offset(&c, &best, err);
+    c.choice.cut = c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
+    if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
+        rc = improve(&c, &best, err);
     if (rc != MODAL_OK)
         goto out;
     c.choice.chosen = best;

@@ -17,6 +17,8 @@ struct order_options {
     int fixed;                  /* only this r is tried; 0: the ladder */
     int order_most;             /* no candidate of a higher order; 0: one less than the rows */
     bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no guide to the refined one's */
+    double work;                /* most multiplications, as refine.h counts them, before another candidate or step; 0: no limit */
+    int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do not refine: the caller has a larger source */
     bool no_offset;             /* do not try a slow real pole as a constant */
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;
@@ -31,11 +33,15 @@ struct order_candidate {
 struct order_choice {
     struct order_candidate *candidates; int count;   /* in the order they were tried */
     int chosen;                 /* index; -1: no candidate could be fitted (noise, or an empty source) */
+    double work;                /* multiplications spent */
+    bool limited;               /* options.work ended the search: better candidates may not have been tried */
+    bool cut;                   /* options.cut: the chosen one was only looked at */
     bool offset;                /* the chosen fit's pole 0 is the null exponent, fixed */
 };
 
 /*
- * Climb r = 1, 2, ...; refine those that can win; take the least BIC.  *out is the caller's, to order_done.
+ * Climb r = 1, 2, ...; refine those that can win; take the least BIC.  *out is the caller's, to order_done.  With `work` the search ends
+ * with the best so far once that is spent: a quarter of it may go into looking, and what it overruns is one evaluation.  The choice is the same on every machine.
  * Fails as refine_poles and the source do, and with MODAL_CANCELLED.
  */
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,

@@ -77,6 +77,7 @@ struct work {
     int *column, *first;         /* of each pole: its first column in Phi, its first parameter or -1 */
     bool look;                   /* no derivatives: Phi alone */
     int columns;                 /* of [Phi D], or of Phi */
+    double cost, spent;          /* multiplications of one evaluation; of all so far */
     int most_columns;            /* min(L, columns): columns of Q */
     bool join;                   /* Y joins the QR */
     int panel;                   /* columns of Y at a time */
@@ -146,6 +147,7 @@ static bool work_allocate(struct work *w)
     w->panel = w->panel > w->S ? w->S : w->panel;
     w->join = w->S <= JOIN_MOST && w->columns + w->S <= w->L;
     w->panel = w->join ? w->S : w->panel;
+    w->cost = (double)L * pow(w->columns + (w->join ? w->S : 0), 2) + (w->join ? 0 : (double)L * w->S * (w->most_columns + q));
     w->stack_rows = P + w->panel * (w->most_columns - q);
     w->basis = numbers(L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
     if (w->join && w->L > TALL) {
@@ -357,6 +359,7 @@ static enum modal_status evaluate(struct work *w, const struct point *at, struct
     bool regular;
 
     e->F = HUGE_VAL, e->degenerate = true;
+    w->spent += w->cost;
     memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
     memset(e->T, 0, (size_t)(w->parameters + 1) * (size_t)(w->parameters + 1) * sizeof *e->T);
     fill_basis(w, at);
@@ -584,6 +587,10 @@ static enum modal_status descend(struct work *w, struct search *s, const struct 
             *end = REFINE_HOPELESS;
             return MODAL_OK;
         }
+        if (opt->work > 0 && w->spent + w->cost > opt->work) {
+            *end = REFINE_STOPPED;
+            return MODAL_OK;
+        }
         s->iterations++, s->evaluations++;
         if (!damped_step(n, s->now.T, mu, s->A, s->delta)) {
             mu = fmax(mu, 1e-12) * grow, grow *= 2, failures++;
@@ -643,7 +650,7 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
         if (rc != MODAL_OK)
             return rc;
         rc = descend(w, s, opt, end, err);
-        if (rc != MODAL_OK || *end == REFINE_STALLED || *end == REFINE_HOPELESS)
+        if (rc != MODAL_OK || *end == REFINE_STALLED || *end == REFINE_HOPELESS || *end == REFINE_STOPPED)
             return rc;
     }
     if (at_guard(w, &s->at))
@@ -723,6 +730,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
     r->residual = known ? sqrt(total) : NAN;
     r->bic = known ? bic(w, s->now.rss, 1) : HUGE_VAL;
     r->iterations = s->iterations, r->evaluations = s->evaluations;
+    r->work = w->spent;
 }
 
 static enum modal_status check(const struct refine_data *d, const double complex *start, int count, struct modal_error *err)

@@ -23,6 +23,7 @@ struct refine_data {
 struct refine_options {
     int iterations;              /* most Levenberg-Marquardt steps; 0: 60; < 0: none, only look: residual, noise, bic */
     double step;                 /* converged once the next step is less than this times the standard errors; 0: 1e-3 */
+    double work;                 /* most multiplications (below) before another step; 0: no limit */
     double rival;                /* give up where the BIC will hardly fall below this (beside a better candidate); 0: never */
     bool equal_noise;            /* one noise level for all columns; else one for each signal, from its own residual */
 };
@@ -34,6 +35,7 @@ enum refine_end {
     REFINE_BOUNDED,              /* a pole sits at the guard of growth or decay: the model is wrong */
     REFINE_DEGENERATE,           /* two poles coincide, or there are more unknowns than rows */
     REFINE_HOPELESS,             /* given up: options.rival */
+    REFINE_STOPPED,              /* options.work is spent: not converged */
     REFINE_LOOKED                /* options.iterations < 0: the poles are the start, without standard errors */
 };
 
@@ -50,6 +52,7 @@ struct refined {
     double residual, start;      /* Frobenius norm of Y - fit: at the end, at the start */
     double bic;                  /* Bayes information criterion of the fit, residuals floored at rounding; see refine.c */
     int iterations, evaluations;
+    double work;                 /* multiplications of all evaluations, about: rows x columns^2 each; it depends on sizes and steps, not on the machine */
     enum refine_end end;
 };
 

@@ -1,11 +1,12 @@
 """A sweep through the daemon: shared over the workers, the table of --local, a kill -9 in the middle, cancel."""
+import csv
 import json
 import math
 import subprocess
 import time
 
 import pytest
-from conftest import BUILD, PATIENCE, environment
+from conftest import BUILD, PATIENCE, TOP, environment
 
 import modald
 
@@ -177,3 +178,27 @@ def test_a_passed_timeout_is_5_and_leaves_the_jobs(ctl, own_daemon, tmp_path):
         assert ctl("sweep", path, "--wait", "--timeout", "0.5", server=daemon).status == 5
         assert jobs(client, state="queued") and not jobs(client, state="cancelled")
         assert ctl("sweep", path, "--cancel", server=daemon).status == 0
+
+
+def test_strutt_s_diagram_of_40000_points_lies_within_the_reference_boundaries(ctl, own_daemon, tmp_path):
+    """At the reference's mu each point 1e-6 inside a tongue is unstable, each 1e-6 outside of all is not."""
+    with open(TOP / "tests/data/beam/strutt_undamped.csv") as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file) if row["omega_low"]]
+    known = {row["mu"] for row in rows}
+    mu = sorted(known | {0.45 * (i + 0.31) / (200 - len(known)) for i in range(200 - len(known))})
+    omega = [0.3 + 1.1 * (i + 0.5) / 200 for i in range(200)]
+    document = strutt(1)
+    del document["scene"]["structure"]["C"]
+    document["grid"][0]["values"], document["grid"][1]["values"] = [-2 * W1 ** 2 * m for m in mu], [2 * W1 * o for o in omega]
+    daemon = own_daemon()
+    served = ctl("sweep", write(tmp_path, document), "--wait", server=daemon).document
+    assert len(served["points"]) == len(mu) * len(omega) == 40000
+    checked = 0
+    for point in served["points"]:
+        m, o = mu[point["index"][0]], omega[point["index"][1]]
+        tongues = [(row["omega_low"], row["omega_high"]) for row in rows if row["mu"] == m]
+        if m not in known or any(abs(o - edge) < 1e-6 for tongue in tongues for edge in tongue):
+            continue
+        assert (point["stability"]["stable"] is False) == any(low < o < high for low, high in tongues), (m, o, point)
+        checked += 1
+    assert checked > 0.99 * len(known) * len(omega)

@@ -14,6 +14,9 @@ import modald
 
 EXAMPLES = BUILD / "examples"
 
+# Python cannot load a library that needs the sanitizers' runtime first.
+in_python = pytest.mark.skipif(b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes(), reason="a sanitized library does not load into Python")
+
 
 @pytest.fixture
 def peer(tmp_path):
@@ -175,6 +178,7 @@ def url(peer, monkeypatch):
     return peer.endpoint
 
 
+@in_python
 def test_python_pushes_rows_names_and_a_verdict(peer, url):
     peer.event = {"stability": {"stable": True}, "modes": [{"frequency_hz": 2.5, "damping_ratio": 0.03, "std": {"frequency_hz": 0.25, "damping_ratio": 0.005}},
                                                             {"frequency_hz": 1.5, "damping_ratio": 0.01, "std": {"frequency_hz": 0.125, "damping_ratio": 0.001}}]}
@@ -192,6 +196,7 @@ def test_python_pushes_rows_names_and_a_verdict(peer, url):
     assert opened["names"] == ["root", "mid", "tip"] and opened["units"] == "m" and opened["window"] == {"samples": 100, "hop": 50}
 
 
+@in_python
 def test_an_exception_closes_the_stream_as_broken_off(peer, url):
     with pytest.raises(ZeroDivisionError):
         with modald.stream("broken", 1, 0.01) as s:
@@ -200,6 +205,7 @@ def test_an_exception_closes_the_stream_as_broken_off(peer, url):
     assert peer.closes == [("broken", True)]
 
 
+@in_python
 def test_python_without_the_environment_does_nothing(monkeypatch):
     monkeypatch.delenv("MODALD_URL", raising=False)
     with modald.stream("none", 2, 0.01) as s:
@@ -207,6 +213,7 @@ def test_python_without_the_environment_does_nothing(monkeypatch):
         assert s.verdict == "unknown" and s.estimate is None and s.report.pushed == 0
 
 
+@in_python
 def test_the_verdict_is_forgotten_when_the_link_breaks(peer, url):
     peer.event = {"stability": {"stable": True}, "modes": []}
     with modald.stream("stale", 1, 0.01) as s:
@@ -220,6 +227,7 @@ def test_the_verdict_is_forgotten_when_the_link_breaks(peer, url):
         peer.start()
 
 
+@in_python
 def test_a_run_from_a_checkpoint_repeats_or_begins_an_epoch(peer, url):
     rows = np.arange(100.0).reshape(-1, 1)
     with modald.stream("run", 1, 0.01) as s:
@@ -234,6 +242,7 @@ def test_a_run_from_a_checkpoint_repeats_or_begins_an_epoch(peer, url):
     assert len(peer.streams["run"]) == 2 and np.array_equal(peer.record("run"), -rows[50:70]) and np.array_equal(peer.record("run", 0), rows)
 
 
+@in_python
 def test_uneven_steps_are_brought_to_equal_ones_and_the_error_is_estimated(peer, url):
     dt, w = 0.01, 2 * np.pi * 3
     t = np.cumsum(np.random.default_rng(4).uniform(0.3, 1.0, 3000) * dt)

@@ -24,8 +24,8 @@ static enum modal_status read_id(const cJSON *header, struct wire_message *out, 
     const cJSON *id = cJSON_GetObjectItemCaseSensitive(header, "id");
     char *text;
 
-    if (cJSON_IsNumber(id) && id->valuedouble == (double)(long long)id->valuedouble
-        && id->valuedouble >= -WIRE_INTEGER_MOST && id->valuedouble <= WIRE_INTEGER_MOST) {
+    if (cJSON_IsNumber(id) && id->valuedouble >= -WIRE_INTEGER_MOST && id->valuedouble <= WIRE_INTEGER_MOST
+        && id->valuedouble == (double)(long long)id->valuedouble) {      /* the range first: past it the cast is undefined */
         snprintf(out->id, sizeof out->id, "%lld", (long long)id->valuedouble);
         return MODAL_OK;
     }

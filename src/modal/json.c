@@ -394,8 +394,9 @@ char *json_print(const cJSON *value)
 void json_path(char out[128], const char *base, const char *key)
 {
     char path[256];
+    const char *name = key[0] != '\0' ? key : "\"\"";      /* an empty key has a name too, or the error would name the document */
 
-    snprintf(path, sizeof path, "%s%s%s", base, base[0] != '\0' && key[0] != '[' ? "." : "", key);
+    snprintf(path, sizeof path, "%s%s%s", base, base[0] != '\0' && key[0] != '[' ? "." : "", name);
     snprintf(out, 128, "%.127s", path);
 }
 

@@ -427,7 +427,9 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;
     rc = climb(w, &source, &opt, err);
     if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
-        opt.order_most = source.most = sparing_order(w);
+        opt.order_most = sparing_order(w);
+        if (source.most > opt.order_most)         /* splitting poles may have gone beyond the triplets there are */
+            source.most = opt.order_most;
         rc = climb(w, &source, &opt, err);
     }
     if (rc == MODAL_OK && w->choice.chosen >= 0 && !w->choice.cut && w->opt.rank.rule == RANK_AUTO

@@ -430,6 +430,8 @@ enum modal_status scene_lower(const cJSON *scene, const struct scene_options *op
 
     if (rc == MODAL_OK)
         rc = finish(&l, err);
+    if (rc == MODAL_BAD_INPUT && err != NULL && err->field[0] == '\0' && cJSON_IsObject(scene))
+        snprintf(err->field, sizeof err->field, "structure");       /* numbers that no key is to blame for alone: an overflow, no stiffness */
     if (rc == MODAL_OK) {
         *out = l.p;
         l.p = NULL;

@@ -226,3 +226,21 @@ TEST(a_cancelled_simulation_stops)
     program_free(p);
     cJSON_Delete(scene);
 }
+
+/* Coulomb's slider is let go at 0.23915 s, where its rate is rounding of either sign, sticks at 1.572 s and is let go again at 1.626 s.  The
+ * expected motion is DOP853's at 1e-13, in pieces between the switches as its dense output has them. */
+TEST(a_slider_let_go_at_rest_slips_on)
+{
+    const char *text = "{'structure':{'type':'matrices','M':[[1,0.1],[0.1,1]],'K':[[3,-1],[0,4]],'C':[[0.2,0],[0,0.2]],'G':[[0,1],[-1,0]],"
+                       "'speed':2,'dofs':['a','b']},'effects':[{'type':'coulomb','dof':'b','limit':2.2}],'initial':{'x':{'a':2}},"
+                       "'time':{'dt':0.1,'duration':2}}";
+    struct scene_time t;
+    struct simulate_result s;
+    double *x = run(text, &t, &s);
+
+    CHECK_NEAR(x[5 * 2], 1.32498719, 1e-7);
+    CHECK_NEAR(x[5 * 2 + 1], -0.02951361, 1e-7);
+    CHECK_NEAR(x[10 * 2], 0.03481544, 1e-7);
+    CHECK_NEAR(x[20 * 2 + 1], -0.95591148, 1e-7);
+    free(x);
+}

@@ -26,6 +26,7 @@ struct view {                    /* one law over one step */
     double a[INPUTS][TERMS];     /* Newton coefficients of each input */
     double start[INPUTS];        /* displacements at the step's start */
     const double *memory, *phi;
+    double quiet;                /* a rate of this size may be rounding */
 };
 
 /* Newton's divided differences on doubled knots: values d and slopes h v. */
@@ -70,7 +71,7 @@ static enum modal_status set_valued_piece(const struct view *view, double theta,
 
     if (view->law->held != 0) {
         motion(view, theta, d, v);
-        *piece = v[0] * view->law->held > 0;
+        *piece = v[0] * view->law->held > -view->quiet;      /* one just let go starts at a rate of 0, give or take rounding */
         return MODAL_OK;
     }
     collocation_lagrange(view->c, theta, l);
@@ -134,14 +135,15 @@ static enum modal_status find_in(const struct view *view, double limit, double *
 }
 
 enum modal_status events_find(struct ports *p, const struct collocation *c, double t, double h, const double *knots, const double *phi,
-                              const double *memory, double limit, struct event *out, struct modal_error *err)
+                              const double *memory, const double *quiet, double limit, struct event *out, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     *out = (struct event) { HUGE_VAL, -1 };
     for (int i = 0; i < p->laws && rc == MODAL_OK; i++) {
         const struct law *law = p->law[i].law;
-        struct view view = { .p = p, .c = c, .law = &p->law[i], .index = i, .t = t, .h = h, .memory = memory + p->law[i].memory, .phi = phi };
+        struct view view = { .p = p, .c = c, .law = &p->law[i], .index = i, .t = t, .h = h, .memory = memory + p->law[i].memory, .phi = phi,
+                             .quiet = quiet[p->law[i].channel] };
         double theta;
         if (law->kind->smooth || law->kind->restart != NULL)
             continue;

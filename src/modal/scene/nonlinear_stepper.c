@@ -31,7 +31,7 @@
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
 
-enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, STEPS_SEQUENTIAL = 64, PAST = 4 };
+enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, STEPS_MOST = 100000, STALLED_MOST = 1000, STEPS_SEQUENTIAL = 64, PAST = 4 };
 
 struct nonlinear_stepper {
     struct stepper face;
@@ -45,6 +45,7 @@ struct nonlinear_stepper {
     double scale;                     /* the largest |y| so far */
     double missed;                    /* of the last step */
     double *weight;                   /* of each channel: |U| */
+    double *quiet;                    /* of each channel: a rate that may be rounding */
     double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *slope, *J, *residual, *knots, *past;
     int pasts;
     int *pivot;
@@ -202,6 +203,19 @@ static double miss(struct nonlinear_stepper *s, const struct collocation_map *ma
     return 0.05 * map->h * worst / s->scale;
 }
 
+/* A sum of N products is known to so many units in the last place of its terms. */
+static void rounding_of_rates(struct nonlinear_stepper *s, const double *y)
+{
+    int q = s->ports->probes, r = 2 * q;
+
+    for (int c = 0; c < s->ports->channels; c++) {
+        double sum = 0;
+        for (int k = 0; k < s->ss->N; k++)
+            sum += fabs(s->ports->R[(size_t)(q + c) + (size_t)k * (size_t)r] * y[k]);
+        s->quiet[c] = 64 * DBL_EPSILON * sum;
+    }
+}
+
 static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
 {
     struct ports *p = s->ports;
@@ -213,6 +227,7 @@ static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const
     probe(s, y, s->probe0);
     if (s->sequential)
         return MODAL_OK;
+    rounding_of_rates(s, y);
     rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->force0, NULL, NULL, err);
     for (int l = 0; l < p->laws; l++)
         if (stuck(&p->law[l]))
@@ -283,7 +298,7 @@ static bool correct_sliders(struct nonlinear_stepper *s)
                 law->held = force > 0 ? 1 : -1;
                 any = true;
             }
-        } else if (law->held != 0 && rate * law->held < 0 && s->knots[q + law->channel] * law->held <= 1e-9 * s->scale) {
+        } else if (law->held != 0 && rate * law->held < -s->quiet[law->channel] && s->knots[q + law->channel] * law->held <= 1e-9 * s->scale) {
             law->held = 0;
             any = true;
         }
@@ -312,7 +327,7 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
             rc = begin_step(s, t, y, err);
             continue;
         }
-        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, cut ? 1.2 : 1, &event, err);
+        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, s->quiet, cut ? 1.2 : 1, &event, err);
         double off = fabs(event.theta - 1);       /* a turning point is known to the root of rounding only */
         if (rc != MODAL_OK || event.law < 0 || off < 1e-10 || (k >= 4 && off < 1e-6) || k + 1 == CUTS_MOST)
             break;
@@ -337,16 +352,22 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
 static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t, double h, double *y, struct modal_error *err)
 {
     double done = 0;
+    int64_t before = s->face.steps + s->face.rejected;
+    int stalled = 0;                  /* steps on end too short to matter */
     enum modal_status rc = MODAL_OK;
 
     while (done < h * (1 - 1e-14) && rc == MODAL_OK) {
         double size = ldexp(s->opt.dt, -s->level), left = h - done, step = left < size * (1 + 1e-9) ? left : size, asked = step, taken;
         if (s->opt.cancelled != NULL && s->face.steps % 1024 == 0 && s->opt.cancelled(s->opt.context))
             return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", t + done);
+        if (s->face.steps + s->face.rejected - before > STEPS_MOST || stalled > STALLED_MOST)
+            return modal_fail(err, MODAL_NO_CONVERGENCE, "contacts or slips accumulate at t = %.9g s: %lld steps did not pass dt = %g s", t + done,
+                              (long long)(s->face.steps + s->face.rejected - before), s->opt.dt);
         rc = try_step(s, t + done, &step, y, &taken, err);
         if (rc != MODAL_OK)
             return rc;
         done += taken;
+        stalled = taken < 1e-12 * s->opt.dt ? stalled + 1 : 0;
         if (taken == 0) {
             while (s->level < LEVELS && ldexp(s->opt.dt, -s->level) > step * 1.001)
                 s->level++;
@@ -489,7 +510,7 @@ static void report(struct stepper *face, struct program *p)
 static void nonlinear_free(struct stepper *face)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
-    double *all[] = { s->weight, s->memory, s->after, s->w, s->y, s->probe0, s->base, s->probes, s->phi, s->phi_end, s->force0, s->slope, s->J,
+    double *all[] = { s->weight, s->quiet, s->memory, s->after, s->w, s->y, s->probe0, s->base, s->probes, s->phi, s->phi_end, s->force0, s->slope, s->J,
                       s->residual, s->knots, s->past };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
@@ -504,7 +525,7 @@ static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_erro
 {
     size_t m = (size_t)s->ports->channels, r = 2 * (size_t)s->ports->probes, N = (size_t)s->ss->N, size = m * S;
     struct { double **x; size_t count; } all[] = {
-        { &s->weight, m }, { &s->memory, (size_t)s->ports->memory }, { &s->after, (size_t)s->ports->memory }, { &s->w, (size_t)s->src->nw },
+        { &s->weight, m }, { &s->quiet, m }, { &s->memory, (size_t)s->ports->memory }, { &s->after, (size_t)s->ports->memory }, { &s->w, (size_t)s->src->nw },
         { &s->y, N }, { &s->probe0, r }, { &s->base, r * S }, { &s->probes, r * S }, { &s->phi, size }, { &s->phi_end, m }, { &s->force0, m },
         { &s->slope, m * r }, { &s->J, size * size }, { &s->residual, size }, { &s->knots, r * (S + 1) }, { &s->past, m * PAST } };
 

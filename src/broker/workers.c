@@ -306,6 +306,19 @@ static void ended_early(struct core *c, struct job *job, enum ending ending, int
     }
 }
 
+/* The end of what a process said that nobody had told to end, as one line. */
+static void log_exit(struct core *c, int slot, int status, const char *stderr_text)
+{
+    char said[1024];
+    size_t length = stderr_text == NULL ? 0 : strlen(stderr_text), from = length < sizeof said ? 0 : length - sizeof said + 1;
+
+    snprintf(said, sizeof said, "%s", length == 0 ? "" : stderr_text + from);
+    for (char *at = said; *at != 0; at++)
+        if ((unsigned char)*at < 0x20 || *at == '"')
+            *at = *at == '"' ? '\'' : ' ';
+    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status, said);
+}
+
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
 {
     struct slot *s = &c->slots[slot];
@@ -318,6 +331,8 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
         enum ending ending = job->ending;
         account_for(c, s, job);
         part(c, s);
+        if (ending == ENDING_NONE)
+            log_exit(c, slot, status, stderr_text);
         if (ending != ENDING_FINISH)
             ended_early(c, job, ending, status, stderr_text);
         s->quick_deaths = 0;
@@ -328,7 +343,7 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
             s->quick_deaths++;
         again_ns = s->quick_deaths == 0 ? 0 : SECOND / 10 << (s->quick_deaths < 6 ? s->quick_deaths : 6);
         if (s->quick_deaths > 0)
-            core_log(c, "level=warning event=worker_exit slot=%d status=%d", slot, status);
+            log_exit(c, slot, status, stderr_text);
     }
     s->state = SLOT_EMPTY;
     if (c->terminating)

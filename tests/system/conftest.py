@@ -19,8 +19,26 @@ os.environ["MODALD_BUILD"] = str(BUILD)
 sys.path.insert(0, str(TOP / "clients" / "python"))
 
 import modald  # noqa: E402
+import sanitized  # noqa: E402
 
 PATIENCE = 120
+
+
+def pytest_configure():
+    sanitized.begin()
+
+
+def pytest_unconfigure():
+    sanitized.end()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_teardown(item):
+    """Daemons of a module end with its last test, and their leaks are known only then."""
+    done = yield
+    done.get_result()
+    found = sanitized.reports()
+    assert not found, f"sanitizers in {item.name}:\n" + "\n".join(found)
 
 
 def environment(**more):
@@ -99,6 +117,7 @@ class Daemon:
 
     def remove(self):
         self.stop()
+        sanitized.hear(self.said())
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
@@ -133,6 +152,7 @@ class Said:
 
     def __init__(self, done, one=True):
         self.status, self.out, self.err = done.returncode, done.stdout, done.stderr
+        sanitized.hear(done.stderr)
         self.lines = [json.loads(line) for line in self.out.splitlines()]
         if one:
             assert len(self.lines) == 1, (self.out, self.err)

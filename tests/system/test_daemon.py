@@ -71,6 +71,14 @@ def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
         until(lambda: not pathlib.Path(f"/proc/{child}").exists() or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2], 5)
 
 
+def test_a_workers_last_words_are_one_line_of_the_log():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=30)["state"] == "dead"
+        lines = [line for line in d.text().splitlines() if "event=worker_exit" in line]
+        assert len(lines) == 3 and all("status=9 said=\"the 'end' level=forged" in line for line in lines)
+
+
 def test_the_metrics_file_is_written_whole(tmp_path):
     file = tmp_path / "modald.prom"
     with Daemon(config=FAKE + f"metrics_file = {file}\nmetrics_s = 0.2\n", workers=1) as d:

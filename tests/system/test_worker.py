@@ -11,6 +11,7 @@ import tempfile
 import time
 
 import pytest
+import sanitized
 import zmq
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
@@ -96,6 +97,7 @@ class Daemon:
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait()
+        sanitized.hear(self.process.stderr.read().decode(errors="replace"))
         self.process.stderr.close()
         self.router.close()
         self.context.term()

@@ -11,6 +11,8 @@ import time
 
 import zmq
 
+import sanitized
+
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 VERSION = b"MODALD1"
 
@@ -183,6 +185,7 @@ class Daemon:
             self.process.wait(30)
         if not self.log.closed:
             self.log.close()
+        sanitized.hear(self.text())
         if self.own:
             self.own.cleanup()
 

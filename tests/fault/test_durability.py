@@ -20,6 +20,7 @@ import zmq
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
+from small_disk import small_disk  # noqa: E402
 from wire import BUILD, Daemon, crc32c, identity, ring_down, submit  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
@@ -211,52 +212,38 @@ def test_a_failed_sync_ends_the_daemon_and_acknowledges_nothing_more(call, tmp_p
     print(f"\nP7: {call}: {ended} failing syncs, {len(acks)} acknowledged jobs, 0 violations")
 
 
-def mounted(size, folder):
-    """A small file system of its own; None where this user may not mount."""
-    folder.mkdir()
-    if os.geteuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder)], capture_output=True).returncode != 0:
-        return None
-    return folder
-
-
-def test_a_full_disk_refuses_submits_and_recovers_without_a_hand(tmp_path):
+def test_a_full_disk_refuses_submits_and_recovers_without_a_hand():
     """P8: the reserve of 16 MiB is inside the 40 MiB; documents of 200 kB fill the rest."""
-    disk = mounted("40m", tmp_path / "disk")
-    if disk is None:
-        pytest.skip("mounting a tmpfs needs root")
-    try:
-        with Daemon(folder=disk, config=FAKE, workers=2) as d:
-            c = d.client(timeout_s=30)
-            acks, full = {}, 0
-            for i in range(400):
-                reply = submit(c, key=f"f{i}", options={"document": 200000}, phase=i * 1e-3)
-                if reply.code == "storage_full":
-                    assert reply["error"]["detail"]["retry_after_s"] > 0
-                    full += 1
-                    break
-                assert reply.ok, reply
-                acks[f"f{i}"] = reply["job"]
-                done = c.ask("WAIT", job=reply["job"], timeout_s=30)
-                assert done["state"] == "done" or done["error"]["code"] == "storage_full", done
-                full += done["state"] == "failed"
-                if full >= 3:
-                    break
-            assert full, "the disk never filled"
-            assert c.ask("STATUS", job="key:f0").ok and c.ask("RESULT", job="key:f0", length=100).ok
-            for key in list(acks)[: len(acks) // 2]:
-                assert c.ask("DELETE", job=f"key:{key}").ok
-            end = time.monotonic() + 20
-            while not (reply := submit(c, key="after", options={"say": "again"})).ok:
-                assert reply.code == "storage_full" and time.monotonic() < end, reply
-                time.sleep(0.1)
-            assert c.ask("WAIT", job="key:after", timeout_s=30)["state"] == "done"
-            d.kill()
-            d.start()                                # what is left is whole
-            c = d.client(timeout_s=30)
-            assert c.ask("RESULT", job=f"key:{list(acks)[len(acks) // 2]}", length=10).ok
-            print(f"\nP8: full after {len(acks)} jobs, 0 violations")
-    finally:
-        subprocess.run(["umount", "-l", str(disk)], check=False)
+    with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=2) as d:
+        c = d.client(timeout_s=30)
+        acks, full = {}, 0
+        for i in range(400):
+            reply = submit(c, key=f"f{i}", options={"document": 200000}, phase=i * 1e-3)
+            if reply.code == "storage_full":
+                assert reply["error"]["detail"]["retry_after_s"] > 0
+                full += 1
+                break
+            assert reply.ok, reply
+            acks[f"f{i}"] = reply["job"]
+            done = c.ask("WAIT", job=reply["job"], timeout_s=30)
+            assert done["state"] == "done" or done["error"]["code"] == "storage_full", done
+            full += done["state"] == "failed"
+            if full >= 3:
+                break
+        assert full, "the disk never filled"
+        assert c.ask("STATUS", job="key:f0").ok and c.ask("RESULT", job="key:f0", length=100).ok
+        for key in list(acks)[: len(acks) // 2]:
+            assert c.ask("DELETE", job=f"key:{key}").ok
+        end = time.monotonic() + 20
+        while not (reply := submit(c, key="after", options={"say": "again"})).ok:
+            assert reply.code == "storage_full" and time.monotonic() < end, reply
+            time.sleep(0.1)
+        assert c.ask("WAIT", job="key:after", timeout_s=30)["state"] == "done"
+        d.kill()
+        d.start()                                # what is left is whole
+        c = d.client(timeout_s=30)
+        assert c.ask("RESULT", job=f"key:{list(acks)[len(acks) // 2]}", length=10).ok
+        print(f"\nP8: full after {len(acks)} jobs, 0 violations")
 
 
 def rss_mb(pid):

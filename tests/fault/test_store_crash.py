@@ -14,6 +14,7 @@ import tempfile
 import pytest
 
 import crashgen
+from small_disk import small_disk
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
@@ -278,22 +279,14 @@ def test_truncation_is_reported_or_an_earlier_state(scratch, capsys):
 
 def test_a_disk_that_is_really_full_refuses_and_recovers(scratch, capsys):
     """F7 on a small tmpfs: bytes, then inodes; more room afterwards, and everything acknowledged is there."""
-    mount = f"{scratch}/small"
-    os.makedirs(mount)
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=100k", "none", mount], stderr=subprocess.DEVNULL).returncode != 0:
-        pytest.skip("may not mount here")
-    subprocess.run(["umount", mount], check=True)
     checker = Checker()
     for option in [f"size={kilobytes}k" for kilobytes in range(60, 900, 24)] + [f"size=9m,nr_inodes={count}" for count in range(5, 18)]:
-        subprocess.run(["mount", "-t", "tmpfs", "-o", option, "none", mount], check=True)
-        try:
-            status, errors = write(f"{mount}/life", f"{scratch}/acks")
+        with small_disk(option) as disk:
+            status, errors = write(f"{disk}/life", f"{scratch}/acks")
             if status not in (0, 4):
                 checker.violations["P1"].append(f"{option}: status {status}: {errors.strip()[-200:]}")
-            subprocess.run(["mount", "-o", "remount,size=20m,nr_inodes=1000", mount], check=True)
-            checker.check(f"{mount}/life", f"{scratch}/acks", option)
-        finally:
-            subprocess.run(["umount", mount], check=True)
+            subprocess.run(["mount", "-o", "remount,size=20m,nr_inodes=1000", disk], check=True)
+            checker.check(f"{disk}/life", f"{scratch}/acks", option)
     with capsys.disabled():
         print()
         checker.close("small disks")

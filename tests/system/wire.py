@@ -70,11 +70,13 @@ class Reply:
 
 
 class Client:
-    def __init__(self, endpoint, timeout_s=20, keys=None):
+    def __init__(self, endpoint, timeout_s=20, keys=None, identity=None):
         self.context = zmq.Context.instance()
         self.socket = self.context.socket(zmq.DEALER)
         self.socket.linger = 0
         self.socket.rcvtimeo = int(timeout_s * 1000)
+        if identity:
+            self.socket.setsockopt(zmq.IDENTITY, identity)
         if keys:
             self.socket.curve_serverkey, self.socket.curve_publickey, self.socket.curve_secretkey = keys
         self.socket.connect(endpoint)

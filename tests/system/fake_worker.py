@@ -29,7 +29,7 @@ def main():
 
     def beat():
         parent = os.getppid()
-        while os.getppid() == parent:       # a daemon that was killed leaves no worker behind
+        while os.getppid() == parent != 1:  # a daemon that was killed leaves no worker behind, not even one that was still starting
             time.sleep(1)
             say("BEAT")
         os._exit(0)

@@ -213,3 +213,28 @@ TEST(standard_deviations_of_frequency_and_damping_follow_from_the_exponents)
     CHECK_NEAR(z, 1e-3 / 5, 1e-8);
     CHECK_NEAR(m, exp(-0.002) * 0.1 * sqrt(5e-6), 1e-12);
 }
+
+/* A settled answer lies within SETTLED = 1e-8 standard errors of the minimum; two of them within twice that, rounding about 1e-13 beside it.  An
+ * answer that only converged may lie 1e-3 standard errors off. */
+TEST(a_settled_answer_does_not_tell_where_the_search_began)
+{
+    for (int snr = 10; snr <= 60; snr += 10) {
+        struct decay d = three(400, 50 + snr);
+        struct random rng = { 60 + snr };
+        struct matrix Y = signals_of(&d);
+        struct refine_data data = { &Y, d.dt, 0, 0 };
+        struct refine_options opt = { .settle = true };
+        double complex start[3];
+        struct refined a, b;
+
+        decay_noise(&d, y, 400, snr, &rng);
+        for (int j = 0; j < 3; j++)
+            start[j] = d.lambda[j] * CMPLX(1.0007, -0.0011);
+        CHECK(refine_poles(&data, d.lambda, 3, NULL, &opt, &a, NULL) == MODAL_OK);
+        CHECK(refine_poles(&data, start, 3, NULL, &opt, &b, NULL) == MODAL_OK);
+        for (int j = 0; j < 3; j++)
+            CHECK_NEAR(cabs(a.lambda[j] - b.lambda[j]), 0, 4e-8 * hypot(a.std_re[j], a.std_im[j]) + 1e-13 * cabs(a.lambda[j]));
+        refined_done(&a);
+        refined_done(&b);
+    }
+}

@@ -354,6 +354,26 @@ static enum modal_status improve(struct climb *c, int *best, struct modal_error 
     return rc;
 }
 
+/* The winner taken to its minimum, if the ladder was not cut short; a few evaluations, which are not counted among the search's. */
+static enum modal_status settle(struct climb *c, int best, struct modal_error *err)
+{
+    struct order_candidate *k = &c->choice.candidates[best];
+    struct refine_options opt = { .equal_noise = c->opt->refine.equal_noise, .settle = true };
+    struct refined fit;
+    enum modal_status rc;
+
+    if (!k->refined || k->fit.end != REFINE_CONVERGED || c->opt->refine.iterations < 0 || c->choice.limited)
+        return MODAL_OK;
+    memset(c->fixed, 0, (size_t)k->fit.poles * sizeof *c->fixed);
+    c->fixed[0] = c->choice.offset;
+    rc = refine_poles(c->data, k->fit.lambda, k->fit.poles, c->fixed, &opt, &fit, err);
+    if (rc != MODAL_OK)
+        return rc;
+    refined_done(&k->fit);
+    k->fit = fit;
+    return MODAL_OK;
+}
+
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
                                const struct order_options *opt, struct order_choice *out, struct modal_error *err)
 {
@@ -372,6 +392,8 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
     c.choice.cut = c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
         rc = improve(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0)
+        rc = settle(&c, best, err);
     if (rc != MODAL_OK)
         goto out;
     c.choice.chosen = best;

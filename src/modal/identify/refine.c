@@ -62,6 +62,8 @@
 
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
+static const double SETTLED = 1e-8;         /* standard errors between a settled answer and the minimum */
+enum { SETTLE_STEPS = 16 };
 enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
@@ -621,6 +623,39 @@ static enum modal_status descend(struct work *w, struct search *s, const struct 
     return MODAL_OK;
 }
 
+static double gradient(const struct work *w, const struct evaluation *e)
+{
+    int n = w->parameters;
+
+    return cblas_dnrm2(n, e->T + n * (n + 1), 1) / sqrt(e->F / fmax(freedom(w), 1));
+}
+
+/*
+ * To the minimum itself: whole steps, each with the weights of the residuals before it, until the gradient is as small as asked for or as rounding lets it
+ * be.  Near the minimum F no longer tells better from worse (its fall is the square of the step), the gradient does; weights and exponents
+ * settle by turns, so it is compared with the one before the last.
+ */
+static enum modal_status settle(struct work *w, struct search *s, bool equal, struct modal_error *err)
+{
+    double before = HUGE_VAL, now = HUGE_VAL;
+
+    for (int i = 0; i < SETTLE_STEPS && now > SETTLED; i++) {
+        enum modal_status rc;
+        double next;
+        if (!damped_step(w->parameters, s->now.T, 0, s->A, s->delta))
+            break;
+        take_step(w, &s->at, s->delta, &s->trial);
+        set_weights(w, s->now.rss, equal);
+        rc = evaluate(w, &s->trial, &s->next, err);
+        s->evaluations++;
+        if (rc != MODAL_OK || s->next.degenerate || (next = gradient(w, &s->next)) >= before)
+            return rc;
+        before = now, now = next;
+        swap_in(s);
+    }
+    return MODAL_OK;
+}
+
 /* Descend, weigh anew, until the weights settle. */
 static enum modal_status search(struct work *w, struct search *s, const struct refine_options *opt, double *start,
                                 enum refine_end *end, struct modal_error *err)
@@ -655,7 +690,7 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
     }
     if (at_guard(w, &s->at))
         *end = REFINE_BOUNDED;
-    return MODAL_OK;
+    return opt->settle && *end == REFINE_CONVERGED ? settle(w, s, opt->equal_noise, err) : MODAL_OK;
 }
 
 /* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */

@@ -26,6 +26,7 @@ struct refine_options {
     double work;                 /* most multiplications (below) before another step; 0: no limit */
     double rival;                /* give up where the BIC will hardly fall below this (beside a better candidate); 0: never */
     bool equal_noise;            /* one noise level for all columns; else one for each signal, from its own residual */
+    bool settle;                 /* once converged go on to the minimum itself, so that the answer does not tell where the search began */
 };
 
 enum refine_end {

@@ -520,7 +520,7 @@ static void *router(struct daemon *d)
     int64_t frame = WIRE_BODY_MOST;
     bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1) && set_int(socket, ZMQ_SNDHWM, 64) && set_int(socket, ZMQ_RCVHWM, 16)
         && set_int(socket, ZMQ_HANDSHAKE_IVL, 3000) && set_int(socket, ZMQ_LINGER, 200) && set_int(socket, ZMQ_HEARTBEAT_IVL, 10000)
-        && set_int(socket, ZMQ_HEARTBEAT_TIMEOUT, 30000) && set_int(socket, ZMQ_BACKLOG, 1024)
+        && set_int(socket, ZMQ_HEARTBEAT_TIMEOUT, 20000) && set_int(socket, ZMQ_BACKLOG, 1024)
         && zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) == 0;
 
     if (!ok && socket != NULL) {

@@ -83,7 +83,7 @@ struct task {
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
     struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
     uint64_t total;                       /* out: the whole size */
-    uint32_t crcs[64];                    /* WRITE: out */
+    uint32_t crcs[64];                    /* WRITE: of each chunk */
     uint8_t sha256[32];                   /* SEAL: out */
     uint32_t crc;                         /* SEAL: out */
     struct result_record record;          /* RESULT_PUT: out */

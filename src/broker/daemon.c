@@ -811,6 +811,8 @@ int daemon_run(struct config *config, config_again *again, void *context)
 
     setvbuf(stderr, NULL, _IOFBF, 1 << 16);
     mallopt(M_ARENA_MAX, 2);
+    mallopt(M_MMAP_THRESHOLD, 4 << 20);            /* frames come from the heap again and again, not from fresh zeroed pages */
+    mallopt(M_TRIM_THRESHOLD, 64 << 20);
     *d = (struct daemon) { .config = config, .again = again, .again_context = context, .signals = -1 };
     d->done.wake = -1;
     if (begin(d, &err) != MODAL_OK) {

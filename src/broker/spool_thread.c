@@ -1,5 +1,6 @@
 /* spool_thread.c - tasks on files: chunks, seals, results, and reading beside the ledger's thread */
 #include "broker/queue.h"
+#include "store/crc32c.h"
 #include "store/file.h"
 #include <fcntl.h>
 #include <math.h>
@@ -53,13 +54,12 @@ static enum modal_status resume(const char *dir, struct ledger_reader *reader, s
 
 static enum modal_status write_chunks(struct task *task)
 {
-    uint64_t offset = task->offset;
-    enum modal_status rc = MODAL_OK;
+    struct upload_part parts[sizeof task->chunks / sizeof *task->chunks];
+    enum modal_status rc;
 
-    for (int i = 0; rc == MODAL_OK && i < task->count; i++) {
-        rc = upload_write(task->upload, offset, task->chunks[i]->data, task->chunks[i]->size, &task->crcs[i], &task->err);
-        offset += task->chunks[i]->size;
-    }
+    for (int i = 0; i < task->count; i++)
+        parts[i] = (struct upload_part) { task->chunks[i]->data, task->chunks[i]->size, task->crcs[i] };
+    rc = upload_write(task->upload, task->offset, parts, (size_t)task->count, &task->err);
     return rc == MODAL_OK ? upload_sync(task->upload, &task->err) : rc;
 }
 
@@ -81,6 +81,15 @@ static enum modal_status drop(const char *dir, struct task *task)
     return spool_remove(dir, task->id, &task->err);
 }
 
+static enum modal_status append(struct task *task, uint64_t *at, const void *data, size_t length)
+{
+    struct upload_part part = { data, length, crc32c(0, data, length) };
+    enum modal_status rc = upload_write(task->upload, *at, &part, 1, &task->err);
+
+    *at += length;
+    return rc;
+}
+
 /* One row of a stream behind the samples before it; a gap between them is NaN, which no job takes for data. */
 static enum modal_status add_segment(struct ledger_reader *reader, struct task *task, const struct segment_read *segment, uint64_t *at)
 {
@@ -96,13 +105,11 @@ static enum modal_status add_segment(struct ledger_reader *reader, struct task *
         size_t part = gap < sizeof nan ? (size_t)gap : sizeof nan;
         for (size_t i = 0; i < part / 8; i++)
             nan[i] = NAN;
-        rc = upload_write(task->upload, *at, nan, part, NULL, &task->err);
-        *at += part;
+        rc = append(task, at, nan, part);
         gap -= part;
     }
     if (rc == MODAL_OK)
-        rc = upload_write(task->upload, *at, data, length, NULL, &task->err);
-    *at += length;
+        rc = append(task, at, data, length);
     free(data);
     return rc;
 }

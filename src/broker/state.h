@@ -68,6 +68,7 @@ struct filling {
     uint64_t accepted, durable;           /* bytes taken in; bytes committed */
     uint64_t in_flight;                   /* bytes taken in and not yet committed */
     struct blob *chunks[64]; int count;   /* waiting for a task */
+    uint32_t crcs[64];                    /* of `chunks` */
     struct after *askers;                 /* who began again, told once it is quiet */
     struct after *seal;                   /* who asked to seal */
     struct after *writers[64];            /* who to tell of `chunks`, one each; NULL for a worker's */

@@ -93,6 +93,7 @@ static void write_group(struct core *c, struct input *input)
     for (int i = 0; i < f->count; i++) {
         task->offset -= f->chunks[i]->size;
         task->chunks[i] = f->chunks[i];
+        task->crcs[i] = f->crcs[i];
         after_append(&task->after, f->writers[i] != NULL ? f->writers[i] : after_new(AFTER_CHUNK, NULL));
         f->writers[i] = NULL;
     }
@@ -494,6 +495,7 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
         answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the chunk's CRC-32C is %u, not %u", wire_crc32c(body->data, body->size), r->upload.crc32c);
     else if (rate_allows(c, input->user, body->size, &reply)) {
         f->writers[f->count] = after_new(AFTER_CHUNK, &reply);
+        f->crcs[f->count] = r->upload.crc32c;
         f->chunks[f->count++] = blob_share(e->body[0]);
         f->accepted = end;
         f->in_flight += body->size;
@@ -588,6 +590,7 @@ void output_chunk(struct core *c, struct input *input, struct blob *chunk_data)
     struct filling *f = input->filling;
 
     f->writers[f->count] = NULL;
+    f->crcs[f->count] = wire_crc32c(chunk_data->data, chunk_data->size);
     f->chunks[f->count++] = blob_share(chunk_data);
     f->accepted += chunk_data->size;
     f->in_flight += chunk_data->size;

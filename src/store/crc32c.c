@@ -5,6 +5,9 @@
  * from and ended with all ones [RFC 3720, 12.1].  SSE4.2's crc32 does one step of eight bytes in three cycles.  Elsewhere
  * table[j][b] holds the remainder of byte b followed by j zero bytes, so that the remainders of eight bytes are looked up
  * independently and added.
+ *
+ * The remainder being linear, the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones at start and end
+ * cancel.  Reflected, bit 31 is the coefficient of x^0.
  */
 #include "store/crc32c.h"
 #include <pthread.h>
@@ -40,6 +43,26 @@ uint32_t crc32c_table(uint32_t crc, const void *data, size_t length)
     for (; length > 0; length--)
         crc = crc >> 8 ^ table[0][(crc ^ *p++) & 255];
     return ~crc;
+}
+
+/* a b modulo the polynomial */
+static uint32_t product(uint32_t a, uint32_t b)
+{
+    uint32_t sum = 0;
+
+    for (; a != 0; a <<= 1) {
+        sum ^= a & 0x80000000u ? b : 0;
+        b = b >> 1 ^ (b & 1 ? 0x82f63b78u : 0);
+    }
+    return sum;
+}
+
+uint32_t crc32c_join(uint32_t first, uint32_t second, uint64_t length)
+{
+    for (uint32_t power = 0x00800000u; length != 0; length >>= 1, power = product(power, power))     /* x^8, x^16, x^32, ... */
+        if (length & 1)
+            first = product(power, first);
+    return first ^ second;
 }
 
 #if defined(__x86_64__)

@@ -130,6 +130,20 @@ enum modal_status file_sync(int fd, struct modal_error *err)
     return error == 0 ? MODAL_OK : modal_fail(err, MODAL_IO, "fdatasync: %s", strerror(error));
 }
 
+enum modal_status file_sync_begin(int fd, uint64_t offset, uint64_t length, struct modal_error *err)
+{
+    int error;
+
+    if (length == 0)                               /* which would mean all of the file */
+        return MODAL_OK;
+    do
+        error = sync_file_range(fd, (off_t)offset, (off_t)length, SYNC_FILE_RANGE_WRITE) < 0 ? errno : 0;
+    while (error == EINTR);
+    if (error == ENOSYS || error == EINVAL || error == ESPIPE || error == EPERM)     /* only advice: file_sync does it all */
+        return MODAL_OK;
+    return error == 0 ? MODAL_OK : modal_fail(err, MODAL_IO, "sync_file_range: %s", strerror(error));
+}
+
 enum modal_status file_sync_dir(const char *path, struct modal_error *err)
 {
     int fd = -1, error;

@@ -37,6 +37,9 @@ enum modal_status file_read(int fd, void *data, size_t length, uint64_t offset, 
 
 /* Data and size on stable storage.  After a failure the file's state is unknown: never call it again, end the process. */
 enum modal_status file_sync(int fd, struct modal_error *err);
+/* Let the disk begin with what was written to [OFFSET, OFFSET + LENGTH); nothing is durable before file_sync, which then has
+ * less to wait for.  A failure is one of file_sync. */
+enum modal_status file_sync_begin(int fd, uint64_t offset, uint64_t length, struct modal_error *err);
 /* The directory's entries on stable storage: after a file is made, renamed or unlinked in it. */
 enum modal_status file_sync_dir(const char *path, struct modal_error *err);
 

@@ -288,23 +288,28 @@ uint32_t upload_crc(const struct upload *upload)
 
 /* --- chunks --- */
 
-enum modal_status upload_write(struct upload *upload, uint64_t offset, const void *data, size_t length, uint32_t *crc, struct modal_error *err)
+/* Hashing takes the processor as long as writing takes the disk: so the disk is started first. */
+enum modal_status upload_write(struct upload *upload, uint64_t offset, const struct upload_part *parts, size_t count, struct modal_error *err)
 {
-    enum modal_status rc;
+    uint64_t end = offset;
+    enum modal_status rc = MODAL_OK;
 
-    if (offset != upload->received || length > upload->bytes - upload->received)
-        return modal_fail(err, MODAL_BAD_FRAME, "a chunk of %zu bytes at %llu; the next is at %llu of %llu", length, (unsigned long long)offset,
-                          (unsigned long long)upload->received, (unsigned long long)upload->bytes);
-    rc = file_write(upload->fd, data, length, upload->offset + offset, err);
+    for (size_t i = 0; i < count; i++) {
+        if (offset != upload->received || parts[i].length > upload->bytes - end)
+            return modal_fail(err, MODAL_BAD_FRAME, "a chunk of %zu bytes at %llu; the next is at %llu of %llu", parts[i].length,
+                              (unsigned long long)end, (unsigned long long)upload->received, (unsigned long long)upload->bytes);
+        end += parts[i].length;
+    }
+    for (size_t i = 0; rc == MODAL_OK && i < count; offset += parts[i++].length)
+        rc = file_write(upload->fd, parts[i].data, parts[i].length, upload->offset + offset, err);
     if (rc == MODAL_OK)
-        rc = identity_add(upload->identity, data, length, err);
-    if (rc != MODAL_OK)
-        return rc;
-    if (crc != NULL)
-        *crc = crc32c(0, data, length);
-    upload->crc = crc32c(upload->crc, data, length);
-    upload->received += length;
-    return MODAL_OK;
+        rc = file_sync_begin(upload->fd, upload->offset + upload->received, end - upload->received, err);
+    for (size_t i = 0; rc == MODAL_OK && i < count; i++) {
+        rc = identity_add(upload->identity, parts[i].data, parts[i].length, err);
+        upload->crc = crc32c_join(upload->crc, parts[i].crc, parts[i].length);
+        upload->received += parts[i].length;
+    }
+    return rc;
 }
 
 enum modal_status upload_sync(struct upload *upload, struct modal_error *err)

@@ -37,10 +37,11 @@ uint64_t upload_received(const struct upload *upload);   /* bytes written so far
 uint64_t upload_offset(const struct upload *upload);     /* of the data in the file */
 uint32_t upload_crc(const struct upload *upload);        /* CRC-32C of the bytes written so far */
 
-/* Write the chunk at OFFSET, which must be upload_received; *CRC (may be NULL) is its CRC-32C.  It is durable, and may be put
- * in the ledger, after the next upload_sync.  MODAL_BAD_FRAME: out of order, or past the end. */
-enum modal_status upload_write(struct upload *upload, uint64_t offset, const void *data, size_t length, uint32_t *crc,
-                               struct modal_error *err);
+/* Write COUNT chunks that follow each other from OFFSET, which must be upload_received.  Each comes with its CRC-32C, which is
+ * taken as given.  They are durable, and may be put in the ledger, after the next upload_sync; the disk writes already.
+ * MODAL_BAD_FRAME: out of order, or past the end. */
+struct upload_part { const void *data; size_t length; uint32_t crc; };
+enum modal_status upload_write(struct upload *upload, uint64_t offset, const struct upload_part *parts, size_t count, struct modal_error *err);
 enum modal_status upload_sync(struct upload *upload, struct modal_error *err);
 /* Seal it; its identity into SHA256.  MODAL_BAD_FRAME where bytes are missing.  The handle remains, to be closed. */
 enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err);

@@ -170,8 +170,9 @@ static void upload(int64_t id, uint64_t end)
             size_t length = end - at < CHUNK ? (size_t)(end - at) : CHUNK;
             changes[count] = (struct ledger_change) { .verb = LEDGER_CHUNK_PUT };
             changes[count].input_id = id;
-            changes[count].chunk = (struct chunk_record) { .offset = at, .length = length };
-            ok = went(upload_write(up, at, data + at, length, &changes[count].chunk.crc, &err), "chunk", &err);
+            struct upload_part part = { data + at, length, crc32c(0, data + at, length) };
+            changes[count].chunk = (struct chunk_record) { at, length, part.crc };
+            ok = went(upload_write(up, at, &part, 1, &err), "chunk", &err);
         }
         ok = ok && went(upload_sync(up, &err), "sync", &err) && commit(changes, count);
         if (ok)
@@ -420,7 +421,8 @@ static void check_open(struct found *found, const struct input_record *input)
         uint64_t at = upload_received(up);
         if (at != input->received || (int64_t)at < found->claims->bytes[input->id])
             problem(found, "P1 upload %" PRId64 " has %" PRIu64 " bytes, acknowledged were %" PRId64, input->id, at, found->claims->bytes[input->id]);
-        if (upload_write(up, at, data + at, BYTES - at, NULL, &err) != MODAL_OK || upload_seal(up, digest, &err) != MODAL_OK)
+        struct upload_part rest = { data + at, BYTES - at, crc32c(0, data + at, BYTES - at) };
+        if (upload_write(up, at, &rest, 1, &err) != MODAL_OK || upload_seal(up, digest, &err) != MODAL_OK)
             problem(found, "P5 upload %" PRId64 " cannot be ended: %s", input->id, err.message);
         else if (identity_of(&input->shape, data, BYTES, expected, NULL) != MODAL_OK || memcmp(digest, expected, 32) != 0)
             problem(found, "P5 upload %" PRId64 " ends with another identity", input->id);

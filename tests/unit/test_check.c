@@ -48,8 +48,8 @@ static struct ledger *start(void)
         for (uint64_t at = 0; at < (id == 2 ? BYTES : BYTES / 2); at += CHUNK, n++) {
             group[n].verb = LEDGER_CHUNK_PUT;
             group[n].input_id = id;
-            group[n].chunk = (struct chunk_record) { .offset = at, .length = CHUNK };
-            CHECK(upload_write(upload, at, (char *)x + at, CHUNK, &group[n].chunk.crc, NULL) == MODAL_OK);
+            group[n].chunk = (struct chunk_record) { .offset = at, .length = CHUNK, .crc = crc32c(0, (char *)x + at, CHUNK) };
+            CHECK(upload_write(upload, at, &(struct upload_part) { (char *)x + at, CHUNK, group[n].chunk.crc }, 1, NULL) == MODAL_OK);
         }
         if (id == 2)
             CHECK(upload_seal(upload, digest, NULL) == MODAL_OK);

@@ -40,6 +40,11 @@ static void stop(void)
     CHECK(system(command) == 0);
 }
 
+static enum modal_status put(struct upload *upload, uint64_t at, const void *data, size_t length)
+{
+    return upload_write(upload, at, &(struct upload_part) { data, length, crc32c(0, data, length) }, 1, NULL);
+}
+
 /* Write from upload_received to END in chunks, their records to CHUNKS; how many. */
 static size_t feed(struct upload *upload, uint64_t end, struct chunk_record *chunks)
 {
@@ -47,11 +52,9 @@ static size_t feed(struct upload *upload, uint64_t end, struct chunk_record *chu
 
     for (uint64_t at = upload_received(upload); at < end; count++) {
         size_t length = end - at < CHUNK ? (size_t)(end - at) : CHUNK;
-        uint32_t crc = 0;
-        CHECK(upload_write(upload, at, (const char *)x + at, length, &crc, NULL) == MODAL_OK);
-        CHECK(crc == crc32c(0, (const char *)x + at, length));
+        CHECK(put(upload, at, (const char *)x + at, length) == MODAL_OK);
         if (chunks != NULL)
-            chunks[count] = (struct chunk_record) { at, length, crc };
+            chunks[count] = (struct chunk_record) { at, length, crc32c(0, (const char *)x + at, length) };
         at += length;
         CHECK(upload_received(upload) == at);
     }
@@ -143,10 +146,10 @@ TEST(chunks_out_of_order_or_past_the_end_and_early_seals_are_refused)
 
     start();
     CHECK(upload_begin(dir, 4, &shape, &upload, NULL) == MODAL_OK);
-    CHECK(upload_write(upload, 8, x, 8, NULL, NULL) == MODAL_BAD_FRAME);
-    CHECK(upload_write(upload, 0, x, 16, NULL, NULL) == MODAL_OK);
-    CHECK(upload_write(upload, 0, x, 16, NULL, NULL) == MODAL_BAD_FRAME);
-    CHECK(upload_write(upload, 16, x, BYTES - 15, NULL, NULL) == MODAL_BAD_FRAME);
+    CHECK(put(upload, 8, x, 8) == MODAL_BAD_FRAME);
+    CHECK(put(upload, 0, x, 16) == MODAL_OK);
+    CHECK(put(upload, 0, x, 16) == MODAL_BAD_FRAME);
+    CHECK(put(upload, 16, x, BYTES - 15) == MODAL_BAD_FRAME);
     CHECK(upload_received(upload) == 16);
     CHECK(upload_seal(upload, digest, NULL) == MODAL_BAD_FRAME);
     upload_close(upload);
@@ -193,7 +196,7 @@ TEST(a_scene_and_the_smallest_batch_are_spooled)
         char path[4096];
         start();
         CHECK(upload_begin(dir, 4, cases[i].shape, &upload, NULL) == MODAL_OK);
-        CHECK(upload_write(upload, 0, cases[i].data, cases[i].length, NULL, NULL) == MODAL_OK);
+        CHECK(put(upload, 0, cases[i].data, cases[i].length) == MODAL_OK);
         CHECK(upload_seal(upload, digest, NULL) == MODAL_OK);
         CHECK(identity_of(cases[i].shape, cases[i].data, cases[i].length, expected, NULL) == MODAL_OK);
         CHECK(memcmp(digest, expected, 32) == 0);

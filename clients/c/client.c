@@ -7,6 +7,7 @@
 #include <time.h>
 #include "store/identity.h"
 #include "wire/request.h"
+#include "modal/crc32c.h"
 
 static const double wait_slice = 20, watched_slice = 0.5;    /* s of one WAIT */
 static const double chunk_patience = 10;                     /* s without an answer to any chunk */
@@ -122,7 +123,7 @@ static enum modal_status send_chunk(struct link *link, const struct upload *up, 
     int64_t id;
 
     cJSON_AddNumberToObject(header, "offset", (double)offset);
-    cJSON_AddNumberToObject(header, "crc32c", wire_crc32c(data, length));
+    cJSON_AddNumberToObject(header, "crc32c", crc32c(0, data, length));
     return link_send(link, &(struct link_ask) { .verb = "UPLOAD", .header = header, .body = data, .length = length }, deadline, &id, err);
 }
 

@@ -67,7 +67,7 @@ void config_init(struct config *c)
     c->workers = cores > 1 ? (int)cores - (cores > 2) : 1;
     if (c->workers > 256)
         c->workers = 256;
-    c->spool_threads = 2;
+    c->spool_threads = 3;
     c->ipc_mode = 0600;
     c->sandbox = true;
     c->drain_s = 60;

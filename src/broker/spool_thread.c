@@ -1,6 +1,11 @@
-/* spool_thread.c - tasks on files: chunks, seals, results, and reading beside the ledger's thread */
+/*
+ * spool_thread.c - tasks on files: chunks, seals, results, and reading beside the ledger's thread
+ *
+ * Chunks are hashed by another thread while one writes and syncs them: a thread that has chunks offers their hashing, any idle
+ * thread takes it, and where none did the first does it itself while the disk is busy.
+ */
 #include "broker/queue.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include <fcntl.h>
 #include <math.h>
@@ -10,11 +15,23 @@
 
 enum { THREADS_MOST = 16 };
 
+/* Chunks to be hashed, on the stack of the thread that writes them. */
+struct hashing {
+    struct hashing *next;
+    struct upload *upload;
+    const struct upload_part *parts;
+    size_t count;
+    enum { OFFERED, TAKEN, HASHED } state;
+    enum modal_status status;
+    struct modal_error err;
+};
+
 struct spool_threads {
     pthread_t threads[THREADS_MOST];
     int count;
     pthread_mutex_t mutex;
-    pthread_cond_t more;
+    pthread_cond_t more, hashed;
+    struct hashing *offers;
     struct task *first, **end;
     bool stop;
     const char *dir;
@@ -52,15 +69,77 @@ static enum modal_status resume(const char *dir, struct ledger_reader *reader, s
     return rc;
 }
 
-static enum modal_status write_chunks(struct task *task)
+static void offer(struct spool_threads *s, struct hashing *h)
+{
+    pthread_mutex_lock(&s->mutex);
+    h->next = s->offers;
+    s->offers = h;
+    pthread_cond_signal(&s->more);
+    pthread_mutex_unlock(&s->mutex);
+}
+
+/* Under the mutex: H, or with NULL any offer, is the caller's to hash; NULL: somebody has it, or there is none. */
+static struct hashing *take_offer(struct spool_threads *s, const struct hashing *h)
+{
+    struct hashing **link = &s->offers, *found;
+
+    while (*link != NULL && h != NULL && *link != h)
+        link = &(*link)->next;
+    found = *link;
+    if (found != NULL) {
+        *link = found->next;
+        found->state = TAKEN;
+    }
+    return found;
+}
+
+static void hash(struct spool_threads *s, struct hashing *h)
+{
+    h->status = upload_hash(h->upload, h->parts, h->count, &h->err);
+    pthread_mutex_lock(&s->mutex);
+    h->state = HASHED;
+    pthread_cond_broadcast(&s->hashed);
+    pthread_mutex_unlock(&s->mutex);
+}
+
+/* Hash it where nobody has begun. */
+static void hash_own(struct spool_threads *s, struct hashing *h)
+{
+    bool mine;
+
+    pthread_mutex_lock(&s->mutex);
+    mine = take_offer(s, h) != NULL;
+    pthread_mutex_unlock(&s->mutex);
+    if (mine)
+        hash(s, h);
+}
+
+static enum modal_status hash_wait(struct spool_threads *s, struct hashing *h, struct modal_error *err)
+{
+    pthread_mutex_lock(&s->mutex);
+    while (h->state != HASHED)
+        pthread_cond_wait(&s->hashed, &s->mutex);
+    pthread_mutex_unlock(&s->mutex);
+    if (h->status != MODAL_OK)
+        *err = h->err;
+    return h->status;
+}
+
+static enum modal_status write_chunks(struct spool_threads *s, struct task *task)
 {
     struct upload_part parts[sizeof task->chunks / sizeof *task->chunks];
-    enum modal_status rc;
+    struct hashing own = { .upload = task->upload, .parts = parts, .count = (size_t)task->count };
+    enum modal_status rc, hashed;
 
     for (int i = 0; i < task->count; i++)
         parts[i] = (struct upload_part) { task->chunks[i]->data, task->chunks[i]->size, task->crcs[i] };
+    offer(s, &own);
     rc = upload_write(task->upload, task->offset, parts, (size_t)task->count, &task->err);
-    return rc == MODAL_OK ? upload_sync(task->upload, &task->err) : rc;
+    hash_own(s, &own);
+    if (rc == MODAL_OK)
+        rc = upload_sync(task->upload, &task->err);
+    hashed = hash_wait(s, &own, rc == MODAL_OK ? &task->err : &own.err);
+    return rc == MODAL_OK ? hashed : rc;
 }
 
 static enum modal_status seal(struct task *task)
@@ -87,7 +166,7 @@ static enum modal_status append(struct task *task, uint64_t *at, const void *dat
     enum modal_status rc = upload_write(task->upload, *at, &part, 1, &task->err);
 
     *at += length;
-    return rc;
+    return rc == MODAL_OK ? upload_hash(task->upload, &part, 1, &task->err) : rc;
 }
 
 /* One row of a stream behind the samples before it; a gap between them is NaN, which no job takes for data. */
@@ -195,12 +274,14 @@ static enum modal_status keep_event(void *context, const struct event_record *r)
     return rows[task->event_count - 1].text == NULL ? MODAL_NO_MEMORY : MODAL_OK;
 }
 
-static enum modal_status do_task(const char *dir, struct ledger_reader *reader, struct task *task)
+static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *reader, struct task *task)
 {
+    const char *dir = s->dir;
+
     switch (task->type) {
     case TASK_BEGIN:         return upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
     case TASK_RESUME:        return resume(dir, reader, task);
-    case TASK_WRITE:         return write_chunks(task);
+    case TASK_WRITE:         return write_chunks(s, task);
     case TASK_SEAL:          return seal(task);
     case TASK_STREAM_SEAL:   return seal_stream(dir, reader, task);
     case TASK_ABORT:         return drop(dir, task);
@@ -226,13 +307,19 @@ static bool is_fatal(const struct task *task)
 
 /* ---- the threads ------------------------------------------------------------------------------------------------ */
 
-static struct task *take(struct spool_threads *s)
+/* The next task; *OFFERED instead, where somebody's chunks want hashing; neither: stop. */
+static struct task *take(struct spool_threads *s, struct hashing **offered)
 {
     struct task *task;
 
     pthread_mutex_lock(&s->mutex);
-    while (s->first == NULL && !s->stop)
+    while (s->first == NULL && s->offers == NULL && !s->stop)
         pthread_cond_wait(&s->more, &s->mutex);
+    *offered = take_offer(s, NULL);
+    if (*offered != NULL) {
+        pthread_mutex_unlock(&s->mutex);
+        return NULL;
+    }
     task = s->first;
     if (task != NULL) {
         s->first = task->next;
@@ -248,14 +335,19 @@ static void *run(void *context)
     struct spool_threads *s = context;
     struct ledger_reader *reader = NULL;
     struct modal_error err;
+    struct hashing *offered;
     struct task *task;
 
     if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
         done_fatal(s->done, &err);
         return NULL;
     }
-    while ((task = take(s)) != NULL) {
-        task->status = do_task(s->dir, reader, task);
+    while ((task = take(s, &offered)) != NULL || offered != NULL) {
+        if (offered != NULL) {
+            hash(s, offered);
+            continue;
+        }
+        task->status = do_task(s, reader, task);
         if (is_fatal(task))
             done_fatal(s->done, &task->err);
         done_task(s->done, task);
@@ -272,6 +364,7 @@ struct spool_threads *spool_threads_start(const char *dir, int count, struct don
         return NULL;
     pthread_mutex_init(&s->mutex, NULL);
     pthread_cond_init(&s->more, NULL);
+    pthread_cond_init(&s->hashed, NULL);
     s->end = &s->first;
     s->dir = dir;
     s->done = done;
@@ -306,6 +399,7 @@ void spool_threads_stop(struct spool_threads *s)
     for (int i = 0; i < s->count; i++)
         pthread_join(s->threads[i], NULL);
     pthread_cond_destroy(&s->more);
+    pthread_cond_destroy(&s->hashed);
     pthread_mutex_destroy(&s->mutex);
     free(s);
 }

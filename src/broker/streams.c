@@ -7,6 +7,7 @@
  * an earlier life of the daemon were is not known, and such samples count as repeats.
  */
 #include "broker/state.h"
+#include "modal/crc32c.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -171,7 +172,7 @@ static bool same_samples(const struct stream *s, uint64_t first, uint64_t count,
         uint64_t at = first + i;
         if (at < s->begin || at >= s->next)
             return at >= s->next;
-        if (at - s->begin < s->crc_count && s->crcs[at - s->begin] != 0 && s->crcs[at - s->begin] != wire_crc32c(data + i * sample_bytes(s), sample_bytes(s)))
+        if (at - s->begin < s->crc_count && s->crcs[at - s->begin] != 0 && s->crcs[at - s->begin] != crc32c(0, data + i * sample_bytes(s), sample_bytes(s)))
             return false;
     }
     return true;
@@ -189,7 +190,7 @@ static void remember(struct stream *s, uint64_t first, uint64_t count, const cha
         memset(s->crcs + s->crc_count, 0, (need - s->crc_count) * sizeof *s->crcs);
     s->crc_count = need > s->crc_count ? need : s->crc_count;
     for (uint64_t i = 0; i < count; i++)
-        s->crcs[first - s->begin + i] = wire_crc32c(data + i * sample_bytes(s), sample_bytes(s));
+        s->crcs[first - s->begin + i] = crc32c(0, data + i * sample_bytes(s), sample_bytes(s));
 }
 
 static void add_gap(struct stream *s, uint64_t from, uint64_t to)
@@ -218,7 +219,7 @@ static void put_segment(struct core *c, struct stream *s, struct transaction *t,
 
     input->state = INPUT_OPEN;
     input->inline_data = true;
-    input->crc = wire_crc32c(data, count * sample_bytes(s));
+    input->crc = crc32c(0, data, count * sample_bytes(s));
     input->attributes = attributes;
     input->shape.attributes = attributes;
     input_record_fill(input, t, row);
@@ -272,8 +273,8 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
 
     if (e->message->body_bytes != size)
         answer_fail(c, &reply, MODAL_BAD_INPUT, "body", NULL, "%zu bytes are not %llu samples of %llu channels", e->message->body_bytes, (unsigned long long)count, (unsigned long long)s->channels);
-    else if (wire_crc32c(data, size) != r->stream.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the samples' CRC-32C is %u, not %u", wire_crc32c(data, size), r->stream.crc32c);
+    else if (crc32c(0, data, size) != r->stream.crc32c)
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the samples' CRC-32C is %u, not %u", crc32c(0, data, size), r->stream.crc32c);
     else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
         answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)

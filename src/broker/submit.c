@@ -1,6 +1,7 @@
 /* submit.c - SUBMIT: the same key again, a cached answer, or a new job */
 #include "broker/state.h"
 #include "job/job.h"
+#include "modal/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -239,7 +240,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
         s->input = input_new(c, s->user, &s->r->submit.input, c->next_input++);
         s->input->state = INPUT_SEALED;
         s->input->inline_data = true;
-        s->input->crc = wire_crc32c(s->data->data, s->data->size);
+        s->input->crc = crc32c(0, s->data->data, s->data->size);
         memcpy(s->input->sha256, s->sha256, 32);
         input_cache(c, s->input, s->data);
         input_index(s->input);

@@ -5,6 +5,7 @@
  * sync, and committed together; then each is acknowledged.  So a slow disk makes the groups larger, not the queue.
  */
 #include "broker/state.h"
+#include "modal/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -491,8 +492,8 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
                     (unsigned long long)input->bytes);
     else if (f->count == GROUP || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > 16 << 20))
         answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged chunks than the credit allows");
-    else if (wire_crc32c(body->data, body->size) != r->upload.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the chunk's CRC-32C is %u, not %u", wire_crc32c(body->data, body->size), r->upload.crc32c);
+    else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the chunk's CRC-32C is %u, not %u", crc32c(0, body->data, body->size), r->upload.crc32c);
     else if (rate_allows(c, input->user, body->size, &reply)) {
         f->writers[f->count] = after_new(AFTER_CHUNK, &reply);
         f->crcs[f->count] = r->upload.crc32c;
@@ -590,7 +591,7 @@ void output_chunk(struct core *c, struct input *input, struct blob *chunk_data)
     struct filling *f = input->filling;
 
     f->writers[f->count] = NULL;
-    f->crcs[f->count] = wire_crc32c(chunk_data->data, chunk_data->size);
+    f->crcs[f->count] = crc32c(0, chunk_data->data, chunk_data->size);
     f->chunks[f->count++] = blob_share(chunk_data);
     f->accepted += chunk_data->size;
     f->in_flight += chunk_data->size;

@@ -5,6 +5,7 @@
  * slot has now.  To end an attempt early its process group is killed; the job moves when the exit is seen.
  */
 #include "broker/state.h"
+#include "modal/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -414,7 +415,7 @@ static void publish(struct core *c, struct job *job, struct blob *document)
     job->ending = ENDING_FINISH;
     if (document->size <= LEDGER_RESULT_INLINE_MOST) {
         task->record = (struct result_record) { .job = job->id, .text = document->data, .length = document->size,
-                                                .crc = wire_crc32c(document->data, document->size) };
+                                                .crc = crc32c(0, document->data, document->size) };
         job_result_put(c, task);
         task_free(task);
         return;

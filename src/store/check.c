@@ -16,7 +16,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "modal/json.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/spool.h"

@@ -16,7 +16,7 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
 

@@ -6,6 +6,7 @@
  * the ledger has chunks of; a file without a row in the ledger is left over from a crash before the acknowledgement.
  */
 #include "store/spool.h"
+#include <assert.h>
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -19,7 +20,7 @@
 #include <unistd.h>
 #include "modal/json.h"
 #include "store/batch_h5.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/file_h5.h"
 #include "store/ledger.h"
@@ -29,7 +30,7 @@ enum { PAGE = 4096, READ_BACK = 1 << 20 };
 struct upload {
     char dir[4096], part[4200], sealed[4200];
     int fd;
-    uint64_t offset, bytes, received;
+    uint64_t offset, bytes, received, hashed;
     uint32_t crc;
     struct identity *identity;
     bool is_sealed;            /* the file has its final name already */
@@ -219,6 +220,7 @@ static enum modal_status read_back(struct upload *upload, const struct chunk_rec
         crc = crc32c(crc, buffer, got);
         upload->crc = crc32c(upload->crc, buffer, got);
         done += got;
+        upload->hashed += got;
     }
     if (crc != chunk->crc)
         return modal_fail(err, MODAL_CORRUPT, "%s: the chunk at %llu (offset %llu of the file, %llu bytes) is damaged: its checksum is %08x, not %08x",
@@ -288,7 +290,6 @@ uint32_t upload_crc(const struct upload *upload)
 
 /* --- chunks --- */
 
-/* Hashing takes the processor as long as writing takes the disk: so the disk is started first. */
 enum modal_status upload_write(struct upload *upload, uint64_t offset, const struct upload_part *parts, size_t count, struct modal_error *err)
 {
     uint64_t end = offset;
@@ -305,9 +306,19 @@ enum modal_status upload_write(struct upload *upload, uint64_t offset, const str
     if (rc == MODAL_OK)
         rc = file_sync_begin(upload->fd, upload->offset + upload->received, end - upload->received, err);
     for (size_t i = 0; rc == MODAL_OK && i < count; i++) {
-        rc = identity_add(upload->identity, parts[i].data, parts[i].length, err);
         upload->crc = crc32c_join(upload->crc, parts[i].crc, parts[i].length);
         upload->received += parts[i].length;
+    }
+    return rc;
+}
+
+enum modal_status upload_hash(struct upload *upload, const struct upload_part *parts, size_t count, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (size_t i = 0; rc == MODAL_OK && i < count; i++) {
+        rc = identity_add(upload->identity, parts[i].data, parts[i].length, err);
+        upload->hashed += parts[i].length;
     }
     return rc;
 }
@@ -321,6 +332,7 @@ enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct 
 {
     enum modal_status rc;
 
+    assert(upload->hashed == upload->received);
     if (upload->received != upload->bytes || upload->ended)
         return modal_fail(err, MODAL_BAD_FRAME, upload->ended ? "the upload of %llu bytes (%llu there) is sealed already"
                           : "the upload of %llu bytes has only %llu", (unsigned long long)upload->bytes, (unsigned long long)upload->received);

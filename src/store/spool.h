@@ -5,7 +5,7 @@
  * chunks are written at their offset and no later write meets a full disk.  Sealing checks the length, hashes, syncs,
  * renames to ID.h5, syncs the folder.  After that the file is never written again; any HDF5 tool can open it, workers map it.
  *
- * Chunks arrive in order.  One thread at a time works on an upload; different uploads are independent.
+ * Chunks arrive in order.  One thread at a time works on an upload, but for upload_hash; different uploads are independent.
  */
 #ifndef STORE_SPOOL_H
 #define STORE_SPOOL_H
@@ -42,6 +42,8 @@ uint32_t upload_crc(const struct upload *upload);        /* CRC-32C of the bytes
  * MODAL_BAD_FRAME: out of order, or past the end. */
 struct upload_part { const void *data; size_t length; uint32_t crc; };
 enum modal_status upload_write(struct upload *upload, uint64_t offset, const struct upload_part *parts, size_t count, struct modal_error *err);
+/* The same chunks into the identity, in the same order; another thread may do it while they are written and synced. */
+enum modal_status upload_hash(struct upload *upload, const struct upload_part *parts, size_t count, struct modal_error *err);
 enum modal_status upload_sync(struct upload *upload, struct modal_error *err);
 /* Seal it; its identity into SHA256.  MODAL_BAD_FRAME where bytes are missing.  The handle remains, to be closed. */
 enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err);

@@ -36,8 +36,6 @@ void wire_close(struct wire_message *message);
 /* The body frames, one after the other, into OUT of SIZE bytes; the number copied. */
 size_t wire_gather(const struct wire_message *message, void *out, size_t size);
 
-/* CRC-32C (Castagnoli, reflected, as in iSCSI) of DATA; "123456789" gives 0xe3069283. */
-uint32_t wire_crc32c(const void *data, size_t size);
 
 /* The header of an ERROR: {"id":ID,"verb":VERB,"error":{...}}; DETAIL is taken over, may be NULL.  The caller frees
  * the text with free(); NULL when memory runs out. */

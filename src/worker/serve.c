@@ -15,7 +15,7 @@
 #include <unistd.h>
 #include "job/blas_core.h"
 #include "job/job.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/spool.h"
 #include "wire/request.h"
 

@@ -29,7 +29,7 @@
 #include <zmq.h>
 #include "job/job.h"
 #include "modal/json.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/identity.h"
 
 extern char **environ;
@@ -109,13 +109,26 @@ static void *connect_to(const char *address)
     return socket;
 }
 
+static void keep(void *data, void *hint)
+{
+    (void)data;
+    (void)hint;
+}
+
+/* BODY is sent without a copy where it is large, and must then stay as it is. */
 static void request(void *socket, const char *verb, const char *header, const void *body, size_t size)
 {
+    zmq_msg_t frame;
+
     zmq_send(socket, "MODALD1", 7, ZMQ_SNDMORE);
     zmq_send(socket, verb, strlen(verb), ZMQ_SNDMORE);
     zmq_send(socket, header, strlen(header), body ? ZMQ_SNDMORE : 0);
-    if (body)
+    if (body != NULL && size < CHUNK)
         zmq_send(socket, body, size, 0);
+    else if (body != NULL) {
+        zmq_msg_init_data(&frame, (void *)(uintptr_t)body, size, keep, NULL);
+        zmq_msg_send(&frame, socket, 0);
+    }
 }
 
 /* One answer: its header, which the caller frees; the body is dropped.  An ERROR ends the benchmark. */

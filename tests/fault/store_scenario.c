@@ -19,7 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
 #include "store/spool.h"
@@ -172,7 +172,7 @@ static void upload(int64_t id, uint64_t end)
             changes[count].input_id = id;
             struct upload_part part = { data + at, length, crc32c(0, data + at, length) };
             changes[count].chunk = (struct chunk_record) { at, length, part.crc };
-            ok = went(upload_write(up, at, &part, 1, &err), "chunk", &err);
+            ok = went(upload_write(up, at, &part, 1, &err), "chunk", &err) && went(upload_hash(up, &part, 1, &err), "hash", &err);
         }
         ok = ok && went(upload_sync(up, &err), "sync", &err) && commit(changes, count);
         if (ok)
@@ -422,7 +422,7 @@ static void check_open(struct found *found, const struct input_record *input)
         if (at != input->received || (int64_t)at < found->claims->bytes[input->id])
             problem(found, "P1 upload %" PRId64 " has %" PRIu64 " bytes, acknowledged were %" PRId64, input->id, at, found->claims->bytes[input->id]);
         struct upload_part rest = { data + at, BYTES - at, crc32c(0, data + at, BYTES - at) };
-        if (upload_write(up, at, &rest, 1, &err) != MODAL_OK || upload_seal(up, digest, &err) != MODAL_OK)
+        if (upload_write(up, at, &rest, 1, &err) != MODAL_OK || upload_hash(up, &rest, 1, &err) != MODAL_OK || upload_seal(up, digest, &err) != MODAL_OK)
             problem(found, "P5 upload %" PRId64 " cannot be ended: %s", input->id, err.message);
         else if (identity_of(&input->shape, data, BYTES, expected, NULL) != MODAL_OK || memcmp(digest, expected, 32) != 0)
             problem(found, "P5 upload %" PRId64 " ends with another identity", input->id);

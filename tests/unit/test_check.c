@@ -6,7 +6,7 @@
 #include <unistd.h>
 #include "modal/json.h"
 #include "store/check.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/ledger.h"
 #include "store/spool.h"
 
@@ -49,7 +49,8 @@ static struct ledger *start(void)
             group[n].verb = LEDGER_CHUNK_PUT;
             group[n].input_id = id;
             group[n].chunk = (struct chunk_record) { .offset = at, .length = CHUNK, .crc = crc32c(0, (char *)x + at, CHUNK) };
-            CHECK(upload_write(upload, at, &(struct upload_part) { (char *)x + at, CHUNK, group[n].chunk.crc }, 1, NULL) == MODAL_OK);
+            struct upload_part part = { (char *)x + at, CHUNK, group[n].chunk.crc };
+            CHECK(upload_write(upload, at, &part, 1, NULL) == MODAL_OK && upload_hash(upload, &part, 1, NULL) == MODAL_OK);
         }
         if (id == 2)
             CHECK(upload_seal(upload, digest, NULL) == MODAL_OK);

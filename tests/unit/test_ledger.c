@@ -6,7 +6,7 @@
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 #include "store/batch_file.h"
-#include "store/crc32c.h"
+#include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
 #include "store/spool.h"
@@ -42,7 +42,10 @@ static void stop(void)
 
 static enum modal_status put(struct upload *upload, uint64_t at, const void *data, size_t length)
 {
-    return upload_write(upload, at, &(struct upload_part) { data, length, crc32c(0, data, length) }, 1, NULL);
+    struct upload_part part = { data, length, crc32c(0, data, length) };
+    enum modal_status rc = upload_write(upload, at, &part, 1, NULL);
+
+    return rc == MODAL_OK ? upload_hash(upload, &part, 1, NULL) : rc;
 }
 
 /* Write from upload_received to END in chunks, their records to CHUNKS; how many. */

@@ -1,6 +1,6 @@
 /* crc32c.h - the cyclic redundancy check of chunks: CRC-32C (Castagnoli, reflected, as in iSCSI, RFC 3720 B.4) */
-#ifndef STORE_CRC32C_H
-#define STORE_CRC32C_H
+#ifndef MODAL_CRC32C_H
+#define MODAL_CRC32C_H
 #include <stddef.h>
 #include <stdint.h>
 

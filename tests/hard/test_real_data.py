@@ -1,7 +1,8 @@
 """Measured signals and other programs' simulations: reference against found, as a table.
 
 The references are those of shared/data/README.md (published, a peer's, or the librarian's own independent estimate, with its spread).
-The bell to the wider of that spread and 0.2 Hz, 0.3 1/s.  Its doublets are judged at order 4 in their band: a room's reverberation is not a free decay, and by default it gets modes too.
+The bell in the windows of its README.  Its second doublet is judged in a band of 60 Hz: a room's reverberation is not a free decay, and over 600 Hz an order
+of 4 has to make up for it.
 """
 import json
 import os
@@ -40,7 +41,6 @@ def near(result, hz):
 
 
 HAMMER = ("hammer_beam_case1", "signals=1")
-BELL = ("bell_perc", "rank.fixed=4")
 AWT = ("awt27_two_bladed_steady_wind", "period=0", "difference=true", "signals=YawBrRDxt,YawBrRDyt,YawBrRVxp,YawBrRVyp")
 
 # run, frequency [Hz], its spread, what of damping, reference, spread
@@ -49,10 +49,11 @@ TABLE = [
     (HAMMER + ("window=2.0,2.5",), 212.10, 0.02, "damping_ratio", 0.00095, 0.00005),
     (HAMMER + ("window=0.1,0.5",), 579.0, 0.1, "damping_ratio", 0.0019, 0.0001),
     (HAMMER + ("window=0.01,1", "band=20,50"), 34.05, 0.02, "damping_ratio", 0.00015, 0.00015),
-    (BELL + ("band=3315,3915", "window=0.02,0.5"), 3620.9, 0.2, "decay", 1.55, 0.15),
-    (BELL + ("band=3315,3915", "window=0.02,0.5"), 3615.4, 0.2, "decay", 3.0, 1.0),
-    (BELL + ("band=6443,7043", "window=0.02,0.5"), 6748.5, 0.2, "decay", 6.85, 0.3),
-    (BELL + ("band=6443,7043", "window=0.02,0.5"), 6738.3, 0.3, "decay", 7.6, 1.0),
+    (("bell_perc", "rank.fixed=4", "band=3315,3915", "window=0.1,0.9"), 3620.9, 0.1, "decay", 1.55, 0.1),
+    (("bell_perc", "rank.fixed=4", "band=3315,3915", "window=0.1,0.9"), 3615.4, 0.1, "decay", 3.0, 1.0),
+    (("bell_perc", "rank.fixed=6", "band=6713,6773", "window=0.02,0.5"), 6748.5, 0.1, "decay", 6.85, 0.1),
+    (("bell_perc", "rank.fixed=6", "band=6713,6773", "window=0.02,0.5"), 6738.3, 0.1, "decay", 7.6, 0.5),
+    (("bell_perc", "band=6443,7043", "window=0.02,0.5"), 6748.5, 0.1, "decay", 6.85, 0.3),
     (("tetraspar_f2t1_free",), 0.7991, 0.0002, "damping_ratio", 0.0045, 0.0001),
     (("tetraspar_f2t1_free",), 0.1002, 0.0002, "damping_ratio", 0.0, 0.0015),
     (AWT, 0.980, 0.001, "damping_ratio", 0.0465, 0.001),
@@ -94,7 +95,18 @@ def test_cart3s_exponents_are_its_monodromys_modulo_omega():
 
 
 def test_two_close_tower_modes_in_two_cycles_are_not_passed_off_as_certain():
-    assert {"short_record", "unresolved_pair"} <= codes(run("tower_rotor_f0t2s1_free"))
+    result = run("tower_rotor_f0t2s1_free")
+    assert {"short_record", "unresolved_pair"} <= codes(result)
+    for hz in (0.457, 0.468):
+        mode = near(result, hz)
+        assert mode["std"]["frequency_hz"] > 0.003 and mode["std"]["damping_ratio"] > 0.003
+        assert abs(mode["frequency_hz"] - hz) < 2 * mode["std"]["frequency_hz"]
+
+
+@pytest.mark.parametrize("name", ["hammer_beam_case1", "tetraspar_f2t1_free", "tower_rotor_f0t2s1_free", "nmr_fid_13c", "shaketable_3storey_flexible"])
+def test_a_structure_that_rings_down_is_not_called_unstable(name):
+    """Drift, rounding, friction and the driver's tail get poles, and some of those grow."""
+    assert run(name)["stability"]["stable"] is not False
 
 
 def test_the_overpass_in_an_earthquake_is_not_a_free_decay():

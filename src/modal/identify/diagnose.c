@@ -110,7 +110,11 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
         if (r->clusters[i].near_defective)
             identify_diagnose(r, "near_defective", -1, "%d multiplier%s within %.2g of %.6g%+.6gi nearly coalesce: only their mean is well determined, and growth like a polynomial in time is possible",
                               r->clusters[i].member_count, r->clusters[i].member_count > 1 ? "s" : " and its conjugate", r->clusters[i].radius, creal(r->clusters[i].centroid), cimag(r->clusters[i].centroid));
-    if (f->colour > 1)
-        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise: standard errors were widened by up to %.2g; the model may be missing something slow, driven or nonlinear", f->colour);
+    if (f->doubt.colour > 1)
+        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise: standard errors were widened by up to %.2g; the model may be missing something slow, driven or nonlinear", f->doubt.colour);
+    if (f->doubt.contradiction > 1)
+        identify_diagnose(r, "parts_disagree", -1, "halves of the record have other exponents than the whole (%.2g times what noise explains): the model does not hold throughout; standard errors were widened to the differences", f->doubt.contradiction);
+    if (f->doubt.rivals)
+        identify_diagnose(r, "orders_disagree", -1, "fits of other orders are as likely and have other exponents: standard errors were widened to the differences; record longer, or give rank.fixed if the order is known");
     about_channels(r);
 }

@@ -2,6 +2,7 @@
 #ifndef MODAL_DIAGNOSE_H
 #define MODAL_DIAGNOSE_H
 #include "modal/identify/identify.h"
+#include "modal/identify/widen.h"
 
 /* Facts that only the pipeline knows. */
 struct diagnose_facts {
@@ -15,13 +16,14 @@ struct diagnose_facts {
     bool cut_pair, rank_low;  /* one more direction completes a pair; fits far better */
     bool converged;           /* the refinement; true where none was asked for */
     bool work_limit;          /* the search for an order ended where its work was spent */
-    double colour;            /* the largest factor by which coloured residuals widened a standard error; 0 or 1: none */
+    struct widened doubt;     /* why standard errors were widened */
     bool orbit;               /* a multiplier of 1 whose coefficient varies over the period */
 };
 
 /*
  * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, order_work_limit, not_converged, offset, periodic_orbit, fast_decay, growth_hides,
- * near_nyquist, short_record, unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction, coloured_residual.
+ * near_nyquist, short_record, unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction, coloured_residual,
+ * parts_disagree, orders_disagree, growth_unconfirmed (verdict.c).
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);
 #endif

@@ -15,7 +15,6 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/colour.h"
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
@@ -29,6 +28,7 @@
 #include "modal/identify/screen.h"
 #include "modal/identify/trend.h"
 #include "modal/identify/verdict.h"
+#include "modal/identify/widen.h"
 #include "modal/linalg/svd.h"
 
 const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
@@ -82,6 +82,7 @@ static void poles_done(struct poles *p)
     free(p->std_im);
     free(p->bar);
     free(p->angle);
+    free(p->growth);
 }
 
 static void work_done(struct work *w)
@@ -665,7 +666,8 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
     p->lambda = malloc(sizeof *p->lambda * (n + 1));
     p->std_re = malloc(sizeof(double) * (n + 1)), p->std_im = malloc(sizeof(double) * (n + 1));
     p->bar = malloc(sizeof(double) * (n + 1)), p->angle = malloc(sizeof(double) * (n + 1));
-    if (p->lambda == NULL || p->std_re == NULL || p->std_im == NULL || p->bar == NULL || p->angle == NULL)
+    p->growth = calloc((size_t)n + 1, sizeof *p->growth);
+    if (p->growth == NULL || p->lambda == NULL || p->std_re == NULL || p->std_im == NULL || p->bar == NULL || p->angle == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
     for (int j = 0; j < n; j++) {
         p->lambda[j] = fit->lambda[j];
@@ -680,44 +682,6 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
     }
     if (w->rec.wide && n > 0 && rc == MODAL_OK)
         rc = refine_wide(w, err);
-    return rc;
-}
-
-/* Where what the poles leave is not white, their standard errors grow by its colour at their frequency. */
-static enum modal_status widen_for_colour(struct work *w, struct modal_error *err)
-{
-    struct poles *p = &w->poles;
-    const struct matrix *Y = w->data.Y;
-    struct matrix E = { Y->m, Y->n, Y->m, NULL };
-    struct synthesis s = { 0 };
-    double *theta = NULL, norm = norm_of(Y);
-    enum modal_status rc = MODAL_OK;
-
-    if (!w->refine || w->shift > 1 || p->count == 0 || w->rec.share > 0 || w->choice.candidates[w->choice.chosen].fit.residual <= 1e-12 * norm)
-        return MODAL_OK;
-    E.x = malloc(sizeof *E.x * Y->m * Y->n);
-    theta = malloc(sizeof *theta * 2 * p->count);
-    if (E.x == NULL || theta == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for residuals of %d signals", Y->n);
-        goto out;
-    }
-    rc = synthesis_fit(p->lambda, p->count, p->tau, Y, &E, &s, err);
-    for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
-        for (int l = 0; l < Y->m; l++)
-            E.x[l + (size_t)c * E.ld] -= Y->x[l + (size_t)c * Y->ld];
-    for (int j = 0; j < p->count; j++)
-        theta[j] = fabs(cimag(p->lambda[j])) * p->tau;
-    if (rc == MODAL_OK)
-        rc = colour_factors(&E, theta, p->count, theta + p->count, err);
-    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
-        p->std_re[j] *= theta[p->count + j];
-        p->std_im[j] *= theta[p->count + j];
-        w->facts.colour = fmax(w->facts.colour, theta[p->count + j]);
-    }
-out:
-    synthesis_done(&s);
-    free(E.x);
-    free(theta);
     return rc;
 }
 
@@ -816,7 +780,7 @@ static enum modal_status conclude(struct work *w, struct identify_result *out, s
 
     if (rc != MODAL_OK)
         return rc;
-    verdict_stability(out);
+    verdict_stability(out, duration);
     w->facts.rows = w->data.Y->m;
     w->facts.record = duration;
     w->facts.tau = w->tau;
@@ -858,7 +822,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = analyse(&w, out, err)) != MODAL_OK
         || (worth_weighing(&w) && (rc = analyse_again(&w, out, err)) != MODAL_OK)
         || (rc = take_poles(&w, err)) != MODAL_OK
-        || (rc = widen_for_colour(&w, err)) != MODAL_OK)
+        || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK)
         goto out;
     report_settings(&w, out);
     if ((rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK

@@ -78,6 +78,9 @@ struct identify_options {
 
 struct identify_harmonic { int k; double magnitude; };
 
+/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or the halves were too short to ask. */
+enum growth { GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT };
+
 struct identify_mode {
     double complex exponent;      /* principal value, Im >= 0 */
     double complex resolved;      /* + i resolved_k 2 pi / period; Im >= 0 */
@@ -89,6 +92,7 @@ struct identify_mode {
     /* standard deviations; NAN: unknown */
     double std_re, std_im;        /* of the exponent */
     double std_multiplier, std_frequency_hz, std_damping_ratio;
+    enum growth growth;
     double bar;                   /* on |multiplier|: the largest of Jacobian, jackknife, backward pair */
     int resolved_k;
     double runner_up;             /* magnitude of the second harmonic over the first; 1: a tie */

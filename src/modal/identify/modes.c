@@ -430,6 +430,7 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     m->exponent = m->resolved = lambda + CMPLX(0, rec->shift_rad_s);
     m->persistence = NAN;
     m->residual = p->angle[head];
+    m->growth = p->growth[head];
     m->amplitude = sqrt(energy_of(w, which) / ((double)w->Y->m * p->shift * w->live));
     if (comb)
         m->exponent = principal(lambda, Omega, fmax(1e-9 * Omega, m->std_im > 0 ? 3 * m->std_im : 0), &turns, &flipped);

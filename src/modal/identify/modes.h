@@ -15,6 +15,7 @@ struct poles {
     double *std_re, *std_im;      /* 1/s; NAN: unknown */
     double *bar;                  /* on the multiplier over tau; NAN: unknown */
     double *angle;                /* residual; NAN: unknown */
+    enum growth *growth;
     int shift;
     double tau;
     bool refined;                 /* standard deviations are from the Jacobian */

@@ -29,6 +29,8 @@ static double span_of(const struct identify_result *r)
 
 enum { FREEDOM_LEAST = 3 };
 static const double SIGMAS = 3;
+/* Of the modes' energy; energy over energy; rad over the record, one and a half turns; growth over the record, e^3 = 20; share of the orders. */
+static const double WEAK = 1e-3, FAR_STRONGER = 30, SLOW = 3 * M_PI, RISE = 3, PERSISTENT = 0.5;
 
 static double cluster_radius(const struct identify_result *r, int mode)
 {
@@ -53,18 +55,60 @@ static double half_width(const struct identify_result *r, int i)
     return fmax(b, ROUNDING / span);
 }
 
-void verdict_stability(struct identify_result *r)
+/* A far stronger mode within one beat over the record: what is weak beside it may be the shape of its decay. */
+static bool overshadowed(const struct identify_result *r, int i, double duration)
 {
-    bool all_stable = r->mode_count > 0;
+    for (int j = 0; j < r->mode_count; j++)
+        if (r->modes[j].energy > FAR_STRONGER * r->modes[i].energy && fabs(cimag(r->modes[j].resolved) - cimag(r->modes[i].resolved)) * duration < 2 * M_PI)
+            return true;
+    return false;
+}
 
-    r->verdict = VERDICT_UNDECIDED;
+/* Is growth beyond its error believed?  What makes up for something that the model lacks has little energy, or is slower than the record. */
+static bool believed(const struct identify_result *r, int i, double duration)
+{
+    const struct identify_mode *m = &r->modes[i];
+    bool shadow = overshadowed(r, i, duration), weak = m->energy < WEAK, slow = cabs(m->resolved) * duration < SLOW;
+
+    if (m->growth == GROWTH_EXACT || !(weak || slow || shadow))
+        return true;
+    if (slow && (weak || creal(m->exponent) * duration < RISE))
+        return false;
+    return m->growth == GROWTH_IN_HALF && !shadow;
+}
+
+static bool spurious(const struct identify_mode *m)
+{
+    return m->energy < WEAK && m->persistence < PERSISTENT;
+}
+
+/* The mode's own say; unknown persistence (NAN) counts as full. */
+static int verdict_of(struct identify_result *r, int i, double duration)
+{
+    const struct identify_mode *m = &r->modes[i];
+    double g = creal(m->exponent), b = half_width(r, i);
+
+    if (g + b < 0)
+        return VERDICT_STABLE;
+    if (!(g - b > 0))
+        return VERDICT_UNDECIDED;
+    if (believed(r, i, duration))
+        return VERDICT_UNSTABLE;
+    identify_diagnose(r, "growth_unconfirmed", -1, "mode %d (%.5g Hz) grows in the fit to the whole record, but has little energy or is slower than the record, and is not clearly seen to grow "
+                      "in either half: it may make up for drift or nonlinearity, and is not taken for an instability; record longer", i, cabs(m->exponent) / (2 * M_PI));
+    return VERDICT_UNDECIDED;
+}
+
+void verdict_stability(struct identify_result *r, double duration)
+{
+    int says[3] = { 0 };
+
     r->max_multiplier = r->margin = r->margin_std = NAN;
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
         double g = creal(m->exponent), b = half_width(r, i);
-        if (g - b > 0)
-            r->verdict = VERDICT_UNSTABLE;
-        all_stable &= g + b < 0;
+        if (!spurious(m))
+            says[verdict_of(r, i, duration)]++;
         if (!(cabs(m->multiplier) <= r->max_multiplier))
             r->max_multiplier = cabs(m->multiplier);
         if (!(-g >= r->margin)) {
@@ -72,8 +116,7 @@ void verdict_stability(struct identify_result *r)
             r->margin_std = isfinite(b) ? b / SIGMAS : NAN;
         }
     }
-    if (all_stable)
-        r->verdict = VERDICT_STABLE;
+    r->verdict = says[VERDICT_UNSTABLE] > 0 ? VERDICT_UNSTABLE : says[VERDICT_UNDECIDED] == 0 && says[VERDICT_STABLE] > 0 ? VERDICT_STABLE : VERDICT_UNDECIDED;
 }
 
 /* ---- clusters ---- */

@@ -11,8 +11,13 @@
 enum modal_status verdict_clusters(struct identify_result *result, double duration, struct modal_error *err);
 
 /*
- * Three values.  With g = Re(exponent) and its half width b (95 %): unstable where g - b > 0 for a mode, stable where g + b < 0 for all, else undecided.
- * b is never below what rounding leaves.  No modes: undecided.
+ * Three values.  With g = Re(exponent) and its half width b (three standard errors): unstable where g - b > 0 for a mode, stable where g + b < 0 for all,
+ * else undecided.  b is never below what rounding leaves.  No modes: undecided.  Persistence must be known by now.
+ *
+ *   doubtful   a mode of little energy, or slower than the record (DURATION, s), makes unstable only if half of the record alone shows the growth, and
+ *              not at all if it rises little and slowly, as drift does, or is a weak neighbour of a strong mode; else it is said by the diagnostic
+ *              growth_unconfirmed, and leaves the verdict undecided.  What fits to rounding is not doubted.
+ *   spurious   a mode of little energy that most orders do not show has no say at all
  */
-void verdict_stability(struct identify_result *result);
+void verdict_stability(struct identify_result *result, double duration);
 #endif

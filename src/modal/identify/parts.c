@@ -1,0 +1,110 @@
+/* parts.c - the jackknife over halves of the record
+ *
+ * Standard errors from the Jacobian suppose that the model holds: constant exponents, white noise.  Where it does not - friction, drift, a transient of
+ * many modes - the poles make up for what is missing and fit the whole to any accuracy; but no part of the record has them.
+ *
+ * A half is fitted twice, with amplitudes of its own each time: with the poles of the whole, and with poles of its own that start there.  If the model
+ * holds, twice the logarithm of the ratio of likelihoods is chi-square with P degrees of freedom, P the parameters of the poles [W38], so that
+ *
+ *     BIC(poles of the whole) - BIC(poles of its own) <= P + DEVIATIONS sqrt(2 P) + SLACK                               (1)
+ *
+ * in all but one record of 10^6.  Where (1) fails, a pole whose own value differs by more than CLEAR of its own standard errors is contradicted, and
+ * by that difference.  Where the linear model at the start already says that (1) will hold, the search ends there (refine.h, `rival`).
+ *
+ * [W38] Wilks, Ann. Math. Statist. 9 (1938) 60-62.
+ */
+#include "modal/identify/parts.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/exponents.h"
+
+enum { SPARE = 8, ITERATIONS = 20 };
+static const double DEVIATIONS = 6, SLACK = 12, CLEAR = 3;
+static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
+
+struct half { struct refine_data data; struct matrix Y; struct refined whole, own; };
+
+static void half_done(struct half *h)
+{
+    refined_done(&h->whole);
+    refined_done(&h->own);
+}
+
+/* The right side of (1). */
+static double allowed(double parameters)
+{
+    return parameters + DEVIATIONS * sqrt(2 * parameters) + SLACK;
+}
+
+static enum modal_status fit_half(const struct refine_data *data, int first, int rows, const double complex *lambda, int count, const bool *fixed,
+                                  struct half *h, struct modal_error *err)
+{
+    struct refine_options look = { .iterations = -1 }, own = { .iterations = ITERATIONS, .work = WORK };
+    enum modal_status rc;
+
+    h->Y = (struct matrix) { rows, data->Y->n, data->Y->ld, data->Y->x + first };
+    h->data = *data;
+    h->data.Y = &h->Y;
+    rc = refine_poles(&h->data, lambda, count, fixed, &look, &h->whole, err);
+    if (rc != MODAL_OK || !isfinite(h->whole.bic))
+        return rc;
+    own.rival = h->whole.bic - allowed(h->whole.parameters);
+    return refine_poles(&h->data, lambda, count, fixed, &own, &h->own, err);
+}
+
+/* The left side of (1) over the right; 0 where there is nothing to compare. */
+static double strength_of(const struct half *h)
+{
+    if (h->own.poles == 0 || h->own.end == REFINE_DEGENERATE || !isfinite(h->own.bic))
+        return 0;
+    return fmax(0, (h->whole.bic - h->own.bic) / allowed(h->own.parameters));
+}
+
+static double differs(double own, double whole, double std)
+{
+    double d = fabs(own - whole);
+
+    return d > CLEAR * std ? d : 0;
+}
+
+static void compare(const struct half *h, const double complex *lambda, int count, bool counts, struct part_say *say)
+{
+    for (int j = 0; j < count && h->own.poles > 0; j++) {
+        double complex own = h->own.lambda[j];
+        if (counts) {
+            say[j].re = fmax(say[j].re, differs(creal(own), creal(lambda[j]), h->own.std_re[j]));
+            say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
+        }
+        say[j].grows |= creal(own) > CLEAR * h->own.std_re[j];
+    }
+}
+
+enum modal_status parts_ask(const struct refine_data *data, const double complex *lambda, int count, struct part_say *say,
+                            double *strength, struct modal_error *err)
+{
+    int L = data->Y->m, rows = L / 2, order = poles_order(lambda, count, data->tau);
+    bool *fixed;
+    enum modal_status rc = MODAL_OK;
+
+    *strength = -1;
+    memset(say, 0, sizeof *say * (size_t)count);
+    if (count == 0 || rows * (data->share > 0 ? data->share : 1) < 2 * order + SPARE)
+        return MODAL_OK;
+    fixed = calloc((size_t)count, sizeof *fixed);
+    if (fixed == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "parts: no memory for %d poles", count);
+    for (int j = 0; j < count; j++)
+        fixed[j] = lambda[j] == 0;
+    for (int first = 0; first <= L - rows && rc == MODAL_OK; first += L - rows) {
+        struct half h = { 0 };
+        rc = fit_half(data, first, rows, lambda, count, fixed, &h, err);
+        if (rc == MODAL_OK) {
+            *strength = fmax(*strength, strength_of(&h));
+            compare(&h, lambda, count, strength_of(&h) > 1, say);
+        }
+        half_done(&h);
+    }
+    free(fixed);
+    return rc;
+}

@@ -1,0 +1,165 @@
+/* widen.c - four doubts, each with the size of its error
+ *
+ *   colour   what the poles leave is not white: the standard error grows by its colour at the pole's frequency (colour.c)
+ *   parts    half of the record has another exponent: the error is at least the difference (parts.c)
+ *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by less than RIVAL, has another exponent: posterior odds are
+ *            exp(-difference / 2) [KR95], so neither is ruled out, and the error is at least the difference
+ *   pairs    two strong poles nearer than half a beat over the record are told apart by the model alone; where one of the doubts above holds the model is
+ *            not right, and either may be anywhere between them: the error is at least half their distance
+ *
+ * A difference counts from CLEAR standard errors on: in ordinary noise fewer than one pole in 300 has one.
+ *
+ * [KR95] Kass and Raftery, J. Amer. Statist. Assoc. 90 (1995) 773-795.
+ */
+#include "modal/identify/widen.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/colour.h"
+#include "modal/identify/exponents.h"
+#include "modal/identify/parts.h"
+
+static const double RIVAL = 6, CLEAR = 3;
+
+/* 1e-12 of the signals: what is left is rounding. */
+static bool at_rounding(const struct refine_data *d, double residual)
+{
+    double sum = 0;
+
+    for (int c = 0; c < d->Y->n; c++)
+        for (int l = 0; l < d->Y->m; l++) {
+            double y = d->Y->x[l + (size_t)c * (size_t)d->Y->ld];
+            sum += y * y;
+        }
+    return residual <= 1e-12 * sqrt(sum);
+}
+
+static enum modal_status for_colour(const struct refine_data *d, struct poles *p, double *most, struct modal_error *err)
+{
+    const struct matrix *Y = d->Y;
+    struct matrix E = { Y->m, Y->n, Y->m, malloc(sizeof(double) * (size_t)Y->m * (size_t)Y->n) };
+    struct synthesis s = { 0 };
+    double *theta = malloc(sizeof *theta * 2 * (size_t)p->count);
+    enum modal_status rc = MODAL_OK;
+
+    if (E.x == NULL || theta == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for residuals of %d signals", Y->n);
+        goto out;
+    }
+    rc = synthesis_fit(p->lambda, p->count, p->tau, Y, &E, &s, err);
+    for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
+        for (int l = 0; l < Y->m; l++)
+            E.x[l + (size_t)c * (size_t)E.ld] -= Y->x[l + (size_t)c * (size_t)Y->ld];
+    for (int j = 0; j < p->count; j++)
+        theta[j] = fabs(cimag(p->lambda[j])) * p->tau;
+    if (rc == MODAL_OK)
+        rc = colour_factors(&E, theta, p->count, theta + p->count, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        p->std_re[j] *= theta[p->count + j];
+        p->std_im[j] *= theta[p->count + j];
+        *most = fmax(*most, theta[p->count + j]);
+    }
+out:
+    synthesis_done(&s);
+    free(E.x);
+    free(theta);
+    return rc;
+}
+
+static void at_least(struct poles *p, int j, double re, double im)
+{
+    p->std_re[j] = re > p->std_re[j] ? re : p->std_re[j];
+    p->std_im[j] = im > p->std_im[j] ? im : p->std_im[j];
+}
+
+static enum modal_status for_parts(const struct refine_data *d, struct poles *p, double *strength, struct modal_error *err)
+{
+    struct part_say *say = calloc((size_t)p->count, sizeof *say);
+    enum modal_status rc;
+
+    if (say == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for %d poles", p->count);
+    rc = parts_ask(d, p->lambda, p->count, say, strength, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        at_least(p, j, say[j].re, say[j].im);
+        p->growth[j] = *strength < 0 ? GROWTH_EXACT : say[j].grows ? GROWTH_IN_HALF : GROWTH_UNSEEN;
+    }
+    free(say);
+    return rc;
+}
+
+/* The pole of a fit nearest to lambda, of its kind, within a line's width of the record; -1: none. */
+static int nearest_in(const struct refined *f, double complex lambda, double width)
+{
+    int best = -1;
+
+    for (int j = 0; j < f->poles; j++)
+        if ((cimag(f->lambda[j]) != 0) == (cimag(lambda) != 0) && cabs(f->lambda[j] - lambda) < width
+            && (best < 0 || cabs(f->lambda[j] - lambda) < cabs(f->lambda[best] - lambda)))
+            best = j;
+    return best;
+}
+
+static double clear_of(double a, double b, double std)
+{
+    double d = fabs(a - b);
+
+    return d > CLEAR * std ? d : 0;
+}
+
+static bool for_rivals(const struct refine_data *d, const struct order_choice *choice, struct poles *p)
+{
+    const struct refined *own = &choice->candidates[choice->chosen].fit;
+    double width = M_PI / (d->tau * d->Y->m);
+    bool any = false;
+
+    for (int i = 0; i < choice->count; i++) {
+        const struct refined *f = &choice->candidates[i].fit;
+        if (i == choice->chosen || !choice->candidates[i].refined || f->end == REFINE_DEGENERATE || f->order == own->order || !(f->bic < own->bic + RIVAL))
+            continue;
+        for (int j = 0; j < p->count; j++) {
+            int k = nearest_in(f, p->lambda[j], width);
+            double re = k < 0 ? 0 : clear_of(creal(p->lambda[j]), creal(f->lambda[k]), hypot(p->std_re[j], f->std_re[k]));
+            double im = k < 0 ? 0 : clear_of(cimag(p->lambda[j]), cimag(f->lambda[k]), hypot(p->std_im[j], f->std_im[k]));
+            any |= re > 0 || im > 0;
+            at_least(p, j, re, im);
+        }
+    }
+    return any;
+}
+
+static void for_pairs(const struct refine_data *d, struct poles *p)
+{
+    double width = M_PI / (d->tau * d->Y->m);      /* half a beat */
+
+    for (int i = 0; i < p->count; i++)
+        for (int j = 0; j < i; j++) {
+            double apart = cabs(p->lambda[i] - p->lambda[j]);
+            if (cimag(p->lambda[i]) == 0 || cimag(p->lambda[j]) == 0 || apart >= width)
+                continue;
+            at_least(p, i, apart / 2, apart / 2);
+            at_least(p, j, apart / 2, apart / 2);
+        }
+}
+
+enum modal_status widen_poles(const struct refine_data *d, const struct order_choice *choice, struct poles *p,
+                              struct widened *out, struct modal_error *err)
+{
+    bool constant = p->shift == 1;
+    enum modal_status rc = MODAL_OK;
+
+    *out = (struct widened) { .colour = 1 };
+    for (int j = 0; j < p->count; j++)
+        p->growth[j] = GROWTH_EXACT;
+    if (!p->refined || p->count == 0 || at_rounding(d, choice->candidates[choice->chosen].fit.residual))
+        return MODAL_OK;
+    if (constant && !(d->share > 0))
+        rc = for_colour(d, p, &out->colour, err);
+    if (rc == MODAL_OK)
+        rc = for_parts(d, p, &out->contradiction, err);
+    if (rc == MODAL_OK)
+        out->rivals = for_rivals(d, choice, p);
+    if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1 || out->rivals))
+        for_pairs(d, p);
+    return rc;
+}

@@ -1,0 +1,20 @@
+/* widen.h - standard errors where the model is in doubt */
+#ifndef MODAL_WIDEN_H
+#define MODAL_WIDEN_H
+#include "modal/error.h"
+#include "modal/identify/modes.h"
+#include "modal/identify/order.h"
+
+struct widened {
+    double colour;          /* largest factor for a residual that is not white; 1: none */
+    double contradiction;   /* by half of the record: parts.h; above 1 it counts */
+    bool rivals;            /* other orders that fit as well have other exponents */
+};
+
+/*
+ * The standard errors of POLES, the chosen candidate of CHOICE for DATA, made to hold where white noise about constant exponents is not the whole
+ * truth; see widen.c.  They only grow, and where the model holds they stay.  Also sets poles->growth.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ */
+enum modal_status widen_poles(const struct refine_data *data, const struct order_choice *choice, struct poles *poles,
+                              struct widened *out, struct modal_error *err);
+#endif

@@ -14,6 +14,7 @@ struct core *core_new(const struct settings *settings, struct moment now)
     c->settings = *settings;
     c->now = now;
     c->started_ns = now.mono_ns;
+    c->stones_end = &c->stones;
     c->next_job = c->next_input = c->next_event = c->next_wait = 1;
     users_configure(c);
     core_timer(c, now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_MINUTE, 0, 0);
@@ -120,14 +121,22 @@ static enum modal_status load_job(void *context, const struct job_record *r)
     return MODAL_OK;
 }
 
+/* A number that was a job's is never another's: somebody may still have its identifier. */
+static void load_number(struct core *c, int64_t job)
+{
+    if (job >= c->next_job)
+        c->next_job = job + 1;
+}
+
 static enum modal_status load_tombstone(void *context, const struct tombstone_record *r)
 {
     struct core *c = context;
 
     struct user *user = user_get(c, r->user);
 
-    user_bury(user, r->key, r->fingerprint, r->expired_ns);
+    user_bury(c, user, r->key, r->fingerprint, r->expired_ns);
     user_tombstone(user, r->key)->committed = true;
+    load_number(c, r->job);
     return MODAL_OK;
 }
 
@@ -167,6 +176,7 @@ static enum modal_status load_event(void *context, const struct event_record *r)
     if (r->number >= c->next_event)
         c->next_event = r->number + 1;
     c->last_event = c->next_event - 1;
+    load_number(c, r->job);
     return MODAL_OK;
 }
 
@@ -223,6 +233,7 @@ struct actions *core_loaded(struct core *c, struct moment now)
         watch(c, job);
     }
     load_segments(c);
+    tombstones_sort(c);
     for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;)
         if (input->filling != NULL && input->filling->aborting)
             upload_quiet(c, input);
@@ -413,11 +424,11 @@ static void housekeeping(struct core *c)
     jobs_retain(c);
     inputs_retain(c);
     streams_retain(c);
+    tombstones_retain(c);
     if (c->last_event > c->settings.events_kept && c->last_event / 1024 != c->pruned / 1024) {
         struct transaction *t = transaction_new();
         c->pruned = c->last_event;
         transaction_add(t, LEDGER_EVENTS_PRUNE)->id = c->last_event - c->settings.events_kept;
-        transaction_add(t, LEDGER_TOMBSTONES_PRUNE)->id = c->now.utc_ns - c->settings.tombstone_age_ns;
         core_commit(c, t);
     }
     core_timer(c, c->now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_MINUTE, 0, 0);

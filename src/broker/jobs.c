@@ -340,7 +340,7 @@ void job_remove(struct core *c, struct job *job, const struct reply *reply)
     job_unindex(c, job);
     if (job->key != NULL && !was_hidden) {
         map_remove(&job->user->keys, map_hash_text(job->key), job);
-        user_bury(job->user, job->key, job->fingerprint, c->now.utc_ns);
+        user_bury(c, job->user, job->key, job->fingerprint, c->now.utc_ns);
     }
     after = after_new(AFTER_DELETE, reply);
     after->job = job;

@@ -136,7 +136,7 @@ struct job {
 
 struct wait { struct wait *next, **link; uint64_t number; struct job *job; struct reply reply; bool result; struct user *user; };
 
-struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; bool committed; };
+struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; bool committed; struct tombstone *next; };
 
 struct user {
     char name[NAME_MOST];
@@ -187,6 +187,7 @@ struct core {
     struct settings settings;
     struct account *accounts;
     struct map jobs, inputs, users, results, waits;
+    struct tombstone *stones, **stones_end;   /* of all users, in the order in which they were put up */
     struct user **user_list; size_t user_count;
     struct heap timers;
     struct slot slots[SLOTS_MOST];
@@ -285,7 +286,9 @@ void user_add_job(struct user *user, struct job *job);
 void user_drop_job(struct user *user, const struct job *job);
 size_t user_seek(const struct user *user, int64_t id);              /* index of the first job with a larger id */
 struct tombstone *user_tombstone(const struct user *user, const char *key);
-void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32], int64_t expired_ns);
+void user_bury(struct core *c, struct user *user, const char *key, const uint8_t fingerprint[32], int64_t expired_ns);
+void tombstones_sort(struct core *c);                               /* as loaded, by their age */
+void tombstones_retain(struct core *c);                             /* those past their age are gone, here and in the ledger */
 struct user *user_next(struct core *c);                             /* whose job starts next; NULL: nobody's */
 void user_ran(struct core *c, struct user *user, double seconds, double cpu_s);
 bool user_quota(struct core *c, struct user *user, const struct reply *reply, int64_t more_jobs, int64_t more_bytes);   /* true: answered */

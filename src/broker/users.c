@@ -137,7 +137,7 @@ struct tombstone *user_tombstone(const struct user *user, const char *key)
     return map_find(&user->tombstones, map_hash_text(key), has_key, key);
 }
 
-void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32], int64_t expired_ns)
+void user_bury(struct core *c, struct user *user, const char *key, const uint8_t fingerprint[32], int64_t expired_ns)
 {
     struct tombstone *stone = user_tombstone(user, key);
 
@@ -146,11 +146,60 @@ void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32]
         stone->key = grab_text(key);
         if (!map_put(&user->tombstones, map_hash_text(key), stone))
             abort();
+        *c->stones_end = stone;
+        c->stones_end = &stone->next;
     }
     stone->user = user;
     stone->expired_ns = expired_ns;
     stone->committed = false;
     memcpy(stone->fingerprint, fingerprint, 32);
+}
+
+static int by_age(const void *a, const void *b)
+{
+    const struct tombstone *x = *(struct tombstone *const *)a, *y = *(struct tombstone *const *)b;
+
+    return (x->expired_ns > y->expired_ns) - (x->expired_ns < y->expired_ns);
+}
+
+void tombstones_sort(struct core *c)
+{
+    struct tombstone **all, *stone;
+    size_t count = 0, at = 0;
+
+    for (stone = c->stones; stone != NULL; stone = stone->next)
+        count++;
+    all = grab((count + 1) * sizeof *all);
+    for (stone = c->stones; stone != NULL; stone = stone->next)
+        all[at++] = stone;
+    qsort(all, count, sizeof *all, by_age);
+    c->stones_end = &c->stones;
+    for (at = 0; at < count; at++) {
+        *c->stones_end = all[at];
+        c->stones_end = &all[at]->next;
+    }
+    *c->stones_end = NULL;
+    free(all);
+}
+
+void tombstones_retain(struct core *c)
+{
+    int64_t before_ns = c->now.utc_ns - c->settings.tombstone_age_ns;
+    struct tombstone *stone, *first = c->stones;
+
+    while ((stone = c->stones) != NULL && stone->committed && stone->expired_ns < before_ns) {
+        c->stones = stone->next;
+        map_remove(&stone->user->tombstones, map_hash_text(stone->key), stone);
+        free(stone->key);
+        free(stone);
+    }
+    if (c->stones == NULL)
+        c->stones_end = &c->stones;
+    if (c->stones != first) {
+        struct transaction *t = transaction_new();
+        transaction_add(t, LEDGER_TOMBSTONES_PRUNE)->id = before_ns;
+        core_commit(c, t);
+    }
 }
 
 /* ---- shares ----------------------------------------------------------------------------------------------------- */

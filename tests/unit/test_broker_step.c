@@ -43,7 +43,7 @@ struct world {
     struct moment now;
     struct row rows[ROWS]; int row_count;
     struct input_row inputs[ROWS]; int input_count;
-    struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job; } stones[ROWS]; int stone_count;
+    struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job, expired_ns; } stones[ROWS]; int stone_count;
     int64_t last_event;
     struct transaction *waiting, **waiting_end;
     struct task *tasks, **tasks_end;
@@ -175,7 +175,13 @@ static void apply(struct ledger_change *change)
         copy(w->stones[w->stone_count].user, 16, change->tombstone.user);
         copy(w->stones[w->stone_count].key, 16, change->tombstone.key);
         memcpy(w->stones[w->stone_count].fingerprint, change->tombstone.fingerprint, 32);
+        w->stones[w->stone_count].expired_ns = change->tombstone.expired_ns;
         w->stones[w->stone_count++].job = change->tombstone.job;
+        break;
+    case LEDGER_TOMBSTONES_PRUNE:
+        for (int i = 0; i < w->stone_count; i++)
+            if (w->stones[i].expired_ns < change->id)
+                w->stones[i--] = w->stones[--w->stone_count];
         break;
     case LEDGER_EVENT_PUT:
         if (change->event.number <= w->last_event)
@@ -455,7 +461,7 @@ static void load_rows(struct ledger_visitor *v)
             v->job(v->context, &r);
     }
     for (int i = 0; i < w->stone_count; i++) {
-        struct tombstone_record r = { .user = w->stones[i].user, .key = w->stones[i].key, .job = w->stones[i].job };
+        struct tombstone_record r = { .user = w->stones[i].user, .key = w->stones[i].key, .job = w->stones[i].job, .expired_ns = w->stones[i].expired_ns };
         v->tombstone(v->context, &r);
     }
     if (w->last_event > 0)
@@ -592,7 +598,7 @@ static void check_acknowledged(void)
             violate(4, "two results of one job");
 }
 
-static void run_world(uint64_t seed, bool verbose)
+static void open_world(uint64_t seed, bool verbose)
 {
     w = calloc(1, sizeof *w);
     w->seed = w->dice = seed;
@@ -607,16 +613,26 @@ static void run_world(uint64_t seed, bool verbose)
         .window_bytes = 1 << 20, .lease_ns = 5 * SECOND, .result_age_ns = 3600 * SECOND, .input_age_ns = 60 * SECOND, .tombstone_age_ns = 86400 * SECOND,
         .upload_idle_ns = 86400 * SECOND, .result_bytes = 1 << 30, .events_kept = 1024, .secret = 0x1234567 };
     boot();
-    for (int i = 0; i < STEPS; i++)
-        something_happens();
-    settle();
-    check_acknowledged();
+}
+
+static void close_world(void)
+{
     drop_all();
     core_free(w->core);
     total_states += w->states;
     for (int p = 0; p < 11; p++)
         total_violations[p] += w->violations[p];
     free(w);
+}
+
+static void run_world(uint64_t seed, bool verbose)
+{
+    open_world(seed, verbose);
+    for (int i = 0; i < STEPS; i++)
+        something_happens();
+    settle();
+    check_acknowledged();
+    close_world();
 }
 
 TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
@@ -634,6 +650,52 @@ TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
         violations += total_violations[p];
     }
     CHECK(violations == 0);
+}
+
+static void submit_key(int key)
+{
+    double data[2] = { 3.25, key };
+    char header[200];
+
+    w->asked[++w->request & 4095].key = key;
+    w->asked[w->request & 4095].user = 0;
+    snprintf(header, sizeof header, "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}",
+             (int)(w->request & 4095), key);
+    request(0, "SUBMIT", header, data, sizeof data);
+    commit_some(100);
+}
+
+/* Retention is of a day here: within it the key says `expired`, after a restart too; past it the key is free, and its job another. */
+TEST(a_tombstone_goes_at_its_age_from_memory_and_ledger)
+{
+    char first[9];
+
+    open_world(2385, false);
+    submit_key(3);
+    submit_key(4);
+    settle();
+    copy(first, sizeof first, w->acked[0][3]);
+    CHECK(first[0] != 0);
+    request(0, "DELETE", "{\"id\":\"d\",\"job\":\"key:k4\"}", NULL, 0);
+    request(0, "DELETE", "{\"id\":\"d\",\"job\":\"key:k3\"}", NULL, 0);
+    commit_some(100);
+    CHECK(w->stone_count == 2);
+    restart();
+    submit_key(3);
+    CHECK(w->expired[0][3]);
+    w->now.mono_ns += 86420 * SECOND;
+    w->now.utc_ns += 86420 * SECOND;
+    run_step((struct event) { .type = EVENT_TIME });
+    commit_some(100);
+    CHECK(w->stone_count == 0);
+    w->expired[0][3] = false;
+    w->acked[0][3][0] = 0;
+    submit_key(3);
+    CHECK(w->acked[0][3][0] != 0 && strcmp(w->acked[0][3], first) != 0);
+    settle();
+    CHECK(row_by_id(ident_number(w->settings.secret, first)) == NULL);
+    CHECK(w->violations[1] + w->violations[2] + w->violations[3] + w->violations[4] == 0);
+    close_world();
 }
 
 /* Identifiers are a bijection: 10,000 numbers give 10,000 texts, each its own number again. */

@@ -74,13 +74,16 @@ static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
 {
     int n = ss->n;
     size_t N = (size_t)ss->N;
+    double damping = 0;                        /* the largest: what rounding of the modal products leaves in all */
 
+    for (int i = 0; i < n; i++)
+        damping = fmax(damping, fabs(ss->A[(size_t)(n + i) + (size_t)(n + i) * N]));
     for (int i = 0; i < n; i++) {
         double s = ss->A[(size_t)i + (size_t)(n + i) * N], k = -ss->A[(size_t)(n + i) + (size_t)i * N] * s;
         double c = -ss->A[(size_t)(n + i) + (size_t)(n + i) * N];
         block_roots(c, k, f->exponent + 2 * i);
         for (int j = 0; j < 2; j++)
-            f->bar[2 * i + j] = 8 * DBL_EPSILON * (fabs(k) < 1e-14 * s * s ? s : fabs(c) + DBL_EPSILON * s);
+            f->bar[2 * i + j] = 8 * DBL_EPSILON * (fabs(k) < 1e-14 * s * s ? s : damping + DBL_EPSILON * s);
     }
 }
 

@@ -17,6 +17,8 @@
 #include <string.h>
 #include "modal/scene/statespace.h"
 
+static const double ENOUGH = 1e-10;            /* truncation, of the exponents' strip 2 pi / T, that ends the growth of H */
+
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "hill: out of memory");
@@ -171,13 +173,26 @@ static double distance(const double complex *a, const double complex *b, int cou
     return worst;
 }
 
+/* The highest harmonic of A over PERIOD, at least 2: a cut must lose at least one of its steps to be seen. */
+static int highest(const struct statespace *ss, double period)
+{
+    int most = 2;
+
+    for (int h = 0; h < ss->harmonics; h++) {
+        int m = (int)lround(ss->harmonic[h].k * ss->p->omega * period / (2 * M_PI));
+        most = m > most ? m : most;
+    }
+    return most;
+}
+
 static enum modal_status solve_two(const struct statespace *ss, double period, int H, struct hill *out, struct modal_error *err)
 {
+    int less = H - highest(ss, period);
     double complex *fine = malloc((size_t)ss->N * sizeof *fine + 1), *coarse = malloc((size_t)ss->N * sizeof *coarse + 1);
     enum modal_status rc = fine != NULL && coarse != NULL ? MODAL_OK : no_memory(err);
 
     if (rc == MODAL_OK)
-        rc = solve(ss, period, H > 2 ? H - 2 : 1, coarse, err);
+        rc = solve(ss, period, less > 1 ? less : 1, coarse, err);
     if (rc == MODAL_OK)
         rc = solve(ss, period, H, fine, err);
     if (rc == MODAL_OK) {
@@ -205,6 +220,10 @@ enum modal_status hill(const struct program *p, int harmonics, struct hill *out,
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "hill", "Hill's matrix would be of size %d; at most %d", ss->N * (2 * H + 1), HILL_SIZE_MOST);
     if (rc == MODAL_OK)
         rc = solve_two(ss, period, H, out, err);
+    while (rc == MODAL_OK && harmonics == 0 && out->truncation > ENOUGH * 2 * M_PI / period && ss->N * (4 * H + 1) <= HILL_SIZE_MOST / 2) {
+        hill_done(out);
+        rc = solve_two(ss, period, H *= 2, out, err);
+    }
     statespace_free(ss);
     return rc;
 }

@@ -18,7 +18,7 @@
 #include "verbs.h"
 #include "wire/limits.h"
 
-enum { SHARES_MOST = 128, ROUNDS_MOST = 1000, STEM_MOST = WIRE_KEY_MOST - 24 };
+enum { SHARES_MOST = 64, ROUNDS_MOST = 1000, STEM_MOST = WIRE_KEY_MOST - 24 };
 
 struct grid {
     const struct input *input;
@@ -26,7 +26,7 @@ struct grid {
     struct link *link;
     double deadline;
     char stem[STEM_MOST + 1];            /* what the keys of all shares begin with */
-    int points, shares;
+    int points, shares, taken;           /* taken: points of the whole so far */
     cJSON *docs[SHARES_MOST];            /* the shares' queue documents */
 };
 
@@ -240,26 +240,48 @@ static void add_cost(cJSON *to, const cJSON *from)
         cJSON_SetNumberValue(peak, fmax(peak->valuedouble, number(from, "peak_bytes")));
 }
 
-/* PART's points behind those of WHOLE. */
-static void append(cJSON *whole, cJSON *part)
+/* A list of points as one item of text; NULL: none, or no memory. */
+static cJSON *printed(const cJSON *points)
 {
-    cJSON *to = cJSON_GetObjectItemCaseSensitive(whole, "points"), *from = cJSON_GetObjectItemCaseSensitive(part, "points");
+    char *text = points->child != NULL ? json_print(points) : NULL;
+    cJSON *raw = NULL;
 
-    while (from != NULL && from->child != NULL)
+    if (text != NULL) {
+        text[strlen(text) - 1] = '\0';                 /* without its brackets */
+        raw = cJSON_CreateRaw(text + 1);
+    }
+    free(text);
+    return raw;
+}
+
+/* The points of FROM behind those of TO.  Where only their text is wanted they are printed while other shares are computed, so that the last
+ * share leaves little to do. */
+static void append(const struct grid *g, cJSON *to, cJSON *from)
+{
+    cJSON *raw = g->args->json && g->args->plot == NULL ? printed(from) : NULL;
+
+    if (raw != NULL)
+        cJSON_AddItemToArray(to, raw);
+    while (raw == NULL && from->child != NULL)
         cJSON_AddItemToArray(to, cJSON_DetachItemViaPointer(from, from->child));
-    add_cost(cJSON_GetObjectItemCaseSensitive(whole, "cost"), cJSON_GetObjectItemCaseSensitive(part, "cost"));
 }
 
 /* The result of share I into *WHOLE, which share 0's becomes. */
 static void take(struct grid *g, int i, cJSON **whole)
 {
-    cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result");
+    cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result"), *points = cJSON_DetachItemFromObjectCaseSensitive(result, "points");
 
+    g->taken += cJSON_GetArraySize(points);
     if (i == 0) {
         *whole = result;
-        return;
+        cJSON_AddArrayToObject(*whole, "points");
     }
-    append(*whole, result);
+    if (points != NULL)
+        append(g, cJSON_GetObjectItemCaseSensitive(*whole, "points"), points);
+    cJSON_Delete(points);
+    if (i == 0)
+        return;
+    add_cost(cJSON_GetObjectItemCaseSensitive(*whole, "cost"), cJSON_GetObjectItemCaseSensitive(result, "cost"));
     cJSON_Delete(result);
 }
 
@@ -268,10 +290,9 @@ static enum modal_status finish(const struct grid *g, cJSON *whole, struct modal
 {
     cJSON *options = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(whole, "provenance"), "options");
     cJSON *count = cJSON_GetObjectItemCaseSensitive(options, "count");
-    int points = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(whole, "points"));
 
-    if (points != g->points)
-        return modal_fail(err, MODAL_INTERNAL, "the shares hold %d of %d points", points, g->points);
+    if (g->taken != g->points)
+        return modal_fail(err, MODAL_INTERNAL, "the shares hold %d of %d points", g->taken, g->points);
     if (cJSON_IsNumber(count))
         cJSON_SetNumberValue(count, g->points);
     return MODAL_OK;

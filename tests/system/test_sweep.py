@@ -117,7 +117,7 @@ def test_python_gives_the_same_table_and_finds_its_jobs_again(ctl, own_daemon, t
     local = ctl("sweep", write(tmp_path, document)).document
     with daemon.client() as client:
         first, again = client.sweep(document), client.sweep(document)
-        assert len(jobs(client)) == 128
+        assert len(jobs(client)) == 64
     assert first == again and first["points"] == local["points"] and first["total"] == 169
     assert first["provenance"]["options"] == local["provenance"]["options"]
 
@@ -147,8 +147,8 @@ def test_a_kill_in_the_middle_computes_no_finished_share_again(ctl, own_daemon, 
     assert waiting.returncode == 0
     assert all((after[job]["attempts"], after[job]["finished"]) == (1, doc["finished"]) for job, doc in before.items())
     # no share twice, and those that ran at the kill once more: at most one a worker
-    assert len(after) == 128 and {job["state"] for job in after.values()} == {"done"}
-    assert sum(job["attempts"] for job in after.values()) <= 128 + daemon.workers
+    assert len(after) == 64 and {job["state"] for job in after.values()} == {"done"}
+    assert sum(job["attempts"] for job in after.values()) <= 64 + daemon.workers
     assert table(json.loads(out)) == table(ctl("sweep", path).document)
 
 
@@ -158,18 +158,18 @@ def test_cancel_ends_the_sweep_and_another_goes_on_from_there(ctl, own_daemon, t
     waiting = start(daemon, path)
     with daemon.client() as client:
         until_done(client, 4)
-        while len(jobs(client)) < 128:
+        while len(jobs(client)) < 64:
             time.sleep(0.02)
         said = ctl("sweep", path, "--cancel", server=daemon)
         assert said.status == 0 and {job["state"] for job in said.document["jobs"]} == {"done", "cancelled"}
         out, _ = waiting.communicate(timeout=PATIENCE)
         assert waiting.returncode == 1 and json.loads(out)["error"]["code"] == "cancelled"
         done = jobs(client, state="done")
-        assert 4 <= len(done) < 128 and not jobs(client, state="queued") and not jobs(client, state="running")
+        assert 4 <= len(done) < 64 and not jobs(client, state="queued") and not jobs(client, state="running")
         served = ctl("sweep", path, "--wait", server=daemon)
         assert served.status == 0 and len(served.document["points"]) == 1024
         after = jobs(client, state="done")
-        assert len(after) == 128 and all(after[job]["finished"] == doc["finished"] for job, doc in done.items())
+        assert len(after) == 64 and all(after[job]["finished"] == doc["finished"] for job, doc in done.items())
 
 
 def test_a_passed_timeout_is_5_and_leaves_the_jobs(ctl, own_daemon, tmp_path):

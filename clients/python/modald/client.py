@@ -20,7 +20,7 @@ from . import wire
 
 Document = dict[str, Any]
 Progress = Callable[[str, float], None]
-SHARES_MOST = 128                                                                   # of a sweep
+SHARES_MOST = 64                                                                    # of a sweep
 ENDED = ("done", "failed", "cancelled", "dead")
 FIRST_PATIENCE, LOST_PATIENCE, ASK_AGAIN, CHUNK_PATIENCE = 2.0, 30.0, 5.0, 10.0     # s
 

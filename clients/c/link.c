@@ -289,23 +289,35 @@ static enum modal_status nobody(const struct link *link, struct modal_error *err
     return modal_fail(err, MODAL_NO_SERVER, "no modald at %s; start one, name another with --server or $MODALD_URL, or use --local", link->endpoint);
 }
 
-/* The header's text with the next id; the caller frees it. */
-static char *header_text(struct link *link, cJSON *header, int64_t *id)
+/* HEADER, which is freed, as text with the next id; the caller frees it. */
+static enum modal_status header_text(struct link *link, cJSON *header, int64_t *id, char **out, struct modal_error *err)
 {
+    char *text;
+
     *id = link->next_id++;
     cJSON_DeleteItemFromObjectCaseSensitive(header, "id");
     cJSON_AddNumberToObject(header, "id", (double)*id);
-    return json_print(header);
+    text = json_print(header);
+    cJSON_Delete(header);
+    if (text == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
+    if (strlen(text) > WIRE_HEADER_MOST) {
+        size_t length = strlen(text);
+        free(text);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "header", "options, names and attributes are %zu bytes of a message; accepted: at most %d",
+                                length, WIRE_HEADER_MOST);
+    }
+    *out = text;
+    return MODAL_OK;
 }
 
 enum modal_status link_send(struct link *link, const struct link_ask *ask, double deadline, int64_t *id, struct modal_error *err)
 {
-    char *header = header_text(link, ask->header, id);
-    enum modal_status rc = MODAL_OK;
+    char *header;
+    enum modal_status rc = header_text(link, ask->header, id, &header, err);
 
-    cJSON_Delete(ask->header);
-    if (header == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
+    if (rc != MODAL_OK)
+        return rc;
     listen(link);
     while (!send_now(link, ask, header)) {
         double now = link_now();
@@ -355,6 +367,12 @@ static bool keep_asking(struct link *link, const struct link_ask *ask, const cha
     return true;
 }
 
+/* An error whose id is null answers a header that could not be read: ours, the only one on its way. */
+static bool is_of_nobody(const struct link_message *message)
+{
+    return message->type == LINK_ERROR && cJSON_IsNull(cJSON_GetObjectItemCaseSensitive(message->header, "id"));
+}
+
 static enum modal_status wait_answer(struct link *link, const struct link_ask *ask, const char *header, int64_t id, double deadline,
                                      struct link_message *out, struct modal_error *err)
 {
@@ -365,7 +383,7 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
         if (!keep_asking(link, ask, header, &state))
             return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost before the answer; the job may have been accepted or not", link->endpoint);
         while (receive_now(link, out)) {
-            if (out->type != LINK_EVENT && link_message_id(out) == id)
+            if (out->type != LINK_EVENT && (link_message_id(out) == id || is_of_nobody(out)))
                 return MODAL_OK;
             link_message_done(out);             /* a late answer to what was given up */
         }
@@ -382,12 +400,11 @@ enum modal_status link_question(struct link *link, const struct link_ask *ask, d
                                 cJSON **detail, struct modal_error *err)
 {
     int64_t id;
-    char *header = header_text(link, ask->header, &id);
-    enum modal_status rc;
+    char *header;
+    enum modal_status rc = header_text(link, ask->header, &id, &header, err);
 
-    cJSON_Delete(ask->header);
-    if (header == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
+    if (rc != MODAL_OK)
+        return rc;
     rc = wait_answer(link, ask, header, id, deadline, out, err);
     free(header);
     if (rc == MODAL_OK && out->type == LINK_ERROR) {

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/utf8.h"
 #include "option.h"
 
 static const struct row {
@@ -87,7 +88,11 @@ static enum modal_status set(const struct row *row, const char *text, struct arg
 
     switch (row->type) {
     case FLAG:   *(bool *)at = true; return MODAL_OK;
-    case TEXT:   *(const char **)at = text; return MODAL_OK;
+    case TEXT:
+        if ((row->group & (TAKES_SUBMIT | TAKES_LIST | TAKES_STREAM | TAKES_CURVE)) != 0 && !utf8_valid(text))  /* files may have any name */
+            return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s is not UTF-8", row->name);
+        *(const char **)at = text;
+        return MODAL_OK;
     case OPTION: return option_add(args->options, text, err);
     case NUMBER:
     case WHOLE:  return set_number(row, text, (double *)at, err);
@@ -193,7 +198,7 @@ enum modal_status args_check(const struct args *args, const char *verb, unsigned
     return MODAL_OK;
 }
 
-void args_help(unsigned takes)
+void args_help(FILE *to, unsigned takes)
 {
     for (int i = 0; i < ROWS; i++) {
         char left[48], shortened[8] = "    ";
@@ -203,6 +208,6 @@ void args_help(unsigned takes)
         if (rows[i].letter)
             snprintf(shortened, sizeof shortened, "-%c, ", rows[i].letter);
         snprintf(left, sizeof left, "%s--%s %s", shortened, rows[i].name, rows[i].value);
-        printf("  %-28s %s\n", left, rows[i].help);
+        fprintf(to, "  %-28s %s\n", left, rows[i].help);
     }
 }

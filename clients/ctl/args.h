@@ -6,6 +6,7 @@
 #ifndef CTL_ARGS_H
 #define CTL_ARGS_H
 #include <stdbool.h>
+#include <stdio.h>
 #include "modal/error.h"
 #include "modal/json.h"
 
@@ -47,7 +48,7 @@ void args_done(struct args *args);
 /* Refuse what was given but is in none of the verb's groups TAKES. */
 enum modal_status args_check(const struct args *args, const char *verb, unsigned takes, struct modal_error *err);
 
-/* Print the options in TAKES, one a line, to stdout. */
-void args_help(unsigned takes);
+/* Print the options in TAKES, one a line. */
+void args_help(FILE *to, unsigned takes);
 
 #endif

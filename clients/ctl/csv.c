@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include "modal/utf8.h"
 
 struct table {
     const char *path;
@@ -21,9 +22,37 @@ struct table {
     char **names, **units;      /* columns each, or NULL */
 };
 
+/* Does C stand in LINE, outside of quotes? */
+static bool stands_in(const char *line, char c)
+{
+    bool quoted = false;
+
+    for (; *line != 0; line++) {
+        quoted ^= *line == '"';
+        if (*line == c && !quoted)
+            return true;
+    }
+    return false;
+}
+
 static char separator_of(const char *line)
 {
-    return strchr(line, ';') ? ';' : strchr(line, '\t') ? '\t' : strchr(line, ',') ? ',' : ' ';
+    return stands_in(line, ';') ? ';' : stands_in(line, '\t') ? '\t' : stands_in(line, ',') ? ',' : ' ';
+}
+
+/* What stands between the quotes that FIELD begins with, "" for one quote; *REST moves past the separator. */
+static char *quoted_field(char *field, char **rest, char separator)
+{
+    char *to = field + 1, *from = field + 1;
+
+    while (*from != 0 && (*from != '"' || from[1] == '"')) {
+        from += *from == '"';
+        *to++ = *from++;
+    }
+    from += strcspn(from, separator == ' ' ? " \t" : (char[]) { separator, 0 });
+    *rest = *from ? from + 1 : NULL;
+    *to = 0;
+    return field + 1;
 }
 
 /* The next field of *REST, blanks and quotes around it taken off; NULL at the end. */
@@ -33,8 +62,10 @@ static char *next_field(char **rest, char separator)
 
     if (field == NULL)
         return NULL;
+    field += strspn(field, separator == '\t' ? " " : " \t");
+    if (*field == '"')
+        return quoted_field(field, rest, separator);
     if (separator == ' ') {
-        field += strspn(field, " \t");
         if (*field == 0)
             return *rest = NULL;
         end = field + strcspn(field, " \t");
@@ -42,14 +73,10 @@ static char *next_field(char **rest, char separator)
         *end = 0;
         return field;
     }
+    *rest = field;
     field = strsep(rest, (char[]) { separator, 0 });
-    field += strspn(field, " \t");
     for (end = field + strlen(field); end > field && isspace((unsigned char)end[-1]); )
         *--end = 0;
-    if (end - field >= 2 && field[0] == '"' && end[-1] == '"') {
-        end[-1] = 0;
-        field++;
-    }
     return field;
 }
 
@@ -63,8 +90,9 @@ static bool read_number(char *field, char separator, double *value)
     return end != field && *end == 0;
 }
 
-/* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts lines from 1. */
-static char *next_line(char **rest, size_t *number)
+/* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts lines from 1, *REMARK is
+ * the last remark passed over, if any. */
+static char *next_line(char **rest, size_t *number, char **remark)
 {
     char *line;
 
@@ -73,7 +101,9 @@ static char *next_line(char **rest, size_t *number)
         ++*number;
         if (length > 0 && line[length - 1] == '\r')
             line[--length] = 0;
-        if (line[strspn(line, " \t")] != 0 && line[0] != '#' && line[0] != '%')
+        if (line[0] == '#' || line[0] == '%')
+            *remark = line + 1;
+        else if (line[strspn(line, " \t")] != 0)
             return line;
     }
     return NULL;
@@ -107,7 +137,7 @@ static char **split_words(char *line, char separator, size_t count)
     char **words = calloc(count, sizeof *words), *field;
 
     for (size_t i = 0; words != NULL && i < count && (field = next_field(&line, separator)) != NULL; i++)
-        words[i] = strdup(field);
+        words[i] = utf8_from(field, strlen(field));
     return words;
 }
 
@@ -143,43 +173,55 @@ static enum modal_status add_row(struct table *table, char *line, size_t number,
     return MODAL_OK;
 }
 
-/* Names, where the first line has no number at all; then units, where the second has none either. */
+/* Names may stand in a remark, as NumPy writes them: as many words as columns, none a number. */
+static void take_remark(struct table *table, char *remark)
+{
+    size_t fields = 0;
+
+    if (remark != NULL && count_numbers(remark, table->separator, &fields) == 0 && fields == table->columns)
+        table->names = split_words(remark, table->separator, table->columns);
+}
+
+/* Names, where the first line has no number at all; then units, where the second has none either.  Gives the first line of
+ * numbers, NULL where there is none. */
 static char *read_head(struct table *table, char **rest, size_t *number)
 {
-    char *line = next_line(rest, number);
+    char *remark = NULL, *line = next_line(rest, number, &remark);
     size_t fields = 0;
 
     if (line == NULL)
         return NULL;
     table->separator = separator_of(line);
     size_t numbers = count_numbers(line, table->separator, &table->columns);
-    if (numbers > 0)
+    if (table->columns > 1 && table->separator != ' ' && line[strlen(line) - 1] == table->separator)
+        table->columns--;                                       /* a separator at the line's end */
+    if (numbers > 0) {
+        take_remark(table, remark);
         return line;
+    }
     table->names = split_words(line, table->separator, table->columns);
-    line = next_line(rest, number);
+    line = next_line(rest, number, &remark);
     if (line != NULL && count_numbers(line, table->separator, &fields) == 0 && fields == table->columns) {
         table->units = split_words(line, table->separator, table->columns);
-        line = next_line(rest, number);
+        line = next_line(rest, number, &remark);
     }
     return line;
 }
 
 static enum modal_status read_table(char *text, struct table *table, struct modal_error *err)
 {
-    char *rest = text, *line;
+    char *rest = text, *line, *remark;
     size_t number = 0;
     enum modal_status rc = MODAL_OK;
 
     if (strncmp(rest, "\xef\xbb\xbf", 3) == 0)
         rest += 3;
     line = read_head(table, &rest, &number);
-    if (table->columns > 0 && line != NULL && line[strlen(line) - 1] == table->separator && table->names == NULL)
-        table->columns--;                                       /* a separator at the line's end */
     if (line == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no line of numbers; accepted: HDF5, CSV, WAV, FLAC", table->path);
     if (table->columns > SIGNALS_CHANNELS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: %zu columns; at most %d", table->path, table->columns, SIGNALS_CHANNELS_MOST);
-    for (; line != NULL && rc == MODAL_OK; line = next_line(&rest, &number))
+    for (; line != NULL && rc == MODAL_OK; line = next_line(&rest, &number, &remark))
         rc = add_row(table, line, number, err);
     return rc;
 }

@@ -50,16 +50,16 @@ static const struct verb verbs[] = {
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 
-static int help(const struct verb *only)
+static int help(FILE *to, const struct verb *only)
 {
-    printf("usage: modalctl [--server ENDPOINT | --local] [--json] VERB ...\n\n");
+    fprintf(to, "usage: modalctl [--server ENDPOINT | --local] [--json] VERB ...\n\n");
     for (int i = 0; i < VERBS; i++)
         if (only == NULL || only == &verbs[i])
-            printf("  %-10s %-30s %s\n", verbs[i].name, verbs[i].words, verbs[i].help);
-    printf("\noptions:\n");
-    args_help(TAKES_ALWAYS | (only ? only->takes : 0));
+            fprintf(to, "  %-10s %-30s %s\n", verbs[i].name, verbs[i].words, verbs[i].help);
+    fprintf(to, "\noptions:\n");
+    args_help(to, TAKES_ALWAYS | (only ? only->takes : 0));
     if (only == NULL)
-        printf("\n`modalctl VERB --help` lists the options of a verb.  Exit status: 0 done; 1 the job failed; 2 bad usage or input;\n"
+        fprintf(to, "\n`modalctl VERB --help` lists the options of a verb.  Exit status: 0 done; 1 the job failed; 2 bad usage or input;\n"
                "3 no server; 4 refused; 5 not finished in --timeout.\n");
     return 0;
 }
@@ -94,11 +94,13 @@ static int dispatch(const struct args *args, char **argv)
 
     if (args->version)
         return printf("modalctl " MODALD_VERSION "\n") < 0;
-    if (args->words == 0 && args->help)
-        return help(NULL);
+    if (args->words == 0 && (args->help || !args->json)) {
+        help(args->help ? stdout : stderr, NULL);
+        return args->help ? 0 : modal_status_exit(MODAL_BAD_INPUT);
+    }
     verb = find(args, &err);
     if (verb != NULL && args->help)
-        return help(verb);
+        return help(stdout, verb);
     if (verb == NULL || check(verb, args, &err) != MODAL_OK)
         return answer_failure(args->json, &err, NULL);
     if (args->local)

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/utf8.h"
 
 bool option_looks_like(const char *text)
 {
@@ -86,6 +87,8 @@ enum modal_status option_add(cJSON *options, const char *text, struct modal_erro
     snprintf(key, sizeof key, "%.*s", equals ? (int)(equals - text) : (int)strlen(text), text);
     if (equals == NULL || equals == text || equals[1] == 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, key[0] ? key : "option", "-o \"%.80s\": accepted: KEY=VALUE, neither empty", text);
+    if (!utf8_valid(text))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "option", "-o: not UTF-8");
     text = equals + 1;
     if (strchr("[{\"", text[0]) != NULL) {
         struct modal_error inner = { 0 };

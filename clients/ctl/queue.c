@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 #include "answer.h"
 #include "remote.h"
 #include "show.h"
@@ -302,6 +303,8 @@ int run_list(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK && args->json)
         rc = answer_json(s.doc, &s.err);
     else if (rc == MODAL_OK) {
+        if (isatty(STDOUT_FILENO))          /* a pipe gets the lines alone */
+            printf("%-20s %-10s %-10s %2s  %-21s%s\n", "job", "kind", "state", "no", "submitted", "key");
         cJSON_ArrayForEach(job, cJSON_GetObjectItemCaseSensitive(s.doc, "jobs"))
             show_job(job);
         if (cJSON_IsString(cJSON_GetObjectItemCaseSensitive(s.doc, "next")))

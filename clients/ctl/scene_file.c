@@ -173,12 +173,11 @@ enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_er
     char *text = NULL;
     size_t length = 0;
     cJSON *scene = NULL, *inner;
+    struct modal_error inside = { 0 };
     enum modal_status rc = signals_read_text(path, SCENE_TEXT_MOST, &text, &length, err);
 
-    if (rc == MODAL_OK)
-        rc = json_read(text, length, &scene, err);
-    if (rc != MODAL_OK && err != NULL && err->field[0] == 0)
-        snprintf(err->field, sizeof err->field, "scene");
+    if (rc == MODAL_OK && (rc = json_read(text, length, &scene, &inside)) != MODAL_OK)
+        rc = modal_fail_field(err, rc, inside.field[0] ? inside.field : "scene", "%s: %s", path, inside.message);
     if (rc == MODAL_OK && !cJSON_IsObject(scene))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "scene", "%s: accepted: a JSON object", path);
     if (rc == MODAL_OK) {

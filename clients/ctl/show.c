@@ -184,13 +184,13 @@ static void show_steady(const cJSON *result)
     show_stability(get(result, "stability"));
 }
 
-static void show_pairs(const char *title, const cJSON *list)
+static void show_multipliers(const cJSON *list)
 {
     const cJSON *pair;
 
     if (list == NULL)
         return;
-    printf("%-14s %16s %16s %16s\n", title, "re", "im", "magnitude");
+    printf("%-14s %16s %16s %16s\n", "multipliers", "re", "im", "magnitude");
     cJSON_ArrayForEach(pair, list) {
         printf("%14s", "");
         cell(16, "%.10g", part(pair, 0));
@@ -200,10 +200,26 @@ static void show_pairs(const char *title, const cJSON *list)
     }
 }
 
+static void show_exponents(const cJSON *list)
+{
+    const cJSON *pair;
+
+    printf("%-14s %16s %16s %16s %16s\n", "exponents", "Re 1/s", "Im rad/s", "frequency Hz", "damping ratio");
+    cJSON_ArrayForEach(pair, list) {
+        double re = part(pair, 0), size = hypot(re, part(pair, 1));
+        printf("%14s", "");
+        cell(16, "%.10g", re);
+        cell(16, "%.10g", part(pair, 1));
+        cell(16, "%.10g", size / (2 * M_PI));
+        cell(16, "%.7g", -re / size);
+        putchar('\n');
+    }
+}
+
 static void show_floquet(const cJSON *result)
 {
-    show_pairs("multipliers", get(result, "multipliers"));
-    show_pairs("exponents", get(result, "exponents"));
+    show_multipliers(get(result, "multipliers"));
+    show_exponents(get(result, "exponents"));
     show_stability(get(result, "stability"));
 }
 

@@ -78,7 +78,7 @@ static enum modal_status read_csv(const char *path, double dt, struct signals *o
     enum modal_status rc = signals_read_text(path, TEXT_MOST, &text, &length, err);
 
     if (rc == MODAL_OK && memchr(text, 0, length) != NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither HDF5, WAV, FLAC nor text", path);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither HDF5, WAV, FLAC nor text in UTF-8 or Latin-1", path);
     if (rc == MODAL_OK)
         rc = csv_read(text, path, dt, out, err);
     free(text);

@@ -6,12 +6,12 @@
 #include "broker/daemon.h"
 
 static const char usage[] =
-    "usage: modald --data DIR [--bind ENDPOINT]... [--workers N] [--config FILE] [--check-config]\n"
+    "usage: modald --data DIR [--bind ENDPOINT...]... [--workers N] [--config FILE] [--check-config]\n"
     "\n"
     "  --data DIR         the data folder; made where it is not there\n"
-    "  --bind ENDPOINT    ipc://PATH or tcp://HOST:PORT, up to 16 times\n"
-    "                     (default ipc://$XDG_RUNTIME_DIR/modald/modald.ipc, or ipc:///run/modald/modald.ipc)\n"
-    "  --workers N        worker processes (default: the processors)\n"
+    "  --bind ENDPOINT    ipc://PATH or tcp://HOST:PORT, one or more; up to 16\n"
+    "                     (default ipc://$XDG_RUNTIME_DIR/modald/modald.ipc; where that is not set ipc:///run/modald/modald.ipc)\n"
+    "  --workers N        worker processes (default: the processors, one less where there are more than two)\n"
     "  --config FILE      settings, one `key = value` a line; what stands here goes over it\n"
     "  --check-config     check all of it, say what is wrong, and end\n"
     "  --version\n"
@@ -48,6 +48,8 @@ static enum modal_status read_all(struct config *out, void *context, struct moda
             rc = config_set(out, option == 'd' ? "data" : option == 'b' ? "bind" : "workers", optarg, err);
         a->check = a->check || option == 'k';
     }
+    for (; rc == MODAL_OK && !first_bind && optind < a->argc && strstr(a->argv[optind], "://") != NULL; optind++)
+        rc = config_set(out, "bind", a->argv[optind], err);     /* --bind ONE OTHER */
     if (rc == MODAL_OK && optind < a->argc)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "\"%.60s\" is not an argument", a->argv[optind]);
     return rc == MODAL_OK ? config_finish(out, err) : rc;

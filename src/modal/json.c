@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/utf8.h"
 
 struct scan {
     const char *start, *at, *end;
@@ -20,7 +21,12 @@ struct scan {
 
 static enum modal_status scan_fail(const struct scan *s, const char *what)
 {
-    return modal_fail_field(s->err, MODAL_BAD_INPUT, s->path, "JSON: %s at byte %td", what, s->at - s->start);
+    const char *line = s->start, *next;
+    int number = 1;
+
+    for (; (next = memchr(line, '\n', (size_t)(s->at - line))) != NULL; line = next + 1)
+        number++;
+    return modal_fail_field(s->err, MODAL_BAD_INPUT, s->path, "JSON: %s at line %d, column %td", what, number, s->at - line + 1);
 }
 
 static void skip_space(struct scan *s)
@@ -30,28 +36,6 @@ static void skip_space(struct scan *s)
 }
 
 static enum modal_status scan_value(struct scan *s);
-
-/* The length of the UTF-8 sequence at P, 0 if malformed (overlong, surrogate, out of range, cut). */
-static int utf8_length(const unsigned char *p, const unsigned char *end)
-{
-    static const struct { unsigned char mask, lead; unsigned least; } forms[] = {
-        { 0x80, 0x00, 0 }, { 0xe0, 0xc0, 0x80 }, { 0xf0, 0xe0, 0x800 }, { 0xf8, 0xf0, 0x10000 } };
-
-    for (int n = 0; n < 4; n++) {
-        if ((p[0] & forms[n].mask) != forms[n].lead)
-            continue;
-        unsigned code = p[0] & (unsigned char)~forms[n].mask;
-        if (end - p < n + 1)
-            return 0;
-        for (int i = 1; i <= n; i++) {
-            if ((p[i] & 0xc0) != 0x80)
-                return 0;
-            code = code << 6 | (p[i] & 0x3f);
-        }
-        return code >= forms[n].least && code <= 0x10ffff && (code < 0xd800 || code > 0xdfff) ? n + 1 : 0;
-    }
-    return 0;
-}
 
 /* Four hex digits, not all 0. */
 static bool is_escape_of_a_character(const char *p, const char *end)
@@ -68,7 +52,7 @@ static enum modal_status scan_string(struct scan *s)
 {
     s->at++;
     while (s->at < s->end && *s->at != '"') {
-        int n = utf8_length((const unsigned char *)s->at, (const unsigned char *)s->end);
+        int n = utf8_length(s->at, s->end);
         if (n == 0)
             return scan_fail(s, "not UTF-8");
         if ((unsigned char)*s->at < 0x20)
@@ -321,17 +305,22 @@ static void put(struct text *t, const char *bytes, size_t n)
     t->x[t->length] = '\0';
 }
 
+/* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can be read. */
 static void put_string(struct text *t, const char *s)
 {
+    const char *end = s + strlen(s);
+    int n;
+
     put(t, "\"", 1);
-    for (const char *p = s; *p != '\0'; p++) {
+    for (; s < end; s += n > 0 ? n : 1) {
         char escape[8];
-        if (*p == '"' || *p == '\\')
-            put(t, (char[]) { '\\', *p }, 2);
-        else if ((unsigned char)*p < 0x20)
-            put(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*p));
+        n = utf8_length(s, end);
+        if (*s == '"' || *s == '\\')
+            put(t, (char[]) { '\\', *s }, 2);
+        else if ((unsigned char)*s < 0x20)
+            put(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
         else
-            put(t, p, 1);
+            put(t, n > 0 ? s : "\xef\xbf\xbd", n > 0 ? (size_t)n : 3);
     }
     put(t, "\"", 1);
 }

@@ -10,14 +10,14 @@ enum { JSON_DEPTH_MOST = 32 };
 
 /*
  * Parse TEXT (LENGTH bytes, need not end in 0) into *OUT; the caller frees it with cJSON_Delete.
- * Refused with MODAL_BAD_INPUT, naming the byte: anything that is not one JSON value, nesting past
+ * Refused with MODAL_BAD_INPUT, naming line and column: anything that is not one JSON value, nesting past
  * JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), NaN and Infinity, numbers that overflow a double, bytes
  * that are not UTF-8, a zero byte or the escape of one.
  */
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err);
 
 /* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit; non-finite
- * numbers print as null.  The caller frees the text with free(); NULL when memory runs out. */
+ * numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text with free(); NULL when memory runs out. */
 char *json_print(const cJSON *value);
 
 /* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" -> "a". */

@@ -11,67 +11,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "modal/utf8.h"
 #include "store/batch_h5.h"
 #include "store/file.h"
 
 enum { ATTRIBUTE_BYTES_MOST = 256 * 1024, ATTRIBUTES_MOST = 1000 };
-
-/* --- text --- */
-
-/* Bytes of the UTF-8 sequence at P, 0 if it is none. */
-static int utf8_length(const unsigned char *p)
-{
-    int n = p[0] < 0x80 ? 1 : p[0] >= 0xc2 && p[0] < 0xe0 ? 2 : p[0] >= 0xe0 && p[0] < 0xf0 ? 3 : p[0] >= 0xf0 && p[0] < 0xf5 ? 4 : 0;
-
-    for (int i = 1; i < n; i++)
-        if ((p[i] & 0xc0) != 0x80)
-            return 0;
-    if ((p[0] == 0xe0 && p[1] < 0xa0) || (p[0] == 0xed && p[1] > 0x9f) || (p[0] == 0xf0 && p[1] < 0x90) || (p[0] == 0xf4 && p[1] > 0x8f))
-        return 0;
-    return n;
-}
-
-static bool is_utf8(const char *text)
-{
-    const unsigned char *p = (const unsigned char *)text;
-
-    while (*p != 0) {
-        int n = utf8_length(p);
-        if (n == 0)
-            return false;
-        p += n;
-    }
-    return true;
-}
-
-/* A copy of LENGTH bytes up to the first zero byte, as UTF-8; the caller frees it. */
-static char *text_copy(const char *bytes, size_t length)
-{
-    char *text = malloc(2 * length + 1), *plain = malloc(length + 1);
-    size_t n = 0;
-
-    if (text == NULL || plain == NULL) {
-        free(text);
-        free(plain);
-        return NULL;
-    }
-    length = strnlen(bytes, length);
-    memcpy(plain, bytes, length);
-    plain[length] = 0;
-    if (is_utf8(plain)) {
-        free(text);
-        return plain;
-    }
-    for (size_t i = 0; i < length; i++) {
-        unsigned char c = (unsigned char)plain[i];
-        if (c >= 0x80)
-            text[n++] = (char)(0xc0 | c >> 6);
-        text[n++] = (char)(c < 0x80 ? c : 0x80 | (c & 0x3f));
-    }
-    text[n] = 0;
-    free(plain);
-    return text;
-}
 
 /* --- attributes --- */
 
@@ -100,7 +44,7 @@ static bool read_variable_texts(hid_t attribute, hid_t type, hid_t space, struct
               H5Aread(attribute, memory, raw) >= 0;
 
     for (size_t i = 0; ok && i < out->count; i++) {
-        out->texts[i] = text_copy(raw[i] != NULL ? raw[i] : "", raw[i] != NULL ? strlen(raw[i]) : 0);
+        out->texts[i] = utf8_from(raw[i] != NULL ? raw[i] : "", raw[i] != NULL ? strlen(raw[i]) : 0);
         ok = out->texts[i] != NULL;
     }
     if (raw != NULL && memory >= 0)
@@ -122,7 +66,7 @@ static bool read_fixed_texts(hid_t attribute, hid_t type, struct values *out)
         size_t length = strnlen(raw + i * size, size);
         while (spaces && length > 0 && raw[i * size + length - 1] == ' ')
             length--;
-        out->texts[i] = text_copy(raw + i * size, length);
+        out->texts[i] = utf8_from(raw + i * size, length);
         ok = out->texts[i] != NULL;
     }
     free(raw);
@@ -300,7 +244,7 @@ static herr_t gather_one(hid_t object, const char *name, const H5A_info_t *info,
             return 0;
     if (gather->count >= ATTRIBUTES_MOST || !values_read(object, name, &values, &there))
         return 0;
-    key = text_copy(name, strlen(name));
+    key = utf8_from(name, strlen(name));
     if (key != NULL && key[0] != 0 && !cJSON_HasObjectItem(gather->into, key)) {
         cJSON_AddItemToObject(gather->into, key, values_json(&values));
         gather->count++;

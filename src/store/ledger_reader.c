@@ -136,7 +136,11 @@ enum modal_status ledger_read_result(struct ledger_reader *reader, int64_t job, 
 
 enum modal_status ledger_read_stderr(struct ledger_reader *reader, int64_t job, char **data, size_t *length, struct modal_error *err)
 {
-    return read_column(reader, "SELECT stderr FROM jobs WHERE id=?1", job, "the stderr of job", data, length, err);
+    enum modal_status rc = read_column(reader, "SELECT stderr FROM jobs WHERE id=?1", job, "the stderr of job", data, length, err);
+
+    if (rc == MODAL_NOT_FOUND)
+        return modal_fail(err, rc, "no worker died of this job: it has no stderr");
+    return rc;
 }
 
 enum modal_status ledger_read_input(struct ledger_reader *reader, int64_t input, char **data, size_t *length, struct modal_error *err)

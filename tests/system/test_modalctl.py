@@ -241,3 +241,16 @@ def test_a_response_curve_is_the_same_served_and_local_and_has_each_key_once(cur
     for key in ("points", "folds", "bifurcations"):
         assert local.document[key] == served.document[key]
     assert local.document["points"][0]["omega"] == 0.5 and local.document["points"][-1]["omega"] == 2
+
+
+def test_names_the_wire_cannot_carry_are_an_answer_not_a_wait(ctl, daemon, tmp_path):
+    rows = "".join(f"{0.1 * k},{np.cos(k):.17g}\n" for k in range(40))
+    (tmp_path / "latin.csv").write_bytes("t,Schläge\n".encode("latin-1") + rows.encode())
+    said = ctl("identify", tmp_path / "latin.csv", server=daemon)
+    assert said.status == 0 and said.document["reconstruction"]["signals"][0]["name"] == "Schläge"
+    write_batch(tmp_path / "long.h5", np.cos(np.arange(40.0))[:, None], first="x" * 40000, second="x" * 40000)
+    said = ctl("identify", tmp_path / "long.h5", server=daemon)
+    assert said.status == 2 and said.document["error"]["code"] == "too_large"
+    with pytest.raises(modald.Error) as why, daemon.client() as client:
+        client.status("key:\udcff")
+    assert why.value.code == "bad_input"

@@ -120,6 +120,31 @@ TEST(semicolons_allow_the_decimal_comma_and_a_row_of_units)
     signals_done(&s);
 }
 
+TEST(a_quoted_name_may_hold_the_separator_and_quotes)
+{
+    struct signals s;
+
+    CHECK(read_csv("\"t\",\"hub, left\", \"the \"\"big\"\" one\" \n0,1,2\n1,\"3\",4\n2,5,6\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(s.channels == 2 && s.samples == 3);
+    CHECK_STRING(s.names[0], "hub, left");
+    CHECK_STRING(s.names[1], "the \"big\" one");
+    CHECK_NEAR(s.x[2], 3, 0);
+    signals_done(&s);
+}
+
+TEST(names_may_be_latin1_stand_in_a_remark_or_end_in_a_separator)
+{
+    static const char *const texts[] = { "t,Schl\xe4ge\n0,1\n1,2\n", "# t,Schl\xc3\xa4ge\n0,1\n1,2\n", "t,Schl\xc3\xa4ge,\n0,1,\n1,2,\n" };
+
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        struct signals s;
+        CHECK(read_csv(texts[i], 0, &s, NULL) == MODAL_OK);
+        CHECK(s.channels == 1 && s.samples == 2);
+        CHECK_STRING(s.names[0], "Schl\xc3\xa4ge");
+        signals_done(&s);
+    }
+}
+
 TEST(without_names_a_growing_first_column_is_time_unless_dt_is_given)
 {
     struct signals s;

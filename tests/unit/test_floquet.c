@@ -189,7 +189,7 @@ TEST(what_is_not_linear_is_refused_and_growth_past_doubles_is_said)
     struct floquet f = { .count = -7 };
 
     CHECK(floquet(p, NULL, &f, &err) == MODAL_BAD_INPUT);
-    CHECK_STRING(err.field, "effects");
+    CHECK_STRING(err.field, "effects[0]");
     CHECK(floquet(q, NULL, &f, &err) == MODAL_OVERFLOW);
     CHECK(f.count == -7);
     program_free(p);

@@ -68,6 +68,29 @@ TEST(doubles_print_and_read_back_bit_for_bit)
     }
 }
 
+/* 0xff occurs in no UTF-8; U+FFFD is its published replacement (Unicode 15, section 5.22). */
+TEST(text_in_another_encoding_is_printed_as_json_all_the_same)
+{
+    cJSON *string = cJSON_CreateString("a\xff\"\xc3\xa4\xc3"), *back = NULL;
+    char *text = json_print(string);
+
+    CHECK_STRING(text, "\"a\xef\xbf\xbd\\\"\xc3\xa4\xef\xbf\xbd\"");
+    CHECK(json_read(text, strlen(text), &back, NULL) == MODAL_OK);
+    free(text);
+    cJSON_Delete(string);
+    cJSON_Delete(back);
+}
+
+TEST(a_slip_in_json_is_placed_by_line_and_column)
+{
+    struct modal_error err;
+    cJSON *value = NULL;
+
+    CHECK(json_read("{\n  \"a\": 1,\n  \"b\": nan\n}", 26, &value, &err) == MODAL_BAD_INPUT);
+    CHECK(strstr(err.message, "line 3, column 8") != NULL);
+    CHECK(value == NULL);
+}
+
 TEST(an_unknown_key_is_named_and_the_accepted_ones_listed)
 {
     static const char *const names[] = { "stiffness", "limit", NULL };

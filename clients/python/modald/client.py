@@ -59,8 +59,12 @@ class Batch:
         """A batch of the usual layout from an HDF5 file (needs h5py)."""
         import h5py
         with h5py.File(path) as file:
+            if "signals" not in file:
+                raise Error("bad_input", f"{path}: no dataset signals", "signals")
             data = file["signals"]
             found = {**file.attrs, **data.attrs}
+            if "dt" not in found:
+                raise Error("bad_input", f"{path}: no attribute dt on signals or the root", "dt")
             names = found.pop("channels", None)
             units = found.pop("units", None)
             rest = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in found.items()
@@ -259,9 +263,16 @@ class Client:
             except ValueError:
                 continue                            # no message of the protocol
 
+    @staticmethod
+    def _frames(verb: str, header: Document, body: Sequence[bytes | memoryview]) -> list[bytes | memoryview]:
+        try:
+            return wire.encode(verb, header, *body)
+        except ValueError as why:                   # too long, NaN, or no text
+            raise Error("bad_input", str(why), "header") from why
+
     def _send(self, verb: str, header: Document, body: Sequence[bytes | memoryview], deadline: float) -> int:
         number = next(self._ids)
-        frames = wire.encode(verb, {**header, "id": number}, *body)
+        frames = self._frames(verb, {**header, "id": number}, body)
         self._listen()
         while not self._send_now(frames):
             if self._lost():
@@ -292,7 +303,7 @@ class Client:
         """Ask and wait for the answer; asked again over a new connection, unless `once`."""
         deadline = self._deadline(timeout)
         number = next(self._ids)
-        frames = wire.encode(verb, {**(header or {}), "id": number}, *body)
+        frames = self._frames(verb, {**(header or {}), "id": number}, body)
         sent_on, sent_at = -1, 0.0
         while True:
             self._listen()
@@ -303,7 +314,7 @@ class Client:
                 sent_on, sent_at = self._losses, time.monotonic()
             while (message := self._receive_now()) is not None:
                 kind, answer, parts = message
-                if kind != "EVENT" and answer.pop("id", None) == number:
+                if kind != "EVENT" and answer.pop("id", None) in ((number, None) if kind == "ERROR" else (number,)):
                     if kind == "ERROR":
                         raise Error.of(answer["error"])
                     answer.pop("verb", None)

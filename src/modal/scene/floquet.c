@@ -15,6 +15,7 @@
 #include "modal/scene/floquet.h"
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/eigen.h"
@@ -244,9 +245,12 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
     double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
     enum modal_status rc;
 
-    if (p->laws > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "floquet is of linear scenes; the %s is not linear (steady gives the stability of its orbits)",
+    if (p->laws > 0) {
+        char path[32];
+        snprintf(path, sizeof path, "effects[%d]", p->law[0].effect);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "floquet is of linear scenes; the %s is not linear (steady gives the stability of its orbits)",
                                 p->effect[p->law[0].effect].type);
+    }
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)
         rc = statespace_new(turned != NULL ? turned : p, &ss, err);

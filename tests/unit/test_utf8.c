@@ -1,0 +1,35 @@
+/* test_utf8.c - malformed sequences of RFC 3629 are found; what is not UTF-8 is taken for Latin-1 */
+#include "check.h"
+#include <stdlib.h>
+#include "modal/utf8.h"
+
+TEST(a_sequence_has_the_length_its_first_byte_says)
+{
+    static const char *const good[] = { "a", "\xc2\x80", "\xe2\x82\xac", "\xf4\x8f\xbf\xbf" };
+
+    for (int n = 0; n < 4; n++)
+        CHECK(utf8_length(good[n], good[n] + n + 1) == n + 1);
+}
+
+/* Alone, overlong (2, 3, 4 bytes), a surrogate, past U+10FFFF, an unused first byte, cut. */
+TEST(a_malformed_sequence_has_no_length)
+{
+    static const char *const bad[] = { "\x80", "\xc1\xbf", "\xe0\x9f\xbf", "\xf0\x8f\xbf\xbf", "\xed\xa0\x80", "\xf4\x90\x80\x80", "\xff", "\xe2\x82" };
+
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        CHECK(utf8_length(bad[i], bad[i] + strlen(bad[i])) == 0);
+        CHECK(!utf8_valid(bad[i]));
+    }
+}
+
+TEST(bytes_become_utf8_and_end_at_the_first_zero)
+{
+    char *same = utf8_from("gr\xc3\xbc\xc3\x9f", 7), *latin = utf8_from("gr\xfc\xdf", 4), *cut = utf8_from("ab\0cd", 5);
+
+    CHECK_STRING(same, "gr\xc3\xbc\xc3\x9f");
+    CHECK_STRING(latin, "gr\xc3\xbc\xc3\x9f");
+    CHECK_STRING(cut, "ab");
+    free(same);
+    free(latin);
+    free(cut);
+}

@@ -4,6 +4,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include "modal/identify/exponents.h"
+#include "modal/identify/rounding.h"
 
 void identify_diagnose(struct identify_result *result, const char *code, int channel, const char *format, ...)
 {
@@ -92,6 +93,18 @@ static void about_channels(struct identify_result *r)
         }
 }
 
+static void about_rounding(struct identify_result *r, const struct diagnose_facts *f)
+{
+    int said = 0;
+
+    for (int c = 0; c < r->channel_count && f->below != NULL && said < 3; c++)
+        if (f->below[c]) {
+            identify_diagnose(r, "below_rounding", r->channel[c], "channel %d is smaller than %g of the largest and is no free response: rounding errors of the others, left out; if its unit makes it so small, "
+                              "give it in another, or identify it alone by `signals`", r->channel[c], ROUNDING_RATIO);
+            said++;
+        }
+}
+
 void diagnose(struct identify_result *r, const struct diagnose_facts *f)
 {
     if (r->mode_count == 0)
@@ -116,5 +129,6 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
         identify_diagnose(r, "parts_disagree", -1, "halves of the record have other exponents than the whole (%.2g times what noise explains): the model does not hold throughout; standard errors were widened to the differences", f->doubt.contradiction);
     if (f->doubt.rivals)
         identify_diagnose(r, "orders_disagree", -1, "fits of other orders are as likely and have other exponents: standard errors were widened to the differences; record longer, or give rank.fixed if the order is known");
+    about_rounding(r, f);
     about_channels(r);
 }

@@ -785,6 +785,7 @@ static enum modal_status conclude(struct work *w, struct identify_result *out, s
     w->facts.record = duration;
     w->facts.tau = w->tau;
     w->facts.orbit = has_orbit(w, out);
+    w->facts.below = w->rec.below;
     diagnose(out, &w->facts);
     return MODAL_OK;
 }

@@ -389,16 +389,17 @@ static enum modal_status shape_of(const struct work *w, int j, struct identify_m
     return MODAL_OK;
 }
 
-/* d|lambda| and d zeta from those of Re and Im, taken as independent; never below the rounding of lambda itself. */
-static void spread_std(struct identify_mode *m, double span)
+/* d|lambda| and d zeta from those of Re and Im, taken as independent; never below rounding, which is that of lambda itself and that of
+ * e^{lambda t} over the record. */
+static void spread_std(struct identify_mode *m, double span, double record)
 {
     double complex z = m->resolved;
-    double omega = frequency_of(z), a = creal(z), b = cimag(z);
+    double omega = frequency_of(z), a = creal(z), b = cimag(z), least = DBL_EPSILON * (omega + 1 / record);
 
     if (m->std_re > 0)
-        m->std_re = fmax(m->std_re, DBL_EPSILON * omega);
+        m->std_re = fmax(m->std_re, least);
     if (m->std_im > 0)
-        m->std_im = fmax(m->std_im, DBL_EPSILON * omega);
+        m->std_im = fmax(m->std_im, least);
 
     m->std_multiplier = hypot(m->std_re, m->std_im) * span * exp(a * span);
     m->std_frequency_hz = omega > 0 ? hypot(a * m->std_re, b * m->std_im) / omega / (2 * M_PI) : m->std_re / (2 * M_PI);
@@ -443,7 +444,7 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     m->resolved = m->exponent + CMPLX(0, m->resolved_k * Omega);
     m->multiplier = rec->period > 0 || rec->decimation == 1 ? multiplier_of(m->exponent, span)
                   : cexp(CMPLX(creal(m->exponent) * span, cimag(m->exponent) * span));
-    spread_std(m, span);
+    spread_std(m, span, w->Y->m * p->tau);
     m->bar = p->bar[head] * (rec->period > 0 ? 1 : span / p->tau);
     if (w->opt->shapes) {
         int at = head;

@@ -29,6 +29,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/rounding.h"
 #include "modal/linalg/svd.h"
 
 enum { LAGRANGE = 10 };
@@ -43,6 +44,7 @@ void record_done(struct record *r)
     free(r->Y.x);
     free(r->channel);
     free(r->scale);
+    free(r->below);
     memset(r, 0, sizeof *r);
 }
 
@@ -123,7 +125,8 @@ static enum modal_status choose_channels(const struct batch *b, const struct ide
     r->channels = opt->channels != NULL ? opt->channel_count : (int)b->channels;
     r->channel = malloc(sizeof *r->channel * (r->channels + 1));
     r->scale = calloc(r->channels + 1, sizeof *r->scale);
-    if (r->channel == NULL || r->scale == NULL)
+    r->below = calloc((size_t)r->channels + 1, sizeof *r->below);
+    if (r->channel == NULL || r->scale == NULL || r->below == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d channels", r->channels);
     for (int c = 0; c < r->channels; c++) {
         r->channel[c] = opt->channels != NULL ? opt->channels[c] : c;
@@ -453,6 +456,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
         rc = zoom_record(&r, opt->band, err);
     for (int c = 0; rc == MODAL_OK && !wide && c < r.channels; c++)
         scale_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, &r.scale[c]);
+    if (rc == MODAL_OK)
+        rc = rounding_channels(&r, err);
     if (rc == MODAL_OK && !wide && opt->scale == SCALE_COMMON)
         share_scale(&r);
 out:

@@ -22,6 +22,7 @@ struct record {
     double share;               /* band: what white noise fills of the new Nyquist band, in power; 0: no filter */
     int *channel; int channels; /* owned: indices into the batch */
     double *scale;              /* owned, per channel: rms of what was cut from the batch */
+    bool *below;                /* owned, per channel: nothing but rounding, made a zero channel (rounding.h) */
     bool wide;                  /* too large to copy: Y has its sizes but no x, the batch is read where it lies through: */
     struct wide view;
 };

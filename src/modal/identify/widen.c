@@ -1,5 +1,8 @@
 /* widen.c - four doubts, each with the size of its error
  *
+ * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit add to the data's: its standard errors grow by ROUNDING.
+ * Else:
+ *
  *   colour   what the poles leave is not white: the standard error grows by its colour at the pole's frequency (colour.c)
  *   parts    half of the record has another exponent: the error is at least the difference (parts.c)
  *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by less than RIVAL, has another exponent: posterior odds are
@@ -19,7 +22,7 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/parts.h"
 
-static const double RIVAL = 6, CLEAR = 3;
+static const double RIVAL = 6, CLEAR = 3, ROUNDING = 4;
 
 /* 1e-12 of the signals: what is left is rounding. */
 static bool at_rounding(const struct refine_data *d, double residual)
@@ -151,8 +154,13 @@ enum modal_status widen_poles(const struct refine_data *d, const struct order_ch
     *out = (struct widened) { .colour = 1 };
     for (int j = 0; j < p->count; j++)
         p->growth[j] = GROWTH_EXACT;
-    if (!p->refined || p->count == 0 || at_rounding(d, choice->candidates[choice->chosen].fit.residual))
+    if (!p->refined || p->count == 0)
         return MODAL_OK;
+    if (at_rounding(d, choice->candidates[choice->chosen].fit.residual)) {
+        for (int j = 0; j < p->count; j++)
+            at_least(p, j, ROUNDING * p->std_re[j], ROUNDING * p->std_im[j]);
+        return MODAL_OK;
+    }
     if (constant && !(d->share > 0))
         rc = for_colour(d, p, &out->colour, err);
     if (rc == MODAL_OK)

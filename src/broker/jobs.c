@@ -393,10 +393,10 @@ void jobs_retain(struct core *c)
         struct job *job = job_by_id(c, c->ended[c->ended_first]);
         bool stale = job != NULL && job->finished_ns + c->settings.result_age_ns < c->now.utc_ns;
 
-        if (job != NULL && !stale && c->result_total <= c->settings.result_bytes)
-            break;
+        if (job != NULL && ((!stale && c->result_total <= c->settings.result_bytes) || (job->last != NULL && !job->deleting)))
+            break;                                 /* too young, or its latest edge is not committed yet */
         c->ended_first++;
-        if (job == NULL || job->deleting || job->hidden || !job_state_final(job->shown) || job->last != NULL)
+        if (job == NULL || job->deleting || job->hidden || !job_state_final(job->shown))
             continue;
         core_log(c, "level=info event=retention user=%s kind=%s state=%s", job->user->name, job->kind, job_states[job->shown]);
         job_remove(c, job, NULL);

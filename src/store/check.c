@@ -154,6 +154,20 @@ static enum modal_status check_input(void *context, const struct input_record *i
     return MODAL_OK;
 }
 
+/* The job whose result this one shows: itself, or, where it was answered from the results there were, the one its tag names. */
+static int64_t result_of(const struct job_record *job)
+{
+    cJSON *tag = NULL;
+    const char *source = NULL;
+    int64_t id = job->id;
+
+    if (job->cached && job->tag != NULL && json_read(job->tag, strlen(job->tag), &tag, NULL) == MODAL_OK
+        && json_get_string(tag, "", "source", &source, NULL) == MODAL_OK && source != NULL)
+        id = strtoll(source, NULL, 10);
+    cJSON_Delete(tag);
+    return id;
+}
+
 static enum modal_status check_job(void *context, const struct job_record *job)
 {
     struct check *check = context;
@@ -166,7 +180,7 @@ static enum modal_status check_job(void *context, const struct job_record *job)
         say(check, "job %" PRId64 " is %s, its input %" PRId64 " is not there", job->id, job_states[job->state], job->input);
     if (job->result_bytes == 0)
         return MODAL_OK;
-    if (ledger_read_result(check->reader, job->id, &data, &length, &err) != MODAL_OK) {
+    if (ledger_read_result(check->reader, result_of(job), &data, &length, &err) != MODAL_OK) {
         say(check, "job %" PRId64 ": %s", job->id, err.message);
         return MODAL_OK;
     }

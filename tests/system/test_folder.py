@@ -6,6 +6,7 @@ import pathlib
 import subprocess
 
 import pytest
+from wire import Daemon, submit
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
@@ -61,3 +62,15 @@ def test_no_folder_and_a_folder_without_a_ledger_are_errors(tmp_path):
     assert ctl("backup", str(tmp_path))[0] == 2
     status, [answer] = ctl("fsck", str(tmp_path))
     assert status == 4 and answer["error"]["code"] == "not_found"
+
+
+def test_an_answer_from_an_earlier_result_is_sound_though_the_earlier_job_is_deleted(tmp_path):
+    fake = pathlib.Path(__file__).parent / "fake_worker.py"
+    with Daemon(folder=tmp_path, config=f"worker_path = {fake}\n") as d:
+        c = d.client()
+        first = submit(c, options={"say": "once"})["job"]
+        assert c.ask("WAIT", job=first, timeout_s=15)["state"] == "done"
+        assert submit(c, options={"say": "once"})["cached"] is True and c.ask("DELETE", job=first).ok
+        assert d.stop() == 0
+    status, [report] = ctl("fsck", str(tmp_path / "data"))
+    assert status == 0 and report["problems"] == [] and report["jobs"] == 2

@@ -1,4 +1,4 @@
-/* job.c - the table of kinds, and the one way through it; see job.h */
+/* job.c - the one way to every kind's function; see job.h */
 #include "job/job.h"
 #include "job/identify.h"
 #include "job/scene_jobs.h"
@@ -10,25 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Kinds, each a file of this folder. */
-const struct job_kind job_kinds[] = {
-    { "identify", JOB_ON_BATCH, identify_run },
-    { "tradeoff", JOB_ON_EITHER, tradeoff_run },
-    { "simulate", JOB_ON_SCENE, simulate_run },
-    { "floquet", JOB_ON_SCENE, floquet_run },
-    { "steady", JOB_ON_SCENE, steady_run },
-    { "ablate", JOB_ON_SCENE, ablate_run },
-    { "sweep", JOB_ON_SCENE, sweep_run },
-    { NULL, JOB_ON_BATCH, NULL },
+/* Each a file of this folder. */
+static enum modal_status (*const runs[JOB_KIND_COUNT])(const struct job_request *, struct job_result *, struct modal_error *) = {
+    [JOB_IDENTIFY] = identify_run, [JOB_TRADEOFF] = tradeoff_run, [JOB_SIMULATE] = simulate_run, [JOB_FLOQUET] = floquet_run,
+    [JOB_STEADY] = steady_run,     [JOB_ABLATE] = ablate_run,     [JOB_SWEEP] = sweep_run,
 };
-
-const struct job_kind *job_kind_find(const char *name)
-{
-    for (const struct job_kind *kind = job_kinds; name != NULL && kind->name != NULL; kind++)
-        if (strcmp(kind->name, name) == 0)
-            return kind;
-    return NULL;
-}
 
 static enum modal_status check_input(const struct job_kind *kind, const struct job_request *request, struct modal_error *err)
 {
@@ -58,7 +44,7 @@ enum modal_status job_run(const struct job_request *request, struct job_result *
     rc = check_input(kind, request, err);
     if (rc == MODAL_OK) {
         openblas_set_num_threads(1);      /* the same numbers everywhere; a kind with an option `threads` sets its own */
-        rc = kind->run(request, out, err);
+        rc = runs[kind - job_kinds](request, out, err);
     }
     if (rc != MODAL_OK)
         job_result_done(out);

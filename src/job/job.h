@@ -39,12 +39,13 @@ struct job_result {
 enum modal_status job_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
 void job_result_done(struct job_result *result);
 
-/* The kinds: NULL-named row ends the table. */
+/* The kinds: NULL-named row ends the table.  They stand in a file of their own, kinds.c, so that the broker knows them without
+ * the numerics, their libraries and the memory of those. */
 struct job_kind {
     const char *name;
     enum { JOB_ON_BATCH, JOB_ON_SCENE, JOB_ON_EITHER } input;
-    enum modal_status (*run)(const struct job_request *, struct job_result *, struct modal_error *);
 };
+enum { JOB_IDENTIFY, JOB_TRADEOFF, JOB_SIMULATE, JOB_FLOQUET, JOB_STEADY, JOB_ABLATE, JOB_SWEEP, JOB_KIND_COUNT };   /* rows */
 extern const struct job_kind job_kinds[];
 const struct job_kind *job_kind_find(const char *name);   /* NULL: no such kind */
 

@@ -7,31 +7,64 @@
 #include "modal/json.h"
 #include <ctype.h>
 #include <math.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/utf8.h"
 
+/* A key as it stands between its quotes; duplicates are found by comparing unescaped text only where no escape occurs. */
+struct key { const char *text; size_t length; };
+
+/* Where the scan is: a member or element of what is UP.  Written out only for an error. */
+struct place {
+    const struct place *up;
+    struct key key;               /* text NULL: the element `index` */
+    size_t index;
+};
+
 struct scan {
     const char *start, *at, *end;
     int depth;
-    char path[128];
+    const struct place *place;    /* NULL: the document */
     struct modal_error *err;
 };
+
+static void key_name(char name[64], const struct key *key)
+{
+    snprintf(name, 64, "%.*s", (int)(key->length < 63 ? key->length : 63), key->text);
+}
+
+static void place_path(char path[128], const struct place *place)
+{
+    char name[64];
+
+    path[0] = '\0';
+    if (place == NULL)
+        return;
+    place_path(path, place->up);
+    if (place->key.text != NULL)
+        key_name(name, &place->key);
+    else
+        snprintf(name, sizeof name, "[%zu]", place->index);
+    json_path(path, path, name);
+}
 
 static enum modal_status scan_fail(const struct scan *s, const char *what)
 {
     const char *line = s->start, *next;
     int number = 1;
+    char path[128];
 
     for (; (next = memchr(line, '\n', (size_t)(s->at - line))) != NULL; line = next + 1)
         number++;
-    return modal_fail_field(s->err, MODAL_BAD_INPUT, s->path, "JSON: %s at line %d, column %td", what, number, s->at - line + 1);
+    place_path(path, s->place);
+    return modal_fail_field(s->err, MODAL_BAD_INPUT, path, "JSON: %s at line %d, column %td", what, number, s->at - line + 1);
 }
 
 static void skip_space(struct scan *s)
 {
-    while (s->at < s->end && memchr(" \t\r\n", *s->at, 4) != NULL)
+    while (s->at < s->end && (*s->at == ' ' || *s->at == '\t' || *s->at == '\r' || *s->at == '\n'))
         s->at++;
 }
 
@@ -52,7 +85,7 @@ static enum modal_status scan_string(struct scan *s)
 {
     s->at++;
     while (s->at < s->end && *s->at != '"') {
-        int n = utf8_length(s->at, s->end);
+        int n = (unsigned char)*s->at < 0x80 ? 1 : utf8_length(s->at, s->end);
         if (n == 0)
             return scan_fail(s, "not UTF-8");
         if ((unsigned char)*s->at < 0x20)
@@ -82,6 +115,7 @@ static const char *digits(const char *p, const char *end)
 static enum modal_status scan_number(struct scan *s)
 {
     const char *p = s->at, *q;
+    bool exponent = false;
     char text[512];
 
     if (p < s->end && *p == '-')
@@ -97,6 +131,7 @@ static enum modal_status scan_number(struct scan *s)
         p = q;
     }
     if (p < s->end && (*p == 'e' || *p == 'E')) {
+        exponent = true;
         p++;
         if (p < s->end && (*p == '+' || *p == '-'))
             p++;
@@ -107,16 +142,15 @@ static enum modal_status scan_number(struct scan *s)
     }
     if ((size_t)(p - s->at) >= sizeof text)
         return scan_fail(s, "a number of more than 511 characters");
-    memcpy(text, s->at, (size_t)(p - s->at));
-    text[p - s->at] = '\0';
-    if (!isfinite(strtod(text, NULL)))
-        return scan_fail(s, "a number that overflows a double");
+    if (exponent || p - s->at > 300) {             /* else it is below 1e300 */
+        memcpy(text, s->at, (size_t)(p - s->at));
+        text[p - s->at] = '\0';
+        if (!isfinite(strtod(text, NULL)))
+            return scan_fail(s, "a number that overflows a double");
+    }
     s->at = p;
     return MODAL_OK;
 }
-
-/* A key as it stands between its quotes; duplicates are found by comparing unescaped text only where no escape occurs. */
-struct key { const char *text; size_t length; };
 
 static int compare_keys(const void *a, const void *b)
 {
@@ -129,14 +163,14 @@ static int compare_keys(const void *a, const void *b)
 
 static enum modal_status check_duplicates(struct scan *s, struct key *keys, size_t count)
 {
-    char name[64];
+    char name[64], path[128];
 
     qsort(keys, count, sizeof *keys, compare_keys);
     for (size_t i = 1; i < count; i++)
         if (compare_keys(&keys[i - 1], &keys[i]) == 0) {
-            snprintf(name, sizeof name, "%.*s", (int)(keys[i].length < 63 ? keys[i].length : 63), keys[i].text);
-            char path[128];
-            json_path(path, s->path, name);
+            key_name(name, &keys[i]);
+            place_path(path, s->place);
+            json_path(path, path, name);
             return modal_fail_field(s->err, MODAL_BAD_INPUT, path, "JSON: the key \"%s\" stands twice in one object", name);
         }
     return MODAL_OK;
@@ -145,11 +179,10 @@ static enum modal_status check_duplicates(struct scan *s, struct key *keys, size
 static enum modal_status scan_object(struct scan *s)
 {
     enum modal_status rc = MODAL_OK;
-    struct key *keys = NULL;
-    size_t count = 0, room = 0;
-    char base[128];
+    struct place here = { .up = s->place };
+    struct key few[16], *keys = few;
+    size_t count = 0, room = sizeof few / sizeof *few;
 
-    memcpy(base, s->path, sizeof base);
     s->at++;
     skip_space(s);
     if (s->at < s->end && *s->at == '}') {
@@ -170,11 +203,13 @@ static enum modal_status scan_object(struct scan *s)
             goto out;
         }
         if (count == room) {
-            struct key *more = realloc(keys, (room = 2 * room + 8) * sizeof *keys);
+            struct key *more = realloc(keys == few ? NULL : keys, (room *= 2) * sizeof *keys);
             if (more == NULL) {
                 rc = modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
                 goto out;
             }
+            if (keys == few)
+                memcpy(more, few, sizeof few);
             keys = more;
         }
         keys[count++] = (struct key) { from, (size_t)(s->at - 1 - from) };
@@ -184,12 +219,11 @@ static enum modal_status scan_object(struct scan *s)
             goto out;
         }
         s->at++;
-        char name[64];
-        snprintf(name, sizeof name, "%.*s", (int)(keys[count - 1].length < 63 ? keys[count - 1].length : 63), from);
-        json_path(s->path, base, name);
+        here.key = keys[count - 1];
+        s->place = &here;
         if ((rc = scan_value(s)) != MODAL_OK)
             goto out;
-        memcpy(s->path, base, sizeof base);
+        s->place = here.up;
         skip_space(s);
         if (s->at < s->end && *s->at == ',') {
             s->at++;
@@ -204,30 +238,27 @@ static enum modal_status scan_object(struct scan *s)
     }
     rc = check_duplicates(s, keys, count);
 out:
-    free(keys);
+    if (keys != few)
+        free(keys);
     return rc;
 }
 
 static enum modal_status scan_array(struct scan *s)
 {
-    char base[128];
-    size_t index = 0;
+    struct place here = { .up = s->place };
 
-    memcpy(base, s->path, sizeof base);
     s->at++;
     skip_space(s);
     if (s->at < s->end && *s->at == ']') {
         s->at++;
         return MODAL_OK;
     }
-    for (;;) {
-        char name[32];
-        snprintf(name, sizeof name, "[%zu]", index++);
-        json_path(s->path, base, name);
+    for (;; here.index++) {
+        s->place = &here;
         enum modal_status rc = scan_value(s);
         if (rc != MODAL_OK)
             return rc;
-        memcpy(s->path, base, sizeof base);
+        s->place = here.up;
         skip_space(s);
         if (s->at < s->end && *s->at == ',') {
             s->at++;
@@ -308,21 +339,41 @@ static void put(struct text *t, const char *bytes, size_t n)
 /* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can be read. */
 static void put_string(struct text *t, const char *s)
 {
-    const char *end = s + strlen(s);
+    const char *end = s + strlen(s), *from = s;    /* from: what is not put yet */
     int n;
 
     put(t, "\"", 1);
     for (; s < end; s += n > 0 ? n : 1) {
         char escape[8];
-        n = utf8_length(s, end);
-        if (*s == '"' || *s == '\\')
-            put(t, (char[]) { '\\', *s }, 2);
+        bool plain = *s != '"' && *s != '\\' && (unsigned char)*s >= 0x20;
+        n = (unsigned char)*s < 0x80 ? 1 : utf8_length(s, end);
+        if (plain && n > 0)
+            continue;
+        put(t, from, (size_t)(s - from));
+        from = s + 1;
+        if (n == 0)
+            put(t, "\xef\xbf\xbd", 3);
         else if ((unsigned char)*s < 0x20)
             put(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
         else
-            put(t, n > 0 ? s : "\xef\xbf\xbd", n > 0 ? (size_t)n : 3);
+            put(t, (char[]) { '\\', *s }, 2);
     }
+    put(t, from, strlen(from));
     put(t, "\"", 1);
+}
+
+/* The digits of a whole number below 1e15, as %g would write them. */
+static void put_whole(struct text *t, int64_t x)
+{
+    char s[20], *p = s + sizeof s;
+    uint64_t left = x < 0 ? (uint64_t)-x : (uint64_t)x;
+
+    do
+        *--p = (char)('0' + left % 10);
+    while ((left /= 10) != 0);
+    if (x < 0)
+        *--p = '-';
+    put(t, p, (size_t)(s + sizeof s - p));
 }
 
 static void put_number(struct text *t, double x)
@@ -332,6 +383,10 @@ static void put_number(struct text *t, double x)
 
     if (!isfinite(x)) {
         put(t, "null", 4);
+        return;
+    }
+    if (fabs(x) < 1e15 && x == floor(x) && !(x == 0 && signbit(x))) {
+        put_whole(t, (int64_t)x);
         return;
     }
     for (int precision = 15; precision <= 17; precision++) {

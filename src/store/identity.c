@@ -1,6 +1,7 @@
 /* identity.c - the canonical header and the hash; see identity.h.  The host is little-endian, as the wire is. */
 #include "store/identity.h"
 #include <openssl/evp.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -51,6 +52,21 @@ static int add_header(EVP_MD_CTX *hash, const struct input_shape *shape)
     return EVP_DigestUpdate(hash, "modald/scene/1", 15) && EVP_DigestUpdate(hash, &shape->length, 8);
 }
 
+/* Fetched once: libcrypto looks EVP_sha256() up at each use. */
+static EVP_MD *sha256_method;
+static pthread_once_t sha256_once = PTHREAD_ONCE_INIT;
+
+static void sha256_fetch(void)
+{
+    sha256_method = EVP_MD_fetch(NULL, "SHA256", NULL);
+}
+
+static const EVP_MD *sha256_of(void)
+{
+    pthread_once(&sha256_once, sha256_fetch);
+    return sha256_method != NULL ? sha256_method : EVP_sha256();
+}
+
 struct identity *identity_new(const struct input_shape *shape)
 {
     struct identity *identity = calloc(1, sizeof *identity);
@@ -58,7 +74,7 @@ struct identity *identity_new(const struct input_shape *shape)
     if (identity == NULL)
         return NULL;
     identity->hash = EVP_MD_CTX_new();
-    if (identity->hash == NULL || !EVP_DigestInit_ex(identity->hash, EVP_sha256(), NULL) || !add_header(identity->hash, shape)) {
+    if (identity->hash == NULL || !EVP_DigestInit_ex(identity->hash, sha256_of(), NULL) || !add_header(identity->hash, shape)) {
         identity_free(identity);
         return NULL;
     }
@@ -101,7 +117,7 @@ enum modal_status identity_of(const struct input_shape *shape, const void *data,
 
 enum modal_status identity_sha256(const void *data, size_t length, uint8_t sha256[32], struct modal_error *err)
 {
-    return EVP_Digest(data, length, sha256, NULL, EVP_sha256(), NULL) ? MODAL_OK
+    return EVP_Digest(data, length, sha256, NULL, sha256_of(), NULL) ? MODAL_OK
          : modal_fail(err, MODAL_INTERNAL, "identity: libcrypto gave no digest");
 }
 

@@ -3,6 +3,8 @@
  *
  *   submits   durable SUBMITs a second, 64 in flight, over (a) a raw DEALER-ROUTER pair that writes and fdatasyncs each
  *             message before it answers, (b) Debian's beanstalkd -b -f0 with 64 connections
+ *   encrypted the same SUBMITs over tcp under CURVE, over beanstalkd's
+ *   cached    SUBMITs answered from an earlier result, 64 in flight
  *   upload    durable MB/s of chunks, over the least of (a) the same frames through raw ZeroMQ, (b) write and one
  *             fdatasync of the same bytes, (c) their SHA-256
  *   round     SUBMIT and WAIT of the smallest identify job, over job_run of the same job in this process
@@ -96,10 +98,17 @@ static void stop(pid_t pid)
 
 /* --- the protocol, as far as the benchmark speaks it ------------------------------------------------------------ */
 
-static void *connect_to(const char *address)
+/* Z85 keys of the server and of the one user there is. */
+struct keys { char server[41], server_secret[41], user[41], user_secret[41]; };
+
+static void *connect_with(const char *address, const struct keys *keys)
 {
     void *socket = zmq_socket(context, ZMQ_DEALER);
     int no_linger = 0, high_water = 0, wait = 30000;
+
+    if (keys != NULL && (zmq_setsockopt(socket, ZMQ_CURVE_SERVERKEY, keys->server, 41) != 0 || zmq_setsockopt(socket, ZMQ_CURVE_PUBLICKEY, keys->user, 41) != 0
+                         || zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, keys->user_secret, 41) != 0))
+        die("no CURVE");
 
     zmq_setsockopt(socket, ZMQ_LINGER, &no_linger, sizeof no_linger);
     zmq_setsockopt(socket, ZMQ_SNDHWM, &high_water, sizeof high_water);
@@ -107,6 +116,11 @@ static void *connect_to(const char *address)
     if (zmq_connect(socket, address) != 0)
         die("connect");
     return socket;
+}
+
+static void *connect_to(const char *address)
+{
+    return connect_with(address, NULL);
 }
 
 static void keep(void *data, void *hint)
@@ -161,9 +175,35 @@ static const char *text_of(const cJSON *header, const char *key)
     return cJSON_IsString(item) ? item->valuestring : "";
 }
 
-static pid_t start_daemon(const char *workers)
+static void put_file(const char *name, const char *text)
 {
-    char program[600], data[128], bind[160];
+    char path[160];
+    FILE *f;
+
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    f = fopen(path, "w");
+    if (f == NULL || fputs(text, f) < 0 || fclose(f) != 0 || chmod(path, 0600) != 0)
+        die("a file could not be written");
+}
+
+static void make_keys(struct keys *keys)
+{
+    char text[600];
+
+    if (zmq_curve_keypair(keys->server, keys->server_secret) != 0 || zmq_curve_keypair(keys->user, keys->user_secret) != 0)
+        die("no CURVE keys");
+    snprintf(text, sizeof text, "public-key = \"%s\"\nsecret-key = \"%s\"\n", keys->server, keys->server_secret);
+    put_file("server.key", text);
+    snprintf(text, sizeof text, "%s bench submit\n", keys->user);
+    put_file("keys", text);
+    snprintf(text, sizeof text, "server_key = %s/server.key\nkeys = %s/keys\n", folder, folder);
+    put_file("config", text);
+}
+
+/* SECOND: one more endpoint, under CURVE as the first; or NULL, and then without keys. */
+static pid_t start_daemon_at(const char *workers, const char *second)
+{
+    char program[600], data[128], bind[160], config[160];
     struct stat st;
 
     snprintf(program, sizeof program, "%s/bin/modald", binaries);
@@ -171,13 +211,20 @@ static pid_t start_daemon(const char *workers)
     snprintf(bind, sizeof bind, "%s/sock", folder);
     snprintf(endpoint, sizeof endpoint, "ipc://%s", bind);
     unlink(bind);
-    pid_t pid = start((char *[]) { program, (char *)"--data", data, (char *)"--bind", endpoint, (char *)"--workers", (char *)workers, NULL });
+    snprintf(config, sizeof config, "%s/config", folder);
+    pid_t pid = start((char *[]) { program, (char *)"--data", data, (char *)"--bind", endpoint, (char *)"--workers", (char *)(uintptr_t)workers,
+                                   second != NULL ? (char *)"--bind" : NULL, (char *)(uintptr_t)second, (char *)"--config", config, NULL });
     for (int i = 0; stat(bind, &st) != 0; i++) {
         if (i > 1000 || waitpid(pid, NULL, WNOHANG) != 0)
             die("the daemon does not come up; see /tmp/modald-bench.log");
         poll(NULL, 0, 10);
     }
     return pid;
+}
+
+static pid_t start_daemon(const char *workers)
+{
+    return start_daemon_at(workers, NULL);
 }
 
 /* --- what a process takes --- */
@@ -313,17 +360,24 @@ static double raw_submit_round(struct raw_peer *peer)
 
 /* --- beanstalkd ------------------------------------------------------------------------------------------------- */
 
-static pid_t beanstalkd_start(int *port)
+/* A port that was free a moment ago. */
+static int free_port(void)
 {
-    char data[160], number[16];
     struct sockaddr_in at = { .sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
     socklen_t size = sizeof at;
     int probe = socket(AF_INET, SOCK_STREAM, 0);
 
-    bind(probe, (struct sockaddr *)&at, sizeof at);    /* a port that was free a moment ago */
+    bind(probe, (struct sockaddr *)&at, sizeof at);
     getsockname(probe, (struct sockaddr *)&at, &size);
     close(probe);
-    *port = ntohs(at.sin_port);
+    return ntohs(at.sin_port);
+}
+
+static pid_t beanstalkd_start(int *port)
+{
+    char data[160], number[16];
+
+    *port = free_port();
     snprintf(number, sizeof number, "%d", *port);
     snprintf(data, sizeof data, "%s/beanstalkd", folder);
     mkdir(data, 0700);
@@ -375,7 +429,7 @@ static double beanstalkd_round(int port)
 
 static void bench_submits(void)
 {
-    double ours[ROUNDS], raw[ROUNDS], beans[ROUNDS];
+    double ours[ROUNDS], raw[ROUNDS], beans[ROUNDS], took = 0, before, resident;
     long next = 1;
     int port;
     pid_t daemon = start_daemon("1"), beanstalkd = beanstalkd_start(&port);
@@ -384,16 +438,88 @@ static void bench_submits(void)
 
     raw_start(&peer, "raw-submit", 1, 1);
     for (int r = 0; r < ROUNDS; r++) {
+        before = cpu_seconds(daemon, &resident);
         ours[r] = submit_round(socket, &next);
+        took += cpu_seconds(daemon, &resident) - before;
         raw[r] = raw_submit_round(&peer);
         beans[r] = beanstalkd_round(port);
     }
     double rate = median(ours, ROUNDS);
     print_figure("durable submits, 64 in flight", rate, "1/s", "raw DEALER-ROUTER, one fdatasync a message", median(raw, ROUNDS), ROUNDS);
     print_figure("durable submits, 64 in flight", rate, "1/s", "beanstalkd -f0, 64 connections", median(beans, ROUNDS), ROUNDS);
+    print_figure("durable submits, the daemon's CPU for each", 1e6 * took / ROUNDS / SUBMITS, "us", "goal", 100, ROUNDS);
     zmq_close(socket);
     zmq_close(peer.socket);
     stop(beanstalkd);
+    stop(daemon);
+}
+
+static void bench_encrypted(void)
+{
+    double ours[ROUNDS], beans[ROUNDS];
+    char second[64];
+    struct keys keys;
+    long next = 2000001;
+    int port;
+    pid_t daemon, beanstalkd = beanstalkd_start(&port);
+
+    make_keys(&keys);
+    snprintf(second, sizeof second, "tcp://127.0.0.1:%d", free_port());
+    daemon = start_daemon_at("1", second);
+    void *socket = connect_with(second, &keys);
+    for (int r = 0; r < ROUNDS; r++) {
+        ours[r] = submit_round(socket, &next);
+        beans[r] = beanstalkd_round(port);
+    }
+    print_figure("durable submits under CURVE over tcp, 64 in flight", median(ours, ROUNDS), "1/s", "beanstalkd -f0, 64 connections", median(beans, ROUNDS), ROUNDS);
+    zmq_close(socket);
+    stop(beanstalkd);
+    stop(daemon);
+}
+
+/* The same input and options again and again, each under a key of its own. */
+static double cached_round(void *socket, long *next)
+{
+    double body[SAMPLES], from = now();
+    char header[512];
+    int sent = 0, got = 0;
+
+    for (int k = 0; k < SAMPLES; k++)
+        body[k] = signal_of(k);
+    while (got < SUBMITS) {
+        while (sent < SUBMITS && sent - got < IN_FLIGHT) {
+            submit_header(header, sizeof header, (*next)++, "");
+            request(socket, "SUBMIT", header, body, sizeof body);
+            sent++;
+        }
+        cJSON *doc = answer(socket);
+        if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "cached")) || strcmp(text_of(doc, "state"), "done") != 0)
+            die("a repeated job is not answered from its result");
+        cJSON_Delete(doc);
+        got++;
+    }
+    return SUBMITS / (now() - from);
+}
+
+static void bench_cached(void)
+{
+    double ours[ROUNDS], body[SAMPLES];
+    char header[512];
+    long next = 3000001;
+    pid_t daemon = start_daemon("1");
+    void *socket = connect_to(endpoint);
+
+    for (int k = 0; k < SAMPLES; k++)
+        body[k] = signal_of(k);
+    submit_header(header, sizeof header, 3000000, "");
+    request(socket, "SUBMIT", header, body, sizeof body);
+    cJSON_Delete(answer(socket));
+    request(socket, "WAIT", "{\"id\":1,\"job\":\"key:k3000000\",\"timeout_s\":30}", NULL, 0);
+    cJSON_Delete(answer(socket));
+    for (int r = 0; r < ROUNDS; r++)
+        ours[r] = cached_round(socket, &next);
+    print_figure("answers from an earlier result, 64 in flight over ipc", median(ours, ROUNDS), "1/s", "goal", 10000, ROUNDS);
+    zmq_close(socket);
     stop(daemon);
 }
 
@@ -573,7 +699,7 @@ static void bench_idle(void)
 }
 
 static const struct { const char *name; void (*run)(void); } parts[] = {
-    { "submits", bench_submits }, { "upload", bench_upload }, { "round", bench_round_trip }, { "idle", bench_idle },
+    { "submits", bench_submits }, { "encrypted", bench_encrypted }, { "cached", bench_cached }, { "upload", bench_upload }, { "round", bench_round_trip }, { "idle", bench_idle },
 };
 
 /* bench_service [PART]: all parts, or one. */

@@ -227,6 +227,101 @@ def test_a_coarse_grid_aliases_just_as_the_algebra_says(tmp_path, row):
     assert abs(abs(spectrum(r)[1]) - row["amp1"]) < 1e-12
 
 
+@pytest.mark.parametrize("i", range(16))
+def test_the_strong_duffing_oscillator_is_exact_with_its_multipliers(tmp_path, i):
+    d = load("duffing_strong")
+    s = d["solutions"][i]
+    r = run(tmp_path, oscillator(s["omega"], [cubic(1)], c=0.02, cos=0.5, harmonics=61, start=near(s, 1, 3, 5)))
+    assert r["converged"] and off(r, s) < 1e-12
+    assert multipliers_off(r, s["floquet_multipliers"]) < 1e-9 and r["stability"]["stable"] is s["stable"]
+
+
+def test_the_strong_duffing_oscillators_four_folds_are_located(tmp_path):
+    c = run(tmp_path, oscillator(1, [cubic(1)], c=0.02, cos=0.5, harmonics=41, stability=False), "--continue", "omega=0.35:5.5")
+    assert sorted(f["omega"] for f in c["folds"]) == pytest.approx(sorted(f["omega"] for f in load("duffing_strong")["folds"]), abs=1e-9)
+
+
+def chain(d, effect, s, **steady):
+    p = d["parameters"]
+    springs = [p["k"] * p["ground"][0]] + [p["k"]] * (p["n"] - 1) + [p["k"] * p["ground"][1]]
+    return {"structure": {"type": "chain", "masses": [p["m"]] * p["n"], "springs": springs}, "omega": s["omega"],
+            "effects": [{"type": "rayleigh_damping", "alpha": p["alpha"], "beta": p["beta"]}, effect],
+            "excitation": [{"dof": f"x{p['f_dof'] + 1}", "k": 1, "cos": s.get("P", p.get("P"))}], "steady": steady}
+
+
+@pytest.mark.parametrize("i", range(9))
+def test_twelve_dofs_with_a_cubic_spring_are_exact(tmp_path, i):
+    d = load("chain12_cubic")
+    s, p = d["solutions"][i], d["parameters"]
+    start = {f"x{j + 1}": near(q, 1, 3)["x1"] for j, q in enumerate(s["dofs"])}
+    r = run(tmp_path, chain(d, cubic(p["gamma"], f"x{p['nl_dof'] + 1}"), s, harmonics=42, start=start))
+    assert r["converged"] and max(off(r, q, j) for j, q in enumerate(s["dofs"])) < 1e-12
+    assert multipliers_off(r, s["floquet_multipliers"]) < 1e-9 and r["stability"]["stable"] is s["stable"]
+
+
+# H^-3 and finer of truncation: 1e-8 at 256 harmonics; a stuck slider leaves a linear chain.
+@pytest.mark.parametrize("i", range(7))
+def test_twenty_dofs_with_a_slider_are_right(tmp_path, i):
+    d = load("chain20_jenkins")
+    s, p = d["solutions"][i], d["parameters"]
+    r = run(tmp_path, chain(d, friction(p["kt"], p["muN"], f"x{p['nl_dof'] + 1}"), s, harmonics=256))
+    stuck = s["phase_changes"] == 0
+    assert r["converged"] and max(off(r, q, j, 1 if stuck else 0) for j, q in enumerate(s["dofs"])) < (1e-11 if stuck else 2e-9)
+    assert r["stability"]["stable"] is (None if stuck else True)
+
+
+# x = A cos 2t is made the exact motion of H = 11 harmonics: the load is the inertia and the reference's force.
+@pytest.mark.parametrize("row", load("jenkins_describing_function")["rows"], ids=lambda r: f"{r['kt']}-{r['ratio']}")
+def test_a_sliders_force_harmonics_are_the_closed_form(tmp_path, row):
+    A = row["amplitude"]
+    loads = [{"dof": "x1", "k": k, "cos": a - (4 * A if k == 1 else 0), "sin": b} for k, (a, b) in enumerate(zip(row["force_a"], row["force_b"])) if k]
+    scene = oscillator(2, [friction(row["kt"], row["muN"])], k=0, loads=loads, harmonics=len(row["force_a"]) - 1,
+                       start={"x1": {"k": [1], "re": [A], "im": [0]}})
+    x = spectrum(run(tmp_path, scene))
+    assert abs(x[1] - A) < 1e-12 * A and max(abs(v) for v in x[2:]) < 1e-12 * A
+
+
+@pytest.mark.parametrize("i", range(7))
+def test_rigid_friction_is_exact_with_stops_and_without(tmp_path, i):
+    d = load("rigid_coulomb")
+    s = d["solutions"][i]
+    r = run(tmp_path, oscillator(s["omega"], [{"type": "coulomb", "dof": "x1", "limit": d["parameters"]["muN"]}], cos=s["P"], time=4096))
+    assert r["converged"] and off(r, s) < 1e-11
+    assert abs(max(r["time"]["x"]["x1"]) - s["max_abs_x"]) < 3 * r["error"]
+    assert r["stability"]["stable"] is True
+    if s["stops_per_period"] == 0:
+        assert multipliers_off(r, s["poincare_eigenvalues"]) < 1e-10
+    else:                                                  # a body at rest has forgotten its speed
+        assert min(abs(complex(*m)) for m in r["stability"]["multipliers"]) < 1e-12
+
+
+def test_a_body_that_rigid_friction_holds_is_at_rest(tmp_path):
+    r = run(tmp_path, oscillator(1, [{"type": "coulomb", "dof": "x1", "limit": 0.3}], cos=0.2))
+    assert r["converged"] and max(abs(v) for v in spectrum(r)) < 1e-15 and r["plan"]["effects"][0]["active"] is False
+    assert "undetermined_offset" in [x["code"] for x in r["diagnostics"]] and r["stability"]["stable"] is None
+
+
+# Truncation falls as H^-3 only past the stick's own frequency, sqrt(kt): what is missing is what the estimate says.
+@pytest.mark.parametrize("row", load("rigid_friction_limit")["rows"], ids=lambda r: str(r["kt"]))
+def test_friction_is_right_up_to_the_rigid_limit(tmp_path, row):
+    r = run(tmp_path, oscillator(1.5, [friction(row["kt"], 0.3)], cos=1, harmonics=255))
+    assert r["converged"] and off(r, row) * row["amp1"] < max(2 * r["error"], 1e-12)
+
+
+@pytest.mark.parametrize("row", [r for r in load("grazing_contact")["rows"] if float(r.get("closure", 0)) < 1e-12], ids=lambda r: str(r["gap_over_A0"]))
+def test_grazing_contact_is_seen_however_short(tmp_path, row):
+    gap = row["gap_over_A0"] * load("grazing_contact")["A0"]
+    r = run(tmp_path, oscillator(1.2, [{"type": "gap", "dof": "x1", "stiffness": 10, "clearance": gap}], c=0.1, cos=0.3, harmonics=128))
+    assert r["converged"] and abs(abs(spectrum(r)[1]) - row["amp1"]) < 1e-8 * row["amp1"]
+
+
+@pytest.mark.parametrize("i", range(3))
+def test_hundreds_of_harmonics_are_no_obstacle(tmp_path, i):
+    s = load("many_harmonics")["rows"][i]
+    r = run(tmp_path, oscillator(s["omega"], [cubic(s["gamma"])], c=s["c"], cos=s["P"], harmonics=s["H_used"], start=near(s, *range(1, 200, 2))))
+    assert r["converged"] and off(r, s) < 1e-12
+
+
 def test_a_linear_scene_costs_no_evaluation_and_no_transform(tmp_path):
     r = run(tmp_path, oscillator(1.37, [], m=2.385, c=0.31, k=7.7, loads=[{"dof": "x1", "k": 2, "cos": 0.75, "sin": -1.9}]))
     want = complex(0.75, 1.9) / (7.7 - 2.74 ** 2 * 2.385 + 1j * 2.74 * 0.31)

@@ -31,7 +31,7 @@
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
 
-enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, STEPS_MOST = 100000, STALLED_MOST = 1000, STEPS_SEQUENTIAL = 64, PAST = 4 };
+enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, BLIND = 10, STEPS_MOST = 100000, STALLED_MOST = 1000, STEPS_SEQUENTIAL = 64, PAST = 4 };
 
 struct nonlinear_stepper {
     struct stepper face;
@@ -42,6 +42,7 @@ struct nonlinear_stepper {
     struct stepper_options opt;
     int level, calm;                  /* the step is dt / 2^level; accepted in a row */
     bool sequential, started;
+    bool blind;                       /* the next step looks for no event: a slider just loose, its rate still rounding, was caught again */
     double scale;                     /* the largest |y| so far */
     double missed;                    /* of the last step */
     double *weight;                   /* of each channel: |U| */
@@ -323,6 +324,8 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
         rc = solve_step(s, t, step, &map, &converged, err);
         if (rc != MODAL_OK || !converged)
             break;
+        if (s->blind)
+            break;
         if (k < 3 && correct_sliders(s)) {
             rc = begin_step(s, t, y, err);
             continue;
@@ -344,6 +347,8 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
     }
     rc = accept(s, map, t, y, err);
     *taken = map->h;
+    if (rc == MODAL_OK && s->opt.accepted != NULL)
+        s->opt.accepted(s->opt.watcher, t, map->h, s->y, s->ports);
     if (rc == MODAL_OK && event.law >= 0 && fabs(event.theta - 1) < 1e-6)
         switch_slider(s, event.law);
     return rc;
@@ -354,6 +359,7 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
     double done = 0;
     int64_t before = s->face.steps + s->face.rejected;
     int stalled = 0;                  /* steps on end too short to matter */
+    int tiny = 0;
     enum modal_status rc = MODAL_OK;
 
     while (done < h * (1 - 1e-14) && rc == MODAL_OK) {
@@ -363,11 +369,15 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
         if (s->face.steps + s->face.rejected - before > STEPS_MOST || stalled > STALLED_MOST)
             return modal_fail(err, MODAL_NO_CONVERGENCE, "contacts or slips accumulate at t = %.9g s: %lld steps did not pass dt = %g s", t + done,
                               (long long)(s->face.steps + s->face.rejected - before), s->opt.dt);
+        if (s->blind)
+            step = fmin(step, ldexp(s->opt.dt, -BLIND));
         rc = try_step(s, t + done, &step, y, &taken, err);
         if (rc != MODAL_OK)
             return rc;
         done += taken;
         stalled = taken < 1e-12 * s->opt.dt ? stalled + 1 : 0;
+        tiny = taken > 0 && taken < 1e-9 * asked ? tiny + 1 : taken > 0 ? 0 : tiny;
+        s->blind = tiny > 4;
         if (taken == 0) {
             while (s->level < LEVELS && ldexp(s->opt.dt, -s->level) > step * 1.001)
                 s->level++;
@@ -436,6 +446,9 @@ static enum modal_status start(struct nonlinear_stepper *s, double t, const doub
     enum modal_status rc = MODAL_OK;
 
     s->scale = fmax(norm(y, s->ss->N), s->scale);
+    for (int l = 0; l < p->laws; l++)                 /* a body held at rest has no motion to be small against */
+        if (p->law[l].law->kind->set_valued)
+            s->scale = fmax(s->scale, 1e-3 * p->law[l].law->limit * s->weight[p->law[l].channel] * s->opt.dt);
     probe(s, y, s->probe0);
     if (s->sequential) {
         for (int l = 0; l < p->laws; l++)

@@ -5,12 +5,17 @@
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 
+struct ports;
+
 struct stepper_options {
     double dt;                   /* the step that will be asked for most */
     double tolerance;            /* relative error of a step where it is not exact; 0: 1e-12 linear, 1e-10 nonlinear */
     int substeps;                /* of dt, by rk4; 0: 1 */
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;
+    /* Nonlinear: every accepted step, from t over h to y, with its rigid sliders' ports->law[].held; may be NULL. */
+    void (*accepted)(void *watcher, double t, double h, const double *y, struct ports *ports);
+    void *watcher;
 };
 
 struct stepper {

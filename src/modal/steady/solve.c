@@ -24,11 +24,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/cycle.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, FEW = 4, H_ROUGH = 8 };
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 8 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-3;
 
 struct steady {
@@ -409,6 +410,8 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
         if ((rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
             return rc;
     }
+    if (s->jumps)
+        return MODAL_OK;                                   /* what stops has no balance to ramp to */
     if (!point->converged && !coarse && b->H > 12 && (rc = fewer_harmonics(s, b, X, point, err)) != MODAL_OK)
         return rc;
     if (!point->converged && (rc = ramp(s, b, LEVEL_LOW, X, point, err)) != MODAL_OK)
@@ -459,6 +462,7 @@ void steady_point_done(struct steady_point *point)
     free(point->evaluations);
     free(point->acts);
     free(point->undetermined);
+    free(point->multiplier);
     memset(point, 0, sizeof *point);
 }
 
@@ -848,7 +852,7 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
     struct balance *b;
     enum modal_status rc;
 
-    if (s->linear || s->jumps)
+    if (s->linear || s->jumps || point->followed)
         return MODAL_OK;
     if (!s->opt.estimate_later && point->error > 0)
         return MODAL_OK;                                   /* it has them */
@@ -917,8 +921,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     enum modal_status rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : steady_solve(s, omega, start, &list[0], err);
 
     *count = rc == MODAL_OK ? 1 : 0;
-    if (rc != MODAL_OK || s->linear)
-        goto out;
+    if (rc != MODAL_OK || s->linear || list[0].followed)
+        goto out;                                          /* rigid friction followed in time has no balance to search in */
     rc = steady_balance(s, list[0].H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
@@ -1028,13 +1032,168 @@ static enum modal_status solve_by_marching(struct steady *s, double omega, struc
     return rc;
 }
 
+/* Displacements and rates at t = 0 of START, by dof. */
+static enum modal_status state_of_start(struct steady *s, double omega, const struct steady_start *start, double *x, double *v, struct modal_error *err)
+{
+    int H = start->H;
+    double complex *X = calloc((size_t)H + 1, sizeof *X), *kept = NULL;
+    struct balance *b;
+    enum modal_status rc = steady_balance(s, H, &b, err);
+
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+    kept = rc == MODAL_OK ? calloc((size_t)b->q * ((size_t)H + 1) + 1, sizeof *kept) : NULL;
+    if (rc == MODAL_OK && (X == NULL || kept == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    if (rc == MODAL_OK)
+        put_start(b, start, kept);
+    for (int i = 0; rc == MODAL_OK && i < s->p->n; i++) {
+        rc = condense_recover(s->c, i, H, kept, H, X, err);
+        for (int k = 0; rc == MODAL_OK && k <= H; k++) {
+            x[i] += creal(X[k]);
+            v[i] -= k * omega * cimag(X[k]);
+        }
+    }
+    free(X);
+    free(kept);
+    return rc;
+}
+
+/* max over time and counted dofs of what is left of the cycle's samples without harmonics past H, and of the samples themselves. */
+static enum modal_status tail_of_samples(struct steady *s, struct orbit_grid *g, const struct cycle *c, int H, double *tail, double *amplitude,
+                                         struct modal_error *err)
+{
+    int count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
+    double complex *X = calloc((size_t)H + 1, sizeof *X);
+    double *x = calloc(CYCLE_SAMPLES, sizeof *x);
+    enum modal_status rc = X == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    *tail = *amplitude = 0;
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        const double *exact = c->x + (size_t)dof_of(s, i) * CYCLE_SAMPLES;
+
+        orbit_analyze(g, exact, H, X);
+        orbit_synthesize(g, H, X, 0, x);
+        for (int j = 0; j < CYCLE_SAMPLES; j++) {
+            *tail = fmax(*tail, fabs(x[j] - exact[j]));
+            *amplitude = fmax(*amplitude, fabs(exact[j]));
+        }
+    }
+    free(X);
+    free(x);
+    return rc;
+}
+
+/* The point of H harmonics of a cycle; a series of N samples folds what lies past N/2, which falls as k^-3 and faster: half the
+ * samples would fold eight times as much. */
+static enum modal_status take_cycle(struct steady *s, const struct cycle *c, struct orbit_grid *g, int H, struct steady_point *point, struct modal_error *err)
+{
+    int q = condense_kept(s->c), K = H + 1;
+    double *half = calloc(CYCLE_SAMPLES / 2, sizeof *half);
+    double complex *X = calloc((size_t)K, sizeof *X);
+    struct orbit_grid *coarse = NULL;
+    enum modal_status rc = half == NULL || X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : orbit_grid_new(CYCLE_SAMPLES / 2, &coarse, err);
+
+    if (rc == MODAL_OK)
+        rc = point_init(s, point, q, H, CYCLE_SAMPLES, err);
+    point->sampling = 0;
+    for (int i = 0; rc == MODAL_OK && i < q; i++) {
+        const double *x = c->x + (size_t)condense_dofs(s->c)[i] * CYCLE_SAMPLES;
+        double sum = 0;
+
+        orbit_analyze(g, x, H, point->X + i * K);
+        for (int j = 0; j < CYCLE_SAMPLES / 2; j++)
+            half[j] = x[2 * j];
+        orbit_analyze(coarse, half, H, X);
+        for (int k = 0; k < K; k++)
+            sum += cabs(X[k] - point->X[i * K + k]) / 7;
+        point->sampling = fmax(point->sampling, sum);
+    }
+    orbit_grid_free(coarse);
+    free(half);
+    free(X);
+    return rc;
+}
+
+/* The cycle as the point's answer, at the options' H or at the least that meets the target. */
+static enum modal_status cycle_point(struct steady *s, const struct cycle *c, double omega, struct steady_point *point, struct modal_error *err)
+{
+    double target = s->opt.target_error > 0 ? s->opt.target_error : TARGET;
+    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : load > 4 ? 2 * load : 8;
+    struct orbit_grid *g = NULL;
+    struct balance *b;
+    enum modal_status rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
+
+    for (; rc == MODAL_OK; H *= 2) {
+        rc = tail_of_samples(s, g, c, H, &point->truncation, &point->amplitude, err);
+        if (s->opt.harmonics > 0 || point->truncation <= target * point->amplitude / 2 || 2 * H > H_CYCLE_MOST)
+            break;
+    }
+    if (rc == MODAL_OK)
+        rc = take_cycle(s, c, g, H, point, err);
+    if (rc == MODAL_OK)
+        rc = steady_balance(s, H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);                /* recovery at this H */
+    orbit_grid_free(g);
+    return rc;
+}
+
+/* Rigid friction, alone: followed in time from event to event, stops and all. */
+static enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
+                                        struct modal_error *err)
+{
+    struct cycle_options opt = { s->opt.cancelled, s->opt.context };
+    struct cycle c = { 0 };
+    double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x);
+    enum modal_status rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    if (rc == MODAL_OK && start != NULL)
+        rc = state_of_start(s, omega, start, x, x + s->p->n, err);
+    if (rc == MODAL_OK)
+        rc = cycle_find(s->p, omega, x, x + s->p->n, &opt, &c, err);
+    if (rc == MODAL_OK)
+        rc = cycle_point(s, &c, omega, point, err);
+    if (rc == MODAL_OK) {
+        point->method = "events";
+        point->converged = c.closed;
+        point->reason = c.closed ? NULL : "the motion followed through the events of rigid friction does not repeat";
+        point->iterations = c.periods;
+        point->attempts = 1;
+        point->residual = point->step = c.closure;
+        point->solver = c.closure * point->amplitude;
+        point->error = point->truncation + point->sampling + point->solver;
+        point->tail_rms = point->tail_max = NAN;
+        point->followed = true;
+        point->states = c.states;
+        point->multiplier = c.multiplier;
+        c.multiplier = NULL;
+        for (int l = 0; l < point->laws; l++) {
+            point->evaluations[l] = c.evaluations;
+            const struct law *law = &s->p->law[l];
+
+            point->acts[l] = c.acts[l];
+            point->undetermined[l] = !c.acts[l] && (law->kind->set_valued || law->memory > 0);
+        }
+    }
+    cycle_done(&c);
+    free(x);
+    return rc;
+}
+
 static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                    struct modal_error *err)
 {
+    enum modal_status rc = MODAL_OK;
+
     if (s->linear)
         return solve_linear(s, omega, point, err);
     if (s->opt.method >= STEADY_RK4)
         return solve_by_marching(s, omega, point, err);
+    if (s->jumps && s->opt.method == STEADY_AUTO && cycle_takes(s->p) && s->opt.harmonics < CYCLE_SAMPLES / 4)
+        rc = solve_by_cycle(s, omega, start, point, err);
+    if (rc != MODAL_OK || point->converged)
+        return rc;
     return s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err) : solve_to_target(s, omega, start, point, err);
 }
 

@@ -47,6 +47,9 @@ struct steady_point {
     int laws;
     long *evaluations;        /* per law */
     bool *acts, *undetermined;
+    bool followed;            /* through rigid friction's events (cycle.h), with `states` multipliers where they are known */
+    int states;
+    double complex *multiplier;
     struct condense *c;       /* to recover other dofs with: at omega, H; owned by the session */
 };
 

@@ -626,6 +626,15 @@ static enum modal_status prepare(struct monodromy *m, struct modal_error *err)
     return rc == MODAL_OK && m->reason == NULL ? find_cuts(m, err) : rc;
 }
 
+/* The verdict from the multipliers found, |.| descending. */
+static void judge(struct stability *out)
+{
+    double margin = fmax(ON_CIRCLE, 10 * out->error);
+
+    out->largest = cabs(out->multiplier[0]);
+    out->verdict = fabs(out->largest - 1) <= margin ? STABILITY_UNDECIDED : out->largest < 1 ? STABILITY_STABLE : STABILITY_UNSTABLE;
+}
+
 /* No laws: the program's own multipliers, whatever the motion. */
 static enum modal_status linear_stability(const struct program *p, double omega, struct stability *out, struct modal_error *err)
 {
@@ -656,6 +665,18 @@ static enum modal_status linear_stability(const struct program *p, double omega,
     return MODAL_OK;
 }
 
+/* Of a motion followed from event to event: its multipliers came with it. */
+static enum modal_status known_stability(const struct steady_point *point, struct stability *out, struct modal_error *err)
+{
+    out->multiplier = room((size_t)point->states, sizeof *out->multiplier);
+    if (out->multiplier == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
+    memcpy(out->multiplier, point->multiplier, (size_t)point->states * sizeof *out->multiplier);
+    out->count = point->states;
+    judge(out);
+    return MODAL_OK;
+}
+
 enum modal_status stability_of(struct steady *s, const struct steady_point *point, struct stability *out, struct modal_error *err)
 {
     struct monodromy m = { .s = s, .p = steady_program(s), .point = point };
@@ -664,12 +685,16 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
     memset(out, 0, sizeof *out);
     if (m.p->laws == 0)
         return linear_stability(m.p, point->omega, out, err);
+    if (point->states > 0)
+        return known_stability(point, out, err);
     m.n = m.p->n;
     m.nz = m.p->n_linear;
     m.varies = m.p->harmonics > 0;
     for (int h = 0; h < m.p->harmonics; h++)
         if (m.p->harmonic[h].cosine[PROGRAM_M].start != NULL || m.p->harmonic[h].sine[PROGRAM_M].start != NULL)
             m.reason = "a mass that varies with time is not followed here";
+    if (point->followed)
+        m.reason = "disturbances of rigid friction beside other laws are not followed";
     if (m.nz > 0)
         m.reason = "linear states of effects are not followed here";
     if (m.n == 0 || 2 * m.n > STABILITY_STATES_MOST)
@@ -681,11 +706,8 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
         rc = out->multiplier == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : settle(&m, out, err);
     }
     if (rc == MODAL_OK && m.reason == NULL) {
-        double margin = fmax(ON_CIRCLE, 10 * out->error);
-
         out->count = m.order;
-        out->largest = cabs(out->multiplier[0]);
-        out->verdict = fabs(out->largest - 1) <= margin ? STABILITY_UNDECIDED : out->largest < 1 ? STABILITY_STABLE : STABILITY_UNSTABLE;
+        judge(out);
     }
     out->reason = m.reason;
     if (rc != MODAL_OK || m.reason != NULL) {

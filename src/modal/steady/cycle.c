@@ -1,0 +1,403 @@
+/*
+ * cycle.c - see cycle.h
+ *
+ * In the state space of statespace.h, y' = A y + B p(t) + U phi, phi_i = held_i limit_i where slider i slips; those that
+ * stick (set C, rates R_C y = 0) hold with
+ *
+ *     phi_C = -(R_C U_C)^-1 R_C (A y + B p + U_S phi_S),                                              (1)
+ *
+ * so that a disturbance obeys y' = Q A y, Q = I - U_C (R_C U_C)^-1 R_C.  Slider i comes to rest where its rate r = R_i y
+ * passes 0, from the vector field f- to f+ (sticking, or slipping the other way); a disturbance passes there by
+ *
+ *     S = I + (f+ - f-) R_i / (R_i f-)                                                                (2)
+ *
+ * [LN04, section 7.1].  Breaking loose leaves f, and with it the disturbance, continuous.  The product Pi of the exponentials
+ * and (2) is the derivative of the period map: its eigenvalues are the multipliers, and Newton's step is (I - Pi)^-1 (P(y) - y).
+ * Where that fails (a body that sticks all the time has Pi = I somewhere) the next period is simply marched, and so are all beside
+ * other laws, whose disturbances are not followed.
+ *
+ * [LN04] Leine, Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
+ */
+#include "modal/steady/cycle.h"
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/expm.h"
+#include "modal/scene/ports.h"
+#include "modal/scene/sources.h"
+#include "modal/scene/statespace.h"
+#include "modal/scene/stepper.h"
+
+static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12;
+enum { STEPS = 64, FIRST = 4, LAWS_MOST = 16, NONE = -2 };
+
+struct follow {
+    struct program p;                 /* at this omega */
+    struct statespace *ss;
+    struct sources *src;
+    struct ports *ports;              /* for their U and R alone */
+    struct stepper *stepper;
+    struct expm *exponential;
+    int N, laws;
+    double T;
+    double *y, *start, *last, *w, *load;      /* N, N, N (where the last step ended), nw, n */
+    double *Pi, *Q, *E, *work;        /* N x N each */
+    double *before, *after, *small;   /* f-, f+; laws x (laws + 1) */
+    int *held, *pivot;                /* of the phase under way, per law */
+    bool *acts;
+    double floor;                     /* of |y|: a thousandth of the rate that friction's strength gives within T */
+    double phase;                     /* time spent in it that Pi does not know of yet; < 0: a period begins */
+    bool followed;                    /* rigid friction alone, constant matrices: disturbances can be */
+    bool watching, failed;
+};
+
+static int held_of(const struct ports *ports, int l) { return ports->law[l].held; }
+static const double *rate_row(const struct follow *f, int l) { return f->ports->R + f->ports->probes + f->ports->law[l].channel; }
+static const double *pull(const struct follow *f, int l) { return f->ports->U + (size_t)f->ports->law[l].channel * (size_t)f->N; }
+static double rate(const struct follow *f, int l, const double *y) { return cblas_ddot(f->N, rate_row(f, l), 2 * f->ports->probes, y, 1); }
+
+/* z <- Q z for every column of z, C the laws with held 0: what the stuck sliders hold back is taken out, (1). */
+static bool hold_back(struct follow *f, const int *held, double *z, int columns)
+{
+    int stuck[LAWS_MOST], count = 0;
+    double *G = f->small, *rhs = f->small + f->laws * f->laws;
+
+    for (int l = 0; l < f->laws; l++)
+        if (held[l] == 0)
+            stuck[count++] = l;
+    if (count == 0)
+        return true;
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++)
+            G[i + j * count] = rate(f, stuck[i], pull(f, stuck[j]));
+    if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, count, count, G, count, f->pivot) != 0)
+        return false;
+    for (int c = 0; c < columns; c++) {
+        double *column = z + (size_t)c * (size_t)f->N;
+
+        for (int i = 0; i < count; i++)
+            rhs[i] = rate(f, stuck[i], column);
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', count, 1, G, count, f->pivot, rhs, count);
+        for (int i = 0; i < count; i++)
+            cblas_daxpy(f->N, -rhs[i], pull(f, stuck[i]), 1, column, 1);
+    }
+    return true;
+}
+
+/* The vector field at (t, y) with sliders HELD. */
+static bool field(struct follow *f, double t, const double *y, const int *held, double *out)
+{
+    int n = f->ss->n, N = f->N;
+
+    sources_at(f->src, t, f->w);
+    memset(f->load, 0, (size_t)n * sizeof *f->load);
+    if (f->src->nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, n, f->src->nw, 1, f->src->P, n, f->w, 1, 0, f->load, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, f->ss->A, N, y, 1, 0, out, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, N, n, 1, f->ss->B, N, f->load, 1, 1, out, 1);
+    for (int l = 0; l < f->laws; l++)
+        cblas_daxpy(N, held[l] * f->p.law[l].limit, pull(f, l), 1, out, 1);
+    return hold_back(f, held, out, 1);
+}
+
+/* Pi <- exp(phase Q A) Pi. */
+static void end_phase(struct follow *f)
+{
+    size_t size = (size_t)f->N * (size_t)f->N;
+
+    if (f->phase <= 0)
+        return;
+    memcpy(f->Q, f->ss->A, size * sizeof *f->Q);
+    f->failed |= !hold_back(f, f->held, f->Q, f->N);
+    cblas_dscal((int)size, f->phase, f->Q, 1);
+    f->failed |= f->failed || expm(f->exponential, f->Q, f->E, NULL) != MODAL_OK;
+    if (!f->failed) {
+        square_multiply(f->N, 1, f->E, f->Pi, 0, f->work);
+        memcpy(f->Pi, f->work, size * sizeof *f->Pi);
+    }
+    f->phase = 0;
+}
+
+/* (2) for slider l, from f->held to HELD. */
+static void jump(struct follow *f, int l, double t, const double *y, int held)
+{
+    const double *row = rate_row(f, l);
+    int stride = 2 * f->ports->probes, N = f->N;
+    double speed;
+
+    f->failed |= !field(f, t, y, f->held, f->before);
+    f->held[l] = held;
+    f->failed |= !field(f, t, y, f->held, f->after);
+    speed = cblas_ddot(N, row, stride, f->before, 1);
+    if (speed == 0)
+        return;
+    cblas_daxpy(N, -1, f->before, 1, f->after, 1);
+    for (int c = 0; c < N; c++) {
+        double *column = f->Pi + (size_t)c * (size_t)N;
+
+        cblas_daxpy(N, cblas_ddot(N, row, stride, column, 1) / speed, f->after, 1, column, 1);
+    }
+}
+
+/* A step of the motion followed: the disturbances' phases and jumps. */
+static void watch(void *watcher, double t, double h, const double *y, struct ports *ports)
+{
+    struct follow *f = watcher;
+    bool first = f->watching && f->phase < 0;
+
+    for (int l = 0; l < f->laws; l++) {
+        f->acts[l] |= ports->law[l].law->kind->set_valued ? held_of(ports, l) != 0 : ports->law[l].acted;
+        ports->law[l].acted = false;
+    }
+    for (int l = 0; f->watching && l < f->laws; l++) {
+        int held = held_of(ports, l);
+
+        if (held == f->held[l])
+            continue;
+        if (!first)
+            end_phase(f);
+        if (!first && f->held[l] != 0)
+            jump(f, l, t, f->last, held);
+        f->held[l] = held;
+    }
+    if (first)                                   /* a stuck slider that is given a rate stops at once */
+        f->failed |= !hold_back(f, f->held, f->Pi, f->N);
+    f->phase = fmax(f->phase, 0) + h;
+    memcpy(f->last, y, (size_t)f->N * sizeof *y);
+}
+
+static enum modal_status period(struct follow *f, struct modal_error *err)
+{
+    size_t N = (size_t)f->N;
+    enum modal_status rc = MODAL_OK;
+
+    memset(f->Pi, 0, N * N * sizeof *f->Pi);
+    for (size_t i = 0; i < N; i++)
+        f->Pi[i * (N + 1)] = 1;
+    for (int l = 0; l < f->laws; l++) {
+        f->held[l] = NONE;
+        f->acts[l] = false;
+    }
+    memcpy(f->last, f->y, N * sizeof *f->y);
+    f->phase = -1;
+    f->failed = false;
+    for (int i = 0; rc == MODAL_OK && i < STEPS; i++)
+        rc = f->stepper->advance(f->stepper, i * f->T / STEPS, f->T / STEPS, f->y, err);
+    if (f->watching)
+        end_phase(f);
+    return rc;
+}
+
+static double largest(const double *y, int n) { return n > 0 ? fabs(y[cblas_idamax(n, y, 1)]) : 0; }
+
+/* (P(y) - y) after a period from f->start, relative. */
+static double closure(const struct follow *f)
+{
+    double most = 0, scale = fmax(f->floor, fmax(largest(f->y, f->N), largest(f->start, f->N)));
+
+    for (int i = 0; i < f->N; i++)
+        most = fmax(most, fabs(f->y[i] - f->start[i]));
+    return scale > 0 ? most / scale : 0;
+}
+
+/* start + (I - Pi)^-1 (P - start) into y; false: singular, y stays P. */
+static bool newton_step(struct follow *f)
+{
+    int N = f->N;
+    double *d = f->before;
+
+    for (int i = 0; i < N * N; i++)
+        f->work[i] = (i % (N + 1) == 0) - f->Pi[i];
+    for (int i = 0; i < N; i++)
+        d[i] = f->y[i] - f->start[i];
+    if (f->failed || LAPACKE_dgesv_work(LAPACK_COL_MAJOR, N, 1, f->work, N, f->pivot, d, N) != 0)
+        return false;
+    if (!(largest(d, N) <= 2 * fmax(largest(f->y, N), largest(f->start, N))))
+        return false;
+    for (int i = 0; i < N; i++)
+        f->y[i] = f->start[i] + d[i];
+    return true;
+}
+
+/* Newton's steps while they halve the closure, plain periods in between. */
+static enum modal_status close_up(struct follow *f, const struct cycle_options *opt, struct cycle *out, struct modal_error *err)
+{
+    double before = HUGE_VAL;
+    bool stepped = false;
+    enum modal_status rc = MODAL_OK;
+
+    while (rc == MODAL_OK && !out->closed && out->periods < (f->followed ? CYCLE_NEWTON_MOST : CYCLE_PERIODS_MOST)) {
+        if (opt->cancelled != NULL && opt->cancelled(opt->context))
+            return modal_fail(err, MODAL_CANCELLED, "cancelled");
+        f->watching = f->followed && out->periods >= FIRST;
+        memcpy(f->start, f->y, (size_t)f->N * sizeof *f->y);
+        rc = period(f, err);
+        out->periods++;
+        if (rc == MODAL_NO_CONVERGENCE)                    /* sliders that chatter, steps that vanish: it does not close */
+            return MODAL_OK;
+        if (rc != MODAL_OK || out->periods <= FIRST)
+            continue;
+        out->closure = closure(f);
+        out->closed = out->closure <= (f->followed ? CLOSED : STILL) || (stepped && out->closure <= NEARLY && out->closure >= before / 2);
+        if (!out->closed)
+            stepped = f->followed && (!stepped || out->closure < before / 2) && newton_step(f);
+        before = out->closure;
+    }
+    return rc;
+}
+
+/* The motion, closed, over one more period. */
+static enum modal_status sample(struct follow *f, double *x, double *one, struct modal_error *err)
+{
+    int n = f->ss->n;
+    enum modal_status rc = MODAL_OK;
+
+    f->watching = false;
+    for (int j = 0; rc == MODAL_OK && j < CYCLE_SAMPLES; j++) {
+        statespace_motion(f->ss, f->y, one, NULL);
+        for (int i = 0; i < n; i++)
+            x[(size_t)i * CYCLE_SAMPLES + (size_t)j] = one[i];
+        rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y, err);
+    }
+    return rc;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
+
+    return (x < y) - (x > y);
+}
+
+static enum modal_status eigenvalues(struct follow *f, double complex *out, struct modal_error *err)
+{
+    int N = f->N;
+    double *re = f->before, *im = f->after;
+
+    memcpy(f->work, f->Pi, (size_t)N * (size_t)N * sizeof *f->Pi);
+    if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', N, f->work, N, re, im, NULL, 1, NULL, 1) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "cycle: the eigenvalues of the period map did not converge");
+    for (int i = 0; i < N; i++)
+        out[i] = CMPLX(re[i], im[i]);
+    qsort(out, (size_t)N, sizeof *out, by_size);
+    return MODAL_OK;
+}
+
+static void follow_done(struct follow *f)
+{
+    double *all[] = { f->y, f->start, f->last, f->w, f->load, f->Pi, f->Q, f->E, f->work, f->before, f->after, f->small };
+
+    if (f->stepper != NULL)
+        f->stepper->free(f->stepper);
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        free(all[i]);
+    expm_free(f->exponential);
+    ports_free(f->ports);
+    sources_free(f->src);
+    statespace_free(f->ss);
+    free(f->held);
+    free(f->pivot);
+    free(f->acts);
+}
+
+static enum modal_status allocate(struct follow *f, struct modal_error *err)
+{
+    size_t N = (size_t)f->N, laws = (size_t)f->laws;
+    struct { double **x; size_t count; } all[] = {
+        { &f->y, N }, { &f->start, N }, { &f->last, N }, { &f->w, (size_t)f->src->nw }, { &f->load, (size_t)f->ss->n }, { &f->Pi, N * N },
+        { &f->Q, N * N }, { &f->E, N * N }, { &f->work, N * N }, { &f->before, N }, { &f->after, N }, { &f->small, laws * (laws + 1) } };
+
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
+    f->held = calloc(laws + 1, sizeof *f->held);
+    f->pivot = calloc(N + laws + 1, sizeof *f->pivot);
+    f->acts = calloc(laws + 1, sizeof *f->acts);
+    return f->held == NULL || f->pivot == NULL || f->acts == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
+}
+
+static enum modal_status follow_init(struct follow *f, const struct cycle_options *opt, struct modal_error *err)
+{
+    struct stepper_options how = { .dt = f->T / STEPS, .tolerance = TOLERANCE, .cancelled = opt->cancelled, .context = opt->context,
+                                   .accepted = watch, .watcher = f };
+    enum modal_status rc = statespace_new(&f->p, &f->ss, err);
+
+    if (rc == MODAL_OK)
+        rc = sources_new(&f->p, &f->src, err);
+    if (rc == MODAL_OK)
+        rc = ports_new(f->ss, &f->ports, err);
+    if (rc == MODAL_OK)
+        rc = nonlinear_stepper_new(f->ss, f->src, &how, &f->stepper, err);
+    if (rc != MODAL_OK)
+        return rc;
+    f->N = f->ss->N;
+    for (int l = 0; l < f->laws; l++)
+        if (f->p.law[l].kind->set_valued)
+            f->floor = fmax(f->floor, 1e-3 * f->p.law[l].limit * largest(pull(f, l), f->N) * f->T);
+    rc = expm_new(f->N, &f->exponential, err);
+    return rc == MODAL_OK ? allocate(f, err) : rc;
+}
+
+bool cycle_takes(const struct program *p)
+{
+    bool rigid = false;
+
+    for (int l = 0; l < p->laws; l++) {
+        rigid |= p->law[l].kind->set_valued;
+        if (p->law[l].kind->restart != NULL)
+            return false;
+    }
+    return rigid && p->laws <= LAWS_MOST && 2 * p->n + p->n_linear <= CYCLE_STATES_MOST;
+}
+
+enum modal_status cycle_find(const struct program *p, double omega, const double *x0, const double *v0,
+                             const struct cycle_options *opt, struct cycle *out, struct modal_error *err)
+{
+    struct follow f = { .p = *p, .laws = p->laws, .T = TWO_PI / omega, .followed = p->harmonics == 0 };
+    double *rest = calloc(2 * (size_t)p->n + 1, sizeof *rest);
+    enum modal_status rc = rest == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
+
+    memset(out, 0, sizeof *out);
+    for (int l = 0; l < p->laws; l++)
+        f.followed &= p->law[l].kind->set_valued;
+    f.p.omega = omega;
+    f.p.period = f.T;
+    f.p.x0 = x0 != NULL ? (double *)x0 : rest;
+    f.p.v0 = v0 != NULL ? (double *)v0 : rest;
+    if (rc == MODAL_OK)
+        rc = follow_init(&f, opt, err);
+    if (rc == MODAL_OK) {
+        statespace_start(f.ss, f.y);
+        rc = close_up(&f, opt, out, err);
+    }
+    out->states = f.N;
+    out->x = calloc((size_t)p->n * CYCLE_SAMPLES + 1, sizeof *out->x);
+    out->multiplier = calloc((size_t)f.N + 1, sizeof *out->multiplier);
+    if (rc == MODAL_OK && (out->x == NULL || out->multiplier == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
+    if (rc == MODAL_OK && f.followed && !f.failed)
+        rc = eigenvalues(&f, out->multiplier, err);
+    else
+        out->states = 0;
+    if (rc == MODAL_OK && out->closed)
+        rc = sample(&f, out->x, rest, err);
+    out->acts = f.acts;
+    f.acts = NULL;
+    out->evaluations = f.stepper != NULL ? (long)f.stepper->steps : 0;
+    follow_done(&f);
+    free(rest);
+    if (rc != MODAL_OK)
+        cycle_done(out);
+    return rc;
+}
+
+void cycle_done(struct cycle *c)
+{
+    free(c->x);
+    free(c->multiplier);
+    free(c->acts);
+    memset(c, 0, sizeof *c);
+}

@@ -1,0 +1,41 @@
+/* cycle.h - a periodic motion under rigid friction, followed from event to event
+ *
+ * Harmonic balance has no force to sample where rigid friction holds a body: it is whatever the balance asks for.  Time
+ * integration has: a body slips, stops, sticks and breaks loose at located instants (nonlinear_stepper.c), and between
+ * them the motion is solved exactly.  The motion that repeats after a period is found by Newton's method on that map.
+ */
+#ifndef MODAL_CYCLE_H
+#define MODAL_CYCLE_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/scene/program.h"
+
+enum { CYCLE_STATES_MOST = 120, CYCLE_SAMPLES = 8192, CYCLE_NEWTON_MOST = 150, CYCLE_PERIODS_MOST = 600 };
+
+struct cycle {
+    bool closed;                  /* it repeats */
+    int periods;                  /* marched */
+    double closure;               /* |y(T) - y(0)| / max |y| */
+    double *x;                    /* where closed: x[dof * CYCLE_SAMPLES + j] at t = j T / CYCLE_SAMPLES; the caller frees by cycle_done */
+    int states;                   /* of the multipliers; 0: not followed, as other laws or periodic matrices act too */
+    double complex *multiplier;   /* |.| descending */
+    bool *acts;                   /* per law: slips, touches, ... somewhere in the period */
+    long evaluations;             /* of every law */
+};
+
+struct cycle_options {
+    bool (*cancelled)(void *context);     /* may be NULL */
+    void *context;
+};
+
+/* Whether P is of the kind followed here: rigid friction among its laws, none of them a user's, few states. */
+bool cycle_takes(const struct program *p);
+
+/*
+ * The motion of P (cycle_takes) at OMEGA that is reached from displacements X0 and rates V0 by dof (NULL: from rest).  Not
+ * to close within CYCLE_NEWTON_MOST periods, or beside other laws CYCLE_PERIODS_MOST, is an answer.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or MODAL_OVERFLOW.
+ */
+enum modal_status cycle_find(const struct program *p, double omega, const double *x0, const double *v0,
+                             const struct cycle_options *opt, struct cycle *out, struct modal_error *err);
+void cycle_done(struct cycle *c);
+#endif

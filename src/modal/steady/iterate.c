@@ -18,7 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
+static const double UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
 static const double TAIL_GAIN = 0.1;
 enum { ITERATIONS_MOST = 60, ORDER_TAIL = 33, TAIL_LEAST = 4 };
 
@@ -391,8 +391,15 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             break;
         }
     }
-    if (report->converged && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
+    if (report->converged && (rc = balance_residual(b, X, false, err)) == MODAL_OK) {
+        double before = report->residual;
+
         report->residual = balance_relative_residual(b, X);
+        if (report->residual > UNBALANCED && report->residual > 0.9 * before) {       /* a small step that does not help */
+            report->converged = false;
+            report->reason = "the derivative is singular";
+        }
+    }
 out:
     if (rc == MODAL_OVERFLOW) {
         report->reason = "the iterates overflow";

@@ -24,8 +24,9 @@ enum {
     TAKES_PLOT    = 1 << 9,    /* --plot */
     TAKES_BULK    = 1 << 10,   /* --from --resume --window */
     TAKES_DATA    = 1 << 11,   /* --data */
-    TAKES_STREAM  = 1 << 12,   /* --name --rate */
+    TAKES_STREAM  = 1 << 12,   /* --name */
     TAKES_SWEEP   = 1 << 13,   /* --cancel */
+    TAKES_PUSH    = 1 << 14,   /* --rate --window --hop */
 };
 
 enum { ARGS_WORDS_MOST = 16 };
@@ -34,7 +35,7 @@ struct args {
     const char *server, *keyfile, *output, *plot, *key, *state, *after, *kind, *sweep, *follow, *from, *data, *name;
     bool local, json, help, version, wait, resume, cancel;
     double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not given */
-    double priority, limit, window;                         /* whole numbers; priority < 0, limit 0: not given */
+    double priority, limit, window, hop;                         /* whole numbers; priority < 0, limit 0: not given */
     cJSON *options;                                         /* from -o, --sweep, --continue; never NULL after args_read */
     const char *word[ARGS_WORDS_MOST];                      /* positional, word[0] the verb */
     int words;

@@ -300,7 +300,10 @@ int run_bulk(const struct args *args)
         return answer_failure(args->json, &(struct modal_error) { .status = MODAL_NO_MEMORY, .message = "no memory" }, NULL);
     b->args = args;
     b->window = args->window > 0 ? (int)args->window : WINDOW_DEFAULT;
-    rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon") : open_journal(args, &skip, &skips, &b->journal, &err);
+    if (b->window > WINDOW_MOST)
+        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window", "--window is %d; accepted: a whole number from 1 to %d", b->window, WINDOW_MOST);
+    else
+        rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon") : open_journal(args, &skip, &skips, &b->journal, &err);
     if (rc == MODAL_OK)
         rc = signals_read_text(args->from, LIST_BYTES_MOST, &list, &length, &err);
     if (rc == MODAL_OK)

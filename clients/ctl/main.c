@@ -4,6 +4,7 @@
 #include <string.h>
 #include "answer.h"
 #include "job/blas_core.h"
+#include "keys.h"
 #include "sweep.h"
 #include "verbs.h"
 
@@ -34,14 +35,14 @@ static const struct verb verbs[] = {
     { "retry",    "JOB",               "a dead job, once more",                               1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },
     { "delete",   "JOB",               "forget an ended job and its result",                  1, 1, TAKES_TIMEOUT, run_delete },
     { "list",     "",                  "your jobs, a page",                                   0, 0, TAKES_LIST | TAKES_TIMEOUT, run_list },
-    { "watch",    "[JOB]",             "events as they happen; --name STREAM: live modes",    0, 1, TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM, run_watch },
+    { "watch",    "[JOB|STREAM]",      "events as they happen; of a stream: live modes",     0, 1, TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM, run_watch },
     { "stats",    "",                  "counts and sizes of the service",                     0, 0, TAKES_TIMEOUT, run_stats },
     { "whoami",   "",                  "user, role, limits and use",                          0, 0, TAKES_TIMEOUT, run_whoami },
     { "hello",    "",                  "versions and limits of the daemon",                   0, 0, TAKES_TIMEOUT, run_hello },
     { "metrics",  "",                  "Prometheus text",                                     0, 0, TAKES_TIMEOUT, run_metrics },
     { "drain",    "",                  "take and start no more jobs (admin)",                 0, 0, TAKES_TIMEOUT, run_drain },
     { "undrain",  "",                  "take and start jobs again (admin)",                   0, 0, TAKES_TIMEOUT, run_undrain },
-    { "stream",   "FILE|-",            "push samples as a simulation would, print live modes",1, 1, TAKES_SIGNALS | TAKES_STREAM | TAKES_TIMEOUT, run_stream },
+    { "stream",   "FILE|-",            "push samples as a simulation would, print live modes",1, 1, TAKES_SIGNALS | TAKES_OPTIONS | TAKES_STREAM | TAKES_PUSH | TAKES_TIMEOUT, run_stream },
     { "replay",   "FILE",              "send a spill or ring file a simulation left",         1, 1, TAKES_TIMEOUT, run_replay },
     { "keygen",   "FILE [SERVER-KEY]", "a new pair of CURVE keys",                            1, 2, 0, run_keygen },
     { "fsck",     "DIR",               "read a data folder whole, name what is damaged",      0, 1, TAKES_DATA, run_fsck },
@@ -58,6 +59,8 @@ static int help(FILE *to, const struct verb *only)
             fprintf(to, "  %-10s %-30s %s\n", verbs[i].name, verbs[i].words, verbs[i].help);
     fprintf(to, "\noptions:\n");
     args_help(to, TAKES_ALWAYS | (only ? only->takes : 0));
+    if (only != NULL)
+        keys_help(to, only->name);
     if (only == NULL)
         fprintf(to, "\n`modalctl VERB --help` lists the options of a verb.  Exit status: 0 done; 1 the job failed; 2 bad usage or input;\n"
                "3 no server; 4 refused; 5 not finished in --timeout.\n");
@@ -93,7 +96,7 @@ static int dispatch(const struct args *args, char **argv)
     const struct verb *verb;
 
     if (args->version)
-        return printf("modalctl " MODALD_VERSION "\n") < 0;
+        return printf(args->json ? "{\"version\":\"%s\"}\n" : "modalctl %s\n", MODALD_VERSION) < 0;
     if (args->words == 0 && (args->help || !args->json)) {
         help(args->help ? stdout : stderr, NULL);
         return args->help ? 0 : modal_status_exit(MODAL_BAD_INPUT);

@@ -10,7 +10,7 @@ _modalctl()
     case $before in
         --state) COMPREPLY=($(compgen -W "queued running done failed cancelled dead" -- "$word")); return ;;
         --keyfile|-O|--output|--plot|--from|--data) COMPREPLY=($(compgen -f -- "$word")); return ;;
-        -o|--option) COMPREPLY=($(compgen -W "method= signals= pod.energy= pod.rank= rank.energy= rank.fixed= rank.rule= detrend= threads= rows= columns= stride= window= band= period= difference= refine= shapes= target.error= target.seconds=" -- "$word"))
+        -o|--option) COMPREPLY=($(compgen -W "$(modalctl $verb --help 2>/dev/null | sed -n 's/^  \([a-z._]\+=\).*/\1/p')" -- "$word"))
             compopt -o nospace; return ;;
     esac
     if [[ $word == -* ]]; then

@@ -1,7 +1,7 @@
 /* stream.c - `stream FILE|-` and `replay FILE`: what a simulation would do, from the command line
  *
  * `stream` pushes a batch's samples through the streaming client and prints the live modes that come back; at the end it
- * says how many samples were acknowledged and how many were dropped.  `-`: rows of numbers from stdin, each pushed as it
+ * says how many samples were acknowledged and how many were dropped.  $MODALD_WINDOW, --window and --hop say the windows.  `-`: rows of numbers from stdin, each pushed as it
  * comes, parted by commas, semicolons or blanks; a first line of names is the channels'; --dt is needed.
  */
 #include <math.h>
@@ -16,7 +16,34 @@
 
 static const char *const verdicts[] = { "unknown", "stable", "unstable", "undecided" };
 
-struct live { double sample; const struct args *args; };
+enum {
+    WINDOW_LEAST = 64, WINDOW_USUAL = 2048,     /* samples of a live window, where none is asked for */
+    WINDOW_BYTES_MOST = 1 << 20,                /* proto/PROTOCOL.md, section 11 */
+};
+static const double live_patience = 5;          /* s without a new estimate, once all samples are there */
+
+struct live {
+    double sample;              /* the last that an estimate rests on */
+    double window, hop;         /* 0: the environment's */
+    const struct args *args;
+};
+
+/* Live windows: as asked for, else a quarter of the SAMPLES known to come (0: not known) every half of that. */
+static void set_window(modald_stream *s, struct live *live, size_t samples, size_t channels)
+{
+    const struct args *args = live->args;
+    double most = floor((double)WINDOW_BYTES_MOST / (double)(sizeof(double) * channels));
+    double window = samples > 0 ? fmax(WINDOW_LEAST, (double)samples / 4) : WINDOW_USUAL / 4;
+    char *options;
+
+    if (args->window == 0 && getenv("MODALD_WINDOW") != NULL)
+        return;
+    live->window = args->window > 0 ? args->window : floor(fmin(fmin(window, WINDOW_USUAL), most));
+    live->hop = args->hop > 0 ? args->hop : fmax(1, floor(live->window / 2));
+    options = args->options->child != NULL ? json_print(args->options) : NULL;
+    modald_window(s, (long)live->window, (long)live->hop, options);
+    free(options);
+}
 
 /* A new estimate, if there is one, as one line. */
 static void say_estimate(modald_stream *s, struct live *live)
@@ -117,6 +144,7 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
         if (channels == 0 && n > 0) {
             channels = n;
             *out = modald_open(name, channels, args->dt);
+            set_window(*out, live, 0, (size_t)channels);
         }
         if (n != channels || *out == NULL)
             rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "line %ld: accepted: %d numbers (at most %d)", number, channels, ROW_MOST);
@@ -132,16 +160,29 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
     return rc;
 }
 
-static int say_end(modald_stream *s, const struct live *live, size_t samples)
+/* All samples acknowledged, then the estimates that are still to come: the last rests on the last whole hop. */
+static void finish(modald_stream *s, struct live *live, double samples, struct modald_report *r)
 {
-    struct modald_report r;
-    double until = link_now() + (live->args->timeout >= 0 ? live->args->timeout : 30);
-    bool all;
+    double until = link_now() + (live->args->timeout >= 0 ? live->args->timeout : 30), heard, sample = live->sample;
+    double last = live->window > 0 && samples >= live->window ? live->window + floor((samples - live->window) / live->hop) * live->hop - 1 : -2;
 
-    for (modald_get_report(s, &r); r.waiting > 0 && link_now() < until; modald_get_report(s, &r)) {
-        say_estimate(s, (struct live *)live);
+    for (modald_get_report(s, r); r->waiting > 0 && link_now() < until; modald_get_report(s, r)) {
+        say_estimate(s, live);
         rest(0.005);
     }
+    for (heard = link_now(); r->refused == 0 && live->sample < last && link_now() < fmin(until, heard + live_patience); sample = live->sample) {
+        say_estimate(s, live);
+        heard = live->sample > sample ? link_now() : heard;
+        rest(0.005);
+    }
+}
+
+static int say_end(modald_stream *s, struct live *live, size_t samples)
+{
+    struct modald_report r;
+    bool all;
+
+    finish(s, live, (double)samples, &r);
     all = r.acknowledged >= (double)samples && r.dropped == 0;
     cJSON *line = cJSON_CreateObject();
     json_set_number(line, "pushed", r.pushed);
@@ -199,6 +240,7 @@ static enum modal_status push_file(const struct args *args, const char *name, st
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "name", "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
     if (rc == MODAL_OK) {
         modald_describe(*out, (const char *const *)in.names, in.units, in.period);
+        set_window(*out, live, in.samples, in.channels);
         push_all(*out, &in, args, live);
         *samples = in.samples;
     }

@@ -47,12 +47,12 @@ static void show_event(const cJSON *event)
     fflush(stdout);
 }
 
-static cJSON *subscription(const struct args *args, double from)
+static cJSON *subscription(const struct args *args, bool stream, double from)
 {
     cJSON *header = cJSON_CreateObject();
 
     if (args->words > 1)
-        cJSON_AddStringToObject(header, args->name ? "stream" : "job", args->word[1]);
+        cJSON_AddStringToObject(header, stream ? "stream" : "job", args->word[1]);
     else if (args->name != NULL)
         cJSON_AddStringToObject(header, "stream", args->name);
     if (from >= 0)
@@ -100,13 +100,18 @@ int run_watch(const struct verb *verb, const struct args *args)
     struct link *link = NULL;
     cJSON *answer = NULL, *detail = NULL;
     double deadline = remote_deadline(args), next = args->after ? strtod(args->after, NULL) : args->words > 1 ? 0 : -1;
-    bool ended = false;
+    bool ended = false, stream = args->name != NULL;
     enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "watch needs a daemon") : remote_open(args, &link, &err);
     int status;
 
     (void)verb;
     while (rc == MODAL_OK && !ended) {
-        rc = client_ask(link, "EVENTS", subscription(args, next), fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
+        rc = client_ask(link, "EVENTS", subscription(args, stream, next), fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
+        if (rc == MODAL_NOT_FOUND && !stream && args->words > 1) {
+            stream = true;                     /* no job of that name: a stream's, which may be yet to come */
+            rc = MODAL_OK;
+            continue;
+        }
         cJSON_Delete(answer);
         answer = NULL;
         if (rc == MODAL_OK)

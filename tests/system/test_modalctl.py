@@ -6,7 +6,7 @@ import subprocess
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, SLOW_WORDS, decay, environment, write_batch
+from conftest import BUILD, SLOW_WORDS, TOP, decay, environment, write_batch
 
 import modald
 
@@ -241,6 +241,18 @@ def test_a_response_curve_is_the_same_served_and_local_and_has_each_key_once(cur
     for key in ("points", "folds", "bifurcations"):
         assert local.document[key] == served.document[key]
     assert local.document["points"][0]["omega"] == 0.5 and local.document["points"][-1]["omega"] == 2
+
+
+@pytest.mark.parametrize("verb, text", [("identify", ["t,y\n"] + [f"{k},{k % 3}\n" for k in range(20)]), ("steady", ["{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0]},\"omega\":0.5,\"excitation\":[],\"time\":{\"dt\":0.1,\"duration\":1}}"]), ("floquet", ["{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0]},\"omega\":0.5,\"excitation\":[],\"time\":{\"dt\":0.1,\"duration\":1}}"]), ("simulate", ["{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0]},\"omega\":0.5,\"excitation\":[],\"time\":{\"dt\":0.1,\"duration\":1}}"])])
+def test_the_help_and_the_manual_have_every_option_of_a_job(verb, text, ctl, tmp_path):
+    (tmp_path / "in").write_text("".join(text))
+    error = ctl(verb, tmp_path / "in", "-o", "no.such=1", *(["-O", tmp_path / "out.h5"] if verb == "simulate" else [])).document["error"]
+    accepted = [key for key in error["message"].partition("accepted: ")[2].split(", ") if key not in ("sweep", "continue")]
+    assert len(accepted) >= 4
+    said = subprocess.run([BUILD / "bin" / "modalctl", verb, "--help"], capture_output=True, text=True, check=True).stdout
+    manual = (TOP / "clients" / "ctl" / "modalctl.1").read_text().replace("\\-", "-")
+    for key in accepted:
+        assert f"\n  {key}=" in said and f"\n.B {key}=" in manual, key
 
 
 def test_names_the_wire_cannot_carry_are_an_answer_not_a_wait(ctl, daemon, tmp_path):

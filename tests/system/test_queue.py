@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, SLOW, environment
+from conftest import BUILD, PATIENCE, SLOW, environment, write_batch
 
 import modald
 
@@ -207,6 +207,17 @@ def test_watch_prints_each_edge_once_as_lines_of_json(daemon, ctl, client, batch
     assert said.status == 0 and [e["state"] for e in said.lines] == ["queued", "running", "done"]
     numbers = [e["number"] for e in said.lines]
     assert numbers == sorted(set(numbers))
+
+
+def test_a_pushed_file_gives_live_modes_and_its_stream_can_be_watched_by_name(daemon, ctl, tmp_path):
+    """One oscillation of 0.5 Hz and damping -0.05: each window of 200 samples has it."""
+    t = 0.05 * np.arange(1000)
+    path = write_batch(tmp_path / "run.h5", (np.exp(-0.05 * t) * np.cos(np.pi * t))[:, None])
+    said = ctl("stream", path, "--name", "watched-run", "--window", "200", "--hop", "100", server=daemon, one=False)
+    assert said.status == 0 and said.lines[-1]["acknowledged"] == 1000
+    assert said.lines[-2]["sample"] == 999 and abs(said.lines[-2]["frequency_hz"] - np.hypot(np.pi, 0.05) / (2 * np.pi)) < 1e-9
+    said = ctl("watch", "watched-run", "--timeout", "1", server=daemon, one=False)
+    assert {line["stream"] for line in said.lines if "stream" in line} == {"watched-run"} and said.lines[0]["event"] == "modes"
 
 
 def test_an_upload_cut_off_resumes_where_it_was(own_daemon, tmp_path):

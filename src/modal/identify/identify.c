@@ -407,6 +407,18 @@ static enum modal_status climb(struct work *w, const struct order_source *source
     return rc;
 }
 
+/* Values before the last clear gap: that many exponents must be looked at, however badly fewer fit. */
+static int before_gap(const struct work *w)
+{
+    const double *s = w->projected ? w->projection.s : w->pencil.s, GAP = 3;
+    int count = w->projected ? w->projection.count : w->pencil.count, at = 0;
+
+    for (int i = 1; i < count && s[i - 1] > 0; i++)
+        if (s[i - 1] > GAP * s[i])
+            at = i;
+    return at < w->facts.full_rank ? at : w->facts.full_rank;
+}
+
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     struct order_source source = { order_most(w), w->projected ? projection_source : pencil_source, w };
@@ -423,6 +435,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     if (opt.fixed > source.most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
                                 w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
+    opt.look = before_gap(w);
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;
     opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;

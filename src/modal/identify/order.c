@@ -4,7 +4,8 @@
  * The criterion is (7) of refine.c, with residuals floored at rounding: on perfect data it ends where the residual
  * reaches the floor, since more poles only cost.  The ladder has four passes.
  *
- * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing.
+ * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing, and no less far than `look`:
+ *    where few channels show many modes no order below theirs need fit any better than one.
  * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
  *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
  *    (limits of accuracy: 1.05 to 4.2), so refining lowers the residual of a right order by little: by less than
@@ -112,7 +113,7 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
     int best_r = 0;
 
     *least = -1;
-    for (int r = 1; r <= c->source->most && (r <= best_r + ORDER_AHEAD || *least < 0) && rc == MODAL_OK; r++) {
+    for (int r = 1; r <= c->source->most && (r <= best_r + ORDER_AHEAD || r <= c->opt->look || *least < 0) && rc == MODAL_OK; r++) {
         int count = 0, at;
         if (c->opt->fixed > 0 && r != c->opt->fixed)
             continue;

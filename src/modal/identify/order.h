@@ -14,6 +14,7 @@ struct order_source {
 
 struct order_options {
     struct refine_options refine;
+    int look;                   /* look at least so far, whatever the fits say */
     int fixed;                  /* only this r is tried; 0: the ladder */
     int order_most;             /* no candidate of a higher order; 0: one less than the rows */
     bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no guide to the refined one's */

@@ -10,6 +10,8 @@
  *     v = (|Y|_F^2 - sum_{i<=k} s_i^2) / ((L - k)(S - k)).                                                 (1)
  *
  * On clean data the floor is rounding, max(L,S) DBL_EPSILON s_1.
+ *
+ * [BP70] Box and Pierce, J. Amer. Statist. Assoc. 65 (1970) 1509-1526.
  */
 #include "modal/identify/pod.h"
 #include <cblas.h>
@@ -20,7 +22,7 @@
 #include "modal/linalg/lanczos.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 64, SIGNALS_MOST = 40 };
+enum { DENSE_SIDE = 64, SIGNALS_MOST = 40, LAGS = 8 };
 
 struct triplets { int count; double *s; struct matrix V, UT; };   /* Y = V diag(s) UT */
 
@@ -81,8 +83,37 @@ static double square_sum(const struct matrix *Y)
     return sum;
 }
 
-/* (1) from all the triplets found, then from those above the edge, until that settles: from above, so that too many are kept, not too few.
- * Where every triplet is known there is no rest to judge by, and all above rounding stay: surplus signals cost time, not accuracy. */
+/* Are the signals from number k on white noise in time?  Their common autocorrelation r_l has deviation 1/sqrt(n), n numbers in all, and [BP70]
+ * n sum_{l=1..LAGS} r_l^2 is chi-square: eight deviations are allowed. */
+static bool white_from(const struct triplets *t, int L, int k)
+{
+    double n = (double)L * (t->count - k), sum = 0;
+
+    for (int l = 1; l <= LAGS && l < L; l++) {
+        double r = 0;
+        for (int i = k; i < t->count; i++)
+            r += cblas_ddot(L - l, t->V.x + (size_t)i * t->V.ld, 1, t->V.x + (size_t)i * t->V.ld + l, 1) / (t->count - k);
+        sum += r * r;
+    }
+    return n * sum <= LAGS + 8 * sqrt(2.0 * LAGS);
+}
+
+/* Every triplet is known: the first k from which on no value stands out of the rest as (1) would have it, if the rest is white in time as well;
+ * many equal signals would look like noise to (1) alone. */
+static int above_rest(const struct triplets *t, const struct matrix *Y, int k_most, double total)
+{
+    double L = Y->m, S = Y->n, rest = total;
+
+    for (int k = 0; k < k_most && k < S && k < L; k++) {
+        double edge = 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
+        if (t->s[k] <= edge)
+            return white_from(t, Y->m, k) ? k : k_most;
+        rest -= t->s[k] * t->s[k];
+    }
+    return k_most;
+}
+
+/* (1) from all the triplets found, then from those above the edge, until that settles: from above, so that too many are kept, not too few. */
 static int above_noise(const struct triplets *t, const struct matrix *Y, double total)
 {
     double L = Y->m, S = Y->n, edge = (L > S ? L : S) * DBL_EPSILON * t->s[0];
@@ -90,6 +121,8 @@ static int above_noise(const struct triplets *t, const struct matrix *Y, double 
 
     for (k = 0; k < t->count && t->s[k] > edge; )
         k++;
+    if (t->count == (L < S ? L : S))
+        k = above_rest(t, Y, k, total);
     while (k > 0 && k < before && k < L && k < S && t->count < L && t->count < S) {
         double rest = total;
         before = k;

@@ -38,11 +38,16 @@
  *
  * Below it nothing is signal.  It bounds sigma_c in the weights and in
  *
- *     BIC = sum_g n_g ln max(rss_g / n_g, floor_g^2) + k ln n,                                               (7)
+ *     BIC = sum_g n_g ln max(rss_g / n_g, floor_g^2) + h k ln n,                                             (7)
  *
  * n_g = L x phases, n = sum n_g, k = S q + (1 + 1/S) x parameters.  The part 1/S pays for the search: among n places the
  * best finds a factor n more in noise than one given column does, whatever S is, and one channel's amplitudes alone would
- * let it pass in a few of a hundred records.
+ * let it pass in a few of a hundred records.  With u = S q + parameters unknowns one more lowers n ln rss by noise alone not by 1 but by n / (n - u), so
+ * that their price rises, on average over the u of them, by
+ *
+ *     h = -ln(1 - u/n) / (u/n),                                                                              (8)
+ *
+ * which is 1 for records much longer than their model.
  *
  * Growth: columns are divided by their largest entry, and |Re lambda| tau L stays below GROWTH_MOST, so nothing overflows.
  *
@@ -61,6 +66,7 @@
 #include <string.h>
 
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
+static const double SCARCE_MOST = 0.95;     /* of the numbers, for (8) */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
 static const double SETTLED = 1e-8;         /* standard errors between a settled answer and the minimum */
 enum { SETTLE_STEPS = 16 };
@@ -542,6 +548,14 @@ static void swap_in(struct search *s)
     s->now = s->next, s->next = e;
 }
 
+/* (8). */
+static double scarcity(double unknowns, double numbers)
+{
+    double x = fmin(numbers > 0 ? unknowns / numbers : 0, SCARCE_MOST);
+
+    return x > 0 ? -log1p(-x) / x : 1;
+}
+
 /* (7), every residual times FACTOR. */
 static double bic(const struct work *w, const double *rss, double factor)
 {
@@ -553,7 +567,7 @@ static double bic(const struct work *w, const double *rss, double factor)
         sum += own * log(fmax(factor * rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
         used += own, live += w->phases;
     }
-    return sum + (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
+    return sum + scarcity(live * w->order + w->parameters, used) * (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
 }
 
 /*

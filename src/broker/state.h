@@ -95,9 +95,10 @@ struct stream {
     int64_t in_flight;                    /* bytes */
     struct transaction *last;
     struct after *askers;                 /* who closed it */
-    struct input *sealed;
-    bool closing, closed, broken, live;   /* live: a worker has a window of it */
-    int64_t closed_ns;
+    struct input *sealed;                 /* until it is closed */
+    uint8_t sha256[32];                   /* of its batch, once it is closed; where it has one */
+    bool closing, closed, broken, has_batch, live;   /* live: a worker has a window of it */
+    int64_t closed_ns, commits_awaited;
     uint64_t window, hop, next_window;    /* samples; next_window: the index at which one is due */
     char *options;
     char *recent;                         /* the last `window` samples, by index % window */

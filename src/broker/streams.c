@@ -54,8 +54,8 @@ static void say(struct core *c, const struct reply *reply, const struct stream *
             double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
             cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
         }
-        if (s->sealed != NULL) {
-            identity_hex(s->sealed->sha256, hex);
+        if (s->has_batch) {
+            identity_hex(s->sha256, hex);
             cJSON_AddStringToObject(header, "sha256", hex);
         }
     }
@@ -336,15 +336,15 @@ static void seal(struct core *c, struct stream *s)
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
 
+/* Of all epochs: those before the present one are in no batch. */
 static void end_segments(struct core *c, struct stream *s, struct transaction *t)
 {
     char name[32];
 
-    for (size_t i = 0; i < s->segment_count; i++)
-        if (s->segments[i].epoch == s->epoch) {
-            transaction_add(t, LEDGER_INPUT_DELETE)->id = s->segments[i].input->id;
-            input_forget(c, s->segments[i].input);
-        }
+    for (size_t i = 0; i < s->segment_count; i++) {
+        transaction_add(t, LEDGER_INPUT_DELETE)->id = s->segments[i].input->id;
+        input_forget(c, s->segments[i].input);
+    }
     s->segment_count = 0;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
     transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
@@ -488,20 +488,37 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
 
 /* ---- after a commit, and at the start --------------------------------------------------------------------------- */
 
+/* Its batch is sealed: what is left is the answer to who closes it again. */
+static void closed(struct core *c, struct stream *s)
+{
+    s->closed = true;
+    s->closed_ns = c->now.mono_ns;
+    if (s->sealed != NULL) {
+        s->sealed->committed = true;
+        input_index(s->sealed);
+        memcpy(s->sha256, s->sealed->sha256, 32);
+        s->has_batch = true;
+        s->sealed = NULL;                          /* it has a life of its own */
+    }
+    free(s->segments);
+    free(s->crcs);
+    free(s->recent);
+    s->segments = NULL;
+    s->crcs = NULL;
+    s->recent = NULL;
+    s->segment_room = 0;
+    s->crc_count = s->crc_room = 0;
+}
+
 void stream_after(struct core *c, struct after *after, struct transaction *t)
 {
     struct stream *s = after->stream;
 
     if (s->last == t)
         s->last = NULL;
-    if (after->value == -1) {
-        s->closed = true;
-        s->closed_ns = c->now.mono_ns;
-        if (s->sealed != NULL) {
-            s->sealed->committed = true;
-            input_index(s->sealed);
-        }
-    } else if (after->length > 0) {
+    if (after->value == -1)
+        closed(c, s);
+    else if (after->length > 0) {
         s->in_flight -= after->length;
         for (size_t i = s->segment_count; i > 0 && !s->segments[i - 1].input->committed; i--)
             if (s->segments[i - 1].epoch < (uint64_t)after->attempts || s->segments[i - 1].first < (uint64_t)after->value)
@@ -565,14 +582,17 @@ void stream_load_segment(struct core *c, struct input *input)
     add_segment(s, input, (uint64_t)epoch, (uint64_t)first, input->shape.samples);
 }
 
-/* Closed streams are remembered for ten minutes, for who asks again. */
+/* Closed streams are remembered for ten minutes, for who asks again; then until what was asked of the ledger is done, as its last window may be there. */
 void streams_retain(struct core *c)
 {
     struct stream **link = &c->streams;
 
-    while (c->uncommitted == 0 && c->tasks == 0 && *link != NULL) {
+    while (*link != NULL) {
         struct stream *s = *link;
-        if (!s->closed || s->live || s->closed_ns + 600 * SECOND > c->now.mono_ns) {
+        bool over = s->closed && !s->live && s->closed_ns + 600 * SECOND <= c->now.mono_ns;
+        if (over && s->commits_awaited == 0)
+            s->commits_awaited = c->commits + c->uncommitted;
+        if (!over || c->commits < s->commits_awaited) {
             link = &s->next_stream;
             continue;
         }

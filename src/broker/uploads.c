@@ -136,8 +136,10 @@ void upload_quiet(struct core *c, struct input *input)
 
 static void fail_writers(struct core *c, struct after *after, const struct modal_error *err)
 {
+    bool passes = err->status == MODAL_STORAGE_FULL || err->status == MODAL_BUSY;
+
     for (; after != NULL; after = after->next)
-        answer_error(c, &after->reply, err, err->status == MODAL_STORAGE_FULL ? answer_number("retry_after_s", 5) : NULL);
+        answer_error(c, &after->reply, err, passes ? answer_number("retry_after_s", 5) : NULL);
 }
 
 static void take_back(struct core *c, struct input *input)

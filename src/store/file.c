@@ -22,7 +22,7 @@ const char *const file_calls[FILE_CALL_COUNT] = {
 static enum modal_status fail(struct modal_error *err, enum file_call call, const char *path, int error)
 {
     enum modal_status status = error == ENOSPC || error == EDQUOT || error == EFBIG ? MODAL_STORAGE_FULL
-                             : error == ENOENT ? MODAL_NOT_FOUND : MODAL_IO;
+                             : error == EMFILE || error == ENFILE ? MODAL_BUSY : error == ENOENT ? MODAL_NOT_FOUND : MODAL_IO;
 
     return modal_fail(err, status, "%s %s: %s", file_calls[call], path, strerror(error));
 }

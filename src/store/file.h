@@ -1,7 +1,8 @@
 /* file.h - the one place through which all file access of the store goes
  *
  * Each call is one system call, repeated after EINTR and completed after a short transfer, with an error that names the
- * path.  ENOSPC, EDQUOT and EFBIG are MODAL_STORAGE_FULL, ENOENT is MODAL_NOT_FOUND, everything else MODAL_IO.
+ * path.  ENOSPC, EDQUOT and EFBIG are MODAL_STORAGE_FULL, ENOENT is MODAL_NOT_FOUND,
+ * EMFILE and ENFILE are MODAL_BUSY, everything else MODAL_IO.
  * SQLite comes through here too, by the VFS of file_vfs.c, and HDF5's writer by the driver of file_h5.c.
  *
  * In builds with MODALD_FAULTS the n-th call of a kind can be made to fail, by the environment or by file_fault:

@@ -136,6 +136,8 @@ def worries(daemon, until):
     while time.monotonic() < until:
         time.sleep(0.5)
         samples.append(measure(daemon))
+        if "MODALD_SOAK_TRACE" in os.environ and len(samples) % 20 == 0:
+            print(len(samples) // 2, samples[-1], flush=True)
         what = dice.randrange(12)
         if what < 4:
             workers = daemon.children()

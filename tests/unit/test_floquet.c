@@ -53,6 +53,17 @@ TEST(an_undamped_and_a_free_structure_are_undecided_and_a_divergent_one_is_not)
     floquet_done(&c);
 }
 
+/* Two ratios for six modes: the other four are undamped, whatever rounding the products with Phi leave in C. */
+TEST(modes_left_without_damping_are_undecided_beside_damped_ones)
+{
+    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[0.13,1.9,5.1,1.5,0.33,4.8],'springs':[34,2.8,112,3.8,3.7,0,384]},"
+                                    "'effects':[{'type':'modal_damping','ratios':[0.02,0.06]}]}");
+
+    CHECK(f.stable == FLOQUET_UNDECIDED);
+    CHECK_NEAR(f.margin, 0, 1e-15);
+    floquet_done(&f);
+}
+
 /* Gyroscopic: M = I, K = k I, speed G = [0 2w; -2w 0]: whirl at sqrt(w^2 + k) +- w. */
 TEST(gyroscopic_whirl_splits_as_the_closed_form)
 {
@@ -194,4 +205,27 @@ TEST(what_is_not_linear_is_refused_and_growth_past_doubles_is_said)
     CHECK(f.count == -7);
     program_free(p);
     program_free(q);
+}
+
+/* Pulsating at 3 Omega deep enough that twelve harmonics (four of its own) leave 1e-3: more are taken, until the two ways agree. */
+TEST(hill_takes_harmonics_until_its_truncation_is_small)
+{
+    struct program *p = program_text("{'structure':{'type':'chain','masses':[0.137],'springs':[0,53.6]},'omega':3.03,"
+                                     "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':24.6,'k':3}]}");
+    struct floquet f;
+    struct hill twelve, h;
+
+    CHECK(floquet(p, NULL, &f, NULL) == MODAL_OK);
+    CHECK(hill(p, 12, &twelve, NULL) == MODAL_OK && twelve.truncation > 1e-5);
+    CHECK(hill(p, 0, &h, NULL) == MODAL_OK && h.harmonics > 12 && h.truncation < 1e-9);
+    for (int i = 0; i < 2; i++) {
+        double least = HUGE_VAL;
+        for (int j = 0; j < 2; j++)
+            least = fmin(least, hypot(creal(f.exponent[i]) - creal(h.exponent[j]), remainder(cimag(f.exponent[i]) - cimag(h.exponent[j]), 3.03)));
+        CHECK_NEAR(least, 0, 1e-10);
+    }
+    hill_done(&twelve);
+    hill_done(&h);
+    floquet_done(&f);
+    program_free(p);
 }

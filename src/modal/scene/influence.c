@@ -1,8 +1,12 @@
 /* influence.c - see influence.h
  *
  * States of the two programs, y = (s q, q', z) each in its own modes, are related by y = D y', D = diag(S Phi^T M Phi' / S',
- * Phi^T M Phi', 1), since x is the same: X' of (1) is D X' D^-1.  Eigenvalues are matched by the largest overlaps
+ * Phi^T M Phi', 1), since x is the same: A' of (1) is D A' D^-1.  Eigenvalues are matched by the largest overlaps
  * |l_i D r'_j|, |r'| = 1, greedily.  Where the numbers of linear states differ, the common part of the states is compared.
+ *
+ * The change of the monodromy matrix to first order is the corner of that of twice the states:
+ *
+ *     Y' = [A dA; 0 A] Y,   dA(t) = A'(t) - A(t),   Y(T) = [Phi dPhi; 0 Phi].                                (2)
  */
 #include "modal/scene/influence.h"
 #include <cblas.h>
@@ -114,28 +118,132 @@ static double *change(const struct statespace *a, const struct statespace *b)
     return D;
 }
 
-/* (1) for every eigenvalue of a. */
-static enum modal_status estimate(const struct side *a, const struct side *b, double complex *out, struct modal_error *err)
+/* OUT = D X_b D^-1, all N x N; X NULL: 0. */
+static void carry(int N, const double *D, const double *X, const double *back, double *work, double *out)
+{
+    if (X == NULL) {
+        memset(out, 0, (size_t)N * (size_t)N * sizeof *out);
+        return;
+    }
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, X, N, back, N, 0, work, N);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, D, N, work, N, 0, out, N);
+}
+
+/* [X dX; 0 X] of 2 N from X (NULL: 0) and MOVED = X + dX. */
+static double *doubled(int N, const double *X, const double *moved)
+{
+    size_t n = (size_t)N;
+    double *out = calloc(4 * n * n + 1, sizeof *out);
+
+    for (size_t j = 0; out != NULL && j < n; j++)
+        for (size_t i = 0; i < n; i++) {
+            double x = X != NULL ? X[i + j * n] : 0;
+            out[i + j * 2 * n] = out[n + i + (n + j) * 2 * n] = x;
+            out[i + (n + j) * 2 * n] = moved[i + j * n] - x;
+        }
+    return out;
+}
+
+static const struct statespace_harmonic *harmonic_of(const struct statespace *ss, int k)
+{
+    for (int h = 0; h < ss->harmonics; h++)
+        if (ss->harmonic[h].k == k)
+            return &ss->harmonic[h];
+    return NULL;
+}
+
+/* What pulsates with K in either, doubled, behind those of OUT. */
+static bool add_harmonic(struct statespace *out, const struct side *a, const struct side *b, int k, const double *D, const double *back, double *work)
 {
     int N = a->ss->N;
     size_t count = (size_t)N * (size_t)N;
-    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss), *work = malloc(count * sizeof *work + 1), *difference = malloc(count * sizeof *work + 1);
-    enum modal_status rc = D != NULL && back != NULL && work != NULL && difference != NULL ? MODAL_OK : no_memory(err);
+    const struct statespace_harmonic *from = harmonic_of(a->ss, k), *to = harmonic_of(b->ss, k);
+    struct statespace_harmonic *h = &out->harmonic[out->harmonics++];
 
-    if (rc == MODAL_OK) {
-        memcpy(difference, a->X, count * sizeof *work);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, b->X, N, back, N, 0, work, N);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, D, N, work, N, -1, difference, N);
-        for (int i = 0; i < N; i++) {
-            out[i] = 0;
-            for (int k = 0; k < N; k++) {
-                double complex row = 0;
-                for (int j = 0; j < N; j++)
-                    row += a->L[(size_t)i + (size_t)j * (size_t)N] * difference[(size_t)j + (size_t)k * (size_t)N];
-                out[i] += row * a->V[(size_t)k + (size_t)i * (size_t)N];
-            }
+    h->k = k;
+    carry(N, D, to != NULL ? to->cosine : NULL, back, work, work + count);
+    h->cosine = doubled(N, from != NULL ? from->cosine : NULL, work + count);
+    carry(N, D, to != NULL ? to->sine : NULL, back, work, work + count);
+    h->sine = doubled(N, from != NULL ? from->sine : NULL, work + count);
+    return h->cosine != NULL && h->sine != NULL;
+}
+
+/* The system (2): room for it is OUT's, which statespace_free frees. */
+static enum modal_status doubled_system(const struct side *a, const struct side *b, const double *D, const double *back, double *work,
+                                        struct statespace *out, struct modal_error *err)
+{
+    int N = a->ss->N;
+    size_t count = (size_t)N * (size_t)N;
+    bool whole;
+
+    out->p = a->ss->p->harmonics > 0 ? a->ss->p : b->ss->p;
+    out->N = 2 * N;
+    out->harmonic = calloc((size_t)(a->ss->harmonics + b->ss->harmonics) + 1, sizeof *out->harmonic);
+    carry(N, D, b->ss->A, back, work, work + count);
+    out->A = doubled(N, a->ss->A, work + count);
+    whole = out->harmonic != NULL && out->A != NULL;
+    for (int h = 0; whole && h < a->ss->harmonics; h++)
+        whole = add_harmonic(out, a, b, a->ss->harmonic[h].k, D, back, work);
+    for (int h = 0; whole && h < b->ss->harmonics; h++)
+        if (harmonic_of(a->ss, b->ss->harmonic[h].k) == NULL)
+            whole = add_harmonic(out, a, b, b->ss->harmonic[h].k, D, back, work);
+    return whole ? MODAL_OK : no_memory(err);
+}
+
+/* dPhi of (2) into OUT; WORK holds 2 N^2. */
+static enum modal_status monodromy_change(const struct side *a, const struct side *b, double period, const double *D, const double *back,
+                                          double *work, double *out, struct modal_error *err)
+{
+    int N = a->ss->N, substeps = 16;
+    struct statespace *ss = calloc(1, sizeof *ss);
+    struct magnus *m = NULL;
+    double *map = malloc(4 * (size_t)N * (size_t)N * sizeof *map + 1), error;
+    enum modal_status rc = ss != NULL && map != NULL ? doubled_system(a, b, D, back, work, ss, err) : no_memory(err);
+
+    if (rc == MODAL_OK)
+        rc = magnus_new(ss, NULL, &m, err);
+    if (rc == MODAL_OK)
+        rc = magnus_converge(m, 0, period, 1e-11, &substeps, map, &error, err);
+    for (size_t j = 0, n = (size_t)N; rc == MODAL_OK && j < n; j++)
+        memcpy(out + j * n, map + (n + j) * 2 * n, n * sizeof *out);
+    magnus_free(m);
+    statespace_free(ss);
+    free(map);
+    return rc;
+}
+
+/* l_i X r_i for every eigenvalue of a. */
+static void project(const struct side *a, const double *X, double complex *out)
+{
+    size_t N = (size_t)a->ss->N;
+
+    for (size_t i = 0; i < N; i++) {
+        out[i] = 0;
+        for (size_t k = 0; k < N; k++) {
+            double complex row = 0;
+            for (size_t j = 0; j < N; j++)
+                row += a->L[i + j * N] * X[j + k * N];
+            out[i] += row * a->V[k + i * N];
         }
     }
+}
+
+/* (1) for every eigenvalue of a. */
+static enum modal_status estimate(const struct side *a, const struct side *b, const struct influence *f, double complex *out, struct modal_error *err)
+{
+    int N = a->ss->N;
+    size_t count = (size_t)N * (size_t)N;
+    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss), *work = malloc(2 * count * sizeof *work + 1), *difference = malloc(count * sizeof *work + 1);
+    enum modal_status rc = D != NULL && back != NULL && work != NULL && difference != NULL ? MODAL_OK : no_memory(err);
+
+    if (rc == MODAL_OK && f->periodic)
+        rc = monodromy_change(a, b, f->period, D, back, work, difference, err);
+    else if (rc == MODAL_OK) {
+        carry(N, D, b->X, back, work, difference);
+        cblas_daxpy((int)count, -1, a->X, 1, difference, 1);
+    }
+    if (rc == MODAL_OK)
+        project(a, difference, out);
     free(D);
     free(back);
     free(work);
@@ -214,7 +322,7 @@ static enum modal_status fill(struct influence *f, const struct side *a, const s
     f->first_order = calloc((size_t)N + 1, sizeof *f->first_order);
     rc = match != NULL && f->from != NULL && f->to != NULL && f->first_order != NULL ? pair_up(a, b, match, err) : no_memory(err);
     if (rc == MODAL_OK && alike)
-        rc = estimate(a, b, f->first_order, err);
+        rc = estimate(a, b, f, f->first_order, err);
     for (int i = 0; rc == MODAL_OK && i < N; i++) {
         f->from[i] = exponent(a->value[i], f);
         f->to[i] = match[i] >= 0 ? exponent(b->value[match[i]], f) : CMPLX(NAN, NAN);

@@ -1,11 +1,12 @@
 /* influence.h - how exponents move between two programs of the same dofs: exactly, and to first order
  *
- * The first-order estimate is from the left and right eigenvectors of the first: with X the state matrix (constant) or
- * the monodromy matrix (periodic) of the one, X' that of the other in the same coordinates,
+ * The first-order estimate is from the left and right eigenvectors of the first: with A the state matrix of the one, A' that
+ * of the other in the same coordinates, and dX = A' - A (constant) or the derivative of the monodromy matrix towards A' (periodic),
  *
- *     d_i = l_i (X' - X) r_i,   l_i r_i = 1,                                                        (1)
+ *     d_i = l_i dX r_i,   l_i r_i = 1,                                                              (1)
  *
- * for lambda_i where both are constant; d rho_i where either is periodic, d lambda_i = d rho_i / (rho_i T) then.
+ * for lambda_i where both are constant; d rho_i where either is periodic, d lambda_i = d rho_i / (rho_i T) then.  What it leaves out
+ * is of second order in A' - A: an effect of half the size has a quarter of it.
  */
 #ifndef MODAL_INFLUENCE_H
 #define MODAL_INFLUENCE_H

@@ -101,12 +101,47 @@ def test_strutt_s_diagram_is_right_beside_every_reference_boundary(case, tmp_pat
 # --- what is not listed does not run --------------------------------------------------------------------------
 
 LISTED = {"type": "chain", "masses": [1, 2], "springs": [3, 1, 2]}
-EFFECTS = {
-    "spring": {"dof": "x1", "stiffness": 1}, "damper": {"dof": "x1", "coefficient": 1}, "cubic_spring": {"dof": "x1", "coefficient": 1},
-    "friction": {"dof": "x1", "stiffness": 1, "limit": 0.1}, "gap": {"dof": "x1", "stiffness": 1, "clearance": 0.1},
-    "parametric_stiffness": {"dof": "x1", "stiffness": 0.1}, "polynomial_damper": {"dof": "x1", "coefficients": [1, 2]},
-    "coulomb": {"dof": "x1", "limit": 0.1}, "rayleigh_damping": {"alpha": 0.1}}
-LAWS = {"friction": "sliders_force", "gap": "gap_force", "cubic_spring": "spring_force", "coulomb": "rigid_force"}
+SHAFT = {"type": "shaft", "length": 1, "elements": 2, "EI": [90, 120], "mass_per_length": 3, "speed": 7, "disk": {"position": 0.5, "mass": 2, "radius": 0.3}}
+WING = {"type": "wing", "length": 20, "chord": 6, "elements": 1, "EI": 2.3e7, "GJ": 2.4e6, "mass_per_length": 0.75, "I_rho": 1.95, "x_cg": 0.6}
+STRUCTURES = {              # its scene, two dofs, the files that are its own
+    "chain": (LISTED, "x1", "x2", {"chain.c"}),
+    "matrices": ({"type": "matrices", "M": [[2, 0], [0, 3]], "K": [[4, -1], [-1, 4]]}, "x1", "x2", {"matrices.c"}),
+    "beam": ({"type": "beam", "length": 1, "elements": 2, "EI": 2, "mass_per_length": 3}, "w1", "th1", {"beam.c"}),
+    "shaft": (SHAFT, "y1", "z1", {"shaft.c"}),
+    "wing": (WING, "w1", "phi3", {"wing.c", "wing_model.c"})}
+# Each effect: its keys (D, E: dofs), and the modules that run for it and for none of those beyond its line
+ANY, AIR = (*STRUCTURES,), {"type": "airloads", "speed": 300, "density": 2e-3, "x_qc": -0.5}
+FIRST = {
+    "spring": ({"dof": "D", "stiffness": 1}, ANY, ()), "friction": ({"dof": "D", "stiffness": 1, "limit": 0.1}, ANY, ("slider.c",)),
+    "iwan": ({"dof": "D", "stiffnesses": [2, 3], "limits": [3, 4]}, ANY, ("slider.c",)),
+    "contact_friction": ({"normal": "D", "tangential": "E", "normal_stiffness": 2, "preload": 1, "tangential_stiffness": 2, "mu": 0.2}, ANY, ("slider.c",)),
+    "coulomb": ({"dof": "D", "limit": 0.1}, ANY, ("laws/coulomb.c",)),
+    "regularised_coulomb": ({"dof": "D", "limit": 0.1, "velocity": 0.1}, ANY, ("laws/coulomb.c",)),
+    "rayleigh_damping": ({"alpha": 0.1}, ANY, ()), "modal_damping": ({"ratio": 0.1}, ANY, ()), "viscous_damping": ({"per_length": 0.2}, ("beam", "shaft", "wing"), ()),
+    "bearing": ({"at": "left", "transverse": 200}, ("shaft",), ()), "gyroscopic": ({}, ("shaft",), ()),
+    "coupling": ({"at": "left", "transverse": 200}, ("shaft",), ())}
+SECOND = {
+    "damper": ({"dof": "D", "coefficient": 1}, ANY, ()), "cubic_spring": ({"dof": "D", "coefficient": 1}, ANY, ("polynomial.c",)),
+    "polynomial_spring": ({"dof": "D", "coefficients": [1, 2]}, ANY, ("polynomial.c",)),
+    "polynomial_damper": ({"dof": "D", "coefficients": [1, 2]}, ANY, ("polynomial.c",)), "gap": ({"dof": "D", "stiffness": 1, "clearance": 0.1}, ANY, ("laws/gap.c",)),
+    "parametric_stiffness": ({"dof": "D", "stiffness": 0.1}, ANY, ()), "lua": ({"dof": "D", "source": "function force(t, x, v, m) return x end"}, ANY, ("laws/lua.c",)),
+    "strain_rate_damping": ({"mu": 1e-3}, ANY, ()), "axial_load": ({"mean": 0.1, "amplitude": 0.1}, ("beam",), ()),
+    "rotary_inertia": ({"I_rho": 0.1}, ("shaft",), ()),
+    "clearance": ({"at": "right", "gap": 1e-3, "stiffness": 1000}, ("shaft",), ("laws/clearance.c",)),
+    "airloads": ({**AIR, "inflow": "peters_2d"}, ("wing",), ("inflow.c", "peters_2d.c"))}
+
+
+def module(effect):
+    return f"effects/{'bearing' if effect == 'coupling' else effect}.c"        # bearing and coupling share one
+
+
+def listed(effects, structure):
+    """EFFECTS that the structure takes, as a scene lists them, and the modules that are theirs."""
+    tree, first, second, own = STRUCTURES[structure]
+    dofs = {"D": first, "E": second}
+    taken = {name: row for name, row in effects.items() if structure in row[1]}
+    entries = [{"type": name, **{key: dofs.get(value, value) if isinstance(value, str) else value for key, value in row[0].items()}} for name, row in taken.items()]
+    return entries, {module(name) for name in taken} | {file for row in taken.values() for file in row[2]}
 
 
 def functions_run(scene, tmp_path):
@@ -121,22 +156,37 @@ def functions_run(scene, tmp_path):
         if line.startswith(("fl=", "fi=", "fe=")):
             at = line[3:]
         elif line.startswith("fn="):
-            run_.add((pathlib.Path(at).name, line[3:]))
+            run_.add(("/".join(pathlib.Path(at).parts[-2:]), line[3:]))
     return run_
 
 
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_the_lists_name_every_effect_that_a_structure_takes(structure, tmp_path):
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps({"structure": STRUCTURES[structure][0], "effects": [{"type": "none"}]}))
+    done = subprocess.run([CTL, "--local", "--json", "floquet", file], capture_output=True, text=True)
+    message = json.loads(done.stdout)["error"]["message"]
+    assert done.returncode == 2
+    assert set(re.findall(r"\w+", message.split("accepted")[1])) == {name for name, row in {**FIRST, **SECOND}.items() if structure in row[1]}, message
+
+
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
-def test_no_instruction_of_an_unlisted_effect_s_module_runs(tmp_path):
-    base = {"structure": LISTED, "omega": 1.3, "initial": {"x": {"x1": 1}}, "time": {"dt": 0.2, "duration": 4}}
-    plain = functions_run({**base, "effects": [{"type": "damper", "dof": "x2", "coefficient": 0.1}]}, tmp_path)
-    files = {file for file, _ in plain}
-    assert "damper.c" in files and "chain.c" in files
-    assert not files & {f"{name}.c" for name in EFFECTS if name not in ("damper",)} - {"damper.c"}
-    assert not files & {"slider.c", "polynomial.c", "lua.c", "nonlinear_stepper.c", "magnus.c", "beam.c"}
-    listed = functions_run({**base, "effects": [{"type": "friction", **EFFECTS["friction"]}]}, tmp_path)
-    names = {name for _, name in listed}
-    assert any(re.match(r"sliders_force", name) for name in names)
-    assert not {file for file, _ in listed} & {"gap.c", "polynomial.c", "damper.c", "coulomb.c"}
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_no_instruction_of_an_unlisted_effect_s_module_runs(structure, tmp_path):
+    """Without effects no effect's module runs; with one half of them listed, all of those do and none of the other half."""
+    tree, first, second, own = STRUCTURES[structure]
+    every = {module(name) for name in {**FIRST, **SECOND}} | {file for row in [*FIRST.values(), *SECOND.values()] for file in row[2]}
+    others = set().union(*(row[3] for name, row in STRUCTURES.items() if name != structure))
+    for effects in ({}, FIRST, SECOND):
+        entries, modules = listed(effects, structure)
+        ran = {file for file, _ in functions_run({"structure": tree, "omega": 1.3, "effects": entries, "initial": {"x": {first: 1e-3}},
+                                                  "time": {"dt": 0.01, "duration": 0.05}}, tmp_path)}
+        meets = lambda file: any(path == file or path.endswith("/" + file) for path in ran)
+        assert not {file for file in modules if not meets(file)}, structure
+        assert not {file for file in every - modules if meets(file)}, structure
+        assert all(meets(file) for file in own) and not {file for file in others if meets(file)}
+        if not entries:
+            assert not {file for file in ran if file.endswith(("nonlinear_stepper.c", "collocation.c", "ports.c", "events.c", "magnus.c", "periodic_stepper.c"))}
 
 
 def test_a_linear_scene_steps_at_one_product_a_sample(tmp_path):

@@ -70,11 +70,12 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 
     if (rc == MODAL_OK && mesh->in_air)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, e->path, "%s: airloads are listed already", e->path);
-    if (rc == MODAL_OK)
-        rc = airloads_new(&mesh->wing, &a, air, err);
     if (rc != MODAL_OK)
         return rc;
-    mesh->in_air = true;
+    mesh->in_air = true;                               /* from here on there is something to free */
+    rc = airloads_new(&mesh->wing, &a, air, err);
+    if (rc != MODAL_OK)
+        return rc;
     mesh->state = air->nz > 0 ? lowering_add_states(l, air->nz) : 0;
     if (mesh->state < 0)
         return MODAL_OK;                               /* too many: scene_lower says so */

@@ -73,7 +73,7 @@ static enum modal_status lower(struct lowering *l, const cJSON *json, const char
 
 static void mesh_free(void *mesh)
 {
-    if (mesh != NULL)
+    if (mesh != NULL && ((struct wing_mesh *)mesh)->in_air)
         airloads_done(&((struct wing_mesh *)mesh)->air);
     free(mesh);
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Bad peers, each a process of its own: `hostile.py PROBE HOST:PORT` does its worst until it is ended.
 
-Written after the list of what libzmq does with bad peers in tests/fault/README.md.
+What libzmq does with each is in README.md.
 """
 import contextlib
 import os

@@ -127,6 +127,47 @@ def test_8_clients_lose_and_double_nothing_while_the_daemon_is_killed_20_times()
         print(f"\nP1 P2 P3 P4: {KILLS} kills, {len(acks)} acknowledged jobs, 0 violations")
 
 
+def end_and_start(d, how):
+    """One way in which a daemon's life ends, or goes on."""
+    if how == "reload":
+        d.process.send_signal(signal.SIGHUP)
+        return
+    if how == "kill":
+        d.kill()
+    else:
+        d.process.send_signal(signal.SIGTERM)
+        if how == "terminate twice":
+            time.sleep(0.01)
+            d.process.send_signal(signal.SIGTERM)
+        assert d.process.wait(30) == 0, d.text()[-500:]
+        d.log.close()
+    if how == "terminate while starting":
+        d.start(ready=False)
+        time.sleep(0.02)
+        d.stop(timeout_s=30)
+    d.start()
+
+
+def test_restarts_of_every_kind_under_load_lose_and_double_nothing():
+    """F17, F18: reloads, drains, drains cut short, kills, and ends during the replay, while 4 clients do nothing but repeat themselves."""
+    dice, counts = random.Random(17), dict.fromkeys(["reload", "terminate", "terminate twice", "kill", "terminate while starting"], 0)
+    with Daemon(config=FAKE, workers=2) as d:
+        submitters = [Submitter(d, n, 400) for n in range(4)]
+        for s in submitters:
+            s.start()
+        while any(s.is_alive() for s in submitters) or 0 in counts.values():
+            how = dice.choice(list(counts))
+            end_and_start(d, how)
+            counts[how] += 1
+            time.sleep(dice.uniform(0.05, 0.4))
+        for s in submitters:
+            s.join(240)
+            assert s.error is None and not s.is_alive(), s.error
+        acks = {key: job for s in submitters for key, job in s.acks.items()}
+        check_everything(d.client(timeout_s=60), acks)
+        print(f"\nP1 P2 P3 P4 P9: {counts}, {len(acks)} acknowledged jobs, 0 violations")
+
+
 def load(endpoint, acks, uploads, stop):
     """Submissions and one upload, until the daemon dies; what was acknowledged goes to ACKS and UPLOADS."""
     from wire import Client

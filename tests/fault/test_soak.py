@@ -130,14 +130,12 @@ def looks(client, i):
 
 
 def worries(daemon, until):
-    """What an unlucky machine and its administrator do; the times at which anything happened."""
+    """What an unlucky machine and its administrator do until then: what the daemon took meanwhile, and how often each."""
     dice, admin, counts = random.Random(23), daemon.client(timeout_s=5), {"kills": 0, "drains": 0, "reloads": 0}
     samples = []
     while time.monotonic() < until:
         time.sleep(0.5)
         samples.append(measure(daemon))
-        if "MODALD_SOAK_TRACE" in os.environ and len(samples) % 20 == 0:
-            print(len(samples) // 2, samples[-1], flush=True)
         what = dice.randrange(12)
         if what < 4:
             workers = daemon.children()

@@ -164,6 +164,8 @@ static enum modal_status load_note(void *context, const struct note_record *r)
         load_upload_note(c, r);
     if (strcmp(r->topic, "stream") == 0)
         stream_load_note(c, r);
+    if (strcmp(r->topic, "cpu") == 0)
+        user_load_note(c, r);
     if (strcmp(r->topic, "daemon") == 0 && strcmp(r->name, "draining") == 0)
         c->draining = true;
     return MODAL_OK;
@@ -184,6 +186,16 @@ void core_visitor(struct core *core, struct ledger_visitor *out)
 {
     *out = (struct ledger_visitor) { .context = core, .input = load_input, .job = load_job, .tombstone = load_tombstone,
                                      .note = load_note, .event = load_event };
+}
+
+bool core_has_file(const struct core *c, enum spool_file what, int64_t id)
+{
+    const struct input *input = what == SPOOL_RESULT ? NULL : input_by_id(c, id);
+    const struct job *job = what == SPOOL_RESULT ? job_by_id(c, id) : NULL;
+
+    if (what == SPOOL_RESULT)
+        return job != NULL && job->state == JOB_DONE && job->result_bytes > LEDGER_RESULT_INLINE_MOST;
+    return input != NULL && !input->inline_data && (what == SPOOL_SEALED || input->state == INPUT_OPEN);
 }
 
 /* A committed job that is queued: ready, or at its time; its deadline is watched. */

@@ -153,6 +153,8 @@ void core_free(struct core *core);
 
 /* Take over the rows of a ledger before the first step, by ledger_load with this visitor; then core_loaded. */
 void core_visitor(struct core *core, struct ledger_visitor *out);
+/* Whether the rows have a use for this file of the data folder; asked between loading and core_loaded. */
+bool core_has_file(const struct core *core, enum spool_file what, int64_t id);
 struct actions *core_loaded(struct core *core, struct moment now);     /* as core_step's */
 
 /* The actions are the core's until the next call; what they point to is the caller's. */

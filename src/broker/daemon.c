@@ -696,13 +696,27 @@ static enum modal_status open_store(struct daemon *d, struct modal_error *err)
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;     /* it is taken again once there is room */
 }
 
+/* Left by a crash between a file and its row, or a row's end and its file's: nobody was told of it, or it was to go. */
+static void remove_orphan(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path)
+{
+    struct daemon *d = context;
+    char line[4400];
+
+    if (what == SPOOL_OTHER || core_has_file(d->core, what, id) || file_unlink(path, NULL) != MODAL_OK)
+        return;
+    snprintf(line, sizeof line, "level=notice event=orphan_removed bytes=%llu file=%.4096s", (unsigned long long)bytes, path);
+    log_line(line);
+}
+
 static enum modal_status replay(struct daemon *d, struct modal_error *err)
 {
     struct ledger_visitor visitor;
+    enum modal_status rc;
 
     d->core = core_new(&d->config->settings, moment_now());
     core_visitor(d->core, &visitor);
-    return ledger_load(d->ledger, &visitor, err);
+    rc = ledger_load(d->ledger, &visitor, err);
+    return rc == MODAL_OK ? spool_list(d->config->settings.dir, remove_orphan, d, err) : rc;
 }
 
 static enum modal_status start_threads(struct daemon *d, struct modal_error *err)

@@ -194,6 +194,8 @@ void job_move(struct core *c, struct job *job, enum job_state to, struct transac
     if (job_state_final(to))
         job->finished_ns = c->now.utc_ns;
     move_row(t, job);
+    if (from == JOB_RUNNING)
+        user_note(job->user, t);
     job_event(c, job, t, job->failure, to);
     after = transaction_after(t, AFTER_SHOW);
     after->job = job;

@@ -292,6 +292,8 @@ void tombstones_sort(struct core *c);                               /* as loaded
 void tombstones_retain(struct core *c);                             /* those past their age are gone, here and in the ledger */
 struct user *user_next(struct core *c);                             /* whose job starts next; NULL: nobody's */
 void user_ran(struct core *c, struct user *user, double seconds, double cpu_s);
+void user_note(struct user *user, struct transaction *t);
+void user_load_note(struct core *c, const struct note_record *r);
 bool user_quota(struct core *c, struct user *user, const struct reply *reply, int64_t more_jobs, int64_t more_bytes);   /* true: answered */
 
 /* inputs.c */

@@ -287,6 +287,29 @@ void user_ran(struct core *c, struct user *user, double seconds, double cpu_s)
     user->cpu_s += cpu_s;
 }
 
+/* What the user's jobs took today, to go with the edge that ends an attempt: a restart goes on counting. */
+void user_note(struct user *user, struct transaction *t)
+{
+    char text[96];
+
+    snprintf(text, sizeof text, "{\"day\":%lld,\"cpu_s\":%.17g}", (long long)user->cpu_day, user->cpu_s);
+    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "cpu", transaction_text(t, user->name), transaction_text(t, text) };
+}
+
+void user_load_note(struct core *c, const struct note_record *r)
+{
+    struct user *user = user_get(c, r->name);
+    cJSON *object = NULL;
+    double day = 0;
+
+    if (json_read(r->text, strlen(r->text), &object, NULL) != MODAL_OK)
+        return;
+    json_get_number(object, "", "day", 0, 1e9, &day, NULL);
+    json_get_number(object, "", "cpu_s", 0, 1e15, &user->cpu_s, NULL);
+    user->cpu_day = (int64_t)day;
+    cJSON_Delete(object);
+}
+
 /* ---- limits ----------------------------------------------------------------------------------------------------- */
 
 static bool over(struct core *c, const struct reply *reply, const char *limit, double most, double used, double more, double retry_s)

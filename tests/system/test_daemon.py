@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from wire import BUILD, Client, Daemon, submit
+from wire import BUILD, Client, Daemon, crc32c, identity, submit
 
 HERE = pathlib.Path(__file__).parent
 FAKE = f"worker_path = {HERE / 'fake_worker.py'}\n"
@@ -135,6 +135,31 @@ def test_an_endpoint_where_another_daemon_listens_is_refused(tmp_path):
         with pytest.raises(RuntimeError, match="another daemon"):
             Daemon(config=FAKE, endpoint=f"ipc://{tmp_path}/one.ipc")
         assert d.client().ask("HELLO").ok
+
+
+def test_files_without_a_row_go_at_the_next_start_and_files_with_one_stay():
+    """A crash between a file and its row leaves the file; one between a row's end and its file's, too."""
+    samples = bytes(8 * 1000)
+    with Daemon(config=FAKE) as d:
+        data = d.folder / "data"
+        c = d.client()
+        opened = c.ask("UPLOAD", op="begin", content="batch", samples=1000, channels=1, dt=1)["upload"]
+        assert c.ask("UPLOAD", [samples], op="chunk", upload=opened, offset=0, crc32c=crc32c(samples)).ok
+        sealed = c.ask("UPLOAD", op="begin", content="batch", samples=1000, channels=1, dt=2)["upload"]
+        assert c.ask("UPLOAD", [samples], op="chunk", upload=sealed, offset=0, crc32c=crc32c(samples)).ok
+        kept = identity(1000, 1, 2.0, samples)
+        assert c.ask("UPLOAD", op="seal", upload=sealed, sha256=kept).ok
+        assert d.stop() == 0
+        stray = [data / "spool" / "777777.part", data / "spool" / "777778.h5", data / "results" / "777779.json"]
+        for path in stray:
+            path.write_bytes(b"x" * 4096)
+        before = sorted(p.name for p in (data / "spool").iterdir() if p not in stray)
+        d.start()
+        assert not any(path.exists() for path in stray) and d.text().count("event=orphan_removed") == 3
+        assert len(before) == 2 and sorted(p.name for p in (data / "spool").iterdir()) == before
+        c = d.client()
+        assert c.ask("UPLOAD", op="seal", upload=opened, sha256=identity(1000, 1, 1.0, samples)).ok
+        assert c.ask("SUBMIT", kind="identify", input={"sha256": kept}).ok
 
 
 def test_an_idle_daemon_takes_no_more_than_a_thousandth_of_a_core():

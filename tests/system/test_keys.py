@@ -113,6 +113,27 @@ def test_limits_answer_quota_exactly_with_what_is_used(lab):
     assert big.code == "quota" and big["error"]["detail"]["limit"] == "bytes" and big["error"]["detail"]["most"] == 102400
 
 
+def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):
+    """The stand-in worker says that each job took 0.01 s of CPU."""
+    it = lab({"ann": "ann submit cpu_s_day=0.025"})
+    before = time.gmtime().tm_yday
+    c = it.client("ann")
+    for i in range(2):
+        job = submit(c, options={"say": f"r{i}"})["job"]
+        assert c.ask("WAIT", job=job, timeout_s=15)["state"] == "done"
+    assert c.ask("DELETE", job=job).ok
+    it.daemon.stop()
+    it.daemon.start()
+    c = it.client("ann")
+    used = c.ask("WHOAMI")["used"]["cpu_s_day"]
+    job = submit(c, options={"say": "r2"})["job"]
+    assert c.ask("WAIT", job=job, timeout_s=15)["state"] == "done"
+    refused = submit(c, options={"say": "r3"})
+    if time.gmtime().tm_yday == before:                # at midnight the count begins anew, rightly
+        assert abs(used - 0.02) < 1e-9
+        assert refused.code == "quota" and refused["error"]["detail"]["limit"] == "cpu_s_day"
+
+
 def test_a_user_with_10_jobs_waits_no_longer_than_his_fair_share(lab):
     """One queues 10,000 jobs, then another 10: with equal weights the 10 are done when about 20 of all have run since."""
     it = lab({"ann": "ann submit", "ben": "ben submit"})

@@ -69,6 +69,7 @@ void answer_send(struct core *c, const struct reply *reply, cJSON *header, struc
         return;
     }
     c->replies++;
+    c->bytes_out += (int64_t)(strlen(text) + (body == NULL ? 0 : body->size));
     core_act(c, (struct action) { .type = ACT_SEND, .peer = reply->peer, .verb = "REPLY", .header = text, .body = body });
 }
 

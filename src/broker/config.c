@@ -35,6 +35,7 @@ static const struct row {
     { "data", TEXT, offsetof(struct config, data), 0, 0 },
     { "bind", BIND, 0, 0, 0 },
     { "workers", COUNT, offsetof(struct config, workers), 0, 256 },
+    { "worker_jobs", BYTES, offsetof(struct config, settings.worker_jobs), 0, 1e15 },
     { "spool_threads", COUNT, offsetof(struct config, spool_threads), 1, 16 },
     { "ipc_mode", MODE, offsetof(struct config, ipc_mode), 0, 0777 },
     { "worker_path", TEXT, offsetof(struct config, worker_path), 0, 0 },
@@ -72,7 +73,7 @@ void config_init(struct config *c)
     c->sandbox = true;
     c->drain_s = 60;
     c->metrics_s = 10;
-    c->settings = (struct settings) { .queue_jobs = 100000, .input_bytes = INT64_C(16) << 30, .window_bytes = 64 << 20,
+    c->settings = (struct settings) { .worker_jobs = 10000, .queue_jobs = 100000, .input_bytes = INT64_C(16) << 30, .window_bytes = 64 << 20,
         .lease_ns = 10 * INT64_C(1000000000), .result_age_ns = 30 * DAY_NS, .input_age_ns = DAY_NS, .tombstone_age_ns = 365 * DAY_NS,
         .upload_idle_ns = DAY_NS, .result_bytes = INT64_C(10) << 30, .events_kept = 100000 };
 }

@@ -236,6 +236,7 @@ struct actions *core_loaded(struct core *c, struct moment now)
 
     c->out.count = 0;
     c->now = now;
+    c->replay_s = (double)(now.mono_ns - c->started_ns) / 1e9;
     while ((job = map_next(&c->jobs, &at)) != NULL) {
         struct job *root = job->source == 0 ? NULL : job_by_id(c, job->source);
         if (root != NULL)
@@ -311,6 +312,7 @@ static void entered(struct core *c, struct after *after)
 {
     struct job *job = after->job;
 
+    histogram_add(&c->submit_seconds, histogram_seconds, (double)(c->now.mono_ns - after->value) / 1e9);
     job->committed = job->input->committed = true;
     job->shown = after->to;
     job_log_edge(c, job, "-", after->to);
@@ -385,6 +387,10 @@ static void committed(struct core *c, struct transaction *t)
     c->uncommitted--;
     c->commits++;
     c->committed_changes += (int64_t)t->count;
+    if (t->group > 0) {
+        histogram_add(&c->commit_seconds, histogram_seconds, (double)t->took_ns / 1e9);
+        histogram_add(&c->commit_transactions, histogram_numbers, (double)t->group);
+    }
     for (struct after *after = t->after; after != NULL; after = after->next)
         if (after->job != NULL && after->job->last == t)
             after->job->last = NULL;
@@ -401,6 +407,8 @@ static void committed(struct core *c, struct transaction *t)
 static void task_done(struct core *c, struct task *task)
 {
     c->tasks--;
+    if (task->type == TASK_WRITE)
+        histogram_add(&c->write_seconds, histogram_seconds, (double)task->took_ns / 1e9);
     switch (task->type) {
     case TASK_BEGIN: case TASK_RESUME: case TASK_WRITE: case TASK_SEAL: case TASK_ABORT: case TASK_CLOSE:
         upload_task_done(c, task);

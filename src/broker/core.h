@@ -42,6 +42,7 @@ struct settings {
     const struct account *accounts;   /* copied */
     size_t account_count;
     int workers;
+    int64_t worker_jobs;          /* after so many a worker's process is replaced by a fresh one; 0: never */
     int64_t queue_jobs;           /* queued jobs at most */
     int64_t input_bytes;          /* an input at most */
     int64_t window_bytes;         /* of chunks in memory, all uploads together */
@@ -64,6 +65,8 @@ struct transaction {
     enum { MUST_PASS, LAST_REFUSED, FIRST_REFUSED } refusable;   /* on a full disk FIRST come back with MODAL_STORAGE_FULL at
                                      once, LAST when the reserve is used up too; all others wait until they pass */
     enum modal_status status;     /* out */
+    int64_t took_ns;              /* out, of the first of a group: its commit took so long ... */
+    int64_t group;                /* ... and it was so large; of the others 0 */
     struct transaction *next;     /* for the queues of whoever has it */
 };
 
@@ -90,6 +93,7 @@ struct task {
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
     struct segment_read { int64_t input; uint64_t first, count; } *segments; size_t segment_count;   /* STREAM_SEAL: in; samples */
     enum modal_status status;             /* out */
+    int64_t took_ns;                      /* out */
     struct modal_error err;
     void *owner;                          /* the core's */
     struct after *after;

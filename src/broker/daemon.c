@@ -29,6 +29,7 @@
 #include <zmq.h>
 
 #define FLUSH_LEAST_NS 1000000          /* ns */
+#define TRIM_AFTER_NS SECOND            /* of rest */
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
 struct daemon {
@@ -47,6 +48,7 @@ struct daemon {
     char worker_endpoint[PATH_ROOM], worker_folder[PATH_ROOM], program[PATH_ROOM];
     bool stop, terminating, ready;
     int status;
+    int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
     int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns, flush_wait_ns;
 };
 
@@ -166,6 +168,8 @@ static void carry_out_all(struct daemon *d, const struct actions *actions)
 
 static void step(struct daemon *d, const struct event *event)
 {
+    if (event->type == EVENT_REQUEST || event->type == EVENT_COMMITTED || event->type == EVENT_TASK)
+        d->trim_ns = clock_ns(CLOCK_MONOTONIC) + TRIM_AFTER_NS;
     carry_out_all(d, core_step(d->core, event, moment_now()));
 }
 
@@ -428,6 +432,10 @@ static void on_time(struct daemon *d)
         d->next_metrics_ns = now + (int64_t)(d->config->metrics_s * 1e9);
         write_metrics(d);
     }
+    if (d->trim_ns != 0 && now >= d->trim_ns) {
+        d->trim_ns = 0;
+        malloc_trim(0);
+    }
     if (d->terminating && now >= d->drain_until_ns) {
         log_line("level=notice event=stop reason=\"drain time is over; running jobs start again at the next start\"");
         d->stop = true;
@@ -445,6 +453,8 @@ static long wait_ms(const struct daemon *d)
         next = d->next_ping_ns;
     if (d->config->metrics_file[0] != 0 && d->next_metrics_ns < next)
         next = d->next_metrics_ns;
+    if (d->trim_ns != 0 && d->trim_ns < next)
+        next = d->trim_ns;
     if (d->terminating && d->drain_until_ns < next)
         next = d->drain_until_ns;
     if (next <= now)

@@ -146,10 +146,26 @@ static void full_disk(struct ledger_thread *l, struct transaction *group)
     nanosleep(&(struct timespec) { 0, 200000000 }, NULL);
 }
 
+static int64_t now_ns(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
+}
+
+static void measure(struct transaction *first, int64_t took_ns)
+{
+    first->took_ns = took_ns;
+    for (const struct transaction *t = first; t != NULL; t = t->next)
+        first->group++;
+}
+
 static void *run(void *context)
 {
     struct ledger_thread *l = context;
     struct modal_error err;
+    int64_t begun_ns;
     bool ping, stop;
 
     for (;;) {
@@ -160,6 +176,7 @@ static void *run(void *context)
             done_ping(l->done);
         if (group == NULL && stop)
             return NULL;
+        begun_ns = now_ns();
         rc = group != NULL ? commit(l, group, &err) : MODAL_OK;
         if (rc == MODAL_STORAGE_FULL) {
             full_disk(l, group);
@@ -171,8 +188,10 @@ static void *run(void *context)
         }
         if (l->full)
             l->full = reserve_hold(l->dir, RESERVE_BYTES, NULL) != MODAL_OK;
-        if (group != NULL)
+        if (group != NULL) {
+            measure(group, now_ns() - begun_ns);
             done_transactions(l->done, group);
+        }
         if (ledger_settle(l->ledger, &l->settling, &err) != MODAL_OK) {
             done_fatal(l->done, &err);
             return NULL;

@@ -1,5 +1,6 @@
 /* metrics.c - counts for STATS, and as Prometheus text for METRICS and the metrics file */
 #include "broker/state.h"
+#include "job/job.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -107,6 +108,32 @@ static void one(struct page *p, const char *name, const char *type, const char *
     put(p, "modald_%s %.17g\n", name, value);
 }
 
+static void histogram(struct page *p, const char *name, const char *help, const struct histogram *h, const double bounds[HISTOGRAM_BUCKETS])
+{
+    int64_t below = 0;
+
+    head(p, name, "histogram", help);
+    for (int i = 0; i < HISTOGRAM_BUCKETS; i++)
+        put(p, "modald_%s_bucket{le=\"%g\"} %lld\n", name, bounds[i], (long long)(below += h->counts[i]));
+    put(p, "modald_%s_bucket{le=\"+Inf\"} %lld\n", name, (long long)h->count);
+    put(p, "modald_%s_sum %.17g\nmodald_%s_count %lld\n", name, h->sum, name, (long long)h->count);
+}
+
+static void kinds(struct page *p, const struct core *c)
+{
+    int64_t counts[JOB_KIND_COUNT] = { 0 };
+    const struct job_kind *kind;
+    const struct job *job;
+    size_t at = 0;
+
+    while ((job = map_next(&c->jobs, &at)) != NULL)
+        if (!job->hidden && (kind = job_kind_find(job->kind)) != NULL)
+            counts[kind - job_kinds]++;
+    head(p, "jobs_kind", "gauge", "Jobs in the ledger by kind.");
+    for (int k = 0; k < JOB_KIND_COUNT; k++)
+        put(p, "modald_jobs_kind{kind=\"%s\"} %lld\n", job_kinds[k].name, (long long)counts[k]);
+}
+
 struct blob *metrics_text(const struct core *c)
 {
     struct page p = { NULL, 0, 0 };
@@ -122,6 +149,16 @@ struct blob *metrics_text(const struct core *c)
     head(&p, "jobs", "gauge", "Jobs in the ledger by state.");
     for (int s = 0; s < JOB_STATE_COUNT; s++)
         put(&p, "modald_jobs{state=\"%s\"} %lld\n", job_states[s], (long long)c->state_counts[s]);
+    kinds(&p, c);
+    histogram(&p, "submit_seconds", "From a submission's arrival to its acknowledgement.", &c->submit_seconds, histogram_seconds);
+    histogram(&p, "commit_seconds", "A group of the ledger: its transaction and its sync.", &c->commit_seconds, histogram_seconds);
+    histogram(&p, "commit_transactions", "Transactions in a group.", &c->commit_transactions, histogram_numbers);
+    histogram(&p, "write_seconds", "A group of chunks: written, hashed and synced.", &c->write_seconds, histogram_seconds);
+    one(&p, "replay_seconds", "gauge", "What the start took to read the ledger.", c->replay_s);
+    one(&p, "attempts_total", "counter", "Attempts of jobs begun.", (double)c->attempts);
+    one(&p, "leases_lost_total", "counter", "Workers that fell silent.", (double)c->leases_lost);
+    one(&p, "received_bytes_total", "counter", "Bytes of requests' bodies.", (double)c->bytes_in);
+    one(&p, "sent_bytes_total", "counter", "Bytes of replies.", (double)c->bytes_out);
     one(&p, "queue_oldest_seconds", "gauge", "Age of the oldest job that is ready to start.", oldest_s(c, NULL));
     one(&p, "workers", "gauge", "Worker processes wanted.", c->settings.workers);
     one(&p, "workers_busy", "gauge", "Workers with a job.", busy);
@@ -142,5 +179,8 @@ struct blob *metrics_text(const struct core *c)
     head(&p, "user_cpu_seconds", "gauge", "CPU-seconds of jobs today, of the first 32 users.");
     for (size_t i = 0; i < c->user_count && i < 32; i++)
         put(&p, "modald_user_cpu_seconds{user=\"%s\"} %.17g\n", c->user_list[i]->name, c->user_list[i]->cpu_s);
+    head(&p, "user_stored_bytes", "gauge", "Bytes of inputs and results, of the first 32 users.");
+    for (size_t i = 0; i < c->user_count && i < 32; i++)
+        put(&p, "modald_user_stored_bytes{user=\"%s\"} %lld\n", c->user_list[i]->name, (long long)c->user_list[i]->bytes);
     return blob_take(p.text, p.size);
 }

@@ -472,6 +472,7 @@ void request_handle(struct core *c, const struct event *e)
         refuse(c, e, e->id, e->verb, e->fault);
         return;
     }
+    c->bytes_in += (int64_t)e->message->body_bytes;
     if (user == NULL || user->account->role == WIRE_ROLE_NONE || user->account->role == WIRE_ROLE_WORKER) {
         modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
         refuse(c, e, e->message->id, e->message->verb, &err);

@@ -11,6 +11,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { THREADS_MOST = 16 };
@@ -336,6 +337,7 @@ static void *run(void *context)
     struct ledger_reader *reader = NULL;
     struct modal_error err;
     struct hashing *offered;
+    struct timespec begun, ended;
     struct task *task;
 
     if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
@@ -347,7 +349,10 @@ static void *run(void *context)
             hash(s, offered);
             continue;
         }
+        clock_gettime(CLOCK_MONOTONIC, &begun);
         task->status = do_task(s, reader, task);
+        clock_gettime(CLOCK_MONOTONIC, &ended);
+        task->took_ns = (ended.tv_sec - begun.tv_sec) * INT64_C(1000000000) + ended.tv_nsec - begun.tv_nsec;
         if (is_fatal(task))
             done_fatal(s->done, &task->err);
         done_task(s->done, task);

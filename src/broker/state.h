@@ -3,6 +3,7 @@
 #define BROKER_STATE_H
 #include "broker/core.h"
 #include "broker/heap.h"
+#include "broker/histogram.h"
 #include "broker/map.h"
 
 #define SECOND INT64_C(1000000000)
@@ -161,6 +162,7 @@ struct slot {
     struct job *job;
     int attempt;
     int64_t heard_ns, started_ns;         /* mono */
+    int64_t jobs;                         /* begun by this process */
     int quick_deaths;                     /* in a row, without a job: starting again is put off */
     char *document; size_t document_size, document_total;
     struct input *output;                 /* signals on their way */
@@ -209,7 +211,9 @@ struct core {
     int64_t uncommitted, tasks;
     bool draining, terminating, stopped, storage_full;
     int64_t storage_full_until, hold_until;   /* hold_until: no job starts, for want of disk for its result */
-    int64_t rejects[MODAL_STATUS_COUNT], replies, deaths, commits, committed_changes;
+    int64_t rejects[MODAL_STATUS_COUNT], replies, deaths, commits, committed_changes, attempts, leases_lost, bytes_in, bytes_out;
+    struct histogram submit_seconds, commit_seconds, commit_transactions, write_seconds;
+    double replay_s;
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */
     struct arena *kinds;                  /* names of kinds this build no longer knows */

@@ -258,6 +258,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     after = after_new(AFTER_SUBMIT, &s->reply);
     after->job = job;
     after->to = job->state;
+    after->value = c->now.mono_ns;
     transaction_join(t, after);
     c->state_counts[job->state]++;
     if (job->state == JOB_QUEUED)

@@ -64,6 +64,8 @@ static void start(struct core *c, struct job *job, int slot)
     s->attempt = job->attempts;
     s->started_ns = s->heard_ns = c->now.mono_ns;
     s->cpu_s = 0;
+    s->jobs++;
+    c->attempts++;
     job_move(c, job, JOB_RUNNING, NULL);
     if (job->input->inline_data && job->input->data == NULL) {
         struct task *task = grab(sizeof *task);
@@ -124,6 +126,7 @@ static bool start_live(struct core *c, int slot)
     s->live_to = from + stream->window - 1;
     s->state = SLOT_BUSY;
     s->attempt = ++c->live_attempts;
+    s->jobs++;
     s->started_ns = s->heard_ns = c->now.mono_ns;
     header = cJSON_CreateObject();
     cJSON_AddStringToObject(header, "job", "live");
@@ -189,6 +192,7 @@ static void watch(struct core *c, int slot, int64_t when_ns)
 static void spawn(struct core *c, int slot)
 {
     c->slots[slot].state = SLOT_STARTING;
+    c->slots[slot].jobs = 0;
     c->slots[slot].heard_ns = c->now.mono_ns;
     core_act(c, (struct action) { .type = ACT_SPAWN, .slot = slot });
     watch(c, slot, c->now.mono_ns + c->settings.lease_ns);
@@ -234,6 +238,7 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
         return;
     }
     core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot, (double)(c->now.mono_ns - s->heard_ns) / 1e9);
+    c->leases_lost++;
     if (s->job != NULL)
         s->job->ending = ENDING_LEASE;
     worker_kill(c, slot);
@@ -491,7 +496,7 @@ static void on_ready(struct core *c, int slot, const struct wire_message *m, str
     (void)m, (void)body;
     if (s->state != SLOT_STARTING && s->state != SLOT_TAKEN)
         return;
-    if (slot >= c->settings.workers) {
+    if (slot >= c->settings.workers || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
         to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
         return;
     }

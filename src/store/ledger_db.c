@@ -121,7 +121,9 @@ static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err
     sqlite3_busy_timeout(db, 5000);
     sqlite3_db_config(db, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     sqlite3_file_control(db, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved);
-    rc = ledger_db_run(db, "PRAGMA cache_size=-4000; PRAGMA temp_store=MEMORY; PRAGMA cell_size_check=ON; PRAGMA trusted_schema=OFF;"
+    rc = ledger_db_run(db, write ? "PRAGMA cache_size=-4000" : "PRAGMA cache_size=-256", err);     /* there is a reader a thread */
+    if (rc == MODAL_OK)
+        rc = ledger_db_run(db, "PRAGMA temp_store=MEMORY; PRAGMA cell_size_check=ON; PRAGMA trusted_schema=OFF;"
                            "PRAGMA mmap_size=0; PRAGMA wal_autocheckpoint=0", err);
     if (rc == MODAL_OK && !write)
         rc = ledger_db_run(db, "PRAGMA query_only=ON", err);

@@ -137,6 +137,40 @@ def test_an_endpoint_where_another_daemon_listens_is_refused(tmp_path):
         assert d.client().ask("HELLO").ok
 
 
+def test_a_workers_process_is_replaced_after_its_share_of_jobs_and_none_is_lost():
+    with Daemon(config=FAKE + "worker_jobs = 3\n") as d:
+        c, pids = d.client(), set()
+        for i in range(8):
+            job = submit(c, options={"say": f"n{i}"})["job"]
+            done = c.ask("WAIT", job=job, timeout_s=15)
+            assert (done["state"], done["attempts"]) == ("done", 1)
+            pids |= set(d.children())
+        assert len(pids) >= 3 and "event=worker_exit" not in d.text()
+
+
+def resident_mb(pid):
+    lines = pathlib.Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) / 1000
+
+
+@pytest.mark.skipif("asan" in str(BUILD), reason="the sanitizers' shadow is counted too")
+def test_the_daemon_has_at_most_30_mb_at_rest_and_again_after_load():
+    """Load: 1,000 jobs and 64 MB of chunks; a moment later all but the jobs' rows is given back."""
+    with Daemon(config=FAKE, workers=0) as d:
+        assert resident_mb(d.pid) <= 30
+        c, piece = d.client(timeout_s=60), os.urandom(262144)
+        check = crc32c(piece)
+        upload = c.ask("UPLOAD", op="begin", content="batch", samples=len(piece) * 256 // 8, channels=1, dt=1)["upload"]
+        for first in range(0, 256, 16):
+            asked = [c.send("UPLOAD", [piece], op="chunk", upload=upload, offset=i * len(piece), crc32c=check) for i in range(first, first + 16)]
+            assert all(c.answer(number).ok for number in asked)
+        for first in range(0, 1000, 100):
+            asked = [c.send("SUBMIT", [os.urandom(512)], kind="identify", input={"content": "batch", "samples": 64, "channels": 1, "dt": 1})
+                     for _ in range(100)]
+            assert all(c.answer(number).ok for number in asked)
+        until(lambda: resident_mb(d.pid) <= 30)
+
+
 def test_files_without_a_row_go_at_the_next_start_and_files_with_one_stay():
     """A crash between a file and its row leaves the file; one between a row's end and its file's, too."""
     samples = bytes(8 * 1000)

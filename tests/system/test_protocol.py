@@ -437,11 +437,20 @@ def test_stats_count_jobs_and_rejects(client):
 
 
 def test_metrics_are_prometheus_text_without_duplicate_series(client):
+    assert submit(client, fresh=True).ok
     lines = client.ask("METRICS").body[0].decode().splitlines()
     series = [line.split(" ")[0] for line in lines if not line.startswith("#")]
     assert len(series) == len(set(series)) > 20
     typed = {line.split(" ")[2] for line in lines if line.startswith("# TYPE")}
-    assert {s.split("{")[0] for s in series} == typed
+    histograms = {line.split(" ")[2] for line in lines if line.startswith("# TYPE") and line.endswith(" histogram")}
+    assert {"modald_submit_seconds", "modald_commit_seconds", "modald_commit_transactions"} <= histograms
+    names = {s.split("{")[0] for s in series}
+    assert names == typed - histograms | {h + part for h in histograms for part in ("_bucket", "_sum", "_count")}
+    values = {line.split(" ")[0]: float(line.split(" ")[1]) for line in lines if not line.startswith("#")}
+    for h in histograms:                              # cumulative, and the last holds all
+        counts = [value for name, value in values.items() if name.startswith(h + "_bucket")]
+        assert counts == sorted(counts) and counts[-1] == values[h + "_count"]
+    assert values["modald_submit_seconds_count"] > 0
 
 
 def test_whoami_names_user_role_and_limits(client):

@@ -109,6 +109,33 @@ def test_a_structure_that_rings_down_is_not_called_unstable(name):
     assert run(name)["stability"]["stable"] is not False
 
 
+# Shaken frames, mode 1: window [s], frequency [Hz], damping ratio (README: Hilbert envelope of one floor).
+SHAKEN = [("0.5,3", 3.734, 0.0077), ("3,6", 3.750, 0.0061), ("6,10", 3.768, 0.0052), ("10,15", 3.785, 0.0043),
+          ("15,20", 3.798, 0.0033), ("20,30", 3.808, 0.0024), ("30,40", 3.815, 0.0020), ("40,50", 3.818, 0.0019)]
+
+
+@pytest.mark.parametrize("window, hz, zeta", SHAKEN)
+def test_a_window_of_the_shaken_frames_has_one_mode_there(window, hz, zeta):
+    """An envelope's slope and an exponential's fit weigh a window differently: 2e-3 of the frequency, 15 % of the damping."""
+    result = run("shaketable_3storey_flexible", "signals=0,1,2,3", "window=" + window)
+    modes = [m for m in result["modes"] if 3 < m["frequency_hz"] < 4.5]
+    assert len(modes) == 1
+    assert abs(modes[0]["frequency_hz"] - hz) < 2e-3 * hz and abs(modes[0]["damping_ratio"] - zeta) < 0.15 * zeta
+
+
+def test_the_shaken_frames_are_amplitude_dependent_with_their_trend_and_no_close_pair():
+    result = run("shaketable_3storey_flexible", "signals=0,1,2,3")
+    assert "amplitude_dependent" in codes(result)
+    assert len([m for m in result["modes"] if 3 < m["frequency_hz"] < 4.5]) == 1
+    middle = {sum(map(float, w.split(","))) / 2: (hz, zeta) for w, hz, zeta in SHAKEN}
+    for part in result["trend"]:
+        hz = np.interp(part["t"], list(middle), [v[0] for v in middle.values()])
+        zeta = np.interp(part["t"], list(middle), [v[1] for v in middle.values()])
+        assert abs(part["frequency_hz"] - hz) < 2e-3 * hz and abs(part["damping_ratio"] - zeta) < 0.15 * zeta
+    mode = near(result, 3.76)
+    assert mode["std"]["frequency_hz"] > 0.02 and mode["std"]["damping_ratio"] > 0.001
+
+
 def test_the_overpass_in_an_earthquake_is_not_a_free_decay():
     assert "poor_reconstruction" in codes(run("painter_street_overpass_eq2022"))
 

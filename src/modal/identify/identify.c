@@ -19,6 +19,7 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
 #include "modal/identify/hankel.h"
+#include "modal/identify/merge.h"
 #include "modal/identify/modes.h"
 #include "modal/identify/order.h"
 #include "modal/identify/pencil.h"
@@ -774,19 +775,25 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
     return found;
 }
 
-/* What the samples and the fit say about the model itself. */
-static enum modal_status doubt(struct work *w, const struct batch *batch, struct identify_result *out, struct modal_error *err)
+/* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one, not as the crowd of poles that makes up for it. */
+static enum modal_status doubt(struct work *w, struct identify_result *out, struct modal_error *err)
 {
-    const struct poles *p = &w->poles;
+    struct poles *p = &w->poles;
     struct trend_input in = { w->X, w->rec.step, w->rec.t0, p->lambda, p->count, w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
+    bool follows;
+    enum modal_status rc;
 
-    screen_samples(batch, out);
     if (!w->refine || w->shift > 1 || w->rec.period > 0)
         return MODAL_OK;
-    return trend_diagnose(&in, out, err);
+    rc = trend_watch(&in, out, &follows, err);
+    if (rc == MODAL_OK && follows && p->fit == NULL)
+        rc = merge_crowds(&w->data, out->trend, out->trend_count, in.hertz, p, err);
+    if (rc == MODAL_OK && follows)
+        out->hankel_rank = poles_order(p->lambda, p->count, p->tau);
+    return rc;
 }
 
-static enum modal_status conclude(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status conclude(struct work *w, const struct batch *batch, struct identify_result *out, struct modal_error *err)
 {
     double duration = w->data.Y->m * w->tau;
     enum modal_status rc = verdict_clusters(out, duration, err);
@@ -800,6 +807,9 @@ static enum modal_status conclude(struct work *w, struct identify_result *out, s
     w->facts.orbit = has_orbit(w, out);
     w->facts.below = w->rec.below;
     diagnose(out, &w->facts);
+    screen_samples(batch, out);
+    if (w->refine && w->shift == 1 && w->rec.period <= 0)
+        trend_of_modes(w->X->m * w->rec.step, out);
     return MODAL_OK;
 }
 
@@ -839,11 +849,11 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK)
         goto out;
     report_settings(&w, out);
-    if ((rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK
+    if ((rc = doubt(&w, out, err)) != MODAL_OK
+        || (rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK
         || (rc = stage(&w, "synthesis", out, err)) != MODAL_OK
         || (rc = report_ladder(&w, out, err)) != MODAL_OK
-        || (rc = conclude(&w, out, err)) != MODAL_OK
-        || (rc = doubt(&w, batch, out, err)) != MODAL_OK
+        || (rc = conclude(&w, batch, out, err)) != MODAL_OK
         || (rc = stage(&w, "verdict", out, err)) != MODAL_OK)
         goto out;
 out:

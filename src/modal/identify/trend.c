@@ -54,7 +54,7 @@ static double whiteness(const struct matrix *E, double *n)
     return *n * sum;
 }
 
-static enum modal_status adequate(const struct trend_input *in, bool *answer, struct modal_error *err)
+static enum modal_status adequate(const struct trend_input *in, bool *answer, double *left, struct modal_error *err)
 {
     struct matrix E = { in->X->m, in->X->n, in->X->m, malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
     struct synthesis fit = { 0 };
@@ -70,6 +70,7 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, st
             total += y * y;
             E.x[k + (size_t)c * (size_t)E.m] = y - E.x[k + (size_t)c * (size_t)E.m];
         }
+    *left = total > 0 && rc == MODAL_OK ? fit.residual / sqrt(total) : 0;
     if (rc == MODAL_OK)
         *answer = fit.residual <= 1e-9 * sqrt(total) || whiteness(&E, &n) <= LAGS + 8 * sqrt(2.0 * LAGS);        /* (1) */
     synthesis_done(&fit);
@@ -242,7 +243,7 @@ static void keep(const struct window *w, int n, struct identify_result *result)
         result->trend[result->trend_count++] = (struct identify_window) { w[i].t, w[i].frequency, w[i].damping, w[i].std_frequency, w[i].std_damping, w[i].amplitude };
 }
 
-static void judge(const struct window *w, int n, struct identify_result *result)
+static void judge(const struct window *w, int n, struct identify_result *result, bool *follows)
 {
     bool f = changes(w, n, frequency_at, false, CHANGE), z = changes(w, n, damping_at, true, DAMPING_CHANGE);
     double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)), range = 0;
@@ -256,27 +257,28 @@ static void judge(const struct window *w, int n, struct identify_result *result)
     write_table(w, n, table, sizeof table);
     if (f || decays)
         keep(w, n, result);
-    if (decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST)))
+    *follows = decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
+    if (*follows)
         identify_diagnose(result, "amplitude_dependent", -1, "the mode changes as it decays, close pairs may be one mode; window by window: %s", table);
     else if (f)
         identify_diagnose(result, "changes_in_record", -1, "not one system throughout, identify each part by `window`: %s", table);
 }
 
 /* Few windows that decaying modes rebuild, in a record that they do not rebuild either. */
-static bool is_driven(const struct window *w, int n, struct identify_result *result)
+static bool is_driven(const struct window *w, int n, double left, struct identify_result *result)
 {
     int well = 0;
 
     for (int i = 0; i < n; i++)
         well += w[i].left < WELL;
-    if (5 * well >= n || result->total_relative_error < POOR)
+    if (5 * well >= n || left < POOR)
         return false;
     identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying modes to %g %%: the response is driven, or noise; "
                       "window a part after the excitation has ended", well, n, 100 * WELL);
     return true;
 }
 
-static enum modal_status watch(const struct trend_input *in, struct identify_result *result, struct modal_error *err)
+static enum modal_status watch(const struct trend_input *in, double left, struct identify_result *result, bool *follows, struct modal_error *err)
 {
     struct window all[TREND_WINDOWS_LONG], found[TREND_WINDOWS_LONG];
     int most = in->X->m > LONG ? TREND_WINDOWS_LONG : TREND_WINDOWS;
@@ -296,8 +298,8 @@ static enum modal_status watch(const struct trend_input *in, struct identify_res
     }
     if (rc != MODAL_OK)
         return rc;
-    if (!is_driven(all, n, result) && count >= 3)
-        judge(found, count, result);
+    if (!is_driven(all, n, left, result) && count >= 3)
+        judge(found, count, result, follows);
     return MODAL_OK;
 }
 
@@ -343,19 +345,23 @@ static void look_for_drift(struct identify_result *r, double record)
         }
 }
 
-enum modal_status trend_diagnose(const struct trend_input *in, struct identify_result *result, struct modal_error *err)
+enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err)
 {
     bool good = true;
+    double left = 0;
     enum modal_status rc = MODAL_OK;
 
+    *follows = false;
     if (in->count > 0 && in->X->m > 2 * in->count + 2)
-        rc = adequate(in, &good, err);
+        rc = adequate(in, &good, &left, err);
     if (rc == MODAL_OK && (!good || crowded(in)))
-        rc = watch(in, result, err);
-    if (rc != MODAL_OK)
-        return rc;
+        rc = watch(in, left, result, follows, err);
+    return rc;
+}
+
+void trend_of_modes(double record, struct identify_result *result)
+{
     look_for_harmonics(result);
     look_for_mains(result);
-    look_for_drift(result, in->X->m * in->tau);
-    return MODAL_OK;
+    look_for_drift(result, record);
 }

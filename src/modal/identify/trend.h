@@ -2,6 +2,7 @@
 #ifndef MODAL_TREND_H
 #define MODAL_TREND_H
 #include <complex.h>
+#include <stdbool.h>
 #include "modal/error.h"
 #include "modal/identify/identify.h"
 #include "modal/linalg/matrix.h"
@@ -19,20 +20,23 @@ struct trend_input {
 };
 
 /*
- * Where the chosen fit leaves more than white noise and more than rounding, identify so many parts of the record on their own and compare the
+ * Before the modes are reported: where the chosen fit leaves more than white noise and more than rounding, identify so many parts of the record on their own and compare the
  * strongest mode of each.  Adds diagnostics:
  *
  *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the message and result->trend hold the trend
  *   changes_in_record     they change otherwise: the system is not the same throughout
  *   not_free_decay        the windows neither lose energy nor are reconstructed: driven, or noise
  *
- * and, from the modes of RESULT alone:
+ * *follows is true where the first was added.  Not for periodic systems.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
+ */
+enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err);
+
+/*
+ * From the modes of RESULT alone, of a record of so many seconds; not for periodic systems:
  *
  *   harmonic_of_mode      a weak mode at twice or three times a strong one that decays as fast as that power of it
  *   mains_line            an undamped line at a multiple of 50 or 60 Hz
  *   drift                 a strong aperiodic part slower than the record beside vibrations
- *
- * Not for periodic systems.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
  */
-enum modal_status trend_diagnose(const struct trend_input *in, struct identify_result *result, struct modal_error *err);
+void trend_of_modes(double record, struct identify_result *result);
 #endif

@@ -1,0 +1,14 @@
+/* merge.h - one pole for one mode that changes as it decays */
+#ifndef MODAL_MERGE_H
+#define MODAL_MERGE_H
+#include "modal/error.h"
+#include "modal/identify/modes.h"
+
+/*
+ * POLES of a fit to DATA crowd about a mode that TREND, COUNT windows, shows to follow its amplitude (shifted by `hertz` against the data).  Each crowd becomes
+ * one pole, all poles are refined again, and the standard errors of what was merged are as wide as what it covers.  POLES stays as it was
+ * where that fit fails.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ */
+enum modal_status merge_crowds(const struct refine_data *data, const struct identify_window *trend, int count, double hertz,
+                               struct poles *poles, struct modal_error *err);
+#endif

@@ -17,15 +17,27 @@ double remote_deadline(const struct args *args)
     return args->timeout >= 0 ? link_now() + args->timeout : INFINITY;
 }
 
+/* Since when WHAT is going on: a job that tells no progress at least shows that time passes. */
+struct since { char what[16]; double begun; };
+
 static void tell(void *context, const char *what, double fraction)
 {
-    (void)context;
-    fprintf(stderr, "\r%-8s %3.0f %% \r", what, 100 * fraction);
+    struct since *since = context;
+
+    if (strcmp(since->what, what) != 0) {
+        snprintf(since->what, sizeof since->what, "%s", what);
+        since->begun = link_now();
+    }
+    if (fraction > 0)
+        fprintf(stderr, "\r%-8s %3.0f %%   \r", what, 100 * fraction);
+    else
+        fprintf(stderr, "\r%-8s %3.0f s   \r", what, link_now() - since->begun);
 }
 
 const struct client_progress *remote_progress(void)
 {
-    static const struct client_progress shown = { tell, NULL };
+    static struct since since;
+    static const struct client_progress shown = { tell, &since };
 
     return isatty(STDERR_FILENO) ? &shown : NULL;
 }

@@ -76,6 +76,20 @@ enum modal_status tradeoff_print(const char *of, cJSON *reference, cJSON **setti
     return MODAL_OK;
 }
 
+void tradeoff_tell(const struct job_request *request, int i, int rungs)
+{
+    cJSON *event;
+
+    if (request->progress == NULL)
+        return;
+    event = cJSON_CreateObject();
+    json_set_number(event, "fraction", (double)i / rungs);
+    cJSON_AddNumberToObject(event, "rung", i);
+    cJSON_AddNumberToObject(event, "rungs", rungs);
+    request->progress(request->context, event);
+    cJSON_Delete(event);
+}
+
 double tradeoff_clock(void *context)
 {
     struct timespec t;

@@ -20,6 +20,9 @@ enum modal_status tradeoff_run(const struct job_request *request, struct job_res
 enum modal_status tradeoff_print(const char *of, cJSON *reference, cJSON **settings, const struct ladder_rung *rungs,
                                  int count, int recommended, cJSON **out, struct modal_error *err);
 
+/* Tell REQUEST's owner that rung I of RUNGS is about to run. */
+void tradeoff_tell(const struct job_request *request, int i, int rungs);
+
 /* Processor seconds of this process, all its threads: the clock of ladders. */
 double tradeoff_clock(void *context);
 #endif

@@ -147,6 +147,13 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     return MODAL_OK;
 }
 
+static void begins(void *context, int i)
+{
+    const struct tradeoff_work *w = context;
+
+    tradeoff_tell(w->request, i, w->count);
+}
+
 static bool stopped(void *context)
 {
     const struct job_request *q = ((struct tradeoff_work *)context)->request;
@@ -217,7 +224,7 @@ enum modal_status tradeoff_identify(const struct job_request *request, struct jo
     struct identify_result reference = { 0 };
     struct ladder_rung rungs[IDENTIFY_RUNGS_MOST];
     struct ladder_outcome outcome;
-    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = stopped, .context = &w };
+    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = stopped, .begins = begins, .context = &w };
     const cJSON *truth = cJSON_GetObjectItemCaseSensitive(request->options, "truth");
     double start = tradeoff_clock(NULL);
     struct cost cost;

@@ -88,6 +88,13 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     return MODAL_OK;
 }
 
+static void begins(void *context, int i)
+{
+    const struct work *w = context;
+
+    tradeoff_tell(w->request, i, w->count);
+}
+
 static bool cancelled(void *context)
 {
     const struct work *w = context;
@@ -124,7 +131,7 @@ static enum modal_status run_reference(struct work *w, cJSON **settings, struct 
 enum modal_status tradeoff_simulate(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
     struct work w = { .request = request };
-    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = cancelled, .context = &w };
+    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = cancelled, .begins = begins, .context = &w };
     struct ladder_rung rungs[RUNGS_MOST];
     struct ladder_outcome outcome;
     struct cost cost;

@@ -149,6 +149,13 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     return rc;
 }
 
+static void begins(void *context, int i)
+{
+    const struct tradeoff *t = context;
+
+    tradeoff_tell(t->request, i, t->rungs);
+}
+
 static bool was_cancelled(void *context)
 {
     const struct tradeoff *t = context;
@@ -208,7 +215,7 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
 static enum modal_status run(struct tradeoff *t, double target, double seconds, int repetitions, cJSON **doc, struct modal_error *err)
 {
     struct ladder ladder = { .rungs = t->rungs, .repetitions = repetitions, .target_error = target, .target_seconds = seconds, .climb = climb,
-                             .clock = tradeoff_clock, .cancelled = was_cancelled, .context = t };
+                             .clock = tradeoff_clock, .cancelled = was_cancelled, .begins = begins, .context = t };
     struct ladder_rung rungs[RUNGS_MOST];
     struct ladder_outcome outcome;
     cJSON *settings[RUNGS_MOST], *reference;

@@ -503,8 +503,10 @@ enum modal_status json_get_number(const cJSON *object, const char *base, const c
     if (!cJSON_IsNumber(item) || !(item->valuedouble >= low && item->valuedouble <= high)) {
         if (isinf(low) && isinf(high))
             snprintf(accepted, sizeof accepted, "a number");
-        else if (isinf(high))
-            snprintf(accepted, sizeof accepted, "a number of at least %g", low);
+        else if (low > 0 && low < 1e-290 && high > 1e290)
+            snprintf(accepted, sizeof accepted, "a positive number");
+        else if (isinf(high) || high > 1e290)
+            snprintf(accepted, sizeof accepted, low < -1e290 ? "a finite number" : "a number of at least %g", low);
         else
             snprintf(accepted, sizeof accepted, "a number from %g to %g", low, high);
         return wrong_type(item, base, key, accepted, err);

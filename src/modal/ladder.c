@@ -40,6 +40,8 @@ static enum modal_status run_rung(const struct ladder *ladder, int i, struct lad
     int repetitions = ladder->repetitions > 0 ? ladder->repetitions : 1;
     enum modal_status rc = MODAL_OK;
 
+    if (ladder->begins != NULL)
+        ladder->begins(ladder->context, i);
     for (int k = 0; k < repetitions; k++) {
         double start = ladder->clock(ladder->context), error = NAN;
 

@@ -27,6 +27,7 @@ struct ladder {
     enum modal_status (*climb)(void *context, int i, double *error, struct modal_error *err);
     double (*clock)(void *context);              /* seconds of processor time used so far */
     bool (*cancelled)(void *context);            /* may be NULL */
+    void (*begins)(void *context, int i);        /* rung I is about to run, outside its time; may be NULL */
     void *context;
 };
 

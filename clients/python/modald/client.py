@@ -49,8 +49,11 @@ class Batch:
     attributes: Document | None = None
 
     def __post_init__(self) -> None:
-        signals = np.asarray(self.signals, dtype="<f8")
-        self.signals = np.ascontiguousarray(signals.reshape(len(signals), -1) if signals.ndim == 1 else signals)
+        try:
+            signals = np.asarray(self.signals, dtype="<f8")
+        except (TypeError, ValueError) as why:
+            raise Error("bad_input", f"signals are not numbers of one shape: {why}", "signals") from why
+        self.signals = np.ascontiguousarray(signals[:, None] if signals.ndim == 1 else signals)
         if self.signals.ndim != 2:
             raise Error("bad_input", "signals must have one or two dimensions", "signals")
 

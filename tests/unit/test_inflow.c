@@ -7,6 +7,7 @@
 #include "modal/json.h"
 #include "modal/scene/inflow/inflow.h"
 #include "modal/scene/inflow/peters_he.h"
+#include "modal/scene/quadrature.h"
 
 static cJSON *reference(void)
 {

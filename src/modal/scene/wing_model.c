@@ -21,6 +21,7 @@
  */
 #include "modal/scene/wing_model.h"
 #include "modal/scene/hermite.h"
+#include "modal/scene/quadrature.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

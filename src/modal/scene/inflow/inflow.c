@@ -1,10 +1,5 @@
-/*
- * inflow.c - the table of inflow models, and the model without any
- *
- * Gauss-Legendre points are the roots of P_n by Newton from cos(pi (i + 3/4)/(n + 1/2)), weights 2/((1 - x^2) P_n'^2).
- */
+/* inflow.c - the table of inflow models, and the model without any */
 #include "modal/scene/inflow/inflow.h"
-#include <math.h>
 #include <stdlib.h>
 
 static int no_states(int states)
@@ -62,31 +57,4 @@ void inflow_done(struct inflow *f)
     free(f->Q);
     free(f->Lambda);
     *f = (struct inflow) { 0 };
-}
-
-/* P_n(x) and its derivative, |x| < 1, by the three-term recurrence. */
-static double legendre(int n, double x, double *derivative)
-{
-    double before = 1, p = x;
-
-    for (int k = 2; k <= n; k++) {
-        double next = ((2 * k - 1) * x * p - (k - 1) * before) / k;
-        before = p;
-        p = next;
-    }
-    *derivative = n * (x * p - before) / (x * x - 1);
-    return p;
-}
-
-void gauss_legendre(int count, double length, double *position, double *weight)
-{
-    for (int i = 0; i < count; i++) {
-        double x = -cos(M_PI * (i + 0.75) / (count + 0.5)), slope = 1;
-
-        for (int step = 0; step < 8; step++)          /* quadratic: 4 suffice for any count here */
-            x -= legendre(count, x, &slope) / slope;
-        legendre(count, x, &slope);
-        position[i] = length * (1 + x) / 2;
-        weight[i] = length / ((1 - x * x) * slope * slope);
-    }
 }

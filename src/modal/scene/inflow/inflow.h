@@ -49,7 +49,4 @@ void inflow_done(struct inflow *f);
 /* For a `fill`: zeroed matrices for STATES states in all; inflow_done frees them also where the fill fails later. */
 enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err);
 
-/* Gauss-Legendre points and weights on (0, length), ascending. */
-void gauss_legendre(int count, double length, double *position, double *weight);
-
 #endif

@@ -166,19 +166,34 @@ static bool cancelled(const struct curve *c)
     return c->request->cancelled != NULL && c->request->cancelled(c->request->context);
 }
 
+/* Before the first point: the given start stands for a point before it. */
+static enum modal_status set_out(struct curve *c, struct modal_error *err)
+{
+    struct steady_start start = { 0 };
+    enum modal_status rc = steady_settings_start(c->settings, c->s, &start, err);
+
+    c->last = (double complex *)start.X;
+    c->last_q = start.q;
+    c->last_H = start.H;
+    return rc;
+}
+
 static enum modal_status sweep(struct curve *c, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < c->count; i++) {
         double value = i == c->count - 1 ? c->to : c->from + (c->to - c->from) * i / (c->count - 1), omega = 0;
-        struct steady_start start = { c->last_q, c->last_H, c->last };
+        struct steady_start start;
         struct steady_point point = { 0 };
         struct stability st = { 0 };
 
         if (cancelled(c))
             return modal_fail(err, MODAL_CANCELLED, "cancelled at point %d of %d", i, c->count);
         rc = session_at(c, value, &omega, err);
+        if (rc == MODAL_OK && i == 0)
+            rc = set_out(c, err);
+        start = (struct steady_start) { c->last_q, c->last_H, c->last };
         cost_stage(c->cost, c->omega ? "solve" : "lower");
         if (rc == MODAL_OK)
             rc = steady_solve(c->s, omega, c->last != NULL ? &start : NULL, &point, err);
@@ -253,7 +268,7 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     const char *type;
     cJSON *event;
 
-    for (int i = 0; rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > 1e-10 * fabs(c->to - c->from); i++) {
+    for (int i = 0; rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > 1e-12 * fabs(c->to - c->from); i++) {
         double middle = 0.5 * (a + b), share = (middle - c->last_value) / (value - c->last_value), omega = 0;
         struct steady_start start = { c->last_q, c->last_H, Y };
         struct steady_point point = { 0 };
@@ -353,7 +368,9 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
     enum modal_status rc = session_at(c, c->from, &omega, err);
 
     if (rc == MODAL_OK)
-        rc = steady_solve(c->s, omega, NULL, &first, err);
+        rc = set_out(c, err);
+    if (rc == MODAL_OK)
+        rc = steady_solve(c->s, omega, c->last != NULL ? &(struct steady_start) { c->last_q, c->last_H, c->last } : NULL, &first, err);
     if (rc == MODAL_OK && !first.converged) {
         struct stability none = { 0 };
 

@@ -3,28 +3,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "job/backbone.h"
 #include "job/cost.h"
 #include "job/curve.h"
 #include "job/plan.h"
 #include "job/steady_print.h"
 #include "modal/scene/scene.h"
-
-/* The settings' start, dof by dof, as the kept dofs' motion; the caller frees start->X. */
-static enum modal_status kept_start(const struct steady_settings *settings, struct steady *s, struct steady_start *start, struct modal_error *err)
-{
-    int q = condense_kept(steady_condense(s)), K = settings->start_H + 1;
-    double complex *X;
-
-    if (settings->start == NULL)
-        return MODAL_OK;
-    X = calloc((size_t)q * (size_t)K + 1, sizeof *X);
-    if (X == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a start");
-    for (int i = 0; i < q; i++)
-        memcpy(X + i * K, settings->start + (size_t)condense_dofs(steady_condense(s))[i] * (size_t)K, (size_t)K * sizeof *X);
-    *start = (struct steady_start) { q, settings->start_H, X };
-    return MODAL_OK;
-}
 
 /* A motion found from rest that is unstable is not what a machine does: a stable one is sought among all, and given if there is. */
 static enum modal_status prefer_stable(struct steady *s, const struct program *p, struct steady_point *point, struct modal_error *err)
@@ -101,7 +85,7 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     enum modal_status rc = steady_new(p, &settings->opt, &s, err);
 
     if (rc == MODAL_OK)
-        rc = kept_start(settings, s, &start, err);
+        rc = steady_settings_start(settings, s, &start, err);
     if (rc == MODAL_OK)
         rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, err);
     cost_stage(cost, "solve");
@@ -146,7 +130,7 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     rc = steady_settings_read(request, p, &settings, &shown, err);
     if (rc != MODAL_OK)
         goto out;
-    if (!(p->omega > 0) && settings.sweep == NULL && settings.follow == NULL) {
+    if (!(p->omega > 0) && settings.sweep == NULL && settings.follow == NULL && settings.backbone == NULL) {
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
         goto out;
     }
@@ -154,6 +138,7 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     steady_count_start(p);
     cost_stage(&cost, "lower");
     rc = settings.sweep != NULL || settings.follow != NULL ? curve_run(request, p, &settings, &cost, &doc, err)
+       : settings.backbone != NULL ? backbone_run(request, p, &settings, &cost, &doc, err)
        : one_state(p, &settings, &cost, &doc, err);
     if (rc != MODAL_OK)
         goto out;

@@ -7,7 +7,8 @@
 /*
  * Options, which override the scene's `steady`: harmonics, samples, method, cutoff, tolerance, max_iterations, stability,
  * start, solutions, dofs, located, differences, relaxation, subharmonic, time, target.error, threads; and for curves
- * sweep ("omega=A:B:N") or continue ("omega=A:B"), where any path of the scene can stand for omega.
+ * sweep ("omega=A:B:N") or continue ("omega=A:B"), where any path of the scene can stand for omega; or backbone
+ * ("MODE:A:B:N"): a nonlinear mode over its amplitude.
  */
 enum modal_status steady_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
 
@@ -19,11 +20,14 @@ struct steady_settings {
     int *dofs, dofs_count;            /* reported; opt.dofs points here */
     double complex *start;            /* n x (start_H + 1) by the program's dofs, or NULL */
     int start_H;
-    const char *sweep, *follow;
+    const char *sweep, *follow, *backbone;
 };
 enum modal_status steady_settings_read(const struct job_request *request, const struct program *p, struct steady_settings *out,
                                        cJSON **shown, struct modal_error *err);
 void steady_settings_done(struct steady_settings *s);
+/* The settings' start, dof by dof, as the motion of S's kept dofs; start->X is the caller's, NULL where none was given. */
+enum modal_status steady_settings_start(const struct steady_settings *settings, struct steady *s, struct steady_start *start,
+                                        struct modal_error *err);
 /* The fundamental is omega / subharmonic: harmonics of loads and matrices move up by as much. */
 void steady_subharmonic(struct program *p, int subharmonic);
 #endif

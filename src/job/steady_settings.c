@@ -10,7 +10,7 @@ static const char *const scene_keys[] = { "harmonics", "samples", "method", "cut
                                           "target.error", "threads", NULL };
 static const char *const option_keys[] = { "harmonics", "samples", "method", "cutoff", "tolerance", "max_iterations", "stability", "start",
                                            "solutions", "dofs", "located", "differences", "relaxation", "subharmonic", "time",
-                                           "target.error", "threads", "sweep", "continue", NULL };
+                                           "target.error", "threads", "sweep", "continue", "backbone", NULL };
 static const char *const methods[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting", NULL };
 static const char *const solutions[] = { "one", "all", NULL };
 
@@ -184,6 +184,8 @@ static cJSON *show(const struct steady_settings *s, bool located)
         cJSON_AddStringToObject(o, "sweep", s->sweep);
     if (s->follow != NULL)
         cJSON_AddStringToObject(o, "continue", s->follow);
+    if (s->backbone != NULL)
+        cJSON_AddStringToObject(o, "backbone", s->backbone);
     return o;
 }
 
@@ -205,8 +207,10 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
         rc = json_get_string(request->options, "", "sweep", &out->sweep, err);
     if (rc == MODAL_OK)
         rc = json_get_string(request->options, "", "continue", &out->follow, err);
-    if (rc == MODAL_OK && out->sweep != NULL && out->follow != NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "continue", "sweep and continue exclude each other");
+    if (rc == MODAL_OK)
+        rc = json_get_string(request->options, "", "backbone", &out->backbone, err);
+    if (rc == MODAL_OK && (out->sweep != NULL) + (out->follow != NULL) + (out->backbone != NULL) > 1)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, out->follow != NULL ? "continue" : "backbone", "sweep, continue and backbone exclude each other");
     if (rc == MODAL_OK && out->dofs == NULL) {
         out->dofs = calloc((size_t)p->n + 1, sizeof *out->dofs);
         if (out->dofs == NULL)
@@ -223,6 +227,23 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
     out->opt.dofs = out->dofs;
     out->opt.dofs_count = out->dofs_count;
     *shown = show(out, located);
+    return MODAL_OK;
+}
+
+enum modal_status steady_settings_start(const struct steady_settings *settings, struct steady *s, struct steady_start *start,
+                                        struct modal_error *err)
+{
+    int q = condense_kept(steady_condense(s)), K = settings->start_H + 1;
+    double complex *X;
+
+    if (settings->start == NULL)
+        return MODAL_OK;
+    X = calloc((size_t)q * (size_t)K + 1, sizeof *X);
+    if (X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a start");
+    for (int i = 0; i < q; i++)
+        memcpy(X + i * K, settings->start + (size_t)condense_dofs(steady_condense(s))[i] * (size_t)K, (size_t)K * sizeof *X);
+    *start = (struct steady_start) { q, settings->start_H, X };
     return MODAL_OK;
 }
 

@@ -1,4 +1,5 @@
 """Steady states against references computed by other means (tests/data/steady): spectra, multipliers, folds, counts, refusals."""
+import cmath
 import csv
 import json
 import math
@@ -6,7 +7,9 @@ import os
 import pathlib
 import subprocess
 
+import numpy
 import pytest
+import scipy.special
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 DATA = TOP / "tests" / "data" / "steady"
@@ -295,6 +298,18 @@ def test_rigid_friction_is_exact_with_stops_and_without(tmp_path, i):
         assert min(abs(complex(*m)) for m in r["stability"]["multipliers"]) < 1e-12
 
 
+# No stops: harmonic balance with its jumps located is another way to the same motion, to H^-2 and extrapolated.
+def test_two_bodies_rubbing_on_each_other_are_followed_as_balanced(tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [1, 1.3], "springs": [1, 0.7, 0.2], "dampers": [0.03, 0.02, 0]}, "omega": 0.8,
+             "effects": [{"type": "coulomb", "dof": "x1", "to": "x2", "limit": 0.2}],
+             "excitation": [{"dof": "x1", "k": 1, "cos": 0.5}, {"dof": "x2", "k": 3, "sin": 0.2}], "steady": {"harmonics": 63}}
+    followed, balanced = run(tmp_path, scene), run(tmp_path, scene, "-o", "method=newton")
+    assert followed["converged"] and balanced["converged"] and followed["method"] != balanced["method"]
+    for i in range(2):
+        assert max(abs(a - b) for a, b in zip(spectrum(followed, i), spectrum(balanced, i))) < 1e-7
+    assert followed["stability"]["stable"] is True and len(followed["stability"]["multipliers"]) == 4
+
+
 def test_a_body_that_rigid_friction_holds_is_at_rest(tmp_path):
     r = run(tmp_path, oscillator(1, [{"type": "coulomb", "dof": "x1", "limit": 0.3}], cos=0.2))
     assert r["converged"] and max(abs(v) for v in spectrum(r)) < 1e-15 and r["plan"]["effects"][0]["active"] is False
@@ -320,6 +335,139 @@ def test_hundreds_of_harmonics_are_no_obstacle(tmp_path, i):
     s = load("many_harmonics")["rows"][i]
     r = run(tmp_path, oscillator(s["omega"], [cubic(s["gamma"])], c=s["c"], cos=s["P"], harmonics=s["H_used"], start=near(s, *range(1, 200, 2))))
     assert r["converged"] and off(r, s) < 1e-12
+
+
+def hill_multipliers(omega, m, c, k, gain, damp, H=60):
+    """Of m y'' + (c + damp) y' + (k + gain) y = 0, gain and damp sampled over a period: eigenvalues of Hill's matrix, of which those
+    two whose vectors lie nearest harmonic 0 belong to the truncated problem as they do to the whole one."""
+    G, D = (numpy.fft.fft(g) / len(g) for g in (gain, damp))
+    l = numpy.arange(-H, H + 1)
+    K = G[(l[:, None] - l) % len(gain)] + numpy.diag(numpy.full(2 * H + 1, k))
+    C = D[(l[:, None] - l) % len(damp)] + numpy.diag(numpy.full(2 * H + 1, c))
+    W = numpy.diag(1j * l * omega)
+    one = numpy.eye(2 * H + 1)
+    A = numpy.block([[0 * one, one], [-(K + C @ W + m * W @ W) / m, -(C + 2 * m * W) / m]])
+    values, vectors = numpy.linalg.eig(A)
+    weight = abs(vectors[:2 * H + 1]) ** 2
+    order = numpy.argsort(abs((l[:, None] * weight).sum(0)) / weight.sum(0))
+    return numpy.exp(values[order[:2]] * 2 * numpy.pi / omega)
+
+
+def waveform(x, N=512):
+    return numpy.fft.irfft(numpy.array([x[0]] + [v / 2 for v in x[1:]] + [0] * (N // 2 + 1 - len(x))), N) * N
+
+
+@pytest.mark.parametrize("i", range(14))
+def test_hills_method_agrees_with_duffings_multipliers(tmp_path, i):
+    s = load("duffing")["solutions"][i]
+    r = run(tmp_path, oscillator(s["omega"], [cubic(0.1)], c=0.05, cos=0.18, harmonics=25, start=near(s, 1, 3)))
+    x = waveform(spectrum(r))
+    for m in hill_multipliers(s["omega"], 1, 0.05, 1, 0.3 * x ** 2, 0 * x):
+        assert min(abs(m - complex(*h)) for h in r["stability"]["multipliers"]) < 1e-8
+
+
+@pytest.mark.parametrize("i", range(6))
+def test_hills_method_agrees_with_van_der_pols_multipliers(tmp_path, i):
+    s = load("van_der_pol_forced")["solutions"][i]
+    damper = {"type": "polynomial_damper", "dof": "x1", "coefficients": [-0.5, 0, 0.5]}
+    r = run(tmp_path, oscillator(s["omega"], [damper], cos=1.0, harmonics=41, start=near(s, 1, 3)))
+    x = spectrum(r)
+    rate = waveform([1j * k * s["omega"] * v for k, v in enumerate(x)])
+    for m in hill_multipliers(s["omega"], 1, 0, 1, waveform(x) * rate, 0.5 * (waveform(x) ** 2 - 1)):
+        assert min(abs(m - complex(*h)) for h in r["stability"]["multipliers"]) < 1e-8
+
+
+# Where det M = 1 and det(M + 1) = 0, M the monodromy matrix of an orbit closed by shooting: DOP853 with the variational equation
+# at rtol 1e-13, Newton on the period map to 1e-12, Brent's method over the parameter to 1e-13.
+def test_entrainment_is_lost_to_a_torus_where_shooting_says(tmp_path):
+    damper = {"type": "polynomial_damper", "dof": "x1", "coefficients": [-0.5, 0, 0.5]}
+    scene = oscillator(1, [damper], cos=1.5, harmonics=31, start={"x1": {"k": [1], "re": [0], "im": [-2]}})
+    c = run(tmp_path, scene, "--continue", "omega=1.0:1.7")
+    assert [b["type"] for b in c["bifurcations"]] == ["neimark_sacker"]
+    assert c["bifurcations"][0]["omega"] == pytest.approx(1.4117959625669958, abs=1e-9)
+
+
+def test_the_period_doubles_where_shooting_says(tmp_path):
+    scene = oscillator(1.2, [cubic(1)], c=0.3, k=-1, cos=0.1, harmonics=31, start={"x1": {"k": [0, 1], "re": [1, 0], "im": [0, 0]}})
+    c = run(tmp_path, scene, "--continue", "excitation[0].cos=0.05:0.3")
+    assert [b["type"] for b in c["bifurcations"]] == ["period_doubling"]
+    assert c["bifurcations"][0]["excitation[0].cos"] == pytest.approx(0.26558178605562716, abs=1e-9)
+
+
+def test_a_users_laws_multipliers_are_the_built_in_ones(tmp_path):
+    s = load("duffing")["solutions"][3]
+    scene = oscillator(s["omega"], [{"type": "lua", "dof": "x1", "source": "function force(t, x, v, memory) return 0.1 * x^3 end"}],
+                       c=0.05, cos=0.18, harmonics=15, start=near(s, 1, 3))
+    r = run(tmp_path, scene)
+    assert multipliers_off(r, s["floquet_multipliers"]) < 1e-9 and r["stability"]["stable"] is s["stable"]
+    scene["effects"][0]["source"] = "function force(t, x, v, memory) memory.last = x return 0.1 * x^3 end"
+    assert run(tmp_path, scene)["stability"]["stable"] is None
+
+
+# With a spring too weak to matter (1e-3 of 1e-8 m squared beside 1e5 N/m) the scene is the linear one, whose multipliers floquet has.
+def test_linear_states_of_effects_are_in_the_multipliers(tmp_path):
+    scene = {"structure": {"type": "wing", "length": 6.0, "chord": 1.0, "elements": 3, "EI": 9.77e6, "GJ": 0.987e6, "mass_per_length": 35.7,
+                           "I_rho": 8.64, "x_cg": 0.18}, "omega": 40.0,
+             "effects": [{"type": "airloads", "speed": 60.0, "density": 1.2, "lift_slope": 6.28, "x_qc": -0.33, "stations": 3,
+                          "inflow": "peters_2d", "inflow_states": 6}]}
+    path = tmp_path / "linear.json"
+    path.write_text(json.dumps(scene))
+    linear = json.loads(subprocess.run([CTL, "--local", "--json", "floquet", path], capture_output=True, text=True, check=True).stdout)
+    scene["effects"].append(cubic(1e-3, "w3"))
+    scene["excitation"] = [{"dof": "w3", "k": 1, "cos": 100.0}]
+    r = run(tmp_path, {**scene, "steady": {"harmonics": 3}})
+    want = [cmath.exp(complex(*e) * 2 * math.pi / 40) for e in linear["exponents"]]
+    assert len(r["stability"]["multipliers"]) == len(want) == 48
+    assert max(min(abs(w - complex(*m)) for m in r["stability"]["multipliers"]) for w in want) < 1e-7
+
+
+# x'' + (3/2) x + (7/20) x^3 = 0: omega = pi sqrt(k + g A^2) / (2 K(m)), m = g A^2 / (2 (k + g A^2)), and its energy.
+def test_duffings_backbone_is_the_elliptic_functions(tmp_path):
+    scene = {"structure": {"type": "matrices", "M": [[2.0]], "K": [[3.0]]}, "effects": [cubic(0.7)]}
+    r = run(tmp_path, scene, "-o", "backbone=1:0.01:5:12", "-o", "harmonics=41")
+    assert len(r["points"]) == 12 and r["linear"]["omega"] == pytest.approx(math.sqrt(1.5), rel=1e-14)
+    for p in r["points"]:
+        A = sum(p["harmonics"][0]["re"])
+        stiff = 1.5 + 0.35 * A * A
+        omega = math.pi * math.sqrt(stiff) / (2 * scipy.special.ellipk(0.35 * A * A / (2 * stiff)))
+        assert p["omega"] == pytest.approx(omega, rel=1e-13) and abs(p["damping_ratio"]) < 1e-14
+        assert p["energy"] == pytest.approx(1.5 * A * A + 0.175 * A ** 4, rel=1e-12)
+
+
+# One harmonic: omega^2 = 1 + Re k(A), 2 zeta omega^2 = c omega + Im k(A), k the slider's closed form.
+def test_friction_damps_its_mode_as_the_describing_function_says(tmp_path):
+    scene = {"structure": {"type": "matrices", "M": [[1.0]], "C": [[0.02]], "K": [[1.0]]}, "effects": [friction(0.5, 0.3)]}
+    r = run(tmp_path, scene, "-o", "backbone=1:0.1:10:10", "-o", "harmonics=1")
+    assert len(r["points"]) == 10
+    for p in r["points"]:
+        ratio, k = p["amplitude"] * 0.5 / 0.3, complex(0.5, 0)
+        if ratio > 1:
+            theta = math.acos(1 - 2 / ratio)
+            k = complex(0.5 / math.pi * (theta - math.sin(2 * theta) / 2), 2 / (math.pi * ratio) * (1 - 1 / ratio))
+        omega = math.sqrt(1 + k.real)
+        assert p["omega"] == pytest.approx(omega, rel=1e-12)
+        assert p["damping_ratio"] == pytest.approx(k.imag / (2 * omega ** 2) + 0.02 / (2 * omega), rel=1e-10)
+
+
+@pytest.mark.parametrize("effect", [{"type": "coulomb", "dof": "x1", "limit": 1}, {"type": "parametric_stiffness", "dof": "x1", "stiffness": 1, "k": 1}])
+def test_a_backbone_is_refused_where_there_is_none(tmp_path, effect):
+    assert run(tmp_path, oscillator(1, [effect]), "-o", "backbone=1:0.1:1", status=2)["error"]["field"] == "backbone"
+
+
+@pytest.mark.parametrize("text", ["2:0.1:1", "1:0:1", "1:0.1", "1:0.1:1:1", "x", "1:0.1:1:9:9"])
+def test_a_backbones_range_is_checked(tmp_path, text):
+    assert run(tmp_path, oscillator(1, [cubic(1)]), "-o", f"backbone={text}", status=2)["error"]["field"] == "backbone"
+
+
+# Reversals between samples: N^-2 beside the truncation's H^-3, told apart, and their sum within a factor 3 of the truth.
+@pytest.mark.parametrize("samples", [128, 512, 4096])
+def test_sampling_and_truncation_are_told_apart(tmp_path, samples):
+    r = run(tmp_path, DAMPER, "-o", "harmonics=32", "-o", "located=false", "-o", f"samples={samples}", "-o", "time=1024")
+    error = max(abs(a - b) for a, b in zip(r["time"]["x"]["x1"], damper_waveform()))
+    exact_ = run(tmp_path, DAMPER, "-o", "harmonics=32")
+    assert error / 3 < r["error"] < 3 * error
+    assert exact_["truncation_error"] / 2 < r["truncation_error"] < 2 * exact_["truncation_error"]
+    assert exact_["sampling_error"] < 1e-8 < r["sampling_error"]
 
 
 def test_a_linear_scene_costs_no_evaluation_and_no_transform(tmp_path):

@@ -46,6 +46,8 @@ struct law_class {
                                 struct modal_error *err);
     /* The start of a period: forget every call before it (memory of a user's law); NULL: nothing to forget. */
     void (*restart)(const struct law *law);
+    /* With `restart`: whether anything has been kept since.  One that keeps nothing is a function of t, d and v alone. */
+    bool (*remembers)(const struct law *law);
     void (*free)(struct law *law);    /* of law->data; NULL: free() */
 };
 

@@ -14,8 +14,8 @@
  *
  *     E_low = X - J^-1 R_low(X + tail),                                                                 (2)
  *
- * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left out of (2) what
- * remains is the sampling's part; a last Newton step's is the solver's.  Each is put in the unit of x as max over time and dofs.
+ * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left out of (2), E' - X is the
+ * sampling's part and E - E' the truncation's; a last Newton step's is the solver's.  Each is put in the unit of x as max over time and dofs.
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
@@ -611,12 +611,13 @@ static enum modal_status estimate(struct steady *s, struct balance *b, struct st
     int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64, q = b->q;
     int N2 = power_of_two(s->exact ? 4L * H2 : 2L * (b->aft != NULL ? aft_samples(b->aft) : 0) > 8L * H2 ? 2L * aft_samples(b->aft) : 8L * H2);
     struct balance *wide = NULL;
-    double complex *E = calloc((size_t)q * ((size_t)H2 + 1) + 1, sizeof *E), *W = calloc((size_t)q * ((size_t)H2 + 1) + 1, sizeof *W);
+    size_t size = (size_t)q * ((size_t)H2 + 1);
+    double complex *E = calloc(size + 1, sizeof *E), *W = calloc(size + 1, sizeof *W), *sampled = calloc(size + 1, sizeof *sampled);
     double *y = calloc((size_t)b->order + 1, sizeof *y);
     enum modal_status rc = MODAL_OK;
 
     point->truncation = point->sampling = point->solver = point->error = NAN;
-    if (E == NULL || W == NULL || y == NULL)
+    if (E == NULL || W == NULL || sampled == NULL || y == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
     if (rc == MODAL_OK)
         rc = balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &wide, err);
@@ -629,11 +630,11 @@ static enum modal_status estimate(struct steady *s, struct balance *b, struct st
     if (rc != MODAL_OK || (rc = balance_residual(wide, W, false, err)) != MODAL_OK)
         goto out;
     tail_in_time(wide, H, point);
-    memcpy(E, W, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
-    chord(b, wide, point->X, y, E);                                                /* sampling alone */
+    memcpy(sampled, W, size * sizeof *sampled);
+    chord(b, wide, point->X, y, sampled);                                          /* sampling alone */
     point->amplitude = 0;
-    rc = peak_of_change(s, E, W, q, H2, &point->sampling, &point->amplitude, err);
-    memcpy(E, W, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
+    rc = peak_of_change(s, sampled, W, q, H2, &point->sampling, &point->amplitude, err);
+    memcpy(E, W, size * sizeof *E);
     if (rc == MODAL_OK)
         rc = tail_of(wide, H, E, err);                                             /* (1) */
     if (rc != MODAL_OK || (rc = balance_residual(wide, E, false, err)) != MODAL_OK)
@@ -642,14 +643,17 @@ static enum modal_status estimate(struct steady *s, struct balance *b, struct st
     rc = tail_of(wide, H, E, err);
     if (rc == MODAL_OK)
         rc = peak_of_change(s, E, W, q, H2, &point->error, NULL, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, E, sampled, q, H2, &point->truncation, NULL, err);  /* what sampling does not explain */
     point->solver = point->step * point->amplitude;
-    point->truncation = point->error;
+    point->error += point->solver;
 out:
     if (rc == MODAL_OVERFLOW)
         rc = MODAL_OK;
     balance_free(wide);
     free(E);
     free(W);
+    free(sampled);
     free(y);
     return rc;
 }

@@ -43,7 +43,8 @@ struct monodromy {
     double *map;
     double *cut;
     int cuts;
-    bool varies;                       /* A between cuts */
+    bool varies, mass_varies;          /* A between cuts; M */
+    double *z[4];                      /* linear states: what z, y, y' and y'' do to dz/dtheta, nz x (nz, n, n, n) */
     int *pivot;
     const char *reason;
     int H;                             /* of the motion followed: the point's, or more for laws with events */
@@ -62,6 +63,8 @@ static void monodromy_done(struct monodromy *m)
         free(m->A[i]);
     for (int i = 0; i < 6; i++)
         free(m->work[i]);
+    for (int i = 0; i < 4; i++)
+        free(m->z[i]);
     free(m->X);
     free(m->first_slider);
     free(m->in);
@@ -84,12 +87,21 @@ static void count_sliders(struct monodromy *m)
     }
 }
 
-static bool invert_mass(struct monodromy *m, const struct matrix *M)
+/* (omega^2 M)^-1 at THETA into Minv. */
+static bool invert_mass(struct monodromy *m, double theta)
 {
     int n = m->n;
-    double scale = 0, least = HUGE_VAL;
+    double scale = 0, least = HUGE_VAL, square = m->point->omega * m->point->omega;
+    struct matrix M = { n, n, n, m->Minv };
 
-    memcpy(m->Minv, M->x, (size_t)n * (size_t)n * sizeof *m->Minv);
+    memset(m->Minv, 0, (size_t)n * (size_t)n * sizeof *m->Minv);
+    sparse_add_to_dense(&m->p->constant[PROGRAM_M], square, &M);
+    for (int h = 0; m->mass_varies && h < m->p->harmonics; h++) {
+        const struct program_harmonic *a = &m->p->harmonic[h];
+
+        sparse_add_to_dense(&a->cosine[PROGRAM_M], square * cos(a->k * theta), &M);
+        sparse_add_to_dense(&a->sine[PROGRAM_M], square * sin(a->k * theta), &M);
+    }
     for (int i = 0; i < n * n; i++)
         scale = fmax(scale, fabs(m->Minv[i]));
     if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, m->Minv, n, m->pivot) != 0)
@@ -99,6 +111,38 @@ static bool invert_mass(struct monodromy *m, const struct matrix *M)
     if (!(least > 0) || scale / least > 1e300)
         return false;
     return LAPACKE_dgetri(LAPACK_COL_MAJOR, n, m->Minv, n, m->pivot) == 0;
+}
+
+/* E z' = A z + Bx y + Bv x' + Ba x'' (program.h, (2)) as dz/dtheta = z0 z + z1 y + z2 dy/dtheta + z3 d2y/dtheta2. */
+static enum modal_status linear_states(struct monodromy *m, struct modal_error *err)
+{
+    const struct sparse *in[4] = { &m->p->A, &m->p->Bx, &m->p->Bv, &m->p->Ba };
+    double omega = m->point->omega, scale[4] = { 1 / omega, 1 / omega, 1, omega };
+    int nz = m->nz, n = m->n;
+    double *E = room((size_t)nz * (size_t)nz, sizeof *E);
+    int *pivot = room((size_t)nz, sizeof *pivot);
+    struct matrix full = { nz, nz, nz, E };
+    enum modal_status rc = E == NULL || pivot == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        sparse_add_to_dense(&m->p->E, 1, &full);
+    if (rc == MODAL_OK && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot) != 0)
+        m->reason = "the linear states' equations are singular";
+    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < 4; i++) {
+        int columns = i == 0 ? nz : n;
+        struct matrix out = { nz, columns, nz, m->z[i] = room((size_t)nz * (size_t)columns, sizeof(double)) };
+
+        if (out.x == NULL) {
+            rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d linear states", nz);
+            break;
+        }
+        if (in[i]->m > 0)
+            sparse_add_to_dense(in[i], scale[i], &out);
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', nz, columns, E, nz, pivot, out.x, nz);
+    }
+    free(E);
+    free(pivot);
+    return rc;
 }
 
 /* Motions of each law's inputs, at full resolution, and its pieces. */
@@ -133,8 +177,8 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
         if (rc == MODAL_OK && m->exact[l])
             rc = law->kind->pieces(law, input, &m->pieces[l], err);
         m->varies |= !m->exact[l];
-        if (law->kind->restart != NULL)
-            m->reason = "a user's law may remember; its disturbances are not followed";
+        if (law->kind->restart != NULL && law->kind->remembers(law))
+            m->reason = "a user's law remembers; its disturbances are not followed";
     }
     orbit_grid_free(g);
     return rc;
@@ -276,6 +320,24 @@ static void periodic_part(struct monodromy *m, double theta, double *K, double *
     }
 }
 
+/* Columns of z in the rows of y'', then the rows of z: z3 times those of y'' and what acts on z itself. */
+static void build_linear_states(const struct monodromy *m, double *A)
+{
+    int n = m->n, nz = m->nz, order = m->order;
+    const struct sparse *F = &m->p->F;
+
+    for (int i = 0; F->m > 0 && i < n; i++)
+        for (int e = F->start[i]; e < F->start[i + 1]; e++)
+            cblas_daxpy(n, F->value[e], m->Minv + (size_t)i * (size_t)n, 1, A + (size_t)(2 * n + F->index[e]) * (size_t)order + n, 1);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, order, n, 1, m->z[3], nz, A + n, order, 0, A + 2 * n, order);
+    for (int i = 0; i < 3; i++) {
+        int columns = i == 0 ? nz : n, first = i == 0 ? 2 * n : i == 1 ? 0 : n;
+
+        for (int c = 0; c < columns; c++)
+            cblas_daxpy(nz, 1, m->z[i] + (size_t)c * (size_t)nz, 1, A + (size_t)(first + c) * (size_t)order + 2 * n, 1);
+    }
+}
+
 static enum modal_status build(struct monodromy *m, double theta, double *A, struct modal_error *err)
 {
     int n = m->n, order = m->order;
@@ -283,6 +345,8 @@ static enum modal_status build(struct monodromy *m, double theta, double *A, str
     enum modal_status rc = MODAL_OK;
 
     memset(A, 0, (size_t)order * (size_t)order * sizeof *A);
+    if (m->mass_varies && !invert_mass(m, theta))
+        m->reason = "the mass matrix is singular somewhere in the period";
     memcpy(K, m->K, (size_t)n * (size_t)n * sizeof *K);
     memcpy(C, m->C, (size_t)n * (size_t)n * sizeof *C);
     periodic_part(m, theta, K, C);
@@ -311,6 +375,8 @@ static enum modal_status build(struct monodromy *m, double theta, double *A, str
         A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, K, n, 1, A + n, order);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, C, n, 1, A + (size_t)n * (size_t)order + n, order);
+    if (m->nz > 0)
+        build_linear_states(m, A);
     return rc;
 }
 
@@ -584,8 +650,8 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
 static enum modal_status prepare(struct monodromy *m, struct modal_error *err)
 {
     size_t n = (size_t)m->n, order, laws = (size_t)m->p->laws;
-    struct matrix M, K, C;
-    enum modal_status rc;
+    struct matrix K, C;
+    enum modal_status rc = MODAL_OK;
 
     m->first_slider = room(laws, sizeof *m->first_slider);
     m->in = room(laws * LAW_INPUTS_MOST, sizeof *m->in);
@@ -611,16 +677,16 @@ static enum modal_status prepare(struct monodromy *m, struct modal_error *err)
     m->pivot = room(order, sizeof *m->pivot);
     if (m->A[2] == NULL || m->work[5] == NULL || m->map == NULL || m->pivot == NULL || m->A[0] == NULL || m->A[1] == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d states", m->order);
-    M = (struct matrix) { m->n, m->n, m->n, m->work[0] };
     K = (struct matrix) { m->n, m->n, m->n, m->K };
     C = (struct matrix) { m->n, m->n, m->n, m->C };
-    sparse_add_to_dense(&m->p->constant[PROGRAM_M], m->point->omega * m->point->omega, &M);
     sparse_add_to_dense(&m->p->constant[PROGRAM_K], 1, &K);
     sparse_add_to_dense(&m->p->constant[PROGRAM_C], m->point->omega, &C);
-    if (!invert_mass(m, &M))
+    if (!invert_mass(m, 0))
         m->reason = "the mass matrix is singular";
-    memset(m->work[0], 0, order * order * sizeof(double));
-    rc = m->reason == NULL ? choose_motion(m, err) : MODAL_OK;
+    if (m->nz > 0 && m->reason == NULL)
+        rc = linear_states(m, err);
+    if (rc == MODAL_OK && m->reason == NULL)
+        rc = choose_motion(m, err);
     if (rc == MODAL_OK && m->reason == NULL)
         rc = law_motions(m, err);
     return rc == MODAL_OK && m->reason == NULL ? find_cuts(m, err) : rc;
@@ -691,12 +757,9 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
     m.nz = m.p->n_linear;
     m.varies = m.p->harmonics > 0;
     for (int h = 0; h < m.p->harmonics; h++)
-        if (m.p->harmonic[h].cosine[PROGRAM_M].start != NULL || m.p->harmonic[h].sine[PROGRAM_M].start != NULL)
-            m.reason = "a mass that varies with time is not followed here";
+        m.mass_varies |= m.p->harmonic[h].cosine[PROGRAM_M].start != NULL || m.p->harmonic[h].sine[PROGRAM_M].start != NULL;
     if (point->followed)
         m.reason = "disturbances of rigid friction beside other laws are not followed";
-    if (m.nz > 0)
-        m.reason = "linear states of effects are not followed here";
     if (m.n == 0 || 2 * m.n > STABILITY_STATES_MOST)
         m.reason = "more states than the monodromy matrix is computed for";
     if (m.reason == NULL)

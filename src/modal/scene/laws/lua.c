@@ -224,6 +224,19 @@ static void lua_restart(const struct law *law)
     lua_setfield(s->L, LUA_REGISTRYINDEX, "memory");
 }
 
+static bool lua_remembers(const struct law *law)
+{
+    struct lua_law *s = law->data;
+    bool any;
+
+    lua_settop(s->L, 0);
+    lua_getfield(s->L, LUA_REGISTRYINDEX, "memory");
+    lua_pushnil(s->L);
+    any = !lua_istable(s->L, 1) || lua_next(s->L, 1) != 0;
+    lua_settop(s->L, 0);
+    return any;
+}
+
 static void lua_free(struct law *law)
 {
     struct lua_law *s = law->data;
@@ -234,7 +247,7 @@ static void lua_free(struct law *law)
 }
 
 static const struct law_class lua_class = { .name = "lua", .inputs = 1, .reads_velocity = true, .reads_time = true,
-                                            .force = lua_force, .restart = lua_restart, .free = lua_free };
+                                            .force = lua_force, .restart = lua_restart, .remembers = lua_remembers, .free = lua_free };
 
 enum modal_status law_lua(const char *source, struct law *out, struct modal_error *err)
 {

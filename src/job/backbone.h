@@ -1,0 +1,14 @@
+/* backbone.h - a scene's nonlinear mode over its amplitude: option `backbone` of kind `steady` */
+#ifndef JOB_BACKBONE_H
+#define JOB_BACKBONE_H
+#include "job/cost.h"
+#include "job/steady.h"
+
+/*
+ * {"kind":"backbone", "mode", "linear":{"omega", "frequency_hz", "damping_ratio"}, "points":[{"amplitude", "omega", "frequency_hz",
+ * "damping_ratio", "energy", "converged", "iterations", "residual", "harmonics"}], "plan"} of settings->backbone, MODE:A:B:N: N
+ * amplitudes from A to B, equal in ratio.  Amplitudes are modal, in m sqrt(kg): X_1 = amplitude times the mode of unit modal mass.
+ */
+enum modal_status backbone_run(const struct job_request *request, struct program *p, const struct steady_settings *settings, struct cost *cost,
+                               cJSON **doc, struct modal_error *err);
+#endif

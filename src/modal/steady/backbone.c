@@ -1,0 +1,415 @@
+/*
+ * backbone.c - see backbone.h
+ *
+ * Unknowns are the harmonics u of all dofs, omega and zeta; with balance.h (1) for R, (1) of backbone.h is
+ *
+ *     R(u; omega, zeta) = 0,   X_1^H M X_1 / a^2 = 1,   Im X_1 = 0 at the mode's largest dof,        (2)
+ *
+ * order + 2 real equations by Newton's method: dR/du exact, dR/domega by central differences (laws may read rates),
+ * dR/dzeta = -2 i k omega^2 M X_k exact.  An amplitude not reached in one go is approached in halves.
+ *
+ * [K15] Krack, Computers and Structures 154 (2015) 59-71: the extended periodic motion concept.
+ */
+#include "modal/steady/backbone.h"
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/balance.h"
+
+enum { ITERATIONS_MOST = 30, HALVINGS_MOST = 12 };
+static const double TOLERANCE = 1e-12, CLOSE = 1e-8, TWO_PI = 6.283185307179586477;
+
+struct backbone {
+    const struct program *p;
+    struct condense *c;
+    struct balance *b;
+    int n, H, order, lead;            /* lead: the mode's largest dof */
+    double *M, *C, *K, *shape;        /* n x n; n: of unit modal mass */
+    double omega, zeta;               /* linear */
+    double a, at_omega, at_zeta;      /* of the last motion found; a = 0: none */
+    double complex *X, *good;
+    double *A, *rhs, *side;           /* (order + 2)^2; order + 2; order */
+    int *pivot;
+};
+
+void backbone_free(struct backbone *b)
+{
+    if (b == NULL)
+        return;
+    balance_free(b->b);
+    condense_free(b->c);
+    free(b->M);
+    free(b->C);
+    free(b->K);
+    free(b->shape);
+    free(b->X);
+    free(b->good);
+    free(b->A);
+    free(b->rhs);
+    free(b->side);
+    free(b->pivot);
+    free(b);
+}
+
+static enum modal_status refuse(const struct program *p, struct modal_error *err)
+{
+    if (p->harmonics > 0 || p->n_linear > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "nonlinear modes are of constant matrices without linear states");
+    for (int l = 0; l < p->laws; l++) {
+        const struct law_class *kind = p->law[l].kind;
+
+        if (kind->set_valued || kind->reads_time || kind->restart != NULL)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "effect %s has no nonlinear modes: accepted are laws of motion alone, not rigid",
+                                    p->effect[p->law[l].effect].type);
+    }
+    return MODAL_OK;
+}
+
+/* K with every law's slope at rest. */
+static enum modal_status stiffness_at_rest(const struct backbone *b, double *K, struct modal_error *err)
+{
+    int n = b->n;
+    enum modal_status rc = MODAL_OK;
+
+    memcpy(K, b->K, (size_t)n * (size_t)n * sizeof *K);
+    for (int l = 0; rc == MODAL_OK && l < b->p->laws; l++) {
+        const struct law *law = &b->p->law[l];
+        double zero[LAW_TERMS_MOST] = { 0 }, after[LAW_TERMS_MOST];
+        struct law_point at = { .d = zero, .v = zero, .d_before = zero, .memory_before = zero };
+        struct law_force f = { .memory = after };
+
+        rc = law->kind->force(law, &at, &f, err);
+        for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
+            for (int j = 0; j < law->kind->inputs; j++)
+                for (int side = 0; side < 4; side++) {
+                    int row = side < 2 ? law->dof[i] : law->to[i], column = side % 2 == 0 ? law->dof[j] : law->to[j];
+
+                    if (row >= 0 && column >= 0)
+                        K[column * n + row] += (side == 0 || side == 3 ? 1 : -1) * f.fd[i][j];
+                }
+    }
+    return rc;
+}
+
+/* The linear mode: shape, omega and the damping ratio that C gives it. */
+static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_error *err)
+{
+    size_t n = (size_t)b->n;
+    double *K = malloc(n * n * sizeof *K), *M = malloc(n * n * sizeof *M), *w = malloc(n * sizeof *w), c = 0;
+    enum modal_status rc = K == NULL || M == NULL || w == NULL ? modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory") : stiffness_at_rest(b, K, err);
+
+    if (rc == MODAL_OK)
+        memcpy(M, b->M, n * n * sizeof *M);
+    if (rc == MODAL_OK && LAPACKE_dsygv(LAPACK_COL_MAJOR, 1, 'V', 'L', b->n, K, b->n, M, b->n, w) != 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "the mass matrix is not positive definite");
+    if (rc == MODAL_OK && !(w[mode - 1] > 0))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "mode %d has no stiffness at rest: omega^2 = %g", mode, w[mode - 1]);
+    for (size_t i = 0; rc == MODAL_OK && i < n; i++) {
+        b->shape[i] = K[(size_t)(mode - 1) * n + i];
+        b->lead = fabs(b->shape[i]) > fabs(b->shape[b->lead]) ? (int)i : b->lead;
+    }
+    for (size_t i = 0; rc == MODAL_OK && i < n; i++)
+        for (size_t j = 0; j < n; j++)
+            c += b->shape[i] * b->C[j * n + i] * b->shape[j];
+    if (rc == MODAL_OK) {
+        double sign = b->shape[b->lead] < 0 ? -1 : 1;
+
+        for (size_t i = 0; i < n; i++)
+            b->shape[i] *= sign;
+        b->omega = sqrt(w[mode - 1]);
+        b->zeta = c / (2 * b->omega);
+    }
+    free(K);
+    free(M);
+    free(w);
+    return rc;
+}
+
+static enum modal_status allocate(struct backbone *b, struct modal_error *err)
+{
+    size_t n = (size_t)b->n, order = (size_t)b->order, size = n * ((size_t)b->H + 1);
+    struct matrix M = { b->n, b->n, b->n, b->M = calloc(n * n, sizeof(double)) }, C = M, K = M;
+
+    C.x = b->C = calloc(n * n, sizeof(double));
+    K.x = b->K = calloc(n * n, sizeof(double));
+    b->shape = calloc(n, sizeof *b->shape);
+    b->X = calloc(size, sizeof *b->X);
+    b->good = calloc(size, sizeof *b->good);
+    b->A = calloc((order + 2) * (order + 2), sizeof *b->A);
+    b->rhs = calloc(order + 2, sizeof *b->rhs);
+    b->side = calloc(order + 2, sizeof *b->side);
+    b->pivot = calloc(order + 2, sizeof *b->pivot);
+    if (M.x == NULL || C.x == NULL || K.x == NULL || b->shape == NULL || b->X == NULL || b->good == NULL || b->A == NULL || b->rhs == NULL
+        || b->side == NULL || b->pivot == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory for %d unknowns", b->order);
+    sparse_add_to_dense(&b->p->constant[PROGRAM_M], 1, &M);
+    sparse_add_to_dense(&b->p->constant[PROGRAM_C], 1, &C);
+    sparse_add_to_dense(&b->p->constant[PROGRAM_K], 1, &K);
+    return MODAL_OK;
+}
+
+static int samples(const struct program *p, int H)
+{
+    int least = 4 * H + 2, N = 64;
+
+    for (int l = 0; l < p->laws; l++) {
+        int need = p->law[l].degree > 0 ? (p->law[l].degree + 1) * H + 1 : p->law[l].kind->pieces != NULL ? 0 : 32 * H;
+
+        least = need > least ? need : least;
+    }
+    while (N < least)
+        N *= 2;
+    return N;
+}
+
+enum modal_status backbone_new(const struct program *p, int mode, int H, int N, struct backbone **out, struct modal_error *err)
+{
+    struct backbone *b;
+    enum modal_status rc = refuse(p, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (mode < 1 || mode > p->n)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "mode %d; accepted: 1 to %d", mode, p->n);
+    if ((double)p->n * (2.0 * H + 1) > BACKBONE_UNKNOWNS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "backbone", "%d dofs at %d harmonics; at most %d unknowns", p->n, H, BACKBONE_UNKNOWNS_MOST);
+    b = calloc(1, sizeof *b);
+    if (b == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory");
+    *b = (struct backbone) { .p = p, .n = p->n, .H = H, .order = p->n * (2 * H + 1) };
+    rc = allocate(b, err);
+    if (rc == MODAL_OK)
+        rc = linear_mode(b, mode, err);
+    if (rc == MODAL_OK)
+        rc = condense_new(p, true, &b->c, err);
+    if (rc == MODAL_OK)
+        rc = balance_new(p, b->c, H, N > 0 ? N : samples(p, H), true, &b->b, err);
+    if (rc != MODAL_OK) {
+        backbone_free(b);
+        return rc;
+    }
+    *out = b;
+    return MODAL_OK;
+}
+
+double backbone_linear(const struct backbone *b, double *damping_ratio)
+{
+    *damping_ratio = b->zeta;
+    return b->omega;
+}
+
+/* The balance's S of (1): K - s^2 M + i s (C - 2 zeta omega M), s = k omega; no loads. */
+static void set(struct backbone *b, double omega, double zeta)
+{
+    int n = b->n;
+
+    b->b->omega = omega;
+    memset(b->b->load, 0, (size_t)n * ((size_t)b->H + 1) * sizeof *b->b->load);
+    for (int k = 0; k <= b->H; k++)
+        for (int e = 0; e < n * n; e++) {
+            double s = k * omega;
+
+            b->b->S[k * n * n + e] = CMPLX(b->K[e] - s * s * b->M[e], s * (b->C[e] - 2 * zeta * omega * b->M[e]));
+        }
+}
+
+/* dR/domega into b->side. */
+static enum modal_status over_omega(struct backbone *b, double omega, double zeta, struct modal_error *err)
+{
+    double h = 1e-6 * omega;
+    enum modal_status rc;
+
+    set(b, omega + h, zeta);
+    rc = balance_residual(b->b, b->X, false, err);
+    memcpy(b->side, b->b->R, (size_t)b->order * sizeof *b->side);
+    set(b, omega - h, zeta);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b->b, b->X, false, err);
+    for (int i = 0; i < b->order; i++)
+        b->side[i] = (b->side[i] - b->b->R[i]) / (2 * h);
+    set(b, omega, zeta);
+    return rc;
+}
+
+/* X_1^H M X_1, and 2 M X_1 by real unknowns into ROW (stride LD) if not NULL. */
+static double modal_square(const struct backbone *b, double *row, int ld)
+{
+    int n = b->n, K = b->H + 1, m = 2 * b->H + 1;
+    double sum = 0;
+
+    for (int i = 0; i < n; i++) {
+        double complex MX = 0;
+
+        for (int j = 0; j < n; j++)
+            MX += b->M[j * n + i] * b->X[j * K + 1];
+        sum += creal(conj(b->X[i * K + 1]) * MX);
+        if (row != NULL) {
+            row[(size_t)(i * m + 1) * (size_t)ld] = 2 * creal(MX);
+            row[(size_t)(i * m + 2) * (size_t)ld] = 2 * cimag(MX);
+        }
+    }
+    return sum;
+}
+
+/* dR/dzeta = -2 i k omega^2 M X_k into COLUMN. */
+static void over_zeta(const struct backbone *b, double omega, double *column)
+{
+    int n = b->n, K = b->H + 1, m = 2 * b->H + 1;
+
+    for (int i = 0; i < n; i++)
+        for (int k = 1; k <= b->H; k++) {
+            double complex MX = 0;
+
+            for (int j = 0; j < n; j++)
+                MX += b->M[j * n + i] * b->X[j * K + k];
+            MX *= -2 * I * k * omega * omega;
+            column[i * m + 2 * k - 1] = creal(MX);
+            column[i * m + 2 * k] = cimag(MX);
+        }
+}
+
+/* Rows to a largest entry of 1: harmonics differ by k^2, and a^2 by much. */
+static void scale_rows(double *A, double *rhs, int n)
+{
+    for (int i = 0; i < n; i++) {
+        double most = DBL_MIN;
+
+        for (int j = 0; j < n; j++)
+            most = fmax(most, fabs(A[(size_t)j * (size_t)n + (size_t)i]));
+        for (int j = 0; j < n; j++)
+            A[(size_t)j * (size_t)n + (size_t)i] /= most;
+        rhs[i] /= most;
+    }
+}
+
+/* One Newton step of (2) at amplitude a; its relative size into *SIZE, NAN where the derivative is singular. */
+static enum modal_status step(struct backbone *b, double a, double *omega, double *zeta, double *size, struct modal_error *err)
+{
+    int order = b->order, all = order + 2, m = 2 * b->H + 1, K = b->H + 1;
+    double scale = 0, most = 0;
+    enum modal_status rc = over_omega(b, *omega, *zeta, err);
+
+    if (rc == MODAL_OK)
+        rc = balance_residual(b->b, b->X, true, err);
+    if (rc != MODAL_OK)
+        return rc;
+    memset(b->A, 0, (size_t)all * (size_t)all * sizeof *b->A);
+    for (int c = 0; c < order; c++)
+        memcpy(b->A + (size_t)c * (size_t)all, b->b->J + (size_t)c * (size_t)order, (size_t)order * sizeof *b->A);
+    memcpy(b->A + (size_t)order * (size_t)all, b->side, (size_t)order * sizeof *b->A);
+    over_zeta(b, *omega, b->A + (size_t)(order + 1) * (size_t)all);
+    for (int i = 0; i < order; i++)
+        b->rhs[i] = -b->b->R[i];
+    b->rhs[order] = a * a - modal_square(b, b->A + order, all);
+    b->A[(size_t)(b->lead * m + 2) * (size_t)all + (size_t)order + 1] = 1;
+    b->rhs[order + 1] = -cimag(b->X[b->lead * K + 1]);
+    scale_rows(b->A, b->rhs, all);
+    *size = NAN;
+    if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, all, 1, b->A, all, b->pivot, b->rhs, all) != 0)
+        return MODAL_OK;
+    for (int i = 0; i < b->n; i++)
+        for (int k = 0; k < K; k++) {
+            double complex d = k == 0 ? b->rhs[i * m] : CMPLX(b->rhs[i * m + 2 * k - 1], b->rhs[i * m + 2 * k]);
+
+            b->X[i * K + k] += d;
+            most = fmax(most, cabs(d));
+            scale = fmax(scale, cabs(b->X[i * K + k]));
+        }
+    *omega += b->rhs[order];
+    *zeta += b->rhs[order + 1];
+    *size = fmax(most / scale, fmax(fabs(b->rhs[order]) / fabs(*omega), fabs(b->rhs[order + 1])));
+    return MODAL_OK;
+}
+
+static enum modal_status newton(struct backbone *b, double a, struct backbone_point *out, struct modal_error *err)
+{
+    double last = HUGE_VAL;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < ITERATIONS_MOST && !out->converged; i++) {
+        rc = step(b, a, &out->omega, &out->damping_ratio, &out->step, err);
+        out->iterations++;
+        if (rc == MODAL_OVERFLOW || !(out->step < 10) || !(out->omega > 0))
+            return MODAL_OK;
+        out->converged = out->step <= TOLERANCE || (out->step < CLOSE && out->step > last / 4);
+        last = out->step;
+    }
+    set(b, out->omega, out->damping_ratio);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b->b, b->X, false, err);
+    out->residual = rc == MODAL_OK ? balance_relative_residual(b->b, b->X) : NAN;
+    return rc;
+}
+
+/* The largest kinetic energy, on a grid that resolves its 2H harmonics. */
+static double kinetic_peak(const struct backbone *b, double omega)
+{
+    int N = 16 * (b->H + 1), n = b->n, K = b->H + 1;
+    double most = 0, *v = b->side;
+
+    for (int j = 0; j < N; j++) {
+        double sum = 0;
+
+        for (int i = 0; i < n; i++) {
+            v[i] = 0;
+            for (int k = 1; k < K; k++)
+                v[i] += creal(I * (k * omega) * b->X[i * K + k] * cexp(I * (TWO_PI * (double)((long)k * j % N) / N)));
+        }
+        for (int i = 0; i < n; i++)
+            for (int l = 0; l < n; l++)
+                sum += 0.5 * v[i] * b->M[l * n + i] * v[l];
+        most = fmax(most, sum);
+    }
+    return most;
+}
+
+static void start_at(struct backbone *b, double a, struct backbone_point *out)
+{
+    int K = b->H + 1;
+
+    *out = (struct backbone_point) { .amplitude = a, .omega = b->a > 0 ? b->at_omega : b->omega, .damping_ratio = b->a > 0 ? b->at_zeta : b->zeta, .X = b->X };
+    for (int i = 0; i < b->n * K; i++)
+        b->X[i] = b->a > 0 ? b->good[i] * (a / b->a) : i % K == 1 ? a * b->shape[i / K] : 0;
+}
+
+enum modal_status backbone_at(struct backbone *b, double a, struct backbone_point *out, struct modal_error *err)
+{
+    size_t size = (size_t)b->n * ((size_t)b->H + 1);
+    double share = 1;
+    int iterations = 0;
+    enum modal_status rc = MODAL_OK;
+
+    for (int halvings = 0; rc == MODAL_OK && halvings < HALVINGS_MOST; ) {
+        double from = b->a > 0 ? b->a : a, next = share < 1 ? from * pow(a / from, share) : a;
+
+        start_at(b, next, out);
+        rc = newton(b, next, out, err);
+        iterations += out->iterations;
+        if (rc != MODAL_OK || (out->converged && next == a))
+            break;
+        if (out->converged) {
+            memcpy(b->good, b->X, size * sizeof *b->good);
+            b->a = next;
+            b->at_omega = out->omega;
+            b->at_zeta = out->damping_ratio;
+            share = 1;
+        } else {
+            if (b->a == 0)
+                break;
+            share /= 2;
+        }
+        halvings += !out->converged;
+    }
+    out->iterations = iterations;
+    out->amplitude = a;
+    if (rc == MODAL_OK && out->converged) {
+        memcpy(b->good, b->X, size * sizeof *b->good);
+        b->a = a;
+        b->at_omega = out->omega;
+        b->at_zeta = out->damping_ratio;
+        out->energy = kinetic_peak(b, out->omega);
+    }
+    return rc;
+}

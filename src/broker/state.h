@@ -167,6 +167,7 @@ struct slot {
     char *document; size_t document_size, document_total;
     struct input *output;                 /* signals on their way */
     bool finishing;                       /* DONE has come; the output is being sealed */
+    bool ready;                           /* READY has come meanwhile */
     double cpu_s;
     struct stream *live; uint64_t live_from, live_to;   /* a window instead of a job */
 };

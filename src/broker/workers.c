@@ -258,7 +258,7 @@ static void part(struct core *c, struct slot *s)
     s->document = NULL;
     s->document_size = s->document_total = 0;
     s->output = NULL;
-    s->finishing = false;
+    s->finishing = s->ready = false;
     s->job = NULL;
 }
 
@@ -429,18 +429,33 @@ static void publish(struct core *c, struct job *job, struct blob *document)
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
 
+static void take_ready(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+
+    if (slot >= c->settings.workers || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
+        to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
+        return;
+    }
+    s->state = SLOT_IDLE;
+    s->quick_deaths = 0;
+}
+
 /* DONE has come and the signals, if any, are sealed. */
 static void finish(struct core *c, int slot)
 {
     struct slot *s = &c->slots[slot];
     struct job *job = s->job;
     struct blob *document = blob_take(s->document, s->document_size);
+    bool ready = s->ready;
 
     s->document = NULL;
     job->output = s->output;
     s->output = NULL;
     part(c, s);
-    s->state = SLOT_TAKEN;                        /* until READY */
+    s->state = SLOT_TAKEN;                        /* until READY, which may have come while the signals were sealed */
+    if (ready)
+        take_ready(c, slot);
     publish(c, job, document);
 }
 
@@ -494,14 +509,10 @@ static void on_ready(struct core *c, int slot, const struct wire_message *m, str
     struct slot *s = &c->slots[slot];
 
     (void)m, (void)body;
-    if (s->state != SLOT_STARTING && s->state != SLOT_TAKEN)
-        return;
-    if (slot >= c->settings.workers || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
-        to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
-        return;
-    }
-    s->state = SLOT_IDLE;
-    s->quick_deaths = 0;
+    if (s->state == SLOT_STARTING || s->state == SLOT_TAKEN)
+        take_ready(c, slot);
+    else
+        s->ready = s->state == SLOT_BUSY && s->finishing;
 }
 
 static void on_beat(struct core *c, int slot, const struct wire_message *m, struct blob **body)

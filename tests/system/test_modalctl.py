@@ -243,9 +243,13 @@ def test_a_response_curve_is_the_same_served_and_local_and_has_each_key_once(cur
     assert local.document["points"][0]["omega"] == 0.5 and local.document["points"][-1]["omega"] == 2
 
 
-@pytest.mark.parametrize("verb, text", [("identify", ["t,y\n"] + [f"{k},{k % 3}\n" for k in range(20)]), ("steady", ["{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0]},\"omega\":0.5,\"excitation\":[],\"time\":{\"dt\":0.1,\"duration\":1}}"]), ("floquet", ["{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0]},\"omega\":0.5,\"excitation\":[],\"time\":{\"dt\":0.1,\"duration\":1}}"]), ("simulate", ["{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0]},\"omega\":0.5,\"excitation\":[],\"time\":{\"dt\":0.1,\"duration\":1}}"])])
+SCENE = '{"structure": {"type": "chain", "masses": [1], "springs": [1, 0]}, "omega": 0.5, "excitation": [], "time": {"dt": 0.1, "duration": 1}}'
+ROWS = "t,y\n" + "".join(f"{k},{k % 3}\n" for k in range(20))
+
+
+@pytest.mark.parametrize("verb, text", [("identify", ROWS), ("steady", SCENE), ("floquet", SCENE), ("simulate", SCENE)])
 def test_the_help_and_the_manual_have_every_option_of_a_job(verb, text, ctl, tmp_path):
-    (tmp_path / "in").write_text("".join(text))
+    (tmp_path / "in").write_text(text)
     error = ctl(verb, tmp_path / "in", "-o", "no.such=1", *(["-O", tmp_path / "out.h5"] if verb == "simulate" else [])).document["error"]
     accepted = [key for key in error["message"].partition("accepted: ")[2].split(", ") if key not in ("sweep", "continue")]
     assert len(accepted) >= 4

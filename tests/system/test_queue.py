@@ -220,6 +220,15 @@ def test_a_pushed_file_gives_live_modes_and_its_stream_can_be_watched_by_name(da
     assert {line["stream"] for line in said.lines if "stream" in line} == {"watched-run"} and said.lines[0]["event"] == "modes"
 
 
+def test_a_worker_that_gave_signals_takes_the_next_job(own_daemon):
+    """Its READY may come while the signals are still being sealed; one worker, so that a lost one is missed."""
+    scene = {"structure": {"type": "chain", "masses": [1], "springs": [4, 0], "dampers": [0.1, 0]}, "effects": [], "initial": {"x": {"x1": 1}}}
+    with own_daemon(workers=1).client() as client:
+        for samples in (100, 2000, 50000, 100, 200):
+            job = client.submit("simulate", {**scene, "time": {"dt": 0.01, "duration": 0.01 * samples}}).wait(PATIENCE)
+            assert job.state == "done" and client.signals(job.id).signals.shape == (samples + 1, 1)
+
+
 def test_an_upload_cut_off_resumes_where_it_was(own_daemon, tmp_path):
     """The second sender begins at what the first one had acknowledged."""
     daemon = own_daemon()

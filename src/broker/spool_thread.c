@@ -62,8 +62,11 @@ static enum modal_status keep_row(void *context, const struct chunk_record *row)
 static enum modal_status resume(const char *dir, struct ledger_reader *reader, struct task *task)
 {
     struct rows rows = { NULL, 0, 0 };
-    enum modal_status rc = ledger_read_chunks(reader, task->id, keep_row, &rows, &task->err);
+    enum modal_status rc;
 
+    upload_close(task->upload);                    /* one whose last write failed */
+    task->upload = NULL;
+    rc = ledger_read_chunks(reader, task->id, keep_row, &rows, &task->err);
     if (rc == MODAL_OK)
         rc = upload_resume(dir, task->id, &task->shape, rows.items, rows.count, &task->upload, &task->err);
     free(rows.items);

@@ -102,6 +102,16 @@ static void write_group(struct core *c, struct input *input)
     f->count = 0;
 }
 
+/* Bytes of the chunks that wait for a task. */
+static uint64_t waiting(const struct filling *f)
+{
+    uint64_t bytes = 0;
+
+    for (int i = 0; i < f->count; i++)
+        bytes += f->chunks[i]->size;
+    return bytes;
+}
+
 /* Whatever the upload has to do next, once nothing is under way. */
 void upload_quiet(struct core *c, struct input *input)
 {
@@ -113,8 +123,9 @@ void upload_quiet(struct core *c, struct input *input)
         run(c, input, f->upload != NULL ? TASK_ABORT : TASK_REMOVE_INPUT);
         return;
     }
-    if (f->upload == NULL && (f->count > 0 || f->seal != NULL || f->sealing)) {
-        run(c, input, TASK_RESUME);
+    if ((f->upload == NULL || f->broken) && (f->count > 0 || f->seal != NULL || f->sealing)) {
+        if (f->durable + waiting(f) == f->accepted)      /* it is taken up from what is committed */
+            run(c, input, TASK_RESUME);
         return;
     }
     if (f->count > 0) {
@@ -142,13 +153,14 @@ static void fail_writers(struct core *c, struct after *after, const struct modal
         answer_error(c, &after->reply, err, passes ? answer_number("retry_after_s", 5) : NULL);
 }
 
-static void take_back(struct core *c, struct input *input)
+/* The upload ends at TO again: what lies before it is committed, or about to be. */
+static void take_back(struct core *c, struct input *input, uint64_t to)
 {
     struct filling *f = input->filling;
 
-    c->in_flight -= (int64_t)f->in_flight;
-    f->in_flight = 0;
-    f->accepted = f->durable;
+    c->in_flight -= (int64_t)(f->accepted - to);
+    f->in_flight -= f->accepted - to;
+    f->accepted = to;
     for (int i = 0; i < f->count; i++) {
         blob_drop(f->chunks[i]);
         after_free(f->writers[i]);
@@ -165,8 +177,10 @@ static void written(struct core *c, struct input *input, struct task *task)
 
     if (task->status != MODAL_OK) {
         fail_writers(c, task->after, &task->err);
-        take_back(c, input);
-        input->filling->broken = true;
+        for (int i = 0; i < input->filling->count; i++)
+            fail_writers(c, input->filling->writers[i], &task->err);
+        take_back(c, input, task->offset);
+        input->filling->broken = true;             /* who knows what is in the file past that */
         if (input->filling->slot >= 0)
             worker_output(c, input, &task->err);
         return;
@@ -204,8 +218,7 @@ static void sealed(struct core *c, struct input *input, struct task *task)
         return;
     }
     if (task->status != MODAL_OK) {
-        if (f->seal != NULL)
-            answer_error(c, &f->seal->reply, &task->err, NULL);
+        fail_writers(c, f->seal, &task->err);
         after_free(f->seal);
         f->seal = NULL;
         f->sealing = false;
@@ -285,13 +298,17 @@ static void resumed(struct core *c, struct input *input, struct task *task)
 {
     struct filling *f = input->filling;
 
+    f->broken = false;
     if (task->status == MODAL_OK)
         return;
     for (int i = 0; i < f->count; i++)
         fail_writers(c, f->writers[i], &task->err);
     fail_writers(c, f->seal, &task->err);
-    take_back(c, input);
-    f->aborting = true;                            /* damaged: it must be sent again */
+    after_free(f->seal);
+    f->seal = NULL;
+    f->sealing = false;
+    take_back(c, input, f->durable);
+    f->aborting = task->status != MODAL_BUSY && task->status != MODAL_NO_MEMORY;   /* damaged: it must be sent again */
 }
 
 void upload_task_done(struct core *c, struct task *task)
@@ -544,7 +561,7 @@ static void drop_upload(struct core *c, const struct event *e, const struct wire
         answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed; it goes when no job names it");
         return;
     }
-    take_back(c, input);
+    take_back(c, input, input->filling->accepted - waiting(input->filling));
     input->filling->aborting = true;
     header = answer_new(&reply);
     cJSON_AddStringToObject(header, "upload", r->upload.upload);

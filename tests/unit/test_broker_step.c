@@ -2,9 +2,10 @@
  * test_broker_step.c - the broker's core without sockets, clocks or disks, driven by a simulator with faults from a seed
  *
  * The world of a seed: a ledger that commits late, in groups, refuses for want of space, and forgets what it had not
- * committed when the daemon "dies"; workers that answer, die, fall silent, or answer for an attempt long gone; clients
- * that repeat, cancel, retry, delete and vanish.  A restart makes a new core from the committed rows alone.  The checker
- * keeps its own account: what was acknowledged, which edges were committed, which results were published.
+ * committed when the daemon "dies"; spool threads that are slow, out of room or out of descriptors; workers that answer, die,
+ * fall silent, or answer for an attempt long gone; clients that repeat, cancel, retry, delete, upload in pieces and vanish.  A
+ * restart makes a new core from the committed rows alone.  The checker keeps its own account: what was acknowledged, which
+ * edges were committed, which results were published, how far each upload was said to be present.
  *
  *     MODALD_SEEDS=n   how many worlds (default 1000);  MODALD_SEED=s   that one alone, with its log
  */
@@ -12,10 +13,10 @@
 #include <stdlib.h>
 #include "broker/core.h"
 #include "broker/map.h"
+#include "broker/state.h"
+#include "modal/crc32c.h"
 
-#define SECOND INT64_C(1000000000)
-
-enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096 };
+enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096, UPLOADS = 3, CHUNK = 96, NOTES = 256 };
 
 /* ---- the ledger of the world ------------------------------------------------------------------------------------ */
 
@@ -33,7 +34,14 @@ struct row {
     int results;                 /* RESULT_PUT rows seen */
 };
 
-struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples; bool gone; };
+struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; };
+
+/* An upload as its client knows it. */
+struct upload_view {
+    bool open, unsure;           /* unsure: it must begin again to know where it is */
+    char ident[9];
+    uint64_t sent, acked;        /* bytes */
+};
 
 struct world {
     uint64_t dice, seed;
@@ -44,6 +52,7 @@ struct world {
     struct row rows[ROWS]; int row_count;
     struct input_row inputs[ROWS]; int input_count;
     struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job, expired_ns; } stones[ROWS]; int stone_count;
+    struct { char topic[16], name[24], text[200]; } notes[NOTES]; int note_count;
     int64_t last_event;
     struct transaction *waiting, **waiting_end;
     struct task *tasks, **tasks_end;
@@ -51,8 +60,10 @@ struct world {
     char acked[2][KEYS][9];      /* by user and key: the job it was told */
     int acked_variant[2][KEYS];
     bool expired[2][KEYS];
+    struct upload_view uploads[2][UPLOADS];
+    long sealed;
     int64_t request;
-    struct { int user, key, variant; bool used; } asked[1 << 12];
+    struct { int user, key, variant; bool used; uint64_t offset; } asked[1 << 12];
     bool full;
     long states, violations[11];
     bool verbose;
@@ -131,6 +142,33 @@ static void move_job(const struct job_record *r)
     copy(row->error, sizeof row->error, r->error_code);
 }
 
+static void add_chunk(const struct ledger_change *change)
+{
+    for (int i = 0; i < w->input_count; i++)
+        if (w->inputs[i].id == change->input_id && !w->inputs[i].gone) {
+            if (change->chunk.offset != w->inputs[i].received)
+                violate(5, "a chunk that does not follow the one before");
+            w->inputs[i].received = change->chunk.offset + change->chunk.length;
+        }
+}
+
+static void put_note(const struct note_record *note)
+{
+    int at = 0;
+
+    while (at < w->note_count && (strcmp(w->notes[at].topic, note->topic) != 0 || strcmp(w->notes[at].name, note->name) != 0))
+        at++;
+    if (note->text == NULL) {
+        if (at < w->note_count)
+            w->notes[at] = w->notes[--w->note_count];
+        return;
+    }
+    copy(w->notes[at].topic, 16, note->topic);
+    copy(w->notes[at].name, 24, note->name);
+    copy(w->notes[at].text, 200, note->text);
+    w->note_count += at == w->note_count;
+}
+
 static void apply(struct ledger_change *change)
 {
     struct row *row;
@@ -143,7 +181,8 @@ static void apply(struct ledger_change *change)
                 in = &w->inputs[i];
         if (in == NULL)
             in = &w->inputs[w->input_count++];
-        *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples };
+        *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples, .received = in->id == change->input.id ? in->received : 0,
+                                   .state = change->input.state, .inline_data = change->input.inline_data };
         memcpy(in->sha256, change->input.sha256, 32);
         copy(in->user, sizeof in->user, change->input.user);
         break;
@@ -152,6 +191,8 @@ static void apply(struct ledger_change *change)
         for (int i = 0; i < w->input_count; i++)
             w->inputs[i].gone |= w->inputs[i].id == change->id;
         break;
+    case LEDGER_CHUNK_PUT: add_chunk(change); break;
+    case LEDGER_NOTE_PUT: put_note(&change->note); break;
     case LEDGER_JOB_PUT: put_job(&change->job); break;
     case LEDGER_JOB_MOVE: move_job(&change->job); break;
     case LEDGER_JOB_LIMITS:
@@ -196,6 +237,48 @@ static void apply(struct ledger_change *change)
 
 static void run_step(struct event e);
 
+/* The bytes of upload KEY of USER: their number is their own, and their hash made of it. */
+static uint64_t upload_samples(int user, int key)
+{
+    return 12 * (uint64_t)(5 + 3 * key + 10 * user);
+}
+
+static void hash_of(uint64_t samples, uint8_t sha256[32])
+{
+    memset(sha256, (int)(samples & 255), 32);
+}
+
+/* What an answer to UPLOAD says must not be less than what an earlier one said. */
+static void told_upload(const struct action *a, const cJSON *header, int user, int key, uint64_t offset)
+{
+    struct upload_view *v = &w->uploads[user][key];
+    const cJSON *error = cJSON_GetObjectItem(header, "error"), *detail = cJSON_GetObjectItem(error, "detail"), *expected = cJSON_GetObjectItem(detail, "expected");
+    const cJSON *state = cJSON_GetObjectItem(header, "state"), *present = cJSON_GetObjectItem(header, "present"), *ident = cJSON_GetObjectItem(header, "upload");
+
+    v->unsure = true;
+    if (strcmp(a->verb, "ERROR") == 0) {
+        if (expected != NULL && strcmp(cJSON_GetObjectItem(error, "field")->valuestring, "offset") == 0 && expected->valuedouble < (double)v->acked)
+            violate(5, "an upload expects again what was acknowledged");
+        return;
+    }
+    if (state != NULL && strcmp(state->valuestring, "sealed") == 0) {
+        *v = (struct upload_view) { .unsure = true };
+        w->sealed++;
+    } else if (state != NULL && strcmp(state->valuestring, "gone") == 0)
+        *v = (struct upload_view) { .unsure = true };
+    else if (state != NULL) {                              /* begun */
+        if (present->valuedouble < (double)v->acked)
+            violate(5, "acknowledged bytes are not present");
+        *v = (struct upload_view) { .open = true, .sent = (uint64_t)present->valuedouble, .acked = (uint64_t)present->valuedouble };
+        copy(v->ident, sizeof v->ident, ident->valuestring);
+    } else if (v->open && strcmp(ident->valuestring, v->ident) == 0) {     /* a chunk, and not of one that was given up since */
+        if (present->valuedouble != (double)(offset + CHUNK))
+            violate(5, "a chunk's answer is another's");
+        v->acked = (uint64_t)present->valuedouble > v->acked ? (uint64_t)present->valuedouble : v->acked;
+        v->unsure = false;
+    }
+}
+
 static void told(const struct action *a)
 {
     cJSON *header = cJSON_Parse(a->header);
@@ -229,6 +312,10 @@ static void told(const struct action *a)
             violate(2, "a conflict with itself");
         else if (strcmp(code, "expired") == 0)
             w->expired[user][key] = true;
+    }
+    if (verb != NULL && strcmp(verb->valuestring, "UPLOAD") == 0 && cJSON_IsNumber(id)) {
+        int n = (int)id->valuedouble & 4095;
+        told_upload(a, header, w->asked[n].user, w->asked[n].key, w->asked[n].offset);
     }
     cJSON_Delete(header);
 }
@@ -336,6 +423,48 @@ static void submit_something(void)
     request(user, "SUBMIT", header, data, sizeof data);
 }
 
+static void ask_upload(int user, int key, const char *op, uint64_t offset)
+{
+    static const char body[CHUNK];
+    const struct upload_view *v = &w->uploads[user][key];
+    uint64_t samples = upload_samples(user, key);
+    char header[300], hex[65];
+    uint8_t sha256[32];
+    int n = (int)(++w->request & 4095);
+
+    w->asked[n].user = user;
+    w->asked[n].key = key;
+    w->asked[n].offset = offset;
+    hash_of(samples, sha256);
+    identity_hex(sha256, hex);
+    if (strcmp(op, "begin") == 0)
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"begin\",\"key\":\"u%d\",\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":1}", n, key, (int)samples);
+    else if (strcmp(op, "chunk") == 0)
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"chunk\",\"upload\":\"%s\",\"offset\":%d,\"crc32c\":%u}", n, v->ident, (int)offset, crc32c(0, body, CHUNK));
+    else if (strcmp(op, "seal") == 0)
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"seal\",\"upload\":\"%s\",\"sha256\":\"%s\"}", n, v->ident, hex);
+    else
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"abort\",\"upload\":\"%s\"}", n, v->ident);
+    request(user, "UPLOAD", header, strcmp(op, "chunk") == 0 ? body : NULL, strcmp(op, "chunk") == 0 ? CHUNK : 0);
+}
+
+/* The next thing a client does with an upload, several chunks ahead of the answers. */
+static void upload_something(int user, int key, bool aborts)
+{
+    struct upload_view *v = &w->uploads[user][key];
+
+    if (!v->open || v->unsure) {
+        v->unsure = false;
+        ask_upload(user, key, "begin", 0);
+    } else if (aborts && roll(40) == 0)
+        ask_upload(user, key, "abort", 0);
+    else if (v->sent < 8 * upload_samples(user, key)) {
+        v->sent += CHUNK;
+        ask_upload(user, key, "chunk", v->sent - CHUNK);
+    } else
+        ask_upload(user, key, "seal", 0);
+}
+
 static void ask_about_something(const char *verb)
 {
     char header[100];
@@ -425,17 +554,49 @@ static void commit_some(uint32_t most)
     }
 }
 
-static void do_tasks(void)
+/* A spool that has no room, or no descriptor, as far as its tasks can meet that. */
+static enum modal_status luck(const struct task *task)
 {
-    while (w->tasks != NULL) {
+    switch (task->type) {
+    case TASK_BEGIN: case TASK_SEAL: return roll(8) == 0 ? MODAL_BUSY : w->full && roll(2) == 0 ? MODAL_STORAGE_FULL : MODAL_OK;
+    case TASK_RESUME: return roll(8) == 0 ? MODAL_BUSY : MODAL_OK;
+    case TASK_WRITE: return roll(8) == 0 || (w->full && roll(2) == 0) ? MODAL_STORAGE_FULL : MODAL_OK;
+    default: return MODAL_OK;
+    }
+}
+
+static void do_task(struct task *t)
+{
+    static char handle;
+
+    t->status = luck(t);
+    if (t->status != MODAL_OK)
+        modal_fail(&t->err, t->status, "bad luck");
+    else if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT || t->type == TASK_READ_STDERR)
+        t->text = blob_copy("0123456789abcdef", 16);
+    else if (t->type == TASK_BEGIN)
+        t->upload = (void *)&handle;
+    else if (t->type == TASK_SEAL)
+        hash_of(t->shape.samples, t->sha256);
+    else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
+        t->upload = NULL;
+    if (t->type == TASK_RESUME) {
+        t->upload = t->status == MODAL_OK ? (void *)&handle : NULL;
+        for (int i = 0; i < w->input_count && t->status == MODAL_OK; i++)
+            if (w->inputs[i].id == t->id && !w->inputs[i].gone && w->inputs[i].received != t->offset)
+                violate(5, "an upload is taken up before its chunks are committed");
+    }
+    run_step((struct event) { .type = EVENT_TASK, .task = t });
+}
+
+static void do_tasks(uint32_t most)
+{
+    for (uint32_t n = 0; n < most && w->tasks != NULL; n++) {
         struct task *t = w->tasks;
         w->tasks = t->next;
         if (w->tasks == NULL)
             w->tasks_end = &w->tasks;
-        t->status = MODAL_OK;
-        if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT || t->type == TASK_READ_STDERR)
-            t->text = blob_copy("0123456789abcdef", 16);
-        run_step((struct event) { .type = EVENT_TASK, .task = t });
+        do_task(t);
     }
 }
 
@@ -444,8 +605,9 @@ static void do_tasks(void)
 static void load_rows(struct ledger_visitor *v)
 {
     for (int i = 0; i < w->input_count; i++) {
-        struct input_record r = { .id = w->inputs[i].id, .user = w->inputs[i].user, .shape = { .type = INPUT_BATCH, .samples = 2, .channels = 1, .dt = 1 },
-                                  .state = INPUT_SEALED, .inline_data = true, .created_ns = 1, .used_ns = w->now.utc_ns };
+        struct input_record r = { .id = w->inputs[i].id, .user = w->inputs[i].user, .shape = { .type = INPUT_BATCH, .samples = w->inputs[i].samples, .channels = 1, .dt = 1 },
+                                  .state = w->inputs[i].state, .inline_data = w->inputs[i].inline_data, .received = w->inputs[i].received, .created_ns = 1,
+                                  .used_ns = w->now.utc_ns };
         memcpy(r.sha256, w->inputs[i].sha256, 32);
         if (!w->inputs[i].gone)
             v->input(v->context, &r);
@@ -464,6 +626,8 @@ static void load_rows(struct ledger_visitor *v)
         struct tombstone_record r = { .user = w->stones[i].user, .key = w->stones[i].key, .job = w->stones[i].job, .expired_ns = w->stones[i].expired_ns };
         v->tombstone(v->context, &r);
     }
+    for (int i = 0; i < w->note_count; i++)
+        v->note(v->context, &(struct note_record) { w->notes[i].topic, w->notes[i].name, w->notes[i].text });
     if (w->last_event > 0)
         v->event(v->context, &(struct event_record) { .number = w->last_event, .user = "one", .text = "{}" });
 }
@@ -496,6 +660,18 @@ static void boot(void)
     carry_out_all(core_loaded(w->core, w->now));
 }
 
+/* The core closes the spool's handles; those of this world are none. */
+static void end_core(void)
+{
+    struct input *input;
+    size_t at = 0;
+
+    while ((input = map_next(&w->core->inputs, &at)) != NULL)
+        if (input->filling != NULL)
+            input->filling->upload = NULL;
+    core_free(w->core);
+}
+
 /* Power off: what was not committed never was. */
 static void restart(void)
 {
@@ -503,7 +679,9 @@ static void restart(void)
         printf("---- restart\n");
     total_restarts++;
     drop_all();
-    core_free(w->core);
+    end_core();
+    for (int i = 0; i < 2 * UPLOADS; i++)
+        w->uploads[i / UPLOADS][i % UPLOADS].unsure = true;
     boot();
 }
 
@@ -523,8 +701,10 @@ static void something_happens(void)
     static const char *const verbs[] = { "STATUS", "CANCEL", "RETRY", "DELETE", "WAIT", "RESULT" };
     uint32_t what = roll(100);
 
-    if (what < 22)
+    if (what < 14)
         submit_something();
+    else if (what < 22)
+        upload_something((int)roll(2), (int)roll(UPLOADS), true);
     else if (what < 34)
         ask_about_something(verbs[roll(6)]);
     else if (what < 64)
@@ -532,7 +712,7 @@ static void something_happens(void)
     else if (what < 82)
         commit_some(1 + roll(6));
     else if (what < 90)
-        do_tasks();
+        do_tasks(1 + roll(4));
     else if (what < 96)
         pass_time();
     else if (what < 97)
@@ -570,12 +750,30 @@ static void settle(void)
         exits();
         note_alive();
         commit_some(100);
-        do_tasks();
+        do_tasks(100);
         w->now.mono_ns += SECOND / 2;
         w->now.utc_ns += SECOND / 2;
         run_step((struct event) { .type = EVENT_TIME });
     }
     violate(4, "what was acknowledged does not end");
+}
+
+/* Each upload that was begun comes to its seal, however unlucky its tasks were. */
+static void finish_uploads(void)
+{
+    for (int i = 0; i < 2 * UPLOADS; i++) {
+        int user = i / UPLOADS, key = i % UPLOADS;
+        long before = w->sealed;
+        for (int round = 0; round < 2000 && w->sealed == before; round++) {
+            upload_something(user, key, false);
+            do_tasks(2);
+            commit_some(1 + roll(2));
+            if (round % 50 == 49)
+                w->uploads[user][key].unsure = true;       /* an answer was lost */
+        }
+        if (w->sealed == before)
+            violate(5, "an upload does not come to its seal");
+    }
 }
 
 static void check_acknowledged(void)
@@ -618,7 +816,7 @@ static void open_world(uint64_t seed, bool verbose)
 static void close_world(void)
 {
     drop_all();
-    core_free(w->core);
+    end_core();
     total_states += w->states;
     for (int p = 0; p < 11; p++)
         total_violations[p] += w->violations[p];
@@ -630,6 +828,8 @@ static void run_world(uint64_t seed, bool verbose)
     open_world(seed, verbose);
     for (int i = 0; i < STEPS; i++)
         something_happens();
+    settle();
+    finish_uploads();
     settle();
     check_acknowledged();
     close_world();
@@ -645,7 +845,7 @@ TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
     else
         for (long seed = 0; seed < seeds; seed++)
             run_world((uint64_t)seed, false);
-    for (int p = 1; p <= 4; p++) {
+    for (int p = 1; p <= 5; p++) {
         printf("P%d: simulator, %ld seeds, %ld restarts, %ld states tried, %ld violations\n", p, seeds, total_restarts, total_states, total_violations[p]);
         violations += total_violations[p];
     }

@@ -4,14 +4,32 @@
 #include <string.h>
 #include "job/cost.h"
 #include "job/plan.h"
+#include "job/scene_mesh.h"
 #include "job/scene_jobs.h"
 #include "modal/scene/scene.h"
 #include "modal/scene/simulate.h"
 
-/* Options, with the effects to leave out in WITHOUT. */
-static enum modal_status read_options(const cJSON *json, struct simulate_options *o, struct scene_options *without, struct modal_error *err)
+struct model { int elements, inflow_states; };             /* in place of the scene's own; 0: as it says */
+
+/* The scene on another mesh or inflow, into *CHANGED, which the caller deletes; NULL where nothing is asked for. */
+static enum modal_status change_model(const cJSON *scene, const struct model *m, cJSON **changed, struct modal_error *err)
 {
-    static const char *const keys[] = { "tolerance", "integrator", "substeps", "without", "threads", NULL };
+    enum modal_status rc = MODAL_OK;
+
+    if (m->elements == 0 && m->inflow_states == 0)
+        return MODAL_OK;
+    if ((*changed = cJSON_Duplicate(scene, 1)) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "simulate: out of memory");
+    if (m->elements > 0)
+        rc = scene_mesh(*changed, m->elements, err);
+    return rc == MODAL_OK && m->inflow_states > 0 ? scene_inflow(*changed, m->inflow_states, err) : rc;
+}
+
+/* Options, with the effects to leave out in WITHOUT. */
+static enum modal_status read_options(const cJSON *json, struct simulate_options *o, struct scene_options *without, struct model *m,
+                                      struct modal_error *err)
+{
+    static const char *const keys[] = { "tolerance", "integrator", "substeps", "without", "elements", "inflow_states", "threads", NULL };
     static const char *const integrators[] = { "auto", "rk4", NULL };
     double *out = NULL;
     size_t count = 0;
@@ -28,6 +46,10 @@ static enum modal_status read_options(const cJSON *json, struct simulate_options
     if (rc == MODAL_OK)
         rc = json_get_int(json, "", "substeps", 1, 1000000, &o->substeps, err);
     if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "elements", 1, 1000000, &m->elements, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, "", "inflow_states", 1, 1000000, &m->inflow_states, err);
+    if (rc == MODAL_OK)
         rc = json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &out, &count, err);
     for (size_t i = 0; i < count && rc == MODAL_OK; i++) {
         if (out[i] != floor(out[i]))
@@ -40,7 +62,7 @@ static enum modal_status read_options(const cJSON *json, struct simulate_options
     return rc;
 }
 
-static cJSON *print_options(const struct simulate_options *o, const struct scene_options *scene)
+static cJSON *print_options(const struct simulate_options *o, const struct scene_options *scene, const struct model *m)
 {
     cJSON *json = cJSON_CreateObject(), *without = cJSON_CreateArray();
 
@@ -51,6 +73,10 @@ static cJSON *print_options(const struct simulate_options *o, const struct scene
         if (scene->without[i])
             cJSON_AddItemToArray(without, cJSON_CreateNumber(i));
     cJSON_AddItemToObject(json, "without", without);
+    if (m->elements > 0)
+        cJSON_AddNumberToObject(json, "elements", m->elements);
+    if (m->inflow_states > 0)
+        cJSON_AddNumberToObject(json, "inflow_states", m->inflow_states);
     return json;
 }
 
@@ -144,14 +170,18 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     struct program *p = NULL;
     struct cost cost;
     struct scene_options scene = { 0 };
-    enum modal_status rc = read_options(request->options, &o, &scene, err);
+    struct model model = { 0 };
+    cJSON *changed = NULL;
+    enum modal_status rc = read_options(request->options, &o, &scene, &model, err);
 
     cost_start(&cost);
     o.progress = request->progress != NULL ? report : NULL;
     o.cancelled = request->cancelled != NULL ? asked_to_stop : NULL;
     o.context = (void *)request;
     if (rc == MODAL_OK)
-        rc = scene_lower(request->scene, &scene, &p, err);
+        rc = change_model(request->scene, &model, &changed, err);
+    if (rc == MODAL_OK)
+        rc = scene_lower(changed != NULL ? changed : request->scene, &scene, &p, err);
     if (rc == MODAL_OK)
         rc = scene_time(request->scene, p, &t, err);
     cost_stage(&cost, "lower");
@@ -163,8 +193,9 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     if (rc == MODAL_OK) {
         out->result = print_result(p, &t, &s, &out->batch);
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&o, &scene)));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&o, &scene, &model)));
     }
     program_free(p);
+    cJSON_Delete(changed);
     return rc;
 }

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "job/cost.h"
+#include "job/scene_mesh.h"
 #include "job/tradeoff.h"
 
 enum { RUNGS_MOST = 64, EFFECTS_SHOWN = 24, SUBSTEPS_LAST = 1024 };
@@ -30,6 +31,41 @@ static void add_rung(struct work *w, const char *integrator, double tolerance, i
     w->settings[w->count++] = s;
 }
 
+/* One setting more on the last rung. */
+static void set_last(struct work *w, const char *key, int value)
+{
+    cJSON_AddNumberToObject(w->settings[w->count - 1], key, value);
+}
+
+/* Half as many elements and twice as many, where the scene has a mesh whose places they keep: the finer one shows what the scene's
+ * own mesh leaves out. */
+static void add_meshes(struct work *w, double tolerance)
+{
+    const cJSON *stated = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(w->request->scene, "structure"), "elements");
+    int own = cJSON_IsNumber(stated) ? (int)stated->valuedouble : 0;
+
+    for (int i = 0; i < 2; i++) {
+        int elements = i == 0 ? own / 2 : 2 * own;
+        cJSON *copy = cJSON_Duplicate(w->request->scene, 1);
+        if (elements > 0 && copy != NULL && scene_mesh(copy, elements, NULL) == MODAL_OK) {
+            add_rung(w, "auto", tolerance, 0, -1);
+            set_last(w, "elements", elements);
+        }
+        cJSON_Delete(copy);
+    }
+}
+
+static void add_inflows(struct work *w, double tolerance)
+{
+    for (int step = -1; step <= 1; step += 2) {
+        int states = scene_inflow_beside(w->request->scene, step);
+        if (states == 0)
+            continue;
+        add_rung(w, "auto", tolerance, 0, -1);
+        set_last(w, "inflow_states", states);
+    }
+}
+
 /* Exact steppers of linear scenes know no tolerance: one rung. */
 static void make_rungs(struct work *w, bool linear_constant)
 {
@@ -41,6 +77,8 @@ static void make_rungs(struct work *w, bool linear_constant)
         add_rung(w, "auto", tolerance[i], 0, -1);
     for (int i = 0; i < listed && i < EFFECTS_SHOWN; i++)
         add_rung(w, "auto", linear_constant ? 1e-12 : 1e-10, 0, i);
+    add_meshes(w, linear_constant ? 1e-12 : 1e-10);
+    add_inflows(w, linear_constant ? 1e-12 : 1e-10);
     for (int n = 1; n <= SUBSTEPS_LAST; n *= 4)
         add_rung(w, "rk4", 0, n, -1);
 }

@@ -4,9 +4,10 @@
 #include "job/job.h"
 
 /*
- * `tradeoff` of `simulate` on a scene.  Rungs: the class's own integrator at falling tolerances, classical Runge-Kutta at
- * rising substeps, and each effect left out; errors are max |x - ref| / max |ref| over all samples, channel by channel,
- * the worst.  Reference: the own integrator at the tolerance 1e-13.  Options: repetitions, target.error,
+ * `tradeoff` of `simulate` on a scene.  Rungs: the class's own integrator at falling tolerances, each effect left out, half and
+ * twice the elements, the orders of inflow beside the scene's own, classical Runge-Kutta at rising substeps; errors are
+ * max |x - ref| / max |ref| over all samples, channel by channel, the worst.  Reference: the scene as it stands by the own integrator at
+ * the tolerance 1e-13, so that a finer mesh's error is what the scene's own leaves out.  Options: repetitions, target.error,
  * target.seconds.
  */
 enum modal_status tradeoff_simulate(const struct job_request *request, struct job_result *out, struct modal_error *err);

@@ -220,3 +220,77 @@ TEST(the_trade_off_of_a_simulation_shows_the_order_of_its_peer)
     job_result_done(&(struct job_result) { .result = job("simulate", MOTION, "{'integrator':'rk4','substeps':16}", MODAL_OK, NULL) });
     cJSON_Delete(r);
 }
+
+static double rung_error(const cJSON *result, const char *key, double value)
+{
+    const cJSON *rung;
+
+    cJSON_ArrayForEach(rung, cJSON_GetObjectItem(result, "rungs"))
+        if (number(cJSON_GetObjectItem(rung, "settings"), key, NULL) == value)
+            return number(rung, "error", NULL);
+    return NAN;
+}
+
+/* Released from half a sine.  Frequencies of Hermite elements are off by h^4, so over a few periods the motion is: what 2 elements
+ * of 4 leave out is (16 - 1) e, what 8 add is (1 - 1/16) e, a ratio of 16 up to the next order, h^2 of it. */
+TEST(the_trade_off_over_elements_shows_the_order_of_the_elements)
+{
+    cJSON *r = job("tradeoff", "{'structure':{'type':'beam','length':2,'elements':4,'EI':90,'mass_per_length':3},'effects':[{'type':'damper','dof':'w2',"
+                   "'coefficient':0.1}],'initial':{'x':{"
+                   "'th0':0.29845130209103,'w1':0.134350288425444,'th1':0.211036939562522,'w2':0.19,'w3':0.134350288425444,'th3':-0.211036939562522,'th4':-0.29845130209103}},"
+                   "'sensors':[{'dof':'w2'}],'time':{'dt':0.01,'duration':2}}", "{'of':'simulate'}", MODAL_OK, NULL);
+    double rough = rung_error(r, "elements", 2), fine = rung_error(r, "elements", 8);
+
+    CHECK(fine > 1e-6 && fine < 1e-2);
+    CHECK(rough / fine > 8 && rough / fine < 32);
+    cJSON_Delete(r);
+}
+
+TEST(the_trade_off_over_inflow_has_the_orders_beside_the_scene_s)
+{
+    cJSON *r = job("tradeoff", "{'structure':{'type':'wing','length':20,'chord':6,'elements':2,'EI':23.65e6,'GJ':2.39e6,'mass_per_length':0.746,'I_rho':1.943,"
+                   "'x_cg':0.6},'effects':[{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'peters_he','inflow_states':20}],"
+                   "'initial':{'v':{'w1':0.5,'w2':1}},'time':{'dt':0.005,'duration':0.5}}", "{'of':'simulate'}", MODAL_OK, NULL);
+
+    CHECK(rung_error(r, "inflow_states", 12) > rung_error(r, "inflow_states", 30));       /* orders 5, 7 and 9 */
+    CHECK(rung_error(r, "inflow_states", 30) > 1e-6);
+    CHECK(rung_error(r, "elements", 4) > 1e-6);
+    CHECK(isnan(rung_error(r, "elements", 1)));                  /* w1 of 2 elements is no node of 1 */
+    cJSON_Delete(r);
+}
+
+static void job_signals(const char *scene_json, const char *options_json, struct job_result *out)
+{
+    cJSON *scene = scene_text(scene_json), *options = scene_text(options_json);
+    struct job_request request = { .kind = "simulate", .scene = scene, .options = options };
+
+    CHECK(job_run(&request, out, NULL) == MODAL_OK);
+    cJSON_Delete(scene);
+    cJSON_Delete(options);
+}
+
+/* The same mesh again is the same motion; the places of another keep their names. */
+TEST(another_mesh_keeps_places_and_names)
+{
+#define SHAFT "{'structure':{'type':'shaft','length':1,'elements':4,'EI':[98,175],'mass_per_length':2,'speed':20,'disk':{'position':0.5,'mass':5,'radius':0.1}}," \
+    "'effects':[{'type':'bearing','at':'left','transverse':2e4},{'type':'bearing','at':'right','transverse':2e4},{'type':'spring','dof':'y1','to':'y3','stiffness':10}]," \
+    "'excitation':[{'dof':'z2','type':'half_sine','amplitude':1,'duration':0.05}],'initial':{'x':{'y2':0.01,'sy0':0.02}},'time':{'dt':0.01,'duration':0.2}}"
+    struct job_result own, same, finer;
+
+    job_signals(SHAFT, "{}", &own);
+    job_signals(SHAFT, "{'elements':4}", &same);
+    job_signals(SHAFT, "{'elements':8}", &finer);
+    CHECK(own.batch.channels == 20 && same.batch.channels == 20 && finer.batch.channels == 20);
+    for (size_t i = 0; i < 20; i++)
+        CHECK(strcmp(own.batch.names[i], finer.batch.names[i]) == 0);
+    for (size_t i = 0; i < own.batch.samples * 20; i++)
+        CHECK(own.signals[i] == same.signals[i]);
+    job_result_done(&own);
+    job_result_done(&same);
+    job_result_done(&finer);
+    struct modal_error err;
+    cJSON_Delete(job("simulate", SHAFT, "{'elements':3}", MODAL_BAD_INPUT, &err));
+    CHECK_STRING(err.field, "elements");
+    cJSON_Delete(job("simulate", "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'time':{'dt':1,'duration':2}}", "{'elements':3}", MODAL_BAD_INPUT, &err));
+    CHECK_STRING(err.field, "elements");
+}

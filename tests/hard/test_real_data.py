@@ -81,17 +81,14 @@ def test_free_decays_reproduce_their_references_within_the_stated_spread(row, ca
 
 
 def test_cart3s_exponents_are_its_monodromys_modulo_omega():
-    """Slow ones to rounding; the flap pair, 8e-4 apart in a record where it decays by e^-62, to 3e-4 each and its mean to 1e-4."""
+    """Slow ones to rounding; the flap pair, 8e-4 apart in a record where it decays by e^-62, to 1e-4 each, and nothing at a multiple of Omega."""
     with h5py.File(FOLDER / "cart3_rotor_ltp_free.h5", "r") as f:
         truth = [complex(*z) for z in f["floquet_exponents_re_im"][:] if z[1] >= 0]
     result = run("cart3_rotor_ltp_free")
     found_ = [complex(*m["exponent"]) for m in result["modes"]]
     assert len(found_) == 6
-    flap = [z for z in truth if z.real < -2]
     for z in truth:
-        assert min(abs(f - z) for f in found_) < (3e-4 if z in flap else 1e-9)
-    mean = np.mean([f for f in found_ if f.real < -2])
-    assert abs(mean - np.mean(flap)) < 1e-4
+        assert min(abs(f - z) for f in found_) < (1e-4 if z.real < -2 else 1e-9)
 
 
 def test_two_close_tower_modes_in_two_cycles_are_not_passed_off_as_certain():

@@ -24,6 +24,7 @@
 #include "modal/identify/order.h"
 #include "modal/identify/pencil.h"
 #include "modal/identify/pod.h"
+#include "modal/identify/polish.h"
 #include "modal/identify/projection.h"
 #include "modal/identify/record.h"
 #include "modal/identify/screen.h"
@@ -667,6 +668,17 @@ out:
 }
 
 
+/* At rounding, and yet a pole that is known to no more than nine digits: the arithmetic limits it, not the data. */
+static bool ill_determined(const struct work *w)
+{
+    const struct poles *p = &w->poles;
+    bool ill = false;
+
+    for (int j = 0; j < p->count; j++)
+        ill |= p->lambda[j] != 0 && !(p->std_re[j] <= 1e-9 * cabs(p->lambda[j]));
+    return ill && w->refine && !w->rec.wide && w->choice.candidates[w->choice.chosen].fit.residual <= 1e-12 * norm_of(w->data.Y);
+}
+
 static enum modal_status take_poles(struct work *w, struct modal_error *err)
 {
     static const struct refined none = { 0 };
@@ -690,7 +702,9 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
         p->bar[j] = NAN;
         p->angle[j] = projection_angle(VT, r, fit->lambda[j], w->tau);
     }
-    if (w->projected && n > 0) {
+    if (ill_determined(w))
+        rc = polish_poles(&w->data, p->lambda, n, p->std_re, p->std_im, err);
+    if (rc == MODAL_OK && w->projected && n > 0) {
         int columns = w->shift > 1 || w->projection.n < 20 ? 1 : w->projection.n / 10;
         rc = projection_bars(&w->projection, r, columns, w->tau, p->lambda, n, p->bar, err);
     }

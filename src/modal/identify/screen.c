@@ -77,8 +77,9 @@ void screen_samples(const struct batch *b, struct identify_result *result)
     int L = b->samples < SCREEN_SAMPLES ? (int)b->samples : SCREEN_SAMPLES;
     double *x = malloc(2 * sizeof *x * ((size_t)L + 1)), *sorted = x + L;
 
-    for (size_t c = 0; x != NULL && c < b->channels && c < SCREEN_CHANNELS; c++) {
+    for (int i = 0; x != NULL && i < result->channel_count && i < SCREEN_CHANNELS; i++) {
         double most = 0, sum = 0;
+        size_t c = (size_t)result->channel[i];
         for (int k = 0; k < L; k++)
             most = fmax(most, fabs(x[k] = b->signals[(size_t)k * b->channels + c]));
         for (int k = 0; k < L && most > 0; k++)

@@ -110,6 +110,7 @@ void identify_result_done(struct identify_result *r)
         free(r->clusters[i].members);
     free(r->modes), free(r->offset), free(r->singular), free(r->channel), free(r->rms_error), free(r->relative_error);
     free(r->candidates), free(r->poles), free(r->clusters), free(r->trend);
+    free(r->chosen.lambda), free(r->unweighed.lambda);
     memset(r, 0, sizeof *r);
 }
 
@@ -586,12 +587,29 @@ static enum modal_status analyse(struct work *w, struct identify_result *out, st
     return MODAL_OK;
 }
 
+static enum modal_status keep_chosen(const struct work *w, struct identify_chosen *to, struct modal_error *err)
+{
+    const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    int n = fit != NULL ? fit->poles : 0;
+
+    to->lambda = malloc(sizeof *to->lambda * ((size_t)n + 1));
+    if (to->lambda == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
+    if (n > 0)
+        memcpy(to->lambda, fit->lambda, sizeof *to->lambda * n);
+    to->count = n, to->signals = w->X->n;
+    return MODAL_OK;
+}
+
 /* Once more, on channels weighed by the noise that the first answer left. */
 static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     enum modal_status rc = weigh_channels(w, err);
 
     if (rc != MODAL_OK || w->weighted.x == NULL)
+        return rc;
+    rc = keep_chosen(w, &out->unweighed, err);
+    if (rc != MODAL_OK)
         return rc;
     pod_done(&w->pod);
     pencil_done(&w->pencil);
@@ -859,6 +877,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = stage(&w, "read", out, err)) != MODAL_OK
         || (rc = analyse(&w, out, err)) != MODAL_OK
         || (worth_weighing(&w) && (rc = analyse_again(&w, out, err)) != MODAL_OK)
+        || (rc = keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = take_poles(&w, err)) != MODAL_OK
         || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK)
         goto out;

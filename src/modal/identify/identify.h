@@ -114,6 +114,8 @@ struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -
 /* The strongest vibration of one part of the record. */
 struct identify_window { double t, frequency_hz, damping_ratio, std_frequency_hz, std_damping_ratio, amplitude; /* t: its middle, s */ };
 struct identify_stage { const char *name; double seconds; };
+/* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0.  signals: how many were fitted. */
+struct identify_chosen { double complex *lambda; int count, signals; };
 
 struct identify_result {
     struct identify_mode *modes; int mode_count;      /* by descending amplitude */
@@ -135,6 +137,7 @@ struct identify_result {
 
     struct identify_candidate *candidates; int candidate_count;
     struct identify_pole *poles; int pole_count;      /* stabilisation: every candidate's */
+    struct identify_chosen chosen, unweighed;         /* those of the answer; those before channels were weighed by their noise (count 0: they were not) */
     struct identify_cluster *clusters; int cluster_count;
     struct identify_window *trend; int trend_count;   /* where amplitude_dependent or changes_in_record is among the diagnostics */
     struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;

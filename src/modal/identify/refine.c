@@ -68,7 +68,7 @@
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
 static const double SCARCE_MOST = 0.95;     /* of the numbers, for (8) */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
-static const double SETTLED = 1e-8;         /* standard errors between a settled answer and the minimum */
+static const double SETTLED = 1e-10;         /* standard errors between a settled answer and the minimum */
 enum { SETTLE_STEPS = 16 };
 enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
 

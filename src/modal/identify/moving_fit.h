@@ -1,0 +1,67 @@
+/* moving_fit.h - the refined fit of refine.h on compressed rows, from a start that is already near */
+#ifndef MODAL_MOVING_FIT_H
+#define MODAL_MOVING_FIT_H
+#include <complex.h>
+#include <stdbool.h>
+#include "modal/error.h"
+#include "modal/linalg/matrix.h"
+
+/*
+ * A window of L samples at steps tau: `lead` samples as they are, `blocks` blocks of `length` samples, each as its k numbers Q^T y, and `trail` samples as
+ * they are.  Q, length x k, has orthonormal columns that hold every exponential near the poles (moving.c says how near).
+ */
+struct moving_rows {
+    int lead, blocks, trail;
+    int length, k;
+    const double *Q;             /* borrowed */
+    double tau;
+};
+
+/* lead + blocks k + trail; lead + blocks length + trail. */
+int moving_rows_count(const struct moving_rows *rows);
+int moving_rows_samples(const struct moving_rows *rows);
+
+/* One list of signals on such rows. */
+struct moving_signals {
+    struct matrix X;             /* rows x r */
+    const double *outside2;      /* r: sum of squares of what Q does not hold */
+};
+
+struct moving_fit {
+    int poles, order, signals, parameters;
+    double complex *lambda;      /* 1/s, in the order of the start */
+    double *std_re, *std_im;     /* 1/s; 0 for what is fixed or exact by kind */
+    double *C;                   /* order x signals, of columns divided by their largest entry */
+    double *reference;           /* per pole: ln of that entry */
+    double *rss;                 /* per signal */
+    double *energy, *floor2;     /* per signal: sum of squares; mean square that rounding leaves */
+    double could_gain;           /* moving_probe: by how much -2 ln(likelihood) could fall, as refine.c's `hopeless` reckons */
+    bool rounding;               /* every signal is at that floor */
+    double least_drop;           /* by how much BIC rises where the least needed pole is left out; HUGE_VAL for one pole */
+    double most_split;           /* by how much -2 ln(likelihood) falls where one pole becomes two that nearly coincide, at most */
+    double pair_price;           /* what one more pair costs in BIC */
+    double work;                 /* multiplications, about: rows x columns^2 an evaluation, as in refine.h */
+    bool settled;                /* at the minimum, as refine_options.settle means it */
+};
+
+/*
+ * From START (COUNT poles, listed as in exponents.h; one that is 0 exactly keeps its value) to the minimum.  `settled` false: the start was not near, or
+ * there is no minimum near; the rest is then the best there was.  *out is the caller's, to moving_fit_done.
+ * Fails with MODAL_BAD_INPUT (fewer rows than twice the order and the signals), MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ */
+enum modal_status moving_fit(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *start, int count,
+                             struct moving_fit *out, struct modal_error *err);
+
+/* The same without a step: coefficients and residuals of the poles as they are. */
+enum modal_status moving_look(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *lambda, int count,
+                              struct moving_fit *out, struct modal_error *err);
+
+/* The same with standard errors, and `could_gain`. */
+enum modal_status moving_probe(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *lambda, int count,
+                               struct moving_fit *out, struct modal_error *err);
+void moving_fit_done(struct moving_fit *f);
+
+/* Column pairs of pole LAMBDA on the rows: e^{lambda t} over its largest entry, real and minus imaginary part; with D also t e^{lambda t}, t in
+ * steps, about the column's weight.  Returns the reference. */
+double moving_column(const struct moving_rows *rows, double complex lambda, double *re, double *im, double *d_re, double *d_im);
+#endif

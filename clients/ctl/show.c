@@ -257,14 +257,20 @@ static void show_ablate(const cJSON *result)
 
 static void show_sweep(const cJSON *result)
 {
-    const cJSON *point;
+    const cJSON *grid = get(result, "grid"), *point, *axis;
 
+    cJSON_ArrayForEach(axis, grid)
+        printf(" %22s", text(axis, "path"));
+    printf(" %12s %16s %14s\n", "stability", "multiplier", "margin 1/s");
     cJSON_ArrayForEach(point, get(result, "points")) {
-        char *index = json_print(get(point, "index"));
-        printf("%-12s %s", index ? index : "", verdict(get(point, "stability")));
-        cell(14, "%.9g", number(get(point, "stability"), "max_multiplier"));
+        const cJSON *stability = get(point, "stability");
+        int i = 0;
+        cJSON_ArrayForEach(axis, grid)
+            cell(22, "%.9g", part(get(axis, "values"), (int)part(get(point, "index"), i++)));
+        printf(" %12s", verdict(stability));
+        cell(16, "%.9g", number(stability, "max_multiplier"));
+        cell(14, "%.6g", number(stability, "margin"));
         putchar('\n');
-        cJSON_free(index);
     }
 }
 

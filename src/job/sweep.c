@@ -371,6 +371,7 @@ enum modal_status sweep_run(const struct job_request *request, struct job_result
         cJSON_AddStringToObject(out->result, "kind", "sweep");
         cJSON_AddStringToObject(out->result, "verb", s->verb->name);
         cJSON_AddNumberToObject(out->result, "total", s->points);
+        cJSON_AddItemToObject(out->result, "grid", cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(request->scene, "grid"), true));
         points = cJSON_AddArrayToObject(out->result, "points");
         rc = run_share(s, first, count, request, points, err);
         cost_stage(&cost, "points");

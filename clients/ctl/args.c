@@ -29,7 +29,7 @@ static const struct row {
     { "scale",     0,   NUMBER, offsetof(struct args, scale),     1e-300, 1e300, TAKES_SIGNALS, "FACTOR", "every sample times this (sound files are -1 .. 1)" },
     { "sweep",     0,   TEXT,   offsetof(struct args, sweep),     0, 0,      TAKES_CURVE,   "PATH=A:B:N", "solve at N points from A to B" },
     { "continue",  0,   TEXT,   offsetof(struct args, follow),    0, 0,      TAKES_CURVE,   "PATH=A:B", "follow the curve from A to B around folds" },
-    { "output",    'O', TEXT,   offsetof(struct args, output),    0, 0,      TAKES_OUTPUT,  "FILE",     "where the signals go (HDF5)" },
+    { "output",    'O', TEXT,   offsetof(struct args, output),    0, 0,      TAKES_OUTPUT,  "FILE",     "where signals, spectra and waveforms go (HDF5)" },
     { "plot",      0,   TEXT,   offsetof(struct args, plot),      0, 0,      TAKES_PLOT,    "FILE.svg", "draw the result" },
     { "key",       'k', TEXT,   offsetof(struct args, key),       0, 0,      TAKES_SUBMIT,  "KEY",      "your name for the submission: the same key is the same job" },
     { "priority",  'p', WHOLE,  offsetof(struct args, priority),  0, 255,    TAKES_SUBMIT,  "0-255",    "higher is more urgent (default 100)" },

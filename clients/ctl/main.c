@@ -20,7 +20,7 @@ static int run_sweep(const struct verb *verb, const struct args *args)
 
 static const struct verb verbs[] = {
     { "identify", "BATCH",             "modes of a batch of signals (HDF5, CSV, WAV, FLAC)",  1, 1, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
-    { "steady",   "SCENE.json",        "steady-state response of a scene",                    1, 1, JOB_TAKES | TAKES_CURVE | TAKES_PLOT, run_job },
+    { "steady",   "SCENE.json",        "steady-state response of a scene",                    1, 1, JOB_TAKES | TAKES_CURVE | TAKES_PLOT | TAKES_OUTPUT, run_job },
     { "simulate", "SCENE.json -O OUT", "a scene's motion as a batch of signals",              1, 1, JOB_TAKES | TAKES_OUTPUT, run_job },
     { "floquet",  "SCENE.json",        "exact multipliers of a linear scene",                 1, 1, JOB_TAKES | TAKES_PLOT, run_job },
     { "tradeoff", "identify|steady|simulate FILE", "error against time over the ladder of settings", 2, 2, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
@@ -29,7 +29,7 @@ static const struct verb verbs[] = {
     { "submit",   "KIND FILE",         "put a job on the queue; or many: --from LIST.jsonl",  0, 3, JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
     { "status",   "JOB",               "a job's state now (JOB is an id, or key:K)",          1, 1, TAKES_TIMEOUT, run_status },
     { "wait",     "JOB",               "until it has ended, with its result",                 1, 1, TAKES_TIMEOUT, run_wait },
-    { "result",   "JOB",               "a done job's result; -O its signals",                 1, 1, TAKES_TIMEOUT | TAKES_OUTPUT, run_result },
+    { "result",   "JOB",               "a done job's result; -O as HDF5",                 1, 1, TAKES_TIMEOUT | TAKES_OUTPUT, run_result },
     { "stderr",   "JOB",               "the last words of a worker that died of it",          1, 1, TAKES_TIMEOUT, run_stderr },
     { "cancel",   "JOB",               "end it, queued or running",                           1, 1, TAKES_TIMEOUT, run_cancel },
     { "retry",    "JOB",               "a dead job, once more",                               1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },

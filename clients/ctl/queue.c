@@ -6,6 +6,7 @@
 #include <unistd.h>
 #include "answer.h"
 #include "remote.h"
+#include "result_file.h"
 #include "show.h"
 #include "store/batch_file.h"
 #include "verbs.h"
@@ -240,7 +241,7 @@ int run_result(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = json_read(text, length, &s.doc, &s.err);
     if (rc == MODAL_OK && args->output != NULL)
-        rc = save_signals(&s, args->word[1]);
+        rc = result_file_takes(s.doc) ? result_file_write(args->output, s.doc, &s.err) : save_signals(&s, args->word[1]);
     if (rc == MODAL_OK && args->json)
         rc = answer_json(s.doc, &s.err);
     else if (rc == MODAL_OK)

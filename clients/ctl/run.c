@@ -8,6 +8,7 @@
 #include "input.h"
 #include "plot.h"
 #include "remote.h"
+#include "result_file.h"
 #include "show.h"
 #include "store/batch_file.h"
 #include "sweep.h"
@@ -60,6 +61,8 @@ static enum modal_status write_signals(const struct job_result *result, const ch
 {
     if (path == NULL)
         return MODAL_OK;
+    if (result_file_takes(result->result))
+        return result_file_write(path, result->result, err);
     if (result->batch.samples == 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "output", "this job gives no signals to write to %s", path);
     return batch_file_write(path, &result->batch, cJSON_GetObjectItemCaseSensitive(result->result, "provenance"), err);
@@ -88,7 +91,7 @@ static enum modal_status show(const struct verb *verb, const struct args *args, 
     if (args->json)
         return answer_json(result->result, err);
     show_result(verb->name, result->result);
-    if (args->output != NULL)
+    if (args->output != NULL && result->batch.samples > 0)
         printf("\n%zu samples x %zu channels in %s\n", result->batch.samples, result->batch.channels, args->output);
     return MODAL_OK;
 }

@@ -7,6 +7,7 @@ import os
 import pathlib
 import subprocess
 
+import h5py
 import numpy
 import pytest
 import scipy.special
@@ -502,3 +503,26 @@ def test_a_users_cubic_spring_is_the_built_in_one(tmp_path):
     mine = run(tmp_path, oscillator(1.0, [{"type": "lua", "dof": "x1", "source": source}], c=0.05, cos=0.18, harmonics=9))
     ours = run(tmp_path, oscillator(1.0, [cubic(0.1)], c=0.05, cos=0.18, harmonics=9))
     assert mine["converged"] and max(abs(a - b) for a, b in zip(spectrum(mine), spectrum(ours))) < 1e-10
+
+
+def test_results_as_hdf5_hold_spectra_and_waveform(tmp_path):
+    out = tmp_path / "out.h5"
+    r = run(tmp_path, DAMPER, "-o", "harmonics=16", "-o", "time=64", "-O", out)
+    with h5py.File(out) as f:
+        assert list(f["dofs"].asstr()) == ["x1"] and f.attrs["kind"] == "steady" and f["points"].attrs["parameter"] == "omega"
+        assert (f["re"][0, 0] + 1j * f["im"][0, 0] == spectrum(r)).all() and f["error"][0] == r["error"] and f["stable"][0] == 1
+        assert (f["x"][0] == r["time"]["x"]["x1"]).all() and (f["t"][...] == r["time"]["t"]).all()
+    c = run(tmp_path, oscillator(1, [cubic(0.1)], c=0.05, cos=0.18, harmonics=7), "--continue", "omega=1.0:1.3", "-O", out)
+    with h5py.File(out) as f:
+        assert (f["points"][...] == [p["omega"] for p in c["points"]]).all() and f["re"].shape == (len(c["points"]), 1, 8)
+        assert list(f["stable"]) == [{True: 1, False: 0, None: -1}[p["stability"]["stable"]] for p in c["points"]]
+    assert run(tmp_path, DAMPER, "-O", tmp_path / "no" / "where.h5", status=2)["error"]["field"] == "output"
+
+
+# The reference's findings: 256 points of either differ by 1.4e-3 at most, and the spectrum's octaves fall as k^-4.10.
+def test_the_papers_figures_are_drawn_beside_runge_kutta(tmp_path):
+    subprocess.run([TOP / "tests" / "paper" / "friction_damper", "--out", tmp_path], check=True, timeout=100, capture_output=True)
+    drawn = json.loads((tmp_path / "friction_damper.json").read_text())
+    assert drawn["difference"] < 2e-3 and drawn["slope"] == pytest.approx(-4.10, abs=0.02)
+    assert {"rk4", "balance, sampled", "balance, reversals located"} <= set(drawn["errors"])
+    assert (tmp_path / "friction_damper.png").stat().st_size > 10000

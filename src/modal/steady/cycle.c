@@ -32,10 +32,11 @@
 #include "modal/scene/stepper.h"
 
 static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12;
-enum { STEPS = 64, FIRST = 4, LAWS_MOST = 16, NONE = -2 };
+enum { STEPS = 64, FIRST = 4, LAWS_MOST = 16, NONE = -2, WORK_MOST = 60000 };
 
 struct follow {
     struct program p;                 /* at this omega */
+    const struct cycle_options *opt;
     struct statespace *ss;
     struct sources *src;
     struct ports *ports;              /* for their U and R alone */
@@ -169,6 +170,14 @@ static void watch(void *watcher, double t, double h, const double *y, struct por
     memcpy(f->last, y, (size_t)f->N * sizeof *y);
 }
 
+/* Asked by the stepper now and then: whether to give up. */
+static bool spent(void *context)
+{
+    const struct follow *f = context;
+
+    return f->stepper->steps + f->stepper->rejected > WORK_MOST || (f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context));
+}
+
 static enum modal_status period(struct follow *f, struct modal_error *err)
 {
     size_t N = (size_t)f->N;
@@ -184,8 +193,11 @@ static enum modal_status period(struct follow *f, struct modal_error *err)
     memcpy(f->last, f->y, N * sizeof *f->y);
     f->phase = -1;
     f->failed = false;
-    for (int i = 0; rc == MODAL_OK && i < STEPS; i++)
+    for (int i = 0; rc == MODAL_OK && i < STEPS; i++) {
         rc = f->stepper->advance(f->stepper, i * f->T / STEPS, f->T / STEPS, f->y, err);
+        if (spent(f) && !(f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context)))
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "cycle: %d steps did not close it", WORK_MOST);
+    }
     if (f->watching)
         end_phase(f);
     return rc;
@@ -319,9 +331,9 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
     return f->held == NULL || f->pivot == NULL || f->acts == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
 }
 
-static enum modal_status follow_init(struct follow *f, const struct cycle_options *opt, struct modal_error *err)
+static enum modal_status follow_init(struct follow *f, struct modal_error *err)
 {
-    struct stepper_options how = { .dt = f->T / STEPS, .tolerance = TOLERANCE, .cancelled = opt->cancelled, .context = opt->context,
+    struct stepper_options how = { .dt = f->T / STEPS, .tolerance = TOLERANCE, .cancelled = spent, .context = f,
                                    .accepted = watch, .watcher = f };
     enum modal_status rc = statespace_new(&f->p, &f->ss, err);
 
@@ -356,7 +368,7 @@ bool cycle_takes(const struct program *p)
 enum modal_status cycle_find(const struct program *p, double omega, const double *x0, const double *v0,
                              const struct cycle_options *opt, struct cycle *out, struct modal_error *err)
 {
-    struct follow f = { .p = *p, .laws = p->laws, .T = TWO_PI / omega, .followed = p->harmonics == 0 };
+    struct follow f = { .p = *p, .opt = opt, .laws = p->laws, .T = TWO_PI / omega, .followed = p->harmonics == 0 };
     double *rest = calloc(2 * (size_t)p->n + 1, sizeof *rest);
     enum modal_status rc = rest == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
 
@@ -368,7 +380,7 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
     f.p.x0 = x0 != NULL ? (double *)x0 : rest;
     f.p.v0 = v0 != NULL ? (double *)v0 : rest;
     if (rc == MODAL_OK)
-        rc = follow_init(&f, opt, err);
+        rc = follow_init(&f, err);
     if (rc == MODAL_OK) {
         statespace_start(f.ss, f.y);
         rc = close_up(&f, opt, out, err);

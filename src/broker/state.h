@@ -103,6 +103,7 @@ struct stream {
     uint64_t window, hop, next_window;    /* samples; next_window: the index at which one is due */
     char *options;
     char *recent;                         /* the last `window` samples, by index % window */
+    int at_slot; uint64_t at_process, at_next;      /* the worker that has the samples before at_next of the present window; -1: none */
 };
 
 struct failure { enum modal_status status; char *message, *field, *detail; };
@@ -170,6 +171,7 @@ struct slot {
     bool ready;                           /* READY has come meanwhile */
     double cpu_s;
     struct stream *live; uint64_t live_from, live_to;   /* a window instead of a job */
+    uint64_t process;                     /* counts the slot's processes */
 };
 
 struct subscription {
@@ -356,7 +358,8 @@ void events_peer(struct core *c, uint64_t peer, enum event_type type);
 void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 void stream_sealed(struct core *c, struct task *task);
 void stream_after(struct core *c, struct after *after, struct transaction *t);
-struct blob *stream_window(struct stream *s, uint64_t *from);      /* NULL: none is due */
+bool stream_due(struct stream *s);         /* is a window due? */
+struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first);
 void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_message *m);
 void stream_load_note(struct core *c, const struct note_record *r);
 void stream_load_segment(struct core *c, struct input *input);

@@ -114,6 +114,7 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
     cJSON_Delete(header);
     if (window != NULL)
         read_window(s, window);
+    s->at_slot = -1;
     s->next_stream = c->streams;
     c->streams = s;
     return s;
@@ -260,6 +261,7 @@ static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct t
     s->crc_count = 0;
     s->gap_count = 0;
     s->next_window = 0;
+    s->at_slot = -1;
     note(c, t, s);
 }
 
@@ -426,25 +428,31 @@ void stream_request(struct core *c, const struct event *e, const struct wire_req
 
 /* ---- live windows ----------------------------------------------------------------------------------------------- */
 
-/* The window that is due, as raw samples; NULL: none.  It never reaches over a gap or an epoch. */
-struct blob *stream_window(struct stream *s, uint64_t *from)
+/* Never over a gap or an epoch. */
+bool stream_due(struct stream *s)
 {
-    uint64_t size = sample_bytes(s);
-    char *data;
-
     if (s->window == 0 || s->closed || s->recent == NULL || s->durable != s->next || s->durable < s->run_from + s->window)
-        return NULL;
+        return false;
     if (s->next_window < s->run_from + s->window)
         s->next_window = s->run_from + s->window;
-    if (s->durable < s->next_window)
-        return NULL;
+    return s->durable >= s->next_window;
+}
+
+/* The window that is due, from sample `from` on, as raw samples from `first` on: those before KNOWN are where they are needed, unless that leaves a hole. */
+struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first)
+{
+    uint64_t size = sample_bytes(s), count;
+    char *data;
+
     *from = s->durable - s->window;
-    data = grab(s->window * size);
-    for (uint64_t i = 0; i < s->window; i++)
-        memcpy(data + i * size, s->recent + (*from + i) % s->window * size, size);
+    *first = known > *from && known < s->durable ? known : *from;
+    count = s->durable - *first;
+    data = grab(count * size);
+    for (uint64_t i = 0; i < count; i++)
+        memcpy(data + i * size, s->recent + (*first + i) % s->window * size, size);
     while (s->next_window <= s->durable)
         s->next_window += s->hop;
-    return blob_take(data, s->window * size);
+    return blob_take(data, count * size);
 }
 
 /* What a window gave, as a numbered event: the modes and the verdict. */
@@ -452,7 +460,7 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
 {
     struct blob *body = m->body_count > 0 ? blob_copy(m->body[0].data, m->body[0].size) : NULL;
     cJSON *document = NULL, *text = cJSON_CreateObject(), *part;
-    static const char *const parts[] = { "modes", "stability", "diagnostics" };
+    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
     struct transaction *t = transaction_new();
     struct after *after = transaction_after(t, AFTER_EVENT);
     struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);

@@ -104,22 +104,70 @@ void job_input_read(struct core *c, struct task *task)
     run_on(c, job, job->slot, task->text);
 }
 
-/* A live window goes before all jobs: it is small, and somebody watches. */
-static bool start_live(struct core *c, int slot)
+static bool has_window(const struct core *c, const struct stream *stream, int slot)
+{
+    return stream->at_slot == slot && stream->at_process == c->slots[slot].process;
+}
+
+/* The worker that has the window is idle, or will be soon. */
+static bool is_awaited(const struct core *c, const struct stream *stream)
+{
+    const struct slot *own = stream->at_slot >= 0 ? &c->slots[stream->at_slot] : NULL;
+
+    return own != NULL && has_window(c, stream, stream->at_slot) && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
+}
+
+/* A stream whose window is due: one that this worker has, else one that no other worker is to go on with. */
+static struct stream *due_for(struct core *c, int slot)
+{
+    struct stream *found = NULL;
+
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream) {
+        if (s->live || !stream_due(s))
+            continue;
+        if (has_window(c, s, slot))
+            return s;
+        if (found == NULL && !is_awaited(c, s))
+            found = s;
+    }
+    return found;
+}
+
+static cJSON *live_header(struct slot *s, const struct stream *stream, uint64_t first)
+{
+    cJSON *header = cJSON_CreateObject(), *input = cJSON_Parse(stream->header), *live;
+    char name[24];
+
+    snprintf(name, sizeof name, "%lld", (long long)stream->id);
+    cJSON_AddStringToObject(header, "job", "live");
+    cJSON_AddNumberToObject(header, "attempt", s->attempt);
+    cJSON_AddStringToObject(header, "kind", "identify");
+    cJSON_AddRawToObject(header, "options", stream->options);
+    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
+    live = cJSON_AddObjectToObject(header, "live");
+    cJSON_AddStringToObject(live, "stream", name);
+    cJSON_AddNumberToObject(live, "epoch", (double)stream->epoch);
+    cJSON_AddNumberToObject(live, "to", (double)s->live_to);
+    cJSON_AddNumberToObject(live, "window", (double)stream->window);
+    cJSON_AddNumberToObject(live, "hop", (double)stream->hop);
+    cJSON_DeleteItemFromObject(input, "window");
+    cJSON_AddStringToObject(input, "content", "batch");
+    cJSON_AddNumberToObject(input, "samples", (double)(s->live_to + 1 - first));
+    cJSON_AddItemToObject(header, "input", input);
+    return header;
+}
+
+/* A live window goes before all jobs: it is small, and somebody watches.  The worker that had the last one gets only what is new. */
+static void start_live(struct core *c, int slot)
 {
     struct slot *s = &c->slots[slot];
-    struct blob *data = NULL;
-    struct stream *stream;
-    cJSON *header, *input;
-    uint8_t sha256[32];
-    char hex[65];
-    uint64_t from = 0;
+    struct stream *stream = due_for(c, slot);
+    struct blob *data;
+    uint64_t from = 0, first = 0;
 
-    for (stream = c->streams; stream != NULL; stream = stream->next_stream)
-        if (!stream->live && (data = stream_window(stream, &from)) != NULL)
-            break;
-    if (data == NULL)
-        return false;
+    if (stream == NULL)
+        return;
+    data = stream_window(stream, has_window(c, stream, slot) ? stream->at_next : 0, &from, &first);
     stream->live = true;
     s->live = stream;
     s->live_from = from;
@@ -128,22 +176,8 @@ static bool start_live(struct core *c, int slot)
     s->attempt = ++c->live_attempts;
     s->jobs++;
     s->started_ns = s->heard_ns = c->now.mono_ns;
-    header = cJSON_CreateObject();
-    cJSON_AddStringToObject(header, "job", "live");
-    cJSON_AddNumberToObject(header, "attempt", s->attempt);
-    cJSON_AddStringToObject(header, "kind", "identify");
-    cJSON_AddRawToObject(header, "options", stream->options);
-    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
-    input = cJSON_Parse(stream->header);
-    cJSON_DeleteItemFromObject(input, "window");
-    cJSON_AddStringToObject(input, "content", "batch");
-    cJSON_AddNumberToObject(input, "samples", (double)stream->window);
-    identity_sha256(data->data, data->size, sha256, NULL);
-    identity_hex(sha256, hex);
-    cJSON_AddStringToObject(input, "sha256", hex);
-    cJSON_AddItemToObject(header, "input", input);
-    to_worker(c, slot, "RUN", header, data);
-    return true;
+    stream->at_slot = slot, stream->at_process = s->process, stream->at_next = s->live_to + 1;
+    to_worker(c, slot, "RUN", live_header(s, stream, first), data);
 }
 
 /* The end of a live window, with its result or its error. */
@@ -151,24 +185,35 @@ static void end_live(struct core *c, int slot, const struct wire_message *m)
 {
     struct slot *s = &c->slots[slot];
     struct stream *stream = s->live;
+    const cJSON *error = m == NULL ? NULL : cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    const char *field = "";
 
     s->live = NULL;
     stream->live = false;
+    if (m == NULL || error != NULL)
+        stream->at_slot = -1;
     if (m == NULL)
         return;
     s->state = SLOT_TAKEN;
-    stream_result(c, stream, s->live_from, s->live_to, m);
+    json_get_string(error, "", "field", &field, NULL);
+    if (error != NULL && strcmp(field, "live") == 0)
+        stream->next_window = s->live_to + 1;         /* it dropped the window: once more, with all of it */
+    else
+        stream_result(c, stream, s->live_from, s->live_to, m);
 }
 
 void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating || c->now.mono_ns < c->hold_until)
         return;
+    for (int slot = 0; slot < c->slot_count; slot++)
+        if (c->slots[slot].state == SLOT_IDLE)
+            start_live(c, slot);
     for (int slot = 0; slot < c->slot_count; slot++) {
         struct user *user;
         struct job *job;
 
-        if (c->slots[slot].state != SLOT_IDLE || start_live(c, slot))
+        if (c->slots[slot].state != SLOT_IDLE)
             continue;
         user = user_next(c);
         if (user == NULL)
@@ -192,6 +237,7 @@ static void watch(struct core *c, int slot, int64_t when_ns)
 static void spawn(struct core *c, int slot)
 {
     c->slots[slot].state = SLOT_STARTING;
+    c->slots[slot].process++;
     c->slots[slot].jobs = 0;
     c->slots[slot].heard_ns = c->now.mono_ns;
     core_act(c, (struct action) { .type = ACT_SPAWN, .slot = slot });

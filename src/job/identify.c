@@ -538,6 +538,19 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
     return o;
 }
 
+cJSON *identify_modes_write(const struct identify_result *r)
+{
+    cJSON *o = cJSON_CreateObject(), *modes;
+
+    cJSON_AddStringToObject(o, "kind", "identify");
+    modes = cJSON_AddArrayToObject(o, "modes");
+    for (int i = 0; i < r->mode_count; i++)
+        cJSON_AddItemToArray(modes, print_mode(r, &r->modes[i]));
+    cJSON_AddItemToObject(o, "stability", print_stability(r));
+    cJSON_AddItemToObject(o, "diagnostics", print_diagnostics(r));
+    return o;
+}
+
 /* ---- the rungs below and above ---- */
 
 /* The rungs of an ordinary job, of which at least one is run. */

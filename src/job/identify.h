@@ -15,5 +15,8 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
 /* Every option with its value after defaults, as it can be pasted back. */
 cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads);
 
+/* What a live result tells of the document: {"kind","modes","stability","diagnostics"}. */
+cJSON *identify_modes_write(const struct identify_result *result);
+
 enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
 #endif

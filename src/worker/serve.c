@@ -18,6 +18,7 @@
 #include "modal/crc32c.h"
 #include "store/spool.h"
 #include "wire/request.h"
+#include "worker/windows.h"
 
 enum { PARTS_MOST = 4, PROGRESS_MS = 100 };
 
@@ -312,13 +313,17 @@ static enum modal_status send_done(struct run *run, const struct job_result *res
     return rc;
 }
 
-static enum modal_status run_job(struct run *run, const struct wire_message *message, struct modal_error *err)
+static enum modal_status run_job(struct run *run, struct windows *windows, const struct wire_message *message, struct modal_error *err)
 {
-    struct job_result result;
+    struct job_result result = { 0 };
+    const cJSON *live;
     struct modal_error why = { .status = MODAL_OK };
     enum modal_status rc = run_read(run, message, &why);
 
-    if (rc == MODAL_OK) {
+    live = cJSON_GetObjectItemCaseSensitive(run->header, "live");
+    if (rc == MODAL_OK && live != NULL && run->scene == NULL) {
+        rc = windows_run(windows, live, run->options, &run->batch, &result.result, &why);
+    } else if (rc == MODAL_OK) {
         struct job_request request = {
             .kind = run->kind, .options = run->options, .batch = run->scene == NULL ? &run->batch : NULL, .scene = run->scene,
             .input_sha256 = run->sha256, .attributes = run->shape.attributes, .progress = say_progress, .context = run,
@@ -342,13 +347,14 @@ static enum modal_status say_ready(struct link *link, struct modal_error *err)
     return link_send(link, "READY", header, NULL, 0, err);
 }
 
-enum modal_status serve(struct link *link, const struct serve_options *options, struct modal_error *err)
+static enum modal_status serve_all(struct link *link, const struct serve_options *options, struct windows *windows, struct modal_error *err)
 {
     enum modal_status rc = say_ready(link, err);
 
     for (int jobs = 0; rc == MODAL_OK;) {
         const struct wire_message *message;
         struct run run;
+        bool live;
         rc = link_receive(link, &message, err);
         if (rc == MODAL_OK && strcmp(message->verb, "STOP") == 0)
             return MODAL_OK;
@@ -357,13 +363,24 @@ enum modal_status serve(struct link *link, const struct serve_options *options, 
         rc = run_begin(&run, link, message, err);
         if (rc != MODAL_OK)
             return rc;
-        rc = run_job(&run, message, err);
+        rc = run_job(&run, windows, message, err);
+        live = cJSON_HasObjectItem(run.header, "live");
         run_done(&run);
-        malloc_trim(0);
-        if (rc == MODAL_OK && options->jobs_most > 0 && ++jobs >= options->jobs_most)
+        if (!live)                /* a window goes on with what it has */
+            malloc_trim(0);
+        if (rc == MODAL_OK && options->jobs_most > 0 && !live && ++jobs >= options->jobs_most)
             return MODAL_OK;
         if (rc == MODAL_OK)
             rc = say_ready(link, err);
     }
+    return rc;
+}
+
+enum modal_status serve(struct link *link, const struct serve_options *options, struct modal_error *err)
+{
+    struct windows *windows = windows_new();
+    enum modal_status rc = windows != NULL ? serve_all(link, options, windows, err) : modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for windows");
+
+    windows_free(windows);
     return rc;
 }

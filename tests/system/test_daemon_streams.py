@@ -138,3 +138,73 @@ def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
             assert e["event"] == "modes" and e["stream"] == "live" and e["number"] > 0, e
             assert len(e["modes"]) == 1 and e["stability"]["stable"] is True
             assert abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6
+
+
+def decays(samples, dt, seed):
+    """Three modes in three channels, amplitudes and phases without a pattern, white noise 40 dB below."""
+    import numpy as np
+    rng, t = np.random.default_rng(seed), np.arange(samples) * dt
+    y = np.zeros((samples, 3))
+    for f, z in ((1.0, 2e-4), (2.3, 1e-4), (4.1, 1e-4)):
+        w = 2 * np.pi * f
+        for c in range(3):
+            y[:, c] += rng.uniform(0.4, 1) * np.exp(-z * w * t) * np.cos(w * np.sqrt(1 - z * z) * t + rng.uniform(0, 6))
+    return y + 0.01 * np.sqrt(np.mean(y * y)) * rng.standard_normal(y.shape)
+
+
+def live_events(d, name, y, dt, window, hop):
+    """The events of a stream pushed hop by hop, each waited for."""
+    c, events = d.client(timeout_s=60), []
+    assert c.ask("EVENTS", stream=name).ok
+    s = c.ask("STREAM", op="open", name=name, channels=y.shape[1], dt=dt, window={"samples": window, "hop": hop})["stream"]
+    for at in range(0, len(y), hop):
+        push(c, s, 0, at, y[at:at + hop].tobytes(), channels=y.shape[1])
+        while at + hop >= window and len(events) < (at + hop - window) // hop + 1:
+            reply = c.early.pop(0) if c.early else c.receive()
+            if reply.verb == "EVENT":
+                events.append(reply.header)
+    c.close()
+    return events
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_live_result_is_the_batch_job_on_the_same_window(workers, tmp_path):
+    """To 1e-9, as PROTOCOL.md says; and all but the first come from an update, whichever worker is free."""
+    import subprocess
+    from conftest import BUILD, write_batch
+    dt, window, hop = 0.05, 1000, 200
+    y = decays(2600, dt, 7)
+    with Daemon(workers=workers) as d:
+        events = live_events(d, "same", y, dt, window, hop)
+    assert [e["update"]["updated"] for e in events] == [False] + [True] * 8
+    for e in events[::3]:
+        file = write_batch(tmp_path / f"{e['from']}.h5", y[e["from"]:e["to"] + 1], dt=dt)
+        batch = json.loads(subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", "identify", str(file)], capture_output=True, check=True).stdout)
+        assert len(e["modes"]) == len(batch["modes"]) == 3 and e["stability"]["stable"] == batch["stability"]["stable"]
+        for ours, theirs in zip(e["modes"], batch["modes"]):
+            for key in ("frequency_hz", "frequency_rad_s", "damped_frequency_rad_s", "damping_ratio", "amplitude"):
+                assert ours[key] == pytest.approx(theirs[key], rel=1e-9, abs=0)
+            for a, b in zip(ours["exponent"] + ours["multiplier"], theirs["exponent"] + theirs["multiplier"]):
+                assert a == pytest.approx(b, rel=1e-9, abs=0)
+
+
+def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
+    import os
+    import signal
+    dt, window, hop = 0.05, 600, 100
+    y = decays(1200, dt, 8)
+    with Daemon(workers=1) as d:
+        c, events = d.client(timeout_s=60), []
+        assert c.ask("EVENTS", stream="killed").ok
+        s = c.ask("STREAM", op="open", name="killed", channels=3, dt=dt, window={"samples": window, "hop": hop})["stream"]
+        for at in range(0, 1200, hop):
+            push(c, s, 0, at, y[at:at + hop].tobytes(), channels=3)
+            while at + hop >= window and len(events) < (at + hop - window) // hop + 1:
+                reply = c.early.pop(0) if c.early else c.receive()
+                if reply.verb == "EVENT":
+                    events.append(reply.header)
+            if at == 800:
+                for pid in d.children():
+                    os.kill(pid, signal.SIGKILL)
+        assert [e["update"]["updated"] for e in events] == [False, True, True, True, False, True, True]
+        assert all(len(e["modes"]) == 3 for e in events)

@@ -186,6 +186,11 @@ static const double *sample(const struct moving *m, uint64_t i)
     return m->rows + (size_t)(i + m->held - m->next) * (size_t)m->S;
 }
 
+const double *moving_window(const struct moving *m)
+{
+    return moving_samples(m) < m->L ? NULL : sample(m, m->next - (uint64_t)m->L);
+}
+
 /* (1) for the block that begins at sample I. */
 static enum modal_status reduce_block(struct moving *m, uint64_t i, struct modal_error *err)
 {

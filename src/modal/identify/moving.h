@@ -42,6 +42,9 @@ void moving_clear(struct moving *m);
 /* How many samples the window has, at most `window`. */
 int moving_samples(const struct moving *m);
 
+/* The last `window` samples, row by row, until the next push; NULL where there are fewer. */
+const double *moving_window(const struct moving *m);
+
 /*
  * The modes of the last `window` samples: those that modal_identify finds in the same samples, with the same errors, verdict and diagnostics, to within 1e-9
  * and rounding.  What an update does not know is NAN or empty: `residual` and `persistence` of a mode, singular values, candidates,

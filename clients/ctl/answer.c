@@ -41,14 +41,3 @@ int answer_failure(bool json, const struct modal_error *err, const cJSON *detail
     cJSON_Delete(document);
     return modal_status_exit(err->status);
 }
-
-int answer_job_exit(const cJSON *job)
-{
-    const cJSON *error = cJSON_GetObjectItemCaseSensitive(job, "error");
-    const char *state = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(job, "state"));
-    const char *code = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(error, "code"));
-
-    if (state != NULL && strcmp(state, "done") == 0)
-        return 0;
-    return code != NULL && modal_status_exit(modal_status_from_code(code)) == 2 ? 2 : 1;
-}

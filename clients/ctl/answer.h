@@ -14,7 +14,5 @@ cJSON *answer_error(const struct modal_error *err, const cJSON *detail);
 /* Say that ERR ended the command: as JSON on stdout, or as text on stderr. Returns the exit status. */
 int answer_failure(bool json, const struct modal_error *err, const cJSON *detail);
 
-/* The exit status of a finished job's document: 0 done, else that of its error (2 for bad input, 1 for the rest). */
-int answer_job_exit(const cJSON *job);
 
 #endif

@@ -48,15 +48,6 @@ static cJSON *walk(cJSON *at, const char *path, cJSON **parent, char key[KEY_MOS
     return at;
 }
 
-cJSON *scene_path_find(cJSON *scene, const char *path)
-{
-    cJSON *parent;
-    char key[KEY_MOST];
-    int index;
-
-    return walk(scene, path, &parent, key, &index);
-}
-
 enum modal_status scene_path_set(cJSON *scene, const char *path, double value, const char *field, struct modal_error *err)
 {
     cJSON *parent, *at;

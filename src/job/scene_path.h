@@ -4,9 +4,7 @@
 #include "modal/error.h"
 #include "modal/json.h"
 
-/* The value at PATH in SCENE, borrowed; NULL if there is none. */
-cJSON *scene_path_find(cJSON *scene, const char *path);
-/* Put VALUE there: the place must hold a number, or be a missing key of an object that is there.  Fails with MODAL_BAD_INPUT, FIELD
+/* Put VALUE at PATH in SCENE: the place must hold a number, or be a missing key of an object that is there.  Fails with MODAL_BAD_INPUT, FIELD
  * named, where it does not. */
 enum modal_status scene_path_set(cJSON *scene, const char *path, double value, const char *field, struct modal_error *err);
 #endif

@@ -176,70 +176,81 @@ static enum modal_status check_duplicates(struct scan *s, struct key *keys, size
     return MODAL_OK;
 }
 
+/* The keys of one object; a few need no memory. */
+struct keys { struct key few[16], *list; size_t count, room; };
+
+static enum modal_status keep_key(struct scan *s, struct keys *keys, struct key key)
+{
+    if (keys->count == keys->room) {
+        bool first = keys->list == keys->few;
+        struct key *more = realloc(first ? NULL : keys->list, 2 * keys->room * sizeof *more);
+
+        if (more == NULL)
+            return modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
+        if (first)
+            memcpy(more, keys->few, sizeof keys->few);
+        keys->list = more;
+        keys->room *= 2;
+    }
+    keys->list[keys->count++] = key;
+    return MODAL_OK;
+}
+
+/* "key": value */
+static enum modal_status scan_member(struct scan *s, struct keys *keys)
+{
+    struct place here = { .up = s->place };
+    const char *from = s->at + 1;
+    enum modal_status rc;
+
+    if (s->at >= s->end || *s->at != '"')
+        return scan_fail(s, "a key was expected");
+    if ((rc = scan_string(s)) != MODAL_OK)
+        return rc;
+    here.key = (struct key) { from, (size_t)(s->at - 1 - from) };
+    if (memchr(from, '\\', here.key.length) != NULL)          /* so that duplicates cannot hide */
+        return scan_fail(s, "an escape in a key");
+    if ((rc = keep_key(s, keys, here.key)) != MODAL_OK)
+        return rc;
+    skip_space(s);
+    if (s->at >= s->end || *s->at != ':')
+        return scan_fail(s, "':' was expected");
+    s->at++;
+    s->place = &here;
+    rc = scan_value(s);
+    s->place = here.up;
+    return rc;
+}
+
+static enum modal_status scan_members(struct scan *s, struct keys *keys)
+{
+    for (;;) {
+        enum modal_status rc;
+
+        skip_space(s);
+        if ((rc = scan_member(s, keys)) != MODAL_OK)
+            return rc;
+        skip_space(s);
+        if (s->at >= s->end || (*s->at != ',' && *s->at != '}'))
+            return scan_fail(s, "',' or '}' was expected");
+        if (*s->at++ == '}')
+            return check_duplicates(s, keys->list, keys->count);
+    }
+}
+
 static enum modal_status scan_object(struct scan *s)
 {
+    struct keys keys = { .list = keys.few, .room = sizeof keys.few / sizeof *keys.few };
     enum modal_status rc = MODAL_OK;
-    struct place here = { .up = s->place };
-    struct key few[16], *keys = few;
-    size_t count = 0, room = sizeof few / sizeof *few;
 
     s->at++;
     skip_space(s);
-    if (s->at < s->end && *s->at == '}') {
+    if (s->at < s->end && *s->at == '}')
         s->at++;
-        return MODAL_OK;
-    }
-    for (;;) {
-        skip_space(s);
-        if (s->at >= s->end || *s->at != '"') {
-            rc = scan_fail(s, "a key was expected");
-            goto out;
-        }
-        const char *from = s->at + 1;
-        if ((rc = scan_string(s)) != MODAL_OK)
-            goto out;
-        if (memchr(from, '\\', (size_t)(s->at - 1 - from)) != NULL) {   /* so that duplicates cannot hide */
-            rc = scan_fail(s, "an escape in a key");
-            goto out;
-        }
-        if (count == room) {
-            struct key *more = realloc(keys == few ? NULL : keys, (room *= 2) * sizeof *keys);
-            if (more == NULL) {
-                rc = modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
-                goto out;
-            }
-            if (keys == few)
-                memcpy(more, few, sizeof few);
-            keys = more;
-        }
-        keys[count++] = (struct key) { from, (size_t)(s->at - 1 - from) };
-        skip_space(s);
-        if (s->at >= s->end || *s->at != ':') {
-            rc = scan_fail(s, "':' was expected");
-            goto out;
-        }
-        s->at++;
-        here.key = keys[count - 1];
-        s->place = &here;
-        if ((rc = scan_value(s)) != MODAL_OK)
-            goto out;
-        s->place = here.up;
-        skip_space(s);
-        if (s->at < s->end && *s->at == ',') {
-            s->at++;
-            continue;
-        }
-        if (s->at < s->end && *s->at == '}') {
-            s->at++;
-            break;
-        }
-        rc = scan_fail(s, "',' or '}' was expected");
-        goto out;
-    }
-    rc = check_duplicates(s, keys, count);
-out:
-    if (keys != few)
-        free(keys);
+    else
+        rc = scan_members(s, &keys);
+    if (keys.list != keys.few)
+        free(keys.list);
     return rc;
 }
 

@@ -8,6 +8,7 @@
  *   one-sample     a periodic system sampled at T/dt not whole: pole lambda + i k Omega is harmonic k of the mode lambda.  Poles that agree modulo
  *                  i Omega (or whose conjugates do) are one mode; each is an independent estimate of lambda, and they are averaged with the inverse of
  *                  their variances, or with their energies where those are unknown.  Nothing is rounded to whole samples.            (1)
+ *                  A band of a periodic system is the same: the demodulation moved its lines by a known frequency, and only those inside are seen
  *
  * Energy of a mode over the record: with the real basis columns x_i of its poles and their Gram matrix G, sum_c b_c^T G b_c.
  *
@@ -205,13 +206,19 @@ static enum modal_status report_offset(const struct work *w, int j, struct ident
 
 /* ---- which poles are one mode ---- */
 
+/* Pole j where it was before a band was demodulated. */
+static double complex line(const struct work *w, int j)
+{
+    return w->poles->lambda[j] + CMPLX(0, w->rec->shift_rad_s);
+}
+
 /* Does pole j, or its conjugate, equal lambda + i k Omega?  (1) */
 static bool folds_onto(const struct work *w, int j, double complex lambda, double std, int *k, bool *flipped)
 {
     double Omega = 2 * M_PI / w->rec->period;
 
     for (int sign = 1; sign >= -1; sign -= 2) {
-        double im = sign * cimag(w->poles->lambda[j]) - cimag(lambda), turns = nearbyint(im / Omega);
+        double im = sign * cimag(line(w, j)) - cimag(lambda), turns = nearbyint(im / Omega);
         double apart = hypot(creal(w->poles->lambda[j]) - creal(lambda), im - turns * Omega);
         double own = w->poles->std_re[j] > 0 ? hypot(w->poles->std_re[j], w->poles->std_im[j]) : 0;
         if (apart <= FOLD_APART * Omega + 5 * hypot(std, own)) {
@@ -243,7 +250,7 @@ static void group_poles(struct work *w)
         which = w->modes++;
         w->mode[head] = which;
         for (int j = 0; j < p->count; j++)
-            if (w->mode[j] == -3 && folds_onto(w, j, p->lambda[head], p->std_re[head] > 0 ? hypot(p->std_re[head], p->std_im[head]) : 0,
+            if (w->mode[j] == -3 && folds_onto(w, j, line(w, head), p->std_re[head] > 0 ? hypot(p->std_re[head], p->std_im[head]) : 0,
                                                &w->harmonic[j], &w->flipped[j]))
                 w->mode[j] = which;
     }
@@ -284,7 +291,7 @@ static double complex mean_pole(const struct work *w, int which, double *std_re,
             continue;
         a = known ? 1 / (p->std_re[j] * p->std_re[j]) : weight;
         b = known && p->std_im[j] > 0 ? 1 / (p->std_im[j] * p->std_im[j]) : known ? a : weight;
-        at = (w->flipped[j] ? -cimag(p->lambda[j]) : cimag(p->lambda[j])) - w->harmonic[j] * Omega;
+        at = (w->flipped[j] ? -cimag(line(w, j)) : cimag(line(w, j))) - w->harmonic[j] * Omega;
         re += a * creal(p->lambda[j]), wr += a;
         im += b * at, wi += b;
     }
@@ -428,7 +435,7 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
 
     if (!comb)
         m->std_re = p->std_re[head], m->std_im = p->std_im[head];
-    m->exponent = m->resolved = lambda + CMPLX(0, rec->shift_rad_s);
+    m->exponent = m->resolved = comb ? lambda : line(w, head);
     m->persistence = NAN;
     m->residual = p->angle[head];
     m->growth = p->growth[head];

@@ -410,6 +410,16 @@ static void share_scale(struct record *r)
     }
 }
 
+/* The samples vary, and yet what was cut from them may be zero throughout. */
+static enum modal_status check_something_left(const struct record *r, const struct identify_options *opt, struct modal_error *err)
+{
+    const char *field = opt->difference ? "difference" : opt->window[1] > 0 ? "window" : opt->channels != NULL ? "signals" : opt->detrend != DETREND_NONE ? "detrend" : "signals";
+
+    if (largest_magnitude(r->scale, r->channels) > 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s leaves zero in every channel: there is no motion to identify", field);
+}
+
 static void find_period(struct record *r, const struct identify_options *opt, const struct batch *b)
 {
     int p;
@@ -446,16 +456,18 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     find_period(&r, opt, batch);
     if (opt->difference && asked <= 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "difference", "there is no period to take differences over; give `period`");
-    else if (band && r.period > 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "band", "a band cannot be cut from a periodic system: its modes reach over all frequencies; give `period` 0 for constant coefficients");
     if (rc == MODAL_OK && r.period > 0)
         rc = check_period(r.period, r.Y.m * r.step, "window", err);
     if (rc == MODAL_OK && opt->difference)
         rc = difference(&r, asked, err);
     if (rc == MODAL_OK && band)
         rc = zoom_record(&r, opt->band, err);
+    if (band)
+        r.per_period = 0;             /* demodulated, a period later is another phase: lines one by one, folded */
     for (int c = 0; rc == MODAL_OK && !wide && c < r.channels; c++)
         scale_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, &r.scale[c]);
+    if (rc == MODAL_OK)
+        rc = check_something_left(&r, opt, err);
     if (rc == MODAL_OK)
         rc = rounding_channels(&r, err);
     if (rc == MODAL_OK && !wide && opt->scale == SCALE_COMMON)

@@ -49,6 +49,29 @@ TEST(a_duffing_oscillator_keeps_its_energy_over_a_hundred_thousand_steps)
     free(x);
 }
 
+/* Three masses with cubic springs to each other and to the ground, motion between all modes: kinetic and elastic energy together. */
+TEST(a_chain_with_cubic_springs_keeps_its_energy_over_a_hundred_thousand_steps)
+{
+    struct simulate_result s;
+    long samples;
+    double *x = run("{'structure':{'type':'chain','masses':[1,2,0.7],'springs':[3,1,2,0]},'effects':[{'type':'cubic_spring','dof':'x1','to':'x2','coefficient':4},"
+                    "{'type':'cubic_spring','dof':'x3','coefficient':2}],'initial':{'x':{'x1':0.8},'v':{'x3':-0.5}},'time':{'dt':0.02,'duration':2000},"
+                    "'sensors':[{'dof':'x1'},{'dof':'x2'},{'dof':'x3'},{'dof':'x1','derivative':1},{'dof':'x2','derivative':1},{'dof':'x3','derivative':1}]}",
+                    0, &samples, &s, NULL);
+    double worst = 0, start = 0;
+
+    CHECK(samples == 100001);
+    for (long k = 0; k < samples; k++) {
+        const double *q = x + 6 * k, *v = q + 3;
+        double a = q[0] - q[1], b = q[1] - q[2];
+        double e = (v[0] * v[0] + 2 * v[1] * v[1] + 0.7 * v[2] * v[2] + 3 * q[0] * q[0] + a * a + 2 * b * b) / 2 + a * a * a * a + q[2] * q[2] * q[2] * q[2] / 2;
+        start = k == 0 ? e : start;
+        worst = fmax(worst, fabs(e / start - 1));
+    }
+    CHECK_NEAR(worst, 0, 1e-8);
+    free(x);
+}
+
 /* Rigid friction takes 2 mu off each half swing of a unit oscillator and holds it once the spring pulls less. */
 TEST(rigid_friction_shortens_each_swing_by_twice_its_limit_and_then_holds)
 {
@@ -194,6 +217,43 @@ TEST(the_tolerance_bounds_the_error)
         free(x);
     }
     free(exact);
+}
+
+/* Its end state with one step a sample, DT long: a tolerance of 1 leaves the step alone. */
+static double end_error(double dt, bool rk4)
+{
+    struct simulate_options rough = { .tolerance = 1, .rk4 = rk4, .substeps = 1 }, strict = { .tolerance = 1e-13 };
+    char text[1024];
+    double worst = 0, *x[2];
+    struct scene_time t;
+
+    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1,1.4],'springs':[1,0.8,0],'dampers':[0.3,0,0.01]},'omega':1.1,"
+             "'excitation':[{'dof':'x2','cos':2}],'effects':[{'type':'cubic_spring','dof':'x1','coefficient':2},{'type':'polynomial_damper','dof':'x2',"
+             "'coefficients':[-0.1,0,0.3]}],'initial':{'x':{'x1':1}},'time':{'dt':%.17g,'duration':16}}", dt);
+    for (int i = 0; i < 2; i++) {
+        struct program *p = program_text(text);
+        struct simulate_result s;
+        cJSON *scene = scene_text(text);
+
+        CHECK(scene_time(scene, p, &t, NULL) == MODAL_OK);
+        x[i] = malloc((size_t)t.samples * 2 * sizeof *x[i]);
+        CHECK(simulate(p, &t, i == 0 ? &rough : &strict, x[i], &s, NULL) == MODAL_OK);
+        CHECK(i == 1 || s.steps == t.samples - 1);
+        program_free(p);
+        cJSON_Delete(scene);
+    }
+    for (long k = 2 * t.samples - 2; k < 2 * t.samples; k++)
+        worst = fmax(worst, fabs(x[0][k] - x[1][k]));
+    free(x[0]);
+    free(x[1]);
+    return worst;
+}
+
+/* Radau's four nodes make 2 * 4 - 1, the classical Runge-Kutta method 4; the next order moves the measured one by some h. */
+TEST(halving_the_step_shows_the_orders_seven_and_four)
+{
+    CHECK_NEAR(log2(end_error(0.1, false) / end_error(0.05, false)), 7, 0.5);
+    CHECK_NEAR(log2(end_error(0.1, true) / end_error(0.05, true)), 4, 0.1);
 }
 
 /* Asked once a step, in order, a user's cubic spring is the built-in one up to the first of 64 x 100 steps, which knows one value

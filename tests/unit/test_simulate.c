@@ -48,6 +48,34 @@ TEST(free_vibration_is_the_closed_form_at_every_sample)
     free(x);
 }
 
+/* Released in the first mode of 300 unit masses and springs, w = 2 sin(pi / 602), damped by beta K: that mode alone, in 2 x 2 blocks although
+ * the products with 300 modes round 300 times. */
+TEST(a_long_chain_with_proportional_damping_steps_by_modes)
+{
+    enum { N = 300 };
+    char *text = malloc(40 * N + 500), *at = text;
+    struct scene_time t;
+    struct simulate_result s;
+    double w = 2 * sin(M_PI / (2 * N + 2)), beta = 3, decay = beta * w * w / 2, wd = sqrt(w * w - decay * decay);
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'springs':[1");
+    for (int i = 0; i < N; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "]},'effects':[{'type':'rayleigh_damping','beta':%g}],'sensors':[{'dof':'x100'}],'time':{'dt':7,'duration':700},'initial':{'x':{", beta);
+    for (int i = 1; i <= N; i++)
+        at += sprintf(at, "%s'x%d':%.17g", i > 1 ? "," : "", i, sin(M_PI * i / (N + 1)));
+    sprintf(at, "}}}");
+    double *x = run(text, &t, &s), shape = sin(M_PI * 100 / (N + 1));
+    CHECK_STRING(s.integrator, "modal-exponential");
+    for (int k = 0; k <= 100; k++)
+        CHECK_NEAR(x[k], shape * exp(-decay * 7 * k) * (cos(wd * 7 * k) + decay / wd * sin(wd * 7 * k)), 1e-10);
+    free(x);
+    free(text);
+}
+
 TEST(an_impulse_between_samples_is_hit_exactly)
 {
     struct scene_time t;

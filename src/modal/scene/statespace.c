@@ -6,11 +6,12 @@
  *     y_2' = -Phi^T K Phi diag(1/s) y_1 - Phi^T C Phi y_2 + Phi^T F z + Phi^T p                      (2)
  *     z'   = E^-1 (A z + Bx x + Bv x' + Ba Phi y_2')                                                (3)
  *
- * C off its diagonal below 2^-46 of its largest entry is the rounding of these products, and dropped when that makes the
- * system fall into 2 x 2 blocks.
+ * What lies off the 2 x 2 blocks below (64 + n) eps of the largest entry is the rounding of these products, and dropped when that
+ * makes the system fall into blocks.
  */
 #include "modal/scene/statespace.h"
 #include <cblas.h>
+#include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
@@ -148,15 +149,16 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
 static bool decouple(struct statespace *ss)
 {
     size_t N = (size_t)ss->N, n = (size_t)ss->n;
-    double largest = 0;
+    double largest = 0, rounding;
 
     if (ss->nz > 0)
         return false;
     for (size_t i = 0; i < N * N; i++)
         largest = fmax(largest, fabs(ss->A[i]));
+    rounding = (double)(64 + n) * DBL_EPSILON * largest;
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)
-            if (i % n != j % n && fabs(ss->A[i + j * N]) > 0x1p-46 * largest)
+            if (i % n != j % n && fabs(ss->A[i + j * N]) > rounding)
                 return false;
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)

@@ -3,7 +3,8 @@
  *
  * On a full disk a group is taken apart: what may be refused (submissions) is, and what must pass (edges of jobs that run,
  * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.  Results
- * wait too, and are refused when the reserve is used up: their jobs fail.
+ * wait too, and are refused when the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
+ * alone, else results would use it up and no delete could make room again.
  */
 #include "broker/queue.h"
 #include <stdlib.h>
@@ -17,7 +18,8 @@ struct ledger_thread {
     pthread_mutex_t mutex;
     pthread_cond_t more;
     struct transaction *first, **end;
-    bool stop, ping, full;
+    bool stop, ping;
+    enum { WHOLE, SHRUNK, GONE } reserve;
     bool settling;                             /* pages to give back, at leisure */
     struct ledger *ledger;
     const char *dir;
@@ -133,17 +135,33 @@ static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
     return list;
 }
 
-static void full_disk(struct ledger_thread *l, struct transaction *group)
+static enum modal_status full_disk(struct ledger_thread *l, struct transaction *group, struct modal_error *err)
 {
-    bool again = l->full;
+    int before = l->reserve;
+    enum modal_status rc = ledger_checkpoint(l->ledger, err);      /* so that the log begins anew in its own space */
 
-    reserve_release(l->dir, NULL);
-    l->full = true;
-    refuse(l, &group, again);
-    if (group == NULL)
-        return;
-    put_back(l, group);
-    nanosleep(&(struct timespec) { 0, 200000000 }, NULL);
+    refuse(l, &group, before != WHOLE);
+    if (before == WHOLE) {
+        reserve_hold(l->dir, RESERVE_LAST, NULL);
+        l->reserve = SHRUNK;
+    } else if (group != NULL) {
+        reserve_release(l->dir, NULL);
+        l->reserve = GONE;
+    }
+    if (group != NULL)
+        put_back(l, group);
+    if (group != NULL && before == GONE)
+        nanosleep(&(struct timespec) { 0, 200000000 }, NULL);
+    return rc;
+}
+
+/* Take back of the reserve what there is room for. */
+static void mend_reserve(struct ledger_thread *l)
+{
+    if (l->reserve == GONE && reserve_hold(l->dir, RESERVE_LAST, NULL) == MODAL_OK)
+        l->reserve = SHRUNK;
+    if (l->reserve == SHRUNK && reserve_hold(l->dir, RESERVE_BYTES, NULL) == MODAL_OK)
+        l->reserve = WHOLE;
 }
 
 static int64_t now_ns(void)
@@ -176,18 +194,20 @@ static void *run(void *context)
             done_ping(l->done);
         if (group == NULL && stop)
             return NULL;
+        if (l->reserve == GONE)
+            mend_reserve(l);
+        if (l->reserve == GONE && group != NULL)
+            refuse(l, &group, true);
         begun_ns = now_ns();
         rc = group != NULL ? commit(l, group, &err) : MODAL_OK;
-        if (rc == MODAL_STORAGE_FULL) {
-            full_disk(l, group);
+        if (rc == MODAL_STORAGE_FULL && (rc = full_disk(l, group, &err)) == MODAL_OK)
             continue;
-        }
         if (rc != MODAL_OK) {
             done_fatal(l->done, &err);
             return NULL;
         }
-        if (l->full)
-            l->full = reserve_hold(l->dir, RESERVE_BYTES, NULL) != MODAL_OK;
+        if (group != NULL)
+            mend_reserve(l);
         if (group != NULL) {
             measure(group, now_ns() - begun_ns);
             done_transactions(l->done, group);

@@ -547,6 +547,11 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
     return rc;
 }
 
+enum modal_status ledger_checkpoint(struct ledger *ledger, struct modal_error *err)
+{
+    return ledger->broken ? refuse_broken(err) : checkpoint(ledger, err);
+}
+
 enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor, struct modal_error *err)
 {
     return ledger_db_load(ledger->db, visitor, err);

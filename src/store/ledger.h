@@ -169,6 +169,9 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
  * tenth.  *MORE (may be NULL): there is more of that to do in a next call, at leisure.  Fails as ledger_commit does. */
 enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_error *err);
 
+/* Move the whole log to the database now, so that its space is used again.  A full disk is no error: the log stays. */
+enum modal_status ledger_checkpoint(struct ledger *ledger, struct modal_error *err);
+
 enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor, struct modal_error *err);
 
 /* Give the pages of deleted rows back to the file system, at most MOST_PAGES in this call; *LEFT are still free. */

@@ -514,12 +514,17 @@ enum modal_status reserve_hold(const char *dir, uint64_t bytes, struct modal_err
 {
     char path[4200];
     struct stat known;
+    struct statvfs room;
+    uint64_t held;
     int fd = -1;
     enum modal_status rc;
 
     snprintf(path, sizeof path, "%s/RESERVE", dir);
-    if (stat(path, &known) == 0 && (uint64_t)known.st_size == bytes)
+    held = stat(path, &known) == 0 ? (uint64_t)known.st_size : 0;
+    if (held == bytes)
         return MODAL_OK;
+    if (held < bytes && statvfs(dir, &room) == 0 && (uint64_t)room.f_bavail * room.f_frsize < bytes - held + bytes / 4)
+        return modal_fail(err, MODAL_STORAGE_FULL, "no room for a reserve of %llu bytes", (unsigned long long)bytes);
     rc = file_open(path, O_RDWR | O_CREAT, 0640, &fd, err);
     if (rc == MODAL_OK)
         rc = file_reserve(fd, bytes, err);

@@ -67,7 +67,8 @@ enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, 
                             struct modal_error *err);
 void spool_unmap(struct spool_map *map);
 
-/* Keep BYTES of DIR/RESERVE in hand, or give them up when the disk is full, so that results and deletes still pass. */
+/* Keep BYTES of DIR/RESERVE in hand, more or less than there were, or give them up when the disk is full, so that results and
+ * deletes still pass.  Holding more takes a quarter of BYTES of room besides, else MODAL_STORAGE_FULL and it stays as it was. */
 enum modal_status reserve_hold(const char *dir, uint64_t bytes, struct modal_error *err);
 enum modal_status reserve_release(const char *dir, struct modal_error *err);
 

@@ -287,6 +287,27 @@ def test_a_full_disk_refuses_submits_and_recovers_without_a_hand():
         print(f"\nP8: full after {len(acks)} jobs, 0 violations")
 
 
+def test_deletes_pass_on_a_full_disk_however_many_results_were_tried_there():
+    """P8: submissions and results may use up the reserve but for its last part, which is for deletes and edges."""
+    with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=2) as d:
+        c = d.client(timeout_s=30)
+        done, refused = [], 0
+        for i in range(450):
+            reply = submit(c, key=f"m{i}", options={"document": 200000 if i % 3 else 20000}, phase=i * 1e-3)
+            if reply.code == "storage_full":
+                refused += 1
+                time.sleep(0.02)
+            elif c.ask("WAIT", job=reply["job"], timeout_s=30)["state"] == "done":
+                done.append(f"m{i}")
+        assert refused > 50, "the disk never filled"
+        for key in done[: len(done) // 2]:
+            assert c.ask("DELETE", job=f"key:{key}").ok
+        end = time.monotonic() + 20
+        while not submit(c, key="after", options={"say": "again"}).ok:
+            assert time.monotonic() < end
+            time.sleep(0.1)
+
+
 def rss_mb(pid):
     with open(f"/proc/{pid}/status") as f:
         return next(int(line.split()[1]) for line in f if line.startswith("VmRSS")) / 1024

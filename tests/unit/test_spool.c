@@ -316,7 +316,6 @@ TEST(the_folders_files_are_listed_counted_and_removed)
 
 TEST(the_reserve_is_held_and_released)
 {
-    uint64_t used;
     char path[128], *data;
     size_t length;
 
@@ -327,9 +326,15 @@ TEST(the_reserve_is_held_and_released)
     CHECK(length == 1 << 20);
     free(data);
     CHECK(reserve_hold(dir, 1 << 20, NULL) == MODAL_OK);
-    CHECK(reserve_hold(dir, (uint64_t)1 << 60, NULL) != MODAL_OK);
-    CHECK(file_get(path, 1 << 21, &data, &length, NULL) == MODAL_NOT_FOUND);
+    CHECK(reserve_hold(dir, (uint64_t)1 << 60, NULL) == MODAL_STORAGE_FULL);
+    CHECK(file_get(path, 1 << 21, &data, &length, NULL) == MODAL_OK);
+    CHECK(length == 1 << 20);                      /* as it was */
+    free(data);
+    CHECK(reserve_hold(dir, 1 << 18, NULL) == MODAL_OK);
+    CHECK(file_get(path, 1 << 21, &data, &length, NULL) == MODAL_OK);
+    CHECK(length == 1 << 18);
+    free(data);
     CHECK(reserve_release(dir, NULL) == MODAL_OK);
-    (void)used;
+    CHECK(file_get(path, 1 << 21, &data, &length, NULL) == MODAL_NOT_FOUND);
     stop();
 }

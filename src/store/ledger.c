@@ -282,6 +282,8 @@ struct ledger {
     sqlite3 *db;
     sqlite3_stmt *statements[LEDGER_VERB_COUNT][SQL_MOST];
     sqlite3_stmt *begin, *commit, *known;
+    struct ledger_mark *mark;
+    int group_pages;           /* as log_pages, 0 before a group and where it wrote nothing */
     int log_pages;             /* of the write-ahead log after the last commit */
     bool deleted;              /* rows, since free pages were counted */
     bool broken;
@@ -349,7 +351,7 @@ static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
 {
     (void)db;
     (void)name;
-    ((struct ledger *)context)->log_pages = pages;
+    ((struct ledger *)context)->log_pages = ((struct ledger *)context)->group_pages = pages;
     return SQLITE_OK;
 }
 
@@ -405,6 +407,7 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK || (rc = read_store(ledger, err)) != MODAL_OK ||
         (rc = take_name(ledger, err)) != MODAL_OK || (rc = prepare(ledger, err)) != MODAL_OK)
         goto out;
+    ledger->mark = ledger_mark_open(dir);
     *out = ledger;
     ledger = NULL;
 out:
@@ -423,6 +426,7 @@ void ledger_close(struct ledger *ledger)
     sqlite3_finalize(ledger->commit);
     sqlite3_finalize(ledger->known);
     sqlite3_close(ledger->db);
+    ledger_mark_close(ledger->mark);
     if (ledger->socket >= 0)
         close(ledger->socket);
     if (ledger->lock >= 0)
@@ -536,9 +540,12 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
         if (rc != MODAL_OK)
             return rc;
     }
+    ledger->group_pages = 0;
     rc = apply_all(ledger, changes, count, err);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= verbs[changes[i].verb].frees;
+    if (rc == MODAL_OK && ledger->group_pages > 0)
+        ledger_mark_put(ledger->mark, ledger->group_pages);
     if (rc == MODAL_OK)
         return rc;
     if (!sqlite3_get_autocommit(ledger->db))

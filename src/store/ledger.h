@@ -3,7 +3,7 @@
  * The data folder DIR holds
  *
  *     LOCK            flock'ed while a daemon has the folder; its text is the daemon's pid
- *     ledger.db, -wal, -shm    the ledger; application id "mdld", user_version its schema
+ *     ledger.db, -wal, -shm, -mark    the ledger, and how far its log was synced; application id "mdld", user_version its schema
  *     spool/ID.h5     a sealed input larger than LEDGER_INLINE_MOST bytes; spool/ID.part one being uploaded
  *     results/ID.json a result larger than LEDGER_RESULT_INLINE_MOST
  *     RESERVE         blocks kept for the time when the disk is full

@@ -31,8 +31,19 @@ enum modal_status ledger_names_read(const char *text, uint64_t channels, const c
 /*
  * Is the write-ahead log at PATH whole as far as acknowledged groups go?  SQLite takes the first bad frame for the end of the
  * log, which is right for a group torn by a crash and wrong for damage to older ones: a later group is only begun once those
- * before are synced.  MODAL_CORRUPT, with the frame and its offset, where later groups follow a bad frame; MODAL_OK otherwise
- * and where there is no log.  The OWNER, before anything is written, also cuts off what SQLite will not read.
+ * before are synced, and PATH's mark says how far the log was synced.  MODAL_CORRUPT, with the frame and its offset, where later
+ * groups follow a bad frame or the mark lies behind it; MODAL_OK otherwise and where there is no log.  The OWNER, before anything
+ * is written, also cuts off what SQLite will not read.
  */
 enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_error *err);
+
+/*
+ * The mark: DIR/ledger.db-mark says that the first FRAMES frames of the log's present life were synced.  It is written after
+ * each sync and never synced itself: what it says was true before it could reach the disk, and an old or absent one only tells
+ * less.  Failures are therefore ignored.
+ */
+struct ledger_mark;
+struct ledger_mark *ledger_mark_open(const char *dir);      /* NULL: there will be no mark */
+void ledger_mark_put(struct ledger_mark *mark, int frames);
+void ledger_mark_close(struct ledger_mark *mark);
 #endif

@@ -10,18 +10,23 @@
  * Frames of an earlier life of the file have other salts.  The sums run from the header through all frames: over pairs
  * of words, a += word + b, b += word + a; words are little-endian for magic ..82.  After the first frame whose sums
  * are wrong no sum can be checked, but salts and commit marks can be read: a frame with our salts after a later commit's
- * frame was written when the bad group had been synced.
+ * frame was written when the bad group had been synced.  The last group has none behind it; of that the mark tells:
+ *
+ *     mark     "mdmk", salt 1, salt 2 (as in the log), u64 bytes of the log that were synced, CRC-32C of the 20 bytes before;
+ *              numbers little-endian
  */
 #include "store/ledger_db.h"
 #include <errno.h>
 #include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include "modal/crc32c.h"
 #include "store/file.h"
 
-enum { HEADER = 32, FRAME_HEADER = 24, PAGE_MOST = 65536, LOOKS = 4 };
+enum { HEADER = 32, FRAME_HEADER = 24, LEDGER_PAGE = 4096, PAGE_MOST = 65536, MARK = 24, LOOKS = 4 };
 #define MAGIC 0x377f0682u
 #define VERSION 3007000u
 
@@ -34,6 +39,8 @@ struct wal {
     uint32_t page;            /* bytes of a page */
     uint32_t salt[2];
     bool big;                 /* the sums read words big-endian */
+    unsigned char marked_salts[8];
+    uint64_t marked;          /* bytes of the life with those salts that were synced; 0: not known */
     enum modal_status read;   /* the first read that failed, and why: nothing is concluded from what could not be read */
     struct modal_error why;
 };
@@ -138,10 +145,18 @@ static bool header_torn(const struct wal *wal, bool big)
     return false;
 }
 
+/* Whether the mark speaks of the life that has these salts. */
+static bool marked_life(const struct wal *wal, const unsigned char salts[8])
+{
+    return wal->marked > 0 && memcmp(wal->marked_salts, salts, 8) == 0;
+}
+
 /* The header's own sums are wrong: torn while the log began anew, with an old life's frames behind it, or damaged? */
 static bool header_damaged(struct wal *wal)
 {
-    wal->page = 4096;
+    unsigned char salts[8];
+
+    wal->page = LEDGER_PAGE;
     wal->salt[0] = wal->salt[1] = 0;
     for (uint64_t i = 0; (wal->salt[0] | wal->salt[1]) == 0; i++) {
         if (!read_frame(wal, i, false))
@@ -149,7 +164,9 @@ static bool header_damaged(struct wal *wal)
         wal->salt[0] = big_word(wal->frame + 8);
         wal->salt[1] = big_word(wal->frame + 12);
     }
-    return groups_after(wal, 0) && !header_torn(wal, false) && !header_torn(wal, true);
+    put_big(salts, wal->salt[0]);
+    put_big(salts + 4, wal->salt[1]);
+    return (groups_after(wal, 0) || marked_life(wal, salts)) && !header_torn(wal, false) && !header_torn(wal, true);
 }
 
 static bool header_good(struct wal *wal)
@@ -186,10 +203,90 @@ static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
     if (groups_after(wal, i))
         return modal_fail(err, MODAL_CORRUPT, "%s: frame %llu (offset %llu) is damaged, and acknowledged groups follow it", path,
                           (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
+    if (wal->read == MODAL_OK && marked_life(wal, wal->header + 16) && *end < wal->marked)
+        return modal_fail(err, MODAL_CORRUPT, "%s: frame %llu (offset %llu) is damaged or missing, and its group was acknowledged; without "
+                          "the file ledger.db-mark the log is read up to there", path, (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
     return MODAL_OK;
 }
 
-/* Once, as it is now. */
+/* --- the mark --- */
+
+struct ledger_mark {
+    char wal[4200];
+    int fd, log;              /* log: the log's own, once it is there; -1 */
+};
+
+static void mark_path(char path[4200], const char *wal)
+{
+    snprintf(path, 4200, "%.*s-mark", (int)(strlen(wal) - 4), wal);      /* without "-wal" */
+}
+
+static void mark_read(struct wal *wal, const char *path)
+{
+    unsigned char mark[MARK];
+    char name[4200];
+    size_t got = 0;
+    uint32_t check;
+    int fd = -1;
+
+    mark_path(name, path);
+    if (file_open(name, O_RDONLY, 0, &fd, NULL) != MODAL_OK)
+        return;
+    if (file_read(fd, mark, MARK, 0, &got, NULL) == MODAL_OK && got == MARK && memcmp(mark, "mdmk", 4) == 0) {
+        memcpy(&check, mark + 20, 4);
+        if (check == crc32c(0, mark, 20)) {
+            memcpy(wal->marked_salts, mark + 4, 8);
+            memcpy(&wal->marked, mark + 12, 8);
+        }
+    }
+    close(fd);
+}
+
+struct ledger_mark *ledger_mark_open(const char *dir)
+{
+    struct ledger_mark *mark = calloc(1, sizeof *mark);
+    char path[4200];
+
+    if (mark == NULL)
+        return NULL;
+    mark->fd = mark->log = -1;
+    snprintf(mark->wal, sizeof mark->wal, "%.4096s/ledger.db-wal", dir);
+    mark_path(path, mark->wal);
+    file_open(path, O_WRONLY | O_CREAT, 0640, &mark->fd, NULL);
+    return mark;
+}
+
+void ledger_mark_put(struct ledger_mark *mark, int frames)
+{
+    unsigned char text[MARK] = "mdmk";
+    uint64_t bytes = HEADER + (uint64_t)frames * (FRAME_HEADER + LEDGER_PAGE);
+    uint32_t check;
+    size_t got = 0;
+
+    if (mark == NULL || mark->fd < 0 || (mark->log < 0 && file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL) != MODAL_OK))
+        return;
+    if (file_read(mark->log, text + 4, 8, 16, &got, NULL) != MODAL_OK || got != 8)
+        return;
+    memcpy(text + 12, &bytes, 8);
+    check = crc32c(0, text, 20);
+    memcpy(text + 20, &check, 4);
+    file_write(mark->fd, text, MARK, 0, NULL);
+}
+
+void ledger_mark_close(struct ledger_mark *mark)
+{
+    if (mark == NULL)
+        return;
+    if (mark->fd >= 0)
+        close(mark->fd);
+    if (mark->log >= 0)
+        close(mark->log);
+    free(mark);
+}
+
+/* --- the check --- */
+
+/* Once, as it is now; the mark before it, for it may be moving. */
 static enum modal_status look(struct wal *wal, const char *path, uint64_t *end, struct modal_error *err)
 {
     struct stat known;
@@ -197,6 +294,8 @@ static enum modal_status look(struct wal *wal, const char *path, uint64_t *end, 
     enum modal_status rc;
 
     *end = 0;
+    wal->marked = 0;
+    mark_read(wal, path);
     if (fstat(wal->fd, &known) < 0)
         return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
     wal->size = (uint64_t)known.st_size;

@@ -63,12 +63,25 @@ static void show_stability(const cJSON *stability)
     putchar('\n');
 }
 
+/* The same about one channel after another is one line. */
+static bool same_of_another_channel(const cJSON *d, const cJSON *next)
+{
+    return next != NULL && cJSON_HasObjectItem(d, "channel") && cJSON_HasObjectItem(next, "channel") && strcmp(text(d, "code"), text(next, "code")) == 0;
+}
+
 static void show_diagnostics(const cJSON *result)
 {
-    const cJSON *d;
+    const cJSON *d = get(result, "diagnostics");
 
-    cJSON_ArrayForEach(d, get(result, "diagnostics"))
-        printf("note %s: %s\n", text(d, "code"), text(d, "message"));
+    for (d = d ? d->child : NULL; d != NULL; d = d->next) {
+        int more = 0;
+        printf("note %s: %s", text(d, "code"), text(d, "message"));
+        for (; same_of_another_channel(d, d->next); d = d->next)
+            more++;
+        if (more > 0)
+            printf(" (so %d more channel%s)", more, more > 1 ? "s" : "");
+        putchar('\n');
+    }
 }
 
 static void show_cost(const cJSON *result)

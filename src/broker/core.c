@@ -92,6 +92,8 @@ static enum modal_status load_job(void *context, const struct job_record *r)
     job->result_bytes = r->result_bytes;
     job->cached = r->cached;
     job->committed = true;
+    if (r->input >= c->next_input)                 /* an input that has gone since */
+        c->next_input = r->input + 1;
     job->input = input_by_id(c, r->input);
     job->output = r->output == 0 ? NULL : input_by_id(c, r->output);
     load_failure(job, r);

@@ -88,7 +88,8 @@ struct stream {
     char *name, *header;                  /* header: what open said, as JSON */
     uint64_t channels;
     double dt, period;
-    uint64_t epoch, begin, next, durable; /* of the present epoch: its first sample, the next to come, the next to be committed */
+    uint64_t epoch, begin, next;          /* of the present epoch: its first sample, the next to come */
+    uint64_t durable_epoch, durable;      /* the next sample to be committed, and the epoch that is committed so far */
     uint64_t run_from;                    /* first sample after the last gap */
     struct segment *segments; size_t segment_count, segment_room;
     uint64_t (*gaps)[2]; size_t gap_count;

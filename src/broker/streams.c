@@ -36,6 +36,12 @@ static struct stream *stream_open_named(const struct core *c, const struct user 
     return NULL;
 }
 
+/* Whether all that came is committed. */
+static bool is_durable(const struct stream *s)
+{
+    return s->durable_epoch == s->epoch && s->durable == s->next;
+}
+
 static void say(struct core *c, const struct reply *reply, const struct stream *s)
 {
     cJSON *header = answer_new(reply);
@@ -44,7 +50,7 @@ static void say(struct core *c, const struct reply *reply, const struct stream *
     ident_text(ident, ~c->settings.secret, s->id);
     cJSON_AddStringToObject(header, "stream", ident);
     cJSON_AddStringToObject(header, "name", s->name);
-    cJSON_AddNumberToObject(header, "epoch", (double)s->epoch);
+    cJSON_AddNumberToObject(header, "epoch", (double)s->durable_epoch);
     cJSON_AddNumberToObject(header, "next", (double)s->durable);
     cJSON_AddNumberToObject(header, "credit", IN_FLIGHT / 2);
     if (s->closed) {
@@ -402,7 +408,7 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
         transaction_join(t, s->askers);
         s->askers = NULL;
         core_commit(c, t);
-    } else if (s->durable == s->next)
+    } else if (is_durable(s))
         seal(c, s);
 }
 
@@ -431,7 +437,7 @@ void stream_request(struct core *c, const struct event *e, const struct wire_req
 /* Never over a gap or an epoch. */
 bool stream_due(struct stream *s)
 {
-    if (s->window == 0 || s->closed || s->recent == NULL || s->durable != s->next || s->durable < s->run_from + s->window)
+    if (s->window == 0 || s->closed || s->recent == NULL || !is_durable(s) || s->durable < s->run_from + s->window)
         return false;
     if (s->next_window < s->run_from + s->window)
         s->next_window = s->run_from + s->window;
@@ -531,11 +537,11 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
         for (size_t i = s->segment_count; i > 0 && !s->segments[i - 1].input->committed; i--)
             if (s->segments[i - 1].epoch < (uint64_t)after->attempts || s->segments[i - 1].first < (uint64_t)after->value)
                 s->segments[i - 1].input->committed = true;
-        if ((uint64_t)after->attempts == s->epoch)
-            s->durable = (uint64_t)after->value;
+        s->durable_epoch = (uint64_t)after->attempts;
+        s->durable = (uint64_t)after->value;
     }
     say(c, &after->reply, s);
-    if (s->closing && !s->closed && s->sealed == NULL && s->durable == s->next && s->next > s->begin && s->last == NULL)
+    if (s->closing && !s->closed && s->sealed == NULL && is_durable(s) && s->next > s->begin && s->last == NULL)
         seal(c, s);
 }
 
@@ -555,9 +561,11 @@ void stream_load_note(struct core *c, const struct note_record *r)
     json_get_number(note_text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
     json_get_number(note_text, "", "begin", 0, WIRE_INTEGER_MOST, &begin, NULL);
     cJSON_AddNumberToObject(open, "samples", 1);
+    if (strtoll(r->name, NULL, 10) >= c->next_input)      /* without samples it has no row that would keep its number */
+        c->next_input = strtoll(r->name, NULL, 10) + 1;
     if (wire_input_read(open, "", WIRE_BATCH, &w, NULL) == MODAL_OK) {
         s = make(c, user_get(c, user), name, &w, cJSON_GetObjectItemCaseSensitive(open, "window"), strtoll(r->name, NULL, 10));
-        s->epoch = (uint64_t)epoch;
+        s->epoch = s->durable_epoch = (uint64_t)epoch;
         s->begin = s->next = s->durable = s->run_from = (uint64_t)begin;
     }
     cJSON_Delete(note_text);

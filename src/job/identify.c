@@ -48,8 +48,10 @@ static enum modal_status read_interval(const cJSON *o, const char *key, double o
     size_t count = 0;
     enum modal_status rc = json_get_numbers(o, "", key, 0, 1e300, &x, &count, err);
 
-    if (rc == MODAL_OK && x != NULL && (count != 2 || !(x[1] > x[0])))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s: accepted: two numbers, the first below the second", key);
+    if (rc == MODAL_OK && x != NULL && count != 2)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s has %zu numbers; accepted: two, the first below the second", key, count);
+    else if (rc == MODAL_OK && x != NULL && !(x[1] > x[0]))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s is [%.6g, %.6g]; accepted: two numbers, the first below the second", key, x[0], x[1]);
     if (rc == MODAL_OK && x != NULL)
         out[0] = x[0], out[1] = x[1];
     free(x);

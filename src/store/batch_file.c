@@ -322,7 +322,7 @@ static enum modal_status open_file(const char *path, hid_t *out, struct modal_er
         return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", path, strerror(errno));
     close(fd);
     if (H5Fis_hdf5(path) <= 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s is not an HDF5 file", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s is not an HDF5 file; accepted: HDF5, CSV, WAV, FLAC", path);
     *out = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
     if (*out < 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s cannot be read as HDF5: it is truncated or damaged", path);

@@ -16,7 +16,7 @@
 #include "broker/state.h"
 #include "modal/crc32c.h"
 
-enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096, UPLOADS = 3, CHUNK = 96, NOTES = 256 };
+enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096, UPLOADS = 3, CHUNK = 96, STREAMS = 2, PUSHED = 4, NOTES = 256 };
 
 /* ---- the ledger of the world ------------------------------------------------------------------------------------ */
 
@@ -34,13 +34,21 @@ struct row {
     int results;                 /* RESULT_PUT rows seen */
 };
 
-struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; };
+struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; char attributes[120]; };
 
 /* An upload as its client knows it. */
 struct upload_view {
     bool open, unsure;           /* unsure: it must begin again to know where it is */
     char ident[9];
     uint64_t sent, acked;        /* bytes */
+};
+
+/* A stream likewise.  Its samples are their index, twisted by a checkpoint taken up again. */
+struct stream_view {
+    bool open, unsure, asked;    /* asked: to be closed */
+    char ident[9], ended[9];     /* ended: the one closed before, */
+    char sha256[65];             /* and what it was sealed as */
+    uint64_t sent, acked, epoch, twist;
 };
 
 struct world {
@@ -52,7 +60,7 @@ struct world {
     struct row rows[ROWS]; int row_count;
     struct input_row inputs[ROWS]; int input_count;
     struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job, expired_ns; } stones[ROWS]; int stone_count;
-    struct { char topic[16], name[24], text[200]; } notes[NOTES]; int note_count;
+    struct { char topic[16], name[24], text[600]; } notes[NOTES]; int note_count;
     int64_t last_event;
     struct transaction *waiting, **waiting_end;
     struct task *tasks, **tasks_end;
@@ -61,7 +69,8 @@ struct world {
     int acked_variant[2][KEYS];
     bool expired[2][KEYS];
     struct upload_view uploads[2][UPLOADS];
-    long sealed;
+    struct stream_view streams[2][STREAMS];
+    long sealed, closed;
     int64_t request;
     struct { int user, key, variant; bool used; uint64_t offset; } asked[1 << 12];
     bool full;
@@ -165,7 +174,7 @@ static void put_note(const struct note_record *note)
     }
     copy(w->notes[at].topic, 16, note->topic);
     copy(w->notes[at].name, 24, note->name);
-    copy(w->notes[at].text, 200, note->text);
+    copy(w->notes[at].text, sizeof w->notes[at].text, note->text);
     w->note_count += at == w->note_count;
 }
 
@@ -184,6 +193,7 @@ static void apply(struct ledger_change *change)
         *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples, .received = in->id == change->input.id ? in->received : 0,
                                    .state = change->input.state, .inline_data = change->input.inline_data };
         memcpy(in->sha256, change->input.sha256, 32);
+        copy(in->attributes, sizeof in->attributes, change->input.shape.attributes);
         copy(in->user, sizeof in->user, change->input.user);
         break;
     }
@@ -279,6 +289,45 @@ static void told_upload(const struct action *a, const cJSON *header, int user, i
     }
 }
 
+/* What a closed stream is said to be never changes; what was acknowledged of an open one is never less. */
+static void told_stream(const struct action *a, const cJSON *header, int user, int key)
+{
+    struct stream_view *v = &w->streams[user][key];
+    const cJSON *next = cJSON_GetObjectItem(header, "next"), *epoch = cJSON_GetObjectItem(header, "epoch"), *sha256 = cJSON_GetObjectItem(header, "sha256");
+    const cJSON *ident = cJSON_GetObjectItem(header, "stream");
+    bool same = next != NULL && v->open && strcmp(ident->valuestring, v->ident) == 0;
+
+    if (strcmp(a->verb, "ERROR") == 0) {
+        v->unsure = true;
+        v->asked = false;
+    } else if (cJSON_GetObjectItem(header, "samples") != NULL && strcmp(ident->valuestring, v->ended) == 0) {
+        if (strcmp(sha256 == NULL ? "" : sha256->valuestring, v->sha256) != 0)
+            violate(5, "a closed stream is closed to something else");
+    } else if (cJSON_GetObjectItem(header, "samples") != NULL) {
+        struct stream_view ended = { .unsure = true };
+        copy(ended.ended, sizeof ended.ended, ident->valuestring);
+        copy(ended.sha256, sizeof ended.sha256, sha256 == NULL ? "" : sha256->valuestring);
+        if (same && epoch->valuedouble == (double)v->epoch && next->valuedouble < (double)v->acked)
+            violate(5, "a stream is closed without what was acknowledged");
+        *v = ended;
+        w->closed++;
+    } else if (same) {
+        if (epoch->valuedouble < (double)v->epoch || (epoch->valuedouble == (double)v->epoch && next->valuedouble < (double)v->acked))
+            violate(5, "acknowledged samples are not present");
+        v->epoch = (uint64_t)epoch->valuedouble;
+        v->acked = (uint64_t)next->valuedouble;
+    } else if (cJSON_GetObjectItem(header, "name") != NULL && strcmp(ident->valuestring, v->ended) != 0) {      /* opened anew */
+        v->open = true;
+        v->epoch = (uint64_t)epoch->valuedouble;
+        v->acked = (uint64_t)next->valuedouble;
+        copy(v->ident, sizeof v->ident, ident->valuestring);
+    }
+    if (v->open && v->unsure && strcmp(a->verb, "REPLY") == 0) {
+        v->unsure = false;
+        v->sent = v->acked;
+    }
+}
+
 static void told(const struct action *a)
 {
     cJSON *header = cJSON_Parse(a->header);
@@ -316,6 +365,10 @@ static void told(const struct action *a)
     if (verb != NULL && strcmp(verb->valuestring, "UPLOAD") == 0 && cJSON_IsNumber(id)) {
         int n = (int)id->valuedouble & 4095;
         told_upload(a, header, w->asked[n].user, w->asked[n].key, w->asked[n].offset);
+    }
+    if (verb != NULL && strcmp(verb->valuestring, "STREAM") == 0 && cJSON_IsNumber(id)) {
+        int n = (int)id->valuedouble & 4095;
+        told_stream(a, header, w->asked[n].user, w->asked[n].key);
     }
     cJSON_Delete(header);
 }
@@ -465,6 +518,48 @@ static void upload_something(int user, int key, bool aborts)
         ask_upload(user, key, "seal", 0);
 }
 
+static void ask_stream(int user, int key, const char *op, const char *ident)
+{
+    struct stream_view *v = &w->streams[user][key];
+    double data[PUSHED];
+    char header[300];
+    int n = (int)(++w->request & 4095);
+
+    w->asked[n].user = user;
+    w->asked[n].key = key;
+    for (int i = 0; i < PUSHED; i++)
+        data[i] = (double)(v->sent + (uint64_t)i) + 1000.0 * (double)v->twist;
+    if (strcmp(op, "open") == 0)
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"open\",\"name\":\"r%d\",\"channels\":1,\"dt\":0.1,\"window\":{\"samples\":12,\"hop\":8}}", n, key);
+    else if (strcmp(op, "push") == 0)
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"push\",\"stream\":\"%s\",\"epoch\":%d,\"first\":%d,\"count\":%d,\"crc32c\":%u}", n, ident, (int)v->epoch,
+                 (int)v->sent, PUSHED, crc32c(0, data, sizeof data));
+    else
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"close\",\"stream\":\"%s\"}", n, ident);
+    request(user, "STREAM", header, strcmp(op, "push") == 0 ? data : NULL, strcmp(op, "push") == 0 ? sizeof data : 0);
+}
+
+/* The next thing a simulation does with its stream: now and then it goes on from a checkpoint, with other samples. */
+static void stream_something(int user, int key, bool close)
+{
+    struct stream_view *v = &w->streams[user][key];
+
+    if (v->ended[0] != 0 && roll(6) == 0)
+        ask_stream(user, key, "close", v->ended);
+    else if (!v->open || v->unsure) {
+        v->unsure = true;
+        ask_stream(user, key, "open", NULL);
+    } else if (v->asked || (v->acked >= 20 && (close || roll(10) == 0))) {
+        v->asked = true;
+        ask_stream(user, key, "close", v->ident);
+    } else {
+        if (roll(12) == 0 && v->sent == v->acked && v->sent >= 8)
+            v->sent -= 8, v->twist++;
+        ask_stream(user, key, "push", v->ident);
+        v->sent += PUSHED;
+    }
+}
+
 static void ask_about_something(const char *verb)
 {
     char header[100];
@@ -558,11 +653,28 @@ static void commit_some(uint32_t most)
 static enum modal_status luck(const struct task *task)
 {
     switch (task->type) {
-    case TASK_BEGIN: case TASK_SEAL: return roll(8) == 0 ? MODAL_BUSY : w->full && roll(2) == 0 ? MODAL_STORAGE_FULL : MODAL_OK;
+    case TASK_BEGIN: case TASK_SEAL: case TASK_STREAM_SEAL: return roll(8) == 0 ? MODAL_BUSY : w->full && roll(2) == 0 ? MODAL_STORAGE_FULL : MODAL_OK;
     case TASK_RESUME: return roll(8) == 0 ? MODAL_BUSY : MODAL_OK;
     case TASK_WRITE: return roll(8) == 0 || (w->full && roll(2) == 0) ? MODAL_STORAGE_FULL : MODAL_OK;
     default: return MODAL_OK;
     }
+}
+
+/* All its segments are there, one after the other, and the last is the end. */
+static void check_segments(const struct task *t)
+{
+    uint64_t samples = 0;
+
+    for (size_t k = 0; k < t->segment_count; k++) {
+        bool there = false;
+        for (int i = 0; i < w->input_count; i++)
+            there |= w->inputs[i].id == t->segments[k].input && !w->inputs[i].gone && w->inputs[i].samples == t->segments[k].count;
+        if (!there || t->segments[k].first < samples)
+            violate(5, "a stream is sealed of segments that are not there");
+        samples = t->segments[k].first + t->segments[k].count;
+    }
+    if (samples != t->shape.samples)
+        violate(5, "a stream is sealed of other samples than it has");
 }
 
 static void do_task(struct task *t)
@@ -578,7 +690,10 @@ static void do_task(struct task *t)
         t->upload = (void *)&handle;
     else if (t->type == TASK_SEAL)
         hash_of(t->shape.samples, t->sha256);
-    else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
+    else if (t->type == TASK_STREAM_SEAL) {
+        check_segments(t);
+        hash_of((uint64_t)t->id, t->sha256);
+    } else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
         t->upload = NULL;
     if (t->type == TASK_RESUME) {
         t->upload = t->status == MODAL_OK ? (void *)&handle : NULL;
@@ -608,6 +723,7 @@ static void load_rows(struct ledger_visitor *v)
         struct input_record r = { .id = w->inputs[i].id, .user = w->inputs[i].user, .shape = { .type = INPUT_BATCH, .samples = w->inputs[i].samples, .channels = 1, .dt = 1 },
                                   .state = w->inputs[i].state, .inline_data = w->inputs[i].inline_data, .received = w->inputs[i].received, .created_ns = 1,
                                   .used_ns = w->now.utc_ns };
+        r.shape.attributes = w->inputs[i].attributes[0] != 0 ? w->inputs[i].attributes : NULL;
         memcpy(r.sha256, w->inputs[i].sha256, 32);
         if (!w->inputs[i].gone)
             v->input(v->context, &r);
@@ -682,6 +798,12 @@ static void restart(void)
     end_core();
     for (int i = 0; i < 2 * UPLOADS; i++)
         w->uploads[i / UPLOADS][i % UPLOADS].unsure = true;
+    for (int i = 0; i < 2 * STREAMS; i++) {
+        struct stream_view *v = &w->streams[i / STREAMS][i % STREAMS];
+        v->unsure = true;
+        v->asked = false;
+        v->ended[0] = 0;                           /* a restart does not remember those that are closed */
+    }
     boot();
 }
 
@@ -703,8 +825,10 @@ static void something_happens(void)
 
     if (what < 14)
         submit_something();
-    else if (what < 22)
+    else if (what < 18)
         upload_something((int)roll(2), (int)roll(UPLOADS), true);
+    else if (what < 24)
+        stream_something((int)roll(2), (int)roll(STREAMS), false);
     else if (what < 34)
         ask_about_something(verbs[roll(6)]);
     else if (what < 64)
@@ -776,6 +900,23 @@ static void finish_uploads(void)
     }
 }
 
+static void finish_streams(void)
+{
+    for (int i = 0; i < 2 * STREAMS; i++) {
+        struct stream_view *v = &w->streams[i / STREAMS][i % STREAMS];
+        long before = w->closed;
+        for (int round = 0; round < 2000 && w->closed == before; round++) {
+            stream_something(i / STREAMS, i % STREAMS, true);
+            do_tasks(2);
+            commit_some(1 + roll(3));
+            if (round % 50 == 49)
+                v->unsure = true, v->asked = false;
+        }
+        if (w->closed == before)
+            violate(5, "a stream does not come to its end");
+    }
+}
+
 static void check_acknowledged(void)
 {
     for (int user = 0; user < 2; user++)
@@ -830,6 +971,7 @@ static void run_world(uint64_t seed, bool verbose)
         something_happens();
     settle();
     finish_uploads();
+    finish_streams();
     settle();
     check_acknowledged();
     close_world();

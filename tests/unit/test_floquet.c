@@ -64,6 +64,21 @@ TEST(modes_left_without_damping_are_undecided_beside_damped_ones)
     floquet_done(&f);
 }
 
+/* A free beam drifts: its rigid motions have 0 four times, not the root of the rounding beside a mode of 1e5 rad/s; then come its
+ * undamped modes by frequency, the first (4.7300407 / l)^2 sqrt(EI / m) to the elements' h^4. */
+TEST(a_free_beam_is_undecided_and_its_modes_come_by_frequency)
+{
+    struct floquet f = floquet_text("{'structure':{'type':'beam','length':1,'elements':8,'EI':6570,'mass_per_length':3.24,'supports':['free','free']}}");
+
+    CHECK(f.count == 36 && f.stable == FLOQUET_UNDECIDED);
+    CHECK_NEAR(cimag(f.exponent[4]) / (4.7300407 * 4.7300407 * sqrt(6570 / 3.24)), 1, 1e-4);
+    for (int i = 0; i < 4; i++)
+        CHECK_NEAR(cabs(f.exponent[i]), 0, f.bar[i]);
+    for (int i = 6; i < f.count; i += 2)
+        CHECK(cimag(f.exponent[i]) > cimag(f.exponent[i - 2]));
+    floquet_done(&f);
+}
+
 /* Gyroscopic: M = I, K = k I, speed G = [0 2w; -2w 0]: whirl at sqrt(w^2 + k) +- w. */
 TEST(gyroscopic_whirl_splits_as_the_closed_form)
 {

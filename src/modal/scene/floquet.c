@@ -71,11 +71,24 @@ static void block_roots(double c, double k, double complex root[2])
     }
 }
 
+/* What rounding of the modal products leaves in every squared frequency; 0: all of them stand above it (no rigid motion).  Within it
+ * exponents are +-sqrt(-k) of rounding alone. */
+static double rigid_rounding(const struct statespace *ss)
+{
+    double largest = 0, least = HUGE_VAL;
+
+    for (int i = 0; i < ss->n; i++) {
+        largest = fmax(largest, ss->s[i]);
+        least = fmin(least, ss->s[i]);
+    }
+    return least <= 1.0001e-7 * largest ? 8 * DBL_EPSILON * largest * largest : 0;       /* statespace.c bounds s below by 1e-7 */
+}
+
 static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
 {
     int n = ss->n;
     size_t N = (size_t)ss->N;
-    double damping = 0;                        /* the largest: what rounding of the modal products leaves in all */
+    double damping = 0, rigid = rigid_rounding(ss);      /* damping: the largest, whose rounding the modal products leave in all */
 
     for (int i = 0; i < n; i++)
         damping = fmax(damping, fabs(ss->A[(size_t)(n + i) + (size_t)(n + i) * N]));
@@ -84,14 +97,14 @@ static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
         double c = -ss->A[(size_t)(n + i) + (size_t)(n + i) * N];
         block_roots(c, k, f->exponent + 2 * i);
         for (int j = 0; j < 2; j++)
-            f->bar[2 * i + j] = 8 * DBL_EPSILON * (fabs(k) < 1e-14 * s * s ? s : damping + DBL_EPSILON * s);
+            f->bar[2 * i + j] = fabs(k) <= rigid ? sqrt(fabs(k) + rigid) : 8 * DBL_EPSILON * (damping + DBL_EPSILON * s);
     }
 }
 
 static enum modal_status coupled_exponents(const struct statespace *ss, struct floquet *f, struct modal_error *err)
 {
     size_t count = (size_t)ss->N * (size_t)ss->N;
-    double *copy = malloc(count * sizeof *copy + 1), *condition = malloc((size_t)ss->N * sizeof *condition + 1), e;
+    double *copy = malloc(count * sizeof *copy + 1), *condition = malloc((size_t)ss->N * sizeof *condition + 1), e, rigid = rigid_rounding(ss);
     struct matrix A = { ss->N, ss->N, ss->N, copy };
     enum modal_status rc = copy != NULL && condition != NULL ? MODAL_OK : no_memory(err);
 
@@ -101,6 +114,9 @@ static enum modal_status coupled_exponents(const struct statespace *ss, struct f
         rc = eigen_general(&A, f->exponent, condition, NULL, err);
         for (int i = 0; rc == MODAL_OK && i < ss->N; i++)
             f->bar[i] = fmin(condition[i] * e, e / sqrt(DBL_EPSILON));
+        for (int i = 0; rc == MODAL_OK && i < ss->N; i++)
+            if (cabs(f->exponent[i]) * cabs(f->exponent[i]) <= rigid)
+                f->bar[i] = fmax(f->bar[i], sqrt(2 * rigid));
     }
     free(copy);
     free(condition);
@@ -188,10 +204,18 @@ static enum modal_status turning(const struct statespace *ss, double speed, doub
     return rc;
 }
 
-/* Descending in |rho| (periodic) or Re lambda, pairs together, the one with positive imaginary part first. */
+/* What value I is ordered by: |rho| (periodic) or Re lambda, on the boundary of stability where its bar holds that. */
+static double size_of(const struct floquet *f, int i)
+{
+    double x = f->periodic ? cabs(f->multiplier[i]) : creal(f->exponent[i]), boundary = f->periodic ? 1 : 0;
+
+    return fabs(x - boundary) <= f->bar[i] ? boundary : x;
+}
+
+/* Descending in size, then ascending in |Im|, pairs together, the one with positive imaginary part first. */
 static bool comes_before(const struct floquet *f, int a, int b)
 {
-    double x = f->periodic ? cabs(f->multiplier[a]) : creal(f->exponent[a]), y = f->periodic ? cabs(f->multiplier[b]) : creal(f->exponent[b]);
+    double x = size_of(f, a), y = size_of(f, b);
     double complex u = f->periodic ? f->multiplier[a] : f->exponent[a], v = f->periodic ? f->multiplier[b] : f->exponent[b];
 
     if (x != y)

@@ -20,6 +20,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     for (int i = 0; i < 4 && rc == MODAL_OK; i++)
         rc = i == 1 ? json_get_number(e->json, e->path, names[i], -HUGE_VAL, HUGE_VAL, &x[i], err)
                     : json_need_number(e->json, e->path, names[i], 0, HUGE_VAL, &x[i], err);
+    if (rc == MODAL_OK && x[0] == 0 && x[1] <= 0)          /* never in contact: it leaves nothing */
+        return rc;
     if (rc == MODAL_OK)
         rc = law_contact_friction(x[0], x[1], x[2], x[3], &law, err);
     if (rc != MODAL_OK)

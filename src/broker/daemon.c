@@ -65,7 +65,7 @@ static struct moment moment_now(void)
     return (struct moment) { clock_ns(CLOCK_MONOTONIC), clock_ns(CLOCK_REALTIME) };
 }
 
-/* One line of logfmt, with its time. */
+/* One line of logfmt, with its time: written before the answer that it is about, unless it is one of the many. */
 static void log_line(const char *text)
 {
     int64_t now = clock_ns(CLOCK_REALTIME);
@@ -76,6 +76,8 @@ static void log_line(const char *text)
     gmtime_r(&seconds, &tm);
     strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%S", &tm);
     fprintf(stderr, "time=%s.%03dZ %s\n", stamp, (int)(now % SECOND / 1000000), text);
+    if (strncmp(text, "level=info", 10) != 0)
+        fflush(stderr);
 }
 
 static void log_error(const char *event, const struct modal_error *err)
@@ -493,7 +495,7 @@ static void loop(struct daemon *d)
     while (!d->stop) {
         int n = poll_items(d, items, slots);
 
-        fflush(stderr);                            /* one write for all lines of a round */
+        fflush(stderr);                            /* one write for all edges of a round */
         if (zmq_poll(items, n, more ? 0 : wait_ms(d)) < 0 && errno != EINTR)
             break;
         more = false;

@@ -3,7 +3,7 @@
  * Standard errors from the Jacobian suppose that the model holds: constant exponents, white noise.  Where it does not - friction, drift, a transient of
  * many modes - the poles make up for what is missing and fit the whole to any accuracy; but no part of the record has them.
  *
- * A half is fitted twice, with amplitudes of its own each time: with the poles of the whole, and with poles of its own that start there.  If the model
+ * A half is fitted with amplitudes of its own, first with the poles of the whole, then with poles of its own that start there.  If the model
  * holds, twice the logarithm of the ratio of likelihoods is chi-square with P degrees of freedom, P the parameters of the poles [W38], so that
  *
  *     BIC(poles of the whole) - BIC(poles of its own) <= P + DEVIATIONS sqrt(2 P) + SLACK                               (1)
@@ -23,13 +23,7 @@ enum { SPARE = 8, ITERATIONS = 20 };
 static const double DEVIATIONS = 6, SLACK = 12, CLEAR = 3;
 static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
 
-struct half { struct refine_data data; struct matrix Y; struct refined whole, own; };
-
-static void half_done(struct half *h)
-{
-    refined_done(&h->whole);
-    refined_done(&h->own);
-}
+struct half { struct refine_data data; struct matrix Y; struct refined own; };
 
 /* The right side of (1). */
 static double allowed(double parameters)
@@ -40,25 +34,20 @@ static double allowed(double parameters)
 static enum modal_status fit_half(const struct refine_data *data, int first, int rows, const double complex *lambda, int count, const bool *fixed,
                                   struct half *h, struct modal_error *err)
 {
-    struct refine_options look = { .iterations = -1 }, own = { .iterations = ITERATIONS, .work = WORK };
-    enum modal_status rc;
+    struct refine_options own = { .iterations = ITERATIONS, .work = WORK, .gain = allowed(2.0 * count) };
 
     h->Y = (struct matrix) { rows, data->Y->n, data->Y->ld, data->Y->x + first };
     h->data = *data;
     h->data.Y = &h->Y;
-    rc = refine_poles(&h->data, lambda, count, fixed, &look, &h->whole, err);
-    if (rc != MODAL_OK || !isfinite(h->whole.bic))
-        return rc;
-    own.rival = h->whole.bic - allowed(h->whole.parameters);
     return refine_poles(&h->data, lambda, count, fixed, &own, &h->own, err);
 }
 
 /* The left side of (1) over the right; 0 where there is nothing to compare. */
 static double strength_of(const struct half *h)
 {
-    if (h->own.poles == 0 || h->own.end == REFINE_DEGENERATE || !isfinite(h->own.bic))
+    if (h->own.end == REFINE_DEGENERATE || !isfinite(h->own.bic))
         return 0;
-    return fmax(0, (h->whole.bic - h->own.bic) / allowed(h->own.parameters));
+    return fmax(0, (h->own.start_bic - h->own.bic) / allowed(h->own.parameters));
 }
 
 static double differs(double own, double whole, double std)
@@ -103,7 +92,7 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
             *strength = fmax(*strength, strength_of(&h));
             compare(&h, lambda, count, strength_of(&h) > 1, say);
         }
-        half_done(&h);
+        refined_done(&h.own);
     }
     free(fixed);
     return rc;

@@ -671,9 +671,10 @@ static enum modal_status settle(struct work *w, struct search *s, bool equal, st
 }
 
 /* Descend, weigh anew, until the weights settle. */
-static enum modal_status search(struct work *w, struct search *s, const struct refine_options *opt, double *start,
+static enum modal_status search(struct work *w, struct search *s, const struct refine_options *asked, struct refined *r,
                                 enum refine_end *end, struct modal_error *err)
 {
+    struct refine_options own = *asked, *opt = &own;
     enum modal_status rc;
 
     set_floor(w, &s->at);
@@ -683,10 +684,13 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
     *end = REFINE_DEGENERATE;
     if (rc != MODAL_OK || s->now.degenerate)
         return rc;
-    *start = 0;
+    r->start = 0;
     for (int g = 0; g < w->groups; g++)
-        *start += s->now.rss[g];
-    *start = sqrt(*start);
+        r->start += s->now.rss[g];
+    r->start = sqrt(r->start);
+    r->start_bic = bic(w, s->now.rss, 1);
+    if (opt->gain > 0)
+        opt->rival = r->start_bic - opt->gain;
     for (int round = 0; round < ROUNDS; round++) {
         if (set_weights(w, s->now.rss, opt->equal_noise) < 0.02 && round > 0)
             break;
@@ -830,7 +834,7 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
         s.at.b[j] = cimag(start[j]) * data->tau;
         r.lambda[j] = start[j];
     }
-    rc = search(&w, &s, &opt, &r.start, &r.end, err);
+    rc = search(&w, &s, &opt, &r, &r.end, err);
     if (rc != MODAL_OK)
         goto out;
     report(&w, &s, data->tau, &r);

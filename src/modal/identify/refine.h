@@ -25,6 +25,7 @@ struct refine_options {
     double step;                 /* converged once the next step is less than this times the standard errors; 0: 1e-3 */
     double work;                 /* most multiplications (below) before another step; 0: no limit */
     double rival;                /* give up where the BIC will hardly fall below this (beside a better candidate); 0: never */
+    double gain;                 /* the same against the start: where the BIC will hardly fall by so much below that of START; 0: never */
     bool equal_noise;            /* one noise level for all columns; else one for each signal, from its own residual */
     bool settle;                 /* once converged go on to the minimum itself, so that the answer does not tell where the search began */
 };
@@ -51,6 +52,7 @@ struct refined {
     double *noise;               /* per signal: standard deviation of the residual, units of Y, unfloored */
     double *floor;               /* per signal: what rounding alone leaves */
     double residual, start;      /* Frobenius norm of Y - fit: at the end, at the start */
+    double start_bic;            /* of START */
     double bic;                  /* Bayes information criterion of the fit, residuals floored at rounding; see refine.c */
     int iterations, evaluations;
     double work;                 /* multiplications of all evaluations, about: rows x columns^2 each; it depends on sizes and steps, not on the machine */

@@ -52,7 +52,7 @@ static enum modal_status run_here(const struct input *input, const struct args *
     enum modal_status rc = job_run(&request, out, err);
 
     if (rc == MODAL_CANCELLED && limit.passed)
-        rc = most == args->run_limit ? modal_fail(err, MODAL_RUN_LIMIT, "the run limit of %g s passed", most)
+        rc = args->run_limit > 0 && most == args->run_limit ? modal_fail(err, MODAL_RUN_LIMIT, "the run limit of %g s passed", most)
                                      : modal_fail(err, MODAL_TIMEOUT, "not finished in %g s", most);
     return rc;
 }

@@ -106,7 +106,7 @@ static void show_plan(const cJSON *result)
         return;
     printf("plan: %s, %g states, %s\n", text(plan, "class"), number(plan, "states"), text(plan, "integrator"));
     cJSON_ArrayForEach(effect, get(plan, "effects"))
-        printf("  %-22s %4g states  %8g evaluations  %9.2e s  %s\n", text(effect, "type"), number(effect, "states"),
+        printf("  %-22s %4g states  %8.0f evaluations  %9.2e s  %s\n", text(effect, "type"), number(effect, "states"),
                number(effect, "evaluations"), number(effect, "seconds"), cJSON_IsTrue(get(effect, "active")) ? "active" : "at rest");
 }
 

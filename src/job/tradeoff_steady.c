@@ -11,6 +11,7 @@
 #include "job/cost.h"
 #include "job/plan.h"
 #include "job/steady.h"
+#include "job/steady_print.h"
 #include "job/tradeoff.h"
 #include "modal/scene/scene.h"
 
@@ -36,7 +37,7 @@ static const struct rung {
 static const char *const names[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting" };
 
 struct tradeoff {
-    const struct program *p;
+    struct program *p;
     struct steady_options base;
     const struct rung *rung[RUNGS_MOST];
     int rungs, H;
@@ -98,6 +99,8 @@ static enum modal_status solve(const struct tradeoff *t, const struct steady_opt
 
     if (rc == MODAL_OK)
         rc = steady_solve(s, t->p->omega, NULL, &point, err);
+    if (rc == MODAL_OK)
+        steady_count(t->p, &point);
     *converged = rc == MODAL_OK && point.converged;
     for (int i = 0; X != NULL && *converged && i < t->p->n && rc == MODAL_OK; i++) {
         double complex *own = calloc((size_t)point.H + 1, sizeof *own);
@@ -264,6 +267,7 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
     t.p = p;
     t.base = settings.opt;
     choose_rungs(&t);
+    steady_count_start(p);
     rc = find_reference(&t, err);
     cost_stage(&cost, "reference");
     if (rc == MODAL_OK)

@@ -36,7 +36,7 @@ def column(p, steps, folder):
 def verdicts(daemon, name, y):
     """Of each window, in order; every one is waited for."""
     c, said = daemon.client(timeout_s=60), []
-    assert c.ask("EVENTS", stream=name).ok
+    subscription = c.ask("EVENTS", stream=name)["subscription"]
     s = c.ask("STREAM", op="open", name=name, channels=2, dt=DT, window={"samples": WINDOW, "hop": HOP})["stream"]
     for at in range(0, len(y), HOP):
         data = y[at:at + HOP].tobytes()
@@ -46,6 +46,8 @@ def verdicts(daemon, name, y):
             if reply.verb == "EVENT":
                 assert "error" not in reply.header, reply.header
                 said.append(reply["stability"]["stable"])
+    c.ask("EVENTS", op="cancel", subscription=subscription)
+    c.ask("STREAM", op="close", stream=s)
     c.close()
     return said
 

@@ -276,3 +276,29 @@ TEST(a_window_that_is_not_full_and_one_too_short_are_bad_input_and_options_beyon
     moving_free(m);
     free(x);
 }
+
+/* A constant under the vibration is reported apart by a batch, and every such window is one. */
+TEST(a_window_with_an_offset_is_a_batch_and_says_so)
+{
+    struct decay d = three(1000, 2, 51);
+    double *x = record(&d, 40, 52);
+    struct moving_options opt = { .channels = 2, .window = 600, .hop = 100, .dt = d.dt };
+    struct identify_result result;
+    struct moving_cost cost;
+    struct moving *m;
+
+    for (int k = 0; k < 2 * d.samples; k++)
+        x[k] += 3.7;
+    CHECK(moving_new(&opt, &m, NULL) == MODAL_OK);
+    for (int k = 0; k < 1000; k += 200) {
+        CHECK(moving_push(m, x + 2 * k, 200, NULL) == MODAL_OK);
+        if (k < 400)
+            continue;
+        CHECK(moving_identify(m, &result, &cost, NULL) == MODAL_OK && result.offset != NULL && !cost.updated);
+        CHECK_NEAR(result.offset[0], 3.7, 0.01);
+        CHECK(strcmp(cost.why, k == 400 ? "first" : "offset") == 0);
+        identify_result_done(&result);
+    }
+    moving_free(m);
+    free(x);
+}

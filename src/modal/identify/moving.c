@@ -69,6 +69,7 @@ struct moving {
 
     bool possible;                               /* the options are those of an update */
     bool anchored;
+    int reason;                                  /* where there is no anchor: why not */
     struct poles_of own, first;                  /* of the last result; before channels were weighed by their noise (count 0: they were not) */
     struct poles_of anchor;
     bool rest_white[2];                          /* the last complete identification kept only the orthogonal signals that stand out of white noise; weighed */
@@ -1073,8 +1074,13 @@ static enum modal_status from_nothing(struct moving *m, struct identify_result *
 
     m->batches++;
     forget_anchor(m);
-    if (rc != MODAL_OK || !m->possible || special(m, out->chosen.lambda, out->chosen.count))
+    m->reason = FIRST;
+    if (rc != MODAL_OK || !m->possible)
         return rc;
+    if (special(m, out->chosen.lambda, out->chosen.count)) {
+        m->reason = out->chosen.count == 0 ? NOT_SETTLED : OFFSET;
+        return rc;
+    }
     if (!take_poles(&m->own, out->chosen.lambda, out->chosen.count) || !take_poles(&m->first, out->unweighed.lambda, out->unweighed.count)
         || set_anchor(m, &m->own, NULL) != MODAL_OK)
         forget_anchor(m);                        /* the answer stands; the next one is from nothing too */
@@ -1162,7 +1168,7 @@ static bool has_weak_mode(const struct identify_result *r)
 enum modal_status moving_identify(struct moving *m, struct identify_result *out, struct moving_cost *cost, struct modal_error *err)
 {
     struct job j = { .m = m };
-    enum reason why = m->possible ? FIRST : OPTIONS;
+    enum reason why = m->possible ? (enum reason)m->reason : OPTIONS;
     enum modal_status rc = MODAL_OK;
 
     memset(out, 0, sizeof *out);

@@ -18,7 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
+static const double SHRINKS = 0.2, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
 static const double TAIL_GAIN = 0.1;
 enum { ITERATIONS_MOST = 60, ORDER_TAIL = 33, TAIL_LEAST = 4 };
 
@@ -301,7 +301,7 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
 /* Harmonics past the one returned have a gain slope / |S_k| below TAIL_GAIN: (7) serves them as well as Newton's method. */
 static int matrix_order(const struct balance *b, const struct iterate_options *opt)
 {
-    double slope = aft_slope(b->aft);
+    double slope = opt->slope > 0 ? opt->slope : aft_slope(b->aft);
     int HJ = b->H;
 
     if (b->q != 1 || b->order < ORDER_TAIL || b->p->harmonics > 0 || opt->by_differences || opt->cutoff > 0)
@@ -320,7 +320,7 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
     enum modal_status rc = MODAL_OK;
     int HJ;
 
-    rc = b->order < ORDER_TAIL ? MODAL_OK : balance_residual(b, X, false, err);
+    rc = b->order < ORDER_TAIL || opt->slope > 0 ? MODAL_OK : balance_residual(b, X, false, err);
     if (rc == MODAL_OVERFLOW)
         rc = MODAL_OK;
     HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
@@ -383,7 +383,10 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         take(b, w.u, 1, w.step, w.scratch, w.trial);
         report->iterations++;
         report->step = fmin(norm_relative(b, w.step, X), norm_relative(b, w.step, w.trial));
-        if (report->step <= tolerance || (report->step < FLOOR && report->step > 0.25 * last && lambda == 1)) {
+        double rate = report->step / last;                 /* a loose tolerance is met once rate * step, the next, is below it */
+        if (report->step <= tolerance || (report->step < FLOOR && rate > (b->HJ < b->H ? 0.9 : 0.25) && lambda == 1)
+            || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1 && report->step * rate / (1 - rate) <= tolerance / 2)) {
+            report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;
             report->converged = true;
             memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
             break;

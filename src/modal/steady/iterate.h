@@ -9,6 +9,7 @@ struct iterate_options {
     double relaxation;        /* direct iteration: new = relaxation * new + ...; 0: 1 */
     bool by_differences;      /* Newton: the derivative by central difference quotients of the residual */
     double cutoff;            /* Newton: only harmonics with |X_k| >= cutoff * largest, the rest by (7); 0: all */
+    double slope;             /* the laws' largest, N/m, where another balance has shown it; 0: an evaluation shows it */
     bool (*cancelled)(void *context);
     void *context;
 };

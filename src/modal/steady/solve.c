@@ -40,6 +40,8 @@ struct steady {
     int degree;                 /* the largest of polynomial laws; 0: none */
     bool sampled;               /* some law is neither */
     bool jumps;                 /* rigid friction, located */
+    bool current;               /* the last residual of the balance at hand was of the point's X */
+    double slope;               /* the laws' largest, as the last rough start showed it; 0: not yet */
     struct balance *balance[BALANCES];
     int balances;
 };
@@ -162,7 +164,7 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out, 
 static struct iterate_options iterate_options_of(const struct steady *s)
 {
     return (struct iterate_options) { .tolerance = s->opt.tolerance, .most = s->opt.max_iterations, .relaxation = s->opt.relaxation,
-                                      .by_differences = s->opt.by_differences, .cutoff = s->opt.cutoff,
+                                      .by_differences = s->opt.by_differences, .cutoff = s->opt.cutoff, .slope = s->slope,
                                       .cancelled = s->opt.cancelled, .context = s->opt.context };
 }
 
@@ -344,33 +346,50 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
     return rc;
 }
 
-/* From rest to many harmonics: the way is gone with few, roughly. */
+/* X of balance B improved with H of its harmonics, to TOLERANCE; left alone where that does not converge. */
+static enum modal_status rough_level(struct steady *s, struct balance *b, int H, double tolerance, double complex *X, struct steady_point *point,
+                                     bool *ok, struct modal_error *err)
+{
+    struct iterate_options opt = iterate_options_of(s);
+    struct steady_start start = { b->q, b->H, X };
+    struct iterate_report r = { 0 };
+    struct balance *few;
+    double complex *Y = NULL;
+    enum modal_status rc = steady_balance(s, H, &few, err);
+
+    *ok = false;
+    if (rc == MODAL_OK && (Y = malloc(((size_t)few->q * ((size_t)H + 1) + 1) * sizeof *Y)) == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    if (rc == MODAL_OK)
+        rc = balance_set(few, b->omega, 1, err);
+    if (rc == MODAL_OK) {
+        put_start(few, &start, Y);
+        opt.tolerance = tolerance;
+        rc = iterate_newton(few, &opt, Y, &r, err);
+    }
+    if (rc == MODAL_OK && r.converged) {
+        start = (struct steady_start) { few->q, H, Y };
+        put_start(b, &start, X);
+        point->iterations += r.iterations;
+        s->slope = aft_slope(few->aft);
+        *ok = true;
+    }
+    free(Y);
+    return rc;
+}
+
+/* From rest to many harmonics: the way is gone with few, roughly, then with three times as many, as long as that is far fewer. */
 static enum modal_status rough_start(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
 {
     int load = condense_highest_load(s->c), H = 2 * load > H_ROUGH ? 2 * load : H_ROUGH;
-    struct iterate_options opt = iterate_options_of(s);
-    struct iterate_report r;
-    struct balance *few;
-    double complex *Y;
-    enum modal_status rc;
+    double tolerance = ROUGH;
+    bool ok = true;
+    enum modal_status rc = MODAL_OK;
 
     if (b->H < 2 * H || s->opt.by_differences || s->opt.cutoff > 0)
         return MODAL_OK;
-    rc = steady_balance(s, H, &few, err);
-    if (rc != MODAL_OK)
-        return rc;
-    Y = calloc((size_t)few->q * ((size_t)H + 1) + 1, sizeof *Y);
-    opt.tolerance = ROUGH;
-    rc = Y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_set(few, b->omega, 1, err);
-    if (rc == MODAL_OK)
-        rc = iterate_newton(few, &opt, Y, &r, err);
-    if (rc == MODAL_OK && r.converged) {
-        struct steady_start start = { few->q, H, Y };
-
-        put_start(b, &start, X);
-        point->iterations += r.iterations;
-    }
-    free(Y);
+    for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= 10)
+        rc = rough_level(s, b, H, tolerance, X, point, &ok, err);
     return rc == MODAL_OK ? balance_set(b, b->omega, 1, err) : rc;
 }
 
@@ -378,6 +397,7 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
                                   bool coarse, struct steady_point *point, struct modal_error *err)
 {
     enum steady_method method = s->opt.method;
+    bool tried;
     enum modal_status rc;
 
     put_start(b, start, X);
@@ -389,16 +409,22 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
         return try_direct(s, b, X, point, err);
     }
     if (method == STEADY_AUTO && b->order > 60 && !s->opt.by_differences) {
-        rc = balance_residual(b, X, true, err);
+        rc = s->slope > 0 ? MODAL_OK : balance_residual(b, X, false, err);
         if (rc != MODAL_OK)
             return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
-        if (iterate_gain(b, aft_slope(b->aft)) < GAIN_DIRECT && (rc = try_direct(s, b, X, point, err)) != MODAL_OK)
+        if (iterate_gain(b, s->slope > 0 ? s->slope : aft_slope(b->aft)) < GAIN_DIRECT && (rc = try_direct(s, b, X, point, err)) != MODAL_OK)
             return rc;
     }
-    if (!point->converged && (rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
+    tried = !point->converged;
+    if (tried && (rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
         return rc;
-    if (method == STEADY_AUTO && start == NULL && s->degree > 0 && !s->exact && point->iterations > FEW && (rc = from_low(s, b, X, point, err)) != MODAL_OK)
-        return rc;
+    if (method == STEADY_AUTO && start == NULL && s->degree > 0 && !s->exact && point->iterations > FEW) {
+        if ((rc = from_low(s, b, X, point, err)) != MODAL_OK)
+            return rc;
+    } else if (tried && point->converged) {
+        s->current = true;
+        return MODAL_OK;
+    }
     if (!point->converged && start != NULL) {
         memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
         if ((rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
@@ -444,6 +470,7 @@ static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, do
     rc = balance_set(few, b->omega, 1, err);
     if (rc == MODAL_OK)
         rc = attempts(s, few, NULL, X, false, &sub, err);
+    s->current = false;
     point->iterations += sub.iterations;
     if (rc == MODAL_OK)
         rc = balance_set(b, b->omega, 1, err);
@@ -789,8 +816,9 @@ static enum modal_status solve_at(struct steady *s, int H, double omega, const s
     for (int l = 0; l < s->p->laws; l++)
         before[l] = aft_evaluations(b->aft, l);
     ffts = aft_transforms(b->aft);
+    s->current = false;
     rc = attempts(s, b, start, X, false, point, err);
-    if (rc == MODAL_OK && point->converged)
+    if (rc == MODAL_OK && point->converged && !s->current)
         rc = balance_residual(b, point->X, false, err);
     if (rc != MODAL_OK)
         goto out;

@@ -42,6 +42,7 @@ static const struct { const char *kind, *key, *help; } keys[] = {
     { "steady",   "time=true|N",         "the waveform too, in N samples" },
     { "steady",   "dofs=A,B",            "those reported" },
     { "steady",   "start={\"A\":{\"k\":[1],\"re\":[1],\"im\":[0]}}", "where to begin" },
+    { "steady",   "backbone=MODE:A:B[:N]", "the free vibration of a mode from amplitude A to B, in N points, in place of the forced one" },
     { "steady",   "threads=N",           "of BLAS (default 1)" },
     { "simulate", "integrator=auto|rk4", "auto: exact exponentials and maps where the scene is linear" },
     { "simulate", "tolerance=X",         "of the adaptive parts" },

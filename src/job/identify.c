@@ -505,6 +505,8 @@ static cJSON *print_provenance(const struct job_request *q, const struct identif
     cJSON_AddNumberToObject(input, "channels", (double)q->batch->channels);
     cJSON_AddNumberToObject(input, "dt", q->batch->dt);
     cJSON_AddNumberToObject(input, "period", q->batch->period);
+    if (q->batch->units != NULL && q->batch->units[0] != 0)
+        cJSON_AddStringToObject(input, "units", q->batch->units);
     if (q->attributes != NULL)
         cJSON_AddItemToObject(input, "attributes", cJSON_Duplicate(q->attributes, true));
     cJSON_AddItemToObject(o, "input", input);

@@ -343,6 +343,46 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
     return rc == MODAL_OK ? newton(b, opt, X, report, err) : rc;
 }
 
+/* Whether the step just computed is the last: below the tolerance, or of rounding's size and no longer shrinking. */
+static bool settled(const struct balance *b, double tolerance, double last, double lambda, struct iterate_report *report)
+{
+    double rate = report->step / last, stalls = b->HJ < b->H ? 0.9 : 0.25;      /* a short matrix converges linearly */
+
+    if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
+          || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1         /* a loose one: the next step will be */
+              && report->step * rate / (1 - rate) <= tolerance / 2)))
+        return false;
+    report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;
+    report->converged = true;
+    return true;
+}
+
+/* The residual at the answer: a small step of a singular derivative leaves it where it was. */
+static enum modal_status verify(struct balance *b, const double complex *X, struct iterate_report *report, struct modal_error *err)
+{
+    double before = report->residual;
+    enum modal_status rc = balance_residual(b, X, false, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    report->residual = balance_relative_residual(b, X);
+    if (report->residual > UNBALANCED && report->residual > 0.9 * before) {
+        report->converged = false;
+        report->reason = "the derivative is singular";
+    }
+    return MODAL_OK;
+}
+
+static void work_done(struct newton_work *w)
+{
+    free(w->step);
+    free(w->trial_step);
+    free(w->u);
+    free(w->kept);
+    free(w->scratch);
+    free(w->trial);
+}
+
 static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
                                 struct iterate_report *report, struct modal_error *err)
 {
@@ -383,11 +423,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         take(b, w.u, 1, w.step, w.scratch, w.trial);
         report->iterations++;
         report->step = fmin(norm_relative(b, w.step, X), norm_relative(b, w.step, w.trial));
-        double rate = report->step / last;                 /* a loose tolerance is met once rate * step, the next, is below it */
-        if (report->step <= tolerance || (report->step < FLOOR && rate > (b->HJ < b->H ? 0.9 : 0.25) && lambda == 1)
-            || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1 && report->step * rate / (1 - rate) <= tolerance / 2)) {
-            report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;
-            report->converged = true;
+        if (settled(b, tolerance, last, lambda, report)) {
             memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
             break;
         }
@@ -410,25 +446,13 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             break;
         }
     }
-    if (report->converged && (rc = balance_residual(b, X, false, err)) == MODAL_OK) {
-        double before = report->residual;
-
-        report->residual = balance_relative_residual(b, X);
-        if (report->residual > UNBALANCED && report->residual > 0.9 * before) {       /* a small step that does not help */
-            report->converged = false;
-            report->reason = "the derivative is singular";
-        }
-    }
+    if (report->converged)
+        rc = verify(b, X, report, err);
 out:
     if (rc == MODAL_OVERFLOW) {
         report->reason = "the iterates overflow";
         rc = MODAL_OK;
     }
-    free(w.step);
-    free(w.trial_step);
-    free(w.u);
-    free(w.kept);
-    free(w.scratch);
-    free(w.trial);
+    work_done(&w);
     return rc;
 }

@@ -249,11 +249,12 @@ static enum modal_status drop_oldest(struct moving *m, struct modal_error *err)
 /* All full blocks of the present window, and no other. */
 static enum modal_status keep_blocks(struct moving *m, struct modal_error *err)
 {
-    uint64_t B = (uint64_t)m->B, from = m->next - (uint64_t)moving_samples(m), first = (from + B - 1) / B * B, i;
+    uint64_t B = (uint64_t)m->B, from = m->next - (uint64_t)moving_samples(m), first, i;
     enum modal_status rc = MODAL_OK;
 
-    if (m->B == 0)
+    if (B == 0)
         return MODAL_OK;
+    first = (from + B - 1) / B * B;
     while (m->count > 0 && m->block_from < first && rc == MODAL_OK)
         rc = drop_oldest(m, err);
     i = m->count > 0 ? m->block_from + (uint64_t)m->count * B : first;

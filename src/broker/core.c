@@ -548,6 +548,7 @@ static void free_user(struct user *user)
     map_done(&user->tombstones);
     map_done(&user->keys);
     map_done(&user->inputs);
+    map_done(&user->identities);
     heap_done(&user->ready);
     free(user->jobs);
     free(user->open);

@@ -1,4 +1,4 @@
-/* inputs.c - sealed inputs: one record for each user and identity, kept while a job names it */
+/* inputs.c - sealed inputs: one record for each user and content, kept while a job names it */
 #include "broker/state.h"
 #include <stdio.h>
 #include <stdlib.h>
@@ -103,23 +103,116 @@ struct input *input_load(struct core *c, const struct input_record *r)
     return input;
 }
 
-static bool has_hash(const void *value, const void *key)
+/* ---- what makes two inputs the same ----------------------------------------------------------------------------- */
+
+/*
+ * An answer shows its input's attributes as provenance, and `tradeoff` reads the truth there, so inputs that differ only in
+ * them are two: content = SHA-256(sha256, attributes by name), or sha256 itself where there are none.
+ */
+void input_content(const uint8_t sha256[32], const cJSON *attributes, uint8_t content[32])
+{
+    char *text;
+    uint8_t *both;
+    size_t length;
+
+    memcpy(content, sha256, 32);
+    if (attributes == NULL || attributes->child == NULL)
+        return;
+    text = canonical_text(attributes);
+    length = strlen(text);
+    both = grab(32 + length);
+    memcpy(both, sha256, 32);
+    memcpy(both + 32, text, length);
+    if (identity_sha256(both, 32 + length, content, NULL) != MODAL_OK)
+        abort();
+    free(both);
+    free(text);
+}
+
+static void set_content(struct input *input)
+{
+    cJSON *attributes = input->attributes == NULL ? NULL : cJSON_Parse(input->attributes);
+
+    input_content(input->sha256, attributes, input->content);
+    cJSON_Delete(attributes);
+}
+
+static bool has_content(const void *value, const void *key)
+{
+    return memcmp(((const struct input *)value)->content, key, 32) == 0;
+}
+
+struct input *input_sealed(const struct user *user, const uint8_t content[32])
+{
+    return map_find(&user->inputs, map_hash(content, 32), has_content, content);
+}
+
+static bool has_identity(const void *value, const void *key)
 {
     return memcmp(((const struct input *)value)->sha256, key, 32) == 0;
 }
 
-struct input *input_sealed(const struct user *user, const uint8_t sha256[32])
+struct input *input_of_identity(const struct user *user, const uint8_t sha256[32])
 {
-    return map_find(&user->inputs, map_hash(sha256, 32), has_hash, sha256);
+    return map_find(&user->identities, map_hash(sha256, 32), has_identity, sha256);
+}
+
+/* In the table INPUT takes the place of OLD; either may be NULL. */
+static void replace_youngest(struct map *table, const uint8_t sha256[32], const struct input *old, struct input *input)
+{
+    if (old != NULL)
+        map_remove(table, map_hash(sha256, 32), old);
+    if (input != NULL && !map_put(table, map_hash(sha256, 32), input))
+        abort();
+}
+
+/* Inputs of one identity are a list from the youngest on, which is in the table; seldom is another one's place here. */
+static void join_identity(struct input *input)
+{
+    struct input *next = input_of_identity(input->user, input->sha256), *before = NULL;
+
+    while (next != NULL && next->id > input->id) {
+        before = next;
+        next = next->older;
+    }
+    input->older = next;
+    input->younger = before;
+    if (next != NULL)
+        next->younger = input;
+    if (before != NULL)
+        before->older = input;
+    else
+        replace_youngest(&input->user->identities, input->sha256, next, input);
+}
+
+static void leave_identity(struct input *input)
+{
+    if (input->older != NULL)
+        input->older->younger = input->younger;
+    if (input->younger != NULL)
+        input->younger->older = input->older;
+    else
+        replace_youngest(&input->user->identities, input->sha256, input, input->older);
 }
 
 void input_index(struct input *input)
 {
-    if (input_sealed(input->user, input->sha256) != NULL)
+    set_content(input);
+    if (input_sealed(input->user, input->content) != NULL)
         return;
     input->indexed = true;
-    if (!map_put(&input->user->inputs, map_hash(input->sha256, 32), input))
+    if (!map_put(&input->user->inputs, map_hash(input->content, 32), input))
         abort();
+    join_identity(input);
+}
+
+static void unindex(struct input *input)
+{
+    if (!input->indexed)
+        return;
+    input->indexed = false;
+    map_remove(&input->user->inputs, map_hash(input->content, 32), input);
+    leave_identity(input);
 }
 
 void input_record_fill(const struct input *input, struct transaction *t, struct input_record *out)
@@ -191,8 +284,7 @@ void input_use(struct core *c, struct input *input, int jobs)
 void input_forget(struct core *c, struct input *input)
 {
     input_cache(c, input, NULL);
-    if (input->indexed)
-        map_remove(&input->user->inputs, map_hash(input->sha256, 32), input);
+    unindex(input);
     map_remove(&c->inputs, map_hash_number((uint64_t)input->id), input);
     input->user->bytes -= (int64_t)input->bytes;
     filling_free(input->filling);
@@ -213,9 +305,7 @@ void input_remove(struct core *c, struct input *input)
     if (input->going)
         return;
     input->going = true;
-    if (input->indexed)
-        map_remove(&input->user->inputs, map_hash(input->sha256, 32), input);
-    input->indexed = false;
+    unindex(input);
     t = transaction_new();
     transaction_add(t, LEDGER_INPUT_DELETE)->id = input->id;
     snprintf(name, sizeof name, "%lld", (long long)input->id);

@@ -55,11 +55,11 @@ void job_index(struct core *c, struct job *job)
 
 /* ---- results that may answer again ------------------------------------------------------------------------------ */
 
-struct cache_key { const struct user *user; const uint8_t *input, *settings; };
+struct cache_key { const struct user *user; const uint8_t *content, *settings; };
 
-static uint64_t cache_hash(const uint8_t input[32], const uint8_t settings[32])
+static uint64_t cache_hash(const uint8_t content[32], const uint8_t settings[32])
 {
-    return map_hash(input, 32) * 31 + map_hash(settings, 32);
+    return map_hash(content, 32) * 31 + map_hash(settings, 32);
 }
 
 static bool has_result(const void *value, const void *key)
@@ -67,29 +67,29 @@ static bool has_result(const void *value, const void *key)
     const struct job *job = value;
     const struct cache_key *k = key;
 
-    return job->user == k->user && memcmp(job->input->sha256, k->input, 32) == 0 && memcmp(job->settings, k->settings, 32) == 0;
+    return job->user == k->user && memcmp(job->input->content, k->content, 32) == 0 && memcmp(job->settings, k->settings, 32) == 0;
 }
 
-struct job *job_cached(struct core *c, struct user *user, const uint8_t input[32], const uint8_t settings[32])
+struct job *job_cached(struct core *c, struct user *user, const uint8_t content[32], const uint8_t settings[32])
 {
-    struct cache_key key = { user, input, settings };
+    struct cache_key key = { user, content, settings };
 
-    return map_find(&c->results, cache_hash(input, settings), has_result, &key);
+    return map_find(&c->results, cache_hash(content, settings), has_result, &key);
 }
 
 void job_index_result(struct core *c, struct job *job)
 {
-    if (job->indexed || job->input == NULL || job_cached(c, job->user, job->input->sha256, job->settings) != NULL)
+    if (job->indexed || job->input == NULL || job_cached(c, job->user, job->input->content, job->settings) != NULL)
         return;
     job->indexed = true;
-    if (!map_put(&c->results, cache_hash(job->input->sha256, job->settings), job))
+    if (!map_put(&c->results, cache_hash(job->input->content, job->settings), job))
         abort();
 }
 
 void job_unindex(struct core *c, struct job *job)
 {
     if (job->indexed)
-        map_remove(&c->results, cache_hash(job->input->sha256, job->settings), job);
+        map_remove(&c->results, cache_hash(job->input->content, job->settings), job);
     job->indexed = false;
 }
 

@@ -50,6 +50,7 @@ struct input {
     uint64_t bytes;
     enum input_state state;
     uint8_t sha256[32];
+    uint8_t content[32];                  /* what its answers show: sha256 and the attributes; see input_content */
     uint32_t crc;
     uint64_t offset;
     bool inline_data, committed, indexed, going;
@@ -57,6 +58,7 @@ struct input {
     int jobs;                             /* that name it */
     struct blob *data;                    /* of an inline one, while the cache keeps it */
     struct filling *filling;              /* while it is open */
+    struct input *older, *younger;        /* of the same sha256 and other attributes */
 };
 
 /* An upload in progress: by a client, or by a worker that makes signals. */
@@ -145,7 +147,8 @@ struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_
 struct user {
     char name[NAME_MOST];
     struct account *account;              /* NULL: none any more */
-    struct map keys, tombstones, inputs;  /* by key; by key; sealed inputs by hash */
+    struct map keys, tombstones;          /* by key */
+    struct map inputs, identities;        /* sealed inputs by content; the youngest of each identity by sha256 */
     struct job **jobs; size_t job_count, job_room;      /* ascending ids; NULL where one has gone */
     struct input **open; int open_count;  /* uploads */
     struct heap ready;
@@ -280,7 +283,7 @@ void job_index_result(struct core *c, struct job *job);
 void job_note_end(struct core *c, struct job *job);
 void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to);
 void job_unindex(struct core *c, struct job *job);
-struct job *job_cached(struct core *c, struct user *user, const uint8_t input[32], const uint8_t settings[32]);
+struct job *job_cached(struct core *c, struct user *user, const uint8_t content[32], const uint8_t settings[32]);
 void job_event(struct core *c, struct job *job, struct transaction *t, const struct failure *failure, enum job_state to);
 void job_expired(struct core *c, int64_t id, enum timer what, int64_t extra);
 void jobs_retain(struct core *c);
@@ -307,7 +310,9 @@ bool user_quota(struct core *c, struct user *user, const struct reply *reply, in
 /* inputs.c */
 struct input *input_new(struct core *c, struct user *user, const struct wire_input *w, int64_t id);
 struct input *input_load(struct core *c, const struct input_record *r);
-struct input *input_sealed(const struct user *user, const uint8_t sha256[32]);
+struct input *input_sealed(const struct user *user, const uint8_t content[32]);      /* NULL: none */
+struct input *input_of_identity(const struct user *user, const uint8_t sha256[32]);  /* the youngest; NULL: none */
+void input_content(const uint8_t sha256[32], const cJSON *attributes, uint8_t content[32]);
 void input_index(struct input *input);
 void input_record_fill(const struct input *input, struct transaction *t, struct input_record *out);
 void input_describe(const struct input *input, cJSON *object);

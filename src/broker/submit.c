@@ -47,15 +47,15 @@ char *canonical_text(const cJSON *value)
     return text;
 }
 
-/* settings = SHA-256(kind, options); fingerprint = SHA-256(settings, input) */
-static void fingerprints(const char *kind, const char *options, const uint8_t input[32], uint8_t settings[32], uint8_t fingerprint[32])
+/* settings = SHA-256(kind, options); fingerprint = SHA-256(settings, content of the input) */
+static void fingerprints(const char *kind, const char *options, const uint8_t content[32], uint8_t settings[32], uint8_t fingerprint[32])
 {
     char *text = grab_format("%s\n%s", kind, options);
     uint8_t both[64];
 
     identity_sha256(text, strlen(text), settings, NULL);
     memcpy(both, settings, 32);
-    memcpy(both + 32, input, 32);
+    memcpy(both + 32, content, 32);
     identity_sha256(both, sizeof both, fingerprint, NULL);
     free(text);
 }
@@ -69,7 +69,8 @@ struct submission {
     const struct job_kind *kind;
     struct input *input;             /* NULL: new, in `data` */
     struct blob *data;
-    uint8_t sha256[32], settings[32], fingerprint[32];
+    uint8_t sha256[32];              /* of `data` */
+    uint8_t content[32], settings[32], fingerprint[32];
     char *options;
 };
 
@@ -92,7 +93,7 @@ static bool find_named(struct core *c, struct submission *s)
     uint8_t hash[32];
 
     if (s->r->submit.sha256 != NULL && identity_from_hex(s->r->submit.sha256, hash))
-        s->input = input_sealed(s->user, hash);
+        s->input = input_of_identity(s->user, hash);
     if (s->r->submit.upload != NULL)
         s->input = input_by_id(c, ident_number(~c->settings.secret, s->r->submit.upload));
     if (s->input == NULL || s->input->user != s->user || s->input->going || !s->input->committed) {
@@ -104,7 +105,7 @@ static bool find_named(struct core *c, struct submission *s)
         answer_fail(c, &s->reply, MODAL_CONFLICT, "input.upload", NULL, "the upload is not sealed yet");
         return false;
     }
-    memcpy(s->sha256, s->input->sha256, 32);
+    memcpy(s->content, s->input->content, 32);
     return true;
 }
 
@@ -130,7 +131,8 @@ static bool take_inline(struct core *c, struct submission *s, const struct event
         answer_error(c, &s->reply, &err, NULL);
         return false;
     }
-    s->input = input_sealed(s->user, s->sha256);
+    input_content(s->sha256, w->attributes, s->content);
+    s->input = input_sealed(s->user, s->content);
     if (s->input != NULL && s->input->going)
         s->input = NULL;
     return true;
@@ -275,10 +277,10 @@ void submit_request(struct core *c, const struct event *e, const struct wire_req
     if (!find_kind(c, &s) || !(named ? find_named(c, &s) : take_inline(c, &s, e)))
         goto out;
     s.options = canonical_text(r->submit.options);
-    fingerprints(s.kind->name, s.options, s.sha256, s.settings, s.fingerprint);
+    fingerprints(s.kind->name, s.options, s.content, s.settings, s.fingerprint);
     if (known_key(c, &s) || !may_enter(c, &s))
         goto out;
-    source = r->submit.fresh || s.input == NULL ? NULL : job_cached(c, user, s.sha256, s.settings);
+    source = r->submit.fresh || s.input == NULL ? NULL : job_cached(c, user, s.content, s.settings);
     enter(c, &s, source);
 out:
     blob_drop(s.data);

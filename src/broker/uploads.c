@@ -393,6 +393,18 @@ void upload_after(struct core *c, struct after *after, enum modal_status status)
 
 /* ---- requests --------------------------------------------------------------------------------------------------- */
 
+static bool same_attributes(const struct input *input, const cJSON *attributes)
+{
+    cJSON *known = input->attributes == NULL ? NULL : cJSON_Parse(input->attributes);
+    char *a = canonical_text(known), *b = canonical_text(attributes);
+    bool same = strcmp(a, b) == 0;
+
+    cJSON_Delete(known);
+    free(a);
+    free(b);
+    return same;
+}
+
 static bool same_shape(const struct input *input, const struct wire_input *w)
 {
     struct input_shape shape;
@@ -407,7 +419,7 @@ static bool same_shape(const struct input *input, const struct wire_input *w)
     for (uint64_t i = 0; same && names != NULL && i < shape.channels; i++)
         same = strcmp(names[i], input->shape.names[i]) == 0;
     free(names);
-    return same;
+    return same && same_attributes(input, w->attributes);
 }
 
 static struct input *find_open(struct user *user, const struct wire_request *r, const uint8_t declared[32])
@@ -417,7 +429,8 @@ static struct input *find_open(struct user *user, const struct wire_request *r, 
         if (f->slot >= 0 || f->aborting)
             continue;
         if (r->upload.key != NULL ? f->key != NULL && strcmp(f->key, r->upload.key) == 0
-                                  : r->upload.sha256 != NULL && f->key == NULL && f->has_declared && memcmp(f->declared, declared, 32) == 0)
+                                  : r->upload.sha256 != NULL && f->key == NULL && f->has_declared && memcmp(f->declared, declared, 32) == 0
+                                    && same_attributes(user->open[i], r->upload.input.attributes))
             return user->open[i];
     }
     return NULL;
@@ -440,11 +453,13 @@ static bool may_begin(struct core *c, const struct wire_request *r, struct user 
 static void begin(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
 {
     struct reply reply = reply_to(e, r);
-    uint8_t declared[32] = { 0 };
+    uint8_t declared[32] = { 0 }, content[32];
     struct input *input = NULL;
 
-    if (r->upload.sha256 != NULL && identity_from_hex(r->upload.sha256, declared))
-        input = input_sealed(user, declared);
+    if (r->upload.sha256 != NULL && identity_from_hex(r->upload.sha256, declared)) {
+        input_content(declared, r->upload.input.attributes, content);
+        input = input_sealed(user, content);
+    }
     if (input != NULL && input->committed && !input->going) {
         input_use(c, input, 0);
         say_state(c, &reply, input, "sealed");

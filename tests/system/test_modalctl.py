@@ -42,6 +42,32 @@ def test_the_four_ways_give_the_same_numbers_to_the_last_bit(which, ctl, daemon,
     assert local["provenance"]["input_sha256"] == served["provenance"]["input_sha256"] == read.sha256()
 
 
+@pytest.mark.parametrize("samples", [500, 5000])                # in the request's body, and by upload
+def test_files_of_equal_data_are_answered_each_with_its_own_attributes(samples, ctl, client, daemon, tmp_path):
+    """Whatever the answer shows makes another answer; only an equal file gets the kept one."""
+    signals = decay(samples)
+    first = {"channels": ["a", "b"], "units": "m", "rig": "one"}
+
+    def answer(name, more):
+        path = tmp_path / f"{name}.h5"
+        with h5py.File(path, "w") as f:
+            f["signals"] = signals
+            f["signals"].attrs.update({"dt": 0.02, **first, **more})
+        said = ctl("submit", "identify", str(path), "-o", "rank.fixed=4", "--wait", server=daemon)
+        assert said.status == 0
+        return path, said.document
+    path, doc = answer("first", {})
+    for name, more in [("rig", {"rig": "two"}), ("units", {"units": "ft"}), ("channels", {"channels": ["a", "c"]}),
+                       ("dt", {"dt": 0.04}), ("period", {"period": 1.0}), ("added", {"note": "x"})]:
+        changed, other = answer(name, more)
+        assert "cached" not in other, name
+        local = ctl("identify", changed, "-o", "rank.fixed=4").document["provenance"]
+        served = other["result"]["provenance"]
+        assert {k: served.get(k) for k in ("input", "attributes")} == {k: local.get(k) for k in ("input", "attributes")}, name
+    assert client.submit("identify", modald.Batch.read(path), options={"rank.fixed": 4}).result()["provenance"] == doc["result"]["provenance"]
+    assert answer("again", {})[1]["cached"] is True
+
+
 def test_without_json_a_table_is_printed(batch):
     done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "identify", batch, "-o", "rank.fixed=4"], capture_output=True, text=True, env=environment())
     assert done.returncode == 0 and "damping ratio" in done.stdout and "2.3" in done.stdout and done.stderr == ""

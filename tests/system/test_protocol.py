@@ -203,6 +203,48 @@ def test_an_equal_job_is_answered_from_the_result_and_marked_cached(client):
     assert client.ask("RESULT", job=again["job"]).ok, "a cached answer outlives the job it came from"
 
 
+def test_an_equal_job_is_one_whose_input_has_equal_attributes_too(client):
+    """Attributes stand in the answer as provenance: another's are no answer."""
+    data, described = ring_down()
+
+    def asked(attributes, **more):
+        return client.ask("SUBMIT", [data], kind="identify", input={**described, "attributes": attributes}, options={"say": "mine"}, **more)
+    first = asked({"rig": "one", "run": 1}, key="attributes")
+    wait(client, first["job"])
+    assert asked({"run": 1.0, "rig": "one"})["cached"] is True, "the order of members tells nothing"
+    for other in ({"rig": "two", "run": 1}, {"rig": "one"}, {}):
+        reply = asked(other)
+        assert reply["state"] == "queued" and "cached" not in reply.header, other
+        assert wait(client, reply["job"])["state"] == "done"
+    assert asked({"rig": "one", "run": 1}, key="attributes")["job"] == first["job"]
+    assert asked({"rig": "two", "run": 1}, key="attributes").code == "conflict"
+
+
+def test_an_upload_of_equal_samples_and_other_attributes_is_another_input():
+    data, described, sha = big(seed=12)
+    with Daemon(config=FAKE) as d:
+        c = d.client()
+        idents = {}
+        for rig in ("one", "two"):
+            begin = {"op": "begin", **described, "sha256": sha, "attributes": {"rig": rig}}
+            opened = c.ask("UPLOAD", **begin)
+            assert opened["state"] == "open"
+            idents[rig] = upload(c, data, described, ident=opened["upload"])[0]
+            assert c.ask("UPLOAD", op="seal", upload=idents[rig], sha256=sha)["state"] == "sealed"
+            again = c.ask("UPLOAD", **begin)
+            assert (again["state"], again["upload"]) == ("sealed", idents[rig])
+        assert idents["one"] != idents["two"]
+        for _ in range(2):                                       # before a restart and after it
+            jobs = [c.ask("SUBMIT", kind="identify", options={"say": "x"}, input=i) for i in ({"upload": idents["one"]}, {"upload": idents["two"]}, {"sha256": sha})]
+            assert all(wait(c, j["job"])["state"] == "done" for j in jobs)
+            d.kill()
+            d.start()
+            c = d.client()
+        assert all(j["cached"] for j in jobs), "each is known again after a restart"
+        c.ask("UPLOAD", op="begin", **described, sha256=sha, attributes={"rig": "three"})
+        assert c.ask("SUBMIT", kind="identify", options={"say": "x"}, input={"sha256": sha})["cached"], "an open upload is no input"
+
+
 def test_higher_priority_is_more_urgent(daemon):
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()

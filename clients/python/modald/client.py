@@ -341,6 +341,10 @@ class Client:
 
     def upload(self, value: Input, timeout: float | None = None, progress: Progress | None = None) -> str:
         """Bring an input, resuming where an earlier try ended; its identity, to submit any number of jobs on."""
+        return self._bring(value, timeout, progress)[1]
+
+    def _bring(self, value: Input, timeout: float | None = None, progress: Progress | None = None) -> tuple[str, str]:
+        """Its upload, which tells it from inputs that differ in attributes only, and its identity."""
         description, data, sha256 = self._input(value)
         if description["content"] == "scene":
             description["bytes"] = len(data)
@@ -358,7 +362,7 @@ class Client:
                 raise Error("timeout", "the upload was not finished in time")
         if begun["state"] != "sealed":
             self.ask("UPLOAD", {"op": "seal", "upload": begun["upload"], "sha256": sha256}, timeout=deadline - time.monotonic())
-        return sha256
+        return begun["upload"], sha256
 
     def _chunks(self, begun: Document, data: memoryview, deadline: float, progress: Progress | None) -> bool:
         """All chunks from `present` on, within the credit; False: the connection was lost, begin again."""
@@ -413,7 +417,7 @@ class Client:
             raise Error("bad_input", "a job needs an input", "input")
         description, data, _ = self._input(value)
         if len(data) > wire.INLINE_MOST:
-            return {**header, "input": {"sha256": self.upload(value, timeout)}}, []
+            return {**header, "input": {"upload": self._bring(value, timeout)[0]}}, []
         return {**header, "input": description}, [data]
 
     def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]], window: int = 64,

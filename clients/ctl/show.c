@@ -49,7 +49,21 @@ static const char *verdict(const cJSON *stability)
     return cJSON_IsTrue(stable) ? "stable" : cJSON_IsFalse(stable) ? "unstable" : stability ? "undecided" : "-";
 }
 
-static void show_stability(const cJSON *stability)
+/* The mode that the verdict rests on, where it is another than the one that the margin is of. */
+static void show_decides(const cJSON *stability, const cJSON *modes)
+{
+    const cJSON *mode = cJSON_IsNumber(get(stability, "decides")) ? cJSON_GetArrayItem(modes, (int)number(stability, "decides")) : NULL;
+    double re = mode != NULL ? cJSON_GetNumberValue(cJSON_GetArrayItem(get(mode, "exponent"), 0)) : NAN;
+    double std = mode != NULL ? cJSON_GetNumberValue(cJSON_GetArrayItem(get(get(mode, "std"), "exponent"), 0)) : NAN;
+
+    if (!isfinite(re) || -re == number(stability, "margin"))
+        return;
+    printf("; mode %d decides, Re %.4g 1/s", (int)number(stability, "decides"), re);
+    if (isfinite(std))
+        printf(" +- %.2g", std);
+}
+
+static void show_stability(const cJSON *stability, const cJSON *modes)
 {
     if (stability == NULL || cJSON_IsNull(stability))
         return;
@@ -60,6 +74,7 @@ static void show_stability(const cJSON *stability)
         printf(" +- %.2g", number(stability, "margin_std"));
     if (isfinite(number(stability, "max_multiplier")))
         printf(", largest multiplier %.8g", number(stability, "max_multiplier"));
+    show_decides(stability, modes);
     putchar('\n');
 }
 
@@ -136,7 +151,7 @@ static void show_identify(const cJSON *result)
            "Re 1/s", "Im rad/s", "amplitude", "residual", "k");
     cJSON_ArrayForEach(mode, get(result, "modes"))
         show_mode(i++, mode);
-    show_stability(get(result, "stability"));
+    show_stability(get(result, "stability"), get(result, "modes"));
     printf("reconstruction: relative error");
     cell(0, "%.3g", number(rebuilt, "relative_error"));
     putchar('\n');
@@ -194,7 +209,7 @@ static void show_steady(const cJSON *result)
            number(result, "iterations"), number(result, "residual"), number(result, "truncation_error"));
     printf("  %-12s %4s %16s %12s\n", "dof", "k", "|X_k|", "phase");
     show_harmonics(result);
-    show_stability(get(result, "stability"));
+    show_stability(get(result, "stability"), get(result, "modes"));
 }
 
 static void show_multipliers(const cJSON *list)
@@ -233,7 +248,7 @@ static void show_floquet(const cJSON *result)
 {
     show_multipliers(get(result, "multipliers"));
     show_exponents(get(result, "exponents"));
-    show_stability(get(result, "stability"));
+    show_stability(get(result, "stability"), get(result, "modes"));
 }
 
 static void show_tradeoff(const cJSON *result)

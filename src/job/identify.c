@@ -335,6 +335,10 @@ static cJSON *print_stability(const struct identify_result *r)
     json_set_number(o, "max_multiplier", r->max_multiplier);
     json_set_number(o, "margin", r->margin);
     json_set_number(o, "margin_std", r->margin_std);
+    if (r->decides >= 0)
+        cJSON_AddNumberToObject(o, "decides", r->decides);
+    else
+        cJSON_AddNullToObject(o, "decides");
     return o;
 }
 

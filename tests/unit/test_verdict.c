@@ -92,3 +92,70 @@ TEST(a_mode_damped_by_friction_is_not_unstable)
         CHECK(verdict(2) != VERDICT_UNSTABLE);
     }
 }
+
+/* One mode whose decay rate changes from `first` to `second` in the middle, and a steady one beside it; noise of 1e-3. */
+static void changes_rate(struct random *rng, double first, double second)
+{
+    double f = uniform(rng, 2, 5), a = 1, phase = uniform(rng, 0, 6);
+
+    for (int k = 0; k < SAMPLES; k++) {
+        double b = 0.3 * exp(-0.1 * k * dt) * cos(2 * M_PI * (f + 4) * k * dt);
+        x[2 * k] = a * cos(2 * M_PI * f * k * dt + phase) + b + 1e-3 * random_normal(rng);
+        x[2 * k + 1] = 0.6 * a * cos(2 * M_PI * f * k * dt + phase + 0.2) - b + 1e-3 * random_normal(rng);
+        a *= exp(-(k < SAMPLES / 2 ? first : second) * dt);
+    }
+}
+
+/* No constant rate fits, and half a change is the error of the whole; but nothing in the record fails to decay.  More poles would make up for it, so the order is given. */
+TEST(a_mode_that_decays_at_two_rates_is_stable_and_one_that_decays_and_grows_is_not)
+{
+    struct batch b = { .samples = SAMPLES, .channels = 2, .signals = x, .dt = dt };
+    struct identify_options opt = { .rank = { .rule = RANK_FIXED, .fixed = 4 } };
+
+    for (int i = 0; i < DRAWS; i++) {
+        struct random rng = { 500 + (uint64_t)i };
+        bool grows = i % 2 == 1;
+        struct identify_result r;
+        changes_rate(&rng, uniform(&rng, 0.2, 0.3), grows ? -0.15 : uniform(&rng, 0.02, 0.05));
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(grows ? r.verdict != VERDICT_STABLE : r.verdict == VERDICT_STABLE);
+        CHECK(r.decides >= 0 && r.decides < r.mode_count);
+        identify_result_done(&r);
+    }
+}
+
+/* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that stays does not decay. */
+TEST(what_settles_on_a_limit_cycle_is_not_stable)
+{
+    for (int i = 0; i < 4; i++) {
+        struct random rng = { 40 + (uint64_t)i };
+        double w = 2 * M_PI * uniform(&rng, 1, 3), e = uniform(&rng, 0.1, 0.4), q = 6, v = 0, h = dt / 20;
+        for (int k = 0; k < SAMPLES; k++) {
+            x[2 * k] = q + 1e-3 * random_normal(&rng), x[2 * k + 1] = v / w + 1e-3 * random_normal(&rng);
+            for (int s = 0; s < 20; s++) {
+                double qm = q + h / 2 * v, vm = v + h / 2 * (e * (1 - q * q) * v - w * w * q);
+                q += h * vm;
+                v += h * (e * (1 - qm * qm) * vm - w * w * qm);
+            }
+        }
+        CHECK(verdict(2) != VERDICT_STABLE);
+    }
+}
+
+/* e^{0.009 k} sin(w k) / w nearly meets its conjugate: a cluster within a small radius, but with error bars of rounding.  |rho| - 1 = 0.00904. */
+TEST(a_close_cluster_that_rounding_resolves_is_decided)
+{
+    const double turns[] = { 0.001, 0.002, 0.004 };
+
+    for (int i = 0; i < 6; i++) {
+        double sign = i < 3 ? 1 : -1, w = turns[i % 3];
+        struct batch b = { .samples = 120, .channels = 1, .signals = x, .dt = 1 };
+        struct identify_options opt = { 0 };
+        struct identify_result r;
+        for (int k = 0; k < 120; k++)
+            x[k] = exp(sign * 0.009 * k) * sin(w * k) / w;
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.verdict == (sign > 0 ? VERDICT_UNSTABLE : VERDICT_STABLE));
+        identify_result_done(&r);
+    }
+}

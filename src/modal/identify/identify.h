@@ -78,8 +78,9 @@ struct identify_options {
 
 struct identify_harmonic { int k; double magnitude; };
 
-/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or the halves were too short to ask. */
-enum growth { GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT };
+/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or the halves were too short to ask.  NEVER: the whole and both
+ * halves decay, each by three of its own standard errors. */
+enum growth { GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT, GROWTH_NEVER };
 
 struct identify_mode {
     double complex exponent;      /* principal value, Im >= 0 */
@@ -109,6 +110,7 @@ struct identify_cluster {
     double radius;
     int *members; int member_count;        /* of modes */
     bool near_defective;
+    bool resolved;                /* no two members' errors come near each other, however close they are */
 };
 struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -1: none */ };
 /* The strongest vibration of one part of the record. */
@@ -123,6 +125,7 @@ struct identify_result {
 
     enum { VERDICT_UNDECIDED, VERDICT_STABLE, VERDICT_UNSTABLE } verdict;
     double max_multiplier, margin, margin_std;        /* NAN where there is no mode */
+    int decides;                                      /* the mode that the verdict rests on; -1: none */
 
     int pod_rank, hankel_rank;
     enum rank_rule rule;          /* the one that chose */

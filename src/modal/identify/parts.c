@@ -59,6 +59,8 @@ static double differs(double own, double whole, double std)
 
 static void compare(const struct half *h, const double complex *lambda, int count, bool counts, struct part_say *say)
 {
+    for (int j = 0; j < count; j++)
+        say[j].decay = h->own.end == REFINE_DEGENERATE || h->own.poles < count ? -HUGE_VAL : say[j].decay;
     for (int j = 0; j < count && h->own.poles > 0; j++) {
         double complex own = h->own.lambda[j];
         if (counts) {
@@ -66,6 +68,7 @@ static void compare(const struct half *h, const double complex *lambda, int coun
             say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
         }
         say[j].grows |= creal(own) > CLEAR * h->own.std_re[j];
+        say[j].decay = h->own.std_re[j] > 0 ? fmin(say[j].decay, -creal(own) / h->own.std_re[j]) : -HUGE_VAL;
     }
 }
 
@@ -77,7 +80,8 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
     enum modal_status rc = MODAL_OK;
 
     *strength = -1;
-    memset(say, 0, sizeof *say * (size_t)count);
+    for (int j = 0; j < count; j++)
+        say[j] = (struct part_say) { .decay = HUGE_VAL };
     if (count == 0 || rows * (data->share > 0 ? data->share : 1) < 2 * order + SPARE)
         return MODAL_OK;
     fixed = calloc((size_t)count, sizeof *fixed);

@@ -10,6 +10,7 @@
 struct part_say {
     double re, im;      /* by how much a half contradicts it, 1/s; 0 where none does */
     bool grows;         /* a half alone shows that Re > 0, by three of its own standard errors */
+    double decay;       /* -Re over its own standard error, the least of the halves'; -HUGE_VAL where a half cannot say */
 };
 
 /*

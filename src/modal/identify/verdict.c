@@ -3,7 +3,8 @@
  *
  * Half width.  A mode's Re lambda is known to b = 3 std where the Jacobian gave it; else to bar / (|rho| span), the bar being the largest
  * of jackknife and backward estimate (projection.c).  With hardly more equations than unknowns the Jacobian's residual is no measure of the noise, and both
- * are added.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster, below twice its radius.
+ * are added.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster that is not resolved, below twice its radius.  Resolved: no two members
+ * are nearer than APART of their errors together; what the errors say of them then holds, however close they are.
  *
  * Near-defective.  Two exponents that meet form a Jordan block, and their coefficients grow like 1/distance with opposite signs while the sum of
  * the two parts stays finite:
@@ -20,7 +21,9 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 
-static const double ROUNDING = 1e-12, CANCELLATION = 4;
+static const double ROUNDING = 1e-12, CANCELLATION = 4, APART = 3;
+/* rad over the record: rounding e of the data splits a Jordan block by sqrt(e), 1e-8, times some hundreds for the record's sensitivity, whatever the fit is to. */
+static const double SPLIT = 1e-4;
 
 static double span_of(const struct identify_result *r)
 {
@@ -35,7 +38,7 @@ static const double WEAK = 1e-3, FAR_STRONGER = 30, SLOW = 3 * M_PI, RISE = 3, P
 static double cluster_radius(const struct identify_result *r, int mode)
 {
     for (int i = 0; i < r->cluster_count; i++)
-        for (int k = 0; k < r->clusters[i].member_count && r->clusters[i].near_defective; k++)
+        for (int k = 0; k < r->clusters[i].member_count && r->clusters[i].near_defective && !r->clusters[i].resolved; k++)
             if (r->clusters[i].members[k] == mode)
                 return r->clusters[i].radius;
     return 0;
@@ -88,7 +91,7 @@ static int verdict_of(struct identify_result *r, int i, double duration)
     const struct identify_mode *m = &r->modes[i];
     double g = creal(m->exponent), b = half_width(r, i);
 
-    if (g + b < 0)
+    if (g + b < 0 || (g < 0 && m->growth == GROWTH_NEVER))
         return VERDICT_STABLE;
     if (!(g - b > 0))
         return VERDICT_UNDECIDED;
@@ -99,16 +102,12 @@ static int verdict_of(struct identify_result *r, int i, double duration)
     return VERDICT_UNDECIDED;
 }
 
-void verdict_stability(struct identify_result *r, double duration)
+static void report_largest(struct identify_result *r)
 {
-    int says[3] = { 0 };
-
     r->max_multiplier = r->margin = r->margin_std = NAN;
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
         double g = creal(m->exponent), b = half_width(r, i);
-        if (!spurious(m))
-            says[verdict_of(r, i, duration)]++;
         if (!(cabs(m->multiplier) <= r->max_multiplier))
             r->max_multiplier = cabs(m->multiplier);
         if (!(-g >= r->margin)) {
@@ -116,7 +115,28 @@ void verdict_stability(struct identify_result *r, double duration)
             r->margin_std = isfinite(b) ? b / SIGMAS : NAN;
         }
     }
-    r->verdict = says[VERDICT_UNSTABLE] > 0 ? VERDICT_UNSTABLE : says[VERDICT_UNDECIDED] == 0 && says[VERDICT_STABLE] > 0 ? VERDICT_STABLE : VERDICT_UNDECIDED;
+}
+
+/* One mode that grows makes unstable, one in doubt makes undecided; the one that does so most clearly decides: by the lower end of its growth if
+ * unstable, the upper end if in doubt, the growth itself if all decay. */
+void verdict_stability(struct identify_result *r, double duration)
+{
+    static const int rank[3] = { [VERDICT_STABLE] = 0, [VERDICT_UNDECIDED] = 1, [VERDICT_UNSTABLE] = 2 }, end[3] = { 0, 1, -1 };
+    int most = -1;
+    double by = 0;
+
+    r->verdict = VERDICT_UNDECIDED;
+    r->decides = -1;
+    report_largest(r);
+    for (int i = 0; i < r->mode_count; i++) {
+        int says = spurious(&r->modes[i]) ? -1 : verdict_of(r, i, duration);
+        double at = says < 0 ? 0 : creal(r->modes[i].exponent) + (end[rank[says]] != 0 ? end[rank[says]] * half_width(r, i) : 0);
+        if (says < 0 || rank[says] < most || (rank[says] == most && !(at > by)))
+            continue;
+        most = rank[says], by = at;
+        r->verdict = says;
+        r->decides = i;
+    }
 }
 
 /* ---- clusters ---- */
@@ -158,7 +178,22 @@ static bool meets_its_conjugate(const struct identify_result *r, const struct id
     return im > 0 && nearest * duration < 0.5 && cancels(m, NULL);
 }
 
-static enum modal_status add_cluster(struct identify_result *r, const int *label, int which, int count, bool own, struct modal_error *err)
+/* Known errors, and no two members, nor one and its own conjugate, within APART of them or where rounding splits a Jordan block. */
+static bool is_resolved(const struct identify_result *r, const struct identify_cluster *c, bool own, double duration)
+{
+    double split = SPLIT * cabs(c->centroid) * span_of(r) / duration;
+    bool yes = true;
+
+    for (int i = 0; i < c->member_count; i++) {
+        const struct identify_mode *a = &r->modes[c->members[i]];
+        yes &= isfinite(a->std_multiplier) && (!own || 2 * fabs(cimag(a->multiplier)) > fmax(APART * 2 * reach(a), split));
+        for (int k = 0; k < i; k++)
+            yes &= apart(a, &r->modes[c->members[k]]) > fmax(APART * (reach(a) + reach(&r->modes[c->members[k]])), split);
+    }
+    return yes;
+}
+
+static enum modal_status add_cluster(struct identify_result *r, const int *label, int which, int count, bool own, double duration, struct modal_error *err)
 {
     struct identify_cluster *c = &r->clusters[r->cluster_count];
     double complex sum = 0;
@@ -178,6 +213,7 @@ static enum modal_status add_cluster(struct identify_result *r, const int *label
         c->radius = fmax(c->radius, cabs(m->multiplier - c->centroid));
         c->near_defective |= cancels(m, NULL);
     }
+    c->resolved = is_resolved(r, c, own, duration);
     for (int i = 0; i < count && c->near_defective; i++)
         if (isfinite(r->modes[c->members[i]].bar))
             c->radius = fmax(c->radius, r->modes[c->members[i]].bar);
@@ -210,9 +246,9 @@ enum modal_status verdict_clusters(struct identify_result *r, double duration, s
             if (label[i] == which)
                 count++, at = i;
         if (count > 1)
-            rc = add_cluster(r, label, which, count, false, err);
+            rc = add_cluster(r, label, which, count, false, duration, err);
         else if (count == 1 && meets_its_conjugate(r, &r->modes[at], duration))
-            rc = add_cluster(r, label, which, count, true, err);
+            rc = add_cluster(r, label, which, count, true, duration, err);
     }
     free(label);
     return rc;

@@ -12,8 +12,10 @@ enum modal_status verdict_clusters(struct identify_result *result, double durati
 
 /*
  * Three values.  With g = Re(exponent) and its half width b (three standard errors): unstable where g - b > 0 for a mode, stable where g + b < 0 for all,
- * else undecided.  b is never below what rounding leaves.  No modes: undecided.  Persistence must be known by now.
+ * else undecided.  b is never below what rounding leaves.  No modes: undecided.  Persistence must be known by now.  result->decides is the mode that says it.
  *
+ *   in parts   where halves of the record contradict the whole, b is as wide as that; but a mode that decays in the whole and in either half, each by three of
+ *              its own errors, is stable all the same (GROWTH_NEVER)
  *   doubtful   a mode of little energy, or slower than the record (DURATION, s), makes unstable only if half of the record alone shows the growth, and
  *              not at all if it rises little and slowly, as drift does, or is a weak neighbour of a strong mode; else it is said by the diagnostic
  *              growth_unconfirmed, and leaves the verdict undecided.  What fits to rounding is not doubted.

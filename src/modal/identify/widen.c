@@ -5,6 +5,8 @@
  *
  *   colour   what the poles leave is not white: the standard error grows by its colour at the pole's frequency (colour.c)
  *   parts    half of the record has another exponent: the error is at least the difference (parts.c)
+ *            whether the mode decays is not in doubt where the whole and both halves decay clearly by their own errors (GROWTH_NEVER), whatever their
+ *            difference, unless one of the doubts below widens it further
  *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by less than RIVAL, has another exponent: posterior odds are
  *            exp(-difference / 2) [KR95], so neither is ruled out, and the error is at least the difference
  *   pairs    two strong poles nearer than half a beat over the record are told apart by the model alone; where one of the doubts above holds the model is
@@ -37,7 +39,8 @@ static bool at_rounding(const struct refine_data *d, double residual)
     return residual <= 1e-12 * sqrt(sum);
 }
 
-static enum modal_status for_colour(const struct refine_data *d, struct poles *p, double *most, struct modal_error *err)
+/* factor: a number for each pole. */
+static enum modal_status for_colour(const struct refine_data *d, struct poles *p, double *factor, double *most, struct modal_error *err)
 {
     const struct matrix *Y = d->Y;
     struct matrix E = { Y->m, Y->n, Y->m, malloc(sizeof(double) * (size_t)Y->m * (size_t)Y->n) };
@@ -60,7 +63,8 @@ static enum modal_status for_colour(const struct refine_data *d, struct poles *p
     for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
         p->std_re[j] *= theta[p->count + j];
         p->std_im[j] *= theta[p->count + j];
-        *most = fmax(*most, theta[p->count + j]);
+        factor[j] = theta[p->count + j];
+        *most = fmax(*most, factor[j]);
     }
 out:
     synthesis_done(&s);
@@ -71,11 +75,20 @@ out:
 
 static void at_least(struct poles *p, int j, double re, double im)
 {
+    if (re > p->std_re[j] && p->growth[j] == GROWTH_NEVER)
+        p->growth[j] = GROWTH_UNSEEN;
     p->std_re[j] = re > p->std_re[j] ? re : p->std_re[j];
     p->std_im[j] = im > p->std_im[j] ? im : p->std_im[j];
 }
 
-static enum modal_status for_parts(const struct refine_data *d, struct poles *p, double *strength, struct modal_error *err)
+static enum growth growth_of(const struct part_say *say, double strength, bool decays, double factor)
+{
+    if (strength < 0)
+        return GROWTH_EXACT;
+    return say->grows ? GROWTH_IN_HALF : decays && say->decay > CLEAR * factor ? GROWTH_NEVER : GROWTH_UNSEEN;
+}
+
+static enum modal_status for_parts(const struct refine_data *d, struct poles *p, const double *factor, double *strength, struct modal_error *err)
 {
     struct part_say *say = calloc((size_t)p->count, sizeof *say);
     enum modal_status rc;
@@ -84,8 +97,9 @@ static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
         return modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for %d poles", p->count);
     rc = parts_ask(d, p->lambda, p->count, say, strength, err);
     for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        bool decays = creal(p->lambda[j]) + CLEAR * p->std_re[j] < 0;
         at_least(p, j, say[j].re, say[j].im);
-        p->growth[j] = *strength < 0 ? GROWTH_EXACT : say[j].grows ? GROWTH_IN_HALF : GROWTH_UNSEEN;
+        p->growth[j] = growth_of(&say[j], *strength, decays, factor[j]);
     }
     free(say);
     return rc;
@@ -145,11 +159,31 @@ static void for_pairs(const struct refine_data *d, struct poles *p)
         }
 }
 
-enum modal_status widen_poles(const struct refine_data *d, const struct order_choice *choice, struct poles *p,
-                              struct widened *out, struct modal_error *err)
+/* The four doubts, in their order. */
+static enum modal_status doubt(const struct refine_data *d, const struct order_choice *choice, struct poles *p, double *factor,
+                               struct widened *out, struct modal_error *err)
 {
     bool constant = p->shift == 1;
     enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; j < p->count; j++)
+        factor[j] = 1;
+    if (constant && !(d->share > 0))
+        rc = for_colour(d, p, factor, &out->colour, err);
+    if (rc == MODAL_OK)
+        rc = for_parts(d, p, factor, &out->contradiction, err);
+    if (rc == MODAL_OK)
+        out->rivals = for_rivals(d, choice, p);
+    if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1 || out->rivals))
+        for_pairs(d, p);
+    return rc;
+}
+
+enum modal_status widen_poles(const struct refine_data *d, const struct order_choice *choice, struct poles *p,
+                              struct widened *out, struct modal_error *err)
+{
+    double *factor;
+    enum modal_status rc;
 
     *out = (struct widened) { .colour = 1 };
     for (int j = 0; j < p->count; j++)
@@ -161,13 +195,10 @@ enum modal_status widen_poles(const struct refine_data *d, const struct order_ch
             at_least(p, j, ROUNDING * p->std_re[j], ROUNDING * p->std_im[j]);
         return MODAL_OK;
     }
-    if (constant && !(d->share > 0))
-        rc = for_colour(d, p, &out->colour, err);
-    if (rc == MODAL_OK)
-        rc = for_parts(d, p, &out->contradiction, err);
-    if (rc == MODAL_OK)
-        out->rivals = for_rivals(d, choice, p);
-    if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1 || out->rivals))
-        for_pairs(d, p);
+    factor = malloc(sizeof *factor * (size_t)p->count);
+    if (factor == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for %d poles", p->count);
+    rc = doubt(d, choice, p, factor, out, err);
+    free(factor);
     return rc;
 }

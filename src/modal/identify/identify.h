@@ -78,8 +78,8 @@ struct identify_options {
 
 struct identify_harmonic { int k; double magnitude; };
 
-/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or the halves were too short to ask.  NEVER: the whole and both
- * halves decay, each by three of its own standard errors. */
+/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or the halves were too short to ask.  NEVER: halves contradict
+ * the whole, but it and both of them decay, each by three of its own standard errors. */
 enum growth { GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT, GROWTH_NEVER };
 
 struct identify_mode {

@@ -85,7 +85,7 @@ static enum growth growth_of(const struct part_say *say, double strength, bool d
 {
     if (strength < 0)
         return GROWTH_EXACT;
-    return say->grows ? GROWTH_IN_HALF : decays && say->decay > CLEAR * factor ? GROWTH_NEVER : GROWTH_UNSEEN;
+    return say->grows ? GROWTH_IN_HALF : say->re > 0 && decays && say->decay > CLEAR * factor ? GROWTH_NEVER : GROWTH_UNSEEN;
 }
 
 static enum modal_status for_parts(const struct refine_data *d, struct poles *p, const double *factor, double *strength, struct modal_error *err)

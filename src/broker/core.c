@@ -297,6 +297,8 @@ static void refused(struct core *c, struct transaction *t)
     c->storage_full = true;
     c->storage_full_until = c->now.mono_ns + SECOND;
     for (struct after *after = t->after; after != NULL; after = after->next) {
+        if (after->type == AFTER_STREAM)
+            stream_refused(c, after, t);
         if (after->type != AFTER_SUBMIT && after->type != AFTER_REPEAT)
             continue;
         answer_fail(c, &after->reply, t->status, "", answer_number("retry_after_s", 5), "the job could not be stored: the disk is full");

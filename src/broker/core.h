@@ -6,6 +6,7 @@
  */
 #ifndef BROKER_CORE_H
 #define BROKER_CORE_H
+#include <stdatomic.h>
 #include "broker/blob.h"
 #include "store/ledger.h"
 #include "store/spool.h"
@@ -64,6 +65,7 @@ struct transaction {
     struct blob *keep[4];         /* bodies the changes point into */
     enum { MUST_PASS, LAST_REFUSED, FIRST_REFUSED } refusable;   /* on a full disk FIRST come back with MODAL_STORAGE_FULL at
                                      once, LAST when the reserve is used up too; all others wait until they pass */
+    atomic_bool *fence;           /* set when one with it is refused: those behind it are refused too; NULL: none */
     enum modal_status status;     /* out */
     int64_t took_ns;              /* out, of the first of a group: its commit took so long ... */
     int64_t group;                /* ... and it was so large; of the others 0 */

@@ -1,10 +1,11 @@
 /*
  * ledger_thread.c - group commit: what waits while one group syncs is the next group
  *
- * On a full disk a group is taken apart: what may be refused (submissions) is, and what must pass (edges of jobs that run,
+ * On a full disk a group is taken apart: what may be refused (submissions, samples) is, and what must pass (edges of jobs that run,
  * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.  Results
  * wait too, and are refused when the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
- * alone, else results would use it up and no delete could make room again.
+ * alone, else results would use it up and no delete could make room again.  Behind samples that were refused no later ones
+ * of their stream pass: its fence is up until the core takes it down.
  */
 #include "broker/queue.h"
 #include <stdlib.h>
@@ -72,20 +73,24 @@ static enum modal_status commit(struct ledger_thread *l, struct transaction *fir
     return rc == MODAL_OK ? check_applied(l, count, err) : rc;
 }
 
-/* Take the refusable ones out of *FIRST, answer them, leave the rest. */
-static void refuse(struct ledger_thread *l, struct transaction **first, bool last_too)
+enum { BEHIND_FENCES = FIRST_REFUSED + 1 };
+
+/* Take those out of *FIRST that are refusable to LEAST and more, and those behind a fence; answer them, leave the rest. */
+static void refuse(struct ledger_thread *l, struct transaction **first, int least)
 {
     struct transaction *refused = NULL, **end = &refused;
 
     while (*first != NULL) {
         struct transaction *t = *first;
-        if (t->refusable == MUST_PASS || (t->refusable == LAST_REFUSED && !last_too)) {
+        if ((int)t->refusable < least && (t->fence == NULL || !atomic_load(t->fence))) {
             first = &t->next;
             continue;
         }
         *first = t->next;
         t->next = NULL;
         t->status = MODAL_STORAGE_FULL;
+        if (t->fence != NULL)
+            atomic_store(t->fence, true);
         *end = t;
         end = &t->next;
     }
@@ -140,7 +145,7 @@ static enum modal_status full_disk(struct ledger_thread *l, struct transaction *
     int before = l->reserve;
     enum modal_status rc = ledger_checkpoint(l->ledger, err);      /* so that the log begins anew in its own space */
 
-    refuse(l, &group, before != WHOLE);
+    refuse(l, &group, before == WHOLE ? FIRST_REFUSED : LAST_REFUSED);
     if (before == WHOLE) {
         reserve_hold(l->dir, RESERVE_LAST, NULL);
         l->reserve = SHRUNK;
@@ -196,8 +201,8 @@ static void *run(void *context)
             return NULL;
         if (l->reserve == GONE)
             mend_reserve(l);
-        if (l->reserve == GONE && group != NULL)
-            refuse(l, &group, true);
+        if (group != NULL)
+            refuse(l, &group, l->reserve == GONE ? LAST_REFUSED : BEHIND_FENCES);
         begun_ns = now_ns();
         rc = group != NULL ? commit(l, group, &err) : MODAL_OK;
         if (rc == MODAL_STORAGE_FULL && (rc = full_disk(l, group, &err)) == MODAL_OK)

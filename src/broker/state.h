@@ -102,6 +102,8 @@ struct stream {
     struct input *sealed;                 /* until it is closed */
     uint8_t sha256[32];                   /* of its batch, once it is closed; where it has one */
     bool closing, closed, broken, has_batch, live;   /* live: a worker has a window of it */
+    atomic_bool fence;                    /* samples were refused for want of disk, and others are under way behind them */
+    bool resumes;                         /* the refused ones are to come again before any other */
     int64_t closed_ns, commits_awaited;
     uint64_t window, hop, next_window;    /* samples; next_window: the index at which one is due */
     char *options;
@@ -363,6 +365,7 @@ void events_peer(struct core *c, uint64_t peer, enum event_type type);
 /* streams.c */
 void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 void stream_sealed(struct core *c, struct task *task);
+void stream_refused(struct core *c, struct after *after, struct transaction *t);
 void stream_after(struct core *c, struct after *after, struct transaction *t);
 bool stream_due(struct stream *s);         /* is a window due? */
 struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first);

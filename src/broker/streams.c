@@ -126,6 +126,16 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
     return s;
 }
 
+static bool is_full(const struct core *c)
+{
+    return c->storage_full && c->now.mono_ns < c->storage_full_until;
+}
+
+static void say_full(struct core *c, const struct reply *reply)
+{
+    answer_fail(c, reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 1), "the samples could not be stored: the disk is full");
+}
+
 static void on_open(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
 {
     struct reply reply = reply_to(e, r);
@@ -139,6 +149,7 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
         return;
     }
     if (s != NULL && s->last == NULL) {
+        s->resumes = false;                        /* its owner sees `next` */
         say(c, &reply, s);
         return;
     }
@@ -151,6 +162,10 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
         }
         if (c->draining || c->terminating) {
             answer_fail(c, &reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+            return;
+        }
+        if (is_full(c)) {
+            say_full(c, &reply);
             return;
         }
         s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
@@ -287,11 +302,17 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
         answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
         answer_fail(c, &reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
-    else if (s->in_flight > IN_FLIGHT)
+    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && first > s->next)) {
+        s->resumes = true;
+        say_full(c, &reply);
+    } else if (s->in_flight > IN_FLIGHT)
         answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
     else if (!user_quota(c, s->user, &reply, 0, (int64_t)size)) {
         t = transaction_new();
         transaction_keep(t, e->body[0]);
+        t->refusable = FIRST_REFUSED;
+        t->fence = &s->fence;
+        s->resumes = false;
         if (!same_samples(s, first, count, data))
             new_epoch(c, s, first, t);
         known = first < s->next && s->segment_count > 0 ? s->next - first : 0;
@@ -393,6 +414,10 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
 
     if (s->closed) {
         say(c, &reply, s);
+        return;
+    }
+    if (atomic_load(&s->fence) || s->resumes) {    /* it would end without what was refused */
+        say_full(c, &reply);
         return;
     }
     after_append(&s->askers, after_new(AFTER_STREAM, &reply));
@@ -498,6 +523,63 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
     cJSON_Delete(document);
     blob_drop(body);
     core_commit(c, t);
+}
+
+/* ---- a full disk ------------------------------------------------------------------------------------------------- */
+
+/* The extent and the gaps of the committed segments of the present epoch. */
+static void measure(struct stream *s)
+{
+    bool any = false;
+
+    s->gap_count = 0;
+    s->begin = s->next = 0;
+    for (size_t i = 0; i < s->segment_count; i++) {
+        const struct segment *one = &s->segments[i];
+        if (one->epoch != s->epoch)
+            continue;
+        if (!any)
+            s->begin = s->next = one->first;
+        if (one->first > s->next)
+            add_gap(s, s->next, one->first);
+        s->next = one->first + one->count;
+        any = true;
+    }
+}
+
+/* Back to what is committed.  Of the last window in memory a part may be overwritten, so windows begin anew. */
+static void roll_back(struct core *c, struct stream *s)
+{
+    while (s->segment_count > 0 && !s->segments[s->segment_count - 1].input->committed)
+        input_forget(c, s->segments[--s->segment_count].input);
+    if (s->epoch != s->durable_epoch)
+        s->crc_count = 0;
+    s->epoch = s->durable_epoch;
+    measure(s);
+    s->durable = s->run_from = s->next;
+    if (s->crc_count > s->next - s->begin)
+        s->crc_count = s->next - s->begin;
+    s->next_window = 0;
+    s->at_slot = -1;
+    for (struct after *after = s->askers; after != NULL; after = after->next)
+        say_full(c, &after->reply);
+    after_free(s->askers);
+    s->askers = NULL;
+    s->closing = false;
+    s->resumes = true;
+    atomic_store(&s->fence, false);                /* nothing of it is under way */
+}
+
+void stream_refused(struct core *c, struct after *after, struct transaction *t)
+{
+    struct stream *s = after->stream;
+
+    s->in_flight -= after->length;
+    say_full(c, &after->reply);
+    if (s->last != t || after->next != NULL)
+        return;
+    s->last = NULL;
+    roll_back(c, s);
 }
 
 /* ---- after a commit, and at the start --------------------------------------------------------------------------- */

@@ -1,0 +1,106 @@
+"""P8 (PROTOCOL.md, section 6) with a stream and an upload open: the disk fills under them, and is made free again."""
+import contextlib
+import os
+import pathlib
+import subprocess
+import sys
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "system"))
+from small_disk import small_disk  # noqa: E402
+from wire import BUILD, Daemon, crc32c, identity, submit  # noqa: E402
+
+FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
+LOOP = BUILD / "examples" / "example_loop"
+STEPS, DT, PATIENCE = 20000, 1e-3, 120
+PIECE = bytes(range(256)) * 1024
+
+
+@contextlib.contextmanager
+def ballast(folder):
+    """Another program's file that has every free block, until it is removed."""
+    path = pathlib.Path(folder, "ballast")
+    with open(path, "wb", buffering=0) as file, contextlib.suppress(OSError):
+        while file.write(bytes(65536)) > 0:
+            pass
+    try:
+        yield
+    finally:
+        path.unlink()
+
+
+def until(true, what):
+    end = time.monotonic() + PATIENCE
+    while not true():
+        assert time.monotonic() < end, what
+        time.sleep(0.05)
+
+
+def chunk(client, upload, at):
+    return client.ask("UPLOAD", [PIECE], op="chunk", upload=upload, offset=at, crc32c=crc32c(PIECE))
+
+
+def push(client, stream, first, count=2048):
+    body = bytes(16) * count
+    return client.ask("STREAM", [body], op="push", stream=stream, epoch=0, first=first, count=count, crc32c=crc32c(body))
+
+
+def host_env(daemon, folder):
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("MODALD_")}
+    return {**kept, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(folder), "MODALD_CLOSE_WAIT": "60"}
+
+
+def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
+    """The host prints and ends as without a daemon; the record is its log; the upload goes on where it was."""
+    plain = subprocess.run([str(LOOP), "host", str(STEPS), "2"], capture_output=True, check=True, env={"PATH": os.environ["PATH"]}).stdout
+    size = 16 * len(PIECE)
+    with small_disk("size=48m") as disk, Daemon(folder=disk, config=FAKE, workers=1) as d:
+        c = d.client(timeout_s=20)
+        kept = submit(c, key="kept")
+        assert c.ask("WAIT", job=kept["job"], timeout_s=30)["state"] == "done"
+        upload = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1.0)["upload"]
+        assert chunk(c, upload, 0)["present"] == len(PIECE)
+        mine = c.ask("STREAM", op="open", name="mine", channels=2, dt=DT)["stream"]
+        host = subprocess.Popen([str(LOOP), "host", str(STEPS), "2", "0.0002"], stdout=subprocess.PIPE, env=host_env(d, tmp_path))
+        with contextlib.ExitStack() as stack:
+            stack.callback(host.kill)
+            until(lambda: c.ask("STREAM", op="open", name="host", channels=2, dt=DT)["next"] > 0, "the host pushed nothing")
+            sent, at, refused_since = 0, len(PIECE), None
+            with ballast(disk):
+                until(lambda: submit(c, options={"n": time.monotonic()}).code == "storage_full", "the disk never filled")
+                while refused_since is None or time.monotonic() < refused_since + 3:      # then the reserve is used up but for its last part
+                    reply = push(c, mine, sent)
+                    if reply.ok:
+                        sent += 2048
+                        refused_since = None
+                        assert reply["next"] == sent
+                        continue
+                    assert reply.code == "storage_full" and reply["error"]["detail"]["retry_after_s"] > 0, reply
+                    refused_since = refused_since or time.monotonic()
+                    assert push(c, mine, sent + 2048).code == "storage_full", "behind refused samples none is taken"
+                    assert c.ask("STREAM", op="close", stream=mine).code == "storage_full"
+                    time.sleep(0.1)
+                    assert sent < 40 << 16, "pushes go on on a full disk"
+                reply = chunk(c, upload, at)
+                assert reply.ok or reply.code == "storage_full", reply
+                at += len(PIECE) if reply.ok else 0
+                assert c.ask("RESULT", job=kept["job"]).ok
+                assert c.ask("DELETE", job=kept["job"]).ok, "what makes room passes"
+                time.sleep(1)
+            until(lambda: push(c, mine, sent).ok, "the stream did not go on")
+            sent += 2048
+            while at < size:
+                until(lambda at=at: chunk(c, upload, at).ok, "the upload did not go on")
+                at += len(PIECE)
+            out = host.communicate(timeout=PATIENCE)[0]
+        assert (host.returncode, out) == (0, plain)
+        whole = PIECE * 16
+        assert c.ask("UPLOAD", op="seal", upload=upload, sha256=identity(size // 8, 1, 1.0, whole))["state"] == "sealed"
+        closed = c.ask("STREAM", op="close", stream=mine)
+        assert (closed["samples"], closed["gaps"], closed["sha256"]) == (sent, [], identity(sent, 2, DT, bytes(16 * sent)))
+        host_sha = identity(STEPS, 2, DT, plain)
+        until(lambda: c.ask("SUBMIT", kind="identify", input={"sha256": host_sha}).ok, "the host's record is not its log")
+        assert submit(c, key="after").ok
+        assert d.stop() == 0
+    print(f"\nP8: a stream and an upload over a full disk: {sent} samples and {size} bytes, all there")

@@ -632,7 +632,7 @@ static void note_alive(void)
             slot_waits[slot] = false;
 }
 
-/* Commit a prefix of what waits as one group; on a full disk the refusable ones of it are refused. */
+/* Commit a prefix of what waits as one group; on a full disk the refusable ones of it are refused, and those behind their fences. */
 static void commit_some(uint32_t most)
 {
     for (uint32_t n = 0; n < most && w->waiting != NULL; n++) {
@@ -640,11 +640,12 @@ static void commit_some(uint32_t most)
         w->waiting = t->next;
         if (w->waiting == NULL)
             w->waiting_end = &w->waiting;
-        if (w->full && (t->refusable == FIRST_REFUSED || (t->refusable == LAST_REFUSED && roll(2) == 0)))
+        if ((t->fence != NULL && atomic_load(t->fence)) || (w->full && (t->refusable == FIRST_REFUSED || (t->refusable == LAST_REFUSED && roll(2) == 0))))
             t->status = MODAL_STORAGE_FULL;
-        else
-            for (size_t i = 0; i < t->count; i++)
-                apply(&t->changes[i]);
+        for (size_t i = 0; t->status == MODAL_OK && i < t->count; i++)
+            apply(&t->changes[i]);
+        if (t->status != MODAL_OK && t->fence != NULL)
+            atomic_store(t->fence, true);
         run_step((struct event) { .type = EVENT_COMMITTED, .transaction = t });
     }
 }

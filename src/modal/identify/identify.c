@@ -18,6 +18,7 @@
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
+#include "modal/identify/grid.h"
 #include "modal/identify/hankel.h"
 #include "modal/identify/merge.h"
 #include "modal/identify/modes.h"
@@ -58,6 +59,9 @@ struct work {
     struct record rec;
     struct pod pod;
     struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
+    double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
+    double *step;                   /* per channel: of its grid, in the batch's unit, 0: none; NULL: not looked for */
+    double *least;                  /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
     struct refine_data data;        /* what is refined: X, or X folded */
@@ -91,7 +95,7 @@ static void work_done(struct work *w)
 {
     record_done(&w->rec);
     pod_done(&w->pod);
-    free(w->weighted.x);
+    free(w->weighted.x), free(w->weight), free(w->step), free(w->least);
     free(w->folded.x);
     pencil_done(&w->pencil);
     projection_done(&w->projection);
@@ -192,6 +196,25 @@ static enum modal_status choose_shift(struct work *w, struct modal_error *err)
 
 /* ---- signals ---- */
 
+/* The variance of the grid in each signal: independent in each channel, and so weighed by squares.  A difference over a period has it twice. */
+static enum modal_status grid_noise(struct work *w, struct modal_error *err)
+{
+    int S = w->rec.channels;
+    double *least = calloc((size_t)w->X->n + 1, sizeof *least), times = w->opt.difference ? 2 : 1;
+
+    if (least == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d signals", w->X->n);
+    for (int i = 0; i < w->X->n; i++)
+        for (int c = 0; c < S; c++) {
+            double part = w->pod.count > 0 ? w->pod.modes.x[c + (size_t)i * (size_t)w->pod.modes.ld] : c == i;
+            double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c] * (w->weight != NULL ? w->weight[c] : 1) : 0;
+            least[i] += times * GRID_NOISE_MOST * q * q;
+        }
+    free(w->least);
+    w->least = least;
+    return MODAL_OK;
+}
+
 static enum modal_status reduce(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     struct pod_options opt = { .energy = w->opt.pod_energy, .rank = w->opt.pod_rank };
@@ -208,10 +231,13 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
     }
-    w->data = (struct refine_data) { w->X, w->tau, 1, w->rec.share };
+    w->data = (struct refine_data) { .Y = w->X, .tau = w->tau, .phases = 1, .share = w->rec.share };
+    if (rc == MODAL_OK && w->least != NULL)
+        rc = grid_noise(w, err);
+    w->data.least = w->least;
     if (rc == MODAL_OK && w->shift > 1) {
         rc = fold(w->X, w->shift, &w->folded, err);
-        w->data = (struct refine_data) { &w->folded, w->tau, w->shift, 0 };
+        w->data = (struct refine_data) { .Y = &w->folded, .tau = w->tau, .phases = w->shift, .least = w->least };
     }
     return rc;
 }
@@ -560,11 +586,14 @@ static enum modal_status weigh_channels(struct work *w, struct modal_error *err)
     }
     if (rc == MODAL_OK && most > ALIKE * least) {
         w->weighted = (struct matrix) { Y->m, Y->n, Y->m, malloc(sizeof(double) * Y->m * Y->n) };
-        if (w->weighted.x == NULL)
+        w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
+        if (w->weighted.x == NULL || w->weight == NULL)
             rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels", Y->m, Y->n);
-        for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
+        for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
+            w->weight[c] = least / noise[c];
             for (int l = 0; l < Y->m; l++)
-                w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * (least / noise[c]);
+                w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * w->weight[c];
+        }
     }
     free(noise);
     return rc;
@@ -601,6 +630,82 @@ static enum modal_status keep_chosen(const struct work *w, struct identify_chose
     return MODAL_OK;
 }
 
+static void forget_analysis(struct work *w, struct identify_result *out)
+{
+    pod_done(&w->pod);
+    pencil_done(&w->pencil);
+    projection_done(&w->projection);
+    order_done(&w->choice);
+    free(w->folded.x), w->folded.x = NULL;
+    free(out->singular), out->singular = NULL;
+    w->projected = false;
+    w->facts = (struct diagnose_facts) { .converged = true };
+}
+
+/* ---- samples on a grid ---- */
+
+/* The grid of each channel, as it was sent.  True: there is one. */
+static enum modal_status find_grids(struct work *w, const struct batch *b, bool *any, struct modal_error *err)
+{
+    size_t first = (size_t)llround(w->rec.t0 / b->dt);
+
+    w->step = calloc((size_t)w->rec.channels + 1, sizeof *w->step);
+    if (w->step == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels", w->rec.channels);
+    for (int c = 0; c < w->rec.channels; c++) {
+        w->step[c] = w->rec.scale[c] > 0 ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, w->rec.Y.m) : 0;
+        *any |= w->step[c] > 0;
+    }
+    return MODAL_OK;
+}
+
+/* Is what the fit leaves in a signal about what its grid makes?  Far less: the numbers are exact, and happen to lie on a grid. */
+static bool grid_matters(const struct work *w)
+{
+    const double EXACT = 1e-4, BELOW = 2;
+    const struct refined *fit = &w->choice.candidates[w->choice.chosen].fit;
+    bool any = false;
+
+    for (int g = 0; g < fit->groups && w->least != NULL; g++) {
+        double left = fit->noise[g] * fit->noise[g];
+        any |= left > EXACT * w->least[g] && left < BELOW * w->least[g];
+    }
+    return any;
+}
+
+/* Once more, with a floor, where a fit without one came down to the grid: rounding is no white noise, and more poles follow it. */
+static enum modal_status analyse_above_grid(struct work *w, const struct batch *b, struct identify_result *out, struct modal_error *err)
+{
+    bool any = false;
+    enum modal_status rc;
+
+    if (!w->refine || w->rec.wide || w->rec.decimation > 1 || w->rec.share > 0 || w->choice.chosen < 0)
+        return MODAL_OK;
+    rc = find_grids(w, b, &any, err);
+    if (rc != MODAL_OK || !any)
+        return rc;
+    rc = grid_noise(w, err);
+    out->at_grid = rc == MODAL_OK && grid_matters(w);
+    if (!out->at_grid) {
+        free(w->least), w->least = NULL;
+        return rc;
+    }
+    forget_analysis(w, out);
+    return analyse(w, out, err);
+}
+
+static void report_grids(const struct work *w, struct identify_result *out)
+{
+    for (int c = 0; c < w->rec.channels && c < SCREEN_CHANNELS && out->at_grid; c++) {
+        bool said = w->step[c] == 0;
+        for (int i = 0; i < out->diagnostic_count; i++)
+            said |= strcmp(out->diagnostics[i].code, "quantised") == 0 && out->diagnostics[i].channel == w->rec.channel[c];
+        if (!said)
+            identify_diagnose(out, "quantised", w->rec.channel[c], "the values of channel %d lie on a grid of %g, and what the modes leave of them is no more than its rounding, %g: "
+                              "whatever is smaller than half a step is not looked for", w->rec.channel[c], w->step[c], w->step[c] / sqrt(12));
+    }
+}
+
 /* Once more, on channels weighed by the noise that the first answer left. */
 static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
 {
@@ -611,14 +716,7 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
     rc = keep_chosen(w, &out->unweighed, err);
     if (rc != MODAL_OK)
         return rc;
-    pod_done(&w->pod);
-    pencil_done(&w->pencil);
-    projection_done(&w->projection);
-    order_done(&w->choice);
-    free(w->folded.x), w->folded.x = NULL;
-    free(out->singular), out->singular = NULL;
-    w->projected = false;
-    w->facts = (struct diagnose_facts) { .converged = true };
+    forget_analysis(w, out);
     return analyse(w, out, err);
 }
 
@@ -840,6 +938,7 @@ static enum modal_status conclude(struct work *w, const struct batch *batch, str
     w->facts.below = w->rec.below;
     diagnose(out, &w->facts);
     screen_samples(batch, out);
+    report_grids(w, out);
     if (w->refine && w->shift == 1 && w->rec.period <= 0)
         trend_of_modes(w->X->m * w->rec.step, out);
     return MODAL_OK;
@@ -876,6 +975,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = choose_shift(&w, err)) != MODAL_OK
         || (rc = stage(&w, "read", out, err)) != MODAL_OK
         || (rc = analyse(&w, out, err)) != MODAL_OK
+        || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (worth_weighing(&w) && (rc = analyse_again(&w, out, err)) != MODAL_OK)
         || (rc = keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = take_poles(&w, err)) != MODAL_OK

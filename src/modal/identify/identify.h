@@ -153,6 +153,7 @@ struct identify_result {
     double dt;                    /* of the samples used */
     int samples;                  /* rows used */
     int decimation, shift, rows, columns;
+    bool at_grid;                 /* what is left is the rounding of the samples to their grid */
     int freedom;                  /* L - r: equations less unknowns per phase and signal */
 };
 

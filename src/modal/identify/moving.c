@@ -54,8 +54,8 @@ static const double DEVIATIONS = 6, SLACK = 12, CLEAR = 3, ROUNDING = 4, WEAK = 
 static const double LEAK = 1e-11;                /* of |lambda|: what the anchor's span may cost an exponent */
 
 const char *const moving_reasons[] = { "first", "options", "not_settled", "order_less", "order_more", "pole_splits", "offset", "undetermined", "not_white",
-                                       "channels_by_noise", "parts_disagree", "weak_mode", NULL };
-enum reason { FIRST, OPTIONS, NOT_SETTLED, ORDER_LESS, ORDER_MORE, POLE_SPLITS, OFFSET, UNDETERMINED, NOT_WHITE, BY_NOISE, PARTS, WEAK_MODE, GOOD };
+                                       "channels_by_noise", "parts_disagree", "weak_mode", "quantised", NULL };
+enum reason { FIRST, OPTIONS, NOT_SETTLED, ORDER_LESS, ORDER_MORE, POLE_SPLITS, OFFSET, UNDETERMINED, NOT_WHITE, BY_NOISE, PARTS, WEAK_MODE, GRID, GOOD };
 
 struct block { double *C, *rest; };              /* k x S; S x S triangle */
 
@@ -1078,6 +1078,10 @@ static enum modal_status from_nothing(struct moving *m, struct identify_result *
     m->reason = FIRST;
     if (rc != MODAL_OK || !m->possible)
         return rc;
+    if (out->at_grid) {
+        m->reason = GRID;
+        return rc;
+    }
     if (special(m, out->chosen.lambda, out->chosen.count)) {
         m->reason = out->chosen.count == 0 ? NOT_SETTLED : OFFSET;
         return rc;

@@ -36,7 +36,7 @@
  *
  *     floor = (4 + theta_max L / 4) DBL_EPSILON rms(y).                                                     (6)
  *
- * Below it nothing is signal.  It bounds sigma_c in the weights and in
+ * Below it nothing is signal, nor below the grid that the samples were rounded to (`least`).  The larger one bounds sigma_c in the weights and in
  *
  *     BIC = sum_g n_g ln max(rss_g / n_g, floor_g^2) + h k ln n,                                             (7)
  *
@@ -405,17 +405,23 @@ static void set_floor(struct work *w, const struct point *at)
     }
 }
 
+/* Variance below which nothing is signal: rounding of the arithmetic, or of the samples. */
+static double floor_of(const struct work *w, int g)
+{
+    return w->data->least != NULL ? fmax(w->floor2[g], w->data->least[g]) : w->floor2[g];
+}
+
 /* Weights from residuals; an all-zero signal has none.  Returns the largest relative change. */
 static double set_weights(struct work *w, const double *rss, bool equal)
 {
     double n = (double)w->L * w->phases, own = freedom(w) / w->groups, change = 0, pooled = 0, share = 0;
 
     for (int g = 0; g < w->groups; g++) {
-        pooled += fmax(rss[g], n * w->floor2[g]);
+        pooled += fmax(rss[g], n * floor_of(w, g));
         share += w->energy[g] > 0;
     }
     for (int g = 0; g < w->groups; g++) {
-        double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : fmax(rss[g], n * w->floor2[g]);
+        double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : fmax(rss[g], n * floor_of(w, g));
         double weight = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
         if (w->energy[g] > 0)
             change = fmax(change, w->weight[g] > 0 ? fabs(weight / w->weight[g] - 1) : 1);
@@ -564,7 +570,7 @@ static double bic(const struct work *w, const double *rss, double factor)
     for (int g = 0; g < w->groups; g++) {
         if (w->energy[g] == 0)
             continue;
-        sum += own * log(fmax(factor * rss[g] / n, fmax(w->floor2[g], DBL_MIN)));
+        sum += own * log(fmax(factor * rss[g] / n, fmax(floor_of(w, g), DBL_MIN)));
         used += own, live += w->phases;
     }
     return sum + scarcity(live * w->order + w->parameters, used) * (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
@@ -929,7 +935,7 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
                               double most, struct wide_step *out, struct modal_error *err)
 {
     struct matrix shape = { d->L, JOIN_MOST + 1 < d->S ? d->S : JOIN_MOST + 1, d->L, NULL };    /* never joined */
-    struct refine_data data = { &shape, tau, 0, 0 };
+    struct refine_data data = { &shape, tau, 0, 0, NULL };
     struct work w = { .data = &data, .Y = &shape, .L = d->L, .S = shape.n, .groups = 1, .phases = shape.n, .count = count, .fixed = fixed };
     struct search s = { 0 };
     double *cov = NULL, step = 0;

@@ -18,6 +18,7 @@ struct refine_data {
     double tau;                  /* s */
     int phases;                  /* 0: 1 */
     double share;                /* noise that was filtered fills this share of the rows' freedom, 0 < share <= 1; 0: 1, white */
+    const double *least;         /* borrowed, per signal (S / phases): variance that the samples' own grid has, below which nothing is signal; NULL: none */
 };
 
 struct refine_options {

@@ -10,26 +10,30 @@
 #include "job/steady_print.h"
 #include "modal/scene/scene.h"
 
-/* A motion found from rest that is unstable is not what a machine does: a stable one is sought among all, and given if there is. */
-static enum modal_status prefer_stable(struct steady *s, const struct program *p, struct steady_point *point, struct modal_error *err)
+/* A motion found from rest that is unstable is not what a machine does: a stable one is sought among all, and given if there is.
+ * *KNOWN is the stability of the one given. */
+static enum modal_status prefer_stable(struct steady *s, const struct program *p, struct steady_point *point, struct stability *known,
+                                       struct modal_error *err)
 {
     struct stability st = { 0 };
     struct steady_point *points = NULL;
     int count = 0, stable = -1;
-    enum modal_status rc = stability_of(s, point, &st, err);
-    bool unstable = rc == MODAL_OK && st.verdict == STABILITY_UNSTABLE;
+    enum modal_status rc = stability_of(s, point, known, err);
 
-    stability_done(&st);
-    if (!unstable)
+    if (rc != MODAL_OK || known->verdict != STABILITY_UNSTABLE)
         return rc;
     rc = steady_solve_all(s, p->omega, NULL, &points, &count, err);
     for (int i = 0; rc == MODAL_OK && i < count && stable < 0; i++) {
         rc = points[i].converged ? stability_of(s, &points[i], &st, err) : MODAL_OK;
         if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)
             stable = i;
-        stability_done(&st);
+        if (stable < 0)
+            stability_done(&st);
     }
     if (rc == MODAL_OK && stable >= 0) {
+        stability_done(known);
+        *known = st;
+        memset(&st, 0, sizeof st);
         steady_point_done(point);
         *point = points[stable];
         point->method = "multi-start";
@@ -38,12 +42,14 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     for (int i = 0; i < count; i++)
         steady_point_done(&points[i]);
     free(points);
+    stability_done(&st);
     return rc;
 }
 
-/* One point, or with `solutions` all every one, the first converged first. */
+/* One point, or with `solutions` all every one, the first converged first.  *KNOWN: the stability of the one, if it was looked at. */
 static enum modal_status solve_points(struct steady *s, const struct program *p, const struct steady_settings *settings,
-                                      const struct steady_start *start, struct steady_point **points, int *count, struct modal_error *err)
+                                      const struct steady_start *start, struct steady_point **points, int *count, struct stability *known,
+                                      struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -55,22 +61,22 @@ static enum modal_status solve_points(struct steady *s, const struct program *p,
     rc = steady_solve(s, p->omega, start, *points, err);
     *count = rc == MODAL_OK ? 1 : 0;
     if (rc == MODAL_OK && settings->stability && start == NULL && settings->opt.method == STEADY_AUTO && p->laws > 0 && (*points)->converged)
-        rc = prefer_stable(s, p, *points, err);
+        rc = prefer_stable(s, p, *points, known, err);
     return rc;
 }
 
 static enum modal_status print_point(struct steady *s, struct program *p, const struct steady_settings *settings, struct steady_point *point,
-                                     struct cost *cost, cJSON **doc, struct modal_error *err)
+                                     struct stability *known, struct cost *cost, cJSON **doc, struct modal_error *err)
 {
-    struct stability stability = { 0 };
-    enum modal_status rc = settings->stability && point->converged ? stability_of(s, point, &stability, err) : MODAL_OK;
+    bool wanted = settings->stability && point->converged;
+    enum modal_status rc = wanted && known->verdict == STABILITY_UNKNOWN && known->reason == NULL ? stability_of(s, point, known, err) : MODAL_OK;
 
     cost_stage(cost, "stability");
     if (rc == MODAL_OK)
-        rc = steady_print(s, p, settings, point, settings->stability && point->converged ? &stability : NULL, doc, err);
+        rc = steady_print(s, p, settings, point, wanted ? known : NULL, doc, err);
     if (rc == MODAL_OK)
         steady_count(p, point);
-    stability_done(&stability);
+    stability_done(known);
     return rc;
 }
 
@@ -80,6 +86,7 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     struct steady *s = NULL;
     struct steady_point *points = NULL;
     struct steady_start start = { 0 };
+    struct stability known = { 0 };
     cJSON *list = NULL, *one = NULL;
     int count = 0;
     enum modal_status rc = steady_new(p, &settings->opt, &s, err);
@@ -87,12 +94,12 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     if (rc == MODAL_OK)
         rc = steady_settings_start(settings, s, &start, err);
     if (rc == MODAL_OK)
-        rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, err);
+        rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, &known, err);
     cost_stage(cost, "solve");
     if (rc == MODAL_OK && settings->all)
         list = cJSON_CreateArray();
     for (int i = 0; rc == MODAL_OK && i < count; i++) {
-        rc = print_point(s, p, settings, &points[i], cost, i == 0 ? doc : &one, err);
+        rc = print_point(s, p, settings, &points[i], &known, cost, i == 0 ? doc : &one, err);
         if (rc == MODAL_OK && list != NULL)
             cJSON_AddItemToArray(list, i == 0 ? cJSON_Duplicate(*doc, 1) : one);
     }
@@ -109,6 +116,7 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     cost_stage(cost, "print");
     for (int i = 0; i < count; i++)
         steady_point_done(&points[i]);
+    stability_done(&known);
     free(points);
     free((void *)start.X);
     steady_free(s);

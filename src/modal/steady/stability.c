@@ -505,8 +505,16 @@ static void at_cut(struct monodromy *m, double theta)
         }
 }
 
+static bool finite_map(const struct monodromy *m)
+{
+    for (int i = 0; i < m->order * m->order; i++)
+        if (!isfinite(m->map[i]))
+            return false;
+    return true;
+}
+
 /* A slider that opens or slips at the end of a piece with no piece after it (a contact parted) loses c too: build() gives it
- * no weight, and at_cut sets it anew. */
+ * no weight, and at_cut sets it anew.  Ends early where the map overflows. */
 static enum modal_status advance(struct monodromy *m, double a, double b, int steps, struct modal_error *err)
 {
     static const double gauss[3] = { 0.5 - 0.38729833462074168852, 0.5, 0.5 + 0.38729833462074168852 };
@@ -515,7 +523,7 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
     double h = (b - a) / steps;
     enum modal_status rc = MODAL_OK;
 
-    for (int i = 0; rc == MODAL_OK && i < steps; i++) {
+    for (int i = 0; rc == MODAL_OK && i < steps && finite_map(m); i++) {
         if (m->varies) {
             for (int g = 0; rc == MODAL_OK && g < 3; g++)
                 rc = build(m, a + (i + gauss[g]) * h, m->A[g], err);
@@ -545,7 +553,7 @@ static enum modal_status around(struct monodromy *m, int steps, struct modal_err
     memset(m->map, 0, size * sizeof *m->map);
     for (int i = 0; i < m->order; i++)
         m->map[(size_t)i * (size_t)(m->order + 1)] = 1;
-    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < m->cuts; i++) {
+    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < m->cuts && finite_map(m); i++) {
         double a = m->cut[i], b = m->cut[i + 1];
         int here = m->varies ? (int)ceil(steps * (b - a) / TWO_PI) : 1;
 
@@ -603,15 +611,8 @@ static double fastest(const struct monodromy *m)
     return sqrt(most);
 }
 
-static bool finite_map(const struct monodromy *m)
-{
-    for (int i = 0; i < m->order * m->order; i++)
-        if (!isfinite(m->map[i]))
-            return false;
-    return true;
-}
-
-/* Steps doubled until the multipliers settle. */
+/* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A map that overflows is tried
+ * again with more steps, in case they were too long for a stiff dof. */
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
     double complex *before = room((size_t)m->order, sizeof *before);
@@ -639,7 +640,7 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
         for (int i = 0; !first && i < m->order; i++)
             out->error = fmax(out->error, cabs(out->multiplier[i] - before[i]));
         memcpy(before, out->multiplier, (size_t)m->order * sizeof *before);
-        if (!m->varies || (!first && (out->error <= SETTLED * fmax(1, cabs(out->multiplier[0])) || out->error > 0.5 * last)) || steps >= STEPS_MOST)
+        if (!m->varies || (!first && (out->error <= fmax(SETTLED, 16 * DBL_EPSILON * steps) * fmax(1, cabs(out->multiplier[0])) || out->error > 0.5 * last)) || steps >= STEPS_MOST)
             break;
         last = first ? HUGE_VAL : out->error;
     }

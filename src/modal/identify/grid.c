@@ -1,12 +1,12 @@
 /*
  * grid.c - the common divisor of differences that are known to rounding
  *
- * Neighbours among the sorted values differ by whole multiples of the step.  They are taken in ascending order, each known to delta: with q = d / k found so far,
- * and so known to delta / k,
+ * Neighbours among the sorted values differ by whole multiples of the step.  They are taken in ascending order, each known to delta.  With q known to epsilon so far,
  *
- *     |d' - k' q| <= SLACK (delta + k' delta / k),        k' = round(d' / q),                                        (1)
+ *     |d - k q| <= SLACK (delta + k epsilon),        k = round(d / q),                                               (1)
  *
- * makes q = d' / k' if k' > k; where (1) fails q becomes the common divisor of q and the remainder, by Euclid.  That ends for numbers of the continuum where q
+ * makes q = d / k, known to delta / k, where that is better; where (1) fails q becomes the common divisor of q and the remainder, by Euclid.  For numbers of
+ * the continuum that ends where q
  * is no longer large beside the errors of (1).  Last, all samples are held against the grid.
  */
 #include "modal/identify/grid.h"
@@ -15,13 +15,14 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-static const double LEAST = 1e-10, SLACK = 2, CLEAR = 40;
+enum { FIRST_LOOK = 64 };       /* samples: nearly all signals are of the continuum, and so few say it */
+static const double LEAST = 1e-10, SLACK = 2, CLEAR = 40, DOUBLE = 4 * DBL_EPSILON, SINGLE = 0x1p-23, UNKNOWN = -1;
 
-struct divisor { double q, k, delta; };      /* q = d / k */
+struct divisor { double q, error, delta; };
 
 static double uncertainty(const struct divisor *g, double times)
 {
-    return SLACK * g->delta * (1 + times / g->k);
+    return SLACK * (g->delta + times * g->error);
 }
 
 /* (1).  False where q is lost. */
@@ -30,17 +31,17 @@ static bool take_difference(struct divisor *g, double d, double least)
     double times = nearbyint(d / g->q), rest = fabs(d - times * g->q);
 
     while (rest > uncertainty(g, times)) {
-        double before = g->q;
-        *g = (struct divisor) { rest, 1, 2 * g->delta * (1 + times / g->k) };
-        if (g->q < least || g->q < CLEAR * g->delta)
+        double before = g->q, error = g->error;
+        g->q = rest, g->error = g->delta + times * error;
+        if (g->q < least || g->q < CLEAR * g->error)
             return false;
         times = nearbyint(before / g->q), rest = fabs(before - times * g->q);
     }
     times = nearbyint(d / g->q);
-    if (CLEAR * uncertainty(g, times) > SLACK * g->q)
+    if (CLEAR * (g->delta + times * g->error) > 2 * SLACK * g->q)
         return false;
-    if (times > g->k)
-        g->q = d / times, g->k = times;
+    if (times > 0 && g->delta < times * g->error)
+        g->q = d / times, g->error = g->delta / times;
     return true;
 }
 
@@ -51,7 +52,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* N sorted values, each known to delta / 2. */
+/* N sorted values, each known to delta / 2.  0: no divisor; UNKNOWN: too few values. */
 static double divisor_of(const double *sorted, int n, double *difference, double delta)
 {
     double least = fmax(LEAST * (sorted[n - 1] - sorted[0]), CLEAR * delta);
@@ -62,9 +63,9 @@ static double divisor_of(const double *sorted, int n, double *difference, double
         if (sorted[k] - sorted[k - 1] > delta)
             difference[count++] = sorted[k] - sorted[k - 1];
     if (count < GRID_VALUES_LEAST - 1)
-        return 0;
+        return UNKNOWN;
     qsort(difference, (size_t)count, sizeof *difference, by_value);
-    g = (struct divisor) { difference[0], 1, delta };
+    g = (struct divisor) { difference[0], delta, delta };
     if (g.q < least)
         return 0;
     for (int k = 1; k < count; k++)
@@ -86,23 +87,35 @@ static bool all_on_grid(const double *x, size_t stride, int L, double q, double 
     return true;
 }
 
+/* Of n samples spread over the L; `scratch` has room for twice as many. */
+static double divisor_of_some(const double *x, size_t stride, int L, int n, double precision, double *scratch)
+{
+    for (int k = 0; k < n; k++)
+        scratch[k] = x[(size_t)((double)k * (L - 1) / (n - 1)) * stride];
+    qsort(scratch, (size_t)n, sizeof *scratch, by_value);
+    return divisor_of(scratch, n, scratch + n, precision * fmax(fabs(scratch[0]), fabs(scratch[n - 1])));
+}
+
+static bool are_single(const double *x, size_t stride, int L)
+{
+    for (int k = 0; k < L; k++)
+        if ((double)(float)x[(size_t)k * stride] != x[(size_t)k * stride])
+            return false;
+    return true;
+}
+
 double grid_step(const double *x, size_t stride, int L)
 {
-    const double precisions[] = { 4 * DBL_EPSILON, 0x1p-23 };
     int n = L < GRID_SAMPLES ? L : GRID_SAMPLES;
-    double *sorted = L > 1 ? malloc(2 * sizeof *sorted * (size_t)n) : NULL, most = 0, q = 0;
+    double *scratch = L > 1 ? malloc(2 * sizeof *scratch * (size_t)n) : NULL, q;
 
-    if (sorted == NULL)
+    if (scratch == NULL)
         return 0;
-    for (int k = 0; k < n; k++)
-        sorted[k] = x[(size_t)((double)k * (L - 1) / (n - 1)) * stride];
-    qsort(sorted, (size_t)n, sizeof *sorted, by_value);
-    most = fmax(fabs(sorted[0]), fabs(sorted[n - 1]));
-    for (int i = 0; i < 2 && q == 0; i++) {
-        q = divisor_of(sorted, n, sorted + n, precisions[i] * most);
-        if (q > 0 && !all_on_grid(x, stride, L, q, 0.02 * q))
-            q = 0;
-    }
-    free(sorted);
-    return q;
+    q = n > FIRST_LOOK ? divisor_of_some(x, stride, L, FIRST_LOOK, DOUBLE, scratch) : UNKNOWN;
+    if (q != 0)
+        q = fmax(divisor_of_some(x, stride, L, n, DOUBLE, scratch), 0);
+    if (q == 0 && are_single(x, stride, L))
+        q = fmax(divisor_of_some(x, stride, L, n, SINGLE, scratch), 0);
+    free(scratch);
+    return q > 0 && all_on_grid(x, stride, L, q, 0.02 * q) ? q : 0;
 }

@@ -6,7 +6,7 @@ import struct
 import jsonschema
 import pytest
 
-from wire import Daemon, Reply, crc32c, identity, submit
+from wire import Client, Daemon, Reply, crc32c, identity, ring_down, submit
 
 PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
@@ -94,3 +94,73 @@ def test_every_answer_meets_its_schema(daemon):
     for event in [r for r in client.early if r.verb == "EVENT"]:
         jsonschema.validate(event.header, schema("event"))
     assert client.early, "no event came"
+
+
+class Checked(Client):
+    """Holds every answer, and every request that was not refused, against its schema."""
+
+    def __init__(self, *words, **options):
+        super().__init__(*words, **options)
+        self.asked, self.checked = {}, set()
+
+    def check(self, name, header):
+        jsonschema.validate(header, schema(name))
+        self.checked.add(name)
+
+    def send(self, verb, body=(), **header):
+        number = super().send(verb, body, **header)
+        self.asked[number] = verb.lower(), {"id": number, **header}
+        return number
+
+    def receive(self):
+        reply = super().receive()
+        if reply.verb == "EVENT":
+            self.check("event", reply.header)
+        elif reply.verb == "ERROR":
+            self.check("error", reply.header)
+        else:
+            verb, header = self.asked[reply["id"]]
+            assert reply["verb"] == verb.upper()
+            self.check(f"{verb}.reply", reply.header)
+            self.check(f"{verb}.request", header)
+        return reply
+
+
+def test_messages_of_whole_lives_meet_their_schemas():
+    """With real workers: jobs to each end, an upload and its abort, a batch as a result, a stream with live modes and a gap."""
+    data, described = ring_down(samples=400)
+    scene = json.dumps({"structure": {"type": "chain", "masses": [1.0], "springs": [100.0, 0.0]}, "initial": {"x": {"x1": 0.3}},
+                        "time": {"dt": 0.01, "duration": 1.0}}).encode()
+    with Daemon(workers=1) as d:
+        c = Checked(d.endpoint)
+        c.ask("EVENTS", **{"from": 1})
+        described.update(names=["a"], units="m", attributes={"rig": "one"})
+        begun = c.ask("UPLOAD", op="begin", key="u", **described)
+        c.ask("UPLOAD", [data], op="chunk", upload=begun["upload"], offset=0, crc32c=crc32c(data))
+        sha = identity(400, 1, 0.01, data, units="m", names=["a"])
+        c.ask("UPLOAD", op="seal", upload=begun["upload"], sha256=sha)
+        c.ask("UPLOAD", op="abort", upload=c.ask("UPLOAD", op="begin", key="v", **described)["upload"])
+        ends = {}
+        for name, options, given, body, kind in [("done", {"rank.fixed": 2}, {"upload": begun["upload"]}, [], "identify"),
+                                                 ("failed", {"rank.fixed": -1}, {"sha256": sha}, [], "identify"),
+                                                 ("batch", {}, {"content": "scene"}, [scene], "simulate")]:
+            job = c.ask("SUBMIT", body, kind=kind, options=options, input=given, key=name, priority=5, run_limit_s=60.5, deadline_s=90, max_attempts=2)
+            ends[name] = c.ask("WAIT", job=job["job"], timeout_s=60, result=True)["state"]
+        assert ends == {"done": "done", "failed": "failed", "batch": "done"}
+        assert c.ask("RESULT", job="key:failed").code == "bad_input"
+        for part in ({"part": "batch", "length": 80}, {"part": "input"}, {"part": "document", "offset": 1}):
+            assert c.ask("RESULT", job="key:batch", **part).ok, part
+        assert c.ask("RETRY", job="key:done").code == "conflict"
+        late = c.ask("SUBMIT", kind="identify", input={"sha256": sha}, key="late", not_before=4e9, fresh=True)
+        assert c.ask("CANCEL", job=late["job"])["state"] == "cancelled"
+        stream = c.ask("STREAM", op="open", name="live", channels=1, dt=0.01, window={"samples": 300, "hop": 100, "options": {"rank.fixed": 2}})
+        c.ask("EVENTS", stream="live")
+        c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=0, count=400, crc32c=crc32c(data))
+        while not any(r.verb == "EVENT" and r["event"] == "modes" for r in c.early):
+            c.early.append(c.receive())
+        c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=500, count=400, crc32c=crc32c(data))
+        assert c.ask("STREAM", op="close", stream=stream["stream"])["gaps"] == [[400, 500]]
+        for verb in ("STATS", "WHOAMI", "METRICS", "LIST"):
+            assert c.ask(verb).ok
+        assert {"event", "error", "upload.request", "stream.reply", "result.reply", "submit.request"} <= c.checked
+        c.close()

@@ -273,6 +273,25 @@ SCENE = '{"structure": {"type": "chain", "masses": [1], "springs": [1, 0]}, "ome
 ROWS = "t,y\n" + "".join(f"{k},{k % 3}\n" for k in range(20))
 
 
+def test_the_result_of_a_steady_job_is_written_as_the_local_one_is(daemon, ctl, tmp_path):
+    scene = {"structure": {"type": "matrices", "M": [[1]], "C": [[0.1]], "K": [[1]]}, "omega": 0.8, "excitation": [{"dof": "x1", "k": 1, "cos": 1}],
+             "effects": [{"type": "friction", "dof": "x1", "stiffness": 0.5, "limit": 0.2}]}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    options = ("-o", "harmonics=32", "-o", "time=64")
+    assert ctl("steady", tmp_path / "scene.json", *options, "-O", tmp_path / "local.h5").status == 0
+    job = ctl("submit", "steady", tmp_path / "scene.json", *options, "--key", "motion", "--wait", server=daemon)
+    assert job.status == 0, job.document
+    said = ctl("result", "key:motion", "-O", tmp_path / "served.h5", server=daemon)
+    assert said.status == 0, said.document
+    with h5py.File(tmp_path / "local.h5") as local, h5py.File(tmp_path / "served.h5") as served:
+        assert set(local) == set(served) and {"t", "x", "re", "im", "omega", "dofs"} <= set(served)
+        for name in ("t", "x", "re", "im", "omega"):
+            assert np.array_equal(local[name][()], served[name][()]), name
+        theta = 0.8 * served["t"][()]
+        spectrum = served["re"][0, 0] + 1j * served["im"][0, 0]
+        assert np.allclose(served["x"][0], np.real(np.exp(1j * np.outer(theta, range(33))) @ spectrum), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("verb, text", [("identify", ROWS), ("steady", SCENE), ("floquet", SCENE), ("simulate", SCENE)])
 def test_the_help_and_the_manual_have_every_option_of_a_job(verb, text, ctl, tmp_path):
     (tmp_path / "in").write_text(text)

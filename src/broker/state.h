@@ -109,6 +109,7 @@ struct stream {
     char *options;
     char *recent;                         /* the last `window` samples, by index % window */
     int at_slot; uint64_t at_process, at_next;      /* the worker that has the samples before at_next of the present window; -1: none */
+    int died;                                       /* workers under the present window */
 };
 
 struct failure { enum modal_status status; char *message, *field, *detail; };

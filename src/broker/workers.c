@@ -11,7 +11,7 @@
 #include <string.h>
 #include <sys/wait.h>
 
-enum { LIVE_LIMIT_S = 60 };
+enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3 };
 
 static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
 {
@@ -192,8 +192,11 @@ static void end_live(struct core *c, int slot, const struct wire_message *m)
     stream->live = false;
     if (m == NULL || error != NULL)
         stream->at_slot = -1;
+    if (m == NULL && ++stream->died < LIVE_DEATHS_MOST)
+        stream->next_window = s->live_to + 1;         /* its worker died: once more on another, unless the window itself is to blame */
     if (m == NULL)
         return;
+    stream->died = 0;
     s->state = SLOT_TAKEN;
     json_get_string(error, "", "field", &field, NULL);
     if (error != NULL && strcmp(field, "live") == 0)

@@ -373,13 +373,16 @@ static void told(const struct action *a)
     cJSON_Delete(header);
 }
 
+static bool slot_waits[WORKERS];               /* its death is known, its successor not there */
+
+/* A worker whose death is not known yet may be told to run; what it is told is lost with it. */
 static void to_worker(const struct action *a)
 {
     cJSON *header = cJSON_Parse(a->header);
     int slot = a->slot;
 
     if (strcmp(a->verb, "RUN") == 0) {
-        if (!w->workers[slot].alive || w->workers[slot].busy)
+        if (w->workers[slot].busy || (!w->workers[slot].alive && slot_waits[slot]))
             violate(4, "RUN to a worker that is not idle");
         copy(w->workers[slot].job, 9, cJSON_GetObjectItem(header, "job")->valuestring);
         w->workers[slot].attempt = (int)cJSON_GetObjectItem(header, "attempt")->valuedouble;
@@ -611,8 +614,6 @@ static void worker_acts(void)
     } else
         worker_says(slot, "BEAT", "", 0, "", NULL);
 }
-
-static bool slot_waits[WORKERS];
 
 /* Deaths become known, in any order with other things. */
 static void exits(void)

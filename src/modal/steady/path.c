@@ -359,85 +359,125 @@ static void accept(struct path *p, double lambda, int sign, const double *tangen
         p->t[i] /= length;
 }
 
+/* One step of the walk: where it led, before it is accepted. */
+struct stride {
+    double ds, lambda;
+    double *tangent, *kept;      /* n + 1 each: the tangent there; w, aside while an event is located */
+    int sign;
+    bool stop, ended;
+};
+
+static enum modal_status may_go_on(struct path *p, struct stride *s, struct modal_error *err)
+{
+    const struct path_problem *q = p->problem;
+
+    if (q->cancelled != NULL && q->cancelled(q->context))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled");
+    if (p->report->points >= (q->points_most > 0 ? q->points_most : POINTS_MOST)) {
+        p->report->reason = "the branch has more points than are followed";
+        s->ended = true;
+    }
+    return MODAL_OK;
+}
+
+/* The point at distance ds, *found, or a shorter ds. */
+static enum modal_status step_out(struct path *p, struct stride *s, bool *found, struct modal_error *err)
+{
+    double dot = 0;
+    bool ok;
+    enum modal_status rc = at_distance(p, s->ds, &s->lambda, &s->sign, &ok, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    memcpy(s->tangent, p->x, ((size_t)p->n + 1) * sizeof *s->tangent);
+    for (int i = 0; ok && i <= p->n; i++)
+        dot += s->tangent[i] * p->t[i];
+    *found = ok && !(dot < BEND && s->ds > 100 * STEP_LEAST);
+    if (*found)
+        return MODAL_OK;
+    p->report->rejected++;
+    s->ds /= 2;
+    if (s->ds < STEP_LEAST) {
+        p->report->reason = "the step of the continuation became too small";
+        s->ended = true;
+    }
+    return MODAL_OK;
+}
+
+/* The fold or the branch point that the step passed, if any. */
+static enum modal_status locate_passed(struct path *p, const struct stride *s, struct modal_error *err)
+{
+    bool fold = s->tangent[p->n] * p->t[p->n] < 0, branch = s->sign != p->orientation && p->report->points > 1;
+    enum modal_status rc;
+
+    if (!fold && !branch)
+        return MODAL_OK;
+    memcpy(s->kept, p->w, (size_t)p->n * sizeof *s->kept);
+    rc = locate(p, s->ds, s->tangent[p->n], s->sign, fold ? PATH_FOLD : PATH_BRANCH, err);
+    memcpy(p->w, s->kept, (size_t)p->n * sizeof *s->kept);
+    return rc;
+}
+
+/* Where the end of the range lies within the step, its point; *again: not found, a shorter step is needed. */
+static enum modal_status cross_end(struct path *p, struct stride *s, bool *again, struct modal_error *err)
+{
+    double to = p->problem->to;
+    bool ok;
+    enum modal_status rc;
+
+    if ((s->lambda - to) * (p->lambda - to) > 0 || s->lambda == p->lambda || p->lambda == to)
+        return MODAL_OK;
+    rc = cross(p, (to - p->lambda) / (s->lambda - p->lambda), s->tangent[p->n], s->sign, &ok, &s->stop, err);
+    if (rc != MODAL_OK)
+        return rc;
+    if (ok && !p->problem->past)
+        p->report->complete = s->ended = true;
+    *again = !ok && s->ds > 100 * STEP_LEAST;
+    if (*again)
+        s->ds /= 2;
+    s->ended |= s->stop;
+    return MODAL_OK;
+}
+
+/* The branch has left the range that is asked for. */
+static bool left(struct path *p)
+{
+    const struct path_problem *q = p->problem;
+    double direction = q->to >= q->from ? 1 : -1;
+
+    if (q->past ? p->lambda >= q->low && p->lambda <= q->high : (p->lambda - q->from) * direction >= -0.5 * p->span)
+        return false;
+    p->report->complete = q->past;
+    p->report->reason = q->past ? NULL : "the branch turned back past where it set out";
+    return true;
+}
+
 static enum modal_status walk(struct path *p, struct modal_error *err)
 {
     const struct path_problem *q = p->problem;
-    double ds = q->step_first > 0 ? q->step_first : STEP_FIRST, most = q->step_most > 0 ? q->step_most : STEP_MOST;
-    double *tangent = malloc(((size_t)p->n + 1) * sizeof *tangent);
-    int limit = q->points_most > 0 ? q->points_most : POINTS_MOST;
-    enum modal_status rc = tangent == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
-    bool stop = false;
+    size_t room = ((size_t)p->n + 1) * sizeof(double);
+    struct stride s = { .ds = q->step_first > 0 ? q->step_first : STEP_FIRST, .tangent = malloc(room), .kept = malloc(room) };
+    double most = q->step_most > 0 ? q->step_most : STEP_MOST;
+    enum modal_status rc = s.tangent == NULL || s.kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
 
-    while (rc == MODAL_OK && !stop) {
-        double lambda, dot = 0, direction = q->to >= q->from ? 1 : -1;
-        bool ok, crosses;
-        int sign;
-
-        if (q->cancelled != NULL && q->cancelled(q->context)) {
-            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
-            break;
-        }
-        if (p->report->points >= limit) {
-            p->report->reason = "the branch has more points than are followed";
-            break;
-        }
-        rc = at_distance(p, ds, &lambda, &sign, &ok, err);
-        if (rc != MODAL_OK)
-            break;
-        memcpy(tangent, p->x, ((size_t)p->n + 1) * sizeof *tangent);
-        for (int i = 0; ok && i <= p->n; i++)
-            dot += tangent[i] * p->t[i];
-        if (!ok || (dot < BEND && ds > 100 * STEP_LEAST)) {
-            p->report->rejected++;
-            ds /= 2;
-            if (ds < STEP_LEAST) {
-                p->report->reason = "the step of the continuation became too small";
-                break;
-            }
+    while (rc == MODAL_OK && !s.stop && !s.ended) {
+        bool found = false, again = false;
+        rc = may_go_on(p, &s, err);
+        if (rc == MODAL_OK && !s.ended)
+            rc = step_out(p, &s, &found, err);
+        if (rc == MODAL_OK && found)
+            rc = locate_passed(p, &s, err);
+        if (rc == MODAL_OK && found)
+            rc = cross_end(p, &s, &again, err);
+        if (rc != MODAL_OK || s.ended || !found || again)
             continue;
-        }
-        if (tangent[p->n] * p->t[p->n] < 0) {
-            double *w = malloc(((size_t)p->n + 1) * sizeof *w);
-            if (w == NULL) { rc = modal_fail(err, MODAL_NO_MEMORY, "path: no memory"); break; }
-            memcpy(w, p->w, (size_t)p->n * sizeof *w);
-            rc = locate(p, ds, tangent[p->n], sign, PATH_FOLD, err);
-            memcpy(p->w, w, (size_t)p->n * sizeof *w);
-            free(w);
-        } else if (sign != p->orientation && p->report->points > 1) {
-            double *w = malloc(((size_t)p->n + 1) * sizeof *w);
-            if (w == NULL) { rc = modal_fail(err, MODAL_NO_MEMORY, "path: no memory"); break; }
-            memcpy(w, p->w, (size_t)p->n * sizeof *w);
-            rc = locate(p, ds, tangent[p->n], sign, PATH_BRANCH, err);
-            memcpy(p->w, w, (size_t)p->n * sizeof *w);
-            free(w);
-        }
-        if (rc != MODAL_OK)
-            break;
-        crosses = (lambda - q->to) * (p->lambda - q->to) <= 0 && lambda != p->lambda && p->lambda != q->to;
-        if (crosses) {
-            rc = cross(p, (q->to - p->lambda) / (lambda - p->lambda), tangent[p->n], sign, &ok, &stop, err);
-            if (rc == MODAL_OK && !q->past && ok) {
-                p->report->complete = true;
-                break;
-            }
-            if (rc == MODAL_OK && !ok && ds > 100 * STEP_LEAST) {
-                ds /= 2;
-                continue;
-            }
-            if (rc != MODAL_OK || stop)
-                break;
-        }
-        accept(p, lambda, sign, tangent);
-        rc = tell(p, p->u, p->lambda, p->t[p->n], sign, -1, &stop, err);
-        if (q->past ? p->lambda < q->low || p->lambda > q->high : (p->lambda - q->from) * direction < -0.5 * p->span) {
-            p->report->complete = q->past;
-            p->report->reason = q->past ? NULL : "the branch turned back past where it set out";
-            break;
-        }
-        ds = fmin(most, ds * (p->corrections <= 3 ? 1.4 : p->corrections >= 6 ? 0.7 : 1));
+        accept(p, s.lambda, s.sign, s.tangent);
+        rc = tell(p, p->u, p->lambda, p->t[p->n], s.sign, -1, &s.stop, err);
+        s.ended = left(p);
+        s.ds = fmin(most, s.ds * (p->corrections <= 3 ? 1.4 : p->corrections >= 6 ? 0.7 : 1));
     }
-    p->report->complete |= stop;
-    free(tangent);
+    p->report->complete |= s.stop;
+    free(s.tangent), free(s.kept);
     return rc;
 }
 

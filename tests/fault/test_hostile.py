@@ -139,7 +139,7 @@ def test_100_silent_connections_at_64_descriptors_stop_nobody_for_longer_than_th
             again = min(latency_ms(client) for _ in range(ROUNDS_MOST))
         print(f"\nP6: silent: latency {flooded / usual:.2f} x the usual {usual:.2f} ms, newcomer served after {waited:.1f} s, "
               f"then {again / usual:.2f} x, {cpu_s / waited:.2f} cores meanwhile, RSS at most {memory_mb(d):.0f} MB")
-        assert waited < 15 and cpu_s < waited and again < 2 * usual and memory_mb(d) < 200
+        assert waited < 15 and cpu_s < 0.5 * waited and again < 2 * usual and memory_mb(d) < 200
 
 
 def test_a_multipart_bomb_ends_at_the_memory_limit_and_loses_nothing():

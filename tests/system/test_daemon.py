@@ -59,7 +59,7 @@ def test_a_worker_that_falls_silent_loses_its_lease_and_the_job_runs_elsewhere()
 
 def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
     script = tmp_path / "parent.sh"
-    script.write_text(f"#!/bin/sh\nsleep 1000 &\necho $! > {tmp_path}/child\nexec {HERE / 'fake_worker.py'} \"$@\"\n")
+    script.write_text(f"#!/bin/sh\n[ -e {tmp_path}/child ] || {{ sleep 100 & echo $! > {tmp_path}/child; }}\nexec {HERE / 'fake_worker.py'} \"$@\"\n")
     script.chmod(0o755)
     with Daemon(config=f"worker_path = {script}\n", workers=1) as d:
         c = d.client()

@@ -43,7 +43,7 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
 static const double STEP_SHORT = 8, STEP_MOST = 1e4;
 enum { STEPS = 4 };
 /* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
-enum { CHANNELS_FEW = 8, TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
+enum { TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
 /* The pencil begins with few triplets and doubles them while the order is near their number; long records end earlier: a fit costs L r^2. */
 enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 };
 
@@ -224,7 +224,7 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     w->X = &w->rec.Y;
     out->pod_rank = w->rec.channels;
     out->energy = 1;
-    if (!w->opt.signals_all && (asked || w->rec.channels > CHANNELS_FEW)) {
+    if (!w->opt.signals_all && (asked || w->rec.channels > POD_CHANNELS_FEW)) {
         struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };       /* refined on all channels afterwards */
         rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
@@ -571,7 +571,6 @@ static enum modal_status channel_noise(const struct work *w, double *noise, stru
 /* weighted = rec.Y over the noise, the quietest channel at 1; left out where all are alike. */
 static enum modal_status weigh_channels(struct work *w, struct modal_error *err)
 {
-    const double ALIKE = 1.3, QUIETEST = 1e-13;
     const struct matrix *Y = &w->rec.Y;
     double *noise = malloc(sizeof *noise * w->rec.channels), least = HUGE_VAL, most = 0;
     enum modal_status rc;
@@ -580,11 +579,11 @@ static enum modal_status weigh_channels(struct work *w, struct modal_error *err)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d channels", w->rec.channels);
     rc = channel_noise(w, noise, err);
     for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
-        noise[c] = fmax(noise[c], QUIETEST);
+        noise[c] = fmax(noise[c], NOISE_QUIETEST);
         least = w->rec.scale[c] > 0 ? fmin(least, noise[c]) : least;
         most = w->rec.scale[c] > 0 ? fmax(most, noise[c]) : most;
     }
-    if (rc == MODAL_OK && most > ALIKE * least) {
+    if (rc == MODAL_OK && most > NOISE_ALIKE * least) {
         w->weighted = (struct matrix) { Y->m, Y->n, Y->m, malloc(sizeof(double) * Y->m * Y->n) };
         w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
         if (w->weighted.x == NULL || w->weight == NULL)

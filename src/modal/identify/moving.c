@@ -7,7 +7,7 @@
  *
  * Q, B x k, being an orthonormal basis of l^m e^{lambda_a l}, m < MOMENTS, at the poles lambda_a of the last complete identification (the anchor).  A pole
  * that has since moved by delta is in its span up to |delta tau B / 2|^MOMENTS / MOMENTS!, and so is its derivative with one power less; past a
- * limit the anchor is moved to where the poles are now.  Left-overs, and the C_b of more than CHANNELS_FEW channels, go through window_qr.c:
+ * limit the anchor is moved to where the poles are now.  Left-overs, and the C_b of more than POD_CHANNELS_FEW channels, go through window_qr.c:
  * the triangle R of the window's rows, and with it their proper orthogonal modes (the right singular vectors of R times the channels' scales), without a pass
  * over the window and without ever subtracting a row.
  *
@@ -39,18 +39,19 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/modes.h"
 #include "modal/identify/moving_fit.h"
+#include "modal/identify/order.h"
+#include "modal/identify/parts.h"
+#include "modal/identify/pod.h"
 #include "modal/identify/rounding.h"
 #include "modal/identify/trend.h"
 #include "modal/identify/verdict.h"
+#include "modal/identify/widen.h"
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 #include "modal/linalg/window_qr.h"
 
-/* CHANNELS_FEW, ALIKE, QUIETEST as in identify.c, SIGNALS_MOST in pod.c, REACH in order.c, LAGS in trend.c, SPARE, DEVIATIONS, SLACK and CLEAR in parts.c,
- * ROUNDING in widen.c, WEAK in verdict.c. */
-enum { CHANNELS_FEW = 8, SIGNALS_MOST = 40, MOMENTS = 4, LAGS = 8, BLOCK_MOST = 1024, SPARE = 8 };
-static const double ALIKE = 1.3, QUIETEST = 1e-13, REACH = 0.02, LIKELY = 0.5;
-static const double DEVIATIONS = 6, SLACK = 12, CLEAR = 3, ROUNDING = 4, WEAK = 1e-3;
+enum { MOMENTS = 4, LAGS = 8, BLOCK_MOST = 1024 };
+static const double LIKELY = 0.5;
 static const double LEAK = 1e-11;                /* of |lambda|: what the anchor's span may cost an exponent */
 
 const char *const moving_reasons[] = { "first", "options", "not_settled", "order_less", "order_more", "pole_splits", "offset", "undetermined", "not_white",
@@ -477,7 +478,7 @@ static int signals_kept(const struct job *j, const double *s)
         k++;
     if (j->m->rest_white[j->weighed])
         k = above_rest(j->m, s, k);
-    return k < 1 ? 1 : k > SIGNALS_MOST ? SIGNALS_MOST : k;
+    return k < 1 ? 1 : k > POD_SIGNALS_MOST ? POD_SIGNALS_MOST : k;
 }
 
 /* Proper orthogonal modes from the triangle: pod.c's choice of how many, where it knows all singular values. */
@@ -518,7 +519,7 @@ static void plain_signals(struct job *j)
 
 static bool reduced(const struct moving *m)
 {
-    return m->S > CHANNELS_FEW && !m->opt.identify.signals_all;
+    return m->S > POD_CHANNELS_FEW && !m->opt.identify.signals_all;
 }
 
 /* X = Y W, and of what Q does not hold the sums of squares. */
@@ -550,7 +551,7 @@ static enum modal_status make_signals(struct job *j, bool modes, struct modal_er
 
 static enum reason judge_fit(const struct job *j, const struct moving_fit *f)
 {
-    double record = j->m->L * j->m->opt.dt, reach = fmax(REACH * j->m->L * j->r, 100);
+    double record = j->m->L * j->m->opt.dt, reach = fmax(ORDER_REACH * j->m->L * j->r, 100);
     bool chosen = j->m->opt.identify.rank.rule == RANK_AUTO;
 
     if (!f->settled)
@@ -727,10 +728,10 @@ static enum modal_status ask_half(struct job *j, const struct moving_fit *f, con
     else if (rc == MODAL_OK)
         rc = moving_probe(&half, &y, f->lambda, f->poles, &own, err);
     j->work += own.work;
-    if (rc == MODAL_OK && *why == GOOD && !(own.could_gain < parameters + DEVIATIONS * sqrt(2 * parameters) + SLACK))
+    if (rc == MODAL_OK && *why == GOOD && !(own.could_gain < parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK))
         *why = PARTS;
     for (int i = 0; i < f->poles && rc == MODAL_OK && *why == GOOD; i++)
-        if (creal(f->lambda[i]) > CLEAR * own.std_re[i])
+        if (creal(f->lambda[i]) > PARTS_CLEAR * own.std_re[i])
             j->growth[i] = GROWTH_IN_HALF;
     moving_fit_done(&own);
     free(X.x), free(outside2);
@@ -742,7 +743,7 @@ static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, c
     int L = j->m->L, rows = L / 2;
     enum modal_status rc = MODAL_OK;
 
-    if (rows < 2 * f->order + SPARE)
+    if (rows < 2 * f->order + PARTS_SPARE)
         return MODAL_OK;
     for (int i = 0; i < f->poles; i++)
         j->growth[i] = GROWTH_UNSEEN;
@@ -814,14 +815,14 @@ static enum modal_status weigh_channels(struct job *j, const struct moving_fit *
 
     *weighed = false;
     for (int c = 0; c < S && rc == MODAL_OK; c++) {
-        double noise = fmax(sqrt(look.rss[c] / j->m->L), QUIETEST);
+        double noise = fmax(sqrt(look.rss[c] / j->m->L), NOISE_QUIETEST);
         total += j->scale[c] > 0 ? j->m->L : 0, rest += look.rss[c];
         least = j->scale[c] > 0 ? fmin(least, noise) : least, most = j->scale[c] > 0 ? fmax(most, noise) : most;
     }
-    if (rc == MODAL_OK && sqrt(rest) > 1e-12 * sqrt(total) && most > ALIKE * least) {
+    if (rc == MODAL_OK && sqrt(rest) > 1e-12 * sqrt(total) && most > NOISE_ALIKE * least) {
         *weighed = j->weighed = true;
         for (int c = 0; c < S; c++)
-            j->weight[c] = least / fmax(sqrt(look.rss[c] / j->m->L), QUIETEST);
+            j->weight[c] = least / fmax(sqrt(look.rss[c] / j->m->L), NOISE_QUIETEST);
     }
     moving_fit_done(&look);
     return rc;
@@ -1132,7 +1133,7 @@ static enum modal_status doubt(struct job *j, enum reason *why, struct modal_err
     j->exact = sqrt(rest) <= 1e-12 * sqrt(all);
     for (int i = 0; i < f->poles; i++) {
         j->growth[i] = GROWTH_EXACT;
-        f->std_re[i] *= j->exact ? ROUNDING : 1, f->std_im[i] *= j->exact ? ROUNDING : 1;
+        f->std_re[i] *= j->exact ? WIDEN_ROUNDING : 1, f->std_im[i] *= j->exact ? WIDEN_ROUNDING : 1;
     }
     if (below_rounding(j))
         *why = OPTIONS;
@@ -1166,7 +1167,7 @@ static bool has_weak_mode(const struct identify_result *r)
     bool any = false;
 
     for (int i = 0; i < r->mode_count; i++)
-        any |= r->modes[i].energy < WEAK;
+        any |= r->modes[i].energy < VERDICT_WEAK;
     return any;
 }
 

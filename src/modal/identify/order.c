@@ -10,7 +10,7 @@
  *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
  *    (limits of accuracy: 1.05 to 4.2), so refining lowers the residual of a right order by little: by less than
  *
- *        reach = REACH per datum.                                                                    (1)
+ *        reach = ORDER_REACH per datum.                                                              (1)
  *
  *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors): `thorough` refines all.
  * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds one.  A pole lambda
@@ -28,7 +28,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double REACH = 0.02, SPLIT_REACH = 60, WORSE = 1.5;
+static const double SPLIT_REACH = 60, WORSE = 1.5;
 static const double LOOK_SHARE = 0.25;      /* of the work, for pass 1 */
 
 struct climb {
@@ -155,7 +155,7 @@ static enum modal_status refine_candidate(struct climb *c, int i, double rival, 
 static enum modal_status refine_side(struct climb *c, int looked, int step, int *best, struct modal_error *err)
 {
     int lost = 0;
-    double reach = REACH * c->data->Y->m * c->data->Y->n;
+    double reach = ORDER_REACH * c->data->Y->m * c->data->Y->n;
     enum modal_status rc = MODAL_OK;
 
     for (int i = *best + step; i >= 0 && i < looked && lost < 2 && rc == MODAL_OK; i += step) {
@@ -175,7 +175,7 @@ static enum modal_status refine_side(struct climb *c, int looked, int step, int 
 static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_error *err)
 {
     int looked = c->choice.count, least = *best;
-    double reach = fmax(REACH * c->data->Y->m * c->data->Y->n, 100);
+    double reach = fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100);
     enum modal_status rc = refine_candidate(c, least, 0, err);
 
     for (int i = 0; i < looked && c->opt->thorough && rc == MODAL_OK && !spent(c, 1); i++) {
@@ -271,7 +271,7 @@ static enum modal_status simplify(struct climb *c, int *best, struct modal_error
             refined_done(&fit);
         }
         /* refining recovers what the poles near the lost one can take over, at most a few units per parameter */
-        if (drop < 0 || least > bic_of(c, *best) + fmax(REACH * c->data->Y->m * c->data->Y->n, 100))
+        if (drop < 0 || least > bic_of(c, *best) + fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100))
             return MODAL_OK;
         n = without(c, *best, drop, c->lambda);
         rc = try_poles(c, 0, c->lambda, n, NULL, true, bic_of(c, *best), &at, err);

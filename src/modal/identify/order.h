@@ -3,6 +3,9 @@
 #define MODAL_ORDER_H
 #include "modal/identify/refine.h"
 
+/* What refining may bring, of -2 ln(likelihood) for a datum (order.c (1)). */
+#define ORDER_REACH 0.02
+
 enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
 /* Where candidates come from: the poles of order r (room for r in LAMBDA), of one decomposition. */

@@ -6,9 +6,9 @@
  * A half is fitted with amplitudes of its own, first with the poles of the whole, then with poles of its own that start there.  If the model
  * holds, twice the logarithm of the ratio of likelihoods is chi-square with P degrees of freedom, P the parameters of the poles [W38], so that
  *
- *     BIC(poles of the whole) - BIC(poles of its own) <= P + DEVIATIONS sqrt(2 P) + SLACK                               (1)
+ *     BIC(poles of the whole) - BIC(poles of its own) <= P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK                               (1)
  *
- * in all but one record of 10^6.  Where (1) fails, a pole whose own value differs by more than CLEAR of its own standard errors is contradicted, and
+ * in all but one record of 10^6.  Where (1) fails, a pole whose own value differs by more than PARTS_CLEAR of its own standard errors is contradicted, and
  * by that difference.  Where the linear model at the start already says that (1) will hold, the search ends there (refine.h, `rival`).
  *
  * [W38] Wilks, Ann. Math. Statist. 9 (1938) 60-62.
@@ -19,8 +19,7 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 
-enum { SPARE = 8, ITERATIONS = 20 };
-static const double DEVIATIONS = 6, SLACK = 12, CLEAR = 3;
+enum { ITERATIONS = 20 };
 static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
 
 struct half { struct refine_data data; struct matrix Y; struct refined own; };
@@ -28,7 +27,7 @@ struct half { struct refine_data data; struct matrix Y; struct refined own; };
 /* The right side of (1). */
 static double allowed(double parameters)
 {
-    return parameters + DEVIATIONS * sqrt(2 * parameters) + SLACK;
+    return parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK;
 }
 
 static enum modal_status fit_half(const struct refine_data *data, int first, int rows, const double complex *lambda, int count, const bool *fixed,
@@ -54,7 +53,7 @@ static double differs(double own, double whole, double std)
 {
     double d = fabs(own - whole);
 
-    return d > CLEAR * std ? d : 0;
+    return d > PARTS_CLEAR * std ? d : 0;
 }
 
 static void compare(const struct half *h, const double complex *lambda, int count, bool counts, struct part_say *say)
@@ -67,7 +66,7 @@ static void compare(const struct half *h, const double complex *lambda, int coun
             say[j].re = fmax(say[j].re, differs(creal(own), creal(lambda[j]), h->own.std_re[j]));
             say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
         }
-        say[j].grows |= creal(own) > CLEAR * h->own.std_re[j];
+        say[j].grows |= creal(own) > PARTS_CLEAR * h->own.std_re[j];
         say[j].decay = h->own.std_re[j] > 0 ? fmin(say[j].decay, -creal(own) / h->own.std_re[j]) : -HUGE_VAL;
     }
 }
@@ -82,7 +81,7 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
     *strength = -1;
     for (int j = 0; j < count; j++)
         say[j] = (struct part_say) { .decay = HUGE_VAL };
-    if (count == 0 || rows * (data->share > 0 ? data->share : 1) < 2 * order + SPARE)
+    if (count == 0 || rows * (data->share > 0 ? data->share : 1) < 2 * order + PARTS_SPARE)
         return MODAL_OK;
     fixed = calloc((size_t)count, sizeof *fixed);
     if (fixed == NULL)

@@ -6,6 +6,12 @@
 #include "modal/error.h"
 #include "modal/identify/refine.h"
 
+/* A half tells of poles with so many samples to spare; beyond so many deviations, and this, it is contradicted; its growth is clear beyond so many errors. */
+#define PARTS_SPARE 8
+#define PARTS_DEVIATIONS 6.0
+#define PARTS_SLACK 12.0
+#define PARTS_CLEAR 3.0
+
 /* What the halves say about one pole of the whole. */
 struct part_say {
     double re, im;      /* by how much a half contradicts it, 1/s; 0 where none does */

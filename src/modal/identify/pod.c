@@ -22,7 +22,7 @@
 #include "modal/linalg/lanczos.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 64, SIGNALS_MOST = 40, LAGS = 8 };
+enum { DENSE_SIDE = 64, LAGS = 8 };
 
 struct triplets { int count; double *s; struct matrix V, UT; };   /* Y = V diag(s) UT */
 
@@ -153,7 +153,7 @@ static int kept(const struct triplets *t, const struct matrix *Y, const struct p
 
 enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out, struct modal_error *err)
 {
-    int side = Y->m < Y->n ? Y->m : Y->n, most = opt->most > 0 ? opt->most : SIGNALS_MOST, r;
+    int side = Y->m < Y->n ? Y->m : Y->n, most = opt->most > 0 ? opt->most : POD_SIGNALS_MOST, r;
     struct triplets t = { 0, NULL, { 0 }, { 0 } };
     struct pod pod = { .energy = 1 };
     double all = 0, sum = 0;

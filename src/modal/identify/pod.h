@@ -4,6 +4,15 @@
 #include "modal/error.h"
 #include "modal/linalg/matrix.h"
 
+/* More channels than this are reduced unasked. */
+#define POD_CHANNELS_FEW 8
+/* Channels whose noise differs by more are weighed by it before; less than this of their rms is rounding, not noise. */
+#define NOISE_ALIKE 1.3
+#define NOISE_QUIETEST 1e-13
+
+/* At most so many orthogonal signals are kept unasked. */
+#define POD_SIGNALS_MOST 40
+
 struct pod_options {
     double energy;   /* keep sum_{i<=r} s_i >= energy * sum; 0: everything above rounding, at most `most` */
     int rank;        /* keep exactly so many (or all there are); 0: by energy */

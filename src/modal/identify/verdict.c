@@ -33,7 +33,7 @@ static double span_of(const struct identify_result *r)
 enum { FREEDOM_LEAST = 3 };
 static const double SIGMAS = 3;
 /* Of the modes' energy; energy over energy; rad over the record, one and a half turns; growth over the record, e^3 = 20; share of the orders. */
-static const double WEAK = 1e-3, FAR_STRONGER = 30, SLOW = 3 * M_PI, RISE = 3, PERSISTENT = 0.5;
+static const double FAR_STRONGER = 30, SLOW = 3 * M_PI, RISE = 3, PERSISTENT = 0.5;
 
 static double cluster_radius(const struct identify_result *r, int mode)
 {
@@ -71,7 +71,7 @@ static bool overshadowed(const struct identify_result *r, int i, double duration
 static bool believed(const struct identify_result *r, int i, double duration)
 {
     const struct identify_mode *m = &r->modes[i];
-    bool shadow = overshadowed(r, i, duration), weak = m->energy < WEAK, slow = cabs(m->resolved) * duration < SLOW;
+    bool shadow = overshadowed(r, i, duration), weak = m->energy < VERDICT_WEAK, slow = cabs(m->resolved) * duration < SLOW;
 
     if (m->growth == GROWTH_EXACT || !(weak || slow || shadow))
         return true;
@@ -82,7 +82,7 @@ static bool believed(const struct identify_result *r, int i, double duration)
 
 static bool spurious(const struct identify_mode *m)
 {
-    return m->energy < WEAK && m->persistence < PERSISTENT;
+    return m->energy < VERDICT_WEAK && m->persistence < PERSISTENT;
 }
 
 /* The mode's own say; unknown persistence (NAN) counts as full. */

@@ -4,6 +4,9 @@
 #include "modal/error.h"
 #include "modal/identify/identify.h"
 
+/* A mode of less than this share of the energy has its say only where it persists. */
+#define VERDICT_WEAK 1e-3
+
 /*
  * Clusters among result->modes: multipliers closer than their bars, or than a record of `duration` seconds can tell apart while their parts cancel.
  * The members' bars become at least the cluster's radius.  A pair that nearly meets its own conjugate on the real axis is a cluster of one.

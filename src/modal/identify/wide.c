@@ -28,7 +28,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { BLOCK = 16, BLOCKS_MOST = 12, SIGNALS_MOST = 40, PANEL_BYTES = 1 << 21 };
+enum { BLOCK = 16, BLOCKS_MOST = 12, PANEL_BYTES = 1 << 21 };
 static const double GUARD = 1e-6;      /* least s_i / s_1 that (2) is trusted with */
 static const double EDGE = 1.2;        /* margin over the edge of white noise: scaled channels carry unequal noise, whose edge lies higher */
 
@@ -242,7 +242,7 @@ static int above_noise(const struct krylov *k, double energy, int most, bool *tr
 
 static int wanted(const struct krylov *k, const struct pod_options *opt, double energy, bool *trusted)
 {
-    int most = opt->most > 0 ? opt->most : SIGNALS_MOST, n;
+    int most = opt->most > 0 ? opt->most : POD_SIGNALS_MOST, n;
     double all = 0, sum = 0;
 
     if (opt->rank > 0 || opt->energy > 0) {
@@ -319,7 +319,7 @@ out:
 static enum modal_status by_lanczos(const struct wide *w, const struct pod_options *opt, struct pod *pod, struct wide_cost *cost,
                                     struct modal_error *err)
 {
-    int most = opt->rank > 0 ? opt->rank : opt->most > 0 ? opt->most : SIGNALS_MOST, side = w->L < w->S ? w->L : w->S, n = 0;
+    int most = opt->rank > 0 ? opt->rank : opt->most > 0 ? opt->most : POD_SIGNALS_MOST, side = w->L < w->S ? w->L : w->S, n = 0;
     struct linear_operator A = wide_operator(w);
     struct matrix UT = { 0 };
     struct lanczos_result found;

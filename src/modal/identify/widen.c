@@ -1,6 +1,6 @@
 /* widen.c - four doubts, each with the size of its error
  *
- * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit add to the data's: its standard errors grow by ROUNDING.
+ * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit add to the data's: its standard errors grow by WIDEN_ROUNDING.
  * Else:
  *
  *   colour   what the poles leave is not white: the standard error grows by its colour at the pole's frequency (colour.c)
@@ -24,7 +24,7 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/parts.h"
 
-static const double RIVAL = 6, CLEAR = 3, ROUNDING = 4;
+static const double RIVAL = 6, CLEAR = 3;
 
 /* 1e-12 of the signals: what is left is rounding. */
 static bool at_rounding(const struct refine_data *d, double residual)
@@ -192,7 +192,7 @@ enum modal_status widen_poles(const struct refine_data *d, const struct order_ch
         return MODAL_OK;
     if (at_rounding(d, choice->candidates[choice->chosen].fit.residual)) {
         for (int j = 0; j < p->count; j++)
-            at_least(p, j, ROUNDING * p->std_re[j], ROUNDING * p->std_im[j]);
+            at_least(p, j, WIDEN_ROUNDING * p->std_re[j], WIDEN_ROUNDING * p->std_im[j]);
         return MODAL_OK;
     }
     factor = malloc(sizeof *factor * (size_t)p->count);

@@ -5,6 +5,9 @@
 #include "modal/identify/modes.h"
 #include "modal/identify/order.h"
 
+/* Standard errors of a fit that ends at rounding are so many times larger: rounding is not independent from sample to sample. */
+#define WIDEN_ROUNDING 4.0
+
 struct widened {
     double colour;          /* largest factor for a residual that is not white; 1: none */
     double contradiction;   /* by half of the record: parts.h; above 1 it counts */

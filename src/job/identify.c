@@ -524,7 +524,8 @@ static cJSON *print_provenance(const struct job_request *q, const struct identif
     return o;
 }
 
-static cJSON *print_result(const struct job_request *q, const struct identify_result *r, const struct meter *start, int threads)
+/* What every answer begins with. */
+static cJSON *print_modes(const struct identify_result *r)
 {
     cJSON *o = cJSON_CreateObject(), *modes;
 
@@ -533,6 +534,13 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
     for (int i = 0; i < r->mode_count; i++)
         cJSON_AddItemToArray(modes, print_mode(r, &r->modes[i]));
     cJSON_AddItemToObject(o, "stability", print_stability(r));
+    return o;
+}
+
+static cJSON *print_result(const struct job_request *q, const struct identify_result *r, const struct meter *start, int threads)
+{
+    cJSON *o = print_modes(r);
+
     cJSON_AddItemToObject(o, "rank", print_rank(r));
     cJSON_AddItemToObject(o, "reconstruction", print_reconstruction(r, q->batch));
     cJSON_AddItemToObject(o, "offset", json_numbers(r->offset, r->offset != NULL ? r->channel_count : 0));
@@ -548,13 +556,8 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
 
 cJSON *identify_modes_write(const struct identify_result *r)
 {
-    cJSON *o = cJSON_CreateObject(), *modes;
+    cJSON *o = print_modes(r);
 
-    cJSON_AddStringToObject(o, "kind", "identify");
-    modes = cJSON_AddArrayToObject(o, "modes");
-    for (int i = 0; i < r->mode_count; i++)
-        cJSON_AddItemToArray(modes, print_mode(r, &r->modes[i]));
-    cJSON_AddItemToObject(o, "stability", print_stability(r));
     cJSON_AddItemToObject(o, "diagnostics", print_diagnostics(r));
     return o;
 }

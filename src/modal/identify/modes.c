@@ -374,31 +374,38 @@ double modes_mpc(const double complex *shape, int count)
     return xx + yy > 0 ? ((xx - yy) * (xx - yy) + 4 * xy * xy) / ((xx + yy) * (xx + yy)) : NAN;
 }
 
+void modes_scale_shape(struct identify_mode *m, int count)
+{
+    int largest = 0;
+    double complex unit;
+
+    for (int c = 1; c < count; c++)
+        if (cabs(m->shape[c]) > cabs(m->shape[largest]))
+            largest = c;
+    unit = m->shape[largest];
+    for (int c = 0; c < count && cabs(unit) > 0; c++)
+        m->shape[c] = c == largest ? 1 : m->shape[c] / unit;
+    m->mpc = modes_mpc(m->shape, count);
+}
+
 /* In the channels' own units, largest component 1. */
 static enum modal_status shape_of(const struct work *w, int j, struct identify_mode *m, struct modal_error *err)
 {
-    int S = w->rec->channels, largest = 0;
+    int S = w->rec->channels;
     double most = largest_magnitude(w->rec->scale, S);
-    double complex unit;
 
     m->shape = malloc(sizeof *m->shape * (S + 1));
     if (m->shape == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for a shape of %d channels", S);
-    for (int c = 0; c < S; c++) {
+    for (int c = 0; c < S; c++)
         m->shape[c] = component(w, j, c, m) * (w->rec->scale[c] / most);
-        if (cabs(m->shape[c]) > cabs(m->shape[largest]))
-            largest = c;
-    }
-    unit = m->shape[largest];
-    for (int c = 0; c < S && cabs(unit) > 0; c++)
-        m->shape[c] = c == largest ? 1 : m->shape[c] / unit;
-    m->mpc = modes_mpc(m->shape, S);
+    modes_scale_shape(m, S);
     return MODAL_OK;
 }
 
 /* d|lambda| and d zeta from those of Re and Im, taken as independent; never below rounding, which is that of lambda itself and that of
  * e^{lambda t} over the record. */
-static void spread_std(struct identify_mode *m, double span, double record)
+void modes_spread_std(struct identify_mode *m, double span, double record)
 {
     double complex z = m->resolved;
     double omega = frequency_of(z), a = creal(z), b = cimag(z), least = DBL_EPSILON * (omega + 1 / record);
@@ -451,7 +458,7 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     m->resolved = m->exponent + CMPLX(0, m->resolved_k * Omega);
     m->multiplier = rec->period > 0 || rec->decimation == 1 ? multiplier_of(m->exponent, span)
                   : cexp(CMPLX(creal(m->exponent) * span, cimag(m->exponent) * span));
-    spread_std(m, span, w->Y->m * p->tau);
+    modes_spread_std(m, span, w->Y->m * p->tau);
     m->bar = p->bar[head] * (rec->period > 0 ? 1 : span / p->tau);
     if (w->opt->shapes) {
         int at = head;
@@ -495,6 +502,17 @@ static int by_amplitude(const void *a, const void *b)
     return (cimag(p->exponent) > cimag(q->exponent)) - (cimag(p->exponent) < cimag(q->exponent));
 }
 
+void modes_rank(struct identify_result *r)
+{
+    double total = 0;
+
+    for (int i = 0; i < r->mode_count; i++)
+        total += r->modes[i].amplitude * r->modes[i].amplitude;
+    for (int i = 0; i < r->mode_count; i++)
+        r->modes[i].energy = total > 0 ? r->modes[i].amplitude * r->modes[i].amplitude / total : 0;
+    qsort(r->modes, (size_t)r->mode_count, sizeof *r->modes, by_amplitude);
+}
+
 /* What is no stronger than the stop band's leakage is an alias of something outside. */
 static void drop_leakage(const struct work *w, struct identify_result *r)
 {
@@ -528,7 +546,6 @@ enum modal_status modes_report(const struct record *rec, const struct poles *pol
 {
     struct work w = { .rec = rec, .poles = poles, .opt = opt };
     enum modal_status rc = work_start(&w, err);
-    double total = 0;
     int offset;
 
     if (rc != MODAL_OK)
@@ -548,13 +565,9 @@ enum modal_status modes_report(const struct record *rec, const struct poles *pol
     }
     if (rec->leak > 0)
         drop_leakage(&w, result);
-    for (int i = 0; i < result->mode_count; i++)
-        total += result->modes[i].amplitude * result->modes[i].amplitude;
-    for (int i = 0; i < result->mode_count; i++)
-        result->modes[i].energy = total > 0 ? result->modes[i].amplitude * result->modes[i].amplitude / total : 0;
     if (rc == MODAL_OK)
         rc = report_reconstruction(&w, result, err);
-    qsort(result->modes, result->mode_count, sizeof *result->modes, by_amplitude);
+    modes_rank(result);
 out:
     work_done(&w);
     return rc;

@@ -32,4 +32,14 @@ enum modal_status modes_report(const struct record *rec, const struct poles *pol
 
 /* Modal phase collinearity of a shape: 1 where all components lie on one line in the complex plane [PEL93]. */
 double modes_mpc(const double complex *shape, int count);
+
+/* Shape m->shape, COUNT >= 1 components, over its largest; m->mpc. */
+void modes_scale_shape(struct identify_mode *m, int count);
+
+/* m->std_re and std_im, 1/s, at least rounding of a record of so many seconds; from them the other standard deviations, those of the
+ * multiplier over SPAN seconds. */
+void modes_spread_std(struct identify_mode *m, double span, double record);
+
+/* The energy of each mode, as its share of the sum of squared amplitudes; the strongest first. */
+void modes_rank(struct identify_result *result);
 #endif

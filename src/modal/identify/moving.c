@@ -881,9 +881,8 @@ static double energy_of(const struct job *j, const struct moving_fit *f, int i, 
 /* In the channels' own units, largest component 1. */
 static enum modal_status shape_of(const struct job *j, const struct moving_fit *f, int i, int column, struct identify_mode *mode, struct modal_error *err)
 {
-    int S = f->signals, largest = 0;
+    int S = f->signals;
     bool pair = pole_kind(f->lambda[i], j->m->opt.dt) == POLE_PAIR;
-    double complex unit;
 
     mode->shape = malloc(sizeof *mode->shape * ((size_t)S + 1));
     if (mode->shape == NULL)
@@ -891,37 +890,9 @@ static enum modal_status shape_of(const struct job *j, const struct moving_fit *
     for (int c = 0; c < S; c++) {
         const double *b = f->C + column + (size_t)c * (size_t)f->order;
         mode->shape[c] = CMPLX(b[0], pair ? b[1] : 0) * j->scale[c];
-        if (cabs(mode->shape[c]) > cabs(mode->shape[largest]))
-            largest = c;
     }
-    unit = mode->shape[largest];
-    for (int c = 0; c < S && cabs(unit) > 0; c++)
-        mode->shape[c] = c == largest ? 1 : mode->shape[c] / unit;
-    mode->mpc = modes_mpc(mode->shape, S);
+    modes_scale_shape(mode, S);
     return MODAL_OK;
-}
-
-/* As modes.c has them: never below rounding. */
-static void spread_std(struct identify_mode *mode, double dt, double record)
-{
-    double omega = frequency_of(mode->exponent), a = creal(mode->exponent), b = cimag(mode->exponent), least = DBL_EPSILON * (omega + 1 / record);
-
-    if (mode->std_re > 0)
-        mode->std_re = fmax(mode->std_re, least);
-    if (mode->std_im > 0)
-        mode->std_im = fmax(mode->std_im, least);
-    mode->std_multiplier = hypot(mode->std_re, mode->std_im) * dt * exp(a * dt);
-    mode->std_frequency_hz = omega > 0 ? hypot(a * mode->std_re, b * mode->std_im) / omega / (2 * M_PI) : mode->std_re / (2 * M_PI);
-    mode->std_damping_ratio = omega > 0 ? fabs(b) / (omega * omega) * hypot(b * mode->std_re, a * mode->std_im) / omega : NAN;
-}
-
-static int by_amplitude(const void *a, const void *b)
-{
-    const struct identify_mode *p = a, *q = b;
-
-    if (p->amplitude != q->amplitude)
-        return p->amplitude > q->amplitude ? -1 : 1;
-    return (cimag(p->exponent) > cimag(q->exponent)) - (cimag(p->exponent) < cimag(q->exponent));
 }
 
 static const struct moving_fit *channels_of(const struct job *j)
@@ -932,7 +903,7 @@ static const struct moving_fit *channels_of(const struct job *j)
 static enum modal_status report_modes(const struct job *j, struct identify_result *out, struct modal_error *err)
 {
     const struct moving_fit *f = &j->own, *all = channels_of(j);
-    double dt = j->m->opt.dt, live = 0, total = 0, *x = malloc(sizeof *x * 2 * (size_t)moving_rows_count(&j->rows));
+    double dt = j->m->opt.dt, live = 0, *x = malloc(sizeof *x * 2 * (size_t)moving_rows_count(&j->rows));
     enum modal_status rc = MODAL_OK;
 
     out->modes = calloc((size_t)f->poles + 1, sizeof *out->modes);
@@ -946,14 +917,11 @@ static enum modal_status report_modes(const struct job *j, struct identify_resul
                                          .persistence = NAN, .residual = NAN, .bar = NAN, .std_re = f->std_re[i], .std_im = f->std_im[i],
                                          .growth = j->growth[i] };
         mode->amplitude = sqrt(energy_of(j, all, i, column, x) / (j->m->L * live));
-        total += mode->amplitude * mode->amplitude;
-        spread_std(mode, dt, j->m->L * dt);
+        modes_spread_std(mode, dt, j->m->L * dt);
         if (j->m->opt.identify.shapes)
             rc = shape_of(j, all, i, column, mode, err);
     }
-    for (int i = 0; i < out->mode_count; i++)
-        out->modes[i].energy = total > 0 ? out->modes[i].amplitude * out->modes[i].amplitude / total : 0;
-    qsort(out->modes, (size_t)out->mode_count, sizeof *out->modes, by_amplitude);
+    modes_rank(out);
     free(x);
     return rc;
 }

@@ -5,6 +5,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "answer.h"
+#include "field.h"
 #include "remote.h"
 #include "result_file.h"
 #include "show.h"
@@ -38,20 +39,6 @@ static int end(struct session *s, enum modal_status rc, int status)
     return status;
 }
 
-static const char *word(const cJSON *object, const char *key)
-{
-    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
-
-    return s ? s : "-";
-}
-
-static double number(const cJSON *object, const char *key)
-{
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : 0;
-}
-
 static void show_time(double utc)
 {
     time_t t = (time_t)utc;
@@ -68,13 +55,14 @@ static void show_job(const cJSON *doc)
 {
     const cJSON *error = cJSON_GetObjectItemCaseSensitive(doc, "error");
 
-    printf("%-20s %-10s %-10s %2.0f  ", word(doc, "job"), word(doc, "kind"), word(doc, "state"), number(doc, "attempts"));
-    show_time(number(doc, "submitted"));
-    printf("%s", word(doc, "key"));
+    printf("%-20s %-10s %-10s %2.0f  ", field_word(doc, "job", "-"), field_word(doc, "kind", "-"),
+           field_word(doc, "state", "-"), field_number(doc, "attempts", 0));
+    show_time(field_number(doc, "submitted", 0));
+    printf("%s", field_word(doc, "key", "-"));
     if (cJSON_IsNumber(cJSON_GetObjectItemCaseSensitive(doc, "position")))
-        printf("  (%.0f before it)", number(doc, "position"));
+        printf("  (%.0f before it)", field_number(doc, "position", 0));
     if (error != NULL)
-        printf("  %s: %s", word(error, "code"), word(error, "message"));
+        printf("  %s: %s", field_word(error, "code", "-"), field_word(error, "message", "-"));
     putchar('\n');
 }
 
@@ -86,7 +74,7 @@ static enum modal_status say_job(struct session *s)
         return answer_json(s->doc, &s->err);
     show_job(s->doc);
     if (result != NULL)
-        show_result(word(result, "kind"), result);
+        show_result(field_word(result, "kind", "-"), result);
     return MODAL_OK;
 }
 
@@ -183,7 +171,7 @@ static int submit_input(const struct input *input, const struct args *args)
     if (rc == MODAL_OK)
         rc = client_submit(s.link, &job, &in, remote_progress(), s.deadline, &s.doc, &s.detail, &s.err);
     if (rc == MODAL_OK && args->wait)
-        rc = wait_for(&s, word(s.doc, "job"), &status);
+        rc = wait_for(&s, field_word(s.doc, "job", "-"), &status);
     if (rc == MODAL_OK)
         rc = say_job(&s);
     return end(&s, rc, status);
@@ -245,7 +233,7 @@ int run_result(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK && args->json)
         rc = answer_json(s.doc, &s.err);
     else if (rc == MODAL_OK)
-        show_result(word(s.doc, "kind"), s.doc);
+        show_result(field_word(s.doc, "kind", "-"), s.doc);
     free(text);
     return end(&s, rc, 0);
 }
@@ -309,7 +297,7 @@ int run_list(const struct verb *verb, const struct args *args)
         cJSON_ArrayForEach(job, cJSON_GetObjectItemCaseSensitive(s.doc, "jobs"))
             show_job(job);
         if (cJSON_IsString(cJSON_GetObjectItemCaseSensitive(s.doc, "next")))
-            printf("more: --after %s\n", word(s.doc, "next"));
+            printf("more: --after %s\n", field_word(s.doc, "next", "-"));
     }
     cJSON_Delete(answer);
     free(body);

@@ -13,6 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "answer.h"
+#include "field.h"
 #include "job/sweep.h"
 #include "modal/sha256.h"
 #include "verbs.h"
@@ -29,20 +30,6 @@ struct grid {
     int points, shares, taken;           /* taken: points of the whole so far */
     cJSON *docs[SHARES_MOST];            /* the shares' queue documents */
 };
-
-static const char *word(const cJSON *object, const char *key)
-{
-    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
-
-    return s ? s : "";
-}
-
-static double number(const cJSON *object, const char *key)
-{
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : 0;
-}
 
 /* The first point of share I; of I = shares, the number of points. */
 static int first_of(const struct grid *g, int i)
@@ -106,7 +93,7 @@ static void grid_close(struct grid *g)
 /* May the same be asked again later?  Then the time until later has passed. */
 static bool rested(enum modal_status rc, const cJSON *detail, double deadline)
 {
-    double s = fmin(fmax(number(detail, "retry_after_s"), 0.1), 5);
+    double s = fmin(fmax(field_number(detail, "retry_after_s", 0), 0.1), 5);
     struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
 
     if (rc != MODAL_BUSY && (rc != MODAL_QUOTA || !cJSON_HasObjectItem(detail, "retry_after_s")))
@@ -149,7 +136,7 @@ static enum modal_status submit_share(struct grid *g, int i, cJSON **detail, str
         set_key(g, i, round, "", key);
         rc = submit_key(g, options, key, &doc, detail, err);
         spent = rc == MODAL_EXPIRED || (rc == MODAL_OK && cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "duplicate"))
-                                        && client_ended(doc) && strcmp(word(doc, "state"), "done") != 0);
+                                        && client_ended(doc) && strcmp(field_word(doc, "state", ""), "done") != 0);
         if (spent) {
             cJSON_Delete(doc);
             cJSON_Delete(*detail);
@@ -179,7 +166,7 @@ static void cancel_shares(struct grid *g)
         struct modal_error unsaid;
         if (g->docs[i] == NULL || client_ended(g->docs[i]))
             continue;
-        if (client_do(g->link, "CANCEL", word(g->docs[i], "job"), g->deadline, &doc, &detail, &unsaid) == MODAL_OK) {
+        if (client_do(g->link, "CANCEL", field_word(g->docs[i], "job", ""), g->deadline, &doc, &detail, &unsaid) == MODAL_OK) {
             cJSON_Delete(g->docs[i]);
             g->docs[i] = doc;
         }
@@ -208,7 +195,7 @@ static enum modal_status wait_share(struct grid *g, int i, cJSON **detail, struc
     cJSON *doc = NULL;
     enum modal_status rc;
 
-    snprintf(job, sizeof job, "%s", word(g->docs[i], "job"));
+    snprintf(job, sizeof job, "%s", field_word(g->docs[i], "job", ""));
     rc = client_wait(g->link, job, isatty(STDERR_FILENO) ? &progress : NULL, g->deadline, &doc, detail, err);
     if (doc != NULL) {
         cJSON_Delete(g->docs[i]);
@@ -224,7 +211,7 @@ static void add_number(cJSON *to, const cJSON *from, const char *key)
     cJSON *item = cJSON_GetObjectItemCaseSensitive(to, key);
 
     if (cJSON_IsNumber(item))
-        cJSON_SetNumberValue(item, item->valuedouble + number(from, key));
+        cJSON_SetNumberValue(item, item->valuedouble + field_number(from, key, 0));
 }
 
 /* Seconds add up over the shares, memory is the most that one needed. */
@@ -237,7 +224,7 @@ static void add_cost(cJSON *to, const cJSON *from)
     cJSON_ArrayForEach(stage, stages)
         add_number(stages, cJSON_GetObjectItemCaseSensitive(from, "stages"), stage->string);
     if (cJSON_IsNumber(peak))
-        cJSON_SetNumberValue(peak, fmax(peak->valuedouble, number(from, "peak_bytes")));
+        cJSON_SetNumberValue(peak, fmax(peak->valuedouble, field_number(from, "peak_bytes", 0)));
 }
 
 /* A list of points as one item of text; NULL: none, or no memory. */
@@ -310,7 +297,7 @@ enum modal_status sweep_remote(const struct input *input, const struct args *arg
         rc = wait_share(&g, i, detail, err);
         if (rc == MODAL_OK)
             take(&g, i, &out->result);
-        else if (client_ended(g.docs[i]) && strcmp(word(g.docs[i], "state"), "done") != 0)
+        else if (client_ended(g.docs[i]) && strcmp(field_word(g.docs[i], "state", ""), "done") != 0)
             cancel_shares(&g);
     }
     if (rc == MODAL_OK)
@@ -375,7 +362,7 @@ static enum modal_status say(struct grid *g, struct modal_error *err)
     int done = 0;
 
     for (int i = 0; i < g->shares; i++)
-        if (strcmp(word(g->docs[i], "state"), "done") == 0)
+        if (strcmp(field_word(g->docs[i], "state", ""), "done") == 0)
             done += first_of(g, i + 1) - first_of(g, i);
     cJSON_AddStringToObject(answer, "kind", "sweep");
     cJSON_AddStringToObject(answer, "key", g->stem);
@@ -389,7 +376,7 @@ static enum modal_status say(struct grid *g, struct modal_error *err)
         rc = answer_json(answer, err);
     else
         printf("%d of %d points done, %d jobs from %s on; `modalctl sweep FILE --wait` gives the table\n", done, g->points,
-               cJSON_GetArraySize(jobs), word(jobs->child, "job"));
+               cJSON_GetArraySize(jobs), field_word(jobs->child, "job", ""));
     cJSON_Delete(answer);
     return rc;
 }

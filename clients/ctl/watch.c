@@ -4,22 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include "answer.h"
+#include "field.h"
 #include "remote.h"
 #include "verbs.h"
-
-static const char *word(const cJSON *object, const char *key)
-{
-    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
-
-    return s ? s : "-";
-}
-
-static double number(const cJSON *object, const char *key, double otherwise)
-{
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
-}
 
 /* f, zeta and their bars of each mode of a stream's window */
 static void show_modes(const cJSON *event)
@@ -28,8 +15,8 @@ static void show_modes(const cJSON *event)
 
     cJSON_ArrayForEach(mode, cJSON_GetObjectItemCaseSensitive(event, "modes")) {
         const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
-        printf("  %.6g Hz +- %.1e  zeta %.5g +- %.1e", number(mode, "frequency_hz", NAN), number(std, "frequency_hz", NAN),
-               number(mode, "damping_ratio", NAN), number(std, "damping_ratio", NAN));
+        printf("  %.6g Hz +- %.1e  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN),
+               field_number(std, "frequency_hz", NAN), field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
     }
 }
 
@@ -37,12 +24,13 @@ static void show_event(const cJSON *event)
 {
     const cJSON *error = cJSON_GetObjectItemCaseSensitive(event, "error");
 
-    printf("%8.0f  %-8s %-20s", number(event, "number", NAN), word(event, "event"), cJSON_HasObjectItem(event, "stream") ? word(event, "stream") : word(event, "job"));
+    printf("%8.0f  %-8s %-20s", field_number(event, "number", NAN), field_word(event, "event", "-"),
+           field_word(event, "stream", field_word(event, "job", "-")));
     if (cJSON_HasObjectItem(event, "state"))
-        printf(" %s", word(event, "state"));
+        printf(" %s", field_word(event, "state", "-"));
     show_modes(event);
     if (error != NULL)
-        printf("  %s: %s", word(error, "code"), word(error, "message"));
+        printf("  %s: %s", field_word(error, "code", "-"), field_word(error, "message", "-"));
     putchar('\n');
     fflush(stdout);
 }
@@ -67,13 +55,13 @@ static enum modal_status say(struct link_message *message, const struct args *ar
     enum modal_status rc = MODAL_OK;
 
     cJSON_DeleteItemFromObjectCaseSensitive(message->header, "subscription");
-    *next = fmax(*next, number(message->header, "number", -1) + 1);
+    *next = fmax(*next, field_number(message->header, "number", -1) + 1);
     if (args->json)
         rc = answer_json(message->header, err);
     else
         show_event(message->header);
     for (size_t i = 0; args->words > 1 && i < sizeof ends / sizeof ends[0]; i++)
-        *ended |= strcmp(word(message->header, "state"), ends[i]) == 0;
+        *ended |= strcmp(field_word(message->header, "state", "-"), ends[i]) == 0;
     return rc;
 }
 

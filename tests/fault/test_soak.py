@@ -4,6 +4,7 @@ Five kinds of client work beside each other while workers are killed, the daemon
 configuration again.  Each client checks its own answers; in the end `modalctl fsck` finds nothing.  Retention is of seconds, so that
 what the daemon holds has a steady size: memory and descriptors are compared between two stretches of the run.
 """
+import contextlib
 import hashlib
 import json
 import os
@@ -139,7 +140,7 @@ def worries(daemon, until):
         what = dice.randrange(12)
         if what < 4:
             workers = daemon.children()
-            if workers:
+            with contextlib.suppress(ProcessLookupError, IndexError):       # one that has just gone by itself, or none
                 os.kill(dice.choice(workers), signal.SIGKILL)
                 counts["kills"] += 1
         elif what == 4:
@@ -158,7 +159,14 @@ def measure(daemon):
     with open(f"/proc/{daemon.pid}/status") as f:
         fields = dict(line.split(":", 1) for line in f)
     return {"rss_kb": int(fields["VmRSS"].split()[0]), "threads": int(fields["Threads"]), "descriptors": len(os.listdir(f"/proc/{daemon.pid}/fd")),
-            "disk_kb": sum(p.stat().st_blocks for p in list((daemon.folder / "data").rglob("*")) if p.exists()) // 2}
+            "disk_kb": sum(blocks(p) for p in list((daemon.folder / "data").rglob("*"))) // 2}
+
+
+def blocks(path):
+    try:
+        return path.lstat().st_blocks
+    except FileNotFoundError:                            # gone since the folder was listed
+        return 0
 
 
 def typical(samples, what, begin, end):

@@ -5,7 +5,6 @@ configuration again.  Each client checks its own answers; in the end `modalctl f
 what the daemon holds has a steady size: memory and descriptors are compared between two stretches of the run.
 """
 import contextlib
-import hashlib
 import json
 import os
 import pathlib

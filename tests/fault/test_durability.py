@@ -9,7 +9,6 @@ import pathlib
 import random
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import threading
@@ -21,7 +20,7 @@ import zmq
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 from small_disk import small_disk  # noqa: E402
-from wire import BUILD, Daemon, crc32c, identity, ring_down, submit  # noqa: E402
+from wire import Daemon, crc32c, ring_down, submit  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 KILLS = int(os.environ.get("MODALD_KILLS", 20))

@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 
-import zmq
+
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))

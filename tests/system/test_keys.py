@@ -1,6 +1,5 @@
 """Keys, roles, shares and limits (PROTOCOL.md, section 12): who may what, who sees what, who waits how long."""
 import json
-import os
 import pathlib
 import time
 

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from wire import VERSION, Client, Daemon, crc32c, identity, ring_down, submit
+from wire import VERSION, Daemon, crc32c, identity, ring_down, submit
 
 HERE = pathlib.Path(__file__).parent
 FAKE = f"worker_path = {HERE / 'fake_worker.py'}\n"

@@ -3,7 +3,7 @@ import subprocess
 
 import pytest
 import sanitized
-from wire import Daemon, submit
+from wire import Daemon
 
 pytestmark = pytest.mark.skipif(not sanitized.SANITIZED, reason="a build without sanitizers reports nothing")
 PLANTED = {"overflow": "volatile char *p = malloc(7); return p[7];", "leak": "volatile char *p = malloc(7); p = 0; return 0;",

@@ -62,7 +62,6 @@ def test_a_fault_changes_neither_output_nor_exit_status(fault, peer, tmp_path):
     else:
         url += "-not"
         env["MODALD_SPILL"] = "/dev/null/nowhere"
-    start = time.monotonic()
     done, _ = loop("x", 20000, url, **env)
     assert done.returncode == 0 and done.stdout == plain
     assert done.stderr.count(b"\n") <= 2

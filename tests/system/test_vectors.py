@@ -1,12 +1,11 @@
 """The vectors and schemas of proto/, replayed from Python against a live daemon (tests/unit/test_wire.c does it from C)."""
 import json
 import pathlib
-import struct
 
 import jsonschema
 import pytest
 
-from wire import Client, Daemon, Reply, crc32c, identity, ring_down, submit
+from wire import Client, Daemon, crc32c, identity, ring_down, submit
 
 PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"

@@ -17,8 +17,6 @@ import sys
 import threading
 import time
 
-
-
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402

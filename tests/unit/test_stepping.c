@@ -198,6 +198,49 @@ TEST(pulsating_stiffness_beside_a_law_is_stepped_as_alone)
     free(y);
 }
 
+/*
+ * A contact that opens six times, sticks and slips either way: x1, x2 at t = 3, 6, .. 24 by DOP853 (scipy, relative tolerance
+ * 2.3e-14) from regime to regime, each regime's end located on its dense output.
+ */
+static const double REGIMES[8][2] = {
+    { -0.2351226785886, -0.01493607834031 }, { -0.2049153747263, 0.4627692547459 }, { -1.078140742272, -2.015350198742 },
+    { 0.7359757419167, 1.350764697675 },     { -1.530930602103, -1.309063463974 },  { -1.443644740213, -1.859107773069 },
+    { 1.108152398788, 2.078458086493 },      { -2.863192781863, -3.283453057858 } };
+
+/* The largest difference from REGIMES with 0.3 / PARTS between samples. */
+static double regimes_error(int parts, double tolerance)
+{
+    struct simulate_result s;
+    char text[1024];
+    double *x, worst = 0;
+    long samples;
+
+    snprintf(text, sizeof text, "{'structure':{'type':'matrices','M':[[1,0],[0,0.93]],'C':[[0.208,-0.097],[-0.097,0.208]],'K':[[1.883,-0.883],[-0.883,1.883]]},"
+             "'omega':1.333,'effects':[{'type':'contact_friction','normal':'x1','tangential':'x2','normal_stiffness':2.233,'preload':0.898,"
+             "'tangential_stiffness':1.763,'mu':0.843}],'excitation':[{'dof':'x1','k':1,'cos':0.345},{'dof':'x2','k':1,'sin':1.043},"
+             "{'dof':'x2','k':2,'cos':0.339}],'time':{'dt':%.17g,'duration':24}}", 0.3 / parts);
+    x = run(text, tolerance, &samples, &s, NULL);
+    CHECK(samples == 80 * parts + 1);
+    for (long k = 0; k < 8; k++)
+        for (long i = 0; i < 2; i++)
+            worst = fmax(worst, fabs(x[2 * 10 * parts * (k + 1) + i] - REGIMES[k][i]));
+    free(x);
+    return worst;
+}
+
+/*
+ * The reference is known to a few 1e-13 (its tolerance, its digits) and the default tolerance is 1e-10; one step a sample, let
+ * alone by a tolerance of 1 but for its events, has the order of smooth motions, 7: an instant located to first order in the
+ * step would show.
+ */
+TEST(contact_with_friction_follows_its_regimes_whatever_the_step)
+{
+    for (int parts = 1; parts <= 64; parts *= 4)
+        CHECK_NEAR(regimes_error(parts, 0), 0, 5e-12);
+    CHECK_NEAR(log2(regimes_error(1, 1) / regimes_error(2, 1)), 7, 0.5);
+    CHECK_NEAR(log2(regimes_error(2, 1) / regimes_error(4, 1)), 7, 0.5);
+}
+
 /* The error of a smooth motion falls with the tolerance (a user's order of magnitude), and the strict one is exact. */
 TEST(the_tolerance_bounds_the_error)
 {

@@ -2,9 +2,11 @@
  * events.c - see events.h
  *
  * Between the knots a probe is the Hermite polynomial of its displacements and rates (degree 2 STAGES + 1).  The piece of
- * a law at theta is the regime it reports; of a law with memory, that of a point a moment after theta reached from its
- * memory a moment before, both taken along the rate, so that a slider that has turned round shows.  A set-valued law that
- * slips leaves its piece where its rate changes sign, one that sticks where the force that holds it passes its limit.
+ * a law at theta is the regime it reports; of a law with memory, that of its place at theta reached from its memory a moment
+ * before, taken back along the rate, so that a slider that has turned round shows.  (Not a moment after: a contact taken to
+ * close that much early sets its slider down that much off its place, an error of first order in the step.)  A set-valued
+ * law that slips leaves its piece where its rate changes sign, one that sticks where the force that holds it passes its
+ * limit.
  *
  * The step is looked at in GRID points; the first change against the piece at the first of them is bisected.
  */
@@ -83,7 +85,7 @@ static enum modal_status set_valued_piece(const struct view *view, double theta,
 
 static enum modal_status piece_at(const struct view *view, double theta, int *piece, struct modal_error *err)
 {
-    double d[INPUTS], v[INPUTS], before[INPUTS], after[INPUTS], turned[1024], unused[1024], moment = 1e-5 * view->h;
+    double d[INPUTS], v[INPUTS], before[INPUTS], turned[1024], unused[1024], moment = 2e-5 * view->h;
     double t = view->t + theta * view->h;
     int regime;
     enum modal_status rc;
@@ -93,13 +95,11 @@ static enum modal_status piece_at(const struct view *view, double theta, int *pi
     motion(view, theta, d, v);
     if (view->law->law->memory == 0)
         return ports_law(view->p, view->index, t, d, v, view->start, view->memory, unused, piece, err);
-    for (int i = 0; i < view->law->law->kind->inputs; i++) {
+    for (int i = 0; i < view->law->law->kind->inputs; i++)
         before[i] = d[i] - moment * v[i];
-        after[i] = d[i] + moment * v[i];
-    }
     rc = ports_law(view->p, view->index, t, before, v, view->start, view->memory, turned, &regime, err);
     if (rc == MODAL_OK)
-        rc = ports_law(view->p, view->index, t, after, v, before, turned, unused, piece, err);
+        rc = ports_law(view->p, view->index, t, d, v, before, turned, unused, piece, err);
     return rc;
 }
 

@@ -79,6 +79,7 @@ struct work {
     struct synthesis all;           /* of a wide batch's channels */
     struct diagnose_facts facts;
     double clock;                   /* when the stage began */
+    double eigenvalues;             /* s, of that in eigenvalues: the stage "eig", wherever it was spent */
 };
 
 static void poles_done(struct poles *p)
@@ -118,20 +119,31 @@ void identify_result_done(struct identify_result *r)
     memset(r, 0, sizeof *r);
 }
 
-/* A stage ends: its seconds are noted (a second time over, added), and a cancelled job stops. */
-static enum modal_status stage(struct work *w, const char *name, struct identify_result *out, struct modal_error *err)
+static double clock_of(const struct work *w)
 {
-    double now = w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
+    return w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
+}
 
+/* A stage's seconds; a second time over they are added. */
+static void note_stage(struct identify_result *out, const char *name, double seconds)
+{
     int i = 0;
 
     while (i < out->stage_count && strcmp(out->stages[i].name, name) != 0)
         i++;
-    if (i < IDENTIFY_STAGES) {
-        out->stages[i].name = name;
-        out->stages[i].seconds += now - w->clock;
-        out->stage_count = i < out->stage_count ? out->stage_count : i + 1;
-    }
+    if (i == IDENTIFY_STAGES)
+        return;
+    out->stages[i].name = name;
+    out->stages[i].seconds += seconds;
+    out->stage_count = i < out->stage_count ? out->stage_count : i + 1;
+}
+
+/* A stage ends: its seconds are noted, and a cancelled job stops. */
+static enum modal_status stage(struct work *w, const char *name, struct identify_result *out, struct modal_error *err)
+{
+    double now = clock_of(w);
+
+    note_stage(out, name, now - w->clock);
     w->clock = now;
     if (w->opt.cancelled != NULL && w->opt.cancelled(w->opt.context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled after the stage %s", name);
@@ -320,10 +332,12 @@ static enum modal_status projection_source(void *context, int r, double complex 
 {
     struct work *w = context;
     int dropped = 0;
+    double start = clock_of(w);
     enum modal_status rc = projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, count, &dropped, err);
 
     if (r == w->opt.rank.fixed)
         w->facts.dropped = dropped;
+    w->eigenvalues += clock_of(w) - start;
     return rc;
 }
 
@@ -331,10 +345,12 @@ static enum modal_status pencil_source(void *context, int r, double complex *lam
 {
     struct work *w = context;
     double complex rho[IDENTIFY_ORDER_MOST + TRIPLETS];
+    double start = clock_of(w);
     enum modal_status rc = pencil_multipliers(&w->pencil, r, rho, err);
 
     if (rc == MODAL_OK)
         *count = poles_of_multipliers(rho, r, w->tau, 1e-300, lambda, &w->facts.dropped);
+    w->eigenvalues += clock_of(w) - start;
     return rc;
 }
 
@@ -598,6 +614,15 @@ static enum modal_status weigh_channels(struct work *w, struct modal_error *err)
     return rc;
 }
 
+/* What the search for the order spent: on eigenvalues, and on the rest of it. */
+static enum modal_status stage_order(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    note_stage(out, "eig", w->eigenvalues);
+    w->clock += w->eigenvalues;
+    w->eigenvalues = 0;
+    return stage(w, w->refine ? "refine" : "eig", out, err);
+}
+
 /* From signals to the chosen order. */
 static enum modal_status analyse(struct work *w, struct identify_result *out, struct modal_error *err)
 {
@@ -610,7 +635,7 @@ static enum modal_status analyse(struct work *w, struct identify_result *out, st
         || (rc = stage(w, "svd", out, err)) != MODAL_OK
         || (rc = choose_order_of_all(w, out, err)) != MODAL_OK
         || (w->choice.chosen >= 0 && (rc = look_above(w, err)) != MODAL_OK)
-        || (rc = stage(w, w->refine ? "refine" : "eig", out, err)) != MODAL_OK)
+        || (rc = stage_order(w, out, err)) != MODAL_OK)
         return rc;
     return MODAL_OK;
 }

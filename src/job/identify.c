@@ -48,6 +48,8 @@ static enum modal_status read_interval(const cJSON *o, const char *key, double o
     size_t count = 0;
     enum modal_status rc = json_get_numbers(o, "", key, 0, 1e300, &x, &count, err);
 
+    if (rc == MODAL_BAD_INPUT && err != NULL)
+        snprintf(err->field, sizeof err->field, "%s", key);     /* the option; the message says which number of it */
     if (rc == MODAL_OK && x != NULL && count != 2)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s has %zu numbers; accepted: two, the first below the second", key, count);
     else if (rc == MODAL_OK && x != NULL && !(x[1] > x[0]))

@@ -57,8 +57,8 @@ static enum modal_status check_batch(const struct batch *b, struct modal_error *
     if (b->samples > INT32_MAX / 2 || b->channels > IDENTIFY_CHANNELS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "signals: %zu samples of %zu channels; at most %d of %d", b->samples, b->channels,
                                 INT32_MAX / 2, IDENTIFY_CHANNELS_MOST);
-    if (!(b->dt > 0) || !isfinite(b->dt))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "dt is %g s; a positive number is needed", b->dt);
+    if (!(b->dt >= RECORD_STEP_LEAST && b->dt <= RECORD_STEP_MOST))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "dt is %g s; accepted: a positive number from %g to %g", b->dt, RECORD_STEP_LEAST, RECORD_STEP_MOST);
     return MODAL_OK;
 }
 

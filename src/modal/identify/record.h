@@ -30,6 +30,10 @@ struct record {
 /* A batch is left where it lies from this many samples times channels on, where nothing is asked that needs a copy. */
 enum { RECORD_WIDE_CHANNELS = 256, RECORD_WIDE_ENTRIES = 1 << 22 };
 
+/* Seconds between samples that are taken: exponents of 1/dt and their squares stay finite. */
+#define RECORD_STEP_LEAST 1e-100
+#define RECORD_STEP_MOST 1e100
+
 enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out,
                               struct modal_error *err);
 void record_done(struct record *r);

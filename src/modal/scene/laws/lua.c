@@ -17,6 +17,7 @@
 #include <lua.h>
 #include <lualib.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/law.h"
@@ -196,6 +197,14 @@ static enum modal_status slope(struct lua_law *s, const struct law_point *at, bo
     return rc;
 }
 
+/* The scene's place of a force that failed. */
+static enum modal_status name_effect(const struct law *law, enum modal_status rc, struct modal_error *err)
+{
+    if (err != NULL && law->effect >= 0)
+        snprintf(err->field, sizeof err->field, "effects[%d].source", law->effect);
+    return rc;
+}
+
 static enum modal_status lua_force(const struct law *law, const struct law_point *at, struct law_force *out,
                                    struct modal_error *err)
 {
@@ -212,7 +221,7 @@ static enum modal_status lua_force(const struct law *law, const struct law_point
         rc = call(s, at->t, at->d[0], at->v[0], &out->f[0], err);
     out->acts = true;
     out->regime = 0;
-    return rc;
+    return rc == MODAL_ELEMENT_FAILED ? name_effect(law, rc, err) : rc;
 }
 
 static void lua_restart(const struct law *law)

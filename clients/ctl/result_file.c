@@ -19,7 +19,7 @@ static double number(const cJSON *o, const char *key) { return cJSON_IsNumber(it
 /* What one value of each point is, and where its number stands in the point. */
 static double converged(const cJSON *point) { return cJSON_IsTrue(item(point, "converged")); }
 static double omega(const cJSON *point) { return number(point, "omega"); }
-static double error(const cJSON *point) { return number(point, "error"); }
+static double total_error(const cJSON *point) { return number(point, "total_error"); }
 static double damping_ratio(const cJSON *point) { return number(point, "damping_ratio"); }
 static double energy(const cJSON *point) { return number(point, "energy"); }
 static double stable(const cJSON *point)
@@ -31,7 +31,7 @@ static double stable(const cJSON *point)
 
 static const struct column { const char *name; bool backbone, steady; double (*of)(const cJSON *point); } columns[] = {
     { "omega", true, true, omega },       { "converged", true, true, converged },          { "stable", false, true, stable },
-    { "error", false, true, error },      { "damping_ratio", true, false, damping_ratio }, { "energy", true, false, energy },
+    { "total_error", false, true, total_error }, { "damping_ratio", true, false, damping_ratio }, { "energy", true, false, energy },
 };
 
 struct table { int points, dofs, harmonics; const cJSON *first; };      /* first point, then its siblings */

@@ -65,8 +65,8 @@ static void show_decides(const cJSON *stability, const cJSON *modes)
 
 static void show_stability(const cJSON *stability, const cJSON *modes)
 {
-    if (stability == NULL || cJSON_IsNull(stability))
-        return;
+    if (!cJSON_HasObjectItem(stability, "margin") && !isfinite(number(stability, "max_multiplier")))
+        return;                                         /* not looked at */
     printf("%s", verdict(stability));
     if (isfinite(number(stability, "margin")))
         printf(", margin %.4g 1/s", number(stability, "margin"));

@@ -117,6 +117,7 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
 enum modal_status steady_print(struct steady *s, const struct program *p, const struct steady_settings *settings,
                                const struct steady_point *point, const struct stability *stability, cJSON **out, struct modal_error *err)
 {
+    const struct stability unknown = { .verdict = STABILITY_UNKNOWN };
     cJSON *doc = cJSON_CreateObject(), *r;
     enum modal_status rc;
 
@@ -134,13 +135,12 @@ enum modal_status steady_print(struct steady *s, const struct program *p, const 
     json_set_number(doc, "truncation_error", point->converged ? point->truncation : NAN);
     json_set_number(doc, "sampling_error", point->converged ? point->sampling : NAN);
     json_set_number(doc, "solver_error", point->converged ? point->solver : NAN);
-    json_set_number(doc, "error", point->converged ? point->error : NAN);
+    json_set_number(doc, "total_error", point->converged ? point->error : NAN);
     r = cJSON_AddObjectToObject(doc, "reconstruction");
     json_set_number(r, "rms_residual", point->converged ? point->tail_rms : NAN);
     json_set_number(r, "max_residual", point->converged ? point->tail_max : NAN);
     json_set_number(r, "relative_residual", point->converged ? point->load_max > 0 ? point->tail_max / point->load_max : 0 : NAN);
-    if (stability != NULL)
-        print_stability(stability, doc);
+    print_stability(stability != NULL ? stability : &unknown, doc);
     print_diagnostics(p, settings, point, stability, doc);
     if (rc != MODAL_OK) {
         cJSON_Delete(doc);

@@ -80,14 +80,17 @@ static char *next_field(char **rest, char separator)
     return field;
 }
 
+/* A decimal number: with a comma where that parts no columns, and with Fortran's D for its exponent. */
 static bool read_number(char *field, char separator, double *value)
 {
-    char *end, *comma = separator != ',' ? strchr(field, ',') : NULL;
+    char *end, *comma = separator != ',' ? strchr(field, ',') : NULL, *letter = strpbrk(field, "dD");
 
     if (comma != NULL)
         *comma = '.';
+    if (letter != NULL && letter > field && (isdigit((unsigned char)letter[-1]) || letter[-1] == '.'))
+        *letter = 'e';
     *value = strtod(field, &end);
-    return end != field && *end == 0;
+    return end != field && *end == 0 && strpbrk(field, "xX") == NULL;
 }
 
 /* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts lines from 1, *REMARK is
@@ -239,6 +242,17 @@ static bool names_time(const char *name)
     return false;
 }
 
+/* The first row whose time is not after the one before, or 0. */
+static size_t turns_back(const struct table *table, size_t column)
+{
+    const double *t = table->x + column;
+
+    for (size_t k = 1; k < table->rows; k++)
+        if (!(t[k * table->columns] > t[(k - 1) * table->columns]))
+            return k;
+    return 0;
+}
+
 static double deviation_of(const struct table *table, size_t column, double *dt)
 {
     const double *t = table->x + column;
@@ -275,6 +289,9 @@ static enum modal_status find_time(const struct table *table, double given_dt, i
     if (given_dt > 0)
         return MODAL_OK;
     off = deviation_of(table, (size_t)*column, dt);
+    if (!(off <= CSV_UNEVEN_MOST) && turns_back(table, (size_t)*column) > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: column %d is time, but it does not grow at sample %zu; accepted: even steps forward, or --dt",
+                                table->path, *column + 1, turns_back(table, (size_t)*column));
     if (!(off <= CSV_UNEVEN_MOST))
         return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: column %d is time, but its steps are uneven: a sample is %.3g steps from its place, "
                                 "accepted: %g; resample, or say --dt", table->path, *column + 1, off, CSV_UNEVEN_MOST);

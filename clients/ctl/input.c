@@ -70,6 +70,14 @@ static enum modal_status find_kind(const char *name, struct input *out, struct m
     return out->kind != NULL ? MODAL_OK : job_run(&request, &unused, err);     /* whose message lists the kinds */
 }
 
+/* What a tradeoff is of, before a file is read as the wrong thing. */
+static enum modal_status check_of(const char *of, struct modal_error *err)
+{
+    if (strcmp(of, "identify") == 0 || strcmp(of, "steady") == 0 || strcmp(of, "simulate") == 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "of", "no tradeoff of \"%.40s\"; accepted: identify, steady, simulate", of);
+}
+
 enum modal_status input_read(const char *kind, const char *of, const char *path, const struct args *args,
                              struct input *out, struct modal_error *err)
 {
@@ -77,6 +85,8 @@ enum modal_status input_read(const char *kind, const char *of, const char *path,
 
     *out = (struct input) { .options = args->options };
     rc = find_kind(kind, out, err);
+    if (rc == MODAL_OK && of != NULL)
+        rc = check_of(of, err);
     if (rc == MODAL_OK && of != NULL) {
         out->own_options = cJSON_Duplicate(args->options, true);
         out->options = out->own_options;

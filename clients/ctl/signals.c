@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include "csv.h"
 #include "sound.h"
 #include "store/batch_file.h"
@@ -58,10 +59,10 @@ enum modal_status signals_read_text(const char *path, size_t most, char **text, 
     return rc;
 }
 
-static enum modal_status read_hdf5(const char *path, struct signals *out, struct modal_error *err)
+static enum modal_status read_hdf5(const char *path, double dt, struct signals *out, struct modal_error *err)
 {
     struct batch_file file;
-    enum modal_status rc = batch_file_read(path, &file, err);
+    enum modal_status rc = batch_file_read(path, dt, &file, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -71,12 +72,30 @@ static enum modal_status read_hdf5(const char *path, struct signals *out, struct
     return MODAL_OK;                                    /* everything the file held has moved */
 }
 
+enum file_kind { FILE_HDF5, FILE_SOUND, FILE_TEXT };
+
+/* By its first bytes. */
+static enum file_kind kind_of(const char *head, size_t length)
+{
+    static const struct { const char *magic; size_t length; enum file_kind kind; } kinds[] = {
+        { "\x89HDF\r\n\x1a\n", 8, FILE_HDF5 }, { "RIFF", 4, FILE_SOUND }, { "RF64", 4, FILE_SOUND },
+        { "fLaC", 4, FILE_SOUND }, { "FORM", 4, FILE_SOUND }, { "OggS", 4, FILE_SOUND },
+    };
+
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (length >= kinds[i].length && memcmp(head, kinds[i].magic, kinds[i].length) == 0)
+            return kinds[i].kind;
+    return FILE_TEXT;
+}
+
 static enum modal_status read_csv(const char *path, double dt, struct signals *out, struct modal_error *err)
 {
     char *text = NULL;
     size_t length = 0;
     enum modal_status rc = signals_read_text(path, TEXT_MOST, &text, &length, err);
 
+    if (rc == MODAL_OK && kind_of(text, length) != FILE_TEXT)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: HDF5 and sound cannot be read from a pipe; accepted: text, or a file", path);
     if (rc == MODAL_OK && memchr(text, 0, length) != NULL)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither HDF5, WAV, FLAC nor text in UTF-8 or Latin-1", path);
     if (rc == MODAL_OK)
@@ -85,35 +104,35 @@ static enum modal_status read_csv(const char *path, double dt, struct signals *o
     return rc;
 }
 
-enum file_kind { FILE_HDF5, FILE_SOUND, FILE_TEXT };
-
-static enum modal_status kind_of(const char *path, enum file_kind *kind, struct modal_error *err)
+static bool ends_in(const char *path, const char *end)
 {
-    static const struct { const char *magic; size_t length; enum file_kind kind; } kinds[] = {
-        { "\x89HDF\r\n\x1a\n", 8, FILE_HDF5 }, { "RIFF", 4, FILE_SOUND }, { "RF64", 4, FILE_SOUND },
-        { "fLaC", 4, FILE_SOUND }, { "FORM", 4, FILE_SOUND }, { "OggS", 4, FILE_SOUND },
-    };
+    size_t length = strlen(path), n = strlen(end);
+
+    return length > n && strcmp(path + length - n, end) == 0;
+}
+
+/* What PATH is, looked into only where that takes nothing away: a pipe is text. */
+static enum modal_status look_at(const char *path, enum file_kind *kind, struct modal_error *err)
+{
     char head[8] = "";
+    struct stat about;
     FILE *file;
-    size_t length = strlen(path);
+    size_t got;
 
     *kind = FILE_TEXT;
     if (strcmp(path, "-") == 0)
         return MODAL_OK;
+    if (stat(path, &about) != 0 || (S_ISDIR(about.st_mode) && (errno = EISDIR)))
+        return no_file(path, err);
+    if (!S_ISREG(about.st_mode))
+        return MODAL_OK;
     file = fopen(path, "rb");
     if (file == NULL)
         return no_file(path, err);
-    size_t got = fread(head, 1, sizeof head, file);
-    bool failed = ferror(file);
-    if (failed)
-        no_file(path, err);
+    got = fread(head, 1, sizeof head, file);
     fclose(file);
-    if (failed)
-        return MODAL_BAD_INPUT;                         /* a folder opens, but cannot be read */
-    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
-        if (got >= kinds[i].length && memcmp(head, kinds[i].magic, kinds[i].length) == 0)
-            *kind = kinds[i].kind;
-    if (*kind == FILE_TEXT && ((length > 3 && strcmp(path + length - 3, ".h5") == 0) || (length > 5 && strcmp(path + length - 5, ".hdf5") == 0)))
+    *kind = kind_of(head, got);
+    if (*kind == FILE_TEXT && (ends_in(path, ".h5") || ends_in(path, ".hdf5")))
         *kind = FILE_HDF5;                              /* let the reader say what is wrong with it */
     return MODAL_OK;
 }
@@ -123,10 +142,10 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
 {
     struct signals read = { 0 };
     enum file_kind kind;
-    enum modal_status rc = kind_of(path, &kind, err);
+    enum modal_status rc = look_at(path, &kind, err);
 
     if (rc == MODAL_OK)
-        rc = kind == FILE_HDF5 ? read_hdf5(path, &read, err) : kind == FILE_SOUND ? sound_read(path, &read, err)
+        rc = kind == FILE_HDF5 ? read_hdf5(path, options->dt, &read, err) : kind == FILE_SOUND ? sound_read(path, &read, err)
            : read_csv(path, options->dt, &read, err);
     if (rc == MODAL_OK && options->dt > 0)
         read.dt = options->dt;

@@ -337,12 +337,13 @@ static enum modal_status open_set(const char *path, hid_t file, hid_t *out, stru
     return MODAL_OK;
 }
 
-static enum modal_status read_all(hid_t set, hid_t root, struct batch_file *out, struct modal_error *err)
+static enum modal_status read_all(hid_t set, hid_t root, double dt, struct batch_file *out, struct modal_error *err)
 {
     enum modal_status rc = read_signals(set, out, err);
 
+    out->batch.dt = dt;
     if (rc == MODAL_OK)
-        rc = read_time(set, root, "dt", true, &out->batch.dt, err);
+        rc = read_time(set, root, "dt", !(dt > 0), &out->batch.dt, err);
     if (rc == MODAL_OK)
         rc = read_time(set, root, "period", false, &out->batch.period, err);
     if (rc == MODAL_OK)
@@ -357,7 +358,7 @@ static enum modal_status read_all(hid_t set, hid_t root, struct batch_file *out,
     return out->attributes != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its attributes");
 }
 
-enum modal_status batch_file_read(const char *path, struct batch_file *out, struct modal_error *err)
+enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out, struct modal_error *err)
 {
     hid_t file = H5I_INVALID_HID, root = H5I_INVALID_HID, set = H5I_INVALID_HID;
     struct batch_file read = { 0 };
@@ -369,7 +370,7 @@ enum modal_status batch_file_read(const char *path, struct batch_file *out, stru
         rc = open_set(path, file, &set, err);
     if (rc == MODAL_OK) {
         root = H5Gopen2(file, "/", H5P_DEFAULT);
-        rc = read_all(set, root, &read, err);
+        rc = read_all(set, root, dt, &read, err);
     }
     if (set >= 0)
         H5Dclose(set);

@@ -130,6 +130,9 @@ def bad_files(folder):
     write_batch(folder / "period.h5", good, period=4.0)
     write_batch(folder / "good.h5", good)
     (folder / "uneven.csv").write_text("t,y\n" + "".join(f"{0.1 * k * k},{k}\n" for k in range(20)))
+    (folder / "back.csv").write_text("t,y\n" + "".join(f"{9 - k},{k}\n" for k in range(20)))
+    (folder / "hex.csv").write_text("t,y\n" + "".join(f"{k},{k:#x}\n" for k in range(20)))
+    write_batch(folder / "tiny.h5", good, dt=1e-300)
     (folder / "row.csv").write_text("y\n1\nx\n")
     (folder / "notime.csv").write_text("y\n1\n2\n3\n")
 
@@ -139,8 +142,8 @@ def bad_files(folder):
     ("other.h5", [], "signals"), ("short.h5", [], "signals"), ("flat.h5", [], "signals"), ("period.h5", [], "period"),
     ("good.h5", ["no.such=1"], "no.such"), ("good.h5", ["rank.fixed=-1"], "rank.fixed"), ("good.h5", ["rank.fixed=1e999"], "rank.fixed"),
     ("good.h5", ["rank.fixed=many"], "rank.fixed"), ("good.h5", ["method=magic"], "method"), ("good.h5", ["rows=200"], "rows"),
-    ("good.h5", ["columns=5000"], "columns"), ("good.h5", ["band=5"], "band"), ("good.h5", ["window=9,1"], "window"), ("good.h5", ["period=1000"], "period"),
-    ("uneven.csv", [], "time"), ("row.csv", [], "signals"), ("notime.csv", [], "dt"),
+    ("good.h5", ["columns=5000"], "columns"), ("good.h5", ["band=5"], "band"), ("good.h5", ["window=9,1"], "window"), ("good.h5", ["band=-1,5"], "band"), ("good.h5", ["period=1000"], "period"),
+    ("uneven.csv", [], "time"), ("back.csv", [], "time"), ("hex.csv", [], "signals"), ("row.csv", [], "signals"), ("notime.csv", [], "dt"), ("tiny.h5", [], "dt"),
 ])
 def test_bad_input_names_its_field(name, options, field, ctl, daemon, tmp_path):
     bad_files(tmp_path)
@@ -150,6 +153,60 @@ def test_bad_input_names_its_field(name, options, field, ctl, daemon, tmp_path):
         error = said.document["error"]
         assert said.status == 2 and error["code"] == "bad_input", said.document
         assert error["field"] and (field is None or error["field"] == field), error
+
+
+def piped(path, name):
+    done = subprocess.run(f"cat {path} | {BUILD}/bin/modalctl --local --json identify {name}", shell=True, capture_output=True, timeout=60, env=environment())
+    return done.returncode, json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("name", ["-", "/dev/stdin"])
+def test_text_may_come_by_a_pipe_and_hdf5_says_that_it_may_not(name, tmp_path):
+    rows = "".join(f"{k / 100:.2f}D0,{y:.15e}\n".replace("e", "D") for k, y in enumerate(decay(60)[:, 0]))       # as Fortran prints
+    (tmp_path / "x.csv").write_text("t,a\n" + rows)
+    status, result = piped(tmp_path / "x.csv", name)
+    assert status == 0 and abs(result["provenance"]["input"]["dt"] - 0.01) < 1e-12, result
+    status, result = piped(write_batch(tmp_path / "x.h5", decay(400)), name)
+    assert status == 2 and result["error"]["field"] == "file", result
+
+
+def test_a_step_that_an_hdf5_file_does_not_say_is_given_by_dt(ctl, tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.create_dataset("signals", data=decay(400))
+    assert ctl("identify", tmp_path / "x.h5").document["error"]["field"] == "dt"
+    assert ctl("identify", tmp_path / "x.h5", "--dt", "0.125").document["provenance"]["input"]["dt"] == 0.125
+
+
+def test_the_stages_of_the_contract_are_in_every_cost(ctl, tmp_path):
+    noise = np.random.default_rng(7).standard_normal((300, 2))
+    for x, options in ((decay(400), []), (decay(400), ["refine=false"]), (decay(400), ["rank.fixed=2"]), (noise, [])):
+        path = write_batch(tmp_path / "x.h5", x)
+        cost = ctl("identify", path, *(word for o in options for word in ("-o", o))).document["cost"]
+        assert {"read", "pod", "svd", "eig", "synthesis"} <= cost["stages"].keys(), cost
+        assert sum(cost["stages"].values()) <= cost["cpu_s"] * 1.001 + 1e-4
+
+
+def test_a_steady_state_that_is_not_there_has_the_fields_of_one_that_is(ctl, tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [2.0], "springs": [8.0, 0.0], "dampers": [0.1, 0.0]}, "omega": 2.0,
+             "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}]}
+    (tmp_path / "a.json").write_text(json.dumps(scene))
+    there = ctl("steady", tmp_path / "a.json").document
+    del scene["structure"]["dampers"]                       # omega^2 = 8 / 2: undamped resonance
+    (tmp_path / "b.json").write_text(json.dumps(scene))
+    absent = ctl("steady", tmp_path / "b.json").document
+    assert there["converged"] and not absent["converged"] and there.keys() == absent.keys()
+    assert "error" not in there                             # which is what a failed job has
+    assert absent["stability"] == {"stable": None, "max_multiplier": None, "multipliers": []}
+
+
+def test_a_force_that_fails_names_its_place_in_the_scene(ctl, tmp_path):
+    springs = [{"type": "spring", "dof": "x1", "stiffness": 1.0}] * 2
+    scene = {"structure": {"type": "chain", "masses": [1.0], "springs": [2.0, 0.0]}, "omega": 1.3, "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}],
+             "effects": springs + [{"type": "lua", "dof": "x1", "source": "function force(t, x, v, memory)\n return x.y\nend"}]}
+    (tmp_path / "a.json").write_text(json.dumps(scene))
+    said = ctl("steady", tmp_path / "a.json")
+    assert said.status == 1 and said.document["error"]["code"] == "element_failed" and said.document["error"]["field"] == "effects[2].source"
+    assert "source:2" in said.document["error"]["message"]
 
 
 @pytest.mark.parametrize("text, field", [
@@ -171,7 +228,7 @@ def test_a_bad_scene_names_its_path(text, field, ctl, tmp_path):
 
 
 @pytest.mark.parametrize("words, field", [
-    ([], "verb"), (["identfy", "x.h5"], "verb"), (["identify"], "arguments"), (["identify", "a", "b"], "arguments"), (["list", "--priority", "3"], "priority"),
+    ([], "verb"), (["identfy", "x.h5"], "verb"), (["identify"], "arguments"), (["identify", "a", "b"], "arguments"), (["tradeoff", "modes", "x.h5"], "of"), (["list", "--priority", "3"], "priority"),
     (["submit", "identify", "x", "--priority", "256"], "priority"), (["submit", "identify", "x", "--priority", "1.5"], "priority"),
     (["identify", "x", "--nonsense"], "--nonsense"), (["identify", "x", "-o"], "option"), (["identify", "x", "--timeout", "soon"], "timeout"),
     (["simulate", "x.json"], "output"), (["steady", "x.json", "--sweep", "omega=1:2:3", "--continue", "omega=1:2"], "continue"), (["list"], "local"),

@@ -68,7 +68,7 @@ static void check_refused(enum modal_status status, const char *field)
 
     memset(&got, 0x5a, sizeof got);
     before = got;
-    CHECK(batch_file_read(path, &got, &err) == status);
+    CHECK(batch_file_read(path, 0, &got, &err) == status);
     CHECK_STRING(err.field, field);
     CHECK(err.message[0] != 0);
     CHECK(memcmp(&got, &before, sizeof got) == 0);
@@ -85,7 +85,7 @@ TEST(what_is_written_is_read_back_bit_for_bit)
 
     start();
     CHECK(batch_file_write(path, &batch, attributes, NULL) == MODAL_OK);
-    CHECK(batch_file_read(path, &got, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
     CHECK(got.batch.samples == 3 && got.batch.channels == 2);
     CHECK(memcmp(got.batch.signals, x, sizeof x) == 0);
     CHECK(got.batch.dt == 0.1 + 0.2 && got.batch.period == 7.7);
@@ -119,7 +119,7 @@ TEST(numbers_of_every_type_and_attributes_on_the_root_are_taken)
         put(set, "run", H5T_NATIVE_INT, 0, &values[3]);
         H5Tclose(text);
         close_all(set, file);
-        CHECK(batch_file_read(path, &got, NULL) == MODAL_OK);
+        CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
         for (int i = 0; i < 6; i++)
             CHECK(got.signals[i] == values[i]);
         CHECK(got.batch.dt == 0.25 && got.batch.period == 0);
@@ -127,6 +127,26 @@ TEST(numbers_of_every_type_and_attributes_on_the_root_are_taken)
         CHECK_STRING(got.batch.names[1], "cde");
         CHECK_STRING(got.batch.units, "mm/");
         CHECK(cJSON_GetObjectItem(got.attributes, "run")->valuedouble == 5);
+        batch_file_done(&got);
+        stop();
+    }
+}
+
+TEST(a_step_that_the_file_does_not_say_may_be_given)
+{
+    const double own = 0.5;
+
+    for (int said = 0; said < 2; said++) {
+        struct batch_file got;
+        hid_t set, file;
+
+        start();
+        file = make(&set, "signals", H5T_IEEE_F64LE, 2, three_by_two, x, H5T_NATIVE_DOUBLE);
+        if (said)
+            put(set, "dt", H5T_NATIVE_DOUBLE, 0, &own);
+        close_all(set, file);
+        CHECK(batch_file_read(path, 0.0625, &got, NULL) == MODAL_OK);
+        CHECK(got.batch.dt == (said ? own : 0.0625));
         batch_file_done(&got);
         stop();
     }
@@ -145,7 +165,7 @@ TEST(an_attribute_of_the_dataset_goes_before_one_of_the_root)
     put(file, "note", H5T_NATIVE_DOUBLE, 0, &far);
     put(set, "note", H5T_NATIVE_DOUBLE, 0, &near);
     close_all(set, file);
-    CHECK(batch_file_read(path, &got, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
     CHECK(got.batch.dt == near);
     CHECK(cJSON_GetObjectItem(got.attributes, "note")->valuedouble == near);
     batch_file_done(&got);
@@ -164,7 +184,7 @@ TEST(text_that_is_latin_1_becomes_utf_8)
     put(set, "units", text, 0, "\xb5m/s\0\0\0");
     H5Tclose(text);
     close_all(set, file);
-    CHECK(batch_file_read(path, &got, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
     CHECK_STRING(got.batch.units, "\xc2\xb5m/s");
     batch_file_done(&got);
     stop();
@@ -199,7 +219,7 @@ TEST(a_file_cut_anywhere_is_refused_or_read_as_it_was)
     fclose(file);
     for (long length = size - 1; length >= 0; length -= 7) {
         CHECK(truncate(path, length) == 0);
-        if (batch_file_read(path, &got, NULL) == MODAL_OK) {
+        if (batch_file_read(path, 0, &got, NULL) == MODAL_OK) {
             CHECK(memcmp(got.signals, x, sizeof x) == 0);
             batch_file_done(&got);
         } else {

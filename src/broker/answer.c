@@ -59,18 +59,31 @@ cJSON *answer_new(const struct reply *reply)
     return header;
 }
 
+static void answer_text(struct core *c, const struct reply *reply, char *text, struct blob *body)
+{
+    c->replies++;
+    c->bytes_out += (int64_t)(strlen(text) + (body == NULL ? 0 : body->size));
+    core_act(c, (struct action) { .type = ACT_SEND, .peer = reply->peer, .verb = "REPLY", .header = text, .body = body });
+}
+
 void answer_send(struct core *c, const struct reply *reply, cJSON *header, struct blob *body)
 {
     char *text = reply->peer == 0 ? NULL : json_print(header);
 
     cJSON_Delete(header);
-    if (text == NULL) {
+    if (text == NULL)
         blob_drop(body);
-        return;
-    }
-    c->replies++;
-    c->bytes_out += (int64_t)(strlen(text) + (body == NULL ? 0 : body->size));
-    core_act(c, (struct action) { .type = ACT_SEND, .peer = reply->peer, .verb = "REPLY", .header = text, .body = body });
+    else
+        answer_text(c, reply, text, body);
+}
+
+/* What was written, closed; out of memory ends the process, as everywhere here. */
+char *text_end(struct json_text *t)
+{
+    json_text_close(t);
+    if (t->failed)
+        abort();
+    return t->x;
 }
 
 void answer_error(struct core *c, const struct reply *reply, const struct modal_error *err, cJSON *detail)
@@ -117,10 +130,10 @@ cJSON *answer_number(const char *key, double value)
     return detail;
 }
 
-static void add_time(cJSON *object, const char *key, int64_t utc_ns)
+static void add_time(struct json_text *t, const char *key, int64_t utc_ns)
 {
     if (utc_ns != 0)
-        cJSON_AddNumberToObject(object, key, (double)(utc_ns / 1000000) / 1000);
+        json_text_number(t, key, (double)(utc_ns / 1000000) / 1000);
 }
 
 /* How many ready jobs of its user start before it; -1 beyond what is worth counting. */
@@ -137,67 +150,77 @@ static int position_of(const struct job *job)
     return ahead;
 }
 
-static void add_failure(cJSON *object, const struct failure *failure)
+static void add_failure(struct json_text *t, const struct failure *failure)
 {
-    cJSON *error = cJSON_AddObjectToObject(object, "error");
-
-    cJSON_AddStringToObject(error, "code", modal_status_code(failure->status));
-    cJSON_AddStringToObject(error, "message", failure->message);
+    json_text_open(t, "error");
+    json_text_string(t, "code", modal_status_code(failure->status));
+    json_text_string(t, "message", failure->message);
     if (failure->field != NULL)
-        cJSON_AddStringToObject(error, "field", failure->field);
-    if (failure->detail != NULL)
-        cJSON_AddRawToObject(error, "detail", failure->detail);
+        json_text_string(t, "field", failure->field);
+    if (failure->detail != NULL) {
+        json_text_key(t, "detail");
+        json_text_raw(t, failure->detail);
+    }
+    json_text_close(t);
 }
 
-void doc_write(const struct core *c, cJSON *object, const struct job *job, bool position)
+static void add_position(struct json_text *t, const struct job *job)
+{
+    int ahead = position_of(job);
+
+    if (ahead >= 0)
+        json_text_number(t, "position", ahead);
+    else
+        json_text_string(t, "position", NULL);
+}
+
+void doc_write(const struct core *c, struct json_text *t, const struct job *job, bool position)
 {
     char ident[9];
 
     job_ident(c, job, ident);
-    cJSON_AddStringToObject(object, "job", ident);
-    if (job->key != NULL)
-        cJSON_AddStringToObject(object, "key", job->key);
-    else
-        cJSON_AddNullToObject(object, "key");
-    cJSON_AddStringToObject(object, "kind", job->kind);
-    cJSON_AddStringToObject(object, "state", job_states[job->shown]);
-    cJSON_AddNumberToObject(object, "attempts", job->shown_attempts);
-    cJSON_AddNumberToObject(object, "priority", job->priority);
-    add_time(object, "submitted", job->submitted_ns);
+    json_text_string(t, "job", ident);
+    json_text_string(t, "key", job->key);
+    json_text_string(t, "kind", job->kind);
+    json_text_string(t, "state", job_states[job->shown]);
+    json_text_number(t, "attempts", job->shown_attempts);
+    json_text_number(t, "priority", job->priority);
+    add_time(t, "submitted", job->submitted_ns);
     if (job->shown_attempts > 0 && job->shown != JOB_QUEUED)
-        add_time(object, "started", job->started_ns);
+        add_time(t, "started", job->started_ns);
     if (job_state_final(job->shown))
-        add_time(object, "finished", job->finished_ns);
-    if (job->shown == JOB_QUEUED && position) {
-        int ahead = position_of(job);
-        if (ahead >= 0)
-            cJSON_AddNumberToObject(object, "position", ahead);
-        else
-            cJSON_AddNullToObject(object, "position");
+        add_time(t, "finished", job->finished_ns);
+    if (job->shown == JOB_QUEUED && position)
+        add_position(t, job);
+    if (job->shown == JOB_RUNNING && job->progress != NULL) {
+        json_text_key(t, "progress");
+        json_text_raw(t, job->progress);
     }
-    if (job->shown == JOB_RUNNING && job->progress != NULL)
-        cJSON_AddRawToObject(object, "progress", job->progress);
     if (job->cached)
-        cJSON_AddTrueToObject(object, "cached");
+        json_text_bool(t, "cached", true);
     if (job->shown == JOB_DONE)
-        cJSON_AddNumberToObject(object, "bytes", (double)job->result_bytes);
+        json_text_number(t, "bytes", (double)job->result_bytes);
     if (job->failure != NULL && job_state_final(job->shown))
-        add_failure(object, job->failure);
+        add_failure(t, job->failure);
 }
 
+/* Written without a tree: the answer that is given most often. */
 void answer_doc(struct core *c, const struct reply *reply, const struct job *job, int duplicate, struct blob *body)
 {
-    cJSON *header;
+    struct json_text t = { 0 };
 
     if (reply->peer == 0) {
         blob_drop(body);
         return;
     }
-    header = answer_new(reply);
-    doc_write(c, header, job, true);
+    json_text_open(&t, NULL);
+    json_text_key(&t, "id");
+    json_text_raw(&t, reply->id);
+    json_text_string(&t, "verb", wire_verb_name(reply->verb));
+    doc_write(c, &t, job, true);
     if (duplicate >= 0)
-        cJSON_AddBoolToObject(header, "duplicate", duplicate);
+        json_text_bool(&t, "duplicate", duplicate);
     if (reply->verb == WIRE_DELETE)
-        cJSON_AddTrueToObject(header, "deleted");
-    answer_send(c, reply, header, body);
+        json_text_bool(&t, "deleted", true);
+    answer_text(c, reply, text_end(&t), body);
 }

@@ -589,6 +589,7 @@ void core_free(struct core *c)
     }
     for (size_t i = 0; i < c->user_count; i++)
         free_user(c->user_list[i]);
+    free(c->asked.text);
     for (int i = 0; i < RING; i++) {
         free(c->ring[i].user);
         free(c->ring[i].topic);

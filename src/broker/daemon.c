@@ -68,13 +68,17 @@ static struct moment moment_now(void)
 /* One line of logfmt, with its time: written before the answer that it is about, unless it is one of the many. */
 static void log_line(const char *text)
 {
+    static char stamp[32];                         /* of the second `stamped`: only one thread writes lines */
+    static time_t stamped = -1;
     int64_t now = clock_ns(CLOCK_REALTIME);
     time_t seconds = now / SECOND;
     struct tm tm;
-    char stamp[32];
 
-    gmtime_r(&seconds, &tm);
-    strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%S", &tm);
+    if (seconds != stamped) {
+        gmtime_r(&seconds, &tm);
+        strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%S", &tm);
+        stamped = seconds;
+    }
     fprintf(stderr, "time=%s.%03dZ %s\n", stamp, (int)(now % SECOND / 1000000), text);
     if (strncmp(text, "level=info", 10) != 0)
         fflush(stderr);

@@ -138,32 +138,30 @@ static void move_row(struct transaction *t, const struct job *job)
 void job_event(struct core *c, struct job *job, struct transaction *t, const struct failure *failure, enum job_state to)
 {
     struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
-    cJSON *text = cJSON_CreateObject();
+    struct json_text text = { 0 };
     struct after *after = transaction_after(t, AFTER_EVENT);
     char ident[9];
 
     job_ident(c, job, ident);
-    cJSON_AddStringToObject(text, "event", "state");
-    cJSON_AddStringToObject(text, "job", ident);
-    if (job->key != NULL)
-        cJSON_AddStringToObject(text, "key", job->key);
-    else
-        cJSON_AddNullToObject(text, "key");
-    cJSON_AddStringToObject(text, "kind", job->kind);
-    cJSON_AddStringToObject(text, "state", job_states[to]);
-    cJSON_AddNumberToObject(text, "attempts", job->attempts);
+    json_text_open(&text, NULL);
+    json_text_string(&text, "event", "state");
+    json_text_string(&text, "job", ident);
+    json_text_string(&text, "key", job->key);
+    json_text_string(&text, "kind", job->kind);
+    json_text_string(&text, "state", job_states[to]);
+    json_text_number(&text, "attempts", job->attempts);
     if (job->cached)
-        cJSON_AddTrueToObject(text, "cached");
+        json_text_bool(&text, "cached", true);
     if (failure != NULL) {
-        cJSON *error = cJSON_AddObjectToObject(text, "error");
-        cJSON_AddStringToObject(error, "code", modal_status_code(failure->status));
-        cJSON_AddStringToObject(error, "message", failure->message);
+        json_text_open(&text, "error");
+        json_text_string(&text, "code", modal_status_code(failure->status));
+        json_text_string(&text, "message", failure->message);
+        json_text_close(&text);
     }
-    after->text = json_print(text);
+    after->text = text_end(&text);
     after->value = c->next_event;
     after->job = job;
     after->to = to;
-    cJSON_Delete(text);
     change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .job = job->id,
         .user = transaction_text(t, job->user->name), .topic = "job", .text = transaction_text(t, after->text) };
 }

@@ -334,7 +334,8 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
 {
     struct reply reply = reply_to(e, r);
     int64_t after = r->list.after == NULL ? 0 : ident_number(c->settings.secret, r->list.after);
-    cJSON *page, *jobs, *header;
+    struct json_text page = { 0 };
+    cJSON *header;
     char ident[9] = "", *text;
     size_t at;
     int count = 0;
@@ -343,28 +344,25 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
         answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL, "after is no cursor of LIST");
         return;
     }
-    page = cJSON_CreateObject();
-    jobs = cJSON_AddArrayToObject(page, "jobs");
+    json_text_open(&page, NULL);
+    json_text_key(&page, "jobs");
+    json_text_raw(&page, "[");
     for (at = user_seek(user, after); at < user->job_count && count < r->list.limit; at++) {
         struct job *job = user->jobs[at];
-        cJSON *doc;
         if (job == NULL || !job->committed || job->deleting || job->hidden || (r->list.state >= 0 && (int)job->shown != r->list.state)
             || (r->list.kind != NULL && strcmp(job->kind, r->list.kind) != 0))
             continue;
-        doc = cJSON_CreateObject();
-        doc_write(c, doc, job, false);
-        cJSON_AddItemToArray(jobs, doc);
+        json_text_open(&page, NULL);
+        doc_write(c, &page, job, false);
+        json_text_close(&page);
         job_ident(c, job, ident);
         count++;
     }
     while (at < user->job_count && user->jobs[at] == NULL)
         at++;
-    if (count == r->list.limit && at < user->job_count)
-        cJSON_AddStringToObject(page, "next", ident);
-    else
-        cJSON_AddNullToObject(page, "next");
-    text = json_print(page);
-    cJSON_Delete(page);
+    json_text_raw(&page, "]");
+    json_text_string(&page, "next", count == r->list.limit && at < user->job_count ? ident : NULL);
+    text = text_end(&page);
     header = answer_new(&reply);
     cJSON_AddNumberToObject(header, "count", count);
     answer_send(c, &reply, header, blob_take(text, strlen(text)));

@@ -226,6 +226,7 @@ struct core {
     double replay_s;
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */
+    struct { char *text; uint8_t settings[32]; } asked;   /* the latest kind and options, and their hash */
     struct arena *kinds;                  /* names of kinds this build no longer knows */
     size_t turn;                          /* whose turn it is among users */
     struct moment now;
@@ -262,7 +263,8 @@ void answer_fail(struct core *c, const struct reply *reply, enum modal_status st
                  const char *format, ...) __attribute__((format(printf, 6, 7)));
 cJSON *answer_number(const char *key, double value);       /* an object of one member, for details */
 void answer_doc(struct core *c, const struct reply *reply, const struct job *job, int duplicate, struct blob *body);   /* -1: no such member */
-void doc_write(const struct core *c, cJSON *object, const struct job *job, bool position);
+void doc_write(const struct core *c, struct json_text *text, const struct job *job, bool position);
+char *text_end(struct json_text *text);                 /* closed; the caller frees */
 void core_act(struct core *c, struct action action);
 void core_log(struct core *c, const char *format, ...) __attribute__((format(printf, 2, 3)));
 void core_timer(struct core *c, int64_t when_ns, enum timer what, int64_t order, int64_t extra);

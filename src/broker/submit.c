@@ -47,17 +47,30 @@ char *canonical_text(const cJSON *value)
     return text;
 }
 
-/* settings = SHA-256(kind, options); fingerprint = SHA-256(settings, content of the input) */
-static void fingerprints(const char *kind, const char *options, const uint8_t content[32], uint8_t settings[32], uint8_t fingerprint[32])
+/* settings = SHA-256(kind, options).  Scripts ask the same of many inputs: the latest is remembered. */
+static void hash_settings(struct core *c, const char *kind, const char *options, uint8_t settings[32])
 {
-    char *text = grab_format("%s\n%s", kind, options);
+    size_t n_kind = strlen(kind);
+    char *text = c->asked.text;
+
+    if (text == NULL || strncmp(text, kind, n_kind) != 0 || text[n_kind] != '\n' || strcmp(text + n_kind + 1, options) != 0) {
+        free(text);
+        text = c->asked.text = grab_format("%s\n%s", kind, options);
+        if (identity_sha256(text, strlen(text), c->asked.settings, NULL) != MODAL_OK)
+            abort();
+    }
+    memcpy(settings, c->asked.settings, 32);
+}
+
+/* fingerprint = SHA-256(settings, content of the input) */
+static void hash_both(const uint8_t settings[32], const uint8_t content[32], uint8_t fingerprint[32])
+{
     uint8_t both[64];
 
-    identity_sha256(text, strlen(text), settings, NULL);
     memcpy(both, settings, 32);
     memcpy(both + 32, content, 32);
-    identity_sha256(both, sizeof both, fingerprint, NULL);
-    free(text);
+    if (identity_sha256(both, sizeof both, fingerprint, NULL) != MODAL_OK)
+        abort();
 }
 
 /* ---- a submission under way ------------------------------------------------------------------------------------- */
@@ -181,19 +194,18 @@ static bool may_enter(struct core *c, struct submission *s)
 static void put_job_row(struct transaction *t, const struct job *job, const struct input *input)
 {
     struct job_record *row = &transaction_add(t, LEDGER_JOB_PUT)->job;
-    char *tag = grab_format("{\"max_attempts\":%d,\"settings\":\"", job->max_attempts), *whole;
-    char hex[65];
+    char hex[65], source[40] = "", tag[192];
 
     identity_hex(job->settings, hex);
-    whole = job->source != 0 ? grab_format("%s%s\",\"source\":\"%lld\"}", tag, hex, (long long)job->source) : grab_format("%s%s\"}", tag, hex);
+    if (job->source != 0)
+        snprintf(source, sizeof source, ",\"source\":\"%lld\"", (long long)job->source);
+    snprintf(tag, sizeof tag, "{\"max_attempts\":%d,\"settings\":\"%s\"%s}", job->max_attempts, hex, source);
     *row = (struct job_record) { .id = job->id, .user = transaction_text(t, job->user->name), .key = transaction_text(t, job->key),
         .kind = job->kind, .options = transaction_text(t, job->options), .input = input->id, .priority = job->priority,
         .run_limit_ns = job->run_limit_ns, .deadline_ns = job->deadline_ns, .not_before_ns = job->not_before_ns,
-        .tag = transaction_text(t, whole), .state = job->state, .submitted_ns = job->submitted_ns, .finished_ns = job->finished_ns,
+        .tag = transaction_text(t, tag), .state = job->state, .submitted_ns = job->submitted_ns, .finished_ns = job->finished_ns,
         .result_bytes = job->result_bytes, .output = job->output == NULL ? 0 : job->output->id, .cached = job->cached };
     memcpy(row->fingerprint, job->fingerprint, 32);
-    free(tag);
-    free(whole);
 }
 
 static struct job *make_job(struct core *c, struct submission *s)
@@ -277,7 +289,8 @@ void submit_request(struct core *c, const struct event *e, const struct wire_req
     if (!find_kind(c, &s) || !(named ? find_named(c, &s) : take_inline(c, &s, e)))
         goto out;
     s.options = canonical_text(r->submit.options);
-    fingerprints(s.kind->name, s.options, s.content, s.settings, s.fingerprint);
+    hash_settings(c, s.kind->name, s.options, s.settings);
+    hash_both(s.settings, s.content, s.fingerprint);
     if (known_key(c, &s) || !may_enter(c, &s))
         goto out;
     source = r->submit.fresh || s.input == NULL ? NULL : job_cached(c, user, s.content, s.settings);

@@ -1,11 +1,13 @@
 /*
  * json.c - see json.h
  *
- * cJSON accepts duplicate keys, reads 1e999 as infinity and prints numbers to within an epsilon.  A first pass over
- * the text checks what it lets pass (structure, depth, keys, numbers, UTF-8); only then does cJSON build the tree.
+ * cJSON accepts duplicate keys, reads 1e999 as infinity and prints numbers to within an epsilon.  So its trees are built
+ * here, in one pass that checks structure, depth, keys, numbers and UTF-8 on the way, and printed here.
  */
 #include "modal/json.h"
 #include <ctype.h>
+#include <limits.h>
+#include <locale.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -13,7 +15,7 @@
 #include <string.h>
 #include "modal/utf8.h"
 
-/* A key as it stands between its quotes; duplicates are found by comparing unescaped text only where no escape occurs. */
+/* A key as it stands between its quotes: without escapes. */
 struct key { const char *text; size_t length; };
 
 /* Where the scan is: a member or element of what is UP.  Written out only for an error. */
@@ -68,7 +70,49 @@ static void skip_space(struct scan *s)
         s->at++;
 }
 
-static enum modal_status scan_value(struct scan *s);
+static enum modal_status no_memory(const struct scan *s)
+{
+    return modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
+}
+
+/* A bare item of a cJSON type; NULL: no memory. */
+static cJSON *item_of(int type)
+{
+    cJSON *item = cJSON_malloc(sizeof *item);
+
+    if (item != NULL) {
+        memset(item, 0, sizeof *item);
+        item->type = type;
+    }
+    return item;
+}
+
+static char *text_of(const char *bytes, size_t length)
+{
+    char *text = cJSON_malloc(length + 1);
+
+    if (text != NULL) {
+        memcpy(text, bytes, length);
+        text[length] = '\0';
+    }
+    return text;
+}
+
+/* At the end of PARENT's children, as cJSON links them: the first one's prev is the last. */
+static void append(cJSON *parent, cJSON *item)
+{
+    cJSON *last = parent->child == NULL ? item : parent->child->prev;
+
+    if (parent->child == NULL)
+        parent->child = item;
+    else {
+        last->next = item;
+        item->prev = last;
+    }
+    parent->child->prev = item;
+}
+
+static enum modal_status scan_value(struct scan *s, cJSON **out);
 
 /* Four hex digits, not all 0. */
 static bool is_escape_of_a_character(const char *p, const char *end)
@@ -81,9 +125,11 @@ static bool is_escape_of_a_character(const char *p, const char *end)
     return true;
 }
 
-static enum modal_status scan_string(struct scan *s)
+/* The string at s->at, between its quotes; *ESCAPES: whether there are any. */
+static enum modal_status scan_string(struct scan *s, struct key *inside, bool *escapes)
 {
-    s->at++;
+    *escapes = false;
+    inside->text = ++s->at;
     while (s->at < s->end && *s->at != '"') {
         int n = (unsigned char)*s->at < 0x80 ? 1 : utf8_length(s->at, s->end);
         if (n == 0)
@@ -96,13 +142,92 @@ static enum modal_status scan_string(struct scan *s)
             if (s->at[1] == 'u' && !is_escape_of_a_character(s->at + 2, s->end))
                 return scan_fail(s, "a bad \\u escape");
             n = 2;
+            *escapes = true;
         }
         s->at += n;
     }
     if (s->at >= s->end)
         return scan_fail(s, "an unterminated string");
-    s->at++;
+    inside->length = (size_t)(s->at++ - inside->text);
     return MODAL_OK;
+}
+
+static uint32_t hex4(const char *p)
+{
+    uint32_t x = 0;
+
+    for (int i = 0; i < 4; i++)
+        x = x << 4 | (uint32_t)(isdigit((unsigned char)p[i]) ? p[i] - '0' : (p[i] | 0x20) - 'a' + 10);
+    return x;
+}
+
+/* The character of the escape \u at P, after the u; bytes read beyond its four digits into *MORE; 0: half a surrogate pair. */
+static uint32_t escaped_character(const char *p, const char *end, int *more)
+{
+    uint32_t first = hex4(p), second;
+
+    *more = 0;
+    if (first < 0xd800 || first > 0xdfff)
+        return first;
+    if (first > 0xdbff || end - p < 10 || p[4] != '\\' || p[5] != 'u')
+        return 0;
+    second = hex4(p + 6);
+    if (second < 0xdc00 || second > 0xdfff)
+        return 0;
+    *more = 6;
+    return 0x10000 + ((first & 0x3ff) << 10 | (second & 0x3ff));
+}
+
+static char *put_utf8(char *to, uint32_t c)
+{
+    static const unsigned char lead[] = { 0, 0, 0xc0, 0xe0, 0xf0 };
+    int n = c < 0x80 ? 1 : c < 0x800 ? 2 : c < 0x10000 ? 3 : 4;
+
+    for (int i = n - 1; i > 0; i--, c >>= 6)
+        to[i] = (char)(0x80 | (c & 0x3f));
+    to[0] = (char)(lead[n] | c);
+    return to + n;
+}
+
+/* INSIDE, checked by scan_string, without its escapes: never longer than with them. */
+static enum modal_status unescape(const struct scan *s, struct key inside, char *to)
+{
+    static const char plain[] = "\"\\/bfnrt", meant[] = "\"\\/\b\f\n\r\t";
+    const char *p = inside.text, *end = p + inside.length;
+    uint32_t c;
+    int more;
+
+    while (p < end) {
+        if (*p != '\\') {
+            *to++ = *p++;
+            continue;
+        }
+        if (p[1] != 'u') {
+            *to++ = meant[strchr(plain, p[1]) - plain];
+            p += 2;
+            continue;
+        }
+        if ((c = escaped_character(p + 2, end, &more)) == 0)
+            return scan_fail(s, "half a surrogate pair in a string");
+        to = put_utf8(to, c);
+        p += 6 + more;
+    }
+    *to = '\0';
+    return MODAL_OK;
+}
+
+static enum modal_status read_string(struct scan *s, cJSON **out)
+{
+    struct key inside;
+    bool escapes;
+    enum modal_status rc = scan_string(s, &inside, &escapes);
+
+    if (rc != MODAL_OK)
+        return rc;
+    *out = item_of(cJSON_String);
+    if (*out == NULL || ((*out)->valuestring = text_of(inside.text, inside.length)) == NULL)
+        return no_memory(s);
+    return escapes ? unescape(s, inside, (*out)->valuestring) : MODAL_OK;
 }
 
 static const char *digits(const char *p, const char *end)
@@ -112,12 +237,12 @@ static const char *digits(const char *p, const char *end)
     return p;
 }
 
-static enum modal_status scan_number(struct scan *s)
+/* The number at s->at as JSON has it: to *END; *WHOLE: without fraction and exponent. */
+static enum modal_status scan_number(struct scan *s, const char **end, bool *whole)
 {
     const char *p = s->at, *q;
-    bool exponent = false;
-    char text[512];
 
+    *whole = true;
     if (p < s->end && *p == '-')
         p++;
     q = digits(p, s->end);
@@ -125,13 +250,14 @@ static enum modal_status scan_number(struct scan *s)
         return scan_fail(s, "not a JSON value (NaN and Infinity are not accepted)");
     p = q;
     if (p < s->end && *p == '.') {
+        *whole = false;
         q = digits(++p, s->end);
         if (q == p)
             return scan_fail(s, "a malformed number");
         p = q;
     }
     if (p < s->end && (*p == 'e' || *p == 'E')) {
-        exponent = true;
+        *whole = false;
         p++;
         if (p < s->end && (*p == '+' || *p == '-'))
             p++;
@@ -140,15 +266,55 @@ static enum modal_status scan_number(struct scan *s)
             return scan_fail(s, "a malformed number");
         p = q;
     }
-    if ((size_t)(p - s->at) >= sizeof text)
+    *end = p;
+    return MODAL_OK;
+}
+
+/* Digits, at most 15 of them, with or without a sign: exact. */
+static double whole_number(const char *p, const char *end)
+{
+    bool negative = *p == '-';
+    int64_t x = 0;
+
+    for (p += negative; p < end; p++)
+        x = 10 * x + (*p - '0');
+    return negative ? -(double)x : (double)x;
+}
+
+/* By strtod, which wants the point of the locale. */
+static double other_number(const char *p, size_t length, char text[512])
+{
+    char *point;
+
+    memcpy(text, p, length);
+    text[length] = '\0';
+    point = strchr(text, '.');
+    if (point != NULL)
+        *point = localeconv()->decimal_point[0];
+    return strtod(text, NULL);
+}
+
+static enum modal_status read_number(struct scan *s, cJSON **out)
+{
+    const char *end = s->at;
+    char text[512];
+    bool whole;
+    double x;
+    enum modal_status rc = scan_number(s, &end, &whole);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if ((size_t)(end - s->at) >= sizeof text)
         return scan_fail(s, "a number of more than 511 characters");
-    if (exponent || p - s->at > 300) {             /* else it is below 1e300 */
-        memcpy(text, s->at, (size_t)(p - s->at));
-        text[p - s->at] = '\0';
-        if (!isfinite(strtod(text, NULL)))
-            return scan_fail(s, "a number that overflows a double");
-    }
-    s->at = p;
+    x = whole && end - s->at <= 15 ? whole_number(s->at, end) : other_number(s->at, (size_t)(end - s->at), text);
+    if (!isfinite(x))
+        return scan_fail(s, "a number that overflows a double");
+    *out = item_of(cJSON_Number);
+    if (*out == NULL)
+        return no_memory(s);
+    (*out)->valuedouble = x;
+    (*out)->valueint = x >= INT_MAX ? INT_MAX : x <= INT_MIN ? INT_MIN : (int)x;
+    s->at = end;
     return MODAL_OK;
 }
 
@@ -161,10 +327,24 @@ static int compare_keys(const void *a, const void *b)
     return order != 0 ? order : (x->length > y->length) - (x->length < y->length);
 }
 
+enum { FEW_KEYS = 16 };
+
+/* Whether two of a few keys are one; without sorting them, as nearly every object has few. */
+static bool any_twice(const struct key *keys, size_t count)
+{
+    for (size_t i = 1; i < count; i++)
+        for (size_t j = 0; j < i; j++)
+            if (keys[i].length == keys[j].length && memcmp(keys[i].text, keys[j].text, keys[i].length) == 0)
+                return true;
+    return false;
+}
+
 static enum modal_status check_duplicates(struct scan *s, struct key *keys, size_t count)
 {
     char name[64], path[128];
 
+    if (count <= FEW_KEYS && !any_twice(keys, count))
+        return MODAL_OK;
     qsort(keys, count, sizeof *keys, compare_keys);
     for (size_t i = 1; i < count; i++)
         if (compare_keys(&keys[i - 1], &keys[i]) == 0) {
@@ -177,7 +357,7 @@ static enum modal_status check_duplicates(struct scan *s, struct key *keys, size
 }
 
 /* The keys of one object; a few need no memory. */
-struct keys { struct key few[16], *list; size_t count, room; };
+struct keys { struct key few[FEW_KEYS], *list; size_t count, room; };
 
 static enum modal_status keep_key(struct scan *s, struct keys *keys, struct key key)
 {
@@ -196,19 +376,19 @@ static enum modal_status keep_key(struct scan *s, struct keys *keys, struct key 
     return MODAL_OK;
 }
 
-/* "key": value */
-static enum modal_status scan_member(struct scan *s, struct keys *keys)
+/* "key": value, behind OBJECT's members */
+static enum modal_status scan_member(struct scan *s, struct keys *keys, cJSON *object)
 {
     struct place here = { .up = s->place };
-    const char *from = s->at + 1;
+    cJSON *value = NULL;
+    bool escapes;
     enum modal_status rc;
 
     if (s->at >= s->end || *s->at != '"')
         return scan_fail(s, "a key was expected");
-    if ((rc = scan_string(s)) != MODAL_OK)
+    if ((rc = scan_string(s, &here.key, &escapes)) != MODAL_OK)
         return rc;
-    here.key = (struct key) { from, (size_t)(s->at - 1 - from) };
-    if (memchr(from, '\\', here.key.length) != NULL)          /* so that duplicates cannot hide */
+    if (escapes)                                   /* so that duplicates cannot hide */
         return scan_fail(s, "an escape in a key");
     if ((rc = keep_key(s, keys, here.key)) != MODAL_OK)
         return rc;
@@ -217,18 +397,22 @@ static enum modal_status scan_member(struct scan *s, struct keys *keys)
         return scan_fail(s, "':' was expected");
     s->at++;
     s->place = &here;
-    rc = scan_value(s);
+    rc = scan_value(s, &value);
     s->place = here.up;
-    return rc;
+    if (value == NULL)
+        return rc;
+    append(object, value);
+    value->string = text_of(here.key.text, here.key.length);
+    return rc == MODAL_OK && value->string == NULL ? no_memory(s) : rc;
 }
 
-static enum modal_status scan_members(struct scan *s, struct keys *keys)
+static enum modal_status scan_members(struct scan *s, struct keys *keys, cJSON *object)
 {
     for (;;) {
         enum modal_status rc;
 
         skip_space(s);
-        if ((rc = scan_member(s, keys)) != MODAL_OK)
+        if ((rc = scan_member(s, keys, object)) != MODAL_OK)
             return rc;
         skip_space(s);
         if (s->at >= s->end || (*s->at != ',' && *s->at != '}'))
@@ -238,27 +422,26 @@ static enum modal_status scan_members(struct scan *s, struct keys *keys)
     }
 }
 
-static enum modal_status scan_object(struct scan *s)
+static enum modal_status scan_object(struct scan *s, cJSON *object)
 {
-    struct keys keys = { .list = keys.few, .room = sizeof keys.few / sizeof *keys.few };
+    struct keys keys = { .list = keys.few, .room = FEW_KEYS };
     enum modal_status rc = MODAL_OK;
 
-    s->at++;
     skip_space(s);
     if (s->at < s->end && *s->at == '}')
         s->at++;
     else
-        rc = scan_members(s, &keys);
+        rc = scan_members(s, &keys, object);
     if (keys.list != keys.few)
         free(keys.list);
     return rc;
 }
 
-static enum modal_status scan_array(struct scan *s)
+static enum modal_status scan_array(struct scan *s, cJSON *array)
 {
     struct place here = { .up = s->place };
+    cJSON *value;
 
-    s->at++;
     skip_space(s);
     if (s->at < s->end && *s->at == ']') {
         s->at++;
@@ -266,7 +449,10 @@ static enum modal_status scan_array(struct scan *s)
     }
     for (;; here.index++) {
         s->place = &here;
-        enum modal_status rc = scan_value(s);
+        value = NULL;
+        enum modal_status rc = scan_value(s, &value);
+        if (value != NULL)
+            append(array, value);
         if (rc != MODAL_OK)
             return rc;
         s->place = here.up;
@@ -283,52 +469,66 @@ static enum modal_status scan_array(struct scan *s)
     }
 }
 
-static enum modal_status scan_value(struct scan *s)
+static enum modal_status scan_container(struct scan *s, cJSON **out)
 {
-    static const char *const words[] = { "true", "false", "null" };
+    bool object = *s->at == '{';
     enum modal_status rc;
+
+    if (s->depth >= JSON_DEPTH_MOST)
+        return modal_fail_field(s->err, MODAL_BAD_INPUT, "", "JSON: nested deeper than %d at byte %td", JSON_DEPTH_MOST, s->at - s->start);
+    *out = item_of(object ? cJSON_Object : cJSON_Array);
+    if (*out == NULL)
+        return no_memory(s);
+    s->depth++;
+    s->at++;
+    rc = object ? scan_object(s, *out) : scan_array(s, *out);
+    s->depth--;
+    return rc;
+}
+
+/* *OUT may be half made when it fails: its owner's to delete. */
+static enum modal_status scan_value(struct scan *s, cJSON **out)
+{
+    static const struct { const char *word; size_t length; int type; } words[] = {
+        { "true", 4, cJSON_True }, { "false", 5, cJSON_False }, { "null", 4, cJSON_NULL },
+    };
 
     skip_space(s);
     if (s->at >= s->end)
         return scan_fail(s, "a value was expected");
     if (*s->at == '"')
-        return scan_string(s);
-    if (*s->at == '{' || *s->at == '[') {
-        if (s->depth >= JSON_DEPTH_MOST)
-            return modal_fail_field(s->err, MODAL_BAD_INPUT, "", "JSON: nested deeper than %d at byte %td", JSON_DEPTH_MOST, s->at - s->start);
-        s->depth++;
-        rc = *s->at == '{' ? scan_object(s) : scan_array(s);
-        s->depth--;
-        return rc;
-    }
+        return read_string(s, out);
+    if (*s->at == '{' || *s->at == '[')
+        return scan_container(s, out);
     for (int i = 0; i < 3; i++)
-        if ((size_t)(s->end - s->at) >= strlen(words[i]) && memcmp(s->at, words[i], strlen(words[i])) == 0) {
-            s->at += strlen(words[i]);
-            return MODAL_OK;
+        if ((size_t)(s->end - s->at) >= words[i].length && memcmp(s->at, words[i].word, words[i].length) == 0) {
+            s->at += words[i].length;
+            *out = item_of(words[i].type);
+            return *out != NULL ? MODAL_OK : no_memory(s);
         }
-    return scan_number(s);
+    return read_number(s, out);
 }
 
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err)
 {
     struct scan s = { .start = text, .at = text, .end = text + length, .err = err };
-    enum modal_status rc = scan_value(&s);
+    cJSON *value = NULL;
+    enum modal_status rc = scan_value(&s, &value);
 
-    if (rc != MODAL_OK)
-        return rc;
-    skip_space(&s);
-    if (s.at != s.end)
-        return scan_fail(&s, "text after the value");
-    cJSON *value = cJSON_ParseWithLength(text, length);
-    if (value == NULL)
-        return modal_fail(err, MODAL_BAD_INPUT, "JSON: not readable");
-    *out = value;
-    return MODAL_OK;
+    if (rc == MODAL_OK) {
+        skip_space(&s);
+        if (s.at != s.end)
+            rc = scan_fail(&s, "text after the value");
+    }
+    if (rc == MODAL_OK) {
+        *out = value;
+        value = NULL;
+    }
+    cJSON_Delete(value);
+    return rc;
 }
 
-struct text { char *x; size_t length, room; bool failed; };
-
-static void put(struct text *t, const char *bytes, size_t n)
+static void put(struct json_text *t, const char *bytes, size_t n)
 {
     if (t->failed)
         return;
@@ -348,7 +548,7 @@ static void put(struct text *t, const char *bytes, size_t n)
 }
 
 /* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can be read. */
-static void put_string(struct text *t, const char *s)
+static void put_string(struct json_text *t, const char *s)
 {
     const char *end = s + strlen(s), *from = s;    /* from: what is not put yet */
     int n;
@@ -374,7 +574,7 @@ static void put_string(struct text *t, const char *s)
 }
 
 /* The digits of a whole number below 1e15, as %g would write them. */
-static void put_whole(struct text *t, int64_t x)
+static void put_whole(struct json_text *t, int64_t x)
 {
     char s[20], *p = s + sizeof s;
     uint64_t left = x < 0 ? (uint64_t)-x : (uint64_t)x;
@@ -387,9 +587,20 @@ static void put_whole(struct text *t, int64_t x)
     put(t, p, (size_t)(s + sizeof s - p));
 }
 
-static void put_number(struct text *t, double x)
+/* THOUSANDTHS / 1000 in full, as %.15g writes it: instants are in whole milliseconds. */
+static void put_thousandths(struct json_text *t, int64_t thousandths)
 {
-    char s[40];
+    int part = (int)(thousandths < 0 ? -(thousandths % 1000) : thousandths % 1000), n = part % 10 != 0 ? 3 : part % 100 != 0 ? 2 : 1;
+
+    if (thousandths < 0 && thousandths > -1000)
+        put(t, "-", 1);
+    put_whole(t, thousandths / 1000);
+    put(t, (char[]) { '.', (char)('0' + part / 100), (char)('0' + part / 10 % 10), (char)('0' + part % 10) }, (size_t)n + 1);
+}
+
+static void put_number(struct json_text *t, double x)
+{
+    char s[40], *point;
     int n = 0;
 
     if (!isfinite(x)) {
@@ -400,15 +611,23 @@ static void put_number(struct text *t, double x)
         put_whole(t, (int64_t)x);
         return;
     }
+    /* a quotient of whole numbers below 1e15 is the double next to the decimal, and has no other decimal of 15 digits */
+    if (fabs(x) < 1e12 && fabs(x) >= 1e-3 && rint(1000 * x) / 1000 == x) {
+        put_thousandths(t, (int64_t)rint(1000 * x));
+        return;
+    }
     for (int precision = 15; precision <= 17; precision++) {
         n = snprintf(s, sizeof s, "%.*g", precision, x);
         if (strtod(s, NULL) == x)
             break;
     }
+    point = memchr(s, localeconv()->decimal_point[0], (size_t)n);
+    if (point != NULL)
+        *point = '.';
     put(t, s, (size_t)n);
 }
 
-static void put_value(struct text *t, const cJSON *v)
+static void put_value(struct json_text *t, const cJSON *v)
 {
     if (cJSON_IsObject(v) || cJSON_IsArray(v)) {
         put(t, cJSON_IsObject(v) ? "{" : "[", 1);
@@ -436,7 +655,7 @@ static void put_value(struct text *t, const cJSON *v)
 
 char *json_print(const cJSON *value)
 {
-    struct text t = { 0 };
+    struct json_text t = { 0 };
 
     put_value(&t, value);
     if (t.failed) {
@@ -444,6 +663,55 @@ char *json_print(const cJSON *value)
         return NULL;
     }
     return t.x;
+}
+
+void json_text_raw(struct json_text *t, const char *text)
+{
+    put(t, text, strlen(text));
+}
+
+void json_text_open(struct json_text *t, const char *key)
+{
+    if (key != NULL)
+        json_text_key(t, key);
+    else if (t->length > 0 && strchr("[{", t->x[t->length - 1]) == NULL)
+        put(t, ",", 1);
+    put(t, "{", 1);
+}
+
+void json_text_close(struct json_text *t)
+{
+    put(t, "}", 1);
+}
+
+void json_text_key(struct json_text *t, const char *key)
+{
+    if (t->length > 0 && t->x[t->length - 1] != '{')
+        put(t, ",", 1);
+    put(t, "\"", 1);
+    put(t, key, strlen(key));
+    put(t, "\":", 2);
+}
+
+void json_text_string(struct json_text *t, const char *key, const char *value)
+{
+    json_text_key(t, key);
+    if (value != NULL)
+        put_string(t, value);
+    else
+        put(t, "null", 4);
+}
+
+void json_text_number(struct json_text *t, const char *key, double value)
+{
+    json_text_key(t, key);
+    put_number(t, value);
+}
+
+void json_text_bool(struct json_text *t, const char *key, bool value)
+{
+    json_text_key(t, key);
+    put(t, value ? "true" : "false", value ? 4 : 5);
 }
 
 void json_path(char out[128], const char *base, const char *key)

@@ -20,6 +20,21 @@ enum modal_status json_read(const char *text, size_t length, cJSON **out, struct
  * numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text with free(); NULL when memory runs out. */
 char *json_print(const cJSON *value);
 
+/*
+ * A text written member by member, without a tree: for short documents of known members that are written often.
+ * Starts as zeros; at the end `x` is the text (the caller's to free), or `failed` says that memory ran out.  Commas are put
+ * where they belong; a KEY is written as it is, so it must need no escape.  `open` begins an object, as the member KEY or, where
+ * that is NULL, as the document or an element; `close` ends it.  A string of NULL is null.
+ */
+struct json_text { char *x; size_t length, room; bool failed; };
+void json_text_open(struct json_text *text, const char *key);
+void json_text_close(struct json_text *text);
+void json_text_key(struct json_text *text, const char *key);
+void json_text_string(struct json_text *text, const char *key, const char *value);
+void json_text_number(struct json_text *text, const char *key, double value);
+void json_text_bool(struct json_text *text, const char *key, bool value);
+void json_text_raw(struct json_text *text, const char *json);      /* after a key: a value that is JSON already */
+
 /* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" -> "a". */
 void json_path(char out[128], const char *base, const char *key);
 

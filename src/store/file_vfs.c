@@ -255,6 +255,7 @@ static sqlite3_vfs ours = {
 
 static void vfs_register(void)
 {
+    sqlite3_config(SQLITE_CONFIG_MEMSTATUS, 0);    /* nobody asks for the figures, and each allocation would lock for them */
     under = sqlite3_vfs_find(NULL);
     ours.mxPathname = under->mxPathname;
     ours.szOsFile = (int)sizeof(struct vfs_file) + under->szOsFile;

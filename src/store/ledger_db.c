@@ -159,7 +159,7 @@ enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, str
     rc = ledger_wal_check(wal, write, err);
     if (rc != MODAL_OK)
         return rc;
-    code = sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE | (write ? SQLITE_OPEN_CREATE : 0) | SQLITE_OPEN_FULLMUTEX, file_vfs());
+    code = sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE | (write ? SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX : SQLITE_OPEN_FULLMUTEX), file_vfs());
     rc = code == SQLITE_OK ? set_up(db, write, err) : ledger_db_fail(db, code, path, err);
     if (rc == MODAL_OK)
         rc = check_schema(db, path, write, err);

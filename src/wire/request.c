@@ -21,9 +21,10 @@ static enum modal_status get_integer(const cJSON *object, const char *base, cons
     enum modal_status rc = needed ? json_need_number(object, base, key, (double)low, high, &value, err)
                                   : json_get_number(object, base, key, (double)low, high, &value, err);
 
-    json_path(path, base, key);
-    if (rc == MODAL_OK && value != floor(value))
+    if (rc == MODAL_OK && value != floor(value)) {
+        json_path(path, base, key);
         rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %g; accepted: a whole number", path, value);
+    }
     if (rc == MODAL_OK)
         *out = (uint64_t)value;
     return rc;
@@ -33,20 +34,22 @@ static enum modal_status get_integer(const cJSON *object, const char *base, cons
 static enum modal_status get_text(const cJSON *object, const char *base, const char *key, size_t low, size_t high,
                                   const char **out, struct modal_error *err)
 {
-    const char *text = NULL;
+    const char *text = NULL, *p;
     char path[128];
     enum modal_status rc = json_get_string(object, base, key, &text, err);
 
     if (rc != MODAL_OK || text == NULL)
         return rc;
+    for (p = text; (unsigned char)*p >= 0x20 && *p != 0x7f; p++)
+        ;
+    if (*p == 0 && (size_t)(p - text) >= low && (size_t)(p - text) <= high) {
+        *out = text;
+        return MODAL_OK;
+    }
     json_path(path, base, key);
     if (strlen(text) < low || strlen(text) > high)
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %zu bytes; accepted: %zu to %zu", path, strlen(text), low, high);
-    for (const unsigned char *p = (const unsigned char *)text; *p != 0; p++)
-        if (*p < 0x20 || *p == 0x7f)
-            return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has a control character at byte %td", path, (const char *)p - text);
-    *out = text;
-    return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has a control character at byte %td", path, p - text);
 }
 
 static enum modal_status need_text(const cJSON *object, const char *key, size_t high, const char **out, struct modal_error *err)
@@ -79,9 +82,9 @@ static enum modal_status read_names(const cJSON *object, const char *base, struc
     char path[128], item[160];
     uint64_t count = 0;
 
-    json_path(path, base, "names");
     if (names == NULL)
         return MODAL_OK;
+    json_path(path, base, "names");
     if (!cJSON_IsArray(names))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a list of texts", path);
     cJSON_ArrayForEach(name, names) {
@@ -102,9 +105,9 @@ static enum modal_status read_attributes(const cJSON *object, const char *base, 
     char path[128], *text;
     size_t size;
 
-    json_path(path, base, "attributes");
     if (attributes == NULL)
         return MODAL_OK;
+    json_path(path, base, "attributes");
     if (!cJSON_IsObject(attributes))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
     text = json_print(attributes);

@@ -68,6 +68,24 @@ TEST(doubles_print_and_read_back_bit_for_bit)
     }
 }
 
+/* C's own %.15g is what a decimal of at most 15 digits is written as. */
+TEST(decimals_of_three_places_print_as_printf_has_them)
+{
+    unsigned long long state = 0x9e3779b97f4a7c15u;
+
+    for (int i = 0; i < 20000; i++) {
+        state = state * 6364136223846793005u + 1442695040888963407u;
+        double x = (double)((long long)(state >> 14) % (1LL << (1 + i % 49))) / 1000 * (i % 2 ? 1 : -1);
+        char expected[40], *text;
+        cJSON *number = cJSON_CreateNumber(x);
+        snprintf(expected, sizeof expected, "%.15g", x);
+        text = json_print(number);
+        CHECK_STRING(text, x == 0 ? text : expected);
+        free(text);
+        cJSON_Delete(number);
+    }
+}
+
 /* 0xff occurs in no UTF-8; U+FFFD is its published replacement (Unicode 15, section 5.22). */
 TEST(text_in_another_encoding_is_printed_as_json_all_the_same)
 {
@@ -89,6 +107,80 @@ TEST(a_slip_in_json_is_placed_by_line_and_column)
     CHECK(json_read("{\n  \"a\": 1,\n  \"b\": nan\n}", 26, &value, &err) == MODAL_BAD_INPUT);
     CHECK(strstr(err.message, "line 3, column 8") != NULL);
     CHECK(value == NULL);
+}
+
+/* cJSON's own parser is the other opinion: where it reads what we accept, the trees are equal. */
+TEST(a_tree_is_the_one_that_cjson_builds)
+{
+    static const char *const good[] = {
+        "{}", "[]", " null ", "true", "[false,[],{}]", "-0", "12", "-999999999999999", "123456789012345678901234567890", "0.1", "1e-320", "-2.5E+3",
+        "\"\"", "\"a\\\"\\\\\\/\\b\\f\\n\\r\\tz\"", "\"\\u00e4\\u20ac\\ud83d\\ude00\\u0041\"", "\"\xc3\xa4\"",
+        "{\"a\":[1,2,{\"b\":null}],\"c\":\"d\", \"e\" : -1.5e3 ,\"\":[[[]]]}" };
+
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
+        cJSON *ours = NULL, *theirs = cJSON_Parse(good[i]);
+        char *printed[2];
+        CHECK(json_read(good[i], strlen(good[i]), &ours, NULL) == MODAL_OK);
+        CHECK(cJSON_Compare(ours, theirs, true));
+        printed[0] = cJSON_PrintUnformatted(ours);
+        printed[1] = cJSON_PrintUnformatted(theirs);
+        CHECK_STRING(printed[0], printed[1]);
+        free(printed[0]);
+        free(printed[1]);
+        cJSON_Delete(cJSON_Duplicate(ours, true));     /* its links are cJSON's */
+        if (cJSON_IsObject(ours) || cJSON_IsArray(ours))
+            CHECK(cJSON_GetArraySize(ours) == cJSON_GetArraySize(theirs));
+        cJSON_Delete(ours);
+        cJSON_Delete(theirs);
+    }
+}
+
+/* RFC 8259, section 8.2: half a surrogate pair is no character. */
+TEST(half_a_surrogate_pair_is_refused)
+{
+    static const char *const bad[] = { "\"\\ud83d\"", "\"\\ud83dx\"", "\"\\ud83d\\n\"", "\"\\ude00\\ud83d\"", "\"\\ud83d\\u0041\"", "[\"\\udfff\"]" };
+
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        CHECK(read_text(bad[i], NULL) == MODAL_BAD_INPUT);
+}
+
+TEST(an_item_can_be_added_behind_those_that_were_read)
+{
+    cJSON *object = NULL;
+    char *text;
+
+    CHECK(json_read("{\"a\":[1,2]}", 11, &object, NULL) == MODAL_OK);
+    cJSON_AddItemToArray(object->child, cJSON_CreateNumber(3));
+    cJSON_AddStringToObject(object, "b", "c");
+    text = json_print(object);
+    CHECK_STRING(text, "{\"a\":[1,2,3],\"b\":\"c\"}");
+    free(text);
+    cJSON_Delete(object);
+}
+
+TEST(a_text_written_without_a_tree_reads_as_what_was_written)
+{
+    struct json_text t = { 0 };
+
+    json_text_open(&t, NULL);
+    json_text_key(&t, "list");
+    json_text_raw(&t, "[");
+    for (int i = 0; i < 2; i++) {
+        json_text_open(&t, NULL);
+        json_text_number(&t, "n", 0.1 + i);
+        json_text_close(&t);
+    }
+    json_text_raw(&t, "]");
+    json_text_string(&t, "s", "a\"b");
+    json_text_string(&t, "none", NULL);
+    json_text_open(&t, "in");
+    json_text_bool(&t, "yes", true);
+    json_text_bool(&t, "no", false);
+    json_text_close(&t);
+    json_text_close(&t);
+    CHECK(!t.failed);
+    CHECK_STRING(t.x, "{\"list\":[{\"n\":0.1},{\"n\":1.1}],\"s\":\"a\\\"b\",\"none\":null,\"in\":{\"yes\":true,\"no\":false}}");
+    free(t.x);
 }
 
 TEST(an_unknown_key_is_named_and_the_accepted_ones_listed)

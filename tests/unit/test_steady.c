@@ -60,6 +60,38 @@ TEST(friction_with_located_events_converges_with_the_truncation_alone)
     program_free(p);
 }
 
+/*
+ * A round shaft without mass on pinned ends, a disk M at its middle, shaken in space along z by F cos(w t): z = F cos(w t)/(48 EI/L^3
+ * - w^2 M), y = 0.  Axes that turn at 2 w see (y, z) = z (sin 2wt, cos 2wt): half of it at w and at 3 w each.
+ */
+TEST(a_load_fixed_in_space_is_seen_from_turning_axes)
+{
+    struct program *p = lower("{\"structure\":{\"type\":\"shaft\",\"length\":1.1,\"EI\":[98.9,98.9],\"disk\":{\"mass\":5.3},\"speed\":14.6,\"model\":\"massless\"},"
+                              "\"omega\":7.3,\"excitation\":[{\"dof\":\"z1\",\"k\":1,\"cos\":2.7,\"frame\":\"fixed\"}],\"effects\":["
+                              "{\"type\":\"bearing\",\"at\":\"left\",\"transverse\":1e12},{\"type\":\"bearing\",\"at\":\"right\",\"transverse\":1e12}]}");
+    double half = 2.7 / (48 * 98.9 / (1.1 * 1.1 * 1.1) - 7.3 * 7.3 * 5.3) / 2;
+    struct steady_options opt = { .harmonics = 4 };
+    struct steady_point point;
+    struct steady *s;
+
+    CHECK(strcmp(p->dofs[0], "y1") == 0 && strcmp(p->dofs[1], "z1") == 0);
+    solve(p, &opt, &s, &point);
+    for (int k = 0; k <= 4; k++) {                     /* the supports' 1e12 N/m against the shaft's 4e3 */
+        double complex y[5], z[5];
+
+        CHECK(steady_recover(s, &point, 0, y, NULL) == MODAL_OK && steady_recover(s, &point, 1, z, NULL) == MODAL_OK);
+        CHECK_NEAR(cabs(y[k] - (k == 1 || k == 3 ? -I * half : 0)), 0, 1e-7 * half);
+        CHECK_NEAR(cabs(z[k] - (k == 1 || k == 3 ? half : 0)), 0, 1e-7 * half);
+    }
+    steady_point_done(&point);
+    steady_free(s);
+    p->omega = 7;                                      /* 14.6 is no whole multiple of it */
+    struct modal_error err;
+    CHECK(steady_new(p, &opt, &s, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, "excitation[0].frame");
+    program_free(p);
+}
+
 /* (c - w^2) etc.: a linear oscillator's X = F / (k - w^2 m + i w c), one solve, nothing evaluated. */
 TEST(a_linear_scene_is_its_closed_form_without_iterations)
 {

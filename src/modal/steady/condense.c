@@ -11,11 +11,19 @@
  *
  * The motion of linear dofs is recovered by factoring, only when asked for.
  * A tridiagonal K_rr with diagonal M_rr, a chain, has its modes in O(n^2).
+ *
+ * A load fixed in space, Re P e^{i k omega t}, on axes that turn at m omega, is on them Re P e^{i k omega t} cos(m omega t) on its dof
+ * and `turn` times the like with sin on the other transverse one, so
+ *
+ *     P/2 at k + m and k - m,     P/2i at k + m and -P/2i at k - m,                                               (4)
+ *
+ * where Re Z e^{-i j omega t} = Re conj(Z) e^{i j omega t}.
  */
 #include "modal/steady/condense.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -33,6 +41,8 @@ struct condense {
     double *size;                    /* of each column, before factoring */
     int *pivot;
     int highest;
+    struct condense_load { int dof, k; double complex value; } *load;    /* harmonics on the program's axes */
+    int loads;
     /* of the last condense_at */
     double omega, level;
     int H;
@@ -106,19 +116,60 @@ static void band_of(struct condense *c)
     c->ld = 2 * c->lower + c->upper + 1;
 }
 
-static enum modal_status check_loads(struct condense *c, struct modal_error *err)
+static void add_load(struct condense *c, int dof, int k, double complex value)
 {
-    for (int i = 0; i < c->p->loads; i++) {
+    if (value == 0)
+        return;
+    c->load[c->loads++] = (struct condense_load) { dof, abs(k), k > 0 ? value : k < 0 ? conj(value) : creal(value) };
+    c->highest = abs(k) > c->highest ? abs(k) : c->highest;
+}
+
+/* How often the axes turn in a period, for a load that does not turn with them. */
+static enum modal_status turns_a_period(const struct condense *c, double omega, int *m, struct modal_error *err)
+{
+    double speed = c->p->frame_speed, turns = round(speed / omega);
+
+    for (int i = 0; i < c->p->loads; i++)
+        if (c->p->load[i].dof_sine >= 0 && (!(fabs(turns * omega - speed) <= 1e-12 * speed) || turns > HARMONIC_LOADS_MOST)) {
+            char field[48];
+            snprintf(field, sizeof field, "excitation[%d].frame", i);
+            return modal_fail_field(err, MODAL_BAD_INPUT, field, "excitation[%d] is fixed in space, and is periodic on axes turning at %.17g rad/s where that "
+                                    "is a whole multiple (at most %d) of omega = %.17g", i, speed, HARMONIC_LOADS_MOST, omega);
+        }
+    *m = (int)turns;
+    return MODAL_OK;
+}
+
+/* (4). */
+static void split_load(struct condense *c, const struct program_load *load, int m)
+{
+    double complex P = load->k > 0 ? CMPLX(load->cosine, -load->sine) : load->cosine;
+
+    if (load->dof_sine < 0) {
+        add_load(c, load->dof, load->k, P);
+        return;
+    }
+    for (int side = -1; side <= 1; side += 2) {
+        add_load(c, load->dof, load->k + side * m, P / 2);
+        add_load(c, load->dof_sine, load->k + side * m, side * load->turn * P / (2 * I));
+    }
+}
+
+static enum modal_status read_loads(struct condense *c, struct modal_error *err)
+{
+    int m = 0;
+    enum modal_status rc = turns_a_period(c, c->p->omega, &m, err);
+
+    for (int i = 0; rc == MODAL_OK && i < c->p->loads; i++) {
         const struct program_load *load = &c->p->load[i];
 
         if (load->type != LOAD_HARMONIC)
             return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation[%d] is a pulse; a steady state accepts only harmonics (k, cos, sin)", i);
         if (load->k < 0 || load->k > HARMONIC_LOADS_MOST)
             return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation[%d].k is %d; accepted: 0 to %d", i, load->k, HARMONIC_LOADS_MOST);
-        if ((load->cosine != 0 || load->sine != 0) && load->k > c->highest)
-            c->highest = load->k;
+        split_load(c, load, m);
     }
-    return MODAL_OK;
+    return rc;
 }
 
 enum modal_status condense_new(const struct program *p, bool keep_all, struct condense **out, struct modal_error *err)
@@ -146,8 +197,9 @@ enum modal_status condense_new(const struct program *p, bool keep_all, struct co
     c->right = calloc((size_t)c->order * ((size_t)c->q + 1) + 1, sizeof *c->right);
     c->pivot = calloc((size_t)c->order + 1, sizeof *c->pivot);
     c->size = calloc((size_t)c->order + 1, sizeof *c->size);
-    rc = c->band == NULL || c->right == NULL || c->pivot == NULL || c->size == NULL
-       ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld, c->order) : check_loads(c, err);
+    c->load = calloc(4 * (size_t)p->loads + 1, sizeof *c->load);
+    rc = c->load == NULL || c->band == NULL || c->right == NULL || c->pivot == NULL || c->size == NULL
+       ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld, c->order) : read_loads(c, err);
     if (rc != MODAL_OK) {
         condense_free(c);
         return rc;
@@ -174,6 +226,7 @@ void condense_free(struct condense *c)
     free(c->ak);
     free(c->am);
     free(c->weight);
+    free(c->load);
     free(c);
 }
 
@@ -235,9 +288,9 @@ static void place_linear_states(struct condense *c, double s)
 
 static void place_loads(struct condense *c, int k, double level, double complex *pq, double complex *pr)
 {
-    for (int i = 0; i < c->p->loads; i++) {
-        const struct program_load *load = &c->p->load[i];
-        double complex value = level * (k > 0 ? CMPLX(load->cosine, -load->sine) : load->cosine);
+    for (int i = 0; i < c->loads; i++) {
+        const struct condense_load *load = &c->load[i];
+        double complex value = level * load->value;
 
         if (load->k != k)
             continue;
@@ -370,8 +423,8 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
                 S[((size_t)k * (size_t)q + (size_t)j) * (size_t)q + (size_t)i] -= total;
             }
         }
-    for (int l = 0; l < c->p->loads; l++) {
-        const struct program_load *load = &c->p->load[l];
+    for (int l = 0; l < c->loads; l++) {
+        const struct condense_load *load = &c->load[l];
         double sk = load->k * c->omega;
         const double *phi;
 
@@ -379,7 +432,7 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
             continue;
         phi = c->phi + c->spot[load->dof];
         for (int i = 0; i < q; i++) {
-            double complex total = 0, value = c->level * (load->k > 0 ? CMPLX(load->cosine, -load->sine) : load->cosine);
+            double complex total = 0, value = c->level * load->value;
 
             for (int m = 0; m < c->r; m++) {
                 double x = c->lambda[m] - sk * sk, y = sk * c->damping[m], scale = phi[(size_t)m * (size_t)c->r] / (x * x + y * y);
@@ -409,11 +462,11 @@ static void reduced_at(struct condense *c, int H, double complex *S, double comp
 {
     for (int k = 0; k <= H; k++)
         kept_block(c, k * c->omega, S + (size_t)k * (size_t)c->q * (size_t)c->q);
-    for (int l = 0; l < c->p->loads; l++) {
-        const struct program_load *load = &c->p->load[l];
+    for (int l = 0; l < c->loads; l++) {
+        const struct condense_load *load = &c->load[l];
 
         if (load->k <= H && c->place[load->dof] >= 0)
-            p[load->k * c->q + c->place[load->dof]] += c->level * (load->k > 0 ? CMPLX(load->cosine, -load->sine) : load->cosine);
+            p[load->k * c->q + c->place[load->dof]] += c->level * load->value;
     }
     for (int first = 0; first <= H; first += LANES)
         modes_at(c, first, H, S, p);
@@ -442,8 +495,11 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
                               struct modal_error *err)
 {
     size_t q = (size_t)c->q;
-    enum modal_status rc = c->reduced ? MODAL_OK : keep_room(c, H, err);
+    int m;
+    enum modal_status rc = turns_a_period(c, omega, &m, err);
 
+    if (rc == MODAL_OK && !c->reduced)
+        rc = keep_room(c, H, err);
     c->omega = omega;
     c->level = level;
     c->H = H;

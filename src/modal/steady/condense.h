@@ -20,7 +20,8 @@ struct condense;
 
 /*
  * Which dofs are kept follows from P (borrowed); KEEP_ALL: every dof.  Fails with MODAL_BAD_INPUT for a load that is
- * not harmonic (err->field "excitation"), MODAL_TOO_LARGE, MODAL_NO_MEMORY.
+ * not harmonic (err->field "excitation") or, fixed in space, not periodic on axes that turn ("excitation[i].frame"; at every
+ * omega of condense_at too), MODAL_TOO_LARGE, MODAL_NO_MEMORY.
  */
 enum modal_status condense_new(const struct program *p, bool keep_all, struct condense **out, struct modal_error *err);
 void condense_free(struct condense *c);

@@ -120,7 +120,13 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
     for (int i = 0; i < w->p->loads; i++) {
         const struct program_load *load = &w->p->load[i];
 
-        w->force[load->dof] += load->cosine * cos(load->k * w->omega * t) + load->sine * sin(load->k * w->omega * t);
+        double force = load->cosine * cos(load->k * w->omega * t) + load->sine * sin(load->k * w->omega * t);
+
+        if (load->dof_sine >= 0) {                     /* fixed in space on turning axes */
+            w->force[load->dof_sine] += load->turn * force * sin(w->p->frame_speed * t);
+            force *= cos(w->p->frame_speed * t);
+        }
+        w->force[load->dof] += force;
     }
     sparse_multiply_add(&w->p->constant[PROGRAM_C], -1, y + n, w->force);
     sparse_multiply_add(&w->p->constant[PROGRAM_K], -1, y, w->force);

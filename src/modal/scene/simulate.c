@@ -14,7 +14,7 @@
 #include "modal/scene/stepper.h"
 #include "modal/scene/turning.h"
 
-enum { ASK_EVERY = 4096 };
+enum { ASK_EVERY = 4096, START_MOST = 100000 };
 static const double LIMIT = 1e300;             /* on the state: past it sums of squares overflow */
 
 struct motion {
@@ -128,6 +128,23 @@ static enum modal_status read_sample(struct motion *m, double *out, struct modal
     return rc;
 }
 
+/*
+ * To the first sample, in equal steps of dt or less often than START_MOST: the map of one long step is that of a short one squared over
+ * and over, and each squaring doubles what rounding left of the slow motions beside stiff ones.
+ */
+static enum modal_status move_to_start(struct motion *m, const struct scene_time *time, const struct simulate_options *opt, struct modal_error *err)
+{
+    double steps = fmin(fmax(ceil(time->start / time->dt - 1e-9), 1), START_MOST);
+    enum modal_status rc = MODAL_OK;
+
+    for (long k = 1; rc == MODAL_OK && k <= (long)steps; k++) {
+        if (k % ASK_EVERY == 0 && opt->cancelled != NULL && opt->cancelled(opt->context))
+            return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", m->t);
+        rc = move_to(m, time->start * ((double)k / steps), time->start / steps, err);
+    }
+    return rc;
+}
+
 static enum modal_status run(struct motion *m, const struct scene_time *time, const struct simulate_options *opt, double *signals,
                              struct modal_error *err)
 {
@@ -140,7 +157,7 @@ static enum modal_status run(struct motion *m, const struct scene_time *time, co
             return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", m->t);
         if (k % ASK_EVERY == 0 && opt->progress != NULL)
             opt->progress(opt->context, (double)k / (double)time->samples);
-        rc = k == 0 ? move_to(m, time->start, time->start, err) : move_to(m, time->start + (double)k * time->dt, time->dt, err);
+        rc = k == 0 ? move_to_start(m, time, opt, err) : move_to(m, time->start + (double)k * time->dt, time->dt, err);
         if (rc == MODAL_OK)
             rc = read_sample(m, signals + (size_t)k * channels, err);
     }

@@ -6,8 +6,9 @@
  * 0, and then its extremum is polished too.  What is still missed is a wiggle narrower than a step, of height
  * O(step^3) times the third rate.
  *
- * Roots: Newton's method kept inside its bracket by bisection, until a step is below ROOT_STEP; as it converges
- * quadratically, the root is then good to rounding.
+ * Roots start from the cubic that the samples beside them give and go by Newton's method (turns) or Halley's (crossings), kept inside
+ * their bracket by bisection, until a step is below ROOT_STEP, or CUBIC_STEP where Halley's method is at home: as they converge
+ * quadratically and cubically, the root is then good to rounding.
  */
 #include "modal/scene/orbit.h"
 #include <fftw3.h>
@@ -17,7 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-6;
+static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-6, CUBIC_STEP = 2e-5, STRAIGHT = 1e-4;
 enum { ROOT_STEPS_MOST = 80 };
 
 struct orbit_grid {
@@ -146,6 +147,8 @@ void orbit_sample(struct orbit *o, struct orbit_grid *g, double omega)
 {
     o->omega = omega;
     o->turns = -1;
+    for (o->top = o->H; o->top > 0 && o->D[o->top] == 0; o->top--)
+        ;
     orbit_synthesize(g, o->H, o->D, 0, o->d);
     orbit_synthesize(g, o->H, o->D, 1, o->v);
 }
@@ -154,6 +157,7 @@ void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, c
 {
     o->omega = x->omega;
     o->turns = -1;
+    o->top = x->top > y->top ? x->top : y->top;
     for (int k = 0; k <= o->H; k++)
         o->D[k] = a * x->D[k] + b * y->D[k];
     for (int j = 0; j < o->N; j++) {
@@ -165,19 +169,21 @@ void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, c
 /* Horner's rule in z = e^{i theta} for the three sums at once. */
 void orbit_at(const struct orbit *o, double theta, double out[3])
 {
-    double c = cos(theta), s = sin(theta), r0 = 0, i0 = 0, r1 = 0, i1 = 0, r2 = 0, i2 = 0;
+    double c = cos(theta), s = sin(theta), r0 = 0, i0 = 0, r1 = 0, i1 = 0, r2 = 0, i2 = 0, k = o->top;
 
-    for (int k = o->H; k >= 0; k--) {
-        double Dr = creal(o->D[k]), Di = cimag(o->D[k]), kk = k, t;
+    for (const double complex *D = o->D + o->top; D >= o->D; D--, k--) {
+        double re = creal(*D), im = cimag(*D), t;
 
-        t = r0 * c - i0 * s + Dr;
-        i0 = r0 * s + i0 * c + Di;
+        t = r0 * c - i0 * s + re;
+        i0 = r0 * s + i0 * c + im;
         r0 = t;
-        t = r1 * c - i1 * s + kk * Dr;
-        i1 = r1 * s + i1 * c + kk * Di;
+        re *= k;
+        im *= k;
+        t = r1 * c - i1 * s + re;
+        i1 = r1 * s + i1 * c + im;
         r1 = t;
-        t = r2 * c - i2 * s + kk * kk * Dr;
-        i2 = r2 * s + i2 * c + kk * kk * Di;
+        t = r2 * c - i2 * s + k * re;
+        i2 = r2 * s + i2 * c + k * im;
         r2 = t;
     }
     out[0] = r0;
@@ -185,38 +191,66 @@ void orbit_at(const struct orbit *o, double theta, double out[3])
     out[2] = -r2;
 }
 
-/* The root of the order-th derivative (0 or 1) - level in [a, b], where it changes sign; starts at GUESS. */
-static double polish(const struct orbit *o, int order, double level, double a, double b, double guess, bool rising)
+/* Where in (0, 1) the cubic of values Y0 < 0 < Y1 (or the other way), slopes M0 and M1, is 0: a guess, by Newton's method from the secant. */
+static double cubic_root(double y0, double y1, double m0, double m1)
 {
-    double theta = guess > a && guess < b ? guess : 0.5 * (a + b);
+    double c = 3 * (y1 - y0) - 2 * m0 - m1, e = m0 + m1 - 2 * (y1 - y0), s = y0 / (y0 - y1);
 
-    for (int i = 0; i < ROOT_STEPS_MOST; i++) {
-        double at[3], value, step, next;
+    for (int i = 0; i < 2; i++) {
+        double slope = m0 + s * (2 * c + s * 3 * e), next = s - (y0 + s * (m0 + s * (c + s * e))) / slope;
+
+        if (!(next > 0 && next < 1))
+            break;
+        s = next;
+    }
+    return s;
+}
+
+/* A step of Newton's method (order 1) or Halley's (order 0) towards the root of what AT holds less LEVEL; whether it is good enough
+ * to be the last: the error it leaves is of its second power, or third. */
+static double root_step(const double at[3], int order, double level, bool *last)
+{
+    double step = (level - at[order]) / at[order + 1], bend = order == 0 ? 0.5 * step * at[2] / at[1] : 0;
+
+    *last = fabs(step) < (order == 0 && fabs(bend) < STRAIGHT ? CUBIC_STEP : ROOT_STEP);
+    return fabs(bend) < 0.5 ? step / (1 + bend) : step;
+}
+
+/* The root of the order-th derivative (0 or 1) - level in [a, b], where it changes sign; starts at GUESS.  *D: d there. */
+static double polish(const struct orbit *o, int order, double level, double a, double b, double guess, bool rising, double *d)
+{
+    double theta = guess > a && guess < b ? guess : 0.5 * (a + b), at[3] = { 0 }, step = 0;
+    bool last = false;
+
+    for (int i = 0; i < ROOT_STEPS_MOST && !last && b - a >= 4 * DBL_EPSILON * (1 + fabs(b)); i++) {
+        double next;
 
         orbit_at(o, theta, at);
-        value = at[order] - level;
-        if (value == 0)
-            return theta;
-        if ((value > 0) == rising)
+        step = 0;
+        if (at[order] == level)
+            break;
+        if ((at[order] > level) == rising)
             b = theta;
         else
             a = theta;
-        step = -value / at[order + 1];
+        step = root_step(at, order, level, &last);
         next = theta + step;
         if (!(next >= a && next <= b)) {
             next = 0.5 * (a + b);
             step = next - theta;
+            last = fabs(step) < ROOT_STEP;
         }
         theta = next;
-        if (fabs(step) < ROOT_STEP || b - a < 4 * DBL_EPSILON * (1 + fabs(b)))
-            break;
     }
+    if (d != NULL)
+        *d = at[0] + step * (at[1] + 0.5 * step * at[2]);
     return theta;
 }
 
-static enum modal_status add_turn(struct orbit *o, double theta, struct modal_error *err)
+/* The turn in (a, b) near GUESS. */
+static enum modal_status add_turn(struct orbit *o, double a, double b, double guess, bool rising, struct modal_error *err)
 {
-    double at[3];
+    double theta, d;
 
     if (o->turns == o->turns_room) {
         int room = o->turns_room > 0 ? 2 * o->turns_room : 16;
@@ -227,9 +261,18 @@ static enum modal_status add_turn(struct orbit *o, double theta, struct modal_er
         o->turn = more;
         o->turns_room = room;
     }
-    orbit_at(o, theta, at);
-    o->turn[o->turns++] = (struct orbit_turn) { theta, at[0] };
+    theta = polish(o, 1, 0, a, b, guess, rising, &d);
+    o->turn[o->turns++] = (struct orbit_turn) { theta, d };
     return MODAL_OK;
+}
+
+/* Where the rate changes sign between samples J and J + 1, by the cubic through four. */
+static double turn_guess(const struct orbit *o, int j)
+{
+    int N = o->N;
+    double p = o->v[(j + N - 1) % N], q = o->v[j], r = o->v[(j + 1) % N], s = o->v[(j + 2) % N];
+
+    return TWO_PI / N * (j + cubic_root(q, r, (6 * r - 2 * p - 3 * q - s) / 6, (p - 6 * q + 3 * r + 2 * s) / 6));
 }
 
 /* Two turns between samples: the rate's extremum near sample J reaches past 0 (see the opening). */
@@ -254,8 +297,8 @@ static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error
     }
     if ((at[1] > 0) == positive || at[1] == 0)
         return MODAL_OK;
-    rc = add_turn(o, polish(o, 1, 0, h * (j - 1), theta, 0.5 * (h * (j - 1) + theta), !positive), err);
-    return rc != MODAL_OK ? rc : add_turn(o, polish(o, 1, 0, theta, h * (j + 1), 0.5 * (h * (j + 1) + theta), positive), err);
+    rc = add_turn(o, h * (j - 1), theta, 0.5 * (h * (j - 1) + theta), !positive, err);
+    return rc != MODAL_OK ? rc : add_turn(o, theta, h * (j + 1), 0.5 * (h * (j + 1) + theta), positive, err);
 }
 
 static int by_theta(const void *a, const void *b)
@@ -277,7 +320,7 @@ enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
 
         if ((v0 > 0) != (v1 > 0)) {
             if (v0 != v1)
-                rc = add_turn(o, polish(o, 1, 0, h * j, h * (j + 1), h * (j + v0 / (v0 - v1)), v1 > 0), err);
+                rc = add_turn(o, h * j, h * (j + 1), turn_guess(o, j), v1 > 0, err);
         } else if (fabs(v0) <= fabs(before) && fabs(v0) < fabs(v1) && (before > 0) == (v0 > 0) && v0 != 0) {
             int had = o->turns;
 
@@ -295,39 +338,42 @@ enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
     return rc;
 }
 
-static double sample_at(const struct orbit *o, long j)
+static struct orbit_end sample_at(const struct orbit *o, long j)
 {
-    return o->d[(int)(((j % o->N) + o->N) % o->N)];
+    int i = (int)(((j % o->N) + o->N) % o->N);
+
+    return (struct orbit_end) { TWO_PI / o->N * (double)j, o->d[i], o->v[i] };
 }
 
-double orbit_crossing(const struct orbit *o, double from, double to, double level)
+double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit_end to, double level)
 {
-    double h = TWO_PI / o->N, ends[2][3], a = from, b = to, da, db;
-    long low = (long)ceil(from / h), high = (long)floor(to / h);
-    bool rising;
+    double h = TWO_PI / o->N;
+    long low = (long)ceil(from.theta / h), high = (long)floor(to.theta / h);
+    bool rising = to.d > from.d;
 
-    orbit_at(o, from, ends[0]);
-    orbit_at(o, to, ends[1]);
-    rising = ends[1][0] > ends[0][0];
-    da = ends[0][0];
-    db = ends[1][0];
     while (low <= high) {                       /* samples inside narrow the bracket */
         long middle = (low + high) / 2;
-        double d = sample_at(o, middle);
+        struct orbit_end sample = sample_at(o, middle);
 
-        if ((d > level) == rising) {
-            b = h * (double)middle;
-            db = d;
+        if ((sample.d > level) == rising) {
+            to = sample;
             high = middle - 1;
         } else {
-            a = h * (double)middle;
-            da = d;
+            from = sample;
             low = middle + 1;
         }
     }
-    if (!(b > a))
-        return a;
-    return polish(o, 0, level, a, b, db != da ? a + (b - a) * (level - da) / (db - da) : a, rising);
+    h = to.theta - from.theta;
+    if (!(h > 0))
+        return from.theta;
+    return polish(o, 0, level, from.theta, to.theta, from.theta + h * cubic_root(from.d - level, to.d - level, h * from.v, h * to.v), rising, NULL);
+}
+
+struct orbit_end orbit_turn_end(const struct orbit *o, int i)
+{
+    const struct orbit_turn *turn = &o->turn[i % o->turns];
+
+    return (struct orbit_end) { turn->theta + TWO_PI * (i / o->turns), turn->d, 0 };
 }
 
 int orbit_crossings(const struct orbit *o, double level, double *theta, int most)
@@ -335,14 +381,13 @@ int orbit_crossings(const struct orbit *o, double level, double *theta, int most
     int count = 0, wrapped = 0;
 
     for (int i = 0; i < o->turns; i++) {
-        const struct orbit_turn *p = &o->turn[i], *q = &o->turn[i + 1 < o->turns ? i + 1 : 0];
-        double to = i + 1 < o->turns ? q->theta : q->theta + TWO_PI;
+        struct orbit_end from = orbit_turn_end(o, i), to = orbit_turn_end(o, i + 1);
 
-        if ((p->d > level) == (q->d > level))
+        if ((from.d > level) == (to.d > level))
             continue;
         if (count == most)
             return -1;
-        theta[count++] = orbit_crossing(o, p->theta, to, level);
+        theta[count++] = orbit_crossing(o, from, to, level);
     }
     if (count > 0 && theta[count - 1] >= TWO_PI)
         wrapped = 1;
@@ -360,5 +405,5 @@ double orbit_rate_crossing(const struct orbit *o, double from, double to, double
     double at[3];
 
     orbit_at(o, to, at);
-    return polish(o, 1, level, from, to, 0.5 * (from + to), at[1] > level);
+    return polish(o, 1, level, from, to, 0.5 * (from + to), at[1] > level, NULL);
 }

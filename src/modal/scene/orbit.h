@@ -25,7 +25,7 @@ void orbit_analyze_gain(struct orbit_grid *g, const double *x, int M, double com
 long orbit_grid_transforms(const struct orbit_grid *g);      /* so far */
 
 struct orbit {
-    int H, N;
+    int H, N, top;              /* D is 0 past `top` <= H */
     double omega;               /* rad/s */
     double complex *D;          /* H + 1 */
     double *d, *v;              /* N each: (1) and its rate per radian at 2 pi j / N */
@@ -39,7 +39,7 @@ struct orbit_turn { double theta, d; };
 
 enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *err);
 void orbit_done(struct orbit *o);
-/* Samples from the harmonics o->D, which the caller has set. */
+/* Samples, and `top`, from the harmonics o->D, which the caller has set. */
 void orbit_sample(struct orbit *o, struct orbit_grid *g, double omega);
 /* a x + b y, of one size, into O. */
 void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, const struct orbit *y);
@@ -48,8 +48,10 @@ void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, c
 void orbit_at(const struct orbit *o, double theta, double out[3]);
 /* Fill o->turn. */
 enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err);
-/* The theta in (from, to), to > from, where d passes LEVEL; d is monotone there and LEVEL within its ends. */
-double orbit_crossing(const struct orbit *o, double from, double to, double level);
+struct orbit_end { double theta, d, v; };                    /* a known instant: v per radian */
+struct orbit_end orbit_turn_end(const struct orbit *o, int i);   /* turn i of this period, i - turns of the next */
+/* The theta between two ends, from before to, where d passes LEVEL; d is monotone there and LEVEL within its ends. */
+double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit_end to, double level);
 /* All crossings of LEVEL, ascending in [0, 2 pi), into theta (room MOST); their number, or -1 if there are more. */
 int orbit_crossings(const struct orbit *o, double level, double *theta, int most);
 /* The theta in (from, to) where the rate passes LEVEL, the rate - LEVEL differing in sign at the ends. */

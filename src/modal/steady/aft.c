@@ -44,6 +44,10 @@ struct aft_law {
     double *z;                              /* memory, twice */
     double complex *F;                      /* [i][H+1] */
     double complex *gain, *damp;            /* [i][j][2H+1], two-sided m >= 0 */
+    double complex *level, *cross;          /* pieces': [i][2H+1], [3H+1] */
+    bool levels, gains, damps, crosses;     /* which of them are not 0 throughout */
+    double complex *ends;                   /* e^{-i theta} where piece s begins, [2 s], and ends */
+    int ends_room;
 };
 
 struct aft {
@@ -52,8 +56,9 @@ struct aft {
     double omega;
     struct orbit_grid *grid;
     struct aft_law *law;
-    double complex *mask, *wave, *product;  /* 4H + 2 and more: see work_size */
-    double *block, *cosine, *sine;          /* (2H+1)^2, 2H+1 */
+    double complex *mask, *wave, *product;  /* `room` each */
+    double complex *before, *after;         /* e^{-i m theta} where a piece begins and ends, `room` each */
+    double *block;                          /* (2H+1)^2 */
     double *inverse;                        /* 1 / (2 pi m) */
 };
 
@@ -69,6 +74,9 @@ static void law_free(struct aft_law *a)
     free(a->F);
     free(a->gain);
     free(a->damp);
+    free(a->level);
+    free(a->cross);
+    free(a->ends);
 }
 
 void aft_free(struct aft *w)
@@ -81,9 +89,9 @@ void aft_free(struct aft *w)
     free(w->mask);
     free(w->wave);
     free(w->product);
+    free(w->before);
+    free(w->after);
     free(w->block);
-    free(w->cosine);
-    free(w->sine);
     free(w->inverse);
     orbit_grid_free(w->grid);
     free(w);
@@ -109,13 +117,15 @@ static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct
     a->F = calloc(n * (H + 1), sizeof *a->F);
     a->gain = calloc(n * n * (2 * H + 1), sizeof *a->gain);
     a->damp = calloc(n * n * (2 * H + 1), sizeof *a->damp);
+    a->level = calloc(n * (2 * H + 1), sizeof *a->level);
+    a->cross = calloc(3 * H + 1, sizeof *a->cross);
     a->z = calloc(2 * (size_t)a->memory + 1, sizeof *a->z);
     if (!a->exact) {
         a->f = calloc(n * N, sizeof *a->f);
         a->fd = calloc(n * n * N, sizeof *a->fd);
         a->fv = calloc(n * n * N, sizeof *a->fv);
     }
-    if (a->F == NULL || a->gain == NULL || a->damp == NULL || a->z == NULL
+    if (a->F == NULL || a->gain == NULL || a->damp == NULL || a->level == NULL || a->cross == NULL || a->z == NULL
         || (!a->exact && (a->f == NULL || a->fd == NULL || a->fv == NULL)))
         return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a law at %d harmonics, %d samples", w->H, w->N);
     return MODAL_OK;
@@ -125,7 +135,6 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
                           struct modal_error *err)
 {
     struct aft *w = calloc(1, sizeof *w);
-    size_t order = 2 * (size_t)H + 1;
     enum modal_status rc = MODAL_OK;
 
     if (w == NULL)
@@ -136,11 +145,11 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
     w->mask = calloc((size_t)w->room, sizeof *w->mask);
     w->wave = calloc((size_t)w->room, sizeof *w->wave);
     w->product = calloc((size_t)w->room, sizeof *w->product);
-    w->cosine = calloc(order, sizeof *w->cosine);
-    w->sine = calloc(order, sizeof *w->sine);
+    w->before = calloc((size_t)w->room, sizeof *w->before);
+    w->after = calloc((size_t)w->room, sizeof *w->after);
     w->inverse = calloc((size_t)w->room, sizeof *w->inverse);
-    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL
-        || w->cosine == NULL || w->sine == NULL || w->inverse == NULL)
+    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL || w->before == NULL || w->after == NULL
+        || w->inverse == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d harmonics", H);
     for (int m = 1; rc == MODAL_OK && m < w->room; m++)
         w->inverse[m] = 1 / (TWO_PI * m);
@@ -156,30 +165,32 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
     return MODAL_OK;
 }
 
-/* (1) for m = 0 .. most into w->mask. */
-static void mask_of(struct aft *w, double from, double to, int most)
+static double complex times(double complex a, double complex b)      /* of finite numbers */
 {
-    double ca = cos(from), sa = -sin(from), cb = cos(to), sb = -sin(to), ra = 1, ia = 0, rb = 1, ib = 0;
+    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
+}
 
-    w->mask[0] = (to - from) / TWO_PI;
-    for (int m = 1; m <= most; m++) {
-        double t;
+static double complex rotation(double theta) { return CMPLX(cos(theta), -sin(theta)); }
 
-        if (m % 64 == 0) {                       /* the rotations' rounding starts afresh */
-            ra = cos(m * from);
-            ia = -sin(m * from);
-            rb = cos(m * to);
-            ib = -sin(m * to);
-        } else {
-            t = ra * ca - ia * sa;
-            ia = ra * sa + ia * ca;
-            ra = t;
-            t = rb * cb - ib * sb;
-            ib = rb * sb + ib * cb;
-            rb = t;
-        }
-        w->mask[m] = CMPLX(-(ib - ia), rb - ra) * w->inverse[m];
+/* e[m] = z^m, m = 0 .. most, |z| = 1: doubled from what there is, so that rounding grows with log m alone. */
+static void rotations(double complex z, int most, double complex *e)
+{
+    e[0] = 1;
+    for (int m = 1; m <= most; m *= 2) {
+        double complex by = m == 1 ? z : times(e[m / 2], e[m / 2]);
+        int count = m <= most - m + 1 ? m : most - m + 1;
+
+        for (int i = 0; i < count; i++)
+            e[m + i] = times(e[i], by);
     }
+}
+
+/* (1) for m = 0 .. most into w->mask, of the rotations at both ends. */
+static void mask_of(struct aft *w, double length, int most)
+{
+    w->mask[0] = length / TWO_PI;
+    for (int m = 1; m <= most; m++)
+        w->mask[m] = CMPLX(-(cimag(w->after[m]) - cimag(w->before[m])), creal(w->after[m]) - creal(w->before[m])) * w->inverse[m];
 }
 
 /* (2): F_k += of gain G (known to m = K + H) times motion D (0 .. H), k = 0 .. K. */
@@ -219,97 +230,103 @@ static void rate_of(const double complex *D, int H, double omega, double complex
         V[k] = I * (k * omega) * D[k];
 }
 
-/* What a law's pieces weigh: waves of level, gain, damp and cross, two-sided, up to `most`. */
-enum wave { WAVE_GAIN, WAVE_DAMP, WAVE_CROSS, WAVE_LEVEL };
-
-static double weight(const struct law_piece *s, enum wave wave, int j)
+static void add_mask(const struct aft *w, double value, int most, double complex *wave, bool *any)
 {
-    switch (wave) {
-    case WAVE_GAIN: return s->gain[j];
-    case WAVE_DAMP: return j == 0 ? s->damp : 0;
-    case WAVE_CROSS: return j == 0 ? s->cross : 0;
-    case WAVE_LEVEL: return s->level;
-    }
-    return 0;
+    if (value == 0)
+        return;
+    *any = true;
+    for (int m = 0; m <= most; m++)
+        wave[m] += value * w->mask[m];
 }
 
-/* The wave of output i, input j up to MOST into G; false where it is 0 throughout. */
-static bool wave_of(struct aft *w, const struct aft_law *a, int i, int j, enum wave wave, int most, double complex *G)
-{
-    bool any = false;
-
-    memset(G, 0, ((size_t)most + 1) * sizeof *G);
-    for (int s = 0; s < a->pieces.count; s++) {
-        const struct law_piece *piece = &a->pieces.piece[s];
-        double value = piece->output == i ? weight(piece, wave, j) : 0;
-
-        if (value == 0)
-            continue;
-        any = true;
-        mask_of(w, piece->from, piece->to, most);
-        for (int m = 0; m <= most; m++)
-            G[m] += value * w->mask[m];
-    }
-    return any;
-}
-
-/* Harmonics 0 .. K of output i of the pieces into F; scratch: w->wave, w->product (K + 2H < room). */
-static void pieces_force(struct aft *w, struct aft_law *a, int i, int K, double complex *F, double complex *work)
+/* What the law's pieces weigh, as waves: level, gain, damp to m = 2H, cross to 3H.  Pieces follow each other, so that one's end is
+ * mostly the next one's beginning. */
+static void pieces_waves(struct aft *w, struct aft_law *a)
 {
     int H = w->H, inputs = a->law->kind->inputs;
+    size_t stride = 2 * (size_t)H + 1;
+    double complex z = 1;
+    double at = NAN;
 
-    memset(F, 0, ((size_t)K + 1) * sizeof *F);
-    if (wave_of(w, a, i, 0, WAVE_LEVEL, K, w->wave))
-        for (int k = 0; k <= K; k++)
-            F[k] += (k > 0 ? 2 : 1) * w->wave[k];
-    for (int j = 0; j < inputs; j++) {
-        if (wave_of(w, a, i, j, WAVE_GAIN, K + H, w->wave))
-            convolve_add(w->wave, a->in[j].D, H, K, F);
-        if (wave_of(w, a, i, j, WAVE_DAMP, K + H, w->wave)) {
-            rate_of(a->in[0].D, H, w->omega, work);
-            convolve_add(w->wave, work, H, K, F);
-        }
-        if (wave_of(w, a, i, j, WAVE_CROSS, K + 2 * H, w->wave)) {      /* d v = (d^2)' / 2 */
-            double complex *two = w->product;
+    a->levels = a->gains = a->damps = a->crosses = false;
+    memset(a->level, 0, (size_t)inputs * stride * sizeof *a->level);
+    memset(a->gain, 0, (size_t)(inputs * inputs) * stride * sizeof *a->gain);
+    memset(a->damp, 0, (size_t)(inputs * inputs) * stride * sizeof *a->damp);
+    memset(a->cross, 0, (3 * (size_t)H + 1) * sizeof *a->cross);
+    for (int s = 0; s < a->pieces.count; s++) {
+        const struct law_piece *piece = &a->pieces.piece[s];
+        int most = piece->cross != 0 ? 3 * H : 2 * H;
+        double complex *last = w->before;
 
-            for (int m = 0; m <= H; m++)
-                two[m] = m > 0 ? a->in[0].D[m] / 2 : a->in[0].D[0];
-            for (int m = H + 1; m <= 3 * H; m++)
-                two[m] = 0;
-            memset(work, 0, (2 * (size_t)H + 1) * sizeof *work);
-            convolve_add(two, a->in[0].D, H, 2 * H, work);
-            for (int m = 0; m <= 2 * H; m++)
-                work[m] *= I * (m * w->omega / 2);
-            convolve_add(w->wave, work, 2 * H, K, F);
-        }
+        w->before = w->after;
+        w->after = last;
+        a->ends[2 * s] = piece->from != at ? rotation(piece->from) : z;
+        a->ends[2 * s + 1] = z = rotation(piece->to);
+        if (piece->from != at || most > 2 * H)
+            rotations(a->ends[2 * s], most, w->before);
+        rotations(z, most, w->after);
+        at = piece->to;
+        mask_of(w, piece->to - piece->from, most);
+        add_mask(w, piece->level, w->H, a->level + (size_t)piece->output * stride, &a->levels);
+        for (int j = 0; j < inputs; j++)
+            add_mask(w, piece->gain[j], 2 * H, a->gain + (size_t)(piece->output * inputs + j) * stride, &a->gains);
+        add_mask(w, piece->damp, 2 * H, a->damp + (size_t)(piece->output * inputs) * stride, &a->damps);
+        add_mask(w, piece->cross, 3 * H, a->cross, &a->crosses);
     }
 }
 
-/* The gains of pieces, as waves up to 2H: cross adds its v to df/dd and its d to df/dv. */
-static void pieces_gains(struct aft *w, struct aft_law *a, double complex *work)
+/* F += harmonics of cross d v, d v = (d^2)' / 2: laws of one input. */
+static void cross_force(struct aft *w, const struct aft_law *a, double complex *F, double complex *work)
+{
+    int H = w->H;
+    double complex *two = w->product;
+
+    for (int m = 0; m <= H; m++)
+        two[m] = m > 0 ? a->in[0].D[m] / 2 : a->in[0].D[0];
+    for (int m = H + 1; m <= 3 * H; m++)
+        two[m] = 0;
+    memset(work, 0, (2 * (size_t)H + 1) * sizeof *work);
+    convolve_add(two, a->in[0].D, H, 2 * H, work);
+    for (int m = 0; m <= 2 * H; m++)
+        work[m] *= I * (m * w->omega / 2);
+    convolve_add(a->cross, work, 2 * H, H, F);
+}
+
+/* Harmonics of output i of the pieces into F. */
+static void pieces_force(struct aft *w, struct aft_law *a, int i, double complex *F, double complex *work)
 {
     int H = w->H, inputs = a->law->kind->inputs;
     size_t stride = 2 * (size_t)H + 1;
 
-    for (int i = 0; i < inputs; i++)
-        for (int j = 0; j < inputs; j++) {
-            double complex *gain = a->gain + (size_t)(i * inputs + j) * stride;
-            double complex *damp = a->damp + (size_t)(i * inputs + j) * stride;
+    for (int k = 0; k <= H; k++)
+        F[k] = (k > 0 ? 2 : 1) * a->level[(size_t)i * stride + (size_t)k];
+    for (int j = 0; a->gains && j < inputs; j++)
+        convolve_add(a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top, H, F);
+    if (a->damps) {
+        rate_of(a->in[0].D, H, w->omega, work);
+        convolve_add(a->damp + (size_t)(i * inputs) * stride, work, H, H, F);
+    }
+    if (a->crosses)
+        cross_force(w, a, F, work);
+}
 
-            wave_of(w, a, i, j, WAVE_GAIN, 2 * w->HJ, gain);
-            wave_of(w, a, i, j, WAVE_DAMP, 2 * w->HJ, damp);
-            if (!wave_of(w, a, i, j, WAVE_CROSS, 3 * H, w->wave))
-                continue;
-            memset(w->product, 0, stride * sizeof *w->product);
-            convolve_add(w->wave, a->in[0].D, H, 2 * H, w->product);
-            for (int m = 0; m <= 2 * H; m++)
-                damp[m] += w->product[m] / (m > 0 ? 2 : 1);
-            rate_of(a->in[0].D, H, w->omega, work);
-            memset(w->product, 0, stride * sizeof *w->product);
-            convolve_add(w->wave, work, H, 2 * H, w->product);
-            for (int m = 0; m <= 2 * H; m++)
-                gain[m] += w->product[m] / (m > 0 ? 2 : 1);
-        }
+/* Of the pieces' derivative: cross adds its v to df/dd and its d to df/dv. */
+static void cross_gains(struct aft *w, struct aft_law *a, double complex *work)
+{
+    int H = w->H;
+    size_t stride = 2 * (size_t)H + 1;
+
+    if (!a->crosses)
+        return;
+    memset(w->product, 0, stride * sizeof *w->product);
+    convolve_add(a->cross, a->in[0].D, H, 2 * H, w->product);
+    for (int m = 0; m <= 2 * H; m++)
+        a->damp[m] += w->product[m] / (m > 0 ? 2 : 1);
+    rate_of(a->in[0].D, H, w->omega, work);
+    memset(w->product, 0, stride * sizeof *w->product);
+    convolve_add(a->cross, work, H, 2 * H, w->product);
+    for (int m = 0; m <= 2 * H; m++)
+        a->gain[m] += w->product[m] / (m > 0 ? 2 : 1);
 }
 
 static enum modal_status find_pieces(struct aft *w, struct aft_law *a, struct modal_error *err)
@@ -325,6 +342,14 @@ static enum modal_status find_pieces(struct aft *w, struct aft_law *a, struct mo
     a->acts = a->pieces.acts;
     a->undetermined = a->pieces.undetermined;
     a->evaluations += w->N;
+    if (rc == MODAL_OK && a->ends_room < a->pieces.count) {
+        double complex *more = realloc(a->ends, 2 * (size_t)a->pieces.room * sizeof *more);
+
+        if (more == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d pieces", a->pieces.count);
+        a->ends = more;
+        a->ends_room = a->pieces.room;
+    }
     return rc;
 }
 
@@ -390,19 +415,15 @@ static enum modal_status sample_law(struct aft *w, struct aft_law *a, struct mod
     return rc;
 }
 
-static void analyze_samples(struct aft *w, struct aft_law *a, bool derivative)
+static void analyze_gains(struct aft *w, struct aft_law *a)
 {
     int inputs = a->law->kind->inputs, H = w->H, N = w->N;
     size_t stride = 2 * (size_t)H + 1;
 
-    for (int i = 0; i < inputs; i++)
-        orbit_analyze(w->grid, a->f + (size_t)i * (size_t)N, H, a->F + (size_t)i * ((size_t)H + 1));
-    for (int g = 0; derivative && g < inputs * inputs; g++) {
-        double complex *gain = a->gain + (size_t)g * stride, *damp = a->damp + (size_t)g * stride;
-
-        orbit_analyze_gain(w->grid, a->fd + (size_t)g * (size_t)N, 2 * H, gain);
+    for (int g = 0; g < inputs * inputs; g++) {
+        orbit_analyze_gain(w->grid, a->fd + (size_t)g * (size_t)N, 2 * H, a->gain + (size_t)g * stride);
         if (a->law->kind->reads_velocity)
-            orbit_analyze_gain(w->grid, a->fv + (size_t)g * (size_t)N, 2 * H, damp);
+            orbit_analyze_gain(w->grid, a->fv + (size_t)g * (size_t)N, 2 * H, a->damp + (size_t)g * stride);
     }
 }
 
@@ -425,25 +446,36 @@ static void set_motion(struct aft *w, struct aft_law *a, const double complex *X
     }
 }
 
-static enum modal_status law_forces(struct aft *w, struct aft_law *a, bool derivative, struct modal_error *err)
+static enum modal_status law_forces(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
-    bool borrow = !a->exact && a->law->kind->pieces != NULL;    /* sampled on request: the derivative is that of pieces */
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = a->exact ? find_pieces(w, a, err) : sample_law(w, a, err);
+    size_t N = (size_t)w->N, K = (size_t)w->H + 1;
 
-    if (a->exact || (borrow && derivative))
-        rc = find_pieces(w, a, err);
-    if (rc == MODAL_OK && !a->exact)
-        rc = sample_law(w, a, err);
     if (rc != MODAL_OK)
         return rc;
     if (a->exact)
-        for (int i = 0; i < a->law->kind->inputs; i++)
-            pieces_force(w, a, i, w->H, a->F + (size_t)i * ((size_t)w->H + 1), w->product + 3 * w->H + 2);
-    else
-        analyze_samples(w, a, derivative && !borrow);
-    if (derivative && (a->exact || borrow))
-        pieces_gains(w, a, w->product + 3 * w->H + 2);
+        pieces_waves(w, a);
+    for (size_t i = 0; i < (size_t)a->law->kind->inputs; i++)
+        if (a->exact)
+            pieces_force(w, a, (int)i, a->F + i * K, w->product + 3 * w->H + 2);
+        else
+            orbit_analyze(w->grid, a->f + i * N, w->H, a->F + i * K);
     return MODAL_OK;
+}
+
+/* The gains of the last force's derivative.  A law sampled on request has that of its pieces. */
+static enum modal_status law_gains(struct aft *w, struct aft_law *a, struct modal_error *err)
+{
+    bool borrow = !a->exact && a->law->kind->pieces != NULL;
+    enum modal_status rc = borrow ? find_pieces(w, a, err) : MODAL_OK;
+
+    if (rc == MODAL_OK && borrow)
+        pieces_waves(w, a);
+    if (rc == MODAL_OK && (a->exact || borrow))
+        cross_gains(w, a, w->product + 3 * w->H + 2);
+    else if (rc == MODAL_OK)
+        analyze_gains(w, a);
+    return rc;
 }
 
 static void scatter_force(const struct aft *w, const struct aft_law *a, const double complex *f, int K, double complex *F)
@@ -458,25 +490,17 @@ static void scatter_force(const struct aft *w, const struct aft_law *a, const do
         }
 }
 
-enum modal_status aft_force(struct aft *w, double omega, const double complex *X, bool derivative, double complex *F,
-                            struct modal_error *err)
+enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F, struct modal_error *err)
 {
     size_t count = (size_t)w->q * ((size_t)w->H + 1);
     enum modal_status rc = MODAL_OK;
 
     if (!finite_motion(X, count))
         return modal_fail(err, MODAL_OVERFLOW, "aft: the motion is not finite");
-    if (derivative && w->block == NULL) {
-        size_t order = 2 * (size_t)w->H + 1;
-
-        w->block = malloc(order * order * sizeof *w->block);
-        if (w->block == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a derivative of %d harmonics", w->H);
-    }
     w->omega = omega;
     for (int i = 0; rc == MODAL_OK && i < w->laws; i++) {
         set_motion(w, &w->law[i], X);
-        rc = law_forces(w, &w->law[i], derivative, err);
+        rc = law_forces(w, &w->law[i], err);
     }
     if (rc != MODAL_OK)
         return rc;
@@ -484,51 +508,6 @@ enum modal_status aft_force(struct aft *w, double omega, const double complex *X
     for (int i = 0; i < w->laws; i++)
         scatter_force(w, &w->law[i], w->law[i].F, w->H + 1, F);
     return finite_motion(F, count) ? MODAL_OK : modal_fail(err, MODAL_OVERFLOW, "aft: a force is not finite");
-}
-
-enum modal_status aft_force_beyond(struct aft *w, int H2, double complex *F, struct modal_error *err)
-{
-    size_t K = (size_t)H2 + 1;
-    int room = 3 * (H2 + 2 * w->H) + 8;
-    double complex *f = calloc(LAW_INPUTS_MOST * K + 1, sizeof *f), *work = calloc((size_t)room, sizeof *work);
-    enum modal_status rc = MODAL_OK;
-
-    if (room > w->room) {
-        double complex *mask = realloc(w->mask, (size_t)room * sizeof *mask), *wave, *product;
-        double *inverse;
-
-        w->mask = mask != NULL ? mask : w->mask;
-        wave = realloc(w->wave, (size_t)room * sizeof *wave);
-        w->wave = wave != NULL ? wave : w->wave;
-        product = realloc(w->product, (size_t)room * sizeof *product);
-        w->product = product != NULL ? product : w->product;
-        inverse = realloc(w->inverse, (size_t)room * sizeof *inverse);
-        w->inverse = inverse != NULL ? inverse : w->inverse;
-        if (mask != NULL && wave != NULL && product != NULL && inverse != NULL) {
-            for (int m = 1; m < room; m++)
-                w->inverse[m] = 1 / (TWO_PI * m);
-            w->room = room;
-        }
-    }
-    if (f == NULL || work == NULL || room > w->room) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d harmonics", H2);
-        goto out;
-    }
-    memset(F, 0, (size_t)w->q * K * sizeof *F);
-    for (int l = 0; l < w->laws; l++) {
-        struct aft_law *a = &w->law[l];
-
-        for (int i = 0; i < a->law->kind->inputs; i++)
-            if (a->exact)
-                pieces_force(w, a, i, H2, f + (size_t)i * K, work);
-            else
-                orbit_analyze(w->grid, a->f + (size_t)i * (size_t)w->N, H2, f + (size_t)i * K);
-        scatter_force(w, a, f, H2 + 1, F);
-    }
-out:
-    free(f);
-    free(work);
-    return rc;
 }
 
 /* (2)'s derivative as a real matrix of order 2H+1 into w->block. */
@@ -561,26 +540,14 @@ static void gain_block(struct aft *w, const double complex *G, const double comp
     }
 }
 
-static void wave_at(struct aft *w, double theta)                  /* cos and sin of k theta, k = 0 .. H */
-{
-    double c = cos(theta), s = sin(theta);
-
-    w->cosine[0] = 1;
-    w->sine[0] = 0;
-    for (int k = 1; k <= w->HJ; k++) {
-        w->cosine[k] = w->cosine[k - 1] * c - w->sine[k - 1] * s;
-        w->sine[k] = w->cosine[k - 1] * s + w->sine[k - 1] * c;
-    }
-}
-
-/* block += column (masks or jumps, one-sided) x row (displacement, or rate, at an angle) */
-static void outer_block(struct aft *w, const double complex *column, double factor, bool rate)
+/* block += column (masks or jumps, one-sided) x row (displacement, or rate, where the rotations are E) */
+static void outer_block(struct aft *w, const double complex *column, double factor, bool rate, const double complex *e)
 {
     int H = w->HJ, n = 2 * H + 1;
 
     for (int l = rate ? 1 : 0; l <= H; l++) {
-        double a = factor * (rate ? -l * w->sine[l] : w->cosine[l]);
-        double b = factor * (rate ? -l * w->cosine[l] : -w->sine[l]);
+        double a = factor * (rate ? l * cimag(e[l]) : creal(e[l]));
+        double b = factor * (rate ? -l * creal(e[l]) : cimag(e[l]));
         double *re = w->block + (l > 0 ? (size_t)(2 * l - 1) * (size_t)n : 0), *im = re + n;
 
         re[0] += a * creal(column[0]);
@@ -607,17 +574,20 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
         if (piece->output != i)
             continue;
         if (piece->holds && piece->ref[j] != 0) {
-            mask_of(w, piece->from, piece->to, w->HJ);
+            rotations(a->ends[2 * s], w->HJ, w->before);
+            rotations(a->ends[2 * s + 1], w->HJ, w->after);
+            mask_of(w, piece->to - piece->from, w->HJ);
             for (int k = 1; k <= w->HJ; k++)
                 w->mask[k] *= 2;
-            wave_at(w, piece->at);
-            outer_block(w, w->mask, piece->ref[j], false);
+            if (piece->at != piece->from)
+                rotations(rotation(piece->at), w->HJ, w->before);
+            outer_block(w, w->mask, piece->ref[j], false, w->before);
         }
         if (piece->jump != 0 && piece->slope != 0 && j == 0) {
-            wave_at(w, piece->from);
+            rotations(a->ends[2 * s], w->HJ, w->before);
             for (int k = 0; k <= w->HJ; k++)
-                w->mask[k] = (k > 0 ? 2 : 1) / TWO_PI * CMPLX(w->cosine[k], -w->sine[k]);
-            outer_block(w, w->mask, piece->jump / piece->slope, true);
+                w->mask[k] = (k > 0 ? 2 : 1) / TWO_PI * w->before[k];
+            outer_block(w, w->mask, piece->jump / piece->slope, true, w->before);
         }
     }
 }
@@ -637,11 +607,16 @@ static void add_block(const struct aft *w, double sign, int row, int column, dou
     }
 }
 
-void aft_add_derivative(struct aft *w, double *J, int ld)
+enum modal_status aft_add_derivative(struct aft *w, double *J, int ld, struct modal_error *err)
 {
     size_t stride = 2 * (size_t)w->H + 1;
+    enum modal_status rc = MODAL_OK;
 
-    for (int l = 0; l < w->laws; l++) {
+    if (w->block == NULL && (w->block = malloc(stride * stride * sizeof *w->block)) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a derivative of %d harmonics", w->H);
+    for (int l = 0; rc == MODAL_OK && l < w->laws; l++)
+        rc = law_gains(w, &w->law[l], err);
+    for (int l = 0; rc == MODAL_OK && l < w->laws; l++) {
         struct aft_law *a = &w->law[l];
         int inputs = a->law->kind->inputs;
 
@@ -657,6 +632,7 @@ void aft_add_derivative(struct aft *w, double *J, int ld)
                 add_block(w, 1, a->to[i], a->to[j], J, ld);
             }
     }
+    return rc;
 }
 
 void aft_set_order(struct aft *w, int HJ) { w->HJ = HJ; }
@@ -666,8 +642,6 @@ long aft_evaluations(const struct aft *w, int law) { return w->law[law].evaluati
 bool aft_acts(const struct aft *w, int law) { return w->law[law].acts; }
 bool aft_undetermined(const struct aft *w, int law) { return w->law[law].undetermined; }
 bool aft_sampled(const struct aft *w, int law) { return !w->law[law].exact; }
-const struct law_pieces *aft_pieces(const struct aft *w, int law) { return w->law[law].exact ? &w->law[law].pieces : NULL; }
-const double *aft_gains(const struct aft *w, int law, bool over_v) { return over_v ? w->law[law].fv : w->law[law].fd; }
 
 double aft_slope(const struct aft *w)
 {

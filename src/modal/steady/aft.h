@@ -23,17 +23,14 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
 void aft_free(struct aft *w);
 
 /*
- * F[i*(H+1)+k], in N, of the motion X.  DERIVATIVE: prepare aft_add_derivative too.  Fails with MODAL_ELEMENT_FAILED
- * (a user's law) or MODAL_NO_MEMORY; MODAL_OVERFLOW where X is not finite.
+ * F[i*(H+1)+k], in N, of the motion X.  Fails with MODAL_ELEMENT_FAILED (a user's law) or MODAL_NO_MEMORY; MODAL_OVERFLOW where X is
+ * not finite.
  */
-enum modal_status aft_force(struct aft *w, double omega, const double complex *X, bool derivative, double complex *F,
-                            struct modal_error *err);
+enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F, struct modal_error *err);
 /* Derivatives from here on are of harmonics 0 .. HJ <= H alone, of order q (2 HJ + 1). */
 void aft_set_order(struct aft *w, int HJ);
-/* dF/du of the last aft_force, added into J, order q (2 HJ + 1), by columns with leading dimension ld. */
-void aft_add_derivative(struct aft *w, double *J, int ld);
-/* The last force's harmonics up to H2 >= H, into F[i*(H2+1)+k]: exact for pieces, up to N/2 for sampled laws. */
-enum modal_status aft_force_beyond(struct aft *w, int H2, double complex *F, struct modal_error *err);
+/* dF/du of the last aft_force, added once into J, order q (2 HJ + 1), by columns with leading dimension ld. */
+enum modal_status aft_add_derivative(struct aft *w, double *J, int ld, struct modal_error *err);
 
 int aft_samples(const struct aft *w);
 long aft_transforms(const struct aft *w);
@@ -43,8 +40,5 @@ bool aft_undetermined(const struct aft *w, int law);
 bool aft_sampled(const struct aft *w, int law);           /* no exact pieces: sampling has an error */
 /* Largest slope of any law's force in the last one, N/m: the gain's numerator. */
 double aft_slope(const struct aft *w);
-const struct law_pieces *aft_pieces(const struct aft *w, int law);   /* of the last force; NULL where sampled */
-/* Samples of the gains df/dd and df/dv (row-major output, input, sample) of a sampled law, of the last force. */
-const double *aft_gains(const struct aft *w, int law, bool over_v);
 
 #endif

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ORDER_MOST = 12000 };
+enum { ORDER_MOST = 12000, SMALL_ORDER = 24 };
 
 enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
                               struct modal_error *err)
@@ -219,19 +219,26 @@ static void linear_residual(struct balance *b, const double complex *X)
 
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err)
 {
-    enum modal_status rc = aft_force(b->aft, b->omega, X, derivative, b->F, err);
+    enum modal_status rc = aft_force(b->aft, b->omega, X, b->F, err);
 
     if (rc != MODAL_OK)
         return rc;
     each_periodic(b, X);
     linear_residual(b, X);
-    if (!derivative)
-        return MODAL_OK;
+    return derivative ? balance_derivative(b, err) : MODAL_OK;
+}
+
+enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
+{
+    enum modal_status rc;
+
     if (b->J == NULL && (b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
     memset(b->J, 0, (size_t)b->small * (size_t)b->small * sizeof *b->J);
     b->factored = false;
-    aft_add_derivative(b->aft, b->J, b->small);
+    rc = aft_add_derivative(b->aft, b->J, b->small, err);
+    if (rc != MODAL_OK)
+        return rc;
     each_periodic(b, NULL);
     for (int k = 0; k <= b->HJ; k++)
         for (int j = 0; j < b->q; j++)
@@ -240,16 +247,62 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
     return MODAL_OK;
 }
 
-bool balance_factor(struct balance *b, int *sign)
+/* As dgetrf; of such orders the library spends more on being called than on its sums. */
+static void factor_small(int n, double *A, int *pivot)
 {
-    int n = b->small, info, s = 1;
-    double most = 0, least = HUGE_VAL;
+    for (int j = 0; j < n; j++) {
+        double *column = A + j * n, inverse;
+        int p = j;
 
-    for (int i = 0; i < n; i++)
-        b->row[i] = 0;
+        for (int i = j + 1; i < n; i++)
+            p = fabs(column[i]) > fabs(column[p]) ? i : p;
+        pivot[j] = p + 1;
+        for (int c = 0; p != j && c < n; c++) {
+            double t = A[c * n + j];
+
+            A[c * n + j] = A[c * n + p];
+            A[c * n + p] = t;
+        }
+        inverse = column[j] != 0 ? 1 / column[j] : 0;
+        for (int i = j + 1; i < n; i++)
+            column[i] *= inverse;
+        for (int c = j + 1; c < n; c++)
+            for (int i = j + 1; i < n; i++)
+                A[c * n + i] -= column[i] * A[c * n + j];
+    }
+}
+
+/* As dgetrs, of factor_small's. */
+static void solve_small(int n, const double *A, const int *pivot, double *y)
+{
+    for (int i = 0; i < n; i++) {
+        double t = y[pivot[i] - 1];
+
+        y[pivot[i] - 1] = y[i];
+        y[i] = t;
+    }
     for (int j = 0; j < n; j++)
-        for (int i = 0; i < n; i++)
-            b->row[i] = fmax(b->row[i], fabs(b->J[(size_t)j * (size_t)n + (size_t)i]));
+        for (int i = j + 1; i < n; i++)
+            y[i] -= A[j * n + i] * y[j];
+    for (int j = n - 1; j >= 0; j--) {
+        y[j] /= A[j * n + j];
+        for (int i = 0; i < j; i++)
+            y[i] -= A[j * n + i] * y[j];
+    }
+}
+
+/* Rows of J divided by their largest entry, 1 / which goes into b->row; false where one is 0 or not finite. */
+static bool scale_rows(struct balance *b)
+{
+    int n = b->small;
+
+    memset(b->row, 0, (size_t)n * sizeof *b->row);
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++) {
+            double size = fabs(b->J[(size_t)j * (size_t)n + (size_t)i]);
+
+            b->row[i] = size > b->row[i] || isnan(size) ? size : b->row[i];
+        }
     for (int i = 0; i < n; i++) {
         if (!(b->row[i] > 0) || !isfinite(b->row[i]))
             return false;
@@ -258,7 +311,21 @@ bool balance_factor(struct balance *b, int *sign)
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
             b->J[(size_t)j * (size_t)n + (size_t)i] *= b->row[i];
-    info = LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, b->J, n, b->pivot);
+    return true;
+}
+
+bool balance_factor(struct balance *b, int *sign)
+{
+    int n = b->small, s = 1;
+    double most = 0, least = HUGE_VAL;
+
+    b->factored = false;
+    if (!scale_rows(b))
+        return false;
+    if (n <= SMALL_ORDER)
+        factor_small(n, b->J, b->pivot);
+    else
+        LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, b->J, n, b->pivot);
     for (int i = 0; i < n; i++) {
         double u = b->J[(size_t)i * (size_t)n + (size_t)i];
 
@@ -268,7 +335,7 @@ bool balance_factor(struct balance *b, int *sign)
     }
     if (sign != NULL)
         *sign = s;
-    b->factored = info == 0 && least > 4 * DBL_EPSILON * DBL_EPSILON * most;
+    b->factored = least > 4 * DBL_EPSILON * DBL_EPSILON * most;
     return b->factored;
 }
 
@@ -297,18 +364,23 @@ void balance_solve(struct balance *b, double *y, int columns)
 
         for (int i = 0; i < b->small; i++)
             b->gather[i] = column[i] * b->row[i];
-        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot, b->gather, b->small);
+        if (b->small <= SMALL_ORDER)
+            solve_small(b->small, b->J, b->pivot, b->gather);
+        else
+            LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot, b->gather, b->small);
         memcpy(column, b->gather, (size_t)b->small * sizeof *column);
         solve_tail(b, column);
     }
 }
+
+static double larger(double a, double b) { return a > b ? a : b; }
 
 static double scale_of(const double complex *X, int K)
 {
     double most = 0;
 
     for (int k = 0; k < K; k++)
-        most = fmax(most, fmax(fabs(creal(X[k])), fabs(cimag(X[k]))));
+        most = larger(most, larger(fabs(creal(X[k])), fabs(cimag(X[k]))));
     return most;
 }
 
@@ -320,8 +392,11 @@ double balance_relative(const struct balance *b, const double *step, const doubl
     for (int i = 0; i < b->q; i++) {
         double scale = fmax(scale_of(X + i * K, K), 1e-12 * overall), most = 0;
 
-        for (int r = 0; r < n; r++)
-            most = fmax(most, fabs(step[i * n + r]));
+        for (int r = 0; r < n; r++) {
+            double size = fabs(step[i * n + r]);
+
+            most = size > most || isnan(size) ? size : most;
+        }
         if (most > 0)
             worst = fmax(worst, scale > 0 ? most / scale : HUGE_VAL);
         if (isnan(most))
@@ -337,13 +412,14 @@ double balance_relative_residual(const struct balance *b, const double complex *
 
     for (int i = 0; i < b->order; i++)
         most = fmax(most, fabs(b->R[i]));
+    scale = larger(scale_of(b->load, q * K), scale_of(b->F, q * K));
     for (int i = 0; i < q; i++)
         for (int k = 0; k < K; k++) {
             double complex sx = 0;
 
             for (int j = 0; j < q; j++)
                 sx += b->S[(k * q + j) * q + i] * X[j * K + k];
-            scale = fmax(scale, fmax(cabs(b->load[k * q + i]), fmax(cabs(sx), cabs(b->F[i * K + k]))));
+            scale = larger(scale, scale_of(&sx, 1));
         }
     return scale > 0 ? most / scale : most;
 }

@@ -35,6 +35,8 @@ enum modal_status balance_set(struct balance *b, double omega, double level, str
 void balance_set_level(struct balance *b, double level);
 /* b->R of X; with DERIVATIVE b->J too, not yet factored. */
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
+/* b->J at the X of the last residual, which had none yet. */
+enum modal_status balance_derivative(struct balance *b, struct modal_error *err);
 /*
  * Keep harmonics past HJ out of J: their rows are solved with S_k, as in [CG89] (7), exact but for the laws' slope over |S_k|.
  * Only for one kept dof; HJ = H undoes it.

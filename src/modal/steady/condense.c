@@ -369,6 +369,8 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
                     place_entry(c, i, c->p->constant[t].index[e], factor_of(t, s) * c->p->constant[t].value[e], S);
     place_linear_states(c, s);
     place_loads(c, k, c->level, p, c->right + (size_t)c->q * (size_t)c->order);
+    if (c->order == 0)
+        return MODAL_OK;                                   /* every dof is kept: nothing to take out */
     rc = solve_band(c, k, err);
     if (rc != MODAL_OK)
         return rc;

@@ -18,9 +18,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SHRINKS = 0.2, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
-static const double TAIL_GAIN = 0.1;
-enum { ITERATIONS_MOST = 60, ORDER_TAIL = 33, TAIL_LEAST = 4 };
+static const double SHRINKS = 0.25, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
+static const double TAIL_GAIN = 0.1, RATE_SHORT = 0.3;
+enum { ITERATIONS_MOST = 60, ORDER_TAIL = 21, TAIL_LEAST = 4 };
 
 static bool stopped(const struct iterate_options *opt)
 {
@@ -320,7 +320,7 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
     enum modal_status rc = MODAL_OK;
     int HJ;
 
-    rc = b->order < ORDER_TAIL || opt->slope > 0 ? MODAL_OK : balance_residual(b, X, false, err);
+    rc = b->order < ORDER_TAIL || opt->slope > 0 || opt->evaluated ? MODAL_OK : balance_residual(b, X, false, err);
     if (rc == MODAL_OVERFLOW)
         rc = MODAL_OK;
     HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
@@ -383,72 +383,119 @@ static void work_done(struct newton_work *w)
     free(w->trial);
 }
 
+static enum modal_status work_init(struct newton_work *w, const struct balance *b, struct modal_error *err)
+{
+    size_t n = (size_t)b->order, small = (size_t)b->small * (size_t)b->small;
+
+    *w = (struct newton_work) { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
+                                malloc((small + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
+                                malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)) };
+    if (w->step == NULL || w->trial_step == NULL || w->u == NULL || w->kept == NULL || w->scratch == NULL || w->trial == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
+    return MODAL_OK;
+}
+
+enum known { NOTHING, FORCE, SLOPE };     /* at X, from before: nothing; the residual; a derivative near enough */
+
+static enum modal_status evaluate(struct balance *b, const struct iterate_options *opt, enum known known, double complex *X,
+                                  struct newton_work *w, struct modal_error *err)
+{
+    if (opt->by_differences)
+        return difference_derivative(b, X, w->scratch, err);
+    return known == FORCE ? balance_derivative(b, err) : balance_residual(b, X, known == NOTHING, err);
+}
+
+/* The next step into w->step and the point it leads to into w->trial.  *OK false: there is none, and the report says why. */
+static enum modal_status propose(struct balance *b, const struct iterate_options *opt, enum known known, double complex *X,
+                                 struct newton_work *w, struct iterate_report *report, bool *ok, struct modal_error *err)
+{
+    enum modal_status rc = evaluate(b, opt, known, X, w, err);
+
+    *ok = false;
+    if (rc != MODAL_OK)
+        return rc;
+    report->residual = balance_relative_residual(b, X);
+    if (opt->cutoff > 0)
+        cut_off(b, opt->cutoff, X);
+    if (known != SLOPE && !factor_somehow(b, w->kept)) {
+        report->reason = "the derivative is singular";
+        return MODAL_OK;
+    }
+    for (int i = 0; i < b->order; i++)
+        w->step[i] = -b->R[i];
+    balance_solve(b, w->step, 1);
+    balance_pack(b, X, w->u);
+    take(b, w->u, 1, w->step, w->scratch, w->trial);
+    report->iterations++;
+    report->step = fmin(norm_relative(b, w->step, X), norm_relative(b, w->step, w->trial));
+    *ok = true;
+    return MODAL_OK;
+}
+
+/* Whether the next step can do with this derivative: a short matrix converges linearly anyhow; a whole one is off by twice the
+ * rate at the next point, which is enough if that is the last. */
+static bool reusable(const struct balance *b, const struct iterate_options *opt, double tolerance, double step, double last)
+{
+    double rate = step / last;
+
+    if (opt->by_differences || opt->cutoff > 0 || !(step < CLOSE))
+        return false;
+    return b->HJ < b->H ? rate < RATE_SHORT || last == HUGE_VAL : 2 * rate * step <= tolerance;
+}
+
+/* No step was taken.  Steps of rounding, soft beside stiff, are an answer. */
+static void give_up(const struct balance *b, const struct newton_work *w, const double complex *X, struct iterate_report *report)
+{
+    double overall = overall_step(b, w->step, X);
+
+    report->converged = report->residual <= BALANCED && overall <= SMALL;
+    report->step = report->converged ? overall : report->step;
+    report->reason = "no step of Newton's method shortens the next";
+}
+
 static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
                                 struct iterate_report *report, struct modal_error *err)
 {
-    size_t n = (size_t)b->order;
-    struct newton_work w = { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
-                             malloc(((size_t)b->small * (size_t)b->small + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
-                             malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)) };
-    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1;
+    size_t size = (size_t)b->q * ((size_t)b->H + 1) * sizeof *X;
+    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1, residual = 0;
     int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
-    enum modal_status rc = MODAL_OK;
+    struct newton_work w;
+    enum modal_status rc = work_init(&w, b, err);
+    enum known known = opt->evaluated ? FORCE : NOTHING;
+    bool ok = true, shrinks = false;     /* the residual, as a loose tolerance leaves it */
 
     *report = (struct iterate_report) { .reason = "Newton's method did not settle" };
-    if (w.step == NULL || w.trial_step == NULL || w.u == NULL || w.kept == NULL || w.scratch == NULL || w.trial == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
-        goto out;
-    }
-    while (report->iterations < most) {
-        bool ok;
-
-        if (stopped(opt)) {
-            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
-            goto out;
-        }
-        rc = opt->by_differences ? difference_derivative(b, X, w.scratch, err) : balance_residual(b, X, true, err);
-        if (rc != MODAL_OK)
-            goto out;
-        report->residual = balance_relative_residual(b, X);
-        if (opt->cutoff > 0)
-            cut_off(b, opt->cutoff, X);
-        if (!factor_somehow(b, w.kept)) {
-            report->reason = "the derivative is singular";
-            goto out;
-        }
-        for (size_t i = 0; i < n; i++)
-            w.step[i] = -b->R[i];
-        balance_solve(b, w.step, 1);
-        balance_pack(b, X, w.u);
-        take(b, w.u, 1, w.step, w.scratch, w.trial);
-        report->iterations++;
-        report->step = fmin(norm_relative(b, w.step, X), norm_relative(b, w.step, w.trial));
+    while (rc == MODAL_OK && report->iterations < most) {
+        rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : propose(b, opt, known, X, &w, report, &ok, err);
+        if (rc != MODAL_OK || !ok)
+            break;
+        shrinks = report->iterations > 1 && tolerance > FLOOR && report->residual < 0.5 * residual;
+        residual = report->residual;
         if (settled(b, tolerance, last, lambda, report)) {
-            memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+            memcpy(X, w.trial, size);
             break;
         }
-        if (report->iterations == 1 || (report->step < CLOSE && report->step < 0.5 * last)) {
+        if (report->iterations == 1 || (report->step < CLOSE && report->step < (b->HJ < b->H ? 1 : 0.5) * last)) {
             /* from nothing, the linear answer, whole; near the solution steps shrink by themselves */
+            known = reusable(b, opt, tolerance, report->step, last) ? SLOPE : NOTHING;
             last = report->step;
-            memcpy(X, w.trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+            memcpy(X, w.trial, size);
             continue;
         }
         last = report->step;
+        if (known == SLOPE) {                              /* an old slope was not good enough */
+            known = FORCE;
+            continue;
+        }
         rc = damp(b, &w, norm_relative(b, w.step, X), X, &lambda, &ok, err);
-        if (rc != MODAL_OK)
-            goto out;
-        if (!ok) {                                         /* steps of rounding: soft beside stiff */
-            double overall = overall_step(b, w.step, X);
-
-            report->converged = report->residual <= BALANCED && overall <= SMALL;
-            report->step = report->converged ? overall : report->step;
-            report->reason = "no step of Newton's method shortens the next";
+        known = FORCE;
+        if (rc == MODAL_OK && !ok) {
+            give_up(b, &w, X, report);
             break;
         }
     }
-    if (report->converged)
+    if (rc == MODAL_OK && report->converged && !opt->rough && !shrinks)
         rc = verify(b, X, report, err);
-out:
     if (rc == MODAL_OVERFLOW) {
         report->reason = "the iterates overflow";
         rc = MODAL_OK;

@@ -7,6 +7,8 @@ struct iterate_options {
     double tolerance;         /* of the relative step; 0: 1e-12 */
     int most;                 /* iterations; 0: 60 */
     double relaxation;        /* direct iteration: new = relaxation * new + ...; 0: 1 */
+    bool rough;               /* Newton: a start for another balance; the residual at its end is not looked at */
+    bool evaluated;           /* Newton: the balance's last residual is that of the start */
     bool by_differences;      /* Newton: the derivative by central difference quotients of the residual */
     double cutoff;            /* Newton: only harmonics with |X_k| >= cutoff * largest, the rest by (7); 0: all */
     double slope;             /* the laws' largest, N/m, where another balance has shown it; 0: an evaluation shows it */

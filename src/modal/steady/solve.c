@@ -29,8 +29,8 @@
 #include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 8 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-3;
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5 };
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-2, HALF = 0.5;
 
 struct steady {
     const struct program *p;
@@ -346,9 +346,28 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
     return rc;
 }
 
-/* X of balance B improved with H of its harmonics, to TOLERANCE; left alone where that does not converge. */
-static enum modal_status rough_level(struct steady *s, struct balance *b, int H, double tolerance, double complex *X, struct steady_point *point,
-                                     bool *ok, struct modal_error *err)
+/* The start of balance B: what START holds; if that is nothing, the motion with the laws left out ([CG89], section 3.1) where it balances
+ * better than rest, which it does where sliders slip.  *KNOWN: B's residual is that of the start. */
+static enum modal_status rough_guess(struct balance *b, const struct steady_start *start, bool nothing, double complex *Y, bool *known,
+                                     struct modal_error *err)
+{
+    enum modal_status rc;
+
+    put_start(b, start, Y);
+    *known = false;
+    if (!nothing)
+        return MODAL_OK;
+    laws_left_out(b, Y);
+    rc = balance_residual(b, Y, false, err);
+    *known = rc == MODAL_OK && balance_relative_residual(b, Y) < HALF;
+    if (!*known)
+        put_start(b, NULL, Y);
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
+/* X of balance B improved with H of its harmonics, to TOLERANCE, from rest if it is NOTHING; left alone where that does not converge. */
+static enum modal_status rough_level(struct steady *s, struct balance *b, int H, double tolerance, bool nothing, double complex *X,
+                                     struct steady_point *point, bool *ok, struct modal_error *err)
 {
     struct iterate_options opt = iterate_options_of(s);
     struct steady_start start = { b->q, b->H, X };
@@ -362,9 +381,11 @@ static enum modal_status rough_level(struct steady *s, struct balance *b, int H,
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     if (rc == MODAL_OK)
         rc = balance_set(few, b->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = rough_guess(few, &start, nothing, Y, &opt.evaluated, err);
     if (rc == MODAL_OK) {
-        put_start(few, &start, Y);
         opt.tolerance = tolerance;
+        opt.rough = true;
         rc = iterate_newton(few, &opt, Y, &r, err);
     }
     if (rc == MODAL_OK && r.converged) {
@@ -381,15 +402,15 @@ static enum modal_status rough_level(struct steady *s, struct balance *b, int H,
 /* From rest to many harmonics: the way is gone with few, roughly, then with three times as many, as long as that is far fewer. */
 static enum modal_status rough_start(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
 {
-    int load = condense_highest_load(s->c), H = 2 * load > H_ROUGH ? 2 * load : H_ROUGH;
+    int load = condense_highest_load(s->c), H = load + 1 > H_ROUGH ? load + 1 : H_ROUGH;
     double tolerance = ROUGH;
-    bool ok = true;
+    bool ok = true, nothing = true;
     enum modal_status rc = MODAL_OK;
 
     if (b->H < 2 * H || s->opt.by_differences || s->opt.cutoff > 0)
         return MODAL_OK;
-    for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= 10)
-        rc = rough_level(s, b, H, tolerance, X, point, &ok, err);
+    for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= 10, nothing = false)
+        rc = rough_level(s, b, H, tolerance, nothing, X, point, &ok, err);
     return rc == MODAL_OK ? balance_set(b, b->omega, 1, err) : rc;
 }
 

@@ -103,13 +103,13 @@ static enum modal_status one_side_pieces(const struct gap *g, const struct orbit
     if (o->turns < 2)
         return side * o->d[0] > g->clearance ? contact(g, o, side, 0, 2 * M_PI, out, err) : MODAL_OK;
     for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
-        const struct orbit_turn *p = &o->turn[i], *q = &o->turn[(i + 1) % o->turns];
-        double to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI), event;
-        bool was = side * (p->d - level) > 0, is = side * (q->d - level) > 0;
+        struct orbit_end p = orbit_turn_end(o, i), q = orbit_turn_end(o, i + 1);
+        bool was = side * (p.d - level) > 0, is = side * (q.d - level) > 0;
+        double event;
 
         if (was == is)
             continue;
-        event = orbit_crossing(o, p->theta, to, level);
+        event = orbit_crossing(o, p, q, level);
         if (is)
             from = event;
         else if (from >= 0)

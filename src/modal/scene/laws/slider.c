@@ -126,18 +126,17 @@ static enum modal_status moving_slider(const struct slider *e, const struct orbi
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
-        int a = (top + i) % o->turns, b = (top + i + 1) % o->turns;
-        double round = 2 * M_PI * ((top + i) / o->turns), from = o->turn[a].theta + round;
-        double to = o->turn[b].theta + 2 * M_PI * ((top + i + 1) / o->turns), d = o->turn[b].d, slip;
+        struct orbit_end from = orbit_turn_end(o, top + i), to = orbit_turn_end(o, top + i + 1);
+        double d = to.d, slip;
 
         if (fabs(d - z) <= reach)
             continue;
         slip = orbit_crossing(o, from, to, z + copysign(reach, d - z));
         rc = stick_piece(e, began, slip, z, began, out, err);
         if (rc == MODAL_OK)
-            rc = slip_piece(slip, to, copysign(e->limit, d - z), out, err);
+            rc = slip_piece(slip, to.theta, copysign(e->limit, d - z), out, err);
         z = d - copysign(reach, d - z);
-        began = to;
+        began = to.theta;
     }
     if (rc == MODAL_OK && began < o->turn[top].theta + 2 * M_PI)
         rc = stick_piece(e, began, o->turn[top].theta + 2 * M_PI, z, began, out, err);
@@ -272,10 +271,10 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
     low = -w->c->mu * w->c->preload - w->level;
     if (ub[0] > high) {
         next = SLIPS_UP;
-        event = ua[0] < high ? orbit_crossing(&w->up, a, b, high) : a;
+        event = ua[0] < high ? orbit_crossing(&w->up, (struct orbit_end) { a, ua[0], ua[1] }, (struct orbit_end) { b, ub[0], ub[1] }, high) : a;
     }
     if (db[0] < low) {
-        double other = da[0] > low ? orbit_crossing(&w->down, a, b, low) : a;
+        double other = da[0] > low ? orbit_crossing(&w->down, (struct orbit_end) { a, da[0], da[1] }, (struct orbit_end) { b, db[0], db[1] }, low) : a;
 
         if (next == STUCK || other < event) {
             next = SLIPS_DOWN;

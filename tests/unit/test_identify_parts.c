@@ -641,7 +641,7 @@ TEST(channels_that_hear_mostly_noise_cost_the_others_nothing)
     static double x[L * S], y[L * S];
     struct batch batch = { .samples = L, .channels = S, .signals = x, .dt = 0.05 };
     struct matrix Y = { L, S, L, y };
-    struct refine_data data = { &Y, 0.05, 0, 0, NULL };
+    struct refine_data data = { .Y = &Y, .tau = 0.05 };
     const double complex truth[2] = { CMPLX(-0.1, 6.2), CMPLX(-0.05, 14) };
     struct identify_result r;
     struct refined bound;

@@ -22,7 +22,7 @@ static enum modal_status poles(void *context, int r, double complex *lambda, int
 
 static void choose(const struct matrix *Y, double tau, const struct order_options *opt, struct order_choice *out)
 {
-    struct refine_data data = { Y, tau, 0, 0, NULL };
+    struct refine_data data = { .Y = Y, .tau = tau };
     struct pencil_source s = { .tau = tau };
     struct order_source source = { .poles = poles, .context = &s };
 
@@ -140,7 +140,7 @@ static bool yes(void *context) { (void)context; return true; }
 TEST(a_cancel_is_heard_and_a_source_without_poles_has_no_choice)
 {
     struct matrix Y = { 200, 3, 200, y };
-    struct refine_data data = { &Y, 0.05, 0, 0, NULL };
+    struct refine_data data = { .Y = &Y, .tau = 0.05 };
     struct order_options opt = { .cancelled = yes };
     struct order_source source = { 0, poles, NULL };
     struct pencil_source s = { .tau = 0.05 };
@@ -166,7 +166,7 @@ TEST(the_work_of_a_look_is_rows_times_columns_squared)
     decay_of_case(&decay_cases[0], &r, &d);
     decay_signals(&d, y, 200);
     struct matrix Y = { 200, 3, 200, y };
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL };
+    struct refine_data data = { .Y = &Y, .tau = d.dt };
     CHECK(refine_poles(&data, (double complex[]) { CMPLX(-0.1, 3), CMPLX(-0.2, 7) }, 2, NULL, &look, &fit, NULL) == MODAL_OK);
     CHECK_NEAR(fit.work, 200 * 49, 0);
     refined_done(&fit);

@@ -155,7 +155,7 @@ TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
     double dt = 0.05, scale[S], rest[S], std_re[2], std_im[2];
     struct wide w = { x, S, L, S, scale, false };
     struct matrix Y = { L, S, L, copy };
-    struct refine_data data = { &Y, dt, 0, 0, NULL };
+    struct refine_data data = { .Y = &Y, .tau = dt };
     struct wide_step step = { lambda, std_re, std_im, B, rest, 0, false };
     struct random r = { 6 };
     struct refined full;

@@ -7,11 +7,15 @@
  *
  * S is the periodogram averaged over 2h+1 bins, h = max(8, L/64), and over the columns, each of unit power.  With c columns the relative fluctuation is
  * 1/sqrt((2h+1) c) <= 0.24, and a ratio of 2 four deviations off: below it nothing is changed, so white noise keeps its bars.
+ *
+ * [BP70] Box and Pierce, J. Amer. Statist. Assoc. 65 (1970) 1509-1526.
  */
 #include "modal/identify/colour.h"
-#include <fftw3.h>
+#include <fftw3.h>       /* before complex.h, which makes its numbers the compiler's */
+#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include "modal/linalg/svd.h"
 
 enum { ROWS_LEAST = 64, HALF_LEAST = 8 };
@@ -75,4 +79,30 @@ out:
         fftw_destroy_plan(plan);
     fftw_free(x), fftw_free(X), free(power);
     return rc;
+}
+
+bool colour_white(const struct matrix *E)
+{
+    double n = 0, sum = 0, r[COLOUR_LAGS] = { 0 };
+    int lags = E->m - 1 < COLOUR_LAGS ? E->m - 1 : COLOUR_LAGS;
+
+    for (int c = 0; c < E->n; c++) {
+        const double *e = E->x + (size_t)c * (size_t)E->ld;
+        double norm = safe_norm(e, E->m), unit = norm > 0 ? 1 / norm : 0;
+        n += norm > 0 ? E->m : 0;
+        for (int l = 1; l <= lags && norm > 0; l++)
+            r[l - 1] += E->m * (cblas_ddot(E->m - l, e, 1, e + l, 1) * unit * unit);
+    }
+    for (int l = 0; l < lags && n > 0; l++)
+        sum += r[l] / n * (r[l] / n);
+    return n * sum <= COLOUR_LAGS + 8 * sqrt(2.0 * COLOUR_LAGS);
+}
+
+void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio)
+{
+    for (int c = 0; c < E->n; c++) {
+        double *e = E->x + (size_t)c * (size_t)E->ld;
+        if (safe_norm(e, E->m) <= ratio * safe_norm(Y->x + (size_t)c * (size_t)Y->ld, Y->m))
+            memset(e, 0, sizeof *e * (size_t)E->m);
+    }
 }

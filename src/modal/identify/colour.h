@@ -1,6 +1,7 @@
 /* colour.h - is the residual white, and what its colour does to the error bars */
 #ifndef MODAL_COLOUR_H
 #define MODAL_COLOUR_H
+#include <stdbool.h>
 #include "modal/error.h"
 #include "modal/linalg/matrix.h"
 
@@ -14,4 +15,18 @@
  * Fails with MODAL_NO_MEMORY.
  */
 enum modal_status colour_factors(const struct matrix *E, const double *theta, int count, double *factor, struct modal_error *err);
+
+/*
+ * Box and Pierce's test [BP70]: with r_l the autocorrelation at lag l, its mean over the columns, each of unit power, and n numbers in all,
+ *
+ *     n sum_{l=1..COLOUR_LAGS} r_l^2
+ *
+ * is chi-square with COLOUR_LAGS degrees of freedom if E is white.  True up to eight deviations above the mean, which no ordinary number of white records
+ * exceeds.  Zero columns are left out; none at all are white.
+ */
+enum { COLOUR_LAGS = 8 };
+bool colour_white(const struct matrix *E);
+
+/* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise, and has any colour. */
+void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio);
 #endif

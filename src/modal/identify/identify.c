@@ -50,7 +50,8 @@ enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 
 /* In records longer than this a ladder that is near the number of triplets is not refined before they are doubled: it is thrown away, and costs seconds. */
 enum { VERY_LONG = 32768 };
 
-static const double SPARING = 0.6;
+enum { WEIGH_MOST = 5 };
+static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
 /* Multiplications (refine.h) that all ladders of an answer may take, and one that begins after they are spent: some seconds. */
 static const double WORK_MOST = 1.6e10, WORK_LEAST = 1e9;
 
@@ -59,6 +60,7 @@ struct work {
     struct record rec;
     struct pod pod;
     struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
+    double *noise;                  /* per channel: what it was weighed by; NULL: nothing */
     double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
     double *step;                   /* per channel: of its grid, in the batch's unit, 0: none; NULL: not looked for */
     double *least;                  /* per signal: what its grid leaves (refine.h); NULL: no matter */
@@ -96,7 +98,7 @@ static void work_done(struct work *w)
 {
     record_done(&w->rec);
     pod_done(&w->pod);
-    free(w->weighted.x), free(w->weight), free(w->step), free(w->least);
+    free(w->weighted.x), free(w->noise), free(w->weight), free(w->step), free(w->least);
     free(w->folded.x);
     pencil_done(&w->pencil);
     projection_done(&w->projection);
@@ -553,11 +555,13 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
 /*
  * Proper orthogonal signals of channels scaled to unit rms mix channels of little noise with channels of much, and no weight on the mixture can undo that: a
  * channel that hears hardly anything but noise then costs a factor in the error of all.  So, once a first answer tells the noise of each channel,
- * they are divided by it, and reduced and identified again.
+ * they are divided by it, and reduced and identified again.  Where that leaves a channel WEIGH_FALL times less than before, what was taken for its noise was
+ * the error that the others' noise made: once more.  Weights differ by WEIGH_RANGE at most, so that a mode which only noisy channels hear stays far above
+ * the rounding of the others.
  */
 static bool worth_weighing(const struct work *w)
 {
-    return w->refine && w->pod.count > 0 && !w->rec.wide && w->weighted.x == NULL && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
+    return w->refine && w->pod.count > 0 && !w->rec.wide && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
         && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS
         && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * norm_of(w->data.Y);
 }
@@ -584,31 +588,62 @@ static enum modal_status channel_noise(const struct work *w, double *noise, stru
     return rc;
 }
 
-/* weighted = rec.Y over the noise, the quietest channel at 1; left out where all are alike. */
-static enum modal_status weigh_channels(struct work *w, struct modal_error *err)
+/* Is a channel much quieter than was thought, or, at first, are they not alike? */
+static bool weights_differ(const struct work *w, const double *noise)
+{
+    double least = HUGE_VAL, most = 0;
+    bool fell = false;
+
+    for (int c = 0; c < w->rec.channels; c++) {
+        if (!(w->rec.scale[c] > 0))
+            continue;
+        least = fmin(least, noise[c]), most = fmax(most, noise[c]);
+        fell |= w->noise != NULL && noise[c] < w->noise[c] / WEIGH_FALL;
+    }
+    return w->noise == NULL ? most > NOISE_ALIKE * least : fell;
+}
+
+/* weighted = rec.Y over the noise, the quietest channel at 1. */
+static enum modal_status divide_by_noise(struct work *w, struct modal_error *err)
 {
     const struct matrix *Y = &w->rec.Y;
-    double *noise = malloc(sizeof *noise * w->rec.channels), least = HUGE_VAL, most = 0;
+    double least = HUGE_VAL;
+
+    if (w->weighted.x == NULL) {
+        w->weighted = (struct matrix) { Y->m, Y->n, Y->m, malloc(sizeof(double) * Y->m * Y->n) };
+        w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
+    }
+    if (w->weighted.x == NULL || w->weight == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels", Y->m, Y->n);
+    for (int c = 0; c < Y->n; c++)
+        least = w->rec.scale[c] > 0 ? fmin(least, w->noise[c]) : least;
+    for (int c = 0; c < Y->n; c++) {
+        w->weight[c] = least / w->noise[c];
+        for (int l = 0; l < Y->m; l++)
+            w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * w->weight[c];
+    }
+    return MODAL_OK;
+}
+
+/* Weigh the channels by what the chosen poles leave in them; *again: they are weighed anew. */
+static enum modal_status weigh_channels(struct work *w, bool *again, struct modal_error *err)
+{
+    double *noise = malloc(sizeof *noise * w->rec.channels), most = 0;
     enum modal_status rc;
 
+    *again = false;
     if (noise == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d channels", w->rec.channels);
     rc = channel_noise(w, noise, err);
-    for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
-        noise[c] = fmax(noise[c], NOISE_QUIETEST);
-        least = w->rec.scale[c] > 0 ? fmin(least, noise[c]) : least;
-        most = w->rec.scale[c] > 0 ? fmax(most, noise[c]) : most;
-    }
-    if (rc == MODAL_OK && most > NOISE_ALIKE * least) {
-        w->weighted = (struct matrix) { Y->m, Y->n, Y->m, malloc(sizeof(double) * Y->m * Y->n) };
-        w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
-        if (w->weighted.x == NULL || w->weight == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels", Y->m, Y->n);
-        for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
-            w->weight[c] = least / noise[c];
-            for (int l = 0; l < Y->m; l++)
-                w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * w->weight[c];
-        }
+    for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
+        most = fmax(most, noise[c]);
+    for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
+        noise[c] = fmax(noise[c], fmax(WEIGH_RANGE * most, NOISE_QUIETEST));
+    *again = rc == MODAL_OK && weights_differ(w, noise);
+    if (*again) {
+        free(w->noise);
+        w->noise = noise, noise = NULL;
+        rc = divide_by_noise(w, err);
     }
     free(noise);
     return rc;
@@ -730,18 +765,24 @@ static void report_grids(const struct work *w, struct identify_result *out)
     }
 }
 
-/* Once more, on channels weighed by the noise that the first answer left. */
+/* Once more, on channels weighed by the noise that the answer before left, until that settles. */
 static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
 {
-    enum modal_status rc = weigh_channels(w, err);
-
-    if (rc != MODAL_OK || w->weighted.x == NULL)
-        return rc;
-    rc = keep_chosen(w, &out->unweighed, err);
-    if (rc != MODAL_OK)
-        return rc;
-    forget_analysis(w, out);
-    return analyse(w, out, err);
+    for (int round = 0; round < WEIGH_MOST && worth_weighing(w); round++) {
+        bool again;
+        enum modal_status rc = weigh_channels(w, &again, err);
+        if (rc != MODAL_OK || !again)
+            return rc;
+        if (round == 0)
+            rc = keep_chosen(w, &out->unweighed, err);
+        if (rc != MODAL_OK)
+            return rc;
+        forget_analysis(w, out);
+        rc = analyse(w, out, err);
+        if (rc != MODAL_OK)
+            return rc;
+    }
+    return MODAL_OK;
 }
 
 /* ---- the chosen poles with their errors ---- */
@@ -1000,7 +1041,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = stage(&w, "read", out, err)) != MODAL_OK
         || (rc = analyse(&w, out, err)) != MODAL_OK
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
-        || (worth_weighing(&w) && (rc = analyse_again(&w, out, err)) != MODAL_OK)
+        || (rc = analyse_again(&w, out, err)) != MODAL_OK
         || (rc = keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = take_poles(&w, err)) != MODAL_OK
         || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK)

@@ -21,7 +21,7 @@
  *
  *     looked at on all frequencies of the FFT, over the window, and over its first and last quarter and sixteenth, where a pair that decays or grows has its
  *     energy.  LIKELY of a pair's price in BIC is the alarm: half of it because a frequency between two bins shows as little as 0.4 of its power;
- *   - the residual is white by the tests of trend.c and colour.c, the halves of the window do not contradict the whole (parts.c, its first look), and no
+ *   - the residual is white by the tests of colour.c, the halves of the window do not contradict the whole (parts.c, its first look), and no
  *     other special case of order.c or verdict.c is near.
  *
  * Otherwise the window is identified from nothing by modal_identify, so that in doubt the two agree because they are one.  A change of order
@@ -50,7 +50,7 @@
 #include "modal/linalg/svd.h"
 #include "modal/linalg/window_qr.h"
 
-enum { MOMENTS = 4, LAGS = 8, BLOCK_MOST = 1024 };
+enum { MOMENTS = 4, BLOCK_MOST = 1024 };
 static const double LIKELY = 0.5;
 static const double LEAK = 1e-11;                /* of |lambda|: what the anchor's span may cost an exponent */
 
@@ -590,25 +590,6 @@ static enum modal_status residual_of(const struct job *j, const struct moving_fi
     return MODAL_OK;
 }
 
-/* (1) of trend.c. */
-static bool is_white(const double *E, int L, int r)
-{
-    double n = 0, sum = 0, rho[LAGS] = { 0 };
-
-    for (int g = 0; g < r; g++) {
-        const double *e = E + (size_t)g * (size_t)L;
-        double square = cblas_ddot(L, e, 1, e, 1);
-        if (!(square > 0))
-            continue;
-        n += L;
-        for (int l = 1; l <= LAGS && l < L; l++)
-            rho[l - 1] += cblas_ddot(L - l, e + l, 1, e, 1) / square * L;
-    }
-    for (int l = 0; l < LAGS && n > 0; l++)
-        sum += rho[l] / n * (rho[l] / n);
-    return n * sum <= LAGS + 8 * sqrt(2.0 * LAGS);
-}
-
 /* Samples first .. first + n - 1 of E, one gain (2) a frequency; the largest. */
 static double largest_gain(const struct job *j, const struct moving_fit *f, const double *E, int first, int n, fftw_plan plan, double *gains)
 {
@@ -765,7 +746,7 @@ static enum modal_status judge_residual(struct job *j, struct moving_fit *f, enu
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, j->r);
     }
     rc = residual_of(j, f, E, err);
-    if (rc == MODAL_OK && !is_white(E, L, j->r))
+    if (rc == MODAL_OK && !colour_white(&view))
         *why = NOT_WHITE;
     for (int i = 0, n = L; rc == MODAL_OK && *why == GOOD && i < 3 && n >= 8; i++, n /= 4) {
         double most = largest_gain(j, f, E, 0, n, m->plan[i], gains);

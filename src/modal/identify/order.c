@@ -5,7 +5,8 @@
  * reaches the floor, since more poles only cost.  The ladder has four passes.
  *
  * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing, and no less far than `look`:
- *    where few channels show many modes no order below theirs need fit any better than one.
+ *    where few channels show many modes no order below theirs need fit any better than one.  Where a signal is left with SPREAD times less than another, what is
+ *    left of it may be no noise but the pencil's errors, which the noise of the other made: a rung that is the best so far is then refined at once.
  * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
  *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
  *    (limits of accuracy: 1.05 to 4.2), so refining lowers the residual of a right order by little: by less than
@@ -28,7 +29,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SPLIT_REACH = 60, WORSE = 1.5;
+static const double SPLIT_REACH = 60, WORSE = 1.5, SPREAD = 4;
 static const double LOOK_SHARE = 0.25;      /* of the work, for pass 1 */
 
 struct climb {
@@ -106,6 +107,38 @@ static enum modal_status try_poles(struct climb *c, int r, const double complex 
     return rc;
 }
 
+/* Candidate I, looked at so far, refined in its place; a fit that refining made worse is kept as it was. */
+static enum modal_status refine_candidate(struct climb *c, int i, double rival, struct modal_error *err)
+{
+    struct order_candidate *k = &c->choice.candidates[i];
+    struct refined fit;
+    enum modal_status rc;
+
+    if (k->refined || k->fit.end == REFINE_DEGENERATE)
+        return MODAL_OK;
+    if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", k->r);
+    rc = fit_poles(c, k->fit.lambda, k->fit.poles, NULL, true, rival, &fit, err);
+    if (rc != MODAL_OK)
+        return rc;
+    refined_done(&k->fit);
+    k->fit = fit, k->refined = true;
+    return MODAL_OK;
+}
+
+/* Does the quietest signal hear SPREAD times less of what a fit leaves than the loudest? */
+static bool uneven(const struct refined *fit)
+{
+    double least = HUGE_VAL, most = 0;
+
+    for (int g = 0; g < fit->groups; g++) {
+        if (!(fit->floor[g] > 0))
+            continue;
+        least = fmin(least, fit->noise[g]), most = fmax(most, fit->noise[g]);
+    }
+    return most > SPREAD * least;
+}
+
 /* Pass 1.  The index of the least. */
 static enum modal_status look(struct climb *c, int *least, struct modal_error *err)
 {
@@ -126,29 +159,13 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         }
         if (rc == MODAL_OK)
             rc = try_poles(c, r, c->lambda, count, NULL, false, 0, &at, err);
-        if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least))
+        if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least)) {
             *least = at, best_r = r;
+            if (c->opt->refine.iterations >= 0 && uneven(&c->choice.candidates[at].fit))
+                rc = refine_candidate(c, at, 0, err);
+        }
     }
     return rc;
-}
-
-/* Candidate I, looked at so far, refined in its place; a fit that refining made worse is kept as it was. */
-static enum modal_status refine_candidate(struct climb *c, int i, double rival, struct modal_error *err)
-{
-    struct order_candidate *k = &c->choice.candidates[i];
-    struct refined fit;
-    enum modal_status rc;
-
-    if (k->refined || k->fit.end == REFINE_DEGENERATE)
-        return MODAL_OK;
-    if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
-        return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", k->r);
-    rc = fit_poles(c, k->fit.lambda, k->fit.poles, NULL, true, rival, &fit, err);
-    if (rc != MODAL_OK)
-        return rc;
-    refined_done(&k->fit);
-    k->fit = fit, k->refined = true;
-    return MODAL_OK;
 }
 
 /* From `least` in direction `step`, until two refined neighbours in a row are worse than the best. */

@@ -38,6 +38,7 @@ static enum modal_status fit_half(const struct refine_data *data, int first, int
     h->Y = (struct matrix) { rows, data->Y->n, data->Y->ld, data->Y->x + first };
     h->data = *data;
     h->data.Y = &h->Y;
+    h->data.before += first;
     return refine_poles(&h->data, lambda, count, fixed, &own, &h->own, err);
 }
 

@@ -10,8 +10,6 @@
  *     v = (|Y|_F^2 - sum_{i<=k} s_i^2) / ((L - k)(S - k)).                                                 (1)
  *
  * On clean data the floor is rounding, max(L,S) DBL_EPSILON s_1.
- *
- * [BP70] Box and Pierce, J. Amer. Statist. Assoc. 65 (1970) 1509-1526.
  */
 #include "modal/identify/pod.h"
 #include <cblas.h>
@@ -19,10 +17,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/colour.h"
 #include "modal/linalg/lanczos.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 64, LAGS = 8 };
+enum { DENSE_SIDE = 64 };
 
 struct triplets { int count; double *s; struct matrix V, UT; };   /* Y = V diag(s) UT */
 
@@ -83,21 +82,6 @@ static double square_sum(const struct matrix *Y)
     return sum;
 }
 
-/* Are the signals from number k on white noise in time?  Their common autocorrelation r_l has deviation 1/sqrt(n), n numbers in all, and [BP70]
- * n sum_{l=1..LAGS} r_l^2 is chi-square: eight deviations are allowed. */
-static bool white_from(const struct triplets *t, int L, int k)
-{
-    double n = (double)L * (t->count - k), sum = 0;
-
-    for (int l = 1; l <= LAGS && l < L; l++) {
-        double r = 0;
-        for (int i = k; i < t->count; i++)
-            r += cblas_ddot(L - l, t->V.x + (size_t)i * t->V.ld, 1, t->V.x + (size_t)i * t->V.ld + l, 1) / (t->count - k);
-        sum += r * r;
-    }
-    return n * sum <= LAGS + 8 * sqrt(2.0 * LAGS);
-}
-
 /* Every triplet is known: the first k from which on no value stands out of the rest as (1) would have it, if the rest is white in time as well;
  * many equal signals would look like noise to (1) alone. */
 static int above_rest(const struct triplets *t, const struct matrix *Y, int k_most, double total)
@@ -106,8 +90,9 @@ static int above_rest(const struct triplets *t, const struct matrix *Y, int k_mo
 
     for (int k = 0; k < k_most && k < S && k < L; k++) {
         double edge = 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
+        struct matrix tail = { t->V.m, t->count - k, t->V.ld, t->V.x + (size_t)k * (size_t)t->V.ld };
         if (t->s[k] <= edge)
-            return white_from(t, Y->m, k) ? k : k_most;
+            return colour_white(&tail) ? k : k_most;
         rest -= t->s[k] * t->s[k];
     }
     return k_most;

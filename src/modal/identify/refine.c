@@ -34,7 +34,9 @@
  *
  * Rounding.  A phase theta l is known to theta l DBL_EPSILON / 2, so the residual of perfect data is not DBL_EPSILON but about
  *
- *     floor = (4 + theta_max L / 4) DBL_EPSILON rms(y).                                                     (6)
+ *     floor = (4 + theta L / 4) DBL_EPSILON rms(y)                                                          (6)
+ *
+ * (in a late part of a record, L plus twice the rows before it).
  *
  * Below it nothing is signal, nor below the grid that the samples were rounded to (`least`).  The larger one bounds sigma_c in the weights and in
  *
@@ -69,8 +71,8 @@ static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay
 static const double SCARCE_MOST = 0.95;     /* of the numbers, for (8) */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
 static const double SETTLED = 1e-10;         /* standard errors between a settled answer and the minimum */
-enum { SETTLE_STEPS = 16 };
-enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 5, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
+enum { ITERATIONS = 60, FAILURES_MOST = 12, ROUNDING_FAILURES = 3, SETTLE_STEPS = 16 };
+enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 30, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
 struct point { double *a, *b; };
@@ -108,6 +110,7 @@ struct work {
 struct evaluation {
     double F;                    /* weighted sum of squares */
     double *rss;                 /* per group, unweighted */
+    double *near;                /* per group: of rss, what lies in the span of the derivatives */
     double *T;                   /* (parameters + 1)^2: triangle [R_J, g; 0, *] */
     bool degenerate;
 };
@@ -315,6 +318,7 @@ static void project_joined(struct work *w, struct evaluation *e)
         double r = cblas_dnrm2(k + c + 1 - q, x + q, 1);
         memcpy(w->Z + c * k, x, (size_t)k * sizeof *x);
         e->rss[c / w->phases] += r * r;
+        e->near[c / w->phases] += cblas_ddot(k - q, x + q, 1, x + q, 1);
     }
 }
 
@@ -331,6 +335,7 @@ static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
     for (int c = 0; c < n; c++) {
         double r = cblas_dnrm2(L, w->rest + (size_t)c * (size_t)L, 1);
         e->rss[(c0 + c) / w->phases] += r * r;
+        e->near[(c0 + c) / w->phases] += cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
     }
 }
 
@@ -369,6 +374,7 @@ static enum modal_status evaluate(struct work *w, const struct point *at, struct
     e->F = HUGE_VAL, e->degenerate = true;
     w->spent += w->cost;
     memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
+    memset(e->near, 0, (size_t)w->groups * sizeof *e->near);
     memset(e->T, 0, (size_t)(w->parameters + 1) * (size_t)(w->parameters + 1) * sizeof *e->T);
     fill_basis(w, at);
     rc = factor(w, &regular, err);
@@ -392,17 +398,39 @@ static double freedom(const struct work *w)
     return w->S * (rows(w) - w->order) - w->parameters;
 }
 
-/* (6), for the fastest pole. */
-static void set_floor(struct work *w, const struct point *at)
+static bool at_rounding(const struct work *w, const struct evaluation *e, int g)
 {
-    double most = 0, n = (double)w->L * w->phases;
+    return e->rss[g] <= (double)w->L * w->phases * w->floor2[g];
+}
 
-    for (int j = 0; j < w->count; j++)
-        most = fmax(most, w->kind[j] == POLE_PAIR ? at->b[j] : fabs(at->a[j]));
-    for (int g = 0; g < w->groups; g++) {
-        double f = (4 + most * w->L / 4) * DBL_EPSILON;
-        w->floor2[g] = f * f * w->energy[g] / n;
-    }
+static bool is_rounding(const struct work *w, const struct evaluation *e)
+{
+    for (int g = 0; g < w->groups; g++)
+        if (!at_rounding(w, e, g))
+            return false;
+    return true;
+}
+
+/* What signals at rounding have in F: the part of it that no step can lower, nor tell. */
+static double rounding_part(const struct work *w, const struct evaluation *e)
+{
+    double sum = 0;
+
+    for (int g = 0; g < w->groups; g++)
+        sum += at_rounding(w, e, g) ? w->weight[g] * w->weight[g] * e->rss[g] : 0;
+    return sum;
+}
+
+/* s^2 of (5).  Signals at rounding are weighed by a bound of it: beside noise they say nothing of the noise. */
+static double variance(const struct work *w, const struct evaluation *e)
+{
+    int noisy = 0;
+
+    for (int g = 0; g < w->groups; g++)
+        noisy += !at_rounding(w, e, g);
+    if (noisy == 0 || noisy == w->groups)
+        return e->F / fmax(freedom(w), 1);
+    return (e->F - rounding_part(w, e)) / fmax(freedom(w) * noisy / w->groups, 1);
 }
 
 /* Variance below which nothing is signal: rounding of the arithmetic, or of the samples. */
@@ -500,16 +528,6 @@ static void take_step(const struct work *w, const struct point *from, const doub
     }
 }
 
-static bool is_rounding(const struct work *w, const struct evaluation *e)
-{
-    double n = (double)w->L * w->phases;
-
-    for (int g = 0; g < w->groups; g++)
-        if (e->rss[g] > n * w->floor2[g])
-            return false;
-    return true;
-}
-
 struct search {
     struct point at, trial;
     struct evaluation now, next;
@@ -525,9 +543,9 @@ static bool point_new(struct point *p, int count)
 
 static bool evaluation_new(struct evaluation *e, const struct work *w)
 {
-    e->rss = numbers((size_t)w->groups, 1);
+    e->rss = numbers((size_t)w->groups, 1), e->near = numbers((size_t)w->groups, 1);
     e->T = numbers((size_t)w->parameters + 1, (size_t)w->parameters + 1);
-    return e->rss != NULL && e->T != NULL;
+    return e->rss != NULL && e->near != NULL && e->T != NULL;
 }
 
 static bool search_new(struct search *s, const struct work *w)
@@ -542,7 +560,7 @@ static bool search_new(struct search *s, const struct work *w)
 static void search_done(struct search *s)
 {
     free(s->at.a), free(s->at.b), free(s->trial.a), free(s->trial.b);
-    free(s->now.rss), free(s->now.T), free(s->next.rss), free(s->next.T), free(s->A), free(s->delta);
+    free(s->now.rss), free(s->now.near), free(s->now.T), free(s->next.rss), free(s->next.near), free(s->next.T), free(s->A), free(s->delta);
 }
 
 static void swap_in(struct search *s)
@@ -576,6 +594,15 @@ static double bic(const struct work *w, const double *rss, double factor)
     return sum + scarcity(live * w->order + w->parameters, used) * (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
 }
 
+/* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its weight rise with it. */
+static bool collapses(const struct work *w, const struct evaluation *e)
+{
+    for (int g = 0; g < w->groups; g++)
+        if (e->near[g] > 0.5 * e->rss[g] && !at_rounding(w, e, g))
+            return true;
+    return false;
+}
+
 /*
  * The linear model (4) promises to lower F by |g|^2.  Where twice as much would leave the BIC above the rival's, the rival has won.
  */
@@ -584,60 +611,104 @@ static bool hopeless(const struct work *w, const struct search *s, double rival)
     int n = w->parameters;
     double g = cblas_dnrm2(n, s->now.T + n * (n + 1), 1), left = 1 - 2 * g * g / s->now.F;
 
-    return rival != 0 && left > 0 && bic(w, s->now.rss, left) > rival;
+    return rival != 0 && left > 0 && !collapses(w, &s->now) && bic(w, s->now.rss, left) > rival;
+}
+
+/* Levenberg-Marquardt's damping after Nielsen, and how often in a row it failed. */
+struct damping { double mu, grow; int failures; };
+
+static void damp_more(struct damping *d)
+{
+    d->mu = fmax(d->mu, 1e-12) * d->grow, d->grow *= 2, d->failures++;
+}
+
+/* GAIN: what F fell by over what was promised. */
+static void damp_less(struct damping *d, double gain)
+{
+    d->mu *= fmax(1.0 / 9, 1 - pow(2 * fmin(gain, 1) - 1, 3)), d->grow = 2, d->failures = 0;
+}
+
+/* |g|^2, what (4) could lower F by, is no more than F is known to: no step can be told from another.  With the fit known to (6), e a number, and orthogonal to what it
+ * leaves, r, the square of r is known to 2 |r| e + n e^2. */
+static bool below_rounding(const struct work *w, const struct evaluation *e)
+{
+    int n = w->parameters;
+    double g = cblas_dnrm2(n, e->T + n * (n + 1), 1), known = rounding_part(w, e);
+
+    for (int i = 0; i < w->groups; i++)
+        known += w->weight[i] * w->weight[i] * (2 * sqrt(e->rss[i] * w->floor2[i]) + (double)w->L * w->phases * w->floor2[i]);
+    return g * g <= known;
+}
+
+static enum refine_end at_rounding_end(const struct work *w, const struct evaluation *e)
+{
+    return is_rounding(w, e) ? REFINE_ROUNDING : REFINE_CONVERGED;
+}
+
+/* Is there a reason not to take another step? */
+static bool ended(const struct work *w, const struct search *s, const struct refine_options *opt, const struct damping *d, enum refine_end *end)
+{
+    int n = w->parameters;
+    double step = opt->step > 0 ? opt->step : 1e-3;
+
+    if (cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * sqrt(variance(w, &s->now)))
+        *end = REFINE_CONVERGED;
+    else if (d->failures >= ROUNDING_FAILURES && below_rounding(w, &s->now))
+        *end = at_rounding_end(w, &s->now);
+    else if (d->failures > FAILURES_MOST)
+        *end = REFINE_STALLED;
+    else if (hopeless(w, s, opt->rival))
+        *end = REFINE_HOPELESS;
+    else if (opt->work > 0 && w->spent + w->cost > opt->work)
+        *end = REFINE_STOPPED;
+    else
+        return false;
+    return true;
+}
+
+/* The damped step tried, and taken where F falls.  *still: F fell by nothing that counts, and is rounding. */
+static enum modal_status try_step(struct work *w, struct search *s, struct damping *d, bool *still, struct modal_error *err)
+{
+    int n = w->parameters;
+    double fall, promise;
+    enum modal_status rc;
+
+    s->iterations++, s->evaluations++;
+    if (!damped_step(n, s->now.T, d->mu, s->A, s->delta)) {
+        damp_more(d);
+        return MODAL_OK;
+    }
+    take_step(w, &s->at, s->delta, &s->trial);
+    rc = evaluate(w, &s->trial, &s->next, err);
+    if (rc != MODAL_OK)
+        return rc;
+    promise = promised(n, s->now.T, s->delta);
+    fall = s->now.F - s->next.F;
+    if (s->next.degenerate || !(fall > 0)) {
+        damp_more(d);
+        return MODAL_OK;
+    }
+    *still = fall <= 1e-9 * s->now.F && is_rounding(w, &s->next);
+    swap_in(s);
+    damp_less(d, fall / promise);
+    return MODAL_OK;
 }
 
 /* Levenberg-Marquardt with the weights as they are. */
-static enum modal_status descend(struct work *w, struct search *s, const struct refine_options *opt,
-                                 enum refine_end *end, struct modal_error *err)
+static enum modal_status descend(struct work *w, struct search *s, const struct refine_options *opt, enum refine_end *end, struct modal_error *err)
 {
-    int n = w->parameters, failures = 0, most = opt->iterations > 0 ? opt->iterations : 60;
-    double step = opt->step > 0 ? opt->step : 1e-3;
-    double mu = 1e-4, grow = 2;
+    int most = opt->iterations > 0 ? opt->iterations : ITERATIONS;
+    struct damping d = { 1e-4, 2, 0 };
+    bool still = false;
 
     *end = REFINE_STALLED;
-    while (s->iterations < most) {
-        double noise = sqrt(s->now.F / fmax(freedom(w), 1)), gain, promise;
-        bool settled = cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * noise;
-        enum modal_status rc;
-
-        if (settled || failures > 12) {
-            *end = settled ? REFINE_CONVERGED : is_rounding(w, &s->now) ? REFINE_ROUNDING : REFINE_STALLED;
-            return MODAL_OK;
-        }
-        if (hopeless(w, s, opt->rival)) {
-            *end = REFINE_HOPELESS;
-            return MODAL_OK;
-        }
-        if (opt->work > 0 && w->spent + w->cost > opt->work) {
-            *end = REFINE_STOPPED;
-            return MODAL_OK;
-        }
-        s->iterations++, s->evaluations++;
-        if (!damped_step(n, s->now.T, mu, s->A, s->delta)) {
-            mu = fmax(mu, 1e-12) * grow, grow *= 2, failures++;
-            continue;
-        }
-        take_step(w, &s->at, s->delta, &s->trial);
-        rc = evaluate(w, &s->trial, &s->next, err);
+    while (s->iterations < most && !ended(w, s, opt, &d, end)) {
+        enum modal_status rc = try_step(w, s, &d, &still, err);
         if (rc != MODAL_OK)
             return rc;
-        promise = promised(n, s->now.T, s->delta);
-        gain = (s->now.F - s->next.F) / promise;
-        if (!s->next.degenerate && s->next.F < s->now.F) {
-            bool tiny = s->now.F - s->next.F <= 1e-9 * s->now.F && is_rounding(w, &s->next);
-            swap_in(s);
-            mu *= fmax(1.0 / 9, 1 - pow(2 * fmin(gain, 1) - 1, 3)), grow = 2, failures = 0;
-            if (tiny) {
-                *end = REFINE_ROUNDING;
-                return MODAL_OK;
-            }
-        } else {
-            if (is_rounding(w, &s->now) && ++failures >= 3) {
-                *end = REFINE_ROUNDING;
-                return MODAL_OK;
-            }
-            mu *= grow, grow *= 2, failures++;
+        if (still) {
+            *end = REFINE_ROUNDING;
+            break;
         }
     }
     return MODAL_OK;
@@ -647,7 +718,7 @@ static double gradient(const struct work *w, const struct evaluation *e)
 {
     int n = w->parameters;
 
-    return cblas_dnrm2(n, e->T + n * (n + 1), 1) / sqrt(e->F / fmax(freedom(w), 1));
+    return cblas_dnrm2(n, e->T + n * (n + 1), 1) / sqrt(variance(w, e));
 }
 
 /*
@@ -683,7 +754,6 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
     struct refine_options own = *asked, *opt = &own;
     enum modal_status rc;
 
-    set_floor(w, &s->at);
     for (int g = 0; g < w->groups; g++)
         w->weight[g] = 1;
     rc = evaluate(w, &s->at, &s->now, err);
@@ -721,7 +791,7 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
 static void covariance(const struct work *w, const struct evaluation *e, double tau, double *cov)
 {
     int n = w->parameters, P = n + 1;
-    double s2 = fmax(e->F / fmax(freedom(w), 1), DBL_MIN) / (tau * tau);
+    double s2 = fmax(variance(w, e), DBL_MIN) / (tau * tau);
     double *R = cov;              /* invert in place, then multiply up */
 
     for (int j = 0; j < n; j++)
@@ -809,11 +879,32 @@ static enum modal_status check(const struct refine_data *d, const double complex
     return MODAL_OK;
 }
 
+/* Sum of squares of the steps from row to row. */
+static double swing(const double *y, int L)
+{
+    double sum = 0;
+
+    for (int l = 1; l < L; l++)
+        sum += (y[l] - y[l - 1]) * (y[l] - y[l - 1]);
+    return sum;
+}
+
+/* Energies, and (6).  A part at angle theta steps by 2 sin(theta / 2) of its size: theta of a signal is that of all its parts, by their energies, and the
+ * same whatever poles are tried. */
 static void set_energy(struct work *w)
 {
+    double n = (double)w->L * w->phases;
+
     for (int c = 0; c < w->S; c++) {
-        double r = cblas_dnrm2(w->L, w->Y->x + (size_t)c * (size_t)w->Y->ld, 1);
+        const double *y = w->Y->x + (size_t)c * (size_t)w->Y->ld;
+        double r = cblas_dnrm2(w->L, y, 1);
         w->energy[c / w->phases] += r * r;
+        w->floor2[c / w->phases] += swing(y, w->L);
+    }
+    for (int g = 0; g < w->groups; g++) {
+        double chord = w->energy[g] > 0 ? sqrt(w->floor2[g] / w->energy[g]) : 0, theta = 2 * asin(fmin(chord / 2, 1));
+        double f = (4 + theta * (w->L + 2.0 * w->data->before) / 4) * DBL_EPSILON;
+        w->floor2[g] = f * f * w->energy[g] / n;
     }
 }
 
@@ -935,7 +1026,7 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
                               double most, struct wide_step *out, struct modal_error *err)
 {
     struct matrix shape = { d->L, JOIN_MOST + 1 < d->S ? d->S : JOIN_MOST + 1, d->L, NULL };    /* never joined */
-    struct refine_data data = { &shape, tau, 0, 0, NULL };
+    struct refine_data data = { .Y = &shape, .tau = tau };
     struct work w = { .data = &data, .Y = &shape, .L = d->L, .S = shape.n, .groups = 1, .phases = shape.n, .count = count, .fixed = fixed };
     struct search s = { 0 };
     double *cov = NULL, step = 0;

@@ -19,6 +19,7 @@ struct refine_data {
     int phases;                  /* 0: 1 */
     double share;                /* noise that was filtered fills this share of the rows' freedom, 0 < share <= 1; 0: 1, white */
     const double *least;         /* borrowed, per signal (S / phases): variance that the samples' own grid has, below which nothing is signal; NULL: none */
+    int before;                  /* rows of the record before these: rounding of a phase grows from its beginning */
 };
 
 struct refine_options {
@@ -32,7 +33,7 @@ struct refine_options {
 };
 
 enum refine_end {
-    REFINE_CONVERGED,            /* the next step is below options.step standard errors */
+    REFINE_CONVERGED,            /* the next step is below options.step standard errors, or what it promises below the rounding of signals that are exact */
     REFINE_ROUNDING,             /* the residual is rounding: as exact as the arithmetic lets it be */
     REFINE_STALLED,              /* no step lowers the residual, or too many steps: not converged */
     REFINE_BOUNDED,              /* a pole sits at the guard of growth or decay: the model is wrong */

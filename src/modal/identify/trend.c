@@ -1,13 +1,8 @@
 /*
  * trend.c - one mode, watched over windows
  *
- * White or not: with e the residual of the chosen fit, each signal divided by its rms, the autocorrelation at lag l is r_l, with
- * deviation 1 / sqrt(n) for white noise of n numbers in all.  The model is called adequate where
- *
- *     n sum_{l=1..LAGS} r_l^2 <= LAGS + 8 sqrt(2 LAGS)                                                      (1)
- *
- * (Box and Pierce's statistic, eight deviations of chi-square: no false alarm in any ordinary number of records), or where the residual is
- * rounding.  Only an inadequate fit, or one with a crowd of modes in one place, is looked at further: two close modes of a linear system beat, and watched through windows as
+ * The model is called adequate where the residual of the chosen fit is white (colour.h), signals that leave no more than EXACT apart, or
+ * where all of it is rounding.  Only an inadequate fit, or one with a crowd of modes in one place, is looked at further: two close modes of a linear system beat, and watched through windows as
  * one they would seem to drift, but their fit is adequate.
  *
  * Each window is identified on its own (pencil.c, order.c with few orders); its strongest oscillating mode is compared over the windows.  A change
@@ -20,46 +15,25 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/colour.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/order.h"
 #include "modal/identify/pencil.h"
 #include "modal/identify/synthesis.h"
 
-enum { LAGS = 8, ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
-static const double CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7, WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
+enum { ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
+static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7, WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
 
 struct window { double t, frequency, damping, std_frequency, std_damping, amplitude, left; bool found; };
 
 /* ---- is the fit adequate? ---- */
-
-static double whiteness(const struct matrix *E, double *n)
-{
-    double sum = 0, r[LAGS] = { 0 };
-
-    *n = 0;
-    for (int c = 0; c < E->n; c++) {
-        const double *e = E->x + (size_t)c * (size_t)E->ld;
-        double square = 0;
-        for (int k = 0; k < E->m; k++)
-            square += e[k] * e[k];
-        if (!(square > 0))
-            continue;
-        *n += E->m;
-        for (int l = 1; l <= LAGS; l++)
-            for (int k = l; k < E->m; k++)
-                r[l - 1] += e[k] * e[k - l] / square * E->m;
-    }
-    for (int l = 0; l < LAGS; l++)
-        sum += *n > 0 ? r[l] / *n * r[l] / *n : 0;
-    return *n * sum;
-}
 
 static enum modal_status adequate(const struct trend_input *in, bool *answer, double *left, struct modal_error *err)
 {
     struct matrix E = { in->X->m, in->X->n, in->X->m, malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
     struct synthesis fit = { 0 };
     enum modal_status rc;
-    double n, total = 0;
+    double total = 0;
 
     if (E.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d x %d", E.m, E.n);
@@ -71,8 +45,10 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
             E.x[k + (size_t)c * (size_t)E.m] = y - E.x[k + (size_t)c * (size_t)E.m];
         }
     *left = total > 0 && rc == MODAL_OK ? fit.residual / sqrt(total) : 0;
-    if (rc == MODAL_OK)
-        *answer = fit.residual <= 1e-9 * sqrt(total) || whiteness(&E, &n) <= LAGS + 8 * sqrt(2.0 * LAGS);        /* (1) */
+    if (rc == MODAL_OK) {
+        colour_leave_out(&E, in->X, EXACT);
+        *answer = fit.residual <= EXACT * sqrt(total) || colour_white(&E);
+    }
     synthesis_done(&fit);
     free(E.x);
     return rc;

@@ -24,9 +24,8 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/parts.h"
 
-static const double RIVAL = 6, CLEAR = 3;
+static const double RIVAL = 6, CLEAR = 3, ROUNDING = 1e-12;      /* of the signals: what is left is rounding */
 
-/* 1e-12 of the signals: what is left is rounding. */
 static bool at_rounding(const struct refine_data *d, double residual)
 {
     double sum = 0;
@@ -36,7 +35,7 @@ static bool at_rounding(const struct refine_data *d, double residual)
             double y = d->Y->x[l + (size_t)c * (size_t)d->Y->ld];
             sum += y * y;
         }
-    return residual <= 1e-12 * sqrt(sum);
+    return residual <= ROUNDING * sqrt(sum);
 }
 
 /* factor: a number for each pole. */
@@ -56,6 +55,7 @@ static enum modal_status for_colour(const struct refine_data *d, struct poles *p
     for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
         for (int l = 0; l < Y->m; l++)
             E.x[l + (size_t)c * (size_t)E.ld] -= Y->x[l + (size_t)c * (size_t)Y->ld];
+    colour_leave_out(&E, Y, ROUNDING);
     for (int j = 0; j < p->count; j++)
         theta[j] = fabs(cimag(p->lambda[j])) * p->tau;
     if (rc == MODAL_OK)

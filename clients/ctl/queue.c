@@ -85,7 +85,7 @@ static int run_plain(const struct args *args, const char *protocol_verb)
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_do(s.link, protocol_verb, args->word[1], s.deadline, &s.doc, &s.detail, &s.err);
+        rc = client_do(s.link, protocol_verb, args->word[1], remote_answer_by(s.deadline), &s.doc, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = say_job(&s);
     return end(&s, rc, 0);
@@ -121,7 +121,7 @@ static enum modal_status wait_for(struct session *s, const char *job, int *statu
     else
         cJSON_Delete(first);
     if (rc == MODAL_OK && (rc = remote_job_error(s->doc, NULL, &s->err)) == MODAL_OK)
-        rc = remote_add_result(s->link, s->doc, s->deadline, &s->detail, &s->err);
+        rc = remote_add_result(s->link, s->doc, remote_answer_by(s->deadline), &s->detail, &s->err);
     *status = modal_status_exit(rc);
     if (rc == MODAL_OK || s->doc == NULL || rc == MODAL_NO_SERVER)
         return rc;
@@ -151,7 +151,7 @@ int run_retry(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_do(s.link, "RETRY", args->word[1], s.deadline, &s.doc, &s.detail, &s.err);
+        rc = client_do(s.link, "RETRY", args->word[1], remote_answer_by(s.deadline), &s.doc, &s.detail, &s.err);
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, args->word[1], &status);
     if (rc == MODAL_OK)
@@ -169,7 +169,7 @@ static int submit_input(const struct input *input, const struct args *args)
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_submit(s.link, &job, &in, remote_progress(), s.deadline, &s.doc, &s.detail, &s.err);
+        rc = client_submit(s.link, &job, &in, remote_progress(), remote_answer_by(s.deadline), &s.doc, &s.detail, &s.err);
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, field_word(s.doc, "job", "-"), &status);
     if (rc == MODAL_OK)
@@ -208,7 +208,7 @@ int run_submit(const struct verb *verb, const struct args *args)
 static enum modal_status save_signals(struct session *s, const char *job)
 {
     struct job_result out = { 0 };
-    enum modal_status rc = remote_signals(s->link, job, s->deadline, &out, &s->detail, &s->err);
+    enum modal_status rc = remote_signals(s->link, job, remote_answer_by(s->deadline), &out, &s->detail, &s->err);
 
     if (rc == MODAL_OK)
         rc = batch_file_write(s->args->output, &out.batch, cJSON_GetObjectItemCaseSensitive(s->doc, "provenance"), &s->err);
@@ -225,7 +225,7 @@ int run_result(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_result(s.link, args->word[1], "document", s.deadline, &text, &length, NULL, &s.detail, &s.err);
+        rc = client_result(s.link, args->word[1], "document", remote_answer_by(s.deadline), &text, &length, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = json_read(text, length, &s.doc, &s.err);
     if (rc == MODAL_OK && args->output != NULL)
@@ -248,7 +248,7 @@ int run_stderr(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_result(s.link, args->word[1], "stderr", s.deadline, &text, &length, NULL, &s.detail, &s.err);
+        rc = client_result(s.link, args->word[1], "stderr", remote_answer_by(s.deadline), &text, &length, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json) {
         s.doc = cJSON_CreateObject();
         cJSON_AddStringToObject(s.doc, "job", args->word[1]);
@@ -286,7 +286,7 @@ int run_list(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, "LIST", list_header(args), s.deadline, &answer, &body, &s.detail, &s.err);
+        rc = client_ask(s.link, "LIST", list_header(args), remote_answer_by(s.deadline), &answer, &body, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = json_read(body ? body : "", body ? strlen(body) : 0, &s.doc, &s.err);
     if (rc == MODAL_OK && args->json)
@@ -324,7 +324,7 @@ static int run_header(const struct args *args, const char *protocol_verb)
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), s.deadline, &s.doc, NULL, &s.detail, &s.err);
+        rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), remote_answer_by(s.deadline), &s.doc, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json)
         rc = answer_json(s.doc, &s.err);
     else if (rc == MODAL_OK)
@@ -346,7 +346,7 @@ int run_metrics(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, "METRICS", cJSON_CreateObject(), s.deadline, &s.doc, &body, &s.detail, &s.err);
+        rc = client_ask(s.link, "METRICS", cJSON_CreateObject(), remote_answer_by(s.deadline), &s.doc, &body, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json) {
         cJSON_AddStringToObject(s.doc, "metrics", body ? body : "");
         rc = answer_json(s.doc, &s.err);

@@ -17,6 +17,11 @@ double remote_deadline(const struct args *args)
     return args->timeout >= 0 ? link_now() + args->timeout : INFINITY;
 }
 
+double remote_answer_by(double deadline)
+{
+    return fmax(deadline, link_now() + REMOTE_ANSWER_S);
+}
+
 /* Since when WHAT is going on: a job that tells no progress at least shows that time passes. */
 struct since { char what[16]; double begun; };
 
@@ -175,15 +180,15 @@ enum modal_status remote_run(const struct input *input, const struct args *args,
     make_key(key);
     struct client_job job = remote_job(input, args, args->key ? NULL : key);
     if (rc == MODAL_OK)
-        rc = client_submit(link, &job, &in, remote_progress(), deadline, &doc, detail, err);
+        rc = client_submit(link, &job, &in, remote_progress(), remote_answer_by(deadline), &doc, detail, err);
     if (rc == MODAL_OK)
         rc = client_wait(link, job_of(doc), remote_progress(), deadline, &ended, detail, err);
     if (rc == MODAL_OK)
         rc = remote_job_error(ended, detail, err);
     if (rc == MODAL_OK)
-        rc = fetch_document(link, job_of(doc), deadline, &out->result, detail, err);
+        rc = fetch_document(link, job_of(doc), remote_answer_by(deadline), &out->result, detail, err);
     if (rc == MODAL_OK && args->output != NULL)
-        rc = remote_signals(link, job_of(doc), deadline, out, detail, err);
+        rc = remote_signals(link, job_of(doc), remote_answer_by(deadline), out, detail, err);
     cJSON_Delete(doc);
     cJSON_Delete(ended);
     link_close(link);

@@ -8,6 +8,10 @@
 enum modal_status remote_open(const struct args *args, struct link **out, struct modal_error *err);
 /* link_now() + --timeout; INFINITY without one. */
 double remote_deadline(const struct args *args);
+/* --timeout bounds the waiting for a job, not the asking: what is answered at once (a submission, a state, a result that is
+ * there) has these seconds in any case. */
+#define REMOTE_ANSWER_S 10
+double remote_answer_by(double deadline);
 /* Progress on stderr, where it is a terminal; else NULL. */
 const struct client_progress *remote_progress(void);
 

@@ -113,7 +113,7 @@ static enum modal_status submit_key(struct grid *g, const cJSON *options, const 
 
     job.options = options;
     for (;;) {
-        rc = client_submit(g->link, &job, &in, NULL, g->deadline, doc, detail, err);
+        rc = client_submit(g->link, &job, &in, NULL, remote_answer_by(g->deadline), doc, detail, err);
         if (rc == MODAL_OK || !rested(rc, *detail, g->deadline))
             return rc;
         cJSON_Delete(*detail);
@@ -166,7 +166,7 @@ static void cancel_shares(struct grid *g)
         struct modal_error unsaid;
         if (g->docs[i] == NULL || client_ended(g->docs[i]))
             continue;
-        if (client_do(g->link, "CANCEL", field_word(g->docs[i], "job", ""), g->deadline, &doc, &detail, &unsaid) == MODAL_OK) {
+        if (client_do(g->link, "CANCEL", field_word(g->docs[i], "job", ""), remote_answer_by(g->deadline), &doc, &detail, &unsaid) == MODAL_OK) {
             cJSON_Delete(g->docs[i]);
             g->docs[i] = doc;
         }
@@ -203,7 +203,7 @@ static enum modal_status wait_share(struct grid *g, int i, cJSON **detail, struc
     }
     if (rc == MODAL_OK)
         rc = remote_job_error(g->docs[i], detail, err);
-    return rc == MODAL_OK ? remote_add_result(g->link, g->docs[i], g->deadline, detail, err) : rc;
+    return rc == MODAL_OK ? remote_add_result(g->link, g->docs[i], remote_answer_by(g->deadline), detail, err) : rc;
 }
 
 static void add_number(cJSON *to, const cJSON *from, const char *key)
@@ -322,7 +322,7 @@ static enum modal_status find_share(struct grid *g, int i, cJSON **detail, struc
         char key[WIRE_KEY_MOST + 8];
         cJSON *doc = NULL;
         set_key(g, i, round, "key:", key);
-        rc = client_do(g->link, "STATUS", key, g->deadline, &doc, detail, err);
+        rc = client_do(g->link, "STATUS", key, remote_answer_by(g->deadline), &doc, detail, err);
         if (rc == MODAL_OK) {
             cJSON_Delete(g->docs[i]);
             g->docs[i] = doc;

@@ -105,6 +105,16 @@ def test_not_finished_in_time_is_5_and_the_document_says_where_it_is(ctl, daemon
     assert said.status == 1 and said.document["state"] == "cancelled" and said.document["error"]["code"] == "cancelled"
 
 
+def test_no_patience_is_enough_for_what_is_there(ctl, daemon, batch, slow_batch):
+    job = ctl("submit", "identify", batch, "--wait", server=daemon).document["job"]
+    for _ in range(5):
+        said = ctl("wait", job, "--timeout", "0", server=daemon)
+        assert said.status == 0 and said.document["result"]["modes"], said.document
+    for words in (["status", job], ["result", job], ["submit", "identify", batch]):
+        assert ctl(*words, "--timeout", "0", server=daemon).status == 0, words
+    assert ctl("identify", slow_batch, "--timeout", "0", server=daemon).document["error"]["code"] == "timeout"
+
+
 def test_a_job_that_fails_is_known_by_its_status_wherever_it_failed(ctl, daemon, tmp_path):
     path = write_batch(tmp_path / "nan.h5", np.where(np.arange(40)[:, None] == 17, np.nan, decay(40)))
     for said in (ctl("identify", path), ctl("identify", path, server=daemon), ctl("submit", "identify", path, "--wait", server=daemon)):

@@ -8,11 +8,13 @@
  * of their stream pass: its fence is up until the core takes it down.
  */
 #include "broker/queue.h"
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
 enum { GROUP_MOST = 4096 };                    /* transactions */
+#define REST_AFTER_NS INT64_C(1000000000)      /* without any, the ledger tidies itself up, once */
 
 struct ledger_thread {
     pthread_t thread;
@@ -22,6 +24,7 @@ struct ledger_thread {
     bool stop, ping;
     enum { WHOLE, SHRUNK, GONE } reserve;
     bool settling;                             /* pages to give back, at leisure */
+    int64_t rest_ns;                           /* when to rest, monotonic; 0: nothing was done since */
     struct ledger *ledger;
     const char *dir;
     struct done_queue *done;
@@ -112,14 +115,26 @@ static void put_back(struct ledger_thread *l, struct transaction *list)
     pthread_mutex_unlock(&l->mutex);
 }
 
-/* Up to GROUP_MOST transactions; NULL: stop.  *PING: somebody wants to know that this thread lives. */
+/* Until there is something to do, or time to rest. */
+static void wait_for_work(struct ledger_thread *l)
+{
+    struct timespec rest = { l->rest_ns / 1000000000, l->rest_ns % 1000000000 };
+    bool over = false;
+
+    while (l->first == NULL && !l->stop && !l->ping && !l->settling && !over)
+        if (l->rest_ns == 0)
+            pthread_cond_wait(&l->more, &l->mutex);
+        else
+            over = pthread_cond_timedwait(&l->more, &l->mutex, &rest) == ETIMEDOUT;
+}
+
+/* Up to GROUP_MOST transactions; NULL: stop, rest, or nothing after all.  *PING: somebody wants to know that this thread lives. */
 static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
 {
     struct transaction *list, **cut;
 
     pthread_mutex_lock(&l->mutex);
-    while (l->first == NULL && !l->stop && !l->ping && !l->settling)
-        pthread_cond_wait(&l->more, &l->mutex);
+    wait_for_work(l);
     list = l->first;
     cut = &l->first;
     for (int n = 0; n < GROUP_MOST && *cut != NULL; n++)
@@ -184,6 +199,21 @@ static void measure(struct transaction *first, int64_t took_ns)
         first->group++;
 }
 
+/* After work a rest is due some time later; when that has passed without work, it is taken. */
+static enum modal_status rest_or_work(struct ledger_thread *l, bool worked, struct modal_error *err)
+{
+    int64_t now = now_ns();
+    bool more = false;
+    enum modal_status rc = MODAL_OK;
+
+    if (!worked && (l->rest_ns == 0 || now < l->rest_ns))
+        return MODAL_OK;
+    if (!worked)
+        rc = ledger_rest(l->ledger, &more, err);
+    l->rest_ns = worked || more ? now + REST_AFTER_NS / (more ? 20 : 1) : 0;
+    return rc;
+}
+
 static void *run(void *context)
 {
     struct ledger_thread *l = context;
@@ -217,7 +247,7 @@ static void *run(void *context)
             measure(group, now_ns() - begun_ns);
             done_transactions(l->done, group);
         }
-        if (ledger_settle(l->ledger, &l->settling, &err) != MODAL_OK) {
+        if (ledger_settle(l->ledger, &l->settling, &err) != MODAL_OK || rest_or_work(l, group != NULL, &err) != MODAL_OK) {
             done_fatal(l->done, &err);
             return NULL;
         }
@@ -227,11 +257,16 @@ static void *run(void *context)
 struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir, struct done_queue *done)
 {
     struct ledger_thread *l = calloc(1, sizeof *l);
+    pthread_condattr_t monotonic;
 
     if (l == NULL)
         return NULL;
     pthread_mutex_init(&l->mutex, NULL);
-    pthread_cond_init(&l->more, NULL);
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&l->more, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+    l->rest_ns = now_ns() + REST_AFTER_NS;         /* what the last process left */
     l->end = &l->first;
     l->ledger = ledger;
     l->dir = dir;

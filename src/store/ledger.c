@@ -510,11 +510,13 @@ static bool survivable(enum modal_status rc)
     return rc == MODAL_OK || rc == MODAL_STORAGE_FULL || rc == MODAL_NO_MEMORY || rc == MODAL_BUSY;
 }
 
-static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *err)
+/* HOW: SQLITE_CHECKPOINT_PASSIVE, or _TRUNCATE, which syncs the database before it empties the log.  *DONE: no reader was in the way. */
+static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done, struct modal_error *err)
 {
     enum modal_status rc;
-    int left = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, SQLITE_CHECKPOINT_PASSIVE, NULL, &left);
+    int left = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, NULL, &left);
 
+    *done = code == SQLITE_OK;
     if (code == SQLITE_OK || code == SQLITE_BUSY) {
         ledger->log_pages = 0;
         return MODAL_OK;
@@ -522,6 +524,13 @@ static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *e
     rc = ledger_db_fail(ledger->db, code, "moving the log to the database", err);
     ledger->broken = !survivable(rc);
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;     /* the log stays; tried again later */
+}
+
+static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *err)
+{
+    bool done;
+
+    return checkpoint_as(ledger, SQLITE_CHECKPOINT_PASSIVE, &done, err);
 }
 
 static enum modal_status refuse_broken(struct modal_error *err)
@@ -618,5 +627,27 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
         ledger->deleted = false;               /* not now */
     if (more != NULL)
         *more = ledger->deleted;
+    return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;
+}
+
+enum modal_status ledger_rest(struct ledger *ledger, bool *more, struct modal_error *err)
+{
+    int64_t unused = 0, left = 0;
+    bool done = true;
+    enum modal_status rc;
+
+    *more = false;
+    if (ledger->broken)
+        return refuse_broken(err);
+    rc = count_pages(ledger, "PRAGMA freelist_count", &unused, err);
+    if (rc == MODAL_OK && unused > 0)
+        rc = ledger_vacuum(ledger, VACUUM_PAGES, &left, err);
+    if (rc == MODAL_OK && (*more = left > 0 && left < unused))
+        return rc;
+    sqlite3_busy_timeout(ledger->db, 0);           /* a reader is not waited for: somebody may ask something */
+    if (rc == MODAL_OK)
+        rc = checkpoint_as(ledger, SQLITE_CHECKPOINT_TRUNCATE, &done, err);
+    sqlite3_busy_timeout(ledger->db, LEDGER_BUSY_MS);
+    *more = !done;
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;
 }

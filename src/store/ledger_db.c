@@ -118,7 +118,7 @@ static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err
     enum modal_status rc;
 
     sqlite3_extended_result_codes(db, 1);
-    sqlite3_busy_timeout(db, 5000);
+    sqlite3_busy_timeout(db, LEDGER_BUSY_MS);
     sqlite3_db_config(db, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     sqlite3_file_control(db, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved);
     rc = ledger_db_run(db, write ? "PRAGMA cache_size=-4000" : "PRAGMA cache_size=-256", err);     /* there is a reader a thread */

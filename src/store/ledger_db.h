@@ -6,6 +6,7 @@
 
 enum {
     LEDGER_APPLICATION = 0x6d646c64,     /* "mdld" */
+    LEDGER_BUSY_MS = 5000,               /* for which a lock of another process is waited for */
     LEDGER_CHECKPOINT_PAGES = 1000,      /* of the log, before ledger_settle moves it to the database */
 };
 

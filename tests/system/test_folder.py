@@ -3,10 +3,12 @@ import glob
 import json
 import os
 import pathlib
+import sqlite3
 import subprocess
+import time
 
 import pytest
-from wire import Daemon, submit
+from wire import Daemon, ring_down, submit
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
@@ -55,6 +57,42 @@ def test_a_backup_is_sound_and_has_the_same_rows(folder, tmp_path):
     assert ctl("dump", str(tmp_path / "copy")) == ctl("dump", str(folder))
     status, [answer] = ctl("backup", str(folder), str(tmp_path / "copy"))
     assert status == 2 and answer["error"]["field"] == "to"
+
+
+def live_bytes(data):
+    """What the rows of a ledger hold: their texts and blobs, and 8 bytes for each number; and the files of the spool."""
+    with sqlite3.connect(f"file:{data}/ledger.db?mode=ro", uri=True) as db:
+        total = 0
+        for (table,) in db.execute("SELECT name FROM sqlite_schema WHERE type = 'table'").fetchall():
+            columns = [row[1] for row in db.execute(f"PRAGMA table_info({table})")]
+            size = " + ".join(f"CASE typeof(\"{c}\") WHEN 'null' THEN 0 WHEN 'integer' THEN 8 WHEN 'real' THEN 8 ELSE length(CAST(\"{c}\" AS BLOB)) END" for c in columns)
+            total += db.execute(f"SELECT coalesce(sum({size}), 0) FROM {table}").fetchone()[0]
+    return total + sum(p.stat().st_size for place in ("spool", "results") for p in (data / place).iterdir())
+
+
+def test_ledger_and_spool_are_at_most_1_2_of_the_live_bytes_after_retention(tmp_path):
+    """Issue 6, line 5, for a small folder too: a second after the last change the log is emptied and freed pages are given back."""
+    fake = pathlib.Path(__file__).resolve().parent / "fake_worker.py"
+    with Daemon(tmp_path, config=f"worker_path = {fake}\ninput_age_s = 1\nevents_kept = 1024\n") as d:
+        c = d.client(timeout_s=60)
+        jobs = []
+        for i in range(300):
+            data, described = ring_down(samples=1000, phase=i * 1e-3)
+            jobs.append(c.ask("SUBMIT", [data], kind="identify", input=described, options={"document": 3000})["job"])
+        for job in jobs:
+            assert c.ask("WAIT", job=job, timeout_s=60)["state"] == "done"
+        for job in jobs[:200]:
+            assert c.ask("DELETE", job=job).ok
+        log, end = tmp_path / "data" / "ledger.db-wal", time.monotonic() + 30
+        while log.stat().st_size > 0:
+            assert time.monotonic() < end, "the log is never emptied"
+            time.sleep(0.05)
+        used = sum((tmp_path / "data" / name).stat().st_size for name in ("ledger.db", "ledger.db-wal"))
+        used += sum(p.stat().st_size for place in ("spool", "results") for p in (tmp_path / "data" / place).iterdir())
+        live = live_bytes(tmp_path / "data")
+        print(f"\nledger and spool {used} bytes for {live} live ones: {used / live:.3f}")
+        assert live > 100 * 8000 and used <= 1.2 * live
+        assert c.ask("RESULT", job=jobs[250]).ok
 
 
 def test_no_folder_and_a_folder_without_a_ledger_are_errors(tmp_path):

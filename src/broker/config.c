@@ -37,6 +37,7 @@ static const struct row {
     { "workers", COUNT, offsetof(struct config, workers), 0, 256 },
     { "worker_jobs", BYTES, offsetof(struct config, settings.worker_jobs), 0, 1e15 },
     { "spool_threads", COUNT, offsetof(struct config, spool_threads), 1, 16 },
+    { "connections", COUNT, offsetof(struct config, connections), 0, 65536 },
     { "ipc_mode", MODE, offsetof(struct config, ipc_mode), 0, 0777 },
     { "worker_path", TEXT, offsetof(struct config, worker_path), 0, 0 },
     { "worker_user", TEXT, offsetof(struct config, worker_user), 1, 0 },

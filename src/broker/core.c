@@ -521,6 +521,12 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     return &c->out;
 }
 
+void core_connections(struct core *c, int64_t open, int64_t refused_count)
+{
+    c->connections = open;
+    c->connections_refused = refused_count;
+}
+
 int64_t core_next_ns(const struct core *c)
 {
     const struct heap_item *least = heap_least(&c->timers);

@@ -5,6 +5,7 @@
  * number from each source, so that none starves another), step the core for each, carry out what it asks for.
  */
 #include "broker/daemon.h"
+#include "broker/accept.h"
 #include "broker/notify.h"
 #include "broker/peers.h"
 #include "broker/pool.h"
@@ -174,6 +175,7 @@ static void carry_out_all(struct daemon *d, const struct actions *actions)
 
 static void step(struct daemon *d, const struct event *event)
 {
+    core_connections(d->core, accept_open(), accept_refused());
     if (event->type == EVENT_REQUEST || event->type == EVENT_COMMITTED || event->type == EVENT_TASK)
         d->trim_ns = clock_ns(CLOCK_MONOTONIC) + TRIM_AFTER_NS;
     carry_out_all(d, core_step(d->core, event, moment_now()));
@@ -357,6 +359,8 @@ static void reload(struct daemon *d)
         d->config->account_count = fresh->account_count;
         d->config->workers = fresh->workers;
         d->config->drain_s = fresh->drain_s;
+        d->config->connections = fresh->connections;
+        accept_most(fresh->connections);
         fresh->accounts = NULL;
         snprintf(d->config->settings.dir, sizeof d->config->settings.dir, "%s", old.data);
         config_done(&old);
@@ -770,6 +774,7 @@ static enum modal_status begin(struct daemon *d, struct modal_error *err)
     enum modal_status rc = open_signals(d, err);
 
     raise_descriptors();
+    accept_most(d->config->connections);
     if (rc == MODAL_OK)
         rc = open_store(d, err);
     if (rc == MODAL_OK)

@@ -99,7 +99,7 @@ struct failure *failure_new(const struct modal_error *err, cJSON *detail)
 {
     struct failure *f = grab(sizeof *f);
 
-    f->status = err->status;
+    f->status = err->status == MODAL_BUSY ? MODAL_IO : err->status;     /* no descriptor was left: to a job that is an error of input or output */
     f->message = grab_text(err->message);
     f->field = err->field[0] != 0 ? grab_text(err->field) : NULL;
     f->detail = detail == NULL ? NULL : json_print(detail);

@@ -226,6 +226,7 @@ struct core {
     double replay_s;
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */
+    int64_t connections, connections_refused;
     struct { char *text; uint8_t settings[32]; } asked;   /* the latest kind and options, and their hash */
     struct arena *kinds;                  /* names of kinds this build no longer knows */
     size_t turn;                          /* whose turn it is among users */
@@ -372,7 +373,8 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t);
 void stream_after(struct core *c, struct after *after, struct transaction *t);
 bool stream_due(struct stream *s);         /* is a window due? */
 struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first);
-void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_message *m);
+void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_frame *document, const cJSON *error);
+void stream_dropped(struct core *c, struct stream *s, uint64_t from, uint64_t to);
 void stream_load_note(struct core *c, const struct note_record *r);
 void stream_load_segment(struct core *c, struct input *input);
 void stream_free(struct stream *s);

@@ -486,18 +486,17 @@ struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uin
     return blob_take(data, count * size);
 }
 
-/* What a window gave, as a numbered event: the modes and the verdict. */
-void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_message *m)
+/* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
+void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
 {
-    struct blob *body = m->body_count > 0 ? blob_copy(m->body[0].data, m->body[0].size) : NULL;
     cJSON *document = NULL, *text = cJSON_CreateObject(), *part;
     static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
     struct transaction *t = transaction_new();
     struct after *after = transaction_after(t, AFTER_EVENT);
     struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
 
-    if (body != NULL)
-        json_read(body->data, body->size, &document, NULL);
+    if (document_text != NULL)
+        json_read(document_text->data, document_text->size, &document, NULL);
     cJSON_AddStringToObject(text, "event", "modes");
     cJSON_AddStringToObject(text, "stream", s->name);
     cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
@@ -506,8 +505,8 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
         if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
             cJSON_AddItemToObject(text, parts[i], part);
-    if ((part = cJSON_GetObjectItemCaseSensitive(m->header, "error")) != NULL)
-        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(part, true));
+    if (error != NULL)
+        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
     after->text = json_print(text);
     if (strlen(after->text) > 49152) {             /* it must fit a header: the verdict alone */
         cJSON_DeleteItemFromObject(text, "modes");
@@ -521,8 +520,19 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
                                             .topic = transaction_text(t, s->name), .text = transaction_text(t, after->text) };
     cJSON_Delete(text);
     cJSON_Delete(document);
-    blob_drop(body);
     core_commit(c, t);
+}
+
+/* A window that killed each worker that had it: who watches is told so. */
+void stream_dropped(struct core *c, struct stream *s, uint64_t from, uint64_t to)
+{
+    struct modal_error err;
+    cJSON *error;
+
+    modal_fail(&err, MODAL_WORKER_DIED, "the window is left out: %d workers died of it", s->died);
+    error = wire_error_object(&err, NULL);
+    stream_result(c, s, from, to, NULL, error);
+    cJSON_Delete(error);
 }
 
 /* ---- a full disk ------------------------------------------------------------------------------------------------- */

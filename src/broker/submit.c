@@ -151,6 +151,13 @@ static bool take_inline(struct core *c, struct submission *s, const struct event
     return true;
 }
 
+/* Whether JOB is what S asks for.  Fingerprints of folders of before attributes were part of them are not, so what they stand for decides. */
+static bool same_job(const struct job *job, const struct submission *s)
+{
+    return memcmp(job->fingerprint, s->fingerprint, 32) == 0
+        || (job->input != NULL && memcmp(job->settings, s->settings, 32) == 0 && memcmp(job->input->content, s->content, 32) == 0);
+}
+
 /* A job, or what is left of one, that already has the key; true: answered. */
 static bool known_key(struct core *c, struct submission *s)
 {
@@ -163,7 +170,7 @@ static bool known_key(struct core *c, struct submission *s)
     job = job_find(c, s->user, &(struct wire_job) { .key = s->r->submit.key });
     if (job == NULL)
         return false;
-    if (memcmp(job->fingerprint, s->fingerprint, 32) != 0)
+    if (!same_job(job, s))
         answer_fail(c, &s->reply, MODAL_CONFLICT, "key", NULL, "the key names a job of other kind, options or input");
     else if (!job->committed) {
         struct after *after = after_new(AFTER_REPEAT, &s->reply);

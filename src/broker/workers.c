@@ -192,17 +192,21 @@ static void end_live(struct core *c, int slot, const struct wire_message *m)
     stream->live = false;
     if (m == NULL || error != NULL)
         stream->at_slot = -1;
-    if (m == NULL && ++stream->died < LIVE_DEATHS_MOST)
+    if (m == NULL && ++stream->died < LIVE_DEATHS_MOST) {
         stream->next_window = s->live_to + 1;         /* its worker died: once more on another, unless the window itself is to blame */
+        return;
+    }
+    if (m == NULL)
+        stream_dropped(c, stream, s->live_from, s->live_to);
+    stream->died = 0;
     if (m == NULL)
         return;
-    stream->died = 0;
     s->state = SLOT_TAKEN;
     json_get_string(error, "", "field", &field, NULL);
     if (error != NULL && strcmp(field, "live") == 0)
         stream->next_window = s->live_to + 1;         /* it dropped the window: once more, with all of it */
     else
-        stream_result(c, stream, s->live_from, s->live_to, m);
+        stream_result(c, stream, s->live_from, s->live_to, m->body_count > 0 ? &m->body[0] : NULL, error);
 }
 
 void workers_schedule(struct core *c)
@@ -380,8 +384,10 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
     struct job *job = s->job;
     int64_t again_ns = 0;
 
-    if (s->live != NULL)
+    if (s->live != NULL) {
         end_live(c, slot, NULL);
+        c->deaths++;
+    }
     if (job != NULL) {
         enum ending ending = job->ending;
         account_for(c, s, job);

@@ -142,6 +142,40 @@ def test_100_silent_connections_at_64_descriptors_stop_nobody_for_longer_than_th
         assert waited < 15 and cpu_s < 0.5 * waited and again < 2 * usual and memory_mb(d) < 200
 
 
+def metric(client, name):
+    text = client.ask("METRICS").body[0].decode()
+    return next(float(line.split()[1]) for line in text.splitlines() if line.startswith(f"modald_{name} "))
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "ipc"])
+def test_connections_past_their_limit_are_closed_and_counted_and_those_there_go_on(scheme):
+    with Daemon(config=FAKE + "connections = 8\n", endpoint=f"tcp://127.0.0.1:{free_port()}" if scheme == "tcp" else None) as d:
+        client = d.client()
+        assert submit(client, key="known").ok and metric(client, "connections") == 1 and metric(client, "connections_refused_total") == 0
+        flood = []
+        for _ in range(40):
+            s = socket.socket(socket.AF_INET if scheme == "tcp" else socket.AF_UNIX)
+            s.settimeout(10)
+            s.connect(("127.0.0.1", int(d.endpoint.rsplit(":", 1)[1])) if scheme == "tcp" else d.endpoint.removeprefix("ipc://"))
+            flood.append(s)
+        closed = 0
+        for s in flood:                          # greeted (ZMTP's first byte), or closed as it came
+            with contextlib.suppress(ConnectionResetError):
+                if s.recv(1) == b"\xff":
+                    continue
+            closed += 1
+        assert closed == 40 - 7
+        assert client.ask("WAIT", job=submit(client, key="meanwhile", phase=0.1)["job"], timeout_s=30)["state"] == "done"
+        assert metric(client, "connections") <= 8 and metric(client, "connections_refused_total") >= 33
+        for s in flood:
+            s.close()
+        assert d.client(timeout_s=30).ask("HELLO").ok
+        until_quiet = time.monotonic() + 30
+        while metric(client, "connections") > 2:
+            assert time.monotonic() < until_quiet, "connections that ended are still counted"
+        print(f"\nP6: {scheme}: 40 connections at connections = 8: {closed} closed as they came")
+
+
 def test_a_multipart_bomb_ends_at_the_memory_limit_and_loses_nothing():
     """libzmq bounds no number of parts: the limit is the unit's MemoryMax, here the address space; a restart serves all again."""
     with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}", wrap=["prlimit", "--as=400000000"]) as d:

@@ -188,6 +188,25 @@ def test_a_live_result_is_the_batch_job_on_the_same_window(workers, tmp_path):
                 assert a == pytest.approx(b, rel=1e-9, abs=0)
 
 
+def test_a_window_that_kills_three_workers_is_told_of_and_the_next_goes_on():
+    """PROTOCOL.md, section 13: three times at most; who watches sees worker_died in place of modes, not silence."""
+    fake = pathlib.Path(__file__).resolve().parent / "fake_worker.py"
+    with Daemon(workers=1, config=f"worker_path = {fake}\n") as d:
+        c = d.client(timeout_s=60)
+        assert c.ask("EVENTS", stream="bad").ok
+        s = c.ask("STREAM", op="open", name="bad", channels=1, dt=0.1, window={"samples": 20, "hop": 10, "options": {"die": True}})["stream"]
+        seen = []
+        for at in (0, 10, 20):
+            push(c, s, 0, at, struct.pack("<10d", *[math.sin(k) for k in range(at, at + 10)]), channels=1)
+            while at >= 10 and len(seen) < at // 10:
+                reply = c.early.pop(0) if c.early else c.receive()
+                if reply.verb == "EVENT":
+                    seen.append(reply.header)
+        assert [(e["from"], e["to"], e["error"]["code"]) for e in seen] == [(0, 19, "worker_died"), (10, 29, "worker_died")]
+        assert all("modes" not in e and e["number"] > 0 for e in seen)
+        assert c.ask("STATS")["workers"]["deaths"] == 6
+
+
 def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
     import os
     import signal

@@ -166,13 +166,19 @@ static bool was_cancelled(void *context)
     return t->request->cancelled != NULL && t->request->cancelled(t->request->context);
 }
 
+/* The highest harmonic of a load as its dofs see it: one fixed in space, on axes that turn, reaches as much higher. */
+static int highest(const struct program *p, const struct program_load *load)
+{
+    return load->k + (load->dof_sine >= 0 ? (int)lround(fmin(p->frame_speed / p->omega, 1e6)) : 0);
+}
+
 /* Rungs that this scene can climb: the loads' harmonic fits, and laws for methods to differ on. */
 static void choose_rungs(struct tradeoff *t)
 {
     int load = 0;
 
     for (int i = 0; i < t->p->loads; i++)
-        load = t->p->load[i].k > load ? t->p->load[i].k : load;
+        load = highest(t->p, &t->p->load[i]) > load ? highest(t->p, &t->p->load[i]) : load;
     for (size_t i = 0; i < sizeof ladder_rungs / sizeof *ladder_rungs; i++) {
         const struct rung *r = &ladder_rungs[i];
         bool fits = r->harmonics == 0 ? 2 * load < r->samples : r->harmonics >= load;

@@ -136,7 +136,7 @@ static enum modal_status add_hill(cJSON *result, const struct program *p, const 
     struct modal_error why;
     enum modal_status rc;
 
-    if (!o->hill || !f->periodic)
+    if (!o->hill || !f->periodic || p->seen_fixed)
         return MODAL_OK;
     rc = hill(p, o->harmonics, &h, &why);
     if (rc == MODAL_TOO_LARGE && o->harmonics == 0) {

@@ -71,7 +71,7 @@ def exponents(result):
 
 
 @pytest.mark.parametrize("file", ["modes_undamped", "modes_damped"])
-@pytest.mark.parametrize("frame, model", [("rotating", "A0"), ("rotating", "A1"), ("rotating", "FE6"), ("fixed", "FE6")])
+@pytest.mark.parametrize("frame, model", [("rotating", "A0"), ("rotating", "A1"), ("rotating", "FE6"), ("fixed", "A0"), ("fixed", "A1"), ("fixed", "FE6")])
 def test_the_rotor_has_the_exponents_of_the_reference_on_either_axes(tmp_path, file, frame, model):
     known = {}
     for row in table(f"rotor/{file}.csv"):

@@ -281,7 +281,7 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
     if (rc == MODAL_OK)
         rc = make(ss->N, &f, err);
     if (rc == MODAL_OK)
-        rc = turned != NULL ? turning(ss, p->turn_speed, period, &f, err)
+        rc = turned != NULL || p->seen_fixed ? turning(ss, p->turn_speed, period, &f, err)
              : ss->harmonics > 0 ? periodic(ss, period, opt, &f, err) : constant(ss, p->period, &f, err);
     statespace_free(ss);
     program_turned_free(turned);

@@ -126,12 +126,13 @@ static enum modal_status read_frame(const struct lowering *l, const cJSON *json,
     enum modal_status rc = json_get_choice(json, path, "frame", frames, &frame, err);
 
     load->dof_sine = -1;
+    frame = frame < 0 && l->p->seen_fixed ? 1 : frame;
     if (rc != MODAL_OK || frame < 0)
         return rc;
     json_path(where, path, "frame");
     if (!l->names_frames)
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the axes of a %s do not turn", where, l->structure->name);
-    if (frame == 0 && l->turn_partner == NULL)
+    if (frame == 0 && (l->turn_partner == NULL || l->p->seen_fixed))
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the structure's dofs are on fixed axes; a load on turning ones needs "
                                 "structure.frame \"rotating\"", where);
     if (frame == 1 && l->turn_partner != NULL) {

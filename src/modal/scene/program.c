@@ -100,7 +100,7 @@ static void add_matrices(struct sha256 *s, const struct program *p)
 void program_hash(struct program *p)
 {
     struct sha256 s;
-    const double numbers[] = { p->omega, p->period, p->frame_speed };
+    const double numbers[] = { p->omega, p->period, p->seen_fixed ? -p->frame_speed : p->frame_speed };
 
     sha256_start(&s);
     add_int(&s, p->n);
@@ -130,7 +130,7 @@ void program_hash(struct program *p)
 
 enum program_class program_class(const struct program *p)
 {
-    return p->laws > 0 ? PROGRAM_NONLINEAR : p->harmonics > 0 ? PROGRAM_LINEAR_PERIODIC : PROGRAM_LINEAR_CONSTANT;
+    return p->laws > 0 ? PROGRAM_NONLINEAR : p->harmonics > 0 || p->seen_fixed ? PROGRAM_LINEAR_PERIODIC : PROGRAM_LINEAR_CONSTANT;
 }
 
 const char *program_class_name(enum program_class class)

@@ -11,6 +11,7 @@
  */
 #ifndef MODAL_PROGRAM_H
 #define MODAL_PROGRAM_H
+#include <stdbool.h>
 #include <stdint.h>
 #include "modal/error.h"
 #include "modal/linalg/sparse.h"
@@ -77,6 +78,7 @@ struct program {
      * turning.h reads them; they say nothing that the matrices do not. */
     int *turn_partner;
     double *turn_sign, turn_speed;
+    bool seen_fixed;                  /* on turning axes, its outputs, loads and multipliers those of fixed ones */
     char hash[65];                    /* SHA-256, hex, over all of the above but counters: see program.c */
 };
 

@@ -230,6 +230,15 @@ static enum modal_status dof_sensor(struct lowering *l, const cJSON *json, const
     return (out->name = strdup(name != NULL ? name : text)) != NULL ? MODAL_OK : no_memory(err);
 }
 
+/* On turning axes that are seen from fixed ones, what is given is x' at t = 0: q' = x' - W J x. */
+static void turn_initial(const struct lowering *l)
+{
+    const struct program *p = l->p;
+
+    for (int i = 0; p->seen_fixed && i < p->n; i++)
+        p->v0[i] -= p->turn_speed * l->turn_sign[i] * p->x0[l->turn_partner[i]];
+}
+
 static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
 {
     struct program_output *out = &l->p->output[l->p->outputs++];
@@ -237,10 +246,20 @@ static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const
     if (!cJSON_IsObject(json))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
     const cJSON *dof = cJSON_GetObjectItemCaseSensitive(json, "dof");
-    if (l->structure->sensor != NULL && (dof == NULL || cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL
+    if (l->structure->sensor != NULL && (dof == NULL || l->p->seen_fixed || cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL
                                          || (cJSON_IsString(dof) && program_dof(l->p, dof->valuestring) < 0)))
         return l->structure->sensor(l, json, path, out, err);
     return dof_sensor(l, json, path, out, err);
+}
+
+/* Dof I as a channel, as {"dof": its name} would. */
+static enum modal_status sense_dof(struct lowering *l, int i, struct modal_error *err)
+{
+    cJSON *json = cJSON_CreateObject();
+    enum modal_status rc = json != NULL && cJSON_AddStringToObject(json, "dof", l->p->dofs[i]) != NULL ? add_sensor(l, json, "sensors", err) : no_memory(err);
+
+    cJSON_Delete(json);
+    return rc;
 }
 
 static enum modal_status read_sensors(struct lowering *l, const cJSON *scene, struct modal_error *err)
@@ -258,12 +277,8 @@ static enum modal_status read_sensors(struct lowering *l, const cJSON *scene, st
         return modal_fail_field(err, MODAL_TOO_LARGE, "sensors", "a scene lists %d sensors; at most %d", count, LOWERING_DOFS_MOST);
     if ((p->output = calloc((size_t)count + 1, sizeof *p->output)) == NULL)
         return no_memory(err);
-    for (int i = 0; list == NULL && i < p->n; i++) {
-        struct program_output *out = &p->output[p->outputs++];
-        lowering_add_term(l, out, 0, i, 1);
-        if ((out->name = strdup(p->dofs[i])) == NULL)
-            return no_memory(err);
-    }
+    for (int i = 0; list == NULL && i < p->n && rc == MODAL_OK; i++)
+        rc = sense_dof(l, i, err);
     cJSON_ArrayForEach(item, list) {
         snprintf(path, sizeof path, "sensors[%d]", p->outputs);
         if (rc == MODAL_OK)
@@ -377,6 +392,8 @@ static enum modal_status read_scene(struct lowering *l, const cJSON *scene, cons
         rc = loads_lower(l, cJSON_GetObjectItemCaseSensitive(scene, "excitation"), err);
     if (rc == MODAL_OK)
         rc = read_initial(l->p, scene, err);
+    if (rc == MODAL_OK)
+        turn_initial(l);
     if (rc == MODAL_OK)
         rc = read_sensors(l, scene, err);
     return rc;

@@ -44,7 +44,7 @@ static enum modal_status start(struct program *p, const struct scene_time *time,
     if (rc == MODAL_OK)
         rc = sources_new(p, &m->src, err);
     if (rc == MODAL_OK)
-        rc = (opt->rk4 ? rk4_stepper_new : steppers[program_class(p)])(m->ss, m->src, &how, &m->stepper, err);
+        rc = (opt->rk4 ? rk4_stepper_new : steppers[p->seen_fixed && p->laws == 0 ? PROGRAM_LINEAR_CONSTANT : program_class(p)])(m->ss, m->src, &how, &m->stepper, err);
     if (rc == MODAL_OK)
         rc = readout_new(m->ss, &m->readout, err);
     if (rc != MODAL_OK)

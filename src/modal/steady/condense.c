@@ -177,6 +177,9 @@ enum modal_status condense_new(const struct program *p, bool keep_all, struct co
     struct condense *c;
     enum modal_status rc;
 
+    if (p->seen_fixed)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.frame", "the damped ends of a massless shaft are states on turning axes: a steady state "
+                                "of it is found with structure.frame \"rotating\"");
     if (p->n > DOFS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "structure", "%d dofs; a steady state takes at most %d", p->n, DOFS_MOST);
     c = calloc(1, sizeof *c);

@@ -536,6 +536,58 @@ static void coordinate_name(const struct shaft *s, int c, bool free_end, char ou
         snprintf(out, 32, "%s%s%d", q == SD ? "s" : "", plane, node);
 }
 
+/* What the ends' states need: damping somewhere, or a journal without mass.  Whether left out or not, so that ablation keeps the axes. */
+static bool has_end_states(const struct lowering *l)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *e;
+
+    cJSON_ArrayForEach(e, list) {
+        const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(e, "type"));
+        const cJSON *damping = cJSON_GetObjectItemCaseSensitive(e, "damping"), *mu = cJSON_GetObjectItemCaseSensitive(e, "mu");
+        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass");
+
+        if (type == NULL)
+            continue;
+        if (strcmp(type, "bearing") == 0 && cJSON_IsNumber(damping) && damping->valuedouble > 0)
+            return true;
+        if (strcmp(type, "strain_rate_damping") == 0 && cJSON_IsNumber(mu) && mu->valuedouble != 0)
+            return true;
+        if (strcmp(type, "clearance") == 0 && !(cJSON_IsNumber(mass) && mass->valuedouble > 0))
+            return true;
+    }
+    return false;
+}
+
+/*
+ * End states have constant equations on turning axes only.  There the scene is lowered, and seen from fixed axes; what an effect between
+ * single dofs, or one of the whole structure's matrices, means on fixed axes it would not mean there.
+ */
+static enum modal_status see_from_fixed_axes(struct lowering *l, struct modal_error *err)
+{
+    static const char *const turning[] = { "bearing", "coupling", "gyroscopic", "strain_rate_damping", "clearance" };
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *e;
+    struct shaft *s = l->mesh;
+    int position = 0;
+
+    cJSON_ArrayForEach(e, list) {
+        const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(e, "type"));
+        bool turns = type == NULL;
+
+        for (size_t i = 0; i < sizeof turning / sizeof *turning; i++)
+            turns = turns || strcmp(type, turning[i]) == 0;
+        if (!turns) {
+            char where[32];
+            snprintf(where, sizeof where, "effects[%d]", position);
+            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the damped ends of a massless shaft are states on turning axes, where a %.40s on "
+                                    "fixed ones is not constant: use structure.frame \"rotating\" or model \"finite_elements\"", where, type);
+        }
+        position++;
+    }
+    s->fixed = false;
+    s->seen_fixed = l->p->seen_fixed = true;
+    return MODAL_OK;
+}
+
 static void lower_massless(struct lowering *l)
 {
     struct shaft *s = l->mesh;
@@ -561,18 +613,11 @@ static void lower_massless(struct lowering *l)
 
 static enum modal_status check_massless(const struct shaft *s, struct modal_error *err)
 {
-    bool damped = s->strain_rate != 0 || s->end[SHAFT_LEFT].damping > 0 || s->end[SHAFT_RIGHT].damping > 0;
     char where[64] = "effects[0]";
 
-    if (s->fixed && damped)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.frame", "the damped ends of a massless shaft are states on turning axes: "
-                                "use structure.frame \"rotating\" (or model \"finite_elements\")");
     if (s->journal < 0)
         return MODAL_OK;
     snprintf(where, sizeof where, "effects[%d]", s->end[s->journal].clearance.effect);
-    if (s->fixed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.frame", "a massless journal lies on turning axes: use structure.frame "
-                                "\"rotating\" (or give %s.journal_mass)", where);
     if (s->strain_rate != 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: with strain_rate_damping the journal needs a journal_mass", where);
     if (!(s->disk_radius > 0))
@@ -723,10 +768,10 @@ static enum modal_status read_omega(struct lowering *l, struct modal_error *err)
 
     if (l->p->omega == 0)
         l->p->omega = s->speed;
-    if (!s->fixed) {
+    if (!s->fixed)
         l->p->frame_speed = s->speed;
+    if (!s->fixed && !s->seen_fixed)
         return MODAL_OK;
-    }
     k = round(2 * s->speed / l->p->omega);
     if (k < 1 || k > LOWERING_HARMONIC_MOST || fabs(k * l->p->omega - 2 * s->speed) > 1e-12 * s->speed)
         return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "on fixed axes twice the speed, %g rad/s, must be a whole multiple of omega = %g",
@@ -750,7 +795,7 @@ static enum modal_status turn_axes(struct lowering *l, struct modal_error *err)
     l->names_frames = true;
     *(s->fixed ? &l->p->turn_partner : &l->turn_partner) = partner;
     *(s->fixed ? &l->p->turn_sign : &l->turn_sign) = sign;
-    l->p->turn_speed = s->fixed ? s->speed : 0;
+    l->p->turn_speed = s->fixed || s->seen_fixed ? s->speed : 0;
     return partner != NULL && sign != NULL ? MODAL_OK : no_memory(err);
 }
 
@@ -764,6 +809,8 @@ static enum modal_status lower(struct lowering *l, const cJSON *json, const char
         return no_memory(err);
     s->journal = s->state = -1;
     rc = read_shaft(json, s, err);
+    if (rc == MODAL_OK && s->massless && s->fixed && has_end_states(l))
+        rc = see_from_fixed_axes(l, err);
     if (rc == MODAL_OK)
         rc = read_omega(l, err);
     if (rc != MODAL_OK)
@@ -916,7 +963,7 @@ static enum modal_status sensor(struct lowering *l, const cJSON *json, const cha
     static const char *const suffix[] = { "", "_dot", "_ddot" };
     const struct shaft *s = l->mesh;
     const char *dof = NULL, *name = NULL;
-    int derivative = 0, own = s->fixed ? 1 : 0, frame = own, c;
+    int derivative = 0, face = s->fixed || s->seen_fixed ? 1 : 0, frame = face, own = s->fixed ? 1 : 0, c;
     char where[128], text[96];
     enum modal_status rc = json_keys(json, path, keys, err);
 
@@ -934,14 +981,14 @@ static enum modal_status sensor(struct lowering *l, const cJSON *json, const cha
     if ((c = coordinate_of(l, dof)) < 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", dof, l->p->dofs[0],
                                 l->p->dofs[l->p->n - 1]);
-    if (frame == 0 && s->fixed) {
+    if (frame == 0 && face == 1) {
         json_path(where, path, "frame");
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: on fixed axes sensors are fixed too; use structure.frame \"rotating\"", where);
     }
     if (!(frame == own ? coordinate_terms(l, c, derivative, 1, out) : turned_terms(l, c, derivative, out)))
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: \"%.40s\" has no output row of derivative %d in this model (an end without mass)",
                                 where, dof, derivative);
-    snprintf(text, sizeof text, "%.40s%s%s", dof, suffix[derivative], frame == own ? "" : "_fixed");
+    snprintf(text, sizeof text, "%.40s%s%s", dof, suffix[derivative], frame == face ? "" : "_fixed");
     out->name = strdup(name != NULL ? name : text);
     return out->name != NULL ? MODAL_OK : no_memory(err);
 }

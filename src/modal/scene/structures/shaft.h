@@ -36,6 +36,7 @@ struct shaft {
     double disk_mass, disk_radius;
     double speed;
     bool fixed, massless;
+    bool seen_fixed;                           /* on turning axes (`fixed` is false), its face on fixed ones */
     int harmonic;                              /* fixed axes: stiffness turns with cos, sin (harmonic omega t) = (2 speed t) */
 
     struct shaft_end end[2];

@@ -30,21 +30,22 @@ static enum modal_status read_dofs(const cJSON *object, const char *base, const 
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "dofs"), *item;
     char path[128], full[160];
-    int count = 0;
+    bool one = cJSON_IsString(list);                    /* "x1" is ["x1"], as -o dofs=x1 says it */
+    int size = one ? 1 : cJSON_GetArraySize(list), count = 0;
     enum modal_status rc = MODAL_OK;
 
     if (list == NULL)
         return MODAL_OK;
     json_path(path, base, "dofs");
-    if (!cJSON_IsArray(list) || cJSON_GetArraySize(list) < 1)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "dofs must be a list of one or more names of dofs");
+    if (!one && (!cJSON_IsArray(list) || size < 1))
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a name of a dof, or a list of them", path);
     free(s->dofs);
-    s->dofs = calloc((size_t)cJSON_GetArraySize(list), sizeof *s->dofs);
+    s->dofs = calloc((size_t)size, sizeof *s->dofs);
     if (s->dofs == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for dofs");
-    cJSON_ArrayForEach(item, list) {
+    for (item = one ? list : list->child; count < size; item = item->next) {
         snprintf(full, sizeof full, "%s[%d]", path, count);
-        rc = read_dof(item, full, p, &s->dofs[count++], err);
+        rc = read_dof(item, one ? path : full, p, &s->dofs[count++], err);
         if (rc != MODAL_OK)
             return rc;
     }

@@ -478,9 +478,10 @@ enum modal_status scene_time(const cJSON *scene, const struct program *p, struct
                      : json_need_number(json, "time", "duration", 0, 1e300, &t.duration, err);
     if (rc != MODAL_OK)
         return rc;
-    if (counted && (period == 0 || cJSON_GetObjectItemCaseSensitive(json, "duration") != NULL))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", period == 0 ? "time.periods needs the scene's period or omega"
-                                : "time holds duration or periods, not both");
+    if (counted && cJSON_GetObjectItemCaseSensitive(json, "duration") != NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time holds duration and periods; accepted: one of them");
+    if (counted && period == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time.periods needs the scene's period or omega");
     if (counted)
         t.duration = periods * period;
     steps = t.duration / t.dt;

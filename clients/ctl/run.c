@@ -1,4 +1,5 @@
 /* run.c - a kind of job as a verb: in this process, or by the daemon; the same document either way */
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -68,6 +69,21 @@ static enum modal_status write_signals(const struct job_result *result, const ch
     return batch_file_write(path, &result->batch, cJSON_GetObjectItemCaseSensitive(result->result, "provenance"), err);
 }
 
+/* Can PATH (NULL: none) be written?  Asked before the work is done. */
+static enum modal_status check_place(const char *path, const char *field, struct modal_error *err)
+{
+    const char *slash = path != NULL ? strrchr(path, '/') : NULL;
+    char folder[4096] = ".";
+
+    if (path == NULL)
+        return MODAL_OK;
+    if (slash != NULL)
+        snprintf(folder, sizeof folder, "%.*s", slash == path ? 1 : (int)(slash - path), path);
+    if (path[0] != 0 && access(folder, W_OK | X_OK) == 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: %s; accepted: a file in a folder that can be written", path, strerror(path[0] != 0 ? errno : ENOENT));
+}
+
 /* What stands behind the verb: FILE, or for `tradeoff` OF FILE. */
 static enum modal_status read_input(const struct verb *verb, const struct args *args, struct input *input, struct modal_error *err)
 {
@@ -76,7 +92,10 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
 
     if (strcmp(verb->name, "simulate") == 0 && args->output == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 for its signals");
-    return input_read(verb->name, of, args->word[args->words - 1], args, input, err);
+    enum modal_status rc = check_place(args->output, "output", err);
+    if (rc == MODAL_OK)
+        rc = check_place(args->plot, "plot", err);
+    return rc != MODAL_OK ? rc : input_read(verb->name, of, args->word[args->words - 1], args, input, err);
 }
 
 static enum modal_status show(const struct verb *verb, const struct args *args, const struct job_result *result, const struct input *input,

@@ -209,6 +209,15 @@ def test_a_steady_state_that_is_not_there_has_the_fields_of_one_that_is(ctl, tmp
     assert absent["stability"] == {"stable": None, "max_multiplier": None, "multipliers": []}
 
 
+def test_one_dof_is_named_as_a_list_of_one(ctl, tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [2.0, 1.0], "springs": [8.0, 3.0, 1.0]}, "omega": 1.0, "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}]}
+    (tmp_path / "a.json").write_text("\ufeff" + json.dumps(scene))                 # with the mark that editors put before UTF-8
+    alone = ctl("steady", tmp_path / "a.json", "-o", "dofs=x2").document
+    assert [h["dof"] for h in alone["harmonics"]] == ["x2"]
+    assert ctl("steady", tmp_path / "a.json", "-o", "dofs=x3").document["error"]["field"] == "dofs"
+    assert ctl("steady", tmp_path / "a.json", "-o", "dofs=x2,x3").document["error"]["field"] == "dofs[1]"
+
+
 def test_a_force_that_fails_names_its_place_in_the_scene(ctl, tmp_path):
     springs = [{"type": "spring", "dof": "x1", "stiffness": 1.0}] * 2
     scene = {"structure": {"type": "chain", "masses": [1.0], "springs": [2.0, 0.0]}, "omega": 1.3, "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}],
@@ -238,7 +247,7 @@ def test_a_bad_scene_names_its_path(text, field, ctl, tmp_path):
 
 
 @pytest.mark.parametrize("words, field", [
-    ([], "verb"), (["identfy", "x.h5"], "verb"), (["identify"], "arguments"), (["identify", "a", "b"], "arguments"), (["tradeoff", "modes", "x.h5"], "of"), (["list", "--priority", "3"], "priority"),
+    ([], "verb"), (["identfy", "x.h5"], "verb"), (["identify"], "arguments"), (["identify", "a", "b"], "arguments"), (["tradeoff", "modes", "x.h5"], "of"), (["simulate", "x.json", "-O", "/no/such/folder/x.h5"], "output"), (["list", "--priority", "3"], "priority"),
     (["submit", "identify", "x", "--priority", "256"], "priority"), (["submit", "identify", "x", "--priority", "1.5"], "priority"),
     (["identify", "x", "--nonsense"], "--nonsense"), (["identify", "x", "-o"], "option"), (["identify", "x", "--timeout", "soon"], "timeout"),
     (["simulate", "x.json"], "output"), (["steady", "x.json", "--sweep", "omega=1:2:3", "--continue", "omega=1:2"], "continue"), (["list"], "local"),

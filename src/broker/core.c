@@ -68,9 +68,9 @@ static void load_tag(struct job *job, const char *tag)
     cJSON_Delete(object);
 }
 
-static enum modal_status load_job(void *context, const struct job_record *r)
+/* What the row says, as it says it. */
+static struct job *job_of_row(struct core *c, const struct job_record *r)
 {
-    struct core *c = context;
     struct job *job = job_new(c, user_get(c, r->user), r->id);
     const struct job_kind *kind = job_kind_find(r->kind);
 
@@ -92,32 +92,51 @@ static enum modal_status load_job(void *context, const struct job_record *r)
     job->result_bytes = r->result_bytes;
     job->cached = r->cached;
     job->committed = true;
+    load_failure(job, r);
+    load_tag(job, r->tag);
+    return job;
+}
+
+/* Its input, and the signals it made. */
+static void load_inputs(struct core *c, struct job *job, const struct job_record *r)
+{
     if (r->input >= c->next_input)                 /* an input that has gone since */
         c->next_input = r->input + 1;
     job->input = input_by_id(c, r->input);
     job->output = r->output == 0 ? NULL : input_by_id(c, r->output);
-    load_failure(job, r);
-    load_tag(job, r->tag);
     if (job->input != NULL)
         job->input->jobs++;
     if (job->output != NULL && !job->cached)
         job->output->jobs++;
+}
+
+static void count_loaded(struct core *c, struct job *job)
+{
     c->state_counts[job->state]++;
     job->user->queued += job->state == JOB_QUEUED;
     job->user->running += job->state == JOB_RUNNING;
+    if (job->state != JOB_DONE || job->cached)
+        return;
+    c->result_total += (int64_t)job->result_bytes;
+    job->user->bytes += (int64_t)job->result_bytes;
+    if (!job->hidden)
+        job_index_result(c, job);
+}
+
+static enum modal_status load_job(void *context, const struct job_record *r)
+{
+    struct core *c = context;
+    struct job *job = job_of_row(c, r);
+
     if (r->id >= c->next_job)
         c->next_job = r->id + 1;
+    load_inputs(c, job, r);
     if (job->hidden) {                             /* its key has a tombstone */
         free(job->key);
         job->key = NULL;
     }
     job_index(c, job);
-    if (job->state == JOB_DONE && !job->cached) {
-        c->result_total += (int64_t)job->result_bytes;
-        job->user->bytes += (int64_t)job->result_bytes;
-        if (!job->hidden)
-            job_index_result(c, job);
-    }
+    count_loaded(c, job);
     if (job_state_final(job->state))
         job_note_end(c, job);
     return MODAL_OK;

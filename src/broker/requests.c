@@ -341,7 +341,7 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
     int count = 0;
 
     if (after < 0) {
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL, "after is no cursor of LIST");
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL, "after is no cursor of LIST; accepted: `next` of an earlier page");
         return;
     }
     json_text_open(&page, NULL);

@@ -156,8 +156,13 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
     if (s == NULL) {
         for (struct stream *one = c->streams; one != NULL; one = one->next_stream)
             open += one->user == user && !one->closed;
-        if (open >= STREAMS_MOST || 8 * r->stream.input.channels > LEDGER_INLINE_MOST) {
-            answer_fail(c, &reply, MODAL_TOO_LARGE, "channels", NULL, "at most %d open streams of at most %d channels", STREAMS_MOST, LEDGER_INLINE_MOST / 8);
+        if (open >= STREAMS_MOST) {
+            answer_fail(c, &reply, MODAL_TOO_LARGE, "name", NULL, "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
+            return;
+        }
+        if (8 * r->stream.input.channels > LEDGER_INLINE_MOST) {
+            answer_fail(c, &reply, MODAL_TOO_LARGE, "channels", NULL, "a stream of %llu channels; accepted: at most %d",
+                        (unsigned long long)r->stream.input.channels, LEDGER_INLINE_MOST / 8);
             return;
         }
         if (c->draining || c->terminating) {
@@ -170,9 +175,11 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
         }
         s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
         if (s->window * sample_bytes(s) > WIRE_BODY_MOST) {
+            uint64_t bytes = s->window * sample_bytes(s);
             c->streams = s->next_stream;
             stream_free(s);
-            answer_fail(c, &reply, MODAL_TOO_LARGE, "window.samples", NULL, "a live window has at most %d bytes", WIRE_BODY_MOST);
+            answer_fail(c, &reply, MODAL_TOO_LARGE, "window.samples", NULL, "a live window of %llu bytes; accepted: at most %d",
+                        (unsigned long long)bytes, WIRE_BODY_MOST);
             return;
         }
         t = transaction_new();
@@ -295,9 +302,10 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
     struct after *after;
 
     if (e->message->body_bytes != size)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "body", NULL, "%zu bytes are not %llu samples of %llu channels", e->message->body_bytes, (unsigned long long)count, (unsigned long long)s->channels);
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "body", NULL, "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
+                    e->message->body_bytes, (unsigned long long)count, (unsigned long long)s->channels);
     else if (crc32c(0, data, size) != r->stream.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the samples' CRC-32C is %u, not %u", crc32c(0, data, size), r->stream.crc32c);
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the samples as they came", r->stream.crc32c, crc32c(0, data, size));
     else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
         answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)

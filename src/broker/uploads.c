@@ -519,7 +519,7 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
     if (input->state == INPUT_SEALED || f->sealing)
         answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed");
     else if (r->upload.offset != f->accepted)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", answer_number("expected", (double)f->accepted), "chunk at %llu; the next one starts at %llu",
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", answer_number("expected", (double)f->accepted), "a chunk at %llu; accepted: %llu, where the one before ends",
                     (unsigned long long)r->upload.offset, (unsigned long long)f->accepted);
     else if (end > input->bytes)
         answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", NULL, "the chunk ends at %llu, past the input's %llu bytes", (unsigned long long)end,
@@ -527,7 +527,7 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
     else if (f->count == GROUP || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > 16 << 20))
         answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged chunks than the credit allows");
     else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "the chunk's CRC-32C is %u, not %u", crc32c(0, body->data, body->size), r->upload.crc32c);
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the chunk as it came", r->upload.crc32c, crc32c(0, body->data, body->size));
     else if (rate_allows(c, input->user, body->size, &reply)) {
         f->writers[f->count] = after_new(AFTER_CHUNK, &reply);
         f->crcs[f->count] = r->upload.crc32c;

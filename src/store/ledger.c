@@ -510,13 +510,14 @@ static bool survivable(enum modal_status rc)
     return rc == MODAL_OK || rc == MODAL_STORAGE_FULL || rc == MODAL_NO_MEMORY || rc == MODAL_BUSY;
 }
 
-/* HOW: SQLITE_CHECKPOINT_PASSIVE, or _TRUNCATE, which syncs the database before it empties the log.  *DONE: no reader was in the way. */
+/* HOW: SQLITE_CHECKPOINT_PASSIVE, or _TRUNCATE, which syncs the database before it empties the log.  *DONE: no reader was
+ * in the way. */
 static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done, struct modal_error *err)
 {
     enum modal_status rc;
     int left = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, NULL, &left);
 
-    *done = code == SQLITE_OK;
+    *done = code != SQLITE_BUSY;
     if (code == SQLITE_OK || code == SQLITE_BUSY) {
         ledger->log_pages = 0;
         return MODAL_OK;

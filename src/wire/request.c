@@ -49,7 +49,7 @@ static enum modal_status get_text(const cJSON *object, const char *base, const c
     json_path(path, base, key);
     if (strlen(text) < low || strlen(text) > high)
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %zu bytes; accepted: %zu to %zu", path, strlen(text), low, high);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has a control character at byte %td", path, p - text);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has a control character at byte %td; accepted: text without", path, p - text);
 }
 
 static enum modal_status need_text(const cJSON *object, const char *key, size_t high, const char **out, struct modal_error *err)
@@ -72,7 +72,7 @@ static enum modal_status get_hash(const cJSON *object, const char *base, const c
         return rc;
     json_path(path, base, "sha256");
     if (strlen(*out) != 64 || strspn(*out, "0123456789abcdef") != 64)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is not 64 lower-case hex digits", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is not a hash; accepted: 64 lower-case hex digits", path);
     return MODAL_OK;
 }
 
@@ -93,7 +93,7 @@ static enum modal_status read_names(const cJSON *object, const char *base, struc
             return modal_fail_field(err, MODAL_BAD_INPUT, item, "%s must be a text of at most %d bytes", item, WIRE_NAME_MOST);
     }
     if (count != out->channels)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %llu names for %llu channels", path,
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %llu names for %llu channels; accepted: one for each", path,
                                 (unsigned long long)count, (unsigned long long)out->channels);
     out->names = names;
     return MODAL_OK;
@@ -159,7 +159,7 @@ enum modal_status wire_input_read(const cJSON *object, const char *base, enum wi
     if (rc != MODAL_OK)
         return rc;
     if ((double)out->samples * (double)out->channels * 8 > WIRE_INTEGER_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "samples", "%llu samples of %llu channels pass 2^53 bytes",
+        return modal_fail_field(err, MODAL_TOO_LARGE, "samples", "%llu samples of %llu channels; accepted: at most 2^53 bytes",
                                 (unsigned long long)out->samples, (unsigned long long)out->channels);
     out->bytes = out->samples * out->channels * 8;
     return MODAL_OK;
@@ -218,7 +218,7 @@ static enum modal_status read_hello(const struct wire_message *m, struct wire_re
 
     out->hello.speaks_ours = versions == NULL;
     if (versions != NULL && !cJSON_IsArray(versions))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "versions", "versions must be a list of texts");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "versions", "versions must be a list of texts; accepted: [\"" WIRE_VERSION "\"]");
     cJSON_ArrayForEach(one, versions)
         if (cJSON_IsString(one) && strcmp(one->valuestring, WIRE_VERSION) == 0)
             out->hello.speaks_ours = true;
@@ -254,8 +254,8 @@ static enum modal_status read_chunk(const struct wire_message *m, struct wire_re
         return rc;
     out->upload.crc32c = (uint32_t)crc;
     if (m->body_count != 1 || m->body[0].size == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "a chunk is one body frame of 1 to %d bytes, not %d frames of %zu bytes",
-                                WIRE_CHUNK_MOST, m->body_count, m->body_bytes);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "a chunk of %d body frames and %zu bytes; accepted: one frame of 1 to %d bytes",
+                                m->body_count, m->body_bytes, WIRE_CHUNK_MOST);
     if (m->body[0].size > WIRE_CHUNK_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "body", "a chunk of %zu bytes; accepted: 1 to %d", m->body[0].size, WIRE_CHUNK_MOST);
     return MODAL_OK;
@@ -299,7 +299,7 @@ static enum modal_status read_inline(const struct wire_message *m, const cJSON *
     if (rc == MODAL_OK)
         rc = json_get_choice(input, "input", "content", wire_contents, &content, err);
     if (rc == MODAL_OK && content < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input.content", "input needs upload, sha256 or content (batch, scene)");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input.content", "input.content is missing; accepted: batch, scene, or upload or sha256 instead");
     if (rc == MODAL_OK)
         rc = wire_input_read(input, "", (enum wire_content)content, &out->submit.input, err);
     if (rc != MODAL_OK)
@@ -310,7 +310,7 @@ static enum modal_status read_inline(const struct wire_message *m, const cJSON *
     if (out->submit.input.bytes == 0)
         out->submit.input.bytes = m->body_bytes;
     if (m->body_bytes == 0 || m->body_bytes != out->submit.input.bytes)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "the body has %zu bytes; the input described has %llu", m->body_bytes,
+        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "the body has %zu bytes; accepted: the %llu of the input described", m->body_bytes,
                                 (unsigned long long)out->submit.input.bytes);
     return MODAL_OK;
 }
@@ -327,7 +327,7 @@ static enum modal_status read_reference(const struct wire_message *m, const cJSO
     if (rc == MODAL_OK && out->submit.upload != NULL && out->submit.sha256 != NULL)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "input.sha256", "input has both upload and sha256; accepted: one of them");
     if (rc == MODAL_OK && m->body_count != 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body", "a body beside an input that is named by upload or sha256");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body", "a body beside an input that is named by upload or sha256; accepted: none");
     return rc;
 }
 
@@ -459,7 +459,7 @@ static enum modal_status read_push(const struct wire_message *m, struct wire_req
     if (rc == MODAL_OK)
         rc = get_integer(m->header, "", "crc32c", 0, 4294967295.0, true, &crc, err);
     if (rc == MODAL_OK && m->body_count != 1)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body", "a push is one body frame, not %d", m->body_count);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body", "a push of %d body frames; accepted: one", m->body_count);
     if (rc == MODAL_OK && m->body_bytes > WIRE_CHUNK_MOST)
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "body", "a push of %zu bytes; accepted: at most %d", m->body_bytes, WIRE_CHUNK_MOST);
     out->stream.crc32c = (uint32_t)crc;

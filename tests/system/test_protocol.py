@@ -751,3 +751,58 @@ def test_without_keys_only_ipc_and_loopback_are_bound(tmp_path):
 def test_loopback_is_bound_when_told_to():
     with Daemon(config=FAKE, endpoint="tcp://127.0.0.1:47131") as d:
         assert alive(d.client())
+
+
+# ---- every member of every verb, with values of every type
+
+
+WRONG = [None, True, 0, -1, 1.5, 1e308, -1e308, 2**53, 2**53 + 2, "", "x", "x" * 200, "\x7f", "a\u0001", "key:", "key:x", [], [1], {}, {"a": 1},
+         {"content": "batch"}, {"upload": "x"}, {"sha256": "0" * 64}, "\u00e9" * 100]
+MEMBERS = {
+    "HELLO": ({}, "versions client"), "STATUS": ({"job": "key:a"}, "job"), "WAIT": ({"job": "key:a", "timeout_s": 0}, "job timeout_s result"),
+    "RESULT": ({"job": "key:a"}, "job part offset length"), "CANCEL": ({"job": "key:a"}, "job"), "RETRY": ({"job": "key:a"}, "job"),
+    "DELETE": ({"job": "key:z"}, "job"), "LIST": ({}, "state kind limit after"), "EVENTS": ({}, "op from job stream subscription"),
+    "STATS": ({}, ""), "METRICS": ({}, ""), "WHOAMI": ({}, ""),
+    "SUBMIT": ({"kind": "identify", "options": {}}, "kind options input key priority run_limit_s deadline_s not_before max_attempts fresh"),
+    "UPLOAD begin": ({"op": "begin", "content": "batch", "samples": 100, "channels": 2, "dt": 0.1},
+                     "op content key sha256 samples channels dt period names units attributes bytes"),
+    "UPLOAD chunk": ({"op": "chunk", "offset": 0, "crc32c": 0}, "upload offset crc32c"),
+    "STREAM open": ({"op": "open", "name": "n", "channels": 1, "dt": 0.1}, "op name channels dt period names units attributes window"),
+    "STREAM push": ({"op": "push", "epoch": 0, "first": 0, "count": 10, "crc32c": 0}, "stream epoch first count crc32c"),
+}
+BODIES = {"SUBMIT": [[ring_down()[0]]], "UPLOAD chunk": [[], [b""], [b"x"], [b"x" * 300000], [b"x", b"y"]], "STREAM push": [[], [b"x" * 160], [b"x" * 300000], [b"x", b"y"]]}
+
+
+def put_away(client, reply):
+    """What a value that was no mistake has opened: a user may have few."""
+    if reply.ok and reply["verb"] == "UPLOAD" and reply.get("state") == "open":
+        client.ask("UPLOAD", op="abort", upload=reply["upload"])
+    if reply.ok and reply["verb"] == "STREAM" and "gaps" not in reply.header:
+        client.ask("STREAM", op="close", stream=reply["stream"])
+    if reply.ok and "subscription" in reply.header:
+        client.ask("EVENTS", op="cancel", subscription=reply["subscription"])
+
+
+@pytest.mark.parametrize("what", MEMBERS)
+def test_a_wrong_member_is_answered_by_its_name_and_what_is_accepted(what):
+    usual, members = MEMBERS[what]
+    with Daemon(config=FAKE, workers=1) as d:
+        client = d.client(timeout_s=20)
+        assert submit(client, key="a").ok
+        if what == "UPLOAD chunk":
+            usual = {**usual, "upload": client.ask("UPLOAD", op="begin", content="batch", samples=100, channels=2, dt=0.1)["upload"]}
+        if what == "STREAM push":
+            usual = {**usual, "stream": client.ask("STREAM", op="open", name="n", channels=2, dt=0.1)["stream"]}
+        if what == "SUBMIT":
+            usual = {**usual, "input": ring_down()[1]}
+        for member in [*members.split(), "misspelt"]:
+            for value in WRONG:
+                for body in BODIES.get(what, [[]]):
+                    reply = client.ask(what.split()[0], body, **{**usual, member: value})
+                    assert reply.code != "internal", (member, value, reply)
+                    if reply.code in ("bad_input", "too_large"):
+                        assert reply["error"]["field"] and any(word in reply["error"]["message"] for word in ("accepted", "must be")), (member, value, reply)
+                    if what not in ("UPLOAD chunk", "STREAM push"):
+                        put_away(client, reply)
+            assert member != "misspelt" or reply.code == "bad_input" and reply["error"]["field"] == "misspelt"
+        assert d.process.poll() is None

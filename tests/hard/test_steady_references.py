@@ -495,7 +495,7 @@ def test_bad_input_is_refused_by_name(tmp_path, change, field):
     ("function force(t, x, v, memory)\n return os.time()\nend", "2")])
 def test_a_users_law_that_misbehaves_fails_by_itself(tmp_path, source, words):
     r = run(tmp_path, oscillator(1, [{"type": "lua", "dof": "x1", "source": source}], c=0.1, cos=1, harmonics=5), status=1)
-    assert r["total_error"]["code"] == "element_failed" and words in r["total_error"]["message"]
+    assert r["error"]["code"] == "element_failed" and words in r["error"]["message"]
 
 
 def test_a_users_cubic_spring_is_the_built_in_one(tmp_path):

@@ -29,15 +29,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SWEEPS_MOST = 12 };
-static const double TWO_PI = 6.283185307179586477, SWEEP_TOLERANCE = 1e-12;
+enum { SWEEPS_MOST = 12, DIRECT = 4 };     /* DIRECT: multiplications of (2) that two transforms cost, a sample */
+static const double TWO_PI = 6.283185307179586477, SWEEP_TOLERANCE = 1e-12, CANCELLED = 1e-3;
 
 struct aft_law {
     const struct law *law;
     int place[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];
     struct orbit in[LAW_INPUTS_MOST];
     struct law_pieces pieces;
-    bool exact, acts, undetermined;
+    bool exact, acts, undetermined, stiff;
     long evaluations;
     int memory;
     double *f, *fd, *fv;                    /* samples: [i][N], [i][j][N] */
@@ -58,7 +58,7 @@ struct aft {
     struct aft_law *law;
     double complex *mask, *wave, *product;  /* `room` each */
     double complex *before, *after;         /* e^{-i m theta} where a piece begins and ends, `room` each */
-    double *block;                          /* (2H+1)^2 */
+    double *block, *samples;                /* (2H+1)^2; N */
     double *inverse;                        /* 1 / (2 pi m) */
 };
 
@@ -92,6 +92,7 @@ void aft_free(struct aft *w)
     free(w->before);
     free(w->after);
     free(w->block);
+    free(w->samples);
     free(w->inverse);
     orbit_grid_free(w->grid);
     free(w);
@@ -147,8 +148,9 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
     w->product = calloc((size_t)w->room, sizeof *w->product);
     w->before = calloc((size_t)w->room, sizeof *w->before);
     w->after = calloc((size_t)w->room, sizeof *w->after);
+    w->samples = calloc((size_t)N, sizeof *w->samples);
     w->inverse = calloc((size_t)w->room, sizeof *w->inverse);
-    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL || w->before == NULL || w->after == NULL
+    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL || w->before == NULL || w->after == NULL || w->samples == NULL
         || w->inverse == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d harmonics", H);
     for (int m = 1; rc == MODAL_OK && m < w->room; m++)
@@ -230,48 +232,101 @@ static void rate_of(const double complex *D, int H, double omega, double complex
         V[k] = I * (k * omega) * D[k];
 }
 
-static void add_mask(const struct aft *w, double value, int most, double complex *wave, bool *any)
+/* A wave under construction: sum of weight e^{-i m theta} over events, m = 1 .. most, and its mean; not `any`: it is 0. */
+struct event_sum { double complex *wave; int most; double mean; bool any; };
+
+enum { SUMS = 3 + LAW_INPUTS_MOST };
+
+static void event_weights(const struct law_piece *piece, double weight[SUMS])
 {
-    if (value == 0)
-        return;
-    *any = true;
-    for (int m = 0; m <= most; m++)
-        wave[m] += value * w->mask[m];
+    weight[0] = piece->level;
+    weight[1] = piece->damp;
+    weight[2] = piece->cross;
+    for (int j = 0; j < LAW_INPUTS_MOST; j++)
+        weight[3 + j] = piece->gain[j];
 }
 
-/* What the law's pieces weigh, as waves: level, gain, damp to m = 2H, cross to 3H.  Pieces follow each other, so that one's end is
- * mostly the next one's beginning. */
+/* An event where weights change by AFTER - BEFORE (NULL: nothing before, or after): e^{-i theta} is z. */
+static void add_event(struct aft *w, double complex z, const double *before, const double *after, struct event_sum sum[SUMS])
+{
+    double change[SUMS];
+    int most = 0;
+
+    for (int i = 0; i < SUMS; i++) {
+        change[i] = (before != NULL ? before[i] : 0) - (after != NULL ? after[i] : 0);
+        most = change[i] != 0 && sum[i].most > most ? sum[i].most : most;
+    }
+    if (most > 0)
+        rotations(z, most, w->after);
+    for (int i = 0; i < SUMS; i++)
+        for (int m = 1; change[i] != 0 && m <= sum[i].most; m++)
+            sum[i].wave[m] += change[i] * w->after[m];
+}
+
+/* Sums of (1): i / (2 pi m) times what the events left, and the mean. */
+static void end_sums(const struct aft *w, struct event_sum sum[SUMS])
+{
+    for (int i = 0; i < SUMS; i++) {
+        if (!sum[i].any)
+            continue;
+        sum[i].wave[0] = sum[i].mean;
+        for (int m = 1; m <= sum[i].most; m++)
+            sum[i].wave[m] = CMPLX(-cimag(sum[i].wave[m]) * w->inverse[m], creal(sum[i].wave[m]) * w->inverse[m]);
+    }
+}
+
+/* What the pieces of output i weigh: pieces follow each other, so that one's end is mostly the next one's beginning. */
+static void sum_pieces(struct aft *w, struct aft_law *a, int output, struct event_sum sum[SUMS])
+{
+    double weight[2][SUMS], *before = NULL, at = NAN;
+    double complex z = 1;
+
+    for (int s = 0; s < a->pieces.count; s++) {
+        const struct law_piece *piece = &a->pieces.piece[s];
+        double *now = before == weight[0] ? weight[1] : weight[0];
+
+        if (piece->output != output)
+            continue;
+        event_weights(piece, now);
+        for (int i = 0; i < SUMS; i++) {
+            sum[i].any |= now[i] != 0;
+            sum[i].mean += now[i] * (piece->to - piece->from) / TWO_PI;
+        }
+        if (before != NULL && piece->from != at)
+            add_event(w, z, before, NULL, sum);
+        a->ends[2 * s] = before != NULL && piece->from == at ? z : rotation(piece->from);
+        add_event(w, a->ends[2 * s], piece->from == at ? before : NULL, now, sum);
+        a->ends[2 * s + 1] = z = rotation(piece->to);
+        at = piece->to;
+        before = now;
+    }
+    if (before != NULL)
+        add_event(w, z, before, NULL, sum);
+    end_sums(w, sum);
+}
+
+/* The pieces as waves: level to m = H, gain and damp to 2H, cross to 3H. */
 static void pieces_waves(struct aft *w, struct aft_law *a)
 {
     int H = w->H, inputs = a->law->kind->inputs;
     size_t stride = 2 * (size_t)H + 1;
-    double complex z = 1;
-    double at = NAN;
 
     a->levels = a->gains = a->damps = a->crosses = false;
     memset(a->level, 0, (size_t)inputs * stride * sizeof *a->level);
     memset(a->gain, 0, (size_t)(inputs * inputs) * stride * sizeof *a->gain);
     memset(a->damp, 0, (size_t)(inputs * inputs) * stride * sizeof *a->damp);
     memset(a->cross, 0, (3 * (size_t)H + 1) * sizeof *a->cross);
-    for (int s = 0; s < a->pieces.count; s++) {
-        const struct law_piece *piece = &a->pieces.piece[s];
-        int most = piece->cross != 0 ? 3 * H : 2 * H;
-        double complex *last = w->before;
+    for (int i = 0; i < inputs; i++) {
+        struct event_sum sum[SUMS] = { { a->level + (size_t)i * stride, H, 0, false },
+                                       { a->damp + (size_t)(i * inputs) * stride, 2 * H, 0, false }, { a->cross, 3 * H, 0, false } };
 
-        w->before = w->after;
-        w->after = last;
-        a->ends[2 * s] = piece->from != at ? rotation(piece->from) : z;
-        a->ends[2 * s + 1] = z = rotation(piece->to);
-        if (piece->from != at || most > 2 * H)
-            rotations(a->ends[2 * s], most, w->before);
-        rotations(z, most, w->after);
-        at = piece->to;
-        mask_of(w, piece->to - piece->from, most);
-        add_mask(w, piece->level, w->H, a->level + (size_t)piece->output * stride, &a->levels);
         for (int j = 0; j < inputs; j++)
-            add_mask(w, piece->gain[j], 2 * H, a->gain + (size_t)(piece->output * inputs + j) * stride, &a->gains);
-        add_mask(w, piece->damp, 2 * H, a->damp + (size_t)(piece->output * inputs) * stride, &a->damps);
-        add_mask(w, piece->cross, 3 * H, a->cross, &a->crosses);
+            sum[3 + j] = (struct event_sum) { a->gain + (size_t)(i * inputs + j) * stride, 2 * H, 0, false };
+        sum_pieces(w, a, i, sum);
+        a->levels |= sum[0].any;
+        a->damps |= sum[1].any;
+        a->crosses |= sum[2].any;
+        a->gains |= sum[3].any || sum[4].any;
     }
 }
 
@@ -292,19 +347,71 @@ static void cross_force(struct aft *w, const struct aft_law *a, double complex *
     convolve_add(a->cross, work, 2 * H, H, F);
 }
 
-/* Harmonics of output i of the pieces into F. */
-static void pieces_force(struct aft *w, struct aft_law *a, int i, double complex *F, double complex *work)
+/* (2), of a gain to m = 2H and a motion whose N samples are D, by way of samples: products reach 3H, and of N > 4H samples none of that
+ * falls on 0 .. H. */
+static void sampled_product_add(struct aft *w, const double complex *gain, const double *d, double scale, double complex *F)
+{
+    int H = w->H;
+
+    for (int m = 0; m <= 2 * H; m++)
+        w->wave[m] = (m > 0 ? 2 : 1) * gain[m];
+    orbit_synthesize(w->grid, 2 * H, w->wave, 0, w->samples);
+    for (int n = 0; n < w->N; n++)
+        w->samples[n] *= scale * d[n];
+    orbit_analyze(w->grid, w->samples, H, w->wave);
+    for (int k = 0; k <= H; k++)
+        F[k] += w->wave[k];
+}
+
+/* Whether the way by samples is shorter than (2) for input j, and as good: stiff springs leave a force far smaller than its terms. */
+static bool by_samples(const struct aft *w, const struct aft_law *a, int j)
+{
+    return !a->stiff && w->N > 4 * w->H && w->H * a->in[j].top > DIRECT * w->N;
+}
+
+static void gain_force(struct aft *w, const struct aft_law *a, int i, double complex *F, double complex *work)
 {
     int H = w->H, inputs = a->law->kind->inputs;
     size_t stride = 2 * (size_t)H + 1;
 
-    for (int k = 0; k <= H; k++)
-        F[k] = (k > 0 ? 2 : 1) * a->level[(size_t)i * stride + (size_t)k];
     for (int j = 0; a->gains && j < inputs; j++)
-        convolve_add(a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top, H, F);
-    if (a->damps) {
+        if (by_samples(w, a, j))
+            sampled_product_add(w, a->gain + (size_t)(i * inputs + j) * stride, a->in[j].d, 1, F);
+        else
+            convolve_add(a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top, H, F);
+    if (a->damps && by_samples(w, a, 0))
+        sampled_product_add(w, a->damp + (size_t)(i * inputs) * stride, a->in[0].v, w->omega, F);
+    else if (a->damps) {
         rate_of(a->in[0].D, H, w->omega, work);
         convolve_add(a->damp + (size_t)(i * inputs) * stride, work, H, H, F);
+    }
+}
+
+static double largest(const double complex *X, int K)
+{
+    double most = 0;
+
+    for (int k = 0; k < K; k++) {
+        double size = fabs(creal(X[k])) + fabs(cimag(X[k]));
+
+        most = size > most ? size : most;
+    }
+    return most;
+}
+
+/* Harmonics of output i of the pieces into F. */
+static void pieces_force(struct aft *w, struct aft_law *a, int i, double complex *F, double complex *work)
+{
+    int H = w->H;
+    const double complex *level = a->level + (size_t)i * (2 * (size_t)H + 1);
+
+    for (int k = 0; k <= H; k++)
+        F[k] = (k > 0 ? 2 : 1) * level[k];
+    gain_force(w, a, i, F, work);
+    if (by_samples(w, a, 0) && largest(F, H + 1) < CANCELLED * largest(level, H + 1)) {
+        a->stiff = true;
+        pieces_force(w, a, i, F, work);
+        return;
     }
     if (a->crosses)
         cross_force(w, a, F, work);

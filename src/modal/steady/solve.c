@@ -30,7 +30,7 @@
 #include "modal/steady/solutions.h"
 
 enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-2, HALF = 0.5;
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5;
 
 struct steady {
     const struct program *p;
@@ -366,7 +366,7 @@ static enum modal_status rough_guess(struct balance *b, const struct steady_star
 }
 
 /* X of balance B improved with H of its harmonics, to TOLERANCE, from rest if it is NOTHING; left alone where that does not converge. */
-static enum modal_status rough_level(struct steady *s, struct balance *b, int H, double tolerance, bool nothing, double complex *X,
+static enum modal_status rough_level(struct steady *s, const struct balance *b, int H, double omega, double tolerance, bool nothing, double complex *X,
                                      struct steady_point *point, bool *ok, struct modal_error *err)
 {
     struct iterate_options opt = iterate_options_of(s);
@@ -380,7 +380,7 @@ static enum modal_status rough_level(struct steady *s, struct balance *b, int H,
     if (rc == MODAL_OK && (Y = malloc(((size_t)few->q * ((size_t)H + 1) + 1) * sizeof *Y)) == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     if (rc == MODAL_OK)
-        rc = balance_set(few, b->omega, 1, err);
+        rc = balance_set(few, omega, 1, err);
     if (rc == MODAL_OK)
         rc = rough_guess(few, &start, nothing, Y, &opt.evaluated, err);
     if (rc == MODAL_OK) {
@@ -399,19 +399,22 @@ static enum modal_status rough_level(struct steady *s, struct balance *b, int H,
     return rc;
 }
 
-/* From rest to many harmonics: the way is gone with few, roughly, then with three times as many, as long as that is far fewer. */
-static enum modal_status rough_start(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+/* X of balance B, not yet set, from START, or from rest: to many harmonics the way is gone with few, roughly, then with three times as
+ * many, as long as that is far fewer. */
+static enum modal_status begin(struct steady *s, const struct balance *b, double omega, const struct steady_start *start, double complex *X,
+                               struct steady_point *point, struct modal_error *err)
 {
     int load = condense_highest_load(s->c), H = load + 1 > H_ROUGH ? load + 1 : H_ROUGH;
     double tolerance = ROUGH;
     bool ok = true, nothing = true;
     enum modal_status rc = MODAL_OK;
 
-    if (b->H < 2 * H || s->opt.by_differences || s->opt.cutoff > 0)
+    put_start(b, start, X);
+    if (start != NULL || s->opt.method == STEADY_DIRECT || !s->exact || s->opt.by_differences || s->opt.cutoff > 0)
         return MODAL_OK;
-    for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= 10, nothing = false)
-        rc = rough_level(s, b, H, tolerance, nothing, X, point, &ok, err);
-    return rc == MODAL_OK ? balance_set(b, b->omega, 1, err) : rc;
+    for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= ROUGHER, nothing = false)
+        rc = rough_level(s, b, H, omega, tolerance, nothing, X, point, &ok, err);
+    return rc;
 }
 
 static enum modal_status attempts(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
@@ -421,9 +424,6 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
     bool tried;
     enum modal_status rc;
 
-    put_start(b, start, X);
-    if (start == NULL && method != STEADY_DIRECT && !coarse && s->exact && (rc = rough_start(s, b, X, point, err)) != MODAL_OK)
-        return rc;
     if (method == STEADY_DIRECT) {
         if (start == NULL)
             laws_left_out(b, X);
@@ -488,7 +488,9 @@ static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, do
     sub.X = calloc((size_t)few->q * ((size_t)H + 1) + 1, sizeof *sub.X);
     if (sub.X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
-    rc = balance_set(few, b->omega, 1, err);
+    rc = begin(s, few, b->omega, NULL, X, &sub, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(few, b->omega, 1, err);
     if (rc == MODAL_OK)
         rc = attempts(s, few, NULL, X, false, &sub, err);
     s->current = false;
@@ -830,6 +832,8 @@ static enum modal_status solve_at(struct steady *s, int H, double omega, const s
         goto out;
     }
     rc = point_init(s, point, b->q, H, aft_samples(b->aft), err);
+    if (rc == MODAL_OK)
+        rc = begin(s, b, omega, start, X, point, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
     if (rc != MODAL_OK)

@@ -245,6 +245,12 @@ static bool is_unstable(const cJSON *point)
     return cJSON_IsFalse(get(get(point, "stability"), "stable"));
 }
 
+/* A path in a scene, with the unit where the contract gives it one. */
+static const char *axis_of(const char *path)
+{
+    return path != NULL && strcmp(path, "omega") == 0 ? "omega, rad/s" : path != NULL ? path : "";
+}
+
 /* Runs of points of one verdict as one line each; a run ends where the next begins. */
 static void draw_runs(struct svg *svg, const struct svg_panel *p, const cJSON *points)
 {
@@ -268,9 +274,30 @@ static void draw_runs(struct svg *svg, const struct svg_panel *p, const cJSON *p
     free(y);
 }
 
+/* KEY of each point of a nonlinear mode over its amplitude. */
+static void draw_backbone(struct svg *svg, const cJSON *result, const char *key, const char *label)
+{
+    struct svg_panel p = panel_of("amplitude", label);
+    int room = cJSON_GetArraySize(get(result, "points")), n = 0;
+    double *x = malloc(((size_t)room + 1) * sizeof *x), *y = malloc(((size_t)room + 1) * sizeof *y);
+    const cJSON *point;
+
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        if (x == NULL || y == NULL || !cJSON_IsTrue(get(point, "converged")))
+            continue;
+        svg_hold(&p.x, x[n] = number(point, "amplitude"));
+        svg_hold(&p.y, y[n++] = number(point, key));
+    }
+    svg_panel(svg, &p);
+    svg_line(svg, &p, x, y, n, SVG_SOLID);
+    free(x);
+    free(y);
+}
+
 static void draw_curve(struct svg *svg, const cJSON *result)
 {
-    struct svg_panel p = panel_of(cJSON_GetStringValue(get(result, "parameter")), "largest |X_k|");
+    const char *parameter = cJSON_GetStringValue(get(result, "parameter"));
+    struct svg_panel p = panel_of(axis_of(parameter), "largest |X_k|");
     const cJSON *point, *fold;
 
     cJSON_ArrayForEach(point, get(result, "points")) {
@@ -280,7 +307,7 @@ static void draw_curve(struct svg *svg, const cJSON *result)
     svg_panel(svg, &p);
     draw_runs(svg, &p, get(result, "points"));
     cJSON_ArrayForEach(fold, get(result, "folds"))
-        svg_line(svg, &p, (double[]) { value_of(fold), value_of(fold) }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
+        svg_line(svg, &p, (double[]) { number(fold, parameter), number(fold, parameter) }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
 }
 
 static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
@@ -288,6 +315,12 @@ static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const 
     const cJSON *dof = cJSON_GetArrayItem(get(result, "harmonics"), 0);
 
     (void)input;
+    if (get(result, "points") != NULL && get(result, "mode") != NULL) {
+        svg_begin(svg, file, 2, "a nonlinear mode over its amplitude");
+        draw_backbone(svg, result, "omega", "omega, rad/s");
+        draw_backbone(svg, result, "damping_ratio", "damping ratio");
+        return true;
+    }
     if (get(result, "points") != NULL) {
         svg_begin(svg, file, 1, "response curve: stable solid, unstable dashed, folds thin");
         draw_curve(svg, result);
@@ -346,7 +379,7 @@ static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result, const
 
 static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
 {
-    struct svg_panel p = panel_of("seconds", "error");
+    struct svg_panel p = panel_of("CPU seconds", "relative error");
     const cJSON *rung, *best = cJSON_GetArrayItem(get(result, "rungs"), cJSON_IsNumber(get(result, "recommended")) ? get(result, "recommended")->valueint : -1);
     double bound = number(result, "bound");
 
@@ -380,7 +413,7 @@ static const char *grid_path(const cJSON *grid, int axis)
 {
     const char *path = cJSON_GetStringValue(get(cJSON_GetArrayItem(grid, axis), "path"));
 
-    return path ? path : "";
+    return axis_of(path);
 }
 
 static int index_of(const cJSON *point, int axis)

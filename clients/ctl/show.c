@@ -181,27 +181,46 @@ static void show_harmonics(const cJSON *result)
     }
 }
 
+/* A nonlinear mode over its amplitude. */
+static void show_backbone(const cJSON *result)
+{
+    const cJSON *point, *linear = get(result, "linear");
+
+    printf("mode %g: %.9g rad/s, damping ratio %.6g where it is small\n", number(result, "mode"), number(linear, "omega"), number(linear, "damping_ratio"));
+    printf("%14s %14s %14s %14s %12s %10s\n", "amplitude", "rad/s", "Hz", "damping ratio", "energy", "converged");
+    cJSON_ArrayForEach(point, get(result, "points")) {
+        printf("%14.6g %14.9g %14.9g", number(point, "amplitude"), number(point, "omega"), number(point, "frequency_hz"));
+        cell(14, "%.6g", number(point, "damping_ratio"));
+        cell(12, "%.6g", number(point, "energy"));
+        printf(" %10s\n", cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
+    }
+}
+
 static void show_points(const cJSON *result)
 {
+    const char *parameter = text(result, "parameter");
     const cJSON *point, *special;
 
-    printf("%16s %10s %12s %12s\n", text(result, "parameter"), "converged", "|X_1|", "stability");
+    printf("%16s %10s %12s %12s\n", parameter, "converged", "|X_1|", "stability");
     cJSON_ArrayForEach(point, get(result, "points")) {
         const cJSON *first = cJSON_GetArrayItem(get(point, "harmonics"), 0);
-        printf("%16.9g %10s", number(point, "omega"), cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
+        printf("%16.9g %10s", number(point, cJSON_HasObjectItem(point, "value") ? "value" : "omega"), cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
         cell(12, "%.6g", hypot(part(get(first, "re"), 1), part(get(first, "im"), 1)));
         printf(" %12s\n", verdict(get(point, "stability")));
     }
     cJSON_ArrayForEach(special, get(result, "folds"))
-        printf("fold at %.9g\n", number(special, "omega"));
+        printf("fold at %.9g\n", number(special, parameter));
     cJSON_ArrayForEach(special, get(result, "bifurcations"))
-        printf("%s at %.9g\n", text(special, "type"), number(special, "omega"));
+        printf("%s at %.9g\n", text(special, "type"), number(special, parameter));
 }
 
 static void show_steady(const cJSON *result)
 {
     if (get(result, "points") != NULL) {
-        show_points(result);
+        if (strcmp(text(result, "kind"), "backbone") == 0)
+            show_backbone(result);
+        else
+            show_points(result);
         return;
     }
     printf("%s, omega %.9g rad/s, %s, %g iterations, residual %.2e, truncation error %.2e\n",

@@ -1,10 +1,11 @@
 """--plot and its Python kin: a picture a kind of result, with what the kind must show."""
 import json
+import subprocess
 import xml.etree.ElementTree as tree
 
 import pytest
 
-from conftest import decay, write_batch
+from conftest import BUILD, decay, write_batch
 
 SVG = "{http://www.w3.org/2000/svg}"
 DUFFING = {"structure": {"type": "chain", "masses": [1], "springs": [1, 0], "dampers": [0.1, 0]},
@@ -37,6 +38,21 @@ def test_a_response_curve_is_dashed_where_it_is_unstable(ctl, scene, tmp_path):
     assert said.status == 0 and len(said.document["folds"]) == 2
     _, _, dashed, words = drawn(tmp_path / "a.svg")
     assert len(dashed) == 1 and "omega" in words
+
+
+def test_a_curve_over_another_number_of_the_scene_has_that_number_on_its_axis(ctl, scene, tmp_path):
+    said = ctl("steady", scene, "--sweep", "excitation[0].cos=0.1:0.3:3", "--plot", tmp_path / "a.svg")
+    assert said.status == 0 and "excitation[0].cos" in drawn(tmp_path / "a.svg")[3]
+    shown = subprocess.run([BUILD / "bin" / "modalctl", "--local", "steady", scene, "--sweep", "excitation[0].cos=0.1:0.3:3"], capture_output=True, text=True)
+    assert [line.split()[0] for line in shown.stdout.splitlines()[1:4]] == ["0.1", "0.2", "0.3"]
+
+
+def test_a_nonlinear_mode_is_drawn_and_shown_over_its_amplitude(ctl, scene, tmp_path):
+    words = [scene, "-o", "backbone=1:0.1:2:5"]
+    assert ctl("steady", *words, "--plot", tmp_path / "a.svg").status == 0
+    assert all(label in drawn(tmp_path / "a.svg")[3] for label in ("amplitude", "omega, rad/s", "damping ratio"))
+    shown = subprocess.run([BUILD / "bin" / "modalctl", "--local", "steady", *words], capture_output=True, text=True)
+    assert shown.returncode == 0 and [line.split()[0] for line in shown.stdout.splitlines()[2:7]] == ["0.1", "0.211474", "0.447214", "0.945742", "2"]
 
 
 def test_a_steady_state_has_spectrum_and_orbit(ctl, scene, tmp_path):

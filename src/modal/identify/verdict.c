@@ -58,6 +58,17 @@ static double half_width(const struct identify_result *r, int i)
     return fmax(b, ROUNDING / span);
 }
 
+/*
+ * The upper end of the growth.  What is known to b near Re lambda is |rho| to |rho| span b: of a motion gone within a period the multiplier is known to
+ * be nearly 0 where its logarithm is not known at all, and |rho| (1 + span b) < 1 decays.
+ */
+static double most_growth(const struct identify_result *r, int i)
+{
+    double span = span_of(r);
+
+    return creal(r->modes[i].exponent) + log1p(span * half_width(r, i)) / span;
+}
+
 /* A far stronger mode within one beat over the record: what is weak beside it may be the shape of its decay. */
 static bool overshadowed(const struct identify_result *r, int i, double duration)
 {
@@ -91,7 +102,7 @@ static int verdict_of(struct identify_result *r, int i, double duration)
     const struct identify_mode *m = &r->modes[i];
     double g = creal(m->exponent), b = half_width(r, i);
 
-    if (g + b < 0 || (g < 0 && m->growth == GROWTH_NEVER))
+    if (most_growth(r, i) < 0 || (g < 0 && m->growth == GROWTH_NEVER))
         return VERDICT_STABLE;
     if (!(g - b > 0))
         return VERDICT_UNDECIDED;

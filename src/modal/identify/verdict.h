@@ -14,8 +14,9 @@
 enum modal_status verdict_clusters(struct identify_result *result, double duration, struct modal_error *err);
 
 /*
- * Three values.  With g = Re(exponent) and its half width b (three standard errors): unstable where g - b > 0 for a mode, stable where g + b < 0 for all,
- * else undecided.  b is never below what rounding leaves.  No modes: undecided.  Persistence must be known by now.  result->decides is the mode that says it.
+ * Three values.  With g = Re(exponent) and its half width b (three standard errors): unstable where g - b > 0 for a mode, stable where
+ * |rho| (1 + T b) < 1 for all (over one sample, without a period T, that is g + b < 0), else undecided.  b is never below what rounding
+ * leaves.  No modes: undecided.  Persistence must be known by now.  result->decides is the mode that says it.
  *
  *   in parts   where halves of the record contradict the whole, b is as wide as that; but a mode that decays in the whole and in either half, each by three of
  *              its own errors, is stable all the same (GROWTH_NEVER)

@@ -95,7 +95,7 @@ struct stream {
     uint64_t run_from;                    /* first sample after the last gap */
     struct segment *segments; size_t segment_count, segment_room;
     uint64_t (*gaps)[2]; size_t gap_count;
-    uint32_t *crcs; uint64_t crc_count, crc_room;      /* of each sample from `begin` on; 0: not known */
+    uint32_t *crcs; uint64_t crc_first, crc_count, crc_room;      /* of each sample from `crc_first` on; 0: not known */
     int64_t in_flight;                    /* bytes */
     struct transaction *last;
     struct after *askers;                 /* who closed it */

@@ -4,7 +4,7 @@
  * A segment is an open input with its data in its row, at most LEDGER_INLINE_MOST bytes: durable by the same group commit
  * as everything else.  A sample is known by epoch and index.  Each sample of the present epoch has its CRC-32C in memory:
  * the same index with the same bytes is a repeat and ignored, with other bytes it begins an epoch; what the checksums of
- * an earlier life of the daemon were is not known, and such samples count as repeats.
+ * an earlier life of the daemon were, and those before a long gap, is not known, and such samples count as repeats.
  */
 #include "broker/state.h"
 #include "modal/crc32c.h"
@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { IN_FLIGHT = 4 << 20, STREAMS_MOST = 256 };
+enum { IN_FLIGHT = 4 << 20, STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 };     /* the last two in samples */
 
 static uint64_t sample_bytes(const struct stream *s)
 {
@@ -87,17 +87,67 @@ static void note(struct core *c, struct transaction *t, const struct stream *s)
     free(printed);
 }
 
-static void read_window(struct stream *s, const cJSON *window)
-{
-    double samples = 0, periods = 0, hop = 0;
-    const cJSON *options = cJSON_GetObjectItemCaseSensitive(window, "options");
+/* A live window as open describes it, in samples. */
+struct live_window { uint64_t samples, hop; const cJSON *options; };
 
-    json_get_number(window, "", "samples", 8, 1e9, &samples, NULL);
-    json_get_number(window, "", "periods", 1, 1e6, &periods, NULL);
-    json_get_number(window, "", "hop", 1, 1e9, &hop, NULL);
-    s->window = samples > 0 ? (uint64_t)samples : periods > 0 && s->period > 0 ? (uint64_t)(periods * s->period / s->dt + 0.5) : 0;
-    s->hop = hop > 0 ? (samples > 0 ? (uint64_t)hop : (uint64_t)(hop * s->period / s->dt + 0.5)) : s->window;
-    s->options = cJSON_IsObject(options) ? canonical_text(options) : grab_text("{}");
+/* KEY of WINDOW times UNIT, in samples, into *OUT where KEY is there. */
+static enum modal_status window_length(const cJSON *window, const char *key, double unit, double least, double most, uint64_t *out, struct modal_error *err)
+{
+    double given = 0, n;
+    char path[128];
+    enum modal_status rc = json_get_number(window, "window", key, 0, 1e9, &given, err);
+
+    if (rc != MODAL_OK || cJSON_GetObjectItemCaseSensitive(window, key) == NULL)
+        return rc;
+    json_path(path, "window", key);
+    n = floor(given * unit + 0.5);
+    if (unit == 1 && given != n)
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %g; accepted: a whole number of samples", path, given);
+    if (!(n >= least))
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s makes %g samples; accepted: at least %g", path, n, least);
+    if (!(n <= most))
+        return modal_fail_field(err, MODAL_TOO_LARGE, path, "%s makes %g samples; accepted: at most %g", path, n, most);
+    *out = (uint64_t)n;
+    return MODAL_OK;
+}
+
+/* Whether WINDOW can be kept for the channels, dt and period of W; NULL: no window, and none in OUT. */
+static enum modal_status read_window(const cJSON *window, const struct wire_input *w, struct live_window *out, struct modal_error *err)
+{
+    static const char *const keys[] = { "samples", "periods", "hop", "options", NULL };
+    bool periods = cJSON_HasObjectItem(window, "periods");
+    double unit = periods ? w->period / w->dt : 1;
+    enum modal_status rc;
+
+    *out = (struct live_window) { 0, 0, NULL };
+    if (window == NULL)
+        return MODAL_OK;
+    if ((rc = json_keys(window, "window", keys, err)) != MODAL_OK)
+        return rc;
+    if (periods == (bool)cJSON_HasObjectItem(window, "samples"))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window.samples", "window has %s; accepted: samples or periods", periods ? "samples and periods" : "no length");
+    if (periods && !(w->period > 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window.periods", "window.periods of a stream without period; accepted: window.samples");
+    rc = window_length(window, periods ? "periods" : "samples", unit, WINDOW_LEAST, floor(WIRE_BODY_MOST / 8.0 / (double)w->channels), &out->samples, err);
+    out->hop = out->samples;
+    if (rc == MODAL_OK)
+        rc = window_length(window, "hop", unit, 1, 1e15, &out->hop, err);
+    out->options = cJSON_GetObjectItemCaseSensitive(window, "options");
+    if (rc == MODAL_OK && out->options != NULL && !cJSON_IsObject(out->options))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.options", "window.options must be an object; accepted: the options of identify");
+    return rc;
+}
+
+/* A window that cannot be kept (an older daemon took it) is none. */
+static void take_window(struct stream *s, const cJSON *text, const struct wire_input *w)
+{
+    struct live_window window;
+
+    if (read_window(text, w, &window, NULL) != MODAL_OK)
+        return;
+    s->window = window.samples;
+    s->hop = window.hop;
+    s->options = window.options != NULL ? canonical_text(window.options) : grab_text("{}");
 }
 
 static struct stream *make(struct core *c, struct user *user, const char *name, const struct wire_input *w, const cJSON *window, int64_t id)
@@ -119,7 +169,7 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
     s->header = json_print(header);
     cJSON_Delete(header);
     if (window != NULL)
-        read_window(s, window);
+        take_window(s, window, w);
     s->at_slot = -1;
     s->next_stream = c->streams;
     c->streams = s;
@@ -140,6 +190,8 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
 {
     struct reply reply = reply_to(e, r);
     struct stream *s = stream_open_named(c, user, r->stream.name);
+    struct live_window window;
+    struct modal_error err;
     struct transaction *t;
     struct after *after;
     int open = 0;
@@ -173,15 +225,11 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
             say_full(c, &reply);
             return;
         }
-        s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
-        if (s->window * sample_bytes(s) > WIRE_BODY_MOST) {
-            uint64_t bytes = s->window * sample_bytes(s);
-            c->streams = s->next_stream;
-            stream_free(s);
-            answer_fail(c, &reply, MODAL_TOO_LARGE, "window.samples", NULL, "a live window of %llu bytes; accepted: at most %d",
-                        (unsigned long long)bytes, WIRE_BODY_MOST);
+        if (read_window(r->stream.window, &r->stream.input, &window, &err) != MODAL_OK) {
+            answer_error(c, &reply, &err, NULL);
             return;
         }
+        s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
         t = transaction_new();
         note(c, t, s);
         s->last = t;
@@ -201,16 +249,23 @@ static bool same_samples(const struct stream *s, uint64_t first, uint64_t count,
         uint64_t at = first + i;
         if (at < s->begin || at >= s->next)
             return at >= s->next;
-        if (at - s->begin < s->crc_count && s->crcs[at - s->begin] != 0 && s->crcs[at - s->begin] != crc32c(0, data + i * sample_bytes(s), sample_bytes(s)))
+        if (at >= s->crc_first && at - s->crc_first < s->crc_count && s->crcs[at - s->crc_first] != 0
+            && s->crcs[at - s->crc_first] != crc32c(0, data + i * sample_bytes(s), sample_bytes(s)))
             return false;
     }
     return true;
 }
 
+/* Behind a gap that is more than a few samples they begin anew: what is in memory is bounded by what was sent. */
 static void remember(struct stream *s, uint64_t first, uint64_t count, const char *data)
 {
-    uint64_t need = first + count - s->begin;
+    uint64_t need;
 
+    if (s->crc_count == 0 || first > s->crc_first + s->crc_count + GAP_FEW) {
+        s->crc_first = first;
+        s->crc_count = 0;
+    }
+    need = first + count - s->crc_first;
     if (need > s->crc_room) {
         s->crc_room = 2 * need;
         s->crcs = regrab(s->crcs, s->crc_room * sizeof *s->crcs);
@@ -219,7 +274,13 @@ static void remember(struct stream *s, uint64_t first, uint64_t count, const cha
         memset(s->crcs + s->crc_count, 0, (need - s->crc_count) * sizeof *s->crcs);
     s->crc_count = need > s->crc_count ? need : s->crc_count;
     for (uint64_t i = 0; i < count; i++)
-        s->crcs[first - s->begin + i] = crc32c(0, data + i * sample_bytes(s), sample_bytes(s));
+        s->crcs[first - s->crc_first + i] = crc32c(0, data + i * sample_bytes(s), sample_bytes(s));
+}
+
+/* Whether samples from FIRST on leave a gap that makes the batch longer than an input may be. */
+static bool gap_too_long(const struct core *c, const struct stream *s, uint64_t first, uint64_t count)
+{
+    return s->segment_count > 0 && first > s->next && (double)(first + count - s->begin) * (double)sample_bytes(s) > (double)c->settings.input_bytes;
 }
 
 static void add_gap(struct stream *s, uint64_t from, uint64_t to)
@@ -306,6 +367,9 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
                     e->message->body_bytes, (unsigned long long)count, (unsigned long long)s->channels);
     else if (crc32c(0, data, size) != r->stream.crc32c)
         answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the samples as they came", r->stream.crc32c, crc32c(0, data, size));
+    else if (gap_too_long(c, s, first, count))
+        answer_fail(c, &reply, MODAL_TOO_LARGE, "first", NULL, "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at most %lld bytes",
+                    (unsigned long long)s->next, (unsigned long long)first, (long long)c->settings.input_bytes);
     else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
         answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
@@ -575,8 +639,8 @@ static void roll_back(struct core *c, struct stream *s)
     s->epoch = s->durable_epoch;
     measure(s);
     s->durable = s->run_from = s->next;
-    if (s->crc_count > s->next - s->begin)
-        s->crc_count = s->next - s->begin;
+    if (s->crc_first + s->crc_count > s->next)
+        s->crc_count = s->next > s->crc_first ? s->next - s->crc_first : 0;
     s->next_window = 0;
     s->at_slot = -1;
     for (struct after *after = s->askers; after != NULL; after = after->next)

@@ -188,6 +188,39 @@ def test_a_live_result_is_the_batch_job_on_the_same_window(workers, tmp_path):
                 assert a == pytest.approx(b, rel=1e-9, abs=0)
 
 
+@pytest.mark.parametrize("stream, window, field", [
+    ({}, {}, "window.samples"), ({}, {"samples": 7}, "window.samples"), ({}, {"samples": 20.5}, "window.samples"), ({}, {"samples": "x"}, "window.samples"),
+    ({}, {"samples": 131073}, "window.samples"), ({}, {"samples": 20, "periods": 1}, "window.samples"), ({}, {"samples": 20, "hop": 0}, "window.hop"),
+    ({}, {"samples": 20, "hop": 0.5}, "window.hop"), ({}, {"samples": 20, "misspelt": 1}, "window.misspelt"), ({}, {"samples": 20, "options": 3}, "window.options"),
+    ({}, {"periods": 3}, "window.periods"), ({"period": 0.03}, {"periods": 20}, "window.periods"),
+    ({"period": 0.3, "dt": 1.0}, {"periods": 100, "hop": 1}, "window.hop"), ({"period": 1e300, "dt": 1e-300}, {"periods": 2}, "window.periods"),
+    ({"period": 1e300, "dt": 1e-300}, {"periods": 0}, "window.periods"), ({"period": 1.0, "dt": 1e-9}, {"periods": 1e6}, "window.periods")])
+def test_a_window_that_cannot_be_kept_is_refused_by_its_member(client, stream, window, field):
+    """A hop that rounds to no sample would never move on, a length beyond 2^64 bytes would be none."""
+    reply = client.ask("STREAM", op="open", name="window", channels=1, **{"dt": 0.1, **stream}, window=window)
+    assert reply.code in ("bad_input", "too_large") and reply["error"]["field"] == field and "accepted" in reply["error"]["message"], reply
+
+
+def test_a_gap_costs_no_memory_and_none_makes_a_batch_that_no_input_may_be():
+    """The limit input_bytes holds for what a stream seals; 10^8 samples of 4 bytes of checksum each would be 400 MB."""
+    with Daemon(workers=0, config="input_bytes = 900000000\n") as d:
+        c = d.client()
+        s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.01)["stream"]
+        piece = struct.pack("<20d", *range(20))
+        assert push(c, s, 0, 0, piece, channels=1).ok
+        refused = push(c, s, 0, 2**50, piece, channels=1)
+        assert refused.code == "too_large" and refused["error"]["field"] == "first" and "accepted" in refused["error"]["message"]
+        reply = push(c, s, 0, 10**8, piece, channels=1)
+        assert reply.ok and reply["next"] == 10**8 + 20
+        again = push(c, s, 0, 10**8, piece, channels=1)
+        assert again.ok and (again["epoch"], again["next"]) == (0, 10**8 + 20)
+        other = push(c, s, 0, 10**8 + 5, struct.pack("<2d", 7.5, 8.5), channels=1)
+        assert other.ok and (other["epoch"], other["next"]) == (1, 10**8 + 7)
+        with open(f"/proc/{d.pid}/status") as f:
+            peak_kb = next(int(line.split()[1]) for line in f if line.startswith("VmHWM"))
+        assert peak_kb < 60000
+
+
 def test_a_window_that_kills_three_workers_is_told_of_and_the_next_goes_on():
     """PROTOCOL.md, section 13: three times at most; who watches sees worker_died in place of modes, not silence."""
     fake = pathlib.Path(__file__).resolve().parent / "fake_worker.py"

@@ -391,3 +391,20 @@ def test_names_the_wire_cannot_carry_are_an_answer_not_a_wait(ctl, daemon, tmp_p
     with pytest.raises(modald.Error) as why, daemon.client() as client:
         client.status("key:\udcff")
     assert why.value.code == "bad_input"
+
+
+def test_python_reads_what_h5py_writes_and_fails_by_its_own_error(ctl, tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        data = file.create_dataset("signals", data=decay(60))
+        file.attrs["dt"], file.attrs["units"], file.attrs["rig"] = np.array([0.125]), np.bytes_(b"mm"), np.array([b"a", b"bc"])
+        data.attrs["channels"] = np.array([b"root", b"tip"])                       # text of a fixed length
+    read = modald.Batch.read(tmp_path / "x.h5")
+    assert (read.dt, read.units, read.names, read.attributes) == (0.125, "mm", ["root", "tip"], {"rig": ["a", "bc"]})
+    assert read.sha256() == ctl("identify", tmp_path / "x.h5").document["provenance"]["input_sha256"]
+    (tmp_path / "y.h5").write_text("no HDF5")
+    for make, field in ((lambda: modald.Batch.read(tmp_path / "y.h5"), "file"), (lambda: modald.Batch.read(tmp_path / "absent.h5"), "file"),
+                        (lambda: modald.Batch(decay(60) * 1j, 0.1), "signals"), (lambda: modald.Batch(decay(60), "soon"), "dt"),
+                        (lambda: modald.Batch(decay(60), 0.1, period=[]), "period"), (lambda: modald.Batch([[1, 2], [3]], 0.1), "signals")):
+        with pytest.raises(modald.Error) as why:
+            make()
+        assert why.value.code == "bad_input" and why.value.field == field

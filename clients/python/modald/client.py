@@ -37,6 +37,25 @@ class Error(Exception):
         return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"), error.get("detail"))
 
 
+def _seconds(value: Any, field: str) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as why:
+        raise Error("bad_input", f"{field} is {value!r}; accepted: a positive number of seconds", field) from why
+
+
+def _plain(value: Any) -> Any:
+    """An attribute of HDF5 as JSON has it: numbers, text (bytes are of a fixed length there), lists of them."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return [_plain(v) for v in value] if isinstance(value, list) else value
+
+
+def _one(value: Any) -> Any:
+    return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
 @dataclass
 class Batch:
     """Signals at equal steps, n_samples x n_channels."""
@@ -49,10 +68,14 @@ class Batch:
     attributes: Document | None = None
 
     def __post_init__(self) -> None:
+        if np.iscomplexobj(self.signals):
+            raise Error("bad_input", "signals are complex; accepted: real numbers, real and imaginary parts as two channels", "signals")
         try:
             signals = np.asarray(self.signals, dtype="<f8")
         except (TypeError, ValueError) as why:
             raise Error("bad_input", f"signals are not numbers of one shape: {why}", "signals") from why
+        self.dt = _seconds(self.dt, "dt")
+        self.period = None if self.period is None else _seconds(self.period, "period")
         self.signals = np.ascontiguousarray(signals[:, None] if signals.ndim == 1 else signals)
         if self.signals.ndim != 2:
             raise Error("bad_input", "signals must have one or two dimensions", "signals")
@@ -61,18 +84,21 @@ class Batch:
     def read(cls, path: str | os.PathLike[str]) -> "Batch":
         """A batch of the usual layout from an HDF5 file (needs h5py)."""
         import h5py
-        with h5py.File(path) as file:
-            if "signals" not in file:
+        try:
+            file = h5py.File(path)
+        except OSError as why:
+            raise Error("bad_input", f"{path}: {why}", "file") from why
+        with file:
+            if not isinstance(file.get("signals"), h5py.Dataset):
                 raise Error("bad_input", f"{path}: no dataset signals", "signals")
             data = file["signals"]
-            found = {**file.attrs, **data.attrs}
+            found = {key: _plain(value) for key, value in {**file.attrs, **data.attrs}.items()}
             if "dt" not in found:
                 raise Error("bad_input", f"{path}: no attribute dt on signals or the root", "dt")
             names = found.pop("channels", None)
             units = found.pop("units", None)
-            rest = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in found.items()
-                    if key not in ("dt", "period")}
-            return cls(data[...], float(found["dt"]), float(found["period"]) if "period" in found else None,
+            rest = {key: value for key, value in found.items() if key not in ("dt", "period")}
+            return cls(data[...], _one(found["dt"]), _one(found["period"]) if "period" in found else None,
                        [str(n) for n in names] if names is not None else None, str(units) if units is not None else None, rest or None)
 
     def description(self) -> Document:

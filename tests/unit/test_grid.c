@@ -131,6 +131,40 @@ static void check_depths(double noise)
     }
 }
 
+/* Through a filter the grid's noise is as much less as any white noise's: no modes beside the three, each within five standard errors. */
+TEST(a_band_of_a_record_of_few_digits_has_its_own_modes_and_no_more)
+{
+    static const int depths[] = { 8, 10, 12, 16 };
+    enum { LONG = 4000 };
+    double *column = malloc(sizeof *column * 3 * LONG), *rounded = malloc(sizeof *rounded * 3 * LONG);
+
+    CHECK(column != NULL && rounded != NULL);
+    for (int i = 0; i < 8; i++) {
+        struct random rng = { 300 + (uint64_t)i };
+        struct decay d = { .modes = 3, .channels = 3, .samples = LONG, .dt = 0.02, .lambda = { decay_pole(1, 0.01), decay_pole(2.3, 0.005), decay_pole(4.1, 0.02) } };
+        struct batch b = { .samples = LONG, .channels = 3, .signals = rounded, .dt = d.dt };
+        struct identify_options opt = { .band = { 0.5, 6 } };
+        struct identify_result r;
+        double q = 3 * exp2(1 - depths[i % 4]);         /* amplitudes: at most 1 a mode */
+        decay_amplitudes(&d, &rng);
+        decay_signals(&d, column, LONG);
+        for (int k = 0; k < 3 * LONG; k++)
+            rounded[k] = nearbyint(column[k / 3 + k % 3 * LONG] / q) * q;
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == 3);
+        for (int j = 0; j < 3; j++) {
+            int at = 0;
+            for (int m = 1; m < r.mode_count; m++)
+                if (cabs(r.modes[m].exponent - d.lambda[j]) < cabs(r.modes[at].exponent - d.lambda[j]))
+                    at = m;
+            CHECK(fabs(creal(r.modes[at].exponent - d.lambda[j])) < 5 * r.modes[at].std_re);
+            CHECK(fabs(cimag(r.modes[at].exponent - d.lambda[j])) < 5 * r.modes[at].std_im);
+        }
+        identify_result_done(&r);
+    }
+    free(column), free(rounded);
+}
+
 TEST(clean_decays_of_few_digits_have_their_own_modes_and_no_more)
 {
     check_depths(0);

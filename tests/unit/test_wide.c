@@ -1,4 +1,6 @@
 /* Proper orthogonal modes of data read in panels, against the dense SVD; the step over all channels, against a full refinement. */
+#include "modal/identify/identify.h"
+#include "modal/identify/record.h"
 #include "modal/identify/wide.h"
 #include <float.h>
 #include "modal/linalg/svd.h"
@@ -186,4 +188,25 @@ TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
     CHECK(!step.taken && lambda[0] == start[0]);
     refined_done(&full);
     free(B);
+}
+
+/* No pole pays for itself in white noise; there is an answer all the same, and it is that nothing was explained. */
+TEST(a_wide_batch_of_nothing_but_noise_has_no_modes_and_is_left_unexplained)
+{
+    enum { L = 900, S = RECORD_WIDE_ENTRIES / L + 1 };
+    double *noise = malloc(sizeof *noise * L * S);
+    struct batch b = { .samples = L, .channels = S, .signals = noise, .dt = 0.02 };
+    struct identify_options opt = { .shapes = true };
+    struct identify_result r;
+    struct random rng = { 17 };
+
+    CHECK(noise != NULL);
+    for (int i = 0; i < L * S; i++)
+        noise[i] = random_normal(&rng);
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == 0 && r.verdict == VERDICT_UNDECIDED);
+    for (int c = 0; c < S; c++)
+        CHECK_NEAR(r.relative_error[c], 1, 1e-12);
+    identify_result_done(&r);
+    free(noise);
 }

@@ -210,7 +210,8 @@ static enum modal_status choose_shift(struct work *w, struct modal_error *err)
 
 /* ---- signals ---- */
 
-/* The variance of the grid in each signal: independent in each channel, and so weighed by squares.  A difference over a period has it twice. */
+/* The variance of the grid in each signal: independent in each channel, and so weighed by squares.  A difference over a period has it twice, a filter its
+ * own gain of it. */
 static enum modal_status grid_noise(struct work *w, struct modal_error *err)
 {
     int S = w->rec.channels;
@@ -222,11 +223,21 @@ static enum modal_status grid_noise(struct work *w, struct modal_error *err)
         for (int c = 0; c < S; c++) {
             double part = w->pod.count > 0 ? w->pod.modes.x[c + (size_t)i * (size_t)w->pod.modes.ld] : c == i;
             double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c] * (w->weight != NULL ? w->weight[c] : 1) : 0;
-            least[i] += times * GRID_NOISE_MOST * q * q;
+            least[i] += times * w->rec.gain * GRID_NOISE_MOST * q * q;
         }
     free(w->least);
     w->least = least;
     return MODAL_OK;
+}
+
+/* Orthogonal signals that are no larger than their grid makes them hold nothing else; they are the weakest. */
+static void drop_below_grid(struct work *w)
+{
+    int kept = w->pod.count;
+
+    while (kept > 1 && w->pod.s[kept - 1] * w->pod.s[kept - 1] <= w->X->m * w->least[kept - 1])
+        kept--;
+    w->pod.count = w->pod.signals.n = w->pod.modes.n = kept;
 }
 
 static enum modal_status reduce(struct work *w, struct identify_result *out, struct modal_error *err)
@@ -248,6 +259,10 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     w->data = (struct refine_data) { .Y = w->X, .tau = w->tau, .phases = 1, .share = w->rec.share };
     if (rc == MODAL_OK && w->least != NULL)
         rc = grid_noise(w, err);
+    if (rc == MODAL_OK && w->least != NULL && w->pod.count > 0) {
+        drop_below_grid(w);
+        out->pod_rank = w->pod.count;
+    }
     w->data.least = w->least;
     if (rc == MODAL_OK && w->shift > 1) {
         rc = fold(w->X, w->shift, &w->folded, err);
@@ -403,7 +418,7 @@ static double bic_of_nothing(const struct refine_data *d)
             double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
             energy += norm * norm;
         }
-        sum += energy > 0 ? own * log(energy / n) : 0;
+        sum += energy > 0 ? own * log(fmax(energy / n, d->least != NULL ? d->least[g] : 0)) : 0;
     }
     return sum;
 }
@@ -707,12 +722,13 @@ static void forget_analysis(struct work *w, struct identify_result *out)
 static enum modal_status find_grids(struct work *w, const struct batch *b, bool *any, struct modal_error *err)
 {
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
+    int rows = w->rec.Y.m * w->rec.decimation;
 
     w->step = calloc((size_t)w->rec.channels + 1, sizeof *w->step);
     if (w->step == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels", w->rec.channels);
     for (int c = 0; c < w->rec.channels; c++) {
-        w->step[c] = w->rec.scale[c] > 0 ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, w->rec.Y.m) : 0;
+        w->step[c] = w->rec.scale[c] > 0 ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, rows) : 0;
         *any |= w->step[c] > 0;
     }
     return MODAL_OK;
@@ -738,7 +754,7 @@ static enum modal_status analyse_above_grid(struct work *w, const struct batch *
     bool any = false;
     enum modal_status rc;
 
-    if (!w->refine || w->rec.wide || w->rec.decimation > 1 || w->rec.share > 0 || w->choice.chosen < 0)
+    if (!w->refine || w->rec.wide || w->choice.chosen < 0)
         return MODAL_OK;
     rc = find_grids(w, b, &any, err);
     if (rc != MODAL_OK || !any)
@@ -831,7 +847,9 @@ static enum modal_status refine_wide(struct work *w, struct modal_error *err)
     }
     for (int j = 0; j < n; j++)
         fixed[j] = p->lambda[j] == 0;
-    rc = step_wide(w, fixed, &step, err);
+    for (int c = 0; c < S && n == 0; c++)
+        rest[c] = w->rec.scale[c];             /* no poles leave all of it */
+    rc = n > 0 ? step_wide(w, fixed, &step, err) : MODAL_OK;
     for (int c = 0; rc == MODAL_OK && c < S; c++) {
         double over = w->rec.scale[c] > 0 ? 1 / w->rec.scale[c] : 0;
         for (int j = 0; j < n; j++)
@@ -889,7 +907,7 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
         int columns = w->shift > 1 || w->projection.n < 20 ? 1 : w->projection.n / 10;
         rc = projection_bars(&w->projection, r, columns, w->tau, p->lambda, n, p->bar, err);
     }
-    if (w->rec.wide && n > 0 && rc == MODAL_OK)
+    if (w->rec.wide && rc == MODAL_OK)
         rc = refine_wide(w, err);
     return rc;
 }

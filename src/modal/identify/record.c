@@ -344,8 +344,8 @@ static enum modal_status zoom_record(struct record *r, const double band[2], str
     r->step *= z.decimation;
     r->decimation = z.decimation;
     r->shift_rad_s = 2 * M_PI * (z.centre - z.raise);
-    r->share = z.decimation * (z.centre > 0 ? 2 : 1) * noise_gain(&z);
-    r->share = fmin(r->share, 1);
+    r->gain = (z.centre > 0 ? 2 : 1) * noise_gain(&z);
+    r->share = fmin(z.decimation * r->gain, 1);
 out:
     free(c);
     free(z.w);
@@ -431,7 +431,7 @@ static void find_period(struct record *r, const struct identify_options *opt, co
 
 enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out, struct modal_error *err)
 {
-    struct record r = { .step = batch->dt, .dt = batch->dt, .decimation = 1 };
+    struct record r = { .step = batch->dt, .dt = batch->dt, .decimation = 1, .gain = 1 };
     double asked = opt->period > 0 ? opt->period : batch->period, duration = batch->samples * batch->dt;
     bool band = opt->band[0] != 0 || opt->band[1] != 0, wide;
     size_t first, last;

@@ -19,6 +19,7 @@ struct record {
     int decimation;             /* step = decimation * dt */
     double shift_rad_s;         /* band: the demodulation frequency; 0: none */
     double leak;                /* band: rms that the stop band may let through, in a channel of unit rms */
+    double gain;                /* variance of white noise after the filter over that before; 1: no filter */
     double share;               /* band: what white noise fills of the new Nyquist band, in power; 0: no filter */
     int *channel; int channels; /* owned: indices into the batch */
     double *scale;              /* owned, per channel: rms of what was cut from the batch */

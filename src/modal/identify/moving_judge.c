@@ -1,0 +1,236 @@
+/*
+ * moving_judge.c - would a batch of this window choose other poles?
+ *
+ * Owned here: every alarm of moving.c, each with its limit.  In doubt the answer is yes, which costs time and nothing else.
+ */
+#include "modal/identify/moving_state.h"
+#include <cblas.h>
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/colour.h"
+#include "modal/identify/exponents.h"
+#include "modal/identify/order.h"
+#include "modal/identify/parts.h"
+
+static const double LIKELY = 0.5;
+
+enum reason judge_fit(const struct job *j, const struct moving_fit *f)
+{
+    double record = j->m->L * j->m->opt.dt, reach = fmax(ORDER_REACH * j->m->L * j->r, 100);
+    bool chosen = j->m->opt.identify.rank.rule == RANK_AUTO;
+
+    if (!f->settled)
+        return NOT_SETTLED;
+    for (int i = 0; i < f->poles; i++) {
+        double size = cabs(f->lambda[i]), error = hypot(f->std_re[i], f->std_im[i]);
+        if (!isfinite(error) || (size * record > 3 && error > 0.5 * size))
+            return UNDETERMINED;
+        if (pole_kind(f->lambda[i], j->m->opt.dt) == POLE_REAL && f->lambda[i] != 0 && fabs(creal(f->lambda[i])) < 8 * f->std_re[i])
+            return OFFSET;
+    }
+    if (chosen && f->least_drop < reach)
+        return ORDER_LESS;
+    if (chosen && f->most_split > LIKELY * f->pair_price)
+        return POLE_SPLITS;
+    return GOOD;
+}
+
+/* E = signals less their fit, L x r, of the whole window. */
+static enum modal_status residual_of(const struct job *j, const struct moving_fit *f, double *E, struct modal_error *err)
+{
+    struct moving *m = j->m;
+    struct moving_rows all = { .lead = m->L, .tau = m->opt.dt };
+    int L = m->L, at = 0;
+    double *Phi = malloc(sizeof *Phi * (size_t)L * (size_t)(f->order + 1));
+
+    if (Phi == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, f->order);
+    for (int i = 0; i < f->poles; i++) {
+        moving_column(&all, f->lambda[i], Phi + (size_t)at * (size_t)L, Phi + (size_t)(at + 1) * (size_t)L, NULL, NULL);
+        at += pole_order(f->lambda[i], m->opt.dt);
+    }
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, L, j->r, m->S, 1, moving_sample(m, m->next - (uint64_t)L), m->S, j->W, m->S, 0, E, L);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, j->r, f->order, -1, Phi, L, f->C, f->order, 1, E, L);
+    free(Phi);
+    return MODAL_OK;
+}
+
+/* Samples first .. first + n - 1 of E, one gain (2) a frequency; the largest. */
+static double largest_gain(const struct job *j, const struct moving_fit *f, const double *E, int first, int n, fftw_plan plan, double *gains)
+{
+    struct moving *m = j->m;
+    double most = 0;
+
+    memset(gains, 0, sizeof *gains * (size_t)(n / 2 + 1));
+    for (int g = 0; g < j->r; g++) {
+        if (!(f->rss[g] > m->L * f->floor2[g]))
+            continue;
+        memcpy(m->x, E + (size_t)g * (size_t)m->L + first, sizeof *m->x * (size_t)n);
+        fftw_execute(plan);
+        for (int k = 0; k <= n / 2; k++) {
+            double share = (k == 0 || 2 * k == n ? 1.0 : 2.0) / n * (creal(m->X[k]) * creal(m->X[k]) + cimag(m->X[k]) * cimag(m->X[k])) / f->rss[g];
+            gains[k] -= m->L * log1p(-fmin(share, 1 - DBL_EPSILON));
+        }
+    }
+    for (int k = 0; k <= n / 2; k++)
+        most = fmax(most, gains[k]);
+    return most;
+}
+
+static bool plans(struct moving *m)
+{
+    if (m->x == NULL)
+        m->x = fftw_alloc_real((size_t)m->L), m->X = fftw_alloc_complex((size_t)m->L / 2 + 1);
+    for (int i = 0, n = m->L; m->x != NULL && m->X != NULL && i < 3; i++, n /= 4)
+        if (m->plan[i] == NULL && n >= 8)
+            m->plan[i] = fftw_plan_dft_r2c_1d(n, m->x, m->X, FFTW_ESTIMATE);
+    return m->plan[0] != NULL;
+}
+
+/* ---- do the halves of the window contradict the whole?  parts.c, as far as its first look goes ---- */
+
+/* Signals at samples first .. first + count - 1 of the window, into rows ROW .. of X; their residual's squares are taken off `rest2`. */
+static void put_loose(const struct job *j, const double *E, int first, int count, struct matrix *X, int row, double *rest2)
+{
+    struct moving *m = j->m;
+
+    if (count == 0)
+        return;
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, count, j->r, m->S, 1, moving_sample(m, m->next - (uint64_t)(m->L - first)), m->S, j->W, m->S, 0,
+                X->x + row, X->ld);
+    for (int g = 0; g < j->r; g++)
+        rest2[g] -= cblas_ddot(count, E + first + (size_t)g * (size_t)m->L, 1, E + first + (size_t)g * (size_t)m->L, 1);
+}
+
+/* Samples first .. first + count - 1 as rows of their own: blocks that lie within, the rest loose. */
+static struct moving_rows half_rows(const struct job *j, int first, int count, int *block)
+{
+    const struct moving_rows *r = &j->rows;
+    struct moving_rows half = *r;
+    int B = r->length > 0 ? r->length : 1, from = first > r->lead ? (first - r->lead + B - 1) / B : 0;
+    int to = first + count > r->lead ? (first + count - r->lead) / B : 0;
+
+    to = to < r->blocks ? to : r->blocks;
+    *block = from;
+    half.blocks = to > from ? to - from : 0;
+    half.lead = half.blocks > 0 ? r->lead + from * B - first : count;
+    half.trail = count - half.lead - half.blocks * B * (half.blocks > 0);
+    return half;
+}
+
+/*
+ * Signals of one half.  What Q holds of the residual is small beside what it does not, so that the squares of the latter are those of the residual less
+ * those of its part in Q.
+ */
+static enum modal_status half_signals(const struct job *j, const struct moving_fit *f, const double *E, int first, const struct moving_rows *half, int block,
+                                      struct matrix *X, double *outside2, struct modal_error *err)
+{
+    int L = j->m->L, k = half->k, n = moving_rows_count(half), count = moving_rows_samples(half), whole = moving_rows_count(&j->rows), at = 0;
+    int from = j->rows.lead + block * k, rows = half->blocks * k;
+    double *Phi = malloc(sizeof *Phi * (size_t)whole * (size_t)(f->order + 1)), *rest = malloc(sizeof *rest * ((size_t)rows + 1) * (size_t)j->r);
+
+    if (Phi == NULL || rest == NULL) {
+        free(Phi), free(rest);
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", whole, f->order);
+    }
+    for (int g = 0; g < j->r; g++)
+        outside2[g] = cblas_ddot(count, E + first + (size_t)g * (size_t)L, 1, E + first + (size_t)g * (size_t)L, 1);
+    put_loose(j, E, first, half->lead, X, 0, outside2);
+    put_loose(j, E, first + count - half->trail, half->trail, X, n - half->trail, outside2);
+    for (int i = 0; i < f->poles && rows > 0; at += pole_order(f->lambda[i], j->m->opt.dt), i++)
+        moving_column(&j->rows, f->lambda[i], Phi + (size_t)at * (size_t)whole, Phi + (size_t)(at + 1) * (size_t)whole, NULL, NULL);
+    for (int g = 0; g < j->r && rows > 0; g++) {
+        double *e = rest + (size_t)g * (size_t)rows;
+        memcpy(X->x + half->lead + (size_t)g * (size_t)X->ld, j->X.x + from + (size_t)g * (size_t)j->X.ld, sizeof *e * (size_t)rows);
+        memcpy(e, j->X.x + from + (size_t)g * (size_t)j->X.ld, sizeof *e * (size_t)rows);
+    }
+    if (rows > 0)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, rows, j->r, f->order, -1, Phi + from, whole, f->C, f->order, 1, rest, rows);
+    for (int g = 0; g < j->r && rows > 0; g++)
+        outside2[g] -= cblas_ddot(rows, rest + (size_t)g * (size_t)rows, 1, rest + (size_t)g * (size_t)rows, 1);
+    for (int g = 0; g < j->r; g++)
+        outside2[g] = fmax(outside2[g], 0);
+    free(Phi), free(rest);
+    return MODAL_OK;
+}
+
+static enum modal_status ask_half(struct job *j, const struct moving_fit *f, const double *E, int first, int count, enum reason *why, struct modal_error *err)
+{
+    int block;
+    struct moving_rows half = half_rows(j, first, count, &block);
+    int n = moving_rows_count(&half);
+    struct matrix X = { n, j->r, n, malloc(sizeof(double) * (size_t)n * (size_t)j->r) };
+    double *outside2 = malloc(sizeof *outside2 * (size_t)j->r), parameters = f->parameters;
+    struct moving_signals y = { X, outside2 };
+    struct moving_fit own = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    if (X.x == NULL || outside2 == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", n, j->r);
+    if (rc == MODAL_OK)
+        rc = half_signals(j, f, E, first, &half, block, &X, outside2, err);
+    if (rc == MODAL_OK && n < 2 * f->order + j->r)
+        *why = PARTS;
+    else if (rc == MODAL_OK)
+        rc = moving_probe(&half, &y, f->lambda, f->poles, &own, err);
+    j->work += own.work;
+    if (rc == MODAL_OK && *why == GOOD && !(own.could_gain < parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK))
+        *why = PARTS;
+    for (int i = 0; i < f->poles && rc == MODAL_OK && *why == GOOD; i++)
+        if (creal(f->lambda[i]) > PARTS_CLEAR * own.std_re[i])
+            j->growth[i] = GROWTH_IN_HALF;
+    moving_fit_done(&own);
+    free(X.x), free(outside2);
+    return rc;
+}
+
+static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, const double *E, enum reason *why, struct modal_error *err)
+{
+    int L = j->m->L, rows = L / 2;
+    enum modal_status rc = MODAL_OK;
+
+    if (rows < 2 * f->order + PARTS_SPARE)
+        return MODAL_OK;
+    for (int i = 0; i < f->poles; i++)
+        j->growth[i] = GROWTH_UNSEEN;
+    for (int first = 0; first <= L - rows && rc == MODAL_OK && *why == GOOD; first += L - rows)
+        rc = ask_half(j, f, E, first, rows, why, err);
+    return rc;
+}
+
+enum modal_status judge_residual(struct job *j, struct moving_fit *f, enum reason *why, struct modal_error *err)
+{
+    struct moving *m = j->m;
+    int L = m->L;
+    double *E = malloc(sizeof *E * ((size_t)L * (size_t)j->r + (size_t)L + 2 * (size_t)f->poles)), *gains = E + (size_t)L * (size_t)j->r, *theta = gains + L;
+    struct matrix view = { L, j->r, L, E };
+    enum modal_status rc;
+
+    if (E == NULL || !plans(m)) {
+        free(E);
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, j->r);
+    }
+    rc = residual_of(j, f, E, err);
+    if (rc == MODAL_OK && !colour_white(&view))
+        *why = NOT_WHITE;
+    for (int i = 0, n = L; rc == MODAL_OK && *why == GOOD && i < 3 && n >= 8; i++, n /= 4) {
+        double most = largest_gain(j, f, E, 0, n, m->plan[i], gains);
+        if (i > 0)
+            most = fmax(most, largest_gain(j, f, E, L - n, n, m->plan[i], gains));
+        if (most > LIKELY * f->pair_price)
+            *why = ORDER_MORE;
+    }
+    for (int i = 0; i < f->poles; i++)
+        theta[i] = fabs(cimag(f->lambda[i])) * m->opt.dt;
+    if (rc == MODAL_OK && *why == GOOD)
+        rc = colour_factors(&view, theta, f->poles, theta + f->poles, err);
+    for (int i = 0; i < f->poles && rc == MODAL_OK && *why == GOOD; i++)
+        if (theta[f->poles + i] > 1)
+            *why = NOT_WHITE;
+    if (rc == MODAL_OK && *why == GOOD)
+        rc = ask_halves(j, f, E, why, err);
+    free(E);
+    return rc;
+}

@@ -187,17 +187,22 @@ static enum modal_status fit_window(struct job *j, enum reason *why, struct moda
 
 /* ---- update, or from nothing ---- */
 
-/* Does a batch do something beside the fit with these poles?  An offset is reported apart, a crowd is looked at window by window. */
+/* Does a batch do something beside the fit with these poles?  A crowd is looked at window by window; a constant, 0, is an offset where it is the only slow pole,
+ * as modes.c has it. */
 static bool special(const struct moving *m, const double complex *lambda, int count)
 {
+    double record = m->L * m->opt.dt;
+    int constants = 0, slow = 0;
+
     for (int i = 0; i < count; i++) {
         int near = 0;
         for (int j = 0; j < count; j++)
             near += cimag(lambda[j]) > 0 && fabs(cimag(lambda[j]) - cimag(lambda[i])) < 0.05 * cimag(lambda[i]);
-        if (near >= 3 || (pole_kind(lambda[i], m->opt.dt) == POLE_REAL && fabs(creal(lambda[i])) * m->L * m->opt.dt < 0.3))
+        constants += lambda[i] == 0, slow += lambda[i] != 0 && cabs(lambda[i]) * record < 0.6;
+        if (near >= 3 || (pole_kind(lambda[i], m->opt.dt) == POLE_REAL && lambda[i] != 0 && fabs(creal(lambda[i])) * record < 0.3))
             return true;
     }
-    return count == 0;
+    return count == constants || constants > 1 || (constants > 0 && slow > 0);
 }
 
 /* Whether pod.c, which sees the signals themselves, kept only those that stand out of the rest: as sent, and weighed. */

@@ -469,6 +469,19 @@ static double scarcity(double unknowns, double numbers)
     return x > 0 ? -log1p(-x) / x : 1;
 }
 
+/* What -2 ln(likelihood) would fall by, to first order, if pole j, which is fixed, were free: one number moves c_g t e^{lambda t} in all signals. */
+static double gain_if_free(const struct work *w, int j)
+{
+    int i = w->q + w->column[j];
+    double d = w->T[i + (size_t)i * (size_t)w->n], num = 0, den = 0;
+
+    for (int g = 0; g < w->r; g++) {
+        double x = w->weight[g] * w->C[w->column[j] + (size_t)g * (size_t)w->q] * d;
+        num += x * w->weight[g] * w->T[i + (size_t)(2 * w->q + g) * (size_t)w->n], den += x * x;
+    }
+    return den > 0 ? num * num / den : 0;
+}
+
 static void weigh_poles(struct work *w, struct moving_fit *f)
 {
     int q = w->q, live = 0;
@@ -477,7 +490,8 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
     for (int g = 0; g < w->r; g++)
         live += w->energy[g] > 0;
     ln_n = log(fmax((double)w->L * live, 2));
-    f->pair_price = scarcity((double)live * q + w->P, (double)w->L * live) * 2 * (live + 1 + 1 / fmax(live, 1)) * ln_n;
+    f->price = scarcity((double)live * q + w->P, (double)w->L * live) * ln_n;
+    f->pair_price = f->price * 2 * (live + 1 + 1 / fmax(live, 1));
     f->least_drop = HUGE_VAL;
     for (int j = 0; j < q; j++)
         memcpy(w->V + (size_t)j * (size_t)q, w->T + (size_t)j * (size_t)w->n, sizeof(double) * (size_t)q);
@@ -493,7 +507,10 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
         }
         if (w->count > 1)
             f->least_drop = fmin(f->least_drop, drop);
-        f->most_split = fmax(f->most_split, split);
+        if (w->first[j] < 0)
+            f->most_free = fmax(f->most_free, gain_if_free(w, j));
+        else
+            f->most_split = fmax(f->most_split, split);
     }
 }
 

@@ -39,7 +39,8 @@ struct moving_fit {
     bool rounding;               /* every signal is at that floor */
     double least_drop;           /* by how much BIC rises where the least needed pole is left out; HUGE_VAL for one pole */
     double most_split;           /* by how much -2 ln(likelihood) falls where one pole becomes two that nearly coincide, at most */
-    double pair_price;           /* what one more pair costs in BIC */
+    double most_free;            /* by how much it falls where a pole that is fixed at 0 may move, about; 0 where there is none */
+    double price, pair_price;    /* what one more parameter, one more pair costs in BIC */
     double work;                 /* multiplications, about: rows x columns^2 an evaluation, as in refine.h */
     bool settled;                /* at the minimum, as refine_options.settle means it */
 };

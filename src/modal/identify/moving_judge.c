@@ -15,6 +15,7 @@
 #include "modal/identify/parts.h"
 
 static const double LIKELY = 0.5;
+static const double MOVES = 0.8;                 /* of a parameter's price: a constant that might rather decay; its gain is known to first order */
 
 enum reason judge_fit(const struct job *j, const struct moving_fit *f)
 {
@@ -34,6 +35,8 @@ enum reason judge_fit(const struct job *j, const struct moving_fit *f)
         return ORDER_LESS;
     if (chosen && f->most_split > LIKELY * f->pair_price)
         return POLE_SPLITS;
+    if (f->most_free > MOVES * f->price)
+        return OFFSET;
     return GOOD;
 }
 

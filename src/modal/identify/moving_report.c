@@ -51,6 +51,16 @@ static const struct moving_fit *channels_of(const struct job *j)
     return moving_reduced(j->m) ? &j->channels : &j->own;
 }
 
+static enum modal_status report_offset(const struct job *j, const struct moving_fit *f, int column, struct identify_result *out, struct modal_error *err)
+{
+    out->offset = calloc((size_t)j->m->S + 1, sizeof *out->offset);
+    if (out->offset == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", j->m->S);
+    for (int c = 0; c < j->m->S; c++)
+        out->offset[c] = f->C[column + (size_t)c * (size_t)f->order] * j->scale[c];
+    return MODAL_OK;
+}
+
 static enum modal_status report_modes(const struct job *j, struct identify_result *out, struct modal_error *err)
 {
     const struct moving_fit *f = &j->own, *all = channels_of(j);
@@ -63,7 +73,12 @@ static enum modal_status report_modes(const struct job *j, struct identify_resul
     for (int c = 0; c < j->m->S; c++)
         live += j->scale[c] > 0;
     for (int i = 0, column = 0; i < f->poles && rc == MODAL_OK; column += pole_order(f->lambda[i], dt), i++) {
-        struct identify_mode *mode = &out->modes[out->mode_count++];
+        struct identify_mode *mode = &out->modes[out->mode_count];
+        if (f->lambda[i] == 0) {
+            rc = report_offset(j, all, column, out, err);
+            continue;
+        }
+        out->mode_count++;
         *mode = (struct identify_mode) { .exponent = f->lambda[i], .resolved = f->lambda[i], .multiplier = multiplier_of(f->lambda[i], dt),
                                          .persistence = NAN, .residual = NAN, .bar = NAN, .std_re = f->std_re[i], .std_im = f->std_im[i],
                                          .growth = j->growth[i] };

@@ -53,6 +53,7 @@ void moving_free(struct moving *m)
         if (m->plan[i] != NULL)
             fftw_destroy_plan(m->plan[i]);
     fftw_free(m->x), fftw_free(m->X);
+    free(m->kept[0].V), free(m->kept[1].V);
     window_qr_free(m->all), window_qr_free(m->rest);
     free(m->blocks);
     free(m->rows);

@@ -29,7 +29,7 @@ static const double SETTLED = 1e-10, NEAR = 1e-6;    /* gradients in standard er
 static const double SCARCE_MOST = 0.95;             /* as refine.c */
 static const double CLOSE = 1e-10;                  /* a step that is this part of every real and imaginary part is the last */
 static const double STEP_MOST = 30;                 /* a longer first step: the start was not near */
-enum { POWERS = 32, PIECE = 256 };                  /* PIECE: a multiple of POWERS */
+enum { POWERS = 16, PIECE = 256 };                  /* PIECE: a multiple of POWERS */
 enum { STEPS = 14, FREEDOM_LEAST = 30 };            /* FREEDOM_LEAST: as refine.c */
 
 int moving_rows_count(const struct moving_rows *r)
@@ -44,7 +44,7 @@ int moving_rows_samples(const struct moving_rows *r)
 
 /* ---- columns ---- */
 
-struct column { double a, b, reference, centre; double *re, *im, *d_re, *d_im; };
+struct column { double a, b, reference, centre; double *re, *im, *d_re, *d_im; double complex table[POWERS]; /* z^0 .. */ };
 
 static void put(const struct column *c, int row, double complex v, double complex d)
 {
@@ -61,19 +61,22 @@ static double complex power(const struct column *c, double l)
     return e * CMPLX(cos(high) - low * sin(high), sin(high) + low * cos(high));
 }
 
-/* z^l for l = first .. first + count - 1: every POWERS-th exactly, times a table of the first. */
-static void powers(const struct column *c, double first, int count, double complex *z)
+static void fill_table(struct column *c)
 {
     struct column own = { .a = c->a, .b = c->b };
-    double complex table[POWERS];
 
-    for (int i = 0; i < POWERS && i < count; i++)
-        table[i] = power(&own, i);
+    for (int i = 0; i < POWERS; i++)
+        c->table[i] = power(&own, i);
+}
+
+/* z^l over the reference for l = first .. first + count - 1: every POWERS-th exactly, times the table. */
+static void powers(const struct column *c, double first, int count, double complex *z)
+{
     for (int at = 0; at < count; at += POWERS) {
         double complex head = power(c, first + at);
         double x = creal(head), y = cimag(head);
         for (int i = 0; i < POWERS && at + i < count; i++)
-            z[at + i] = CMPLX(x * creal(table[i]) - y * cimag(table[i]), x * cimag(table[i]) + y * creal(table[i]));
+            z[at + i] = CMPLX(x * creal(c->table[i]) - y * cimag(c->table[i]), x * cimag(c->table[i]) + y * creal(c->table[i]));
     }
 }
 
@@ -92,11 +95,12 @@ static void put_samples(const struct column *c, int row, int first, int count)
 /* Q^T of z^l and l z^l, l = 0 .. length - 1, into E[0..k) and E[k..2k). */
 static void project_powers(const struct moving_rows *r, const struct column *c, double complex *E)
 {
-    struct column own = { .a = c->a, .b = c->b };
+    struct column own = *c;
     int n = r->length, k = r->k;
     double complex *z = E + 2 * k;                               /* n */
     double *x = (double *)(z + n), *p = x + 4 * n;               /* n x 4, then k x 4 */
 
+    own.reference = 0;
     powers(&own, 0, n, z);
     for (int l = 0; l < n; l++)
         x[l] = creal(z[l]), x[l + n] = cimag(z[l]), x[l + 2 * n] = l * creal(z[l]), x[l + 3 * n] = l * cimag(z[l]);
@@ -130,6 +134,7 @@ static double fill_column(const struct moving_rows *r, double complex lambda, st
     c->a = creal(lambda) * r->tau, c->b = cimag(lambda) * r->tau;
     c->reference = c->a > 0 ? c->a * (L - 1) : 0;
     c->centre = c->a == 0 ? 0.5 * (L - 1) : c->a > 0 ? L - 1 - fmin(0.5 * L, 1 / c->a) : fmin(0.5 * L, -1 / c->a);
+    fill_table(c);
     put_samples(c, 0, 0, r->lead);
     if (r->blocks > 0)
         put_blocks(r, c, E);

@@ -13,6 +13,8 @@ enum reason { FIRST, OPTIONS, NOT_SETTLED, ORDER_LESS, ORDER_MORE, POLE_SPLITS, 
 
 struct block { double *C; };                     /* k x S */
 
+struct kept_modes { double *V; int count; };     /* S x count: proper orthogonal modes that were fitted */
+
 struct poles_of { double complex *lambda; int count; };
 
 struct moving {
@@ -27,6 +29,7 @@ struct moving {
     struct poles_of own, first;                  /* of the last result; before channels were weighed by their noise (count 0: they were not) */
     struct poles_of anchor;
     bool rest_white[2];                          /* the last complete identification kept only the orthogonal signals that stand out of white noise; weighed */
+    struct kept_modes kept[2];                   /* of the window before; of weighed channels */
     int B, k;
     double *Q;
     struct block *blocks; int count, blocks_room;     /* oldest first */

@@ -11,14 +11,17 @@
  *
  *     f_i = triangle of [b_i; f_{i+1}],                                                                     (1)
  *
- * one QR of 2n rows each.  Every block passes three QRs, whatever the window's length, and the factor is that of [f_top; back]: its depth
+ * one QR of two triangles each.  Every block passes three QRs, whatever the window's length, and the factor is that of [f_top; back]: its depth
  * is at most the number of blocks in the window, so that its error does not grow with the length of the stream.
  */
 #include "modal/linalg/window_qr.h"
 #include <lapacke.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/qr.h"
+
+enum { PANEL = 16 };                                 /* columns a step of dtpqrt */
 
 struct stack { double *x; int count, room; };        /* triangles, n x n each */
 
@@ -86,23 +89,39 @@ static double *grow(const struct window_qr *q, struct stack *s)
     return s->x + size_of(q) * (size_t)s->count;
 }
 
-/* R = triangle of the rows of A and of B (B may be NULL), both kept; R may be either's storage. */
-static enum modal_status join(int n, const struct matrix *A, const struct matrix *B, double *R, struct modal_error *err)
+/* R = triangle of the rows of A, kept, fewer than n or not. */
+static enum modal_status triangle_of(int n, const struct matrix *A, double *R, struct modal_error *err)
 {
-    int m = A->m + (B != NULL ? B->m : 0), ld = m > n ? m : n;
+    int ld = A->m > n ? A->m : n;
     struct matrix all = { ld, n, ld, calloc((size_t)ld * (size_t)n, sizeof(double)) }, T = { n, n, n, R };
     enum modal_status rc;
 
     if (all.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for %d x %d", ld, n);
-    for (int j = 0; j < n; j++) {
+    for (int j = 0; j < n; j++)
         memcpy(all.x + (size_t)j * (size_t)ld, A->x + (size_t)j * (size_t)A->ld, sizeof(double) * (size_t)A->m);
-        if (B != NULL)
-            memcpy(all.x + (size_t)j * (size_t)ld + A->m, B->x + (size_t)j * (size_t)B->ld, sizeof(double) * (size_t)B->m);
-    }
     rc = qr_triangle(&all, &T, err);
     free(all.x);
     return rc;
+}
+
+/* R = triangle of the triangle A (R may be its storage) and the rows of B, both kept.  Zeros above and within B, where it is a triangle too (TALL false), are
+ * not worked on: [Householder QR of a pentagonal pair, LAPACK's dtpqrt], n^3 / 3 reflections' work instead of 5 n^3 / 3. */
+static enum modal_status join(int n, const double *A, const struct matrix *B, bool tall, double *R, struct modal_error *err)
+{
+    int m = B->m, nb = n < PANEL ? n : PANEL;
+    size_t size = (size_t)m * (size_t)n, room = (size_t)nb * (size_t)n;
+    double *x = malloc(sizeof *x * (size + 2 * room));
+
+    if (x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for %d x %d", m, n);
+    for (int j = 0; j < n; j++)
+        memcpy(x + (size_t)j * (size_t)m, B->x + (size_t)j * (size_t)B->ld, sizeof *x * (size_t)m);
+    if (R != A)
+        memcpy(R, A, sizeof *R * (size_t)n * (size_t)n);
+    LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, m, n, tall ? 0 : n, nb, R, n, x, m, x + size, nb, x + size + room);
+    free(x);
+    return MODAL_OK;
 }
 
 static struct matrix triangle(const struct window_qr *q, double *x)
@@ -113,15 +132,15 @@ static struct matrix triangle(const struct window_qr *q, double *x)
 enum modal_status window_qr_push(struct window_qr *q, struct matrix *rows, struct modal_error *err)
 {
     double *block = grow(q, &q->blocks);
-    struct matrix back = triangle(q, q->back), own;
+    struct matrix own;
     enum modal_status rc;
 
     if (block == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for a block");
-    rc = join(q->n, rows, NULL, block, err);
+    rc = triangle_of(q->n, rows, block, err);
     own = triangle(q, block);
     if (rc == MODAL_OK)
-        rc = join(q->n, &back, &own, q->back, err);
+        rc = join(q->n, q->back, &own, false, q->back, err);
     if (rc == MODAL_OK)
         q->blocks.count++;
     return rc;
@@ -134,11 +153,13 @@ static enum modal_status turn_over(struct window_qr *q, struct modal_error *err)
 
     while (q->blocks.count > 0 && rc == MODAL_OK) {
         double *place = grow(q, &q->front);
-        struct matrix block = triangle(q, q->blocks.x + size_of(q) * (size_t)(q->blocks.count - 1)), below;
+        struct matrix block = triangle(q, q->blocks.x + size_of(q) * (size_t)(q->blocks.count - 1));
         if (place == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for a block");
-        below = triangle(q, place - size_of(q));
-        rc = join(q->n, &block, q->front.count > 0 ? &below : NULL, place, err);
+        if (q->front.count > 0)
+            rc = join(q->n, place - size_of(q), &block, false, place, err);
+        else
+            memcpy(place, block.x, sizeof *place * size_of(q));
         q->front.count += rc == MODAL_OK;
         q->blocks.count -= rc == MODAL_OK;
     }
@@ -157,16 +178,17 @@ enum modal_status window_qr_pop(struct window_qr *q, struct modal_error *err)
 
 enum modal_status window_qr_factor(const struct window_qr *q, const struct matrix *more, double *R, struct modal_error *err)
 {
-    struct matrix back = triangle(q, q->back), all = triangle(q, R);
+    struct matrix back = triangle(q, q->back);
     enum modal_status rc = MODAL_OK;
 
-    if (q->front.count > 0) {
-        struct matrix top = triangle(q, q->front.x + size_of(q) * (size_t)(q->front.count - 1));
-        rc = join(q->n, &top, &back, R, err);
+    if (q->front.count > 0 && q->blocks.count > 0) {
+        rc = join(q->n, q->front.x + size_of(q) * (size_t)(q->front.count - 1), &back, false, R, err);
+    } else if (q->front.count > 0) {
+        memcpy(R, q->front.x + size_of(q) * (size_t)(q->front.count - 1), sizeof *R * size_of(q));
     } else {
         memcpy(R, q->back, sizeof *R * size_of(q));
     }
     if (rc == MODAL_OK && more != NULL && more->m > 0)
-        rc = join(q->n, &all, more, R, err);
+        rc = join(q->n, R, more, true, R, err);
     return rc;
 }

@@ -134,7 +134,7 @@ struct modald_stream {
     _Atomic unsigned estimate_version;       /* odd while it is written */
     struct modald_estimate estimate;
     double resampling_error;
-    char name[256], *names, *units, *options, *url, *keyfile;
+    char name[256], *names, *units, *options, *alarms, *url, *keyfile;
     double period;
     long window_samples, window_hop;
     size_t ring_bytes;
@@ -646,8 +646,8 @@ static void open_header(modald_stream *s, char *text, size_t size)
         add_attribute(text, size, environment[i][0], getenv(environment[i][1]), &first);
     add(text, size, "}");
     if (s->window_samples > 0)
-        add(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
-            s->options ? ",\"options\":" : "", s->options ? s->options : "");
+        add(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
+            s->options ? ",\"options\":" : "", s->options ? s->options : "", s->alarms ? ",\"alarms\":" : "", s->alarms ? s->alarms : "");
     add(text, size, "}");
 }
 
@@ -1143,6 +1143,7 @@ static void stream_free(modald_stream *s)
     free(s->names);
     free(s->units);
     free(s->options);
+    free(s->alarms);
     free(s->url);
     free(s->keyfile);
     free(s->open_text);
@@ -1151,7 +1152,7 @@ static void stream_free(modald_stream *s)
 
 static modald_stream *stream_new(const char *name, int channels, double dt, const char *url, size_t ring, const char *ring_file)
 {
-    const char *keyfile = getenv("MODALD_KEYFILE"), *options = getenv("MODALD_OPTIONS");
+    const char *keyfile = getenv("MODALD_KEYFILE"), *options = getenv("MODALD_OPTIONS"), *alarms = getenv("MODALD_ALARMS");
     modald_stream *s = calloc(1, sizeof *s);
 
     if (s == NULL)
@@ -1167,6 +1168,7 @@ static modald_stream *stream_new(const char *name, int channels, double dt, cons
     s->url = strdup(url);
     s->keyfile = keyfile && *keyfile ? strdup(keyfile) : NULL;
     s->options = options && *options ? strdup(options) : NULL;
+    s->alarms = alarms && *alarms ? strdup(alarms) : NULL;
     if (s->url == NULL || !make_ring(s, ring, ring_file) || !make_frames(s)) {
         stream_free(s);
         return NULL;

@@ -19,6 +19,7 @@
  *              MODALD_CLOSE_WAIT seconds that modald_close may take, default 5
  *              MODALD_WINDOW, MODALD_HOP  samples of a live window and between two, defaults the daemon's
  *              MODALD_OPTIONS   identify's options for the windows, a JSON object
+ *              MODALD_ALARMS    rules over the windows' modes, a JSON object: proto/PROTOCOL.md, section 11
  *
  * Push accepted steps only: after isTimeWindowComplete (preCICE), after a step that will not be rolled back (FMI), after
  * Newmark's iterations have converged.

@@ -20,6 +20,16 @@ static void show_modes(const cJSON *event)
     }
 }
 
+static void show_alarm(const cJSON *event)
+{
+    const cJSON *mode = cJSON_GetObjectItemCaseSensitive(event, "mode"), *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
+
+    if (cJSON_HasObjectItem(event, "rule"))
+        printf(" %s", field_word(event, "rule", "-"));
+    if (mode != NULL)
+        printf("  %.6g Hz  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN), field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
+}
+
 static void show_event(const cJSON *event)
 {
     const cJSON *error = cJSON_GetObjectItemCaseSensitive(event, "error");
@@ -29,6 +39,7 @@ static void show_event(const cJSON *event)
     if (cJSON_HasObjectItem(event, "state"))
         printf(" %s", field_word(event, "state", "-"));
     show_modes(event);
+    show_alarm(event);
     if (error != NULL)
         printf("  %s: %s", field_word(error, "code", "-"), field_word(error, "message", "-"));
     putchar('\n');

@@ -116,7 +116,7 @@ void events_committed(struct core *c, struct after *after)
     free(row->user);
     free(row->topic);
     free(row->text);
-    *row = (struct event_row) { .number = after->value, .ns = c->now.utc_ns, .text = after->text };
+    *row = (struct event_row) { .number = after->value, .ns = after->ns, .text = after->text };
     after->text = NULL;
     if (after->job != NULL) {
         row->job = after->job->id;

@@ -160,6 +160,7 @@ void job_event(struct core *c, struct job *job, struct transaction *t, const str
     }
     after->text = text_end(&text);
     after->value = c->next_event;
+    after->ns = c->now.utc_ns;
     after->job = job;
     after->to = to;
     change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .job = job->id,

@@ -1,6 +1,7 @@
 /* state.h - what the core holds; for the files of the core only */
 #ifndef BROKER_STATE_H
 #define BROKER_STATE_H
+#include "broker/alarms.h"
 #include "broker/core.h"
 #include "broker/heap.h"
 #include "broker/histogram.h"
@@ -38,6 +39,7 @@ struct after {
     enum job_state from, to;
     int attempts;
     int64_t value, length;
+    int64_t ns;                           /* of an event: UTC, as its row has it */
     char *text;
 };
 
@@ -110,6 +112,7 @@ struct stream {
     char *recent;                         /* the last `window` samples, by index % window */
     int at_slot; uint64_t at_process, at_next;      /* the worker that has the samples before at_next of the present window; -1: none */
     int died;                                       /* workers under the present window */
+    struct alarms *alarms;                          /* NULL: none */
 };
 
 struct failure { enum modal_status status; char *message, *field, *detail; };

@@ -114,9 +114,10 @@ static enum modal_status window_length(const cJSON *window, const char *key, dou
 /* Whether WINDOW can be kept for the channels, dt and period of W; NULL: no window, and none in OUT. */
 static enum modal_status read_window(const cJSON *window, const struct wire_input *w, struct live_window *out, struct modal_error *err)
 {
-    static const char *const keys[] = { "samples", "periods", "hop", "options", NULL };
+    static const char *const keys[] = { "samples", "periods", "hop", "options", "alarms", NULL };
     bool periods = cJSON_HasObjectItem(window, "periods");
     double unit = periods ? w->period / w->dt : 1;
+    struct alarms *alarms = NULL;
     enum modal_status rc;
 
     *out = (struct live_window) { 0, 0, NULL };
@@ -135,6 +136,9 @@ static enum modal_status read_window(const cJSON *window, const struct wire_inpu
     out->options = cJSON_GetObjectItemCaseSensitive(window, "options");
     if (rc == MODAL_OK && out->options != NULL && !cJSON_IsObject(out->options))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.options", "window.options must be an object; accepted: the options of identify");
+    if (rc == MODAL_OK)
+        rc = alarms_new(cJSON_GetObjectItemCaseSensitive(window, "alarms"), w->dt, out->samples, &alarms, err);
+    alarms_free(alarms);
     return rc;
 }
 
@@ -148,6 +152,7 @@ static void take_window(struct stream *s, const cJSON *text, const struct wire_i
     s->window = window.samples;
     s->hop = window.hop;
     s->options = window.options != NULL ? canonical_text(window.options) : grab_text("{}");
+    alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), s->dt, s->window, &s->alarms, NULL);
 }
 
 static struct stream *make(struct core *c, struct user *user, const char *name, const struct wire_input *w, const cJSON *window, int64_t id)
@@ -351,6 +356,7 @@ static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct t
     s->gap_count = 0;
     s->next_window = 0;
     s->at_slot = -1;
+    alarms_reset(s->alarms);
     note(c, t, s);
 }
 
@@ -558,27 +564,24 @@ struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uin
     return blob_take(data, count * size);
 }
 
-/* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
-void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
+static cJSON *event_of(const struct stream *s, const char *event, uint64_t from, uint64_t to)
 {
-    cJSON *document = NULL, *text = cJSON_CreateObject(), *part;
-    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
-    struct transaction *t = transaction_new();
-    struct after *after = transaction_after(t, AFTER_EVENT);
-    struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
+    cJSON *text = cJSON_CreateObject();
 
-    if (document_text != NULL)
-        json_read(document_text->data, document_text->size, &document, NULL);
-    cJSON_AddStringToObject(text, "event", "modes");
+    cJSON_AddStringToObject(text, "event", event);
     cJSON_AddStringToObject(text, "stream", s->name);
     cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
     cJSON_AddNumberToObject(text, "from", (double)from);
     cJSON_AddNumberToObject(text, "to", (double)to);
-    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
-        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
-            cJSON_AddItemToObject(text, parts[i], part);
-    if (error != NULL)
-        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
+    return text;
+}
+
+/* The next number goes to TEXT, which is deleted. */
+static void put_event(struct core *c, struct stream *s, struct transaction *t, cJSON *text)
+{
+    struct after *after = transaction_after(t, AFTER_EVENT);
+    struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
+
     after->text = json_print(text);
     if (strlen(after->text) > 49152) {             /* it must fit a header: the verdict alone */
         cJSON_DeleteItemFromObject(text, "modes");
@@ -587,10 +590,47 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
         after->text = json_print(text);
     }
     after->value = c->next_event;
+    after->ns = c->now.utc_ns;
     after->stream = s;
     change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .user = transaction_text(t, s->user->name),
                                             .topic = transaction_text(t, s->name), .text = transaction_text(t, after->text) };
     cJSON_Delete(text);
+}
+
+/* The alarms that a window raised or cleared, each an event behind its modes. */
+static void put_alarms(struct core *c, struct stream *s, struct transaction *t, uint64_t from, uint64_t to, cJSON *edges)
+{
+    cJSON *edge;
+
+    while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
+        cJSON *text = event_of(s, "alarm", from, to), *part;
+        while ((part = edge->child) != NULL) {
+            cJSON_DetachItemViaPointer(edge, part);
+            cJSON_AddItemToObject(text, part->string, part);
+        }
+        cJSON_Delete(edge);
+        put_event(c, s, t, text);
+    }
+    cJSON_Delete(edges);
+}
+
+/* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
+void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
+{
+    cJSON *document = NULL, *text = event_of(s, "modes", from, to), *part, *edges;
+    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
+    struct transaction *t = transaction_new();
+
+    if (document_text != NULL)
+        json_read(document_text->data, document_text->size, &document, NULL);
+    edges = alarms_judge(s->alarms, from, to, document);
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
+        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
+            cJSON_AddItemToObject(text, parts[i], part);
+    if (error != NULL)
+        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
+    put_event(c, s, t, text);
+    put_alarms(c, s, t, from, to, edges);
     cJSON_Delete(document);
     core_commit(c, t);
 }
@@ -791,5 +831,6 @@ void stream_free(struct stream *s)
     free(s->gaps);
     free(s->crcs);
     free(s->recent);
+    alarms_free(s->alarms);
     free(s);
 }

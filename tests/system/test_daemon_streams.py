@@ -260,3 +260,49 @@ def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
                     os.kill(pid, signal.SIGKILL)
         assert [e["update"]["updated"] for e in events] == [False, True, True, True, False, True, True]
         assert all(len(e["modes"]) == 3 for e in events)
+
+
+def alarms_of(events):
+    return [(e["number"], e["from"], e["rule"], e["state"]) for e in events if e["event"] == "alarm"]
+
+
+def test_alarms_are_numbered_events_behind_their_window_and_are_replayed_after_a_restart():
+    """0.3 Hz at zeta 0.002 from the start, 1.1 Hz that grows from sample 400 on, in noise: windows of 200 every 100, dt 0.1."""
+    import numpy as np
+    rng, t, window, hop = np.random.default_rng(5), np.arange(1400) * 0.1, 200, 100
+    late = np.where(t >= 40, t - 40, 0)
+    y = np.exp(-0.002 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * (t >= 40) * np.exp(0.01 * late) * np.sin(2 * np.pi * 1.1 * late)
+    y = (y + 0.005 * rng.standard_normal(len(t))).reshape(-1, 1)
+    with Daemon(workers=1) as d:
+        c, events = d.client(timeout_s=60), []
+        assert c.ask("EVENTS", stream="alarmed").ok
+        rules = {"damping_below": 0.005, "growth": True, "new_mode": True}
+        s = c.ask("STREAM", op="open", name="alarmed", channels=1, dt=0.1, window={"samples": window, "hop": hop, "alarms": rules})["stream"]
+        for at in range(0, len(y), hop):
+            push(c, s, 0, at, y[at:at + hop].tobytes(), channels=1)
+            while at + hop >= window and sum(e["event"] == "modes" for e in events) < (at + hop - window) // hop + 1:
+                reply = c.early.pop(0) if c.early else c.receive()
+                if reply.verb == "EVENT":
+                    events.append(reply.header)
+        assert [e["number"] for e in events] == list(range(events[0]["number"], events[0]["number"] + len(events)))
+        told = alarms_of(events)
+        low = next(a for a in told if a[2] == "damping_below")
+        assert low[1] == 200 and low[3] == "raised"                           # counts in the third window
+        assert sum(a[2] == "new_mode" for a in told) == 1 and 500 <= next(a for a in told if a[2] == "new_mode")[1] <= 700
+        assert [a[3] for a in told if a[2] == "growth"] == ["raised"] and 300 <= next(a for a in told if a[2] == "growth")[1] <= 800
+        d.kill()
+        d.start()
+        again, c = [], d.client(timeout_s=60)
+        assert c.ask("EVENTS", stream="alarmed", **{"from": 1}).ok
+        while len(again) < len(events):
+            reply = c.early.pop(0) if c.early else c.receive()
+            if reply.verb == "EVENT":
+                again.append(reply.header)
+        assert [{**e, "subscription": 0} for e in again] == [{**e, "subscription": 0} for e in events]       # to the time
+
+
+def test_alarm_rules_that_are_none_are_refused_by_name(client):
+    bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping": 0.1}})
+    assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms"
+    bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping_below": 7}})
+    assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping_below"

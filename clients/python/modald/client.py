@@ -68,7 +68,7 @@ class Batch:
     attributes: Document | None = None
 
     def __post_init__(self) -> None:
-        if np.iscomplexobj(self.signals):
+        if getattr(self.signals, "dtype", None) is not None and np.iscomplexobj(self.signals):
             raise Error("bad_input", "signals are complex; accepted: real numbers, real and imaginary parts as two channels", "signals")
         try:
             signals = np.asarray(self.signals, dtype="<f8")

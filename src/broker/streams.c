@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { IN_FLIGHT = 4 << 20, STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 };     /* the last two in samples */
+enum { IN_FLIGHT = 4 << 20, STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256 };
 
 static uint64_t sample_bytes(const struct stream *s)
 {
@@ -42,6 +42,19 @@ static bool is_durable(const struct stream *s)
     return s->durable_epoch == s->epoch && s->durable == s->next;
 }
 
+/* Into an answer or attributes, which must fit a header: the first GAPS_TOLD of them, and how many there are where that is not all. */
+static void add_gaps(cJSON *object, const struct stream *s)
+{
+    cJSON *gaps = cJSON_AddArrayToObject(object, "gaps");
+
+    for (size_t i = 0; i < s->gap_count && i < GAPS_TOLD; i++) {
+        double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
+        cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
+    }
+    if (s->gap_count > GAPS_TOLD)
+        cJSON_AddNumberToObject(object, "gap_count", (double)s->gap_count);
+}
+
 static void say(struct core *c, const struct reply *reply, const struct stream *s)
 {
     cJSON *header = answer_new(reply);
@@ -54,12 +67,8 @@ static void say(struct core *c, const struct reply *reply, const struct stream *
     cJSON_AddNumberToObject(header, "next", (double)s->durable);
     cJSON_AddNumberToObject(header, "credit", IN_FLIGHT / 2);
     if (s->closed) {
-        cJSON *gaps = cJSON_AddArrayToObject(header, "gaps");
         cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
-        for (size_t i = 0; i < s->gap_count; i++) {
-            double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
-            cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
-        }
+        add_gaps(header, s);
         if (s->has_batch) {
             identity_hex(s->sha256, hex);
             cJSON_AddStringToObject(header, "sha256", hex);
@@ -412,7 +421,7 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
 
 static void seal(struct core *c, struct stream *s)
 {
-    cJSON *open = cJSON_Parse(s->header), *attributes = cJSON_GetObjectItemCaseSensitive(open, "attributes"), *gaps;
+    cJSON *open = cJSON_Parse(s->header), *attributes = cJSON_GetObjectItemCaseSensitive(open, "attributes");
     struct task *task = grab(sizeof *task);
     struct wire_input w;
 
@@ -421,11 +430,7 @@ static void seal(struct core *c, struct stream *s)
     cJSON_AddStringToObject(attributes, "stream", s->name);
     cJSON_AddNumberToObject(attributes, "first_sample", (double)s->begin);
     cJSON_AddBoolToObject(attributes, "broken_off", s->broken);
-    gaps = cJSON_AddArrayToObject(attributes, "gaps");
-    for (size_t i = 0; i < s->gap_count && i < 1000; i++) {
-        double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
-        cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
-    }
+    add_gaps(attributes, s);
     cJSON_DeleteItemFromObject(open, "window");
     cJSON_AddNumberToObject(open, "samples", (double)(s->next - s->begin));
     wire_input_read(open, "", WIRE_BATCH, &w, NULL);

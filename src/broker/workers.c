@@ -634,6 +634,13 @@ static void signals_part(struct core *c, int slot, uint64_t offset, const struct
             bad_worker(c, slot, err.message);
             return;
         }
+        if ((double)w.bytes > (double)c->settings.input_bytes) {
+            modal_fail_field(&err, MODAL_TOO_LARGE, "time", "the signals have %llu bytes; accepted: at most %lld (input_bytes)",
+                             (unsigned long long)w.bytes, (long long)c->settings.input_bytes);
+            fail_attempt(c, slot, &err, NULL);
+            worker_kill(c, slot);
+            return;
+        }
         s->output = output_begin(c, s->job->user, &w, slot);
     }
     if (s->output == NULL || m->body_count != 1 || offset != s->output->filling->accepted

@@ -43,11 +43,12 @@ static enum modal_status read_id(const cJSON *header, struct wire_message *out, 
 static enum modal_status read_header(const struct wire_frame *frame, bool needs_id, struct wire_message *out,
                                      struct modal_error *err)
 {
+    int most = needs_id ? WIRE_HEADER_MOST : WIRE_WORKER_HEADER_MOST;
     struct modal_error why;
     enum modal_status rc;
 
-    if (frame->size > WIRE_HEADER_MOST)
-        return modal_fail(err, MODAL_BAD_FRAME, "header of %zu bytes; accepted: at most %d", frame->size, WIRE_HEADER_MOST);
+    if (frame->size > (size_t)most)
+        return modal_fail(err, MODAL_BAD_FRAME, "header of %zu bytes; accepted: at most %d", frame->size, most);
     rc = json_read(frame->data, frame->size, &out->header, &why);
     if (rc == MODAL_NO_MEMORY)
         return modal_fail(err, rc, "%s", why.message);

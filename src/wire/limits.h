@@ -9,6 +9,7 @@ enum {
     WIRE_FRAMES_MOST     = 8,
     WIRE_VERB_MOST       = 16,
     WIRE_HEADER_MOST     = 65536,
+    WIRE_WORKER_HEADER_MOST = 1048576,   /* between daemon and worker: RUN joins the headers of UPLOAD and SUBMIT */
     WIRE_BODY_MOST       = 1048576,           /* one body frame */
     WIRE_ID_MOST         = 64,
     WIRE_KEY_MOST        = 128,

@@ -1,9 +1,11 @@
 """The daemon and the machine around it: the service manager, leases, the metrics file, the command line."""
+import math
 import os
 import pathlib
 import re
 import signal
 import socket
+import struct
 import subprocess
 import time
 
@@ -206,3 +208,19 @@ def test_an_idle_daemon_takes_no_more_than_a_thousandth_of_a_core():
         time.sleep(10)
         used_s = (ticks() - before) / os.sysconf("SC_CLK_TCK")
         assert used_s <= 0.001 * (time.monotonic() - begin) + 0.01      # one tick is 10 ms
+
+
+def test_a_job_whose_names_and_options_fill_two_headers_reaches_its_worker():
+    """UPLOAD and SUBMIT may each bring 65536 bytes of header; RUN has both."""
+    names = ["n" * 50 + str(k) for k in range(1000)]
+    data = struct.pack("<40000d", *[math.exp(-0.01 * i) * math.sin(0.1 * i * (k % 7 + 1)) for i in range(40) for k in range(1000)])
+    with Daemon(workers=1) as d:
+        client = d.client(timeout_s=60)
+        upload = client.ask("UPLOAD", op="begin", content="batch", samples=40, channels=1000, dt=0.1, names=names)["upload"]
+        for at in range(0, len(data), 262144):
+            part = data[at:at + 262144]
+            assert client.ask("UPLOAD", [part], op="chunk", upload=upload, offset=at, crc32c=crc32c(part)).ok
+        assert client.ask("UPLOAD", op="seal", upload=upload, sha256=identity(40, 1000, 0.1, data, names=names)).ok
+        job = client.ask("SUBMIT", kind="identify", options={"misspelt": "x" * 60000}, input={"upload": upload})["job"]
+        ended = client.ask("WAIT", job=job, timeout_s=60)
+        assert (ended["state"], ended["error"]["code"], ended["error"]["field"], ended["attempts"]) == ("failed", "bad_input", "misspelt", 1)

@@ -221,6 +221,18 @@ def test_a_gap_costs_no_memory_and_none_makes_a_batch_that_no_input_may_be():
         assert peak_kb < 60000
 
 
+def test_many_gaps_are_counted_and_the_first_told_so_that_answers_and_jobs_fit_a_header(client):
+    s = client.ask("STREAM", op="open", name="holes", channels=1, dt=0.1)["stream"]
+    one = struct.pack("<d", 1.5)
+    for number in [client.send("STREAM", [one], op="push", stream=s, epoch=0, first=2 * k, count=1, crc32c=crc32c(one)) for k in range(600)]:
+        assert client.answer(number).ok
+    closed = client.ask("STREAM", op="close", stream=s)
+    assert closed["gaps"] == [[2 * k + 1, 2 * k + 2] for k in range(256)] and closed["gap_count"] == 599 and closed["samples"] == 1199
+    assert len(json.dumps(closed.header)) < 16384
+    job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
+    assert client.ask("WAIT", job=job, timeout_s=20)["state"] == "done"
+
+
 def test_a_window_that_kills_three_workers_is_told_of_and_the_next_goes_on():
     """PROTOCOL.md, section 13: three times at most; who watches sees worker_died in place of modes, not silence."""
     fake = pathlib.Path(__file__).resolve().parent / "fake_worker.py"

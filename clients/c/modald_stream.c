@@ -161,7 +161,9 @@ struct modald_stream {
     uint64_t rms_count;
     int spill_fd;
     uint64_t spill_end, spill_read, spill_acknowledged, spill_most, spill_start;
+    uint64_t damaged, torn;                  /* samples of records passed over; bytes of what was being written */
     char spill_path[512];
+    unsigned forks;                          /* of the process, when it was opened */
     bool spill_failed, told, seal;           /* seal: the stream is to be closed at the end */
     char *open_text;                         /* of a replay: the members of `open` as they were */
     int64_t events_id;
@@ -175,6 +177,25 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+/* A child of the host has a copy of each stream, but no thread to send, and of a ring in a file the very same: there its streams do nothing. */
+static atomic_uint forks;
+static pthread_once_t fork_once = PTHREAD_ONCE_INIT;
+
+static void count_fork(void)
+{
+    atomic_fetch_add_explicit(&forks, 1, memory_order_relaxed);
+}
+
+static void watch_forks(void)
+{
+    pthread_atfork(NULL, NULL, count_fork);
+}
+
+static inline bool is_inherited(const modald_stream *s)
+{
+    return s->forks != atomic_load_explicit(&forks, memory_order_relaxed);
+}
+
 /* One line on stderr, once a stream. */
 static void say(modald_stream *s, const char *what)
 {
@@ -185,9 +206,11 @@ static void say(modald_stream *s, const char *what)
 
 /* ------------------------------------------------------------------ the host's calls */
 
-/* Room for one slot, or NULL: full, the sample is counted as a gap. */
+/* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
 static inline double *room(modald_stream *s)
 {
+    if (is_inherited(s))
+        return NULL;
     if (s->head - s->tail_seen >= s->slots) {
         s->tail_seen = atomic_load_explicit(&s->page->tail, memory_order_acquire);
         if (s->head - s->tail_seen >= s->slots) {
@@ -250,7 +273,7 @@ void modald_seek(modald_stream *s, double index)
 
 int modald_verdict(const modald_stream *s)
 {
-    return s == NULL ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
+    return s == NULL || is_inherited(s) ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
 }
 
 int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
@@ -348,20 +371,36 @@ static bool write_all(int fd, const void *data, size_t length, uint64_t at)
 
 static void open_header(modald_stream *s, char *text, size_t size);
 
-/* A file of its own name: FOLDER/modald-NAME-PID.spill, its head the open message. */
-static bool spill_open(modald_stream *s)
+enum { SPILL_NAMES = 10000 };
+
+/* A file that was not there: FOLDER/modald-NAME-PID.spill, or PID-2, -3, ...  What is there may hold samples that were never sent: of an earlier stream of
+ * that name, or of another life of that PID, which in a container is the same every time. */
+static void spill_create(modald_stream *s)
 {
     const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
-    char clean[64] = "", *head;
+    char clean[64] = "", number[16] = "";
+
+    for (size_t i = 0; s->name[i] != 0 && i < sizeof clean - 1; i++)
+        clean[i] = strchr("/ .", s->name[i]) ? '_' : s->name[i];
+    for (int n = 2; n < SPILL_NAMES; n++) {
+        snprintf(s->spill_path, sizeof s->spill_path, "%.300s/modald-%s-%d%s.spill", folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp", clean, (int)getpid(), number);
+        s->spill_fd = open(s->spill_path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
+        if (s->spill_fd >= 0 || errno != EEXIST)
+            return;
+        snprintf(number, sizeof number, "-%d", n);
+    }
+}
+
+/* Its head is the open message. */
+static bool spill_open(modald_stream *s)
+{
+    char *head;
     uint32_t length;
     bool good;
 
     if (s->spill_fd >= 0 || s->spill_most == 0)
         return s->spill_fd >= 0;
-    for (size_t i = 0; s->name[i] != 0 && i < sizeof clean - 1; i++)
-        clean[i] = strchr("/ .", s->name[i]) ? '_' : s->name[i];
-    snprintf(s->spill_path, sizeof s->spill_path, "%.300s/modald-%s-%d.spill", folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp", clean, (int)getpid());
-    s->spill_fd = open(s->spill_path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
+    spill_create(s);
     head = calloc(1, HEADER_MOST);
     if (s->spill_fd < 0 || head == NULL) {
         free(head);
@@ -400,17 +439,48 @@ static bool spill_write(modald_stream *s, struct frame *f)
     return true;
 }
 
-/* The next frame of the file into F. */
+static struct frame *frame_at(modald_stream *s, int i)
+{
+    return &s->window[(s->first_frame + i) % WINDOW];
+}
+
+/* Whether the record of HEAD may be what it says: it lies in the file, and in its order. */
+static bool is_record(const modald_stream *s, const struct spill_head *head)
+{
+    return head->count > 0 && head->count <= s->frame_samples && s->spill_read + sizeof *head + head->count * (size_t)s->channels * sizeof(double) <= s->spill_end;
+}
+
+/* A record whose samples are not what was written is passed over: the record on the daemon's side shows the gap. */
+static void spill_skip(modald_stream *s, const struct spill_head *head)
+{
+    s->spill_read += sizeof *head + head->count * (size_t)s->channels * sizeof(double);
+    s->damaged += head->count;
+    atomic_fetch_add_explicit(&s->dropped, head->count, memory_order_relaxed);
+    if (s->frames > 0)
+        frame_at(s, s->frames - 1)->file_end = s->spill_read;
+    else
+        s->spill_acknowledged = s->spill_read;
+}
+
+/* The next frame of the file into F; false: no more.  What a killed host was writing is torn, and the file ends before it. */
 static bool spill_next(modald_stream *s, struct frame *f)
 {
     struct spill_head head;
     size_t length;
 
-    if (pread(s->spill_fd, &head, sizeof head, (off_t)s->spill_read) != (ssize_t)sizeof head || head.count == 0 || head.count > s->frame_samples)
-        return false;
-    length = head.count * (size_t)s->channels * sizeof(double);
-    if (pread(s->spill_fd, f->data, length, (off_t)(s->spill_read + sizeof head)) != (ssize_t)length || crc32c(f->data, length) != head.crc)
-        return false;
+    for (;;) {
+        if (s->spill_read >= s->spill_end)
+            return false;
+        if (pread(s->spill_fd, &head, sizeof head, (off_t)s->spill_read) != (ssize_t)sizeof head || !is_record(s, &head)) {
+            s->torn += s->spill_end - s->spill_read;
+            s->spill_end = s->spill_read;
+            return false;
+        }
+        length = head.count * (size_t)s->channels * sizeof(double);
+        if (pread(s->spill_fd, f->data, length, (off_t)(s->spill_read + sizeof head)) == (ssize_t)length && crc32c(f->data, length) == head.crc)
+            break;
+        spill_skip(s, &head);
+    }
     s->spill_read += sizeof head + length;
     f->first = head.first;
     f->count = head.count;
@@ -437,11 +507,6 @@ static void spill_drained(modald_stream *s)
 }
 
 /* ------------------------------------------------------------------ from slots to frames */
-
-static struct frame *frame_at(modald_stream *s, int i)
-{
-    return &s->window[(s->first_frame + i) % WINDOW];
-}
 
 static void release(modald_stream *s, uint64_t tail)
 {
@@ -592,11 +657,8 @@ static void spill_if_needed(modald_stream *s, bool all)
 
 static void fill_window(modald_stream *s)
 {
-    while (s->frames < WINDOW && s->spill_fd >= 0 && s->spill_read < s->spill_end)
-        if (spill_next(s, frame_at(s, s->frames)))
-            s->frames++;
-        else
-            s->spill_read = s->spill_acknowledged = s->spill_end;      /* damaged: what follows cannot be found */
+    while (s->frames < WINDOW && s->spill_fd >= 0 && spill_next(s, frame_at(s, s->frames)))
+        s->frames++;
 }
 
 /* ------------------------------------------------------------------ messages */
@@ -1158,6 +1220,8 @@ static modald_stream *stream_new(const char *name, int channels, double dt, cons
     if (s == NULL)
         return NULL;
     snprintf(s->name, sizeof s->name, "%s", name);
+    pthread_once(&fork_once, watch_forks);
+    s->forks = atomic_load(&forks);
     s->channels = channels;
     s->dt = dt;
     s->spill_fd = -1;
@@ -1249,7 +1313,7 @@ static void end(modald_stream *s, int how)
     const char *wait = getenv("MODALD_CLOSE_WAIT");
     double until;
 
-    if (s == NULL)
+    if (s == NULL || is_inherited(s))
         return;
     until = now() + (wait && *wait ? strtod(wait, NULL) : 5) + 1;
     atomic_store(&s->stop, how);
@@ -1345,7 +1409,10 @@ int modald_replay(const char *path, double timeout, double *samples, char *messa
     else {
         finish(s, now() + timeout);
         good = drained(s) && s->closed;
-        snprintf(message, size, "%s", good ? "" : s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
+        if (good && (s->damaged > 0 || s->torn > 0))
+            snprintf(message, size, "%llu samples were damaged and left out, the last %llu bytes were torn", (unsigned long long)s->damaged, (unsigned long long)s->torn);
+        else
+            snprintf(message, size, "%s", good ? "" : s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
     }
     *samples = (double)atomic_load(&s->acknowledged);
     close_socket(s);

@@ -7,7 +7,8 @@
  * Without $MODALD_URL every call does nothing, so that the lines stay in the code.  No call returns an error to be checked,
  * NULL is a legal stream everywhere, nothing is ever printed on stdout, and the host is never stopped, forked or ended:
  * when the daemon is away or slow, samples wait in a ring, then in a spill file, and past that are counted as a gap.
- * modald_push makes no system call and takes no lock.  One thread pushes to a stream; streams are independent.
+ * modald_push makes no system call and takes no lock.  One thread pushes to a stream; streams are independent.  In a child that the host forks its streams
+ * do nothing, and need not be closed.
  *
  * Environment: MODALD_URL       the daemon's endpoint; unset: no-op
  *              MODALD_KEYFILE   CURVE keys (needed unless the daemon has none)
@@ -73,7 +74,8 @@ void modald_close(modald_stream *s);
 /* The same for a run that was broken off: the record says so. */
 void modald_abandon(modald_stream *s);
 
-/* Send a spill or ring file: 1 all of it acknowledged, 0 not; a reason into MESSAGE of SIZE bytes.  For modalctl replay. */
+/* Send a spill or ring file: 1 all of it acknowledged, 0 not and a reason into MESSAGE of SIZE bytes.  What a killed host was writing is torn, and records
+ * that are not what was written are passed over and leave a gap: then 1 too, and MESSAGE says how much.  For modalctl replay. */
 int modald_replay(const char *path, double timeout, double *samples, char *message, size_t size);
 
 #ifdef __cplusplus

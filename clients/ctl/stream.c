@@ -285,10 +285,12 @@ int run_replay(const struct verb *verb, const struct args *args)
     cJSON *doc = cJSON_CreateObject();
     cJSON_AddStringToObject(doc, "file", args->word[1]);
     cJSON_AddNumberToObject(doc, "samples", samples);
+    if (why[0] != 0)
+        cJSON_AddStringToObject(doc, "note", why);
     if (args->json)
         answer_json(doc, NULL);
     else
-        printf("%.0f samples of %s acknowledged\n", samples, args->word[1]);
+        printf("%.0f samples of %s acknowledged%s%s\n", samples, args->word[1], why[0] != 0 ? "; " : "", why);
     cJSON_Delete(doc);
     return 0;
 }

@@ -1,4 +1,6 @@
 """The streaming client: three calls that never disturb their host, and lose nothing while there is room."""
+import os
+import pathlib
 import shutil
 import socket
 import subprocess
@@ -74,6 +76,84 @@ def test_what_an_absent_server_missed_is_replayed(peer, ctl, tmp_path):
     said = ctl("replay", left[0], server=peer.endpoint)
     assert said.status == 0 and said.document["samples"] == 30000
     assert np.array_equal(peer.record("rig8"), log)
+
+
+def test_streams_of_one_name_in_one_process_keep_a_spill_file_each(peer, tmp_path):
+    """A PID that comes again, as in a container, is the same case: what is there was never sent, and is not written over."""
+    text = f"""
+import os, sys
+sys.path.insert(0, {str(pathlib.Path(modald.__file__).parent.parent)!r})
+import modald
+for part in range(3):
+    with modald.stream("again", 1, 0.01) as s:
+        s.push([[100.0 * part + k] for k in range(100)])
+"""
+    if b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes():
+        pytest.skip("a sanitized library does not load into Python")
+    subprocess.run(["/usr/bin/python3", "-c", text], check=True, capture_output=True, timeout=PATIENCE,
+                   env=environment(MODALD_URL=peer.endpoint + "-not", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.2"))
+    firsts = []
+    for left in sorted(tmp_path.glob("modald-again-*.spill"), key=lambda f: f.stat().st_mtime):
+        data = left.read_bytes()
+        firsts.append(np.frombuffer(data[-800:])[0])
+    assert firsts == [0.0, 100.0, 200.0]
+
+
+FRAME = 8192                                            # samples of two channels in a frame
+RECORD = 24 + 16 * FRAME                                # of a spill file: first, count, CRC-32C, 0, samples
+
+
+def spilled(peer, ctl, tmp_path, change):
+    """30,000 samples in a spill file, its bytes changed, replayed; what modalctl said, the record, the log."""
+    _, log = loop("torn", 30000, peer.endpoint + "-not", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.2")
+    left, = tmp_path.glob("modald-torn-*.spill")
+    data = left.read_bytes()
+    start = 12 + int.from_bytes(data[8:12], "little")
+    assert int.from_bytes(data[start + 8:start + 16], "little") == FRAME
+    left.write_bytes(change(bytearray(data), start))
+    return ctl("replay", left, server=peer.endpoint), log
+
+
+def test_the_torn_end_of_a_killed_host_is_said_and_what_is_before_it_is_sent(peer, ctl, tmp_path):
+    said, log = spilled(peer, ctl, tmp_path, lambda data, start: data[:start + 2 * RECORD + 1000])
+    assert said.status == 0 and said.document["samples"] == 2 * FRAME and "the last 1000 bytes were torn" in said.document["note"]
+    assert np.array_equal(peer.record("torn"), log[:2 * FRAME])
+
+
+def test_a_damaged_record_is_a_gap_and_what_follows_it_is_sent(peer, ctl, tmp_path):
+    def change(data, start):
+        data[start + RECORD + 5000] ^= 64
+        return data
+    said, log = spilled(peer, ctl, tmp_path, change)
+    assert said.status == 0 and f"{FRAME} samples were damaged" in said.document["note"]
+    assert [tuple(g) for g in peer.streams["torn"][-1].gaps] == [(FRAME, 2 * FRAME)]
+    assert np.array_equal(peer.record("torn"), np.concatenate([log[:FRAME], log[2 * FRAME:]]))
+
+
+def test_a_spill_file_of_another_byte_order_is_refused(peer, ctl, tmp_path):
+    def change(data, start):
+        data[8:12] = data[8:12][::-1]
+        return data
+    said, _ = spilled(peer, ctl, tmp_path, change)
+    assert said.status == 2 and said.document["error"]["code"] == "bad_input" and said.document["error"]["field"] == "file"
+
+
+@in_python
+def test_a_forked_child_leaves_its_parents_stream_alone(peer, url, tmp_path, monkeypatch):
+    """The ring lies in a file that both have mapped: what the child pushes and closes must not be in the record."""
+    monkeypatch.setenv("MODALD_RING_FILE", str(tmp_path / "ring-%s"))
+    rows = np.random.default_rng(8).standard_normal((400, 2))
+    with modald.stream("forks", 2, 0.01) as s:
+        s.push(rows[:200])
+        child = os.fork()
+        if child == 0:
+            before = time.monotonic()
+            s.push(np.full((50, 2), 7.0))
+            s.close()
+            os._exit(3 if time.monotonic() - before < 0.5 else 4)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
+        s.push(rows[200:])
+    assert np.array_equal(peer.record("forks"), rows)
 
 
 def test_what_the_ring_cannot_hold_waits_in_a_file_in_its_order(peer, tmp_path):

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include "job/plan.h"
+#include "job/steady_print.h"
 #include "modal/steady/backbone.h"
 
 enum { POINTS_MOST = 5000, HARMONICS = 9 };
@@ -69,8 +70,21 @@ static cJSON *print_point(const struct program *p, const struct steady_settings 
     return o;
 }
 
+/* What the laws did, for the plan. */
+static void count(struct program *p, const struct backbone *b)
+{
+    for (int l = 0; l < p->laws; l++)
+        p->effect[p->law[l].effect].active |= backbone_acts(b, l);
+}
+
+static void count_evaluations(struct program *p, const struct backbone *b)
+{
+    for (int l = 0; l < p->laws; l++)
+        p->effect[p->law[l].effect].evaluations += backbone_evaluations(b, l);
+}
+
 /* Amplitude after amplitude; the first that is not reached ends the list. */
-static enum modal_status follow(const struct job_request *request, const struct program *p, const struct steady_settings *settings,
+static enum modal_status follow(const struct job_request *request, struct program *p, const struct steady_settings *settings,
                                 const struct range *r, struct backbone *b, int H, cJSON *points, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -81,8 +95,10 @@ static enum modal_status follow(const struct job_request *request, const struct 
         if (request->cancelled != NULL && request->cancelled(request->context))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
         rc = backbone_at(b, i + 1 < r->count ? r->from * pow(r->to / r->from, (double)i / (r->count - 1)) : r->to, &point, err);
-        if (rc == MODAL_OK)
+        if (rc == MODAL_OK) {
             cJSON_AddItemToArray(points, print_point(p, settings, &point, H));
+            count(p, b);
+        }
         if (rc == MODAL_OK && !point.converged)
             break;
     }
@@ -109,8 +125,10 @@ enum modal_status backbone_run(const struct job_request *request, struct program
     cJSON_AddNumberToObject(out, "mode", r.mode);
     linear = cJSON_AddObjectToObject(out, "linear");
     print_frequency(linear, omega, zeta);
+    steady_count_start(p);
     rc = follow(request, p, settings, &r, b, H, cJSON_AddArrayToObject(out, "points"), err);
     cost_stage(cost, "solve");
+    count_evaluations(p, b);
     backbone_free(b);
     if (rc != MODAL_OK) {
         cJSON_Delete(out);

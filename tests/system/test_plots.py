@@ -49,7 +49,8 @@ def test_a_curve_over_another_number_of_the_scene_has_that_number_on_its_axis(ct
 
 def test_a_nonlinear_mode_is_drawn_and_shown_over_its_amplitude(ctl, scene, tmp_path):
     words = [scene, "-o", "backbone=1:0.1:2:5"]
-    assert ctl("steady", *words, "--plot", tmp_path / "a.svg").status == 0
+    said = ctl("steady", *words, "--plot", tmp_path / "a.svg")
+    assert said.status == 0 and said.document["plan"]["effects"][0]["active"] and said.document["plan"]["effects"][0]["evaluations"] > 100
     assert all(label in drawn(tmp_path / "a.svg")[3] for label in ("amplitude", "omega, rad/s", "damping ratio"))
     shown = subprocess.run([BUILD / "bin" / "modalctl", "--local", "steady", *words], capture_output=True, text=True)
     assert shown.returncode == 0 and [line.split()[0] for line in shown.stdout.splitlines()[2:7]] == ["0.1", "0.211474", "0.447214", "0.945742", "2"]

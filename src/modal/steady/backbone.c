@@ -16,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 
 enum { ITERATIONS_MOST = 30, HALVINGS_MOST = 12 };
@@ -198,6 +199,16 @@ double backbone_linear(const struct backbone *b, double *damping_ratio)
 {
     *damping_ratio = b->zeta;
     return b->omega;
+}
+
+long backbone_evaluations(const struct backbone *b, int law)
+{
+    return aft_evaluations(b->b->aft, law);
+}
+
+bool backbone_acts(const struct backbone *b, int law)
+{
+    return aft_acts(b->b->aft, law);
 }
 
 /* The balance's S of (1): K - s^2 M + i s (C - 2 zeta omega M), s = k omega; no loads. */

@@ -36,6 +36,10 @@ void backbone_free(struct backbone *b);
 /* rad/s and damping ratio of the linear mode. */
 double backbone_linear(const struct backbone *b, double *damping_ratio);
 
+/* How often law LAW has been evaluated, and whether it acted (slipped, touched) in the last motion looked at. */
+long backbone_evaluations(const struct backbone *b, int law);
+bool backbone_acts(const struct backbone *b, int law);
+
 /* The motion of amplitude A, from the last one found or, at first, the linear mode.  No convergence is an answer. */
 enum modal_status backbone_at(struct backbone *b, double a, struct backbone_point *out, struct modal_error *err);
 #endif

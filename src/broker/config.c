@@ -171,6 +171,23 @@ static char *trim(char *text)
     return text;
 }
 
+/* A whole file of text; the caller frees it.  A zero byte, as a crash leaves them in a file that was not synced, would hide what follows. */
+static enum modal_status get_text(const char *file, const char *field, char **text, size_t *length, struct modal_error *err)
+{
+    struct modal_error why;
+
+    *text = NULL;
+    if (file_get(file, FILE_MOST, text, length, &why) != MODAL_OK)
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s", why.message);
+    if (strlen(*text) == *length)
+        return MODAL_OK;
+    modal_fail_field(err, MODAL_BAD_INPUT, field, "%s has a zero byte at %zu; accepted: text", file, strlen(*text));
+    explicit_bzero(*text, *length);
+    free(*text);
+    *text = NULL;
+    return MODAL_BAD_INPUT;
+}
+
 /* The next line of *AT without its comment, trimmed; NULL at the end. */
 static char *next_line(char **at, int *number)
 {
@@ -214,10 +231,10 @@ enum modal_status config_read(struct config *c, const char *file, struct modal_e
     int number = 0;
     bool first_bind = true;
     struct modal_error why;
-    enum modal_status rc = file_get(file, FILE_MOST, &text, &length, &why);
+    enum modal_status rc = get_text(file, "config", &text, &length, err);
 
     if (rc != MODAL_OK)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "config", "%s", why.message);
+        return rc;
     snprintf(c->file, sizeof c->file, "%s", file);
     for (at = text; rc == MODAL_OK && (line = next_line(&at, &number)) != NULL;) {
         if (*line == 0)
@@ -316,14 +333,13 @@ static enum modal_status read_keys(struct config *c, struct modal_error *err)
     char *text = NULL, *line, *rest;
     size_t length;
     int number = 0;
-    struct modal_error why;
     enum modal_status rc = check_private(c->keys, err);
 
     if (rc != MODAL_OK)
         return rc;
-    rc = file_get(c->keys, FILE_MOST, &text, &length, &why);
+    rc = get_text(c->keys, "keys", &text, &length, err);
     if (rc != MODAL_OK)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s", why.message);
+        return rc;
     for (line = text; rc == MODAL_OK && line != NULL; line = rest) {
         rest = strchr(line, '\n');
         if (rest != NULL)
@@ -338,15 +354,14 @@ enum modal_status config_server_keys(const struct config *c, char public[41], ch
 {
     char *text = NULL, *at, *line, *key, *value;
     size_t length;
-    struct modal_error why;
     enum modal_status rc = check_private(c->server_key, err);
 
     public[0] = secret[0] = 0;
     if (rc != MODAL_OK)
         return rc;
-    rc = file_get(c->server_key, FILE_MOST, &text, &length, &why);
+    rc = get_text(c->server_key, "server_key", &text, &length, err);
     if (rc != MODAL_OK)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "server_key", "%s", why.message);
+        return rc;
     for (at = text; at != NULL; at = line) {
         line = strchr(at, '\n');
         if (line != NULL)

@@ -344,6 +344,17 @@ static void take_children(struct daemon *d)
         step(d, &(struct event) { .type = EVENT_EXIT, .slot = slot, .status = status, .stderr_text = text });
 }
 
+/* Endpoints stay as they are while it runs: whoever changed them is told. */
+static void tell_of_endpoints(const struct config *old, const struct config *fresh)
+{
+    bool same = old->bind_count == fresh->bind_count && old->ipc_mode == fresh->ipc_mode;
+
+    for (int i = 0; same && i < old->bind_count; i++)
+        same = strcmp(old->bind[i], fresh->bind[i]) == 0;
+    if (!same)
+        log_line("level=warning event=reload_later key=bind message=\"endpoints and ipc_mode are taken at the next start\"");
+}
+
 static void reload(struct daemon *d)
 {
     struct config *fresh = grab(sizeof *fresh);
@@ -354,6 +365,7 @@ static void reload(struct daemon *d)
         log_error("reload_refused", &err);         /* the old one stays */
     else {
         struct config old = *d->config;
+        tell_of_endpoints(&old, fresh);
         d->config->settings = fresh->settings;
         d->config->accounts = fresh->accounts;
         d->config->account_count = fresh->account_count;

@@ -728,10 +728,19 @@ def test_a_bad_configuration_is_refused_at_reload_and_the_old_one_stays():
         d.process.send_signal(signal.SIGHUP)
         until(lambda: "event=reload_refused" in d.text())
         assert "queue_jbos" in d.text() and alive(d.client())
+        for wrong, said in (("connections = many\n", "connections is"), ("result_age_s = 0\n", "result_age_s is"), ("\0\0\0\0", "zero byte"), ("x" * 1100000, "1048576")):
+            d.config.write_text(FAKE + wrong)
+            d.process.send_signal(signal.SIGHUP)
+            until(lambda: said in d.text())
+            assert alive(d.client())
+        assert "event=reload accounts" not in d.text()
         d.config.write_text(FAKE + "queue_jobs = 7\n")
         d.process.send_signal(signal.SIGHUP)
         until(lambda: "event=reload accounts" in d.text())
-        assert d.client().ask("HELLO")["limits"]["queue_jobs"] == 7
+        assert d.client().ask("HELLO")["limits"]["queue_jobs"] == 7 and "event=reload_later" not in d.text()
+        d.config.write_text(FAKE + "bind = ipc:///nowhere/else.ipc\nipc_mode = 0660\n")
+        d.process.send_signal(signal.SIGHUP)
+        until(lambda: "event=reload_later" in d.text())
 
 
 def test_two_daemons_on_one_data_folder_are_refused():

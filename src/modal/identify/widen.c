@@ -1,4 +1,4 @@
-/* widen.c - four doubts, each with the size of its error
+/* widen.c - five doubts, each with the size of its error
  *
  * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit add to the data's: its standard errors grow by WIDEN_ROUNDING.
  * Else:
@@ -9,6 +9,8 @@
  *            difference, unless one of the doubts below widens it further
  *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by less than RIVAL, has another exponent: posterior odds are
  *            exp(-difference / 2) [KR95], so neither is ruled out, and the error is at least the difference
+ *   slow     what turns less than once in the record is told from an offset, a drift and other slow parts by the model alone: its error is at least its
+ *            scatter (root mean square) over the orders that explain the record
  *   pairs    two strong poles nearer than half a beat over the record are told apart by the model alone; where one of the doubts above holds the model is
  *            not right, and either may be anywhere between them: the error is at least half their distance
  *
@@ -23,19 +25,22 @@
 #include "modal/identify/colour.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/parts.h"
+#include "modal/linalg/svd.h"
 
 static const double RIVAL = 6, CLEAR = 3, ROUNDING = 1e-12;      /* of the signals: what is left is rounding */
 
-static bool at_rounding(const struct refine_data *d, double residual)
+static double norm_of(const struct refine_data *d)
 {
     double sum = 0;
 
     for (int c = 0; c < d->Y->n; c++)
-        for (int l = 0; l < d->Y->m; l++) {
-            double y = d->Y->x[l + (size_t)c * (size_t)d->Y->ld];
-            sum += y * y;
-        }
-    return residual <= ROUNDING * sqrt(sum);
+        sum += pow(safe_norm(d->Y->x + (size_t)c * (size_t)d->Y->ld, d->Y->m), 2);
+    return sqrt(sum);
+}
+
+static bool at_rounding(const struct refine_data *d, double residual)
+{
+    return residual <= ROUNDING * norm_of(d);
 }
 
 /* factor: a number for each pole. */
@@ -145,6 +150,38 @@ static bool for_rivals(const struct refine_data *d, const struct order_choice *c
     return any;
 }
 
+/* Fits that explain about as much as the chosen one, whatever their order: what they leave is no more than twice its rest, or a thousandth of all. */
+static bool explains(const struct refined *f, double own, double all)
+{
+    return f->end != REFINE_DEGENERATE && f->residual <= fmax(2 * own, 1e-3 * all);
+}
+
+/* The scatter of slow pole j over the orders that explain the record. */
+static void scatter(const struct order_choice *choice, double all, struct poles *p, int j, double width)
+{
+    double own = choice->candidates[choice->chosen].fit.residual, re = 0, im = 0;
+    int n = 0;
+
+    for (int i = 0; i < choice->count; i++) {
+        const struct refined *f = &choice->candidates[i].fit;
+        int k = i != choice->chosen && explains(f, own, all) ? nearest_in(f, p->lambda[j], width) : -1;
+        if (k < 0)
+            continue;
+        re += pow(creal(f->lambda[k] - p->lambda[j]), 2), im += pow(cimag(f->lambda[k] - p->lambda[j]), 2), n++;
+    }
+    if (n > 0)
+        at_least(p, j, sqrt(re / n), sqrt(im / n));
+}
+
+static void for_slow(const struct refine_data *d, const struct order_choice *choice, struct poles *p)
+{
+    double record = d->tau * d->Y->m, all = norm_of(d);
+
+    for (int j = 0; j < p->count; j++)
+        if (cimag(p->lambda[j]) > 0 && cimag(p->lambda[j]) * record < 2 * M_PI)
+            scatter(choice, all, p, j, M_PI / record);
+}
+
 static void for_pairs(const struct refine_data *d, struct poles *p)
 {
     double width = M_PI / (d->tau * d->Y->m);      /* half a beat */
@@ -159,7 +196,7 @@ static void for_pairs(const struct refine_data *d, struct poles *p)
         }
 }
 
-/* The four doubts, in their order. */
+/* The five doubts, in their order. */
 static enum modal_status doubt(const struct refine_data *d, const struct order_choice *choice, struct poles *p, double *factor,
                                struct widened *out, struct modal_error *err)
 {
@@ -174,6 +211,8 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
         rc = for_parts(d, p, factor, &out->contradiction, err);
     if (rc == MODAL_OK)
         out->rivals = for_rivals(d, choice, p);
+    if (rc == MODAL_OK && constant)
+        for_slow(d, choice, p);
     if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1 || out->rivals))
         for_pairs(d, p);
     return rc;

@@ -17,7 +17,7 @@ struct core *core_new(const struct settings *settings, struct moment now)
     c->stones_end = &c->stones;
     c->next_job = c->next_input = c->next_event = c->next_wait = 1;
     users_configure(c);
-    core_timer(c, now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_MINUTE, 0, 0);
+    core_timer(c, now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_HOUSEKEEPING, 0, 0);
     return c;
 }
 
@@ -474,7 +474,7 @@ static void housekeeping(struct core *c)
         transaction_add(t, LEDGER_EVENTS_PRUNE)->id = c->last_event - c->settings.events_kept;
         core_commit(c, t);
     }
-    core_timer(c, c->now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_MINUTE, 0, 0);
+    core_timer(c, c->now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_HOUSEKEEPING, 0, 0);
 }
 
 static void run_timers(struct core *c)
@@ -485,7 +485,8 @@ static void run_timers(struct core *c)
         struct heap_item item = heap_pop(&c->timers);
         switch ((enum timer)item.what) {
         case TIMER_WAIT:   wait_timeout(c, (uint64_t)item.order); break;
-        case TIMER_MINUTE: housekeeping(c); break;
+        case TIMER_HOUSEKEEPING: housekeeping(c); break;
+        case TIMER_RETAIN: c->retaining = false; jobs_retain(c); break;
         case TIMER_LEASE: case TIMER_SPAWN: worker_timer(c, (enum timer)item.what, item.order); break;
         default:           job_expired(c, item.order, (enum timer)item.what, (intptr_t)item.value);
         }

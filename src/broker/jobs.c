@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { RETAINED_A_STEP = 1000, RETAIN_PAUSE_NS = 20 * 1000 * 1000 };    /* so 50,000 a second: twice what can be submitted */
+
 static bool has_id(const void *value, const void *key)
 {
     return ((const struct job *)value)->id == *(const int64_t *)key;
@@ -317,6 +319,12 @@ static void drop_share(struct core *c, int64_t source)
         job_remove(c, root, NULL);
 }
 
+/* What its result counts against `result_bytes`: another's, shown again, counts once. */
+static int64_t bytes_counted(const struct job *job)
+{
+    return job->shown == JOB_DONE && !job->cached ? (int64_t)job->result_bytes : 0;
+}
+
 /* Delete row, result and, when nobody else names them, input and output; a key leaves a tombstone. */
 void job_remove(struct core *c, struct job *job, const struct reply *reply)
 {
@@ -337,6 +345,7 @@ void job_remove(struct core *c, struct job *job, const struct reply *reply)
     } else {
         transaction_add(t, LEDGER_JOB_DELETE)->id = job->id;
         job->deleting = true;
+        c->result_leaving += bytes_counted(job);
     }
     job_unindex(c, job);
     if (job->key != NULL && !was_hidden) {
@@ -358,10 +367,9 @@ void job_forget(struct core *c, struct job *job)
     c->state_counts[job->state]--;
     if (job->state == JOB_QUEUED)
         job->user->queued--;
-    if (job->shown == JOB_DONE && !job->cached) {
-        c->result_total -= (int64_t)job->result_bytes;
-        job->user->bytes -= (int64_t)job->result_bytes;
-    }
+    c->result_total -= bytes_counted(job);
+    c->result_leaving -= job->deleting ? bytes_counted(job) : 0;
+    job->user->bytes -= bytes_counted(job);
     for (size_t i = 0; i < sizeof c->document_ring / sizeof *c->document_ring; i++)
         if (c->document_ring[i] == job)
             c->document_ring[i] = NULL;
@@ -385,21 +393,30 @@ void job_forget(struct core *c, struct job *job)
     drop_share(c, source);
 }
 
-/* The oldest ended jobs go: past their age, or while results take more bytes than they may. */
+/* May this ended job stay?  What is on its way out already makes room. */
+static bool may_stay(const struct core *c, const struct job *job)
+{
+    return job->finished_ns + c->settings.result_age_ns >= c->now.utc_ns && c->result_total - c->result_leaving <= c->settings.result_bytes;
+}
+
+/* The oldest ended jobs go: past their age, or while results take more bytes than they may.  A step stays short: what is
+ * left of them follows in the next, as soon as the disk has taken these. */
 void jobs_retain(struct core *c)
 {
-    int budget = 1000;                             /* a step stays short; the next minute goes on */
+    int budget = c->uncommitted > RETAINED_A_STEP ? 0 : RETAINED_A_STEP;
 
     while (c->ended_first < c->ended_count && budget-- > 0) {
         struct job *job = job_by_id(c, c->ended[c->ended_first]);
-        bool stale = job != NULL && job->finished_ns + c->settings.result_age_ns < c->now.utc_ns;
 
-        if (job != NULL && ((!stale && c->result_total <= c->settings.result_bytes) || (job->last != NULL && !job->deleting)))
-            break;                                 /* too young, or its latest edge is not committed yet */
+        if (job != NULL && (may_stay(c, job) || (job->last != NULL && !job->deleting)))
+            return;                                /* too young, or its latest edge is not committed yet */
         c->ended_first++;
         if (job == NULL || job->deleting || job->hidden || !job_state_final(job->shown))
             continue;
         core_log(c, "level=info event=retention user=%s kind=%s state=%s", job->user->name, job->kind, job_states[job->shown]);
         job_remove(c, job, NULL);
     }
+    if (c->ended_first < c->ended_count && !c->retaining)
+        core_timer(c, c->now.mono_ns + RETAIN_PAUSE_NS, TIMER_RETAIN, 0, 0);
+    c->retaining = c->ended_first < c->ended_count;
 }

@@ -195,7 +195,7 @@ struct subscription {
     bool gone;
 };
 
-enum timer { TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE, TIMER_SPAWN, TIMER_MINUTE };
+enum timer { TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE, TIMER_SPAWN, TIMER_HOUSEKEEPING, TIMER_RETAIN };
 
 enum { SLOTS_MOST = 256, RING = 1024 };
 
@@ -210,7 +210,8 @@ struct core {
     int slot_count;
     int64_t next_job, next_input, next_event, last_event;
     int64_t state_counts[JOB_STATE_COUNT];
-    int64_t result_total;                 /* bytes of results */
+    int64_t result_total, result_leaving; /* bytes of results, and of those among them whose deletion is on its way to the disk */
+    bool retaining;                       /* the next step of retention has its timer */
     int64_t *ended; size_t ended_first, ended_count, ended_room;   /* ids in the order of ending, for retention */
     uint64_t next_wait, next_subscription;
     struct subscription *subscriptions;

@@ -679,6 +679,30 @@ def test_results_past_their_age_go_and_their_keys_answer_expired():
         assert submit(c, key="old").code == "expired"
 
 
+def test_retention_takes_all_that_is_past_its_age_however_many():
+    with Daemon(config=FAKE + "result_age_s = 1\n", workers=1) as d:
+        c = d.client()
+        wait(c, submit(c, key="first")["job"])
+        for numbers in [range(at, at + 500) for at in range(0, 3000, 500)]:
+            data, described = ring_down()
+            asked = [c.send("SUBMIT", [data], kind="identify", options={}, input=described, key=f"again{i}") for i in numbers]
+            assert all(c.answer(number).ok for number in asked)
+        until(lambda: c.ask("STATS")["jobs"]["done"] == 0, 25)      # every 10 s, and then without a pause until none is left
+        assert c.ask("STATUS", job="key:again2999").code == "expired"
+
+
+def test_retention_by_bytes_takes_the_oldest_results_and_no_more_than_it_must():
+    with Daemon(config=FAKE + "result_bytes = 100000\n", workers=1) as d:
+        c = d.client()
+        for i in range(30):
+            wait(c, submit(c, key=f"k{i}", options={"document": 5000, "say": str(i)})["job"])
+        left = 100000 // len(c.ask("RESULT", job="key:k29").body[0])
+        assert 15 < left <= 20
+        until(lambda: c.ask("STATS")["jobs"]["done"] < 30, 25)
+        assert c.ask("STATS")["jobs"]["done"] == left
+        assert c.ask("STATUS", job=f"key:k{29 - left}").code == "expired" and c.ask("STATUS", job=f"key:k{30 - left}")["state"] == "done"
+
+
 def test_a_restart_takes_up_everything_that_was_acknowledged():
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()

@@ -837,6 +837,14 @@ static void retire(modald_stream *s)
     spill_drained(s);
 }
 
+/* The epoch that the daemon is in; what was said of another is no word on this one. */
+static void set_epoch(modald_stream *s, uint64_t epoch)
+{
+    if (epoch != s->epoch)
+        atomic_store(&s->verdict, MODALD_UNKNOWN);
+    s->epoch = epoch;
+}
+
 static void take_reply(modald_stream *s, const char *header)
 {
     int64_t id = (int64_t)find_number(header, "id", 0);
@@ -845,7 +853,7 @@ static void take_reply(modald_stream *s, const char *header)
     s->credit = (size_t)find_number(header, "credit", (double)s->credit);
     if (id == s->open_id && s->opening && stream != NULL && *stream == '"') {
         snprintf(s->stream, sizeof s->stream, "%.*s", (int)strcspn(stream + 1, "\""), stream + 1);
-        s->epoch = (uint64_t)find_number(header, "epoch", 0);
+        set_epoch(s, (uint64_t)find_number(header, "epoch", 0));
         s->opened = true;
         s->opening = false;
     } else if (id == s->close_id && s->closing) {
@@ -858,7 +866,7 @@ static void take_reply(modald_stream *s, const char *header)
             continue;
         f->acknowledged = true;
         s->flying -= s->flying >= length ? length : s->flying;
-        s->epoch = (uint64_t)find_number(header, "epoch", (double)s->epoch);
+        set_epoch(s, (uint64_t)find_number(header, "epoch", (double)s->epoch));
     }
     retire(s);
 }
@@ -885,13 +893,23 @@ static void take_error(modald_stream *s, const char *header)
     s->refused = true;
 }
 
+/* Does a live result rest on samples of this run?  Another of the same name, or this one before it was taken up again, may be told late. */
+static bool is_ours(const modald_stream *s, const char *header)
+{
+    const char *of = find(header, "stream_id");
+    size_t length = strlen(s->stream);
+
+    return (of == NULL || (strncmp(of + 1, s->stream, length) == 0 && of[1 + length] == '"'))
+        && (uint64_t)find_number(header, "epoch", (double)s->epoch) == s->epoch;
+}
+
 /* The least damped mode, and whether all is stable, of a live result. */
 static void take_event(modald_stream *s, const char *header)
 {
     const char *stable = find(find(header, "stability"), "stable"), *at = find(header, "modes");
     struct modald_estimate best = { .damping_ratio = HUGE_VAL };
 
-    if (stable == NULL)
+    if (stable == NULL || !is_ours(s, header))
         return;
     while ((at = find(at, "frequency_hz")) != NULL) {
         struct modald_estimate e = { .frequency_hz = strtod(at, NULL), .damping_ratio = find_number(at, "damping_ratio", HUGE_VAL),

@@ -180,7 +180,7 @@ struct slot {
     bool finishing;                       /* DONE has come; the output is being sealed */
     bool ready;                           /* READY has come meanwhile */
     double cpu_s;
-    struct stream *live; uint64_t live_from, live_to;   /* a window instead of a job */
+    struct stream *live; uint64_t live_from, live_to, live_epoch;   /* a window instead of a job */
     uint64_t process;                     /* counts the slot's processes */
 };
 
@@ -377,8 +377,8 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t);
 void stream_after(struct core *c, struct after *after, struct transaction *t);
 bool stream_due(struct stream *s);         /* is a window due? */
 struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first);
-void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_frame *document, const cJSON *error);
-void stream_dropped(struct core *c, struct stream *s, uint64_t from, uint64_t to);
+void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document, const cJSON *error);
+void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to);
 void stream_load_note(struct core *c, const struct note_record *r);
 void stream_load_segment(struct core *c, struct input *input);
 void stream_free(struct stream *s);

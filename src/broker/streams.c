@@ -569,13 +569,17 @@ struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uin
     return blob_take(data, count * size);
 }
 
-static cJSON *event_of(const struct stream *s, const char *event, uint64_t from, uint64_t to)
+/* A window's epoch may be past by the time it is told: the run was taken up again from a checkpoint meanwhile. */
+static cJSON *event_of(const struct core *c, const struct stream *s, const char *event, uint64_t epoch, uint64_t from, uint64_t to)
 {
     cJSON *text = cJSON_CreateObject();
+    char ident[9];
 
+    ident_text(ident, ~c->settings.secret, s->id);
     cJSON_AddStringToObject(text, "event", event);
     cJSON_AddStringToObject(text, "stream", s->name);
-    cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
+    cJSON_AddStringToObject(text, "stream_id", ident);
+    cJSON_AddNumberToObject(text, "epoch", (double)epoch);
     cJSON_AddNumberToObject(text, "from", (double)from);
     cJSON_AddNumberToObject(text, "to", (double)to);
     return text;
@@ -608,7 +612,7 @@ static void put_alarms(struct core *c, struct stream *s, struct transaction *t, 
     cJSON *edge;
 
     while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
-        cJSON *text = event_of(s, "alarm", from, to), *part;
+        cJSON *text = event_of(c, s, "alarm", s->epoch, from, to), *part;
         while ((part = edge->child) != NULL) {
             cJSON_DetachItemViaPointer(edge, part);
             cJSON_AddItemToObject(text, part->string, part);
@@ -620,15 +624,15 @@ static void put_alarms(struct core *c, struct stream *s, struct transaction *t, 
 }
 
 /* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
-void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
+void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
 {
-    cJSON *document = NULL, *text = event_of(s, "modes", from, to), *part, *edges;
+    cJSON *document = NULL, *text = event_of(c, s, "modes", epoch, from, to), *part, *edges;
     static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
     struct transaction *t = transaction_new();
 
     if (document_text != NULL)
         json_read(document_text->data, document_text->size, &document, NULL);
-    edges = alarms_judge(s->alarms, from, to, document);
+    edges = epoch == s->epoch ? alarms_judge(s->alarms, from, to, document) : NULL;
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
         if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
             cJSON_AddItemToObject(text, parts[i], part);
@@ -641,14 +645,14 @@ void stream_result(struct core *c, struct stream *s, uint64_t from, uint64_t to,
 }
 
 /* A window that killed each worker that had it: who watches is told so. */
-void stream_dropped(struct core *c, struct stream *s, uint64_t from, uint64_t to)
+void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to)
 {
     struct modal_error err;
     cJSON *error;
 
     modal_fail(&err, MODAL_WORKER_DIED, "the window is left out: %d workers died of it", s->died);
     error = wire_error_object(&err, NULL);
-    stream_result(c, s, from, to, NULL, error);
+    stream_result(c, s, epoch, from, to, NULL, error);
     cJSON_Delete(error);
 }
 

@@ -172,12 +172,20 @@ static void start_live(struct core *c, int slot)
     s->live = stream;
     s->live_from = from;
     s->live_to = from + stream->window - 1;
+    s->live_epoch = stream->epoch;
     s->state = SLOT_BUSY;
     s->attempt = ++c->live_attempts;
     s->jobs++;
     s->started_ns = s->heard_ns = c->now.mono_ns;
     stream->at_slot = slot, stream->at_process = s->process, stream->at_next = s->live_to + 1;
     to_worker(c, slot, "RUN", live_header(s, stream, first), data);
+}
+
+/* The window is due again, unless an epoch has begun since, whose samples are others. */
+static void try_again(struct stream *stream, const struct slot *s)
+{
+    if (stream->epoch == s->live_epoch)
+        stream->next_window = s->live_to + 1;
 }
 
 /* The end of a live window, with its result or its error. */
@@ -193,20 +201,20 @@ static void end_live(struct core *c, int slot, const struct wire_message *m)
     if (m == NULL || error != NULL)
         stream->at_slot = -1;
     if (m == NULL && ++stream->died < LIVE_DEATHS_MOST) {
-        stream->next_window = s->live_to + 1;         /* its worker died: once more on another, unless the window itself is to blame */
+        try_again(stream, s);                         /* its worker died: once more on another, unless the window itself is to blame */
         return;
     }
     if (m == NULL)
-        stream_dropped(c, stream, s->live_from, s->live_to);
+        stream_dropped(c, stream, s->live_epoch, s->live_from, s->live_to);
     stream->died = 0;
     if (m == NULL)
         return;
     s->state = SLOT_TAKEN;
     json_get_string(error, "", "field", &field, NULL);
     if (error != NULL && strcmp(field, "live") == 0)
-        stream->next_window = s->live_to + 1;         /* it dropped the window: once more, with all of it */
+        try_again(stream, s);                         /* it dropped the window: once more, with all of it */
     else
-        stream_result(c, stream, s->live_from, s->live_to, m->body_count > 0 ? &m->body[0] : NULL, error);
+        stream_result(c, stream, s->live_epoch, s->live_from, s->live_to, m->body_count > 0 ? &m->body[0] : NULL, error);
 }
 
 void workers_schedule(struct core *c)

@@ -135,7 +135,7 @@ def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
                         events.append(reply.header)
         assert [(e["from"], e["to"]) for e in events] == [(k, k + 199) for k in range(0, 500, 100)]
         for e in events:
-            assert e["event"] == "modes" and e["stream"] == "live" and e["number"] > 0, e
+            assert e["event"] == "modes" and e["stream"] == "live" and e["stream_id"] == s and e["epoch"] == 0 and e["number"] > 0, e
             assert len(e["modes"]) == 1 and e["stability"]["stable"] is True
             assert abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6
 

@@ -276,6 +276,26 @@ def test_python_pushes_rows_names_and_a_verdict(peer, url):
 
 
 @in_python
+@pytest.mark.parametrize("whose", [{"stream_id": "id-another"}, {"stream_id": "id-mine", "epoch": 4}, {"stream_id": "id-mine-too"}])
+def test_what_is_said_of_another_run_of_that_name_or_another_epoch_is_no_verdict(whose, peer, url):
+    """A window of a run before, computed late on a busy machine, would stop the run after it.  The second push is answered behind the first's event."""
+    def acknowledged(s, count):
+        end = time.monotonic() + PATIENCE
+        while s.report.acknowledged < count:
+            assert time.monotonic() < end
+    with modald.stream("mine", 1, 0.01) as s:
+        for stable, said in ((whose, "unknown"), ({"stream_id": "id-mine", "epoch": 0}, "unstable")):
+            peer.event = {"stability": {"stable": False}, "modes": [{"frequency_hz": 2.5, "damping_ratio": -0.03}], **stable}
+            at = s.report.pushed
+            s.push([[1.0], [2.0]])
+            acknowledged(s, at + 2)
+            peer.event = None
+            s.push([[3.0]])
+            acknowledged(s, at + 3)
+            assert s.verdict == said
+
+
+@in_python
 def test_an_exception_closes_the_stream_as_broken_off(peer, url):
     with pytest.raises(ZeroDivisionError):
         with modald.stream("broken", 1, 0.01) as s:

@@ -26,7 +26,7 @@ static enum modal_status check_input(const struct job_kind *kind, const struct j
                                 kind->input == JOB_ON_BATCH ? "a batch of signals" : kind->input == JOB_ON_SCENE ? "a scene" : "a batch or a scene");
     if (request->options != NULL && !cJSON_IsObject(request->options))
         return modal_fail_field(err, MODAL_BAD_INPUT, "options", "options must be an object");
-    return MODAL_OK;
+    return request->scene != NULL ? steady_settings_keys(request->scene, err) : MODAL_OK;
 }
 
 enum modal_status job_run(const struct job_request *request, struct job_result *out, struct modal_error *err)

@@ -25,6 +25,8 @@ struct steady_settings {
 enum modal_status steady_settings_read(const struct job_request *request, const struct program *p, struct steady_settings *out,
                                        cJSON **shown, struct modal_error *err);
 void steady_settings_done(struct steady_settings *s);
+/* The keys of SCENE's `steady`, whatever job the scene is for. */
+enum modal_status steady_settings_keys(const cJSON *scene, struct modal_error *err);
 /* The settings' start, dof by dof, as the motion of S's kept dofs; start->X is the caller's, NULL where none was given. */
 enum modal_status steady_settings_start(const struct steady_settings *settings, struct steady *s, struct steady_start *start,
                                         struct modal_error *err);

@@ -248,6 +248,13 @@ enum modal_status steady_settings_start(const struct steady_settings *settings, 
     return MODAL_OK;
 }
 
+enum modal_status steady_settings_keys(const cJSON *scene, struct modal_error *err)
+{
+    const cJSON *steady = cJSON_GetObjectItemCaseSensitive(scene, "steady");
+
+    return steady != NULL ? json_keys(steady, "steady", scene_keys, err) : MODAL_OK;
+}
+
 void steady_settings_done(struct steady_settings *s)
 {
     free(s->dofs);

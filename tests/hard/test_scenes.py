@@ -204,6 +204,7 @@ def test_a_linear_scene_steps_at_one_product_a_sample(tmp_path):
     ({"initial": {"x": {"w9": 1}}}, "initial.x.w9"),
     ({"time": {"dt": 0, "duration": 1}}, "time.dt"),
     ({"time": {"dt": 0.1}}, "time.duration"),
+    ({"steady": {"harmonic": 3}}, "steady.harmonic"),
     ({"effects": [{"type": "parametric_stiffness", "dof": "x1", "stiffness": 1}]}, "omega")])
 def test_bad_input_is_exit_2_and_names_its_path(change, field, tmp_path):
     scene = {"structure": LISTED, "time": {"dt": 0.2, "duration": 1}, **change}

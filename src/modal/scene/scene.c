@@ -368,6 +368,30 @@ static enum modal_status check_period(const struct program *p, struct modal_erro
     return MODAL_OK;
 }
 
+/* What stands in `time`, whoever will read it: 0 where it does not. */
+static enum modal_status read_time(const cJSON *json, struct scene_time *t, double *periods, struct modal_error *err)
+{
+    static const char *const keys[] = { "dt", "duration", "periods", "start", NULL };
+    enum modal_status rc = json_keys(json, "time", keys, err);
+
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "time", "dt", 1e-300, 1e300, &t->dt, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "time", "duration", 0, 1e300, &t->duration, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(json, "time", "periods", 0, 1e300, periods, err);
+    return rc == MODAL_OK ? json_get_number(json, "time", "start", 0, 1e300, &t->start, err) : rc;
+}
+
+static enum modal_status check_time(const cJSON *scene, struct modal_error *err)
+{
+    const cJSON *json = cJSON_GetObjectItemCaseSensitive(scene, "time");
+    struct scene_time t = { 0 };
+    double periods = 0;
+
+    return json != NULL ? read_time(json, &t, &periods, err) : MODAL_OK;
+}
+
 static enum modal_status read_scene(struct lowering *l, const cJSON *scene, const struct scene_options *options,
                                struct modal_error *err)
 {
@@ -396,7 +420,7 @@ static enum modal_status read_scene(struct lowering *l, const cJSON *scene, cons
         turn_initial(l);
     if (rc == MODAL_OK)
         rc = read_sensors(l, scene, err);
-    return rc;
+    return rc == MODAL_OK ? check_time(scene, err) : rc;
 }
 
 static enum modal_status finish(struct lowering *l, struct modal_error *err)
@@ -459,7 +483,6 @@ enum modal_status scene_lower(const cJSON *scene, const struct scene_options *op
 
 enum modal_status scene_time(const cJSON *scene, const struct program *p, struct scene_time *out, struct modal_error *err)
 {
-    static const char *const keys[] = { "dt", "duration", "periods", "start", NULL };
     const cJSON *json = cJSON_GetObjectItemCaseSensitive(scene, "time");
     struct scene_time t = { 0 };
     double periods = 0, period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0, steps;
@@ -468,14 +491,11 @@ enum modal_status scene_time(const cJSON *scene, const struct program *p, struct
 
     if (json == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "time", "simulating needs \"time\": {\"dt\", \"duration\" or \"periods\"}");
-    rc = json_keys(json, "time", keys, err);
+    rc = read_time(json, &t, &periods, err);
     if (rc == MODAL_OK)
         rc = json_need_number(json, "time", "dt", 1e-300, 1e300, &t.dt, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "time", "start", 0, 1e300, &t.start, err);
-    if (rc == MODAL_OK)
-        rc = counted ? json_get_number(json, "time", "periods", 0, 1e300, &periods, err)
-                     : json_need_number(json, "time", "duration", 0, 1e300, &t.duration, err);
+    if (rc == MODAL_OK && !counted)
+        rc = json_need_number(json, "time", "duration", 0, 1e300, &t.duration, err);
     if (rc != MODAL_OK)
         return rc;
     if (counted && cJSON_GetObjectItemCaseSensitive(json, "duration") != NULL)

@@ -196,6 +196,12 @@ def test_the_stages_of_the_contract_are_in_every_cost(ctl, tmp_path):
         assert sum(cost["stages"].values()) <= cost["cpu_s"] * 1.001 + 1e-4
 
 
+def test_two_periods_are_said_to_be_too_few_not_to_be_noise(ctl, tmp_path):
+    codes = [d["code"] for d in ctl("identify", write_batch(tmp_path / "x.h5", decay(400), period=10.0)).document["diagnostics"]]
+    assert "too_many_unknowns" in codes, codes
+    assert ctl("identify", tmp_path / "x.h5", "-o", "period=0").document["modes"]
+
+
 def test_a_steady_state_that_is_not_there_has_the_fields_of_one_that_is(ctl, tmp_path):
     scene = {"structure": {"type": "chain", "masses": [2.0], "springs": [8.0, 0.0], "dampers": [0.1, 0.0]}, "omega": 2.0,
              "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}]}

@@ -21,6 +21,7 @@ void identify_diagnose(struct identify_result *result, const char *code, int cha
     va_end(arguments);
 }
 
+enum { PAIR_ROWS = 3 };                    /* two multipliers, and one equation more that could contradict them */
 static const double GROWTH_HIDES = 28;     /* e^28 = 1.4e12: four digits are left of the rest */
 
 static void about_rank(struct identify_result *r, const struct diagnose_facts *f)
@@ -109,6 +110,8 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
 {
     if (r->mode_count == 0)
         identify_diagnose(r, "no_modes", -1, "no mode stands above the noise: the signals may hold no free response");
+    if (r->mode_count == 0 && f->rows < PAIR_ROWS)
+        identify_diagnose(r, "too_many_unknowns", -1, "%d equations a phase and signal: a pair of modes of a periodic system needs %d to be told from none; record more periods, or give period=0 for constant coefficients", f->rows, PAIR_ROWS);
     about_rank(r, f);
     if (f->dropped > 0)
         identify_diagnose(r, "fast_decay", -1, "%d multiplier%s zero to rounding: faster than the sampling, no exponent can be given", f->dropped, f->dropped > 1 ? "s are" : " is");

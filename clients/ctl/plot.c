@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "field.h"
 #include "option.h"
 #include "svg.h"
 
@@ -26,9 +27,7 @@ static const cJSON *get(const cJSON *object, const char *key)
 
 static double number(const cJSON *object, const char *key)
 {
-    const cJSON *item = get(object, key);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+    return field_number(object, key, NAN);
 }
 
 static double at(const cJSON *list, int i)

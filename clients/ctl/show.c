@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include "field.h"
 
 static const cJSON *get(const cJSON *object, const char *key)
 {
@@ -12,9 +13,7 @@ static const cJSON *get(const cJSON *object, const char *key)
 /* NaN where it is absent or null: prints as "-". */
 static double number(const cJSON *object, const char *key)
 {
-    const cJSON *item = get(object, key);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+    return field_number(object, key, NAN);
 }
 
 static double part(const cJSON *pair, int i)
@@ -26,9 +25,7 @@ static double part(const cJSON *pair, int i)
 
 static const char *text(const cJSON *object, const char *key)
 {
-    const char *s = cJSON_GetStringValue(get(object, key));
-
-    return s ? s : "-";
+    return field_word(object, key, "-");
 }
 
 static void cell(int width, const char *format, double value)

@@ -16,7 +16,7 @@
 #include "modal/scene/scene.h"
 #include "modal/steady/path.h"
 
-enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60 };
+enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60, NEAR = 4 };
 
 struct curve {
     const struct job_request *request;
@@ -34,6 +34,7 @@ struct curve {
     double complex *last;          /* of the point before */
     int last_q, last_H;
     double last_value, last_turn;
+    int number, lone_branch, bare_fold;      /* points so far; the last ones with a branch point, with a fold where no multiplier passed */
     struct stability before;
     cJSON *points, *folds, *bifurcations;
     long ffts;
@@ -297,11 +298,29 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     if (rc != MODAL_OK)
         return rc;
     type = fabs(cimag(mu)) > 1e-6 ? "neimark_sacker" : creal(mu) < 0 ? "period_doubling" : "branch_point";
+    if (type[0] == 'b' && c->number - c->bare_fold <= NEAR) {
+        c->bare_fold = -NEAR;
+        return MODAL_OK;
+    }
+    c->lone_branch = type[0] == 'b' ? c->number : -NEAR;
     event = cJSON_CreateObject();
     cJSON_AddStringToObject(event, "type", type);
     json_set_number(event, c->path, isnan(where) ? 0.5 * (c->last_value + value) : 0.5 * (a + b));
     cJSON_AddItemToArray(c->bifurcations, event);
     return MODAL_OK;
+}
+
+/*
+ * At a fold one multiplier passes 1.  Multipliers are the exact motion's, folds the truncated one's, so that the two may come some points
+ * apart: a branch point beside a fold at which no multiplier passed is that fold, and not told twice.
+ */
+static void pair_fold(struct curve *c)
+{
+    if (c->number - c->lone_branch <= NEAR) {
+        cJSON_DeleteItemFromArray(c->bifurcations, cJSON_GetArraySize(c->bifurcations) - 1);
+        c->lone_branch = -NEAR;
+    } else
+        c->bare_fold = c->number;
 }
 
 static enum modal_status on_point(void *context, const struct path_point *path, struct balance *b, bool *stop, struct modal_error *err)
@@ -323,9 +342,14 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
     cost_stage(c->cost, "stability");
     if (rc == MODAL_OK)
         rc = add_point(c, path->lambda, fraction, &point, &st, err);
-    if (rc == MODAL_OK && c->before.count > 0 && st.count == c->before.count && unstable(&st) != unstable(&c->before)
-        && path->turn * c->last_turn > 0 && c->last != NULL) {
-        rc = refine(c, path->lambda, point.X, &st, err);
+    c->number++;
+    if (rc == MODAL_OK && c->before.count > 0 && st.count == c->before.count && c->last != NULL) {
+        bool changed_here = unstable(&st) != unstable(&c->before), fold = !(path->turn * c->last_turn > 0);
+
+        if (changed_here && !fold)
+            rc = refine(c, path->lambda, point.X, &st, err);
+        else if (fold && !changed_here)
+            pair_fold(c);
         cost_stage(c->cost, "locate");
     }
     if (rc == MODAL_OK) {
@@ -416,7 +440,7 @@ static void curve_done(struct curve *c)
 enum modal_status curve_run(const struct job_request *request, struct program *p, struct steady_settings *settings, struct cost *cost,
                             cJSON **doc, struct modal_error *err)
 {
-    struct curve c = { .request = request, .settings = settings, .cost = cost, .p = p, .here = p };
+    struct curve c = { .request = request, .settings = settings, .cost = cost, .p = p, .here = p, .lone_branch = -NEAR, .bare_fold = -NEAR };
     bool counted = settings->sweep != NULL;
     cJSON *out = cJSON_CreateObject(), *plan;
     enum modal_status rc = parse(&c, counted ? settings->sweep : settings->follow, counted ? "sweep" : "continue", counted, err);

@@ -240,33 +240,50 @@ static enum modal_status run(struct tradeoff *t, double target, double seconds, 
     return tradeoff_print("steady", reference, settings, rungs, outcome.ran, outcome.recommended, doc, err);
 }
 
-enum modal_status tradeoff_steady(const struct job_request *request, struct job_result *out, struct modal_error *err)
+struct wishes { double target, seconds; int repetitions; };
+
+static enum modal_status read_wishes(const cJSON *options, struct wishes *out, struct modal_error *err)
 {
     static const char *const keys[] = { "of", "target.error", "target.seconds", "repetitions", "threads", "stability", NULL };
+    enum modal_status rc = options != NULL ? json_keys(options, "", keys, err) : MODAL_OK;
+
+    *out = (struct wishes) { .repetitions = 3 };
+    if (rc == MODAL_OK)
+        rc = json_get_number(options, "", "target.error", 0, 1, &out->target, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(options, "", "target.seconds", 0, 1e6, &out->seconds, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(options, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &out->repetitions, err);
+    return rc;
+}
+
+static enum modal_status read_scene(const struct job_request *request, struct program **p, struct steady_settings *settings, cJSON **shown,
+                                    struct modal_error *err)
+{
     struct job_request scene_only = *request;
+    enum modal_status rc = scene_lower(request->scene, NULL, p, err);
+
+    scene_only.options = NULL;
+    if (rc == MODAL_OK)
+        rc = steady_settings_read(&scene_only, *p, settings, shown, err);
+    if (rc == MODAL_OK && !((*p)->omega > 0))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+    return rc;
+}
+
+enum modal_status tradeoff_steady(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
     struct steady_settings settings = { 0 };
     struct tradeoff t = { .request = request };
     struct program *p = NULL;
+    struct wishes wishes;
     struct cost cost;
     cJSON *shown = NULL, *doc = NULL;
-    double target = 0, seconds = 0;
-    int repetitions = 3;
-    enum modal_status rc = request->options != NULL ? json_keys(request->options, "", keys, err) : MODAL_OK;
+    enum modal_status rc = read_wishes(request->options, &wishes, err);
 
     cost_start(&cost);
     if (rc == MODAL_OK)
-        rc = json_get_number(request->options, "", "target.error", 0, 1, &target, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(request->options, "", "target.seconds", 0, 1e6, &seconds, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(request->options, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &repetitions, err);
-    if (rc == MODAL_OK)
-        rc = scene_lower(request->scene, NULL, &p, err);
-    scene_only.options = NULL;
-    if (rc == MODAL_OK)
-        rc = steady_settings_read(&scene_only, p, &settings, &shown, err);
-    if (rc == MODAL_OK && !(p->omega > 0))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+        rc = read_scene(request, &p, &settings, &shown, err);
     if (rc != MODAL_OK)
         goto out;
     steady_subharmonic(p, settings.subharmonic);
@@ -277,7 +294,7 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
     rc = find_reference(&t, err);
     cost_stage(&cost, "reference");
     if (rc == MODAL_OK)
-        rc = run(&t, target, seconds, repetitions, &doc, err);
+        rc = run(&t, wishes.target, wishes.seconds, wishes.repetitions, &doc, err);
     cost_stage(&cost, "climb");
     if (rc != MODAL_OK)
         goto out;

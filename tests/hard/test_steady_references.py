@@ -505,6 +505,17 @@ def test_a_users_cubic_spring_is_the_built_in_one(tmp_path):
     assert mine["converged"] and max(abs(a - b) for a, b in zip(spectrum(mine), spectrum(ours))) < 1e-10
 
 
+# Stiff and soft friction beside a preloaded contact take 128 harmonics and more on three dofs; what looks further (errors, events for the
+# multipliers) takes thousands of harmonics there, which is no reason to refuse.
+def test_many_harmonics_on_three_dofs_are_judged_like_few(tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [1, 1, 1], "springs": [1.46, 1.89, 1.09, 0], "dampers": [0.105, 0.118, 0.126, 0.13]},
+             "omega": 0.858, "effects": [friction(2.1, 0.76) | {"dof": "x2", "to": "x1"}, friction(136, 0.67),
+                                         {"type": "gap", "dof": "x2", "to": "x3", "stiffness": 3.2, "clearance": -0.04}],
+             "excitation": [{"dof": "x3", "k": 1, "cos": -0.4, "sin": -0.53}], "steady": {"harmonics": 160}}
+    r = run(tmp_path, scene)
+    assert r["converged"] and len(r["stability"]["multipliers"]) >= 6 and 0 < r["total_error"] < 1e-4
+
+
 def test_results_as_hdf5_hold_spectra_and_waveform(tmp_path):
     out = tmp_path / "out.h5"
     r = run(tmp_path, DAMPER, "-o", "harmonics=16", "-o", "time=64", "-O", out)

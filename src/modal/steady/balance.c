@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ORDER_MOST = 12000, SMALL_ORDER = 24 };
+enum { ORDER_MOST = 12000, ENTRIES_MOST = 1 << 24, SMALL_ORDER = 24 };
 
 enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
                               struct modal_error *err)
@@ -24,8 +24,8 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     if (b == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory");
     *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order, .level = 1, .HJ = H, .small = (int)order };
-    if (order > ORDER_MOST) {
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics are %zu unknowns; the most is %d", b->q, H, order, ORDER_MOST);
+    if (q * q * K > ENTRIES_MOST) {
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics have %zu dynamic stiffnesses; the most is %d", b->q, H, q * q * K, ENTRIES_MOST);
         goto out;
     }
     b->S = calloc(q * q * K + 1, sizeof *b->S);
@@ -232,6 +232,8 @@ enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
 {
     enum modal_status rc;
 
+    if (b->order > ORDER_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics are %d unknowns; the most is %d", b->q, b->H, b->order, ORDER_MOST);
     if (b->J == NULL && (b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
     memset(b->J, 0, (size_t)b->small * (size_t)b->small * sizeof *b->J);

@@ -33,7 +33,7 @@ void balance_free(struct balance *b);
 enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err);
 /* Another level at the same frequency: loads only. */
 void balance_set_level(struct balance *b, double level);
-/* b->R of X; with DERIVATIVE b->J too, not yet factored. */
+/* b->R of X, of any order; with DERIVATIVE b->J too, not yet factored: MODAL_TOO_LARGE past 12000 unknowns. */
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
 /* b->J at the X of the last residual, which had none yet. */
 enum modal_status balance_derivative(struct balance *b, struct modal_error *err);

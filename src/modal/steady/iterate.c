@@ -88,57 +88,77 @@ static void direct_step(struct balance *b, const double complex *LU, const int *
     }
 }
 
-enum modal_status iterate_direct(struct balance *b, const struct iterate_options *opt, double complex *X,
-                                 struct iterate_report *report, struct modal_error *err)
+struct direct_work {
+    double complex *LU, *rhs, *best;  /* S_k factored; q; the X of the least step */
+    double *step;
+    int *pivot;
+};
+
+static void direct_done(struct direct_work *w)
+{
+    free(w->LU);
+    free(w->rhs);
+    free(w->best);
+    free(w->step);
+    free(w->pivot);
+}
+
+static enum modal_status direct_init(struct direct_work *w, const struct balance *b, struct modal_error *err)
 {
     size_t q = (size_t)b->q, K = (size_t)b->H + 1;
-    double complex *LU = malloc((q * q * K + 1) * sizeof *LU), *rhs = malloc((q + 1) * sizeof *rhs);
-    double complex *best = malloc((q * K + 1) * sizeof *best);
-    double *step = malloc(((size_t)b->order + 1) * sizeof *step), least = HUGE_VAL;
-    int *pivot = malloc((q * K + 1) * sizeof *pivot), most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
-    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE;
+
+    *w = (struct direct_work) { malloc((q * q * K + 1) * sizeof(double complex)), malloc((q + 1) * sizeof(double complex)),
+                                malloc((q * K + 1) * sizeof(double complex)), malloc(((size_t)b->order + 1) * sizeof(double)),
+                                malloc((q * K + 1) * sizeof(int)) };
+    if (w->LU == NULL || w->rhs == NULL || w->best == NULL || w->step == NULL || w->pivot == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "direct iteration: no memory");
+    return MODAL_OK;
+}
+
+/* (7) until it settles, runs away or has gone on for long; X is the best iterate. */
+static enum modal_status repeat_direct(struct balance *b, const struct iterate_options *opt, struct direct_work *w, double complex *X,
+                                       struct iterate_report *report, struct modal_error *err)
+{
+    size_t size = (size_t)b->q * ((size_t)b->H + 1) * sizeof *X;
+    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, least = HUGE_VAL;
+    int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
     enum modal_status rc = MODAL_OK;
 
-    *report = (struct iterate_report) { .reason = "direct iteration did not settle" };
-    if (LU == NULL || rhs == NULL || best == NULL || step == NULL || pivot == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "direct iteration: no memory");
-        goto out;
-    }
-    if (!factor_stiffness(b, LU, pivot)) {
-        report->reason = "the linear part is singular at a harmonic, so direct iteration does not apply";
-        goto out;
-    }
-    memcpy(best, X, q * K * sizeof *X);
-    for (int i = 0; i < most && !report->converged; i++) {
-        if (stopped(opt)) {
-            rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
-            break;
-        }
-        rc = balance_residual(b, X, false, err);
+    memcpy(w->best, X, size);
+    for (int i = 0; rc == MODAL_OK && i < most && !report->converged; i++) {
+        rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : balance_residual(b, X, false, err);
         if (rc != MODAL_OK)
             break;
-        direct_step(b, LU, pivot, opt->relaxation > 0 ? opt->relaxation : 1, X, rhs, step);
+        direct_step(b, w->LU, w->pivot, opt->relaxation > 0 ? opt->relaxation : 1, X, w->rhs, w->step);
         report->iterations++;
-        report->step = norm_relative(b, step, X);
+        report->step = norm_relative(b, w->step, X);
         report->converged = report->step <= tolerance;
         if (report->step < least) {
             least = report->step;
-            memcpy(best, X, q * K * sizeof *X);
+            memcpy(w->best, X, size);
         } else if (report->step > 1e6 * least || (i > 40 && report->step > 0.5 && least > 0.1))
             break;
     }
-    if (rc == MODAL_OVERFLOW)
-        rc = MODAL_OK;
-    if (rc == MODAL_OK && !report->converged)
-        memcpy(X, best, q * K * sizeof *X);
-    if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
-        report->residual = balance_relative_residual(b, X);
-out:
-    free(LU);
-    free(rhs);
-    free(best);
-    free(step);
-    free(pivot);
+    if (!report->converged)
+        memcpy(X, w->best, size);
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
+enum modal_status iterate_direct(struct balance *b, const struct iterate_options *opt, double complex *X,
+                                 struct iterate_report *report, struct modal_error *err)
+{
+    struct direct_work w;
+    enum modal_status rc = direct_init(&w, b, err);
+
+    *report = (struct iterate_report) { .reason = "direct iteration did not settle" };
+    if (rc == MODAL_OK && !factor_stiffness(b, w.LU, w.pivot))
+        report->reason = "the linear part is singular at a harmonic, so direct iteration does not apply";
+    else if (rc == MODAL_OK) {
+        rc = repeat_direct(b, opt, &w, X, report, err);
+        if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
+            report->residual = balance_relative_residual(b, X);
+    }
+    direct_done(&w);
     return rc;
 }
 

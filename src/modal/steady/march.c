@@ -292,61 +292,104 @@ static void put_state(struct march *w, const double *s)
 }
 
 /* Newton's method on the period map, after two periods of marching. */
+struct shooting {
+    int n;                            /* states and memory */
+    double *s, *end, *J, *moved;      /* start, where its period ends, I - dP/ds, work; n, n, n x n, n */
+    int *pivot;
+    double scale[2], h, size;         /* adapt's; max |s| */
+};
+
+static void shooting_done(struct shooting *g)
+{
+    free(g->s);
+    free(g->end);
+    free(g->J);
+    free(g->moved);
+    free(g->pivot);
+}
+
+static enum modal_status shooting_init(struct shooting *g, int n, struct modal_error *err)
+{
+    size_t m = (size_t)n;
+
+    *g = (struct shooting) { .n = n, .s = calloc(m, sizeof *g->s), .end = calloc(m, sizeof *g->end), .J = calloc(m * m, sizeof *g->J),
+                             .moved = calloc(m, sizeof *g->moved), .pivot = calloc(m, sizeof *g->pivot) };
+    if (g->s == NULL || g->end == NULL || g->J == NULL || g->moved == NULL || g->pivot == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "march: no memory");
+    return MODAL_OK;
+}
+
+/* A period from FROM, its end into TO. */
+static enum modal_status shoot_period(struct march *w, struct shooting *g, const struct march_options *opt, const double *from, double *to,
+                                      double *x, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    put_state(w, from);
+    rc = one_period(w, opt, x, g->scale, &g->h, err);
+    get_state(w, to);
+    return rc;
+}
+
+/* The period map at g->s and its derivative by differences. */
+static enum modal_status shooting_map(struct march *w, struct shooting *g, const struct march_options *opt, double *x,
+                                      struct march_report *report, struct modal_error *err)
+{
+    size_t m = (size_t)g->n;
+    enum modal_status rc = shoot_period(w, g, opt, g->s, g->end, x, err);
+    double dx;
+
+    g->size = 0;
+    for (int i = 0; i < g->n; i++)
+        g->size = fmax(g->size, fabs(g->s[i]));
+    dx = 1e-6 * (g->size > 0 ? g->size : 1);
+    for (size_t c = 0; rc == MODAL_OK && c < m; c++) {
+        memcpy(g->moved, g->s, m * sizeof *g->moved);
+        g->moved[c] += dx;
+        rc = shoot_period(w, g, opt, g->moved, g->moved, x, err);
+        for (size_t i = 0; i < m; i++)
+            g->J[c * m + i] = (i == c ? 1 : 0) - (g->moved[i] - g->end[i]) / dx;
+    }
+    report->periods += 1 + g->n;
+    return rc;
+}
+
+/* Newton's step of the period map; false where I - dP/ds is singular. */
+static bool shooting_step(struct shooting *g, struct march_report *report)
+{
+    double step = 0;
+
+    for (int i = 0; i < g->n; i++)
+        g->moved[i] = g->end[i] - g->s[i];
+    if (LAPACKE_dgesv(LAPACK_COL_MAJOR, g->n, 1, g->J, g->n, g->pivot, g->moved, g->n) != 0)
+        return false;
+    for (int i = 0; i < g->n; i++) {
+        g->s[i] += g->moved[i];
+        step = fmax(step, fabs(g->moved[i]));
+    }
+    report->change = g->size > 0 ? step / g->size : step;
+    return true;
+}
+
 static enum modal_status shoot(struct march *w, const struct march_options *opt, double *x, struct march_report *report, struct modal_error *err)
 {
-    int n = w->states + w->memory;
-    size_t m = (size_t)n;
-    double *s = calloc(m, sizeof *s), *end = calloc(m, sizeof *end), *J = calloc(m * m, sizeof *J), *moved = calloc(m, sizeof *moved);
-    double scale[2], h = 0;
-    int *pivot = calloc(m, sizeof *pivot);
-    enum modal_status rc = s == NULL || end == NULL || J == NULL || moved == NULL || pivot == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
+    struct shooting g;
+    enum modal_status rc = shooting_init(&g, w->states + w->memory, err);
 
     for (int i = 0; rc == MODAL_OK && i < 2; i++)
-        rc = one_period(w, opt, x, scale, &h, err);
+        rc = one_period(w, opt, x, g.scale, &g.h, err);
     if (rc == MODAL_OK)
-        get_state(w, s);
-    for (report->periods = 2; rc == MODAL_OK && report->periods < 2 + 30 * (n + 1); ) {
-        double size = 0, step = 0;
-
-        put_state(w, s);
-        rc = one_period(w, opt, x, scale, &h, err);
-        get_state(w, end);
-        report->periods++;
-        for (int i = 0; i < n; i++)
-            size = fmax(size, fabs(s[i]));
-        for (int c = 0; rc == MODAL_OK && c < n; c++) {
-            double dx = 1e-6 * (size > 0 ? size : 1);
-
-            memcpy(moved, s, m * sizeof *moved);
-            moved[c] += dx;
-            put_state(w, moved);
-            rc = one_period(w, opt, x, scale, &h, err);
-            get_state(w, moved);
-            report->periods++;
-            for (int i = 0; i < n; i++)
-                J[(size_t)c * m + (size_t)i] = (i == c ? 1 : 0) - (moved[i] - end[i]) / dx;
-        }
-        for (int i = 0; i < n; i++)
-            moved[i] = end[i] - s[i];
-        if (rc != MODAL_OK || LAPACKE_dgesv(LAPACK_COL_MAJOR, n, 1, J, n, pivot, moved, n) != 0)
+        get_state(w, g.s);
+    for (report->periods = 2; rc == MODAL_OK && !report->converged && report->periods < 2 + 30 * (g.n + 1); ) {
+        rc = shooting_map(w, &g, opt, x, report, err);
+        if (rc != MODAL_OK || !shooting_step(&g, report))
             break;
-        for (int i = 0; i < n; i++) {
-            s[i] += moved[i];
-            step = fmax(step, fabs(moved[i]));
-        }
-        report->change = size > 0 ? step / size : step;
         if (report->change <= opt->periodic) {
-            put_state(w, s);
-            rc = one_period(w, opt, x, scale, &h, err);
+            rc = shoot_period(w, &g, opt, g.s, g.end, x, err);
             report->converged = rc == MODAL_OK;
-            break;
         }
     }
-    free(s);
-    free(end);
-    free(J);
-    free(moved);
-    free(pivot);
+    shooting_done(&g);
     return rc;
 }
 

@@ -417,57 +417,69 @@ static enum modal_status begin(struct steady *s, const struct balance *b, double
     return rc;
 }
 
+/* Direct iteration, where its gain promises that it converges and the system is large enough for it to pay. */
+static enum modal_status try_gain(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc = s->slope > 0 ? MODAL_OK : balance_residual(b, X, false, err);
+
+    if (rc == MODAL_OK && iterate_gain(b, s->slope > 0 ? s->slope : aft_slope(b->aft)) < GAIN_DIRECT)
+        rc = try_direct(s, b, X, point, err);
+    return rc;
+}
+
+/* Newton's method anew from rest, or from the motion with the laws left out. */
+static enum modal_status try_again(struct steady *s, struct balance *b, bool left_out, double complex *X, struct steady_point *point,
+                                   struct modal_error *err)
+{
+    memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+    if (left_out)
+        laws_left_out(b, X);
+    return try_newton(s, b, "newton", X, point, err);
+}
+
+/* What is left when Newton's method fails from everywhere near: ways in from other orders and levels. */
+static enum modal_status roundabout(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc = b->H > 12 ? fewer_harmonics(s, b, X, point, err) : MODAL_OK;
+
+    if (rc == MODAL_OK && !point->converged)
+        rc = ramp(s, b, LEVEL_LOW, X, point, err);
+    if (rc == MODAL_OK && !point->converged)
+        rc = ramp(s, b, LEVEL_HIGH, X, point, err);
+    if (rc == MODAL_OK && !point->converged)
+        rc = along_levels(s, b, X, point, err);
+    return rc;
+}
+
+/* From X, which `begin` has filled from START. */
 static enum modal_status attempts(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
-                                  bool coarse, struct steady_point *point, struct modal_error *err)
+                                  struct steady_point *point, struct modal_error *err)
 {
     enum steady_method method = s->opt.method;
-    bool tried;
-    enum modal_status rc;
+    enum modal_status rc = MODAL_OK;
 
     if (method == STEADY_DIRECT) {
         if (start == NULL)
             laws_left_out(b, X);
         return try_direct(s, b, X, point, err);
     }
-    if (method == STEADY_AUTO && b->order > 60 && !s->opt.by_differences) {
-        rc = s->slope > 0 ? MODAL_OK : balance_residual(b, X, false, err);
-        if (rc != MODAL_OK)
-            return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
-        if (iterate_gain(b, s->slope > 0 ? s->slope : aft_slope(b->aft)) < GAIN_DIRECT && (rc = try_direct(s, b, X, point, err)) != MODAL_OK)
-            return rc;
-    }
-    tried = !point->converged;
-    if (tried && (rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
-        return rc;
-    if (method == STEADY_AUTO && start == NULL && s->degree > 0 && !s->exact && point->iterations > FEW) {
-        if ((rc = from_low(s, b, X, point, err)) != MODAL_OK)
-            return rc;
-    } else if (tried && point->converged) {
-        s->current = true;
-        return MODAL_OK;
-    }
-    if (!point->converged && start != NULL) {
-        memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
-        if ((rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
-            return rc;
-    }
+    if (method == STEADY_AUTO && b->order > 60 && !s->opt.by_differences && (rc = try_gain(s, b, X, point, err)) != MODAL_OK)
+        return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
     if (!point->converged) {
-        memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
-        laws_left_out(b, X);
-        if ((rc = try_newton(s, b, "newton", X, point, err)) != MODAL_OK)
-            return rc;
+        rc = try_newton(s, b, "newton", X, point, err);
+        s->current = rc == MODAL_OK && point->converged;
     }
-    if (s->jumps)
-        return MODAL_OK;                                   /* what stops has no balance to ramp to */
-    if (!point->converged && !coarse && b->H > 12 && (rc = fewer_harmonics(s, b, X, point, err)) != MODAL_OK)
-        return rc;
-    if (!point->converged && (rc = ramp(s, b, LEVEL_LOW, X, point, err)) != MODAL_OK)
-        return rc;
-    if (!point->converged && (rc = ramp(s, b, LEVEL_HIGH, X, point, err)) != MODAL_OK)
-        return rc;
-    if (!point->converged && !coarse)
-        return along_levels(s, b, X, point, err);
-    return MODAL_OK;
+    if (rc == MODAL_OK && method == STEADY_AUTO && start == NULL && s->degree > 0 && !s->exact && point->iterations > FEW) {
+        s->current = false;
+        rc = from_low(s, b, X, point, err);
+    }
+    if (rc == MODAL_OK && !point->converged && start != NULL)
+        rc = try_again(s, b, false, X, point, err);
+    if (rc == MODAL_OK && !point->converged)
+        rc = try_again(s, b, true, X, point, err);
+    if (rc == MODAL_OK && !point->converged && !s->jumps)             /* what stops has no balance to ramp to */
+        rc = roundabout(s, b, X, point, err);
+    return rc;
 }
 
 static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
@@ -492,7 +504,7 @@ static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, do
     if (rc == MODAL_OK)
         rc = balance_set(few, b->omega, 1, err);
     if (rc == MODAL_OK)
-        rc = attempts(s, few, NULL, X, false, &sub, err);
+        rc = attempts(s, few, NULL, X, &sub, err);
     s->current = false;
     point->iterations += sub.iterations;
     if (rc == MODAL_OK)
@@ -842,7 +854,7 @@ static enum modal_status solve_at(struct steady *s, int H, double omega, const s
         before[l] = aft_evaluations(b->aft, l);
     ffts = aft_transforms(b->aft);
     s->current = false;
-    rc = attempts(s, b, start, X, false, point, err);
+    rc = attempts(s, b, start, X, point, err);
     if (rc == MODAL_OK && point->converged && !s->current)
         rc = balance_residual(b, point->X, false, err);
     if (rc != MODAL_OK)

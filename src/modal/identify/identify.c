@@ -449,10 +449,12 @@ static bool more_triplets(const struct work *w)
     return !w->projected && w->opt.rank.rule == RANK_AUTO && w->triplets < most && w->pencil.count == w->triplets && w->facts.full_rank == w->pencil.count;
 }
 
-/* Was it, and not by its own end? */
+/* Was it, and not by its own end?  Or is little explained by all there are? */
 static bool cut_off(const struct work *w)
 {
-    return more_triplets(w) && w->choice.chosen >= 0 && !w->choice.limited && w->rank + ORDER_AHEAD > w->pencil.count;
+    if (!more_triplets(w) || w->choice.chosen < 0 || w->choice.limited)
+        return false;
+    return w->rank + ORDER_AHEAD > w->pencil.count || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_POOR * norm_of(w->data.Y);
 }
 
 /* The ladder within what is left of WORK_MOST; a rank that was given is refined to its end. */

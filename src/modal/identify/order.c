@@ -5,7 +5,7 @@
  * reaches the floor, since more poles only cost.  The ladder has four passes.
  *
  * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing, and no less far than `look`:
- *    where few channels show many modes no order below theirs need fit any better than one.  Where a signal is left with SPREAD times less than another, what is
+ *    where few channels show many modes no order below theirs need fit any better than one; nor before the best explains a good part (ORDER_POOR).  Where a signal is left with SPREAD times less than another, what is
  *    left of it may be no noise but the pencil's errors, which the noise of the other made: a rung that is the best so far is then refined at once.
  * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
  *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
@@ -24,6 +24,7 @@
  */
 #include "modal/identify/order.h"
 #include "modal/identify/exponents.h"
+#include "modal/linalg/svd.h"
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -139,14 +140,32 @@ static bool uneven(const struct refined *fit)
     return most > SPREAD * least;
 }
 
+static double norm_of(const struct matrix *Y)
+{
+    double sum = 0;
+
+    for (int c = 0; c < Y->n; c++) {
+        double norm = safe_norm(Y->x + (size_t)c * (size_t)Y->ld, Y->m);
+        sum += norm * norm;
+    }
+    return sqrt(sum);
+}
+
+/* Is there a reason to look at order r?  BEST is the index of the least so far, of order BEST_R; ALL the norm of the signals. */
+static bool worth_a_look(const struct climb *c, int r, int best, int best_r, double all)
+{
+    return best < 0 || r <= best_r + ORDER_AHEAD || r <= c->opt->look || c->choice.candidates[best].fit.residual > ORDER_POOR * all;
+}
+
 /* Pass 1.  The index of the least. */
 static enum modal_status look(struct climb *c, int *least, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
+    double all = norm_of(c->data->Y);
     int best_r = 0;
 
     *least = -1;
-    for (int r = 1; r <= c->source->most && (r <= best_r + ORDER_AHEAD || r <= c->opt->look || *least < 0) && rc == MODAL_OK; r++) {
+    for (int r = 1; r <= c->source->most && worth_a_look(c, r, *least, best_r, all) && rc == MODAL_OK; r++) {
         int count = 0, at;
         if (c->opt->fixed > 0 && r != c->opt->fixed)
             continue;

@@ -8,6 +8,9 @@
 
 enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
+/* A fit that leaves more than this of the signals' norm explains little of them: the ladder goes on. */
+#define ORDER_POOR 0.3
+
 /* Where candidates come from: the poles of order r (room for r in LAMBDA), of one decomposition. */
 struct order_source {
     int most;                   /* largest r */

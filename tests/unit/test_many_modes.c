@@ -1,0 +1,40 @@
+/* test_many_modes.c - many modes in few channels: no order below theirs explains much, and the ladder must not end before */
+#include "modal/identify/identify.h"
+#include "check.h"
+#include "signals.h"
+
+enum { SAMPLES = 192, CHANNELS = 2 };
+
+/* Eight modes of like strength and two channels, 60 dB: order 4 is a least of BIC, 16 the least.  Five of the bound. */
+TEST(eight_modes_in_two_channels_are_all_found)
+{
+    static double column[SAMPLES * CHANNELS], samples[SAMPLES * CHANNELS];
+
+    for (int i = 0; i < 6; i++) {
+        struct random rng = { 400 + (uint64_t)i };
+        struct decay d = { .modes = 8, .channels = CHANNELS, .samples = SAMPLES, .dt = 1 };
+        struct batch b = { .samples = SAMPLES, .channels = CHANNELS, .signals = samples, .dt = d.dt };
+        struct identify_options opt = { 0 };
+        struct identify_result r;
+        double re[DECAY_MODES], im[DECAY_MODES], sd;
+        for (int j = 0; j < 8; j++)
+            d.lambda[j] = decay_pole(0.04 + 0.05 * j + 0.015 * random_uniform(&rng), 0.002 + 0.01 * random_uniform(&rng));
+        decay_amplitudes(&d, &rng);
+        decay_signals(&d, column, SAMPLES);
+        sd = decay_noise(&d, column, SAMPLES, 60, &rng);
+        decay_bound(&d, sd, re, im);
+        for (int k = 0; k < SAMPLES * CHANNELS; k++)
+            samples[k] = column[k / CHANNELS + k % CHANNELS * SAMPLES];
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == 8 && r.verdict == VERDICT_STABLE);
+        for (int j = 0; j < 8; j++) {
+            int at = 0;
+            for (int m = 1; m < r.mode_count; m++)
+                if (cabs(r.modes[m].exponent - d.lambda[j]) < cabs(r.modes[at].exponent - d.lambda[j]))
+                    at = m;
+            CHECK(fabs(creal(r.modes[at].exponent - d.lambda[j])) < 5 * re[j]);
+            CHECK(fabs(cimag(r.modes[at].exponent - d.lambda[j])) < 5 * im[j]);
+        }
+        identify_result_done(&r);
+    }
+}

@@ -5,6 +5,7 @@
 #include <string.h>
 #include "answer.h"
 #include "field.h"
+#include "live_plot.h"
 #include "remote.h"
 #include "verbs.h"
 
@@ -60,7 +61,7 @@ static cJSON *subscription(const struct args *args, bool stream, double from)
 }
 
 /* Say one EVENT; *NEXT becomes the number to go on from. */
-static enum modal_status say(struct link_message *message, const struct args *args, double *next, bool *ended, struct modal_error *err)
+static enum modal_status say(struct link_message *message, const struct args *args, struct live_plot *plot, double *next, bool *ended, struct modal_error *err)
 {
     static const char *const ends[] = { "done", "failed", "cancelled", "dead", "closed" };
     enum modal_status rc = MODAL_OK;
@@ -71,13 +72,15 @@ static enum modal_status say(struct link_message *message, const struct args *ar
         rc = answer_json(message->header, err);
     else
         show_event(message->header);
+    if (rc == MODAL_OK && args->plot != NULL)
+        rc = live_plot_add(plot, args->plot, message->header, err);
     for (size_t i = 0; args->words > 1 && i < sizeof ends / sizeof ends[0]; i++)
         *ended |= strcmp(field_word(message->header, "state", "-"), ends[i]) == 0;
     return rc;
 }
 
 /* Until the connection is lost (MODAL_NO_SERVER), the deadline, or the end of what is watched. */
-static enum modal_status follow(struct link *link, const struct args *args, double deadline, double *next, bool *ended, struct modal_error *err)
+static enum modal_status follow(struct link *link, const struct args *args, struct live_plot *plot, double deadline, double *next, bool *ended, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -87,7 +90,7 @@ static enum modal_status follow(struct link *link, const struct args *args, doub
         if (rc != MODAL_OK)
             break;
         if (message.type == LINK_EVENT)
-            rc = say(&message, args, next, ended, err);
+            rc = say(&message, args, plot, next, ended, err);
         link_message_done(&message);
     }
     return rc;
@@ -100,10 +103,13 @@ int run_watch(const struct verb *verb, const struct args *args)
     cJSON *answer = NULL, *detail = NULL;
     double deadline = remote_deadline(args), next = args->after ? strtod(args->after, NULL) : args->words > 1 ? 0 : -1;
     bool ended = false, stream = args->name != NULL;
+    struct live_plot *plot = calloc(1, sizeof *plot);
     enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "watch needs a daemon") : remote_open(args, &link, &err);
     int status;
 
     (void)verb;
+    if (plot == NULL)
+        rc = modal_fail(&err, MODAL_NO_MEMORY, "watch: no memory for a picture");
     while (rc == MODAL_OK && !ended) {
         rc = client_ask(link, "EVENTS", subscription(args, stream, next), fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
         if (rc == MODAL_NOT_FOUND && !stream && args->words > 1) {
@@ -114,7 +120,7 @@ int run_watch(const struct verb *verb, const struct args *args)
         cJSON_Delete(answer);
         answer = NULL;
         if (rc == MODAL_OK)
-            rc = follow(link, args, deadline, &next, &ended, &err);
+            rc = follow(link, args, plot, deadline, &next, &ended, &err);
         if (rc == MODAL_NO_SERVER && !link_lost(link) && link_now() < deadline)
             rc = MODAL_OK;                     /* subscribe again, from where we were */
     }
@@ -123,5 +129,6 @@ int run_watch(const struct verb *verb, const struct args *args)
     status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     link_close(link);
+    free(plot);
     return status;
 }

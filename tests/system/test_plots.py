@@ -3,9 +3,11 @@ import json
 import subprocess
 import xml.etree.ElementTree as tree
 
+import numpy as np
 import pytest
 
 from conftest import BUILD, decay, write_batch
+from wire import Daemon, crc32c
 
 SVG = "{http://www.w3.org/2000/svg}"
 DUFFING = {"structure": {"type": "chain", "masses": [1], "springs": [1, 0], "dampers": [0.1, 0]},
@@ -84,3 +86,22 @@ def test_python_draws_them_too(ctl, scene, tmp_path):
                        (plots.curve, ctl("steady", scene, "--continue", "omega=0.5:2.5")), (plots.orbit, ctl("steady", scene))):
         draw(said.document).savefig(tmp_path / "a.png")
         assert (tmp_path / "a.png").stat().st_size > 5000
+
+
+def test_a_watched_stream_has_a_picture_of_frequency_and_damping_window_by_window(ctl, tmp_path):
+    """0.3 Hz at zeta 0.01, 600 samples: five windows of 200 every 100, a dot in each panel for each."""
+    with Daemon(workers=1) as d:
+        c, t = d.client(timeout_s=60), np.arange(600) * 0.1
+        y = (np.exp(-0.01 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t)).reshape(-1, 1)
+        c.ask("EVENTS", stream="seen")
+        s = c.ask("STREAM", op="open", name="seen", channels=1, dt=0.1, window={"samples": 200, "hop": 100, "options": {"rank.fixed": 2}})["stream"]
+        told = 0
+        for at in range(0, 600, 100):
+            data = y[at:at + 100].tobytes()
+            assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=100, crc32c=crc32c(data)).ok
+            while at >= 100 and told < at // 100:
+                told += (c.early.pop(0) if c.early else c.receive()).verb == "EVENT"
+        ctl("watch", "seen", "--after", "0", "--timeout", "3", "--plot", tmp_path / "a.svg", server=d.endpoint, one=False)
+    root, dots, _, words = drawn(tmp_path / "a.svg")
+    assert len(dots) == 10 and "frequency, Hz" in words and "damping ratio" in words and "seen" in words
+    assert not list(tmp_path.glob("*.new"))

@@ -1,0 +1,82 @@
+/* live_plot.c - see live_plot.h; of several epochs the picture shows the present one */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "field.h"
+#include "live_plot.h"
+#include "svg.h"
+
+static const struct svg_axis empty = { NULL, HUGE_VAL, -HUGE_VAL, false };
+
+static const double LEAST = 1e-3;         /* of a value: exact modes differ by rounding, which is no scale for an axis */
+
+static bool take(struct live_plot *plot, const cJSON *event)
+{
+    const cJSON *modes = cJSON_GetObjectItemCaseSensitive(event, "modes"), *mode;
+    bool unstable = cJSON_IsFalse(cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(event, "stability"), "stable"));
+    double sample = field_number(event, "to", NAN);
+
+    if (!cJSON_IsArray(modes) || isnan(sample))
+        return false;
+    if (plot->count > 0 && sample <= plot->dots[plot->count - 1].sample)
+        plot->count = 0;                           /* another epoch */
+    cJSON_ArrayForEach(mode, modes) {
+        const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
+        struct live_dot dot = { sample, field_number(mode, "frequency_hz", NAN), field_number(std, "frequency_hz", 0), field_number(mode, "damping_ratio", NAN),
+                                field_number(std, "damping_ratio", 0), unstable };
+        if (isnan(dot.hertz) || isnan(dot.zeta))
+            continue;
+        if (plot->count == LIVE_DOTS)
+            memmove(plot->dots, plot->dots + 1, sizeof *plot->dots * (size_t)--plot->count);
+        plot->dots[plot->count++] = dot;
+    }
+    return true;
+}
+
+static void draw(struct svg *svg, const struct live_plot *plot, const char *label, bool damping)
+{
+    struct svg_panel p = { empty, empty };
+
+    p.x.label = "last sample", p.y.label = label;
+    for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
+        double y = damping ? d->zeta : d->hertz, bar = damping ? d->zeta_std : d->hertz_std;
+        svg_hold(&p.x, d->sample);
+        svg_hold(&p.y, y - fmax(bar, LEAST * fabs(y))), svg_hold(&p.y, y + fmax(bar, LEAST * fabs(y)));
+    }
+    svg_hold(&p.x, 0);
+    if (damping || plot->count == 0)
+        svg_hold(&p.y, 0);
+    svg_panel(svg, &p);
+    if (damping)
+        svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 0, 0 }, 2, SVG_THIN);
+    for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
+        double y = damping ? d->zeta : d->hertz;
+        svg_bar(svg, &p, d->sample, y, 0, damping ? d->zeta_std : d->hertz_std);
+        svg_dot(svg, &p, d->sample, y, !d->unstable);
+    }
+}
+
+enum modal_status live_plot_add(struct live_plot *plot, const char *path, const cJSON *event, struct modal_error *err)
+{
+    char beside[4096], title[256];
+    struct svg svg;
+    FILE *file;
+    bool good;
+
+    if (!take(plot, event))
+        return MODAL_OK;
+    if (snprintf(beside, sizeof beside, "%s.new", path) >= (int)sizeof beside || (file = fopen(beside, "we")) == NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
+    snprintf(title, sizeof title, "%s, epoch %.0f; open: unstable", field_word(event, "stream", "-"), field_number(event, "epoch", 0));
+    svg_begin(&svg, file, 2, title);
+    draw(&svg, plot, "frequency, Hz", false);
+    draw(&svg, plot, "damping ratio", true);
+    svg_end(&svg);
+    good = !ferror(file);
+    if (fclose(file) != 0 || !good || rename(beside, path) != 0) {
+        remove(beside);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
+    }
+    return MODAL_OK;
+}

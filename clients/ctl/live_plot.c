@@ -9,8 +9,6 @@
 
 static const struct svg_axis empty = { NULL, HUGE_VAL, -HUGE_VAL, false };
 
-static const double LEAST = 1e-3;         /* of a value: exact modes differ by rounding, which is no scale for an axis */
-
 static bool take(struct live_plot *plot, const cJSON *event)
 {
     const cJSON *modes = cJSON_GetObjectItemCaseSensitive(event, "modes"), *mode;
@@ -42,7 +40,7 @@ static void draw(struct svg *svg, const struct live_plot *plot, const char *labe
     for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
         double y = damping ? d->zeta : d->hertz, bar = damping ? d->zeta_std : d->hertz_std;
         svg_hold(&p.x, d->sample);
-        svg_hold(&p.y, y - fmax(bar, LEAST * fabs(y))), svg_hold(&p.y, y + fmax(bar, LEAST * fabs(y)));
+        svg_hold(&p.y, y - bar), svg_hold(&p.y, y + bar);
     }
     svg_hold(&p.x, 0);
     if (damping || plot->count == 0)

@@ -73,7 +73,9 @@ static void widen(struct svg_axis *a)
         a->high = a->high > a->low ? a->high * 1.3 : a->low * 10;
         return;
     }
-    double room = a->high > a->low ? 0.05 * (a->high - a->low) : a->high != 0 ? 0.1 * fabs(a->high) : 1;
+    double most = fmax(fabs(a->low), fabs(a->high));
+    /* values that differ by rounding only are one: its neighbours are too far apart for the ticks between them */
+    double room = a->high - a->low > 1e-9 * most ? 0.05 * (a->high - a->low) : most > 0 ? 0.1 * most : 1;
     a->low -= room;
     a->high += room;
 }

@@ -10,6 +10,9 @@ import numpy as np
 MODALCTL = os.path.join(os.environ.get("MODALD_BUILD", "build"), "bin", "modalctl")
 
 
+DRAWS, NEAR = 7, 1.5      # records; times our own error over them, which is about the bound: what counts as accurate
+
+
 def poles(f, z):
     w = 2 * np.pi * np.asarray(f)
     return -np.asarray(z) * w + 1j * w * np.sqrt(1 - np.asarray(z) ** 2)
@@ -65,6 +68,32 @@ def pydmd(y, dt, delays, rank):
     return np.log(dmd.eigs.astype(complex)) / dt
 
 
+def delayed(y, d):
+    """d delays of every channel, rows, by time, columns."""
+    return np.vstack([np.lib.stride_tricks.sliding_window_view(y[:, c], len(y) - d + 1)[:d] for c in range(y.shape[1])])
+
+
+def bopdmd(y, dt, delays, rank):
+    from pydmd import BOPDMD
+    x = delayed(y, delays) if delays > 1 else y.T
+    dmd = BOPDMD(svd_rank=rank, num_trials=0, eig_constraints={"conjugate_pairs"}).fit(x, np.arange(x.shape[1]) * dt)
+    return dmd.eigs.astype(complex)
+
+
+def best_accurate(settings, draws, lam, near):
+    """Of (name, call) the fastest whose error over the draws, root mean square, is no more than `near`: name, seconds, error; None where none is."""
+    best = None
+    for name, call in settings:
+        try:
+            runs = [timed(lambda: call(y), 1) for y in draws]
+        except (ValueError, FloatingPointError, np.linalg.LinAlgError):
+            continue
+        seconds, wrong = float(np.median([t for t, _ in runs])), float(np.sqrt(np.mean([error(found, lam) ** 2 for _, found in runs])))
+        if wrong <= near and (best is None or seconds < best[1]):
+            best = name, seconds, wrong
+    return best
+
+
 def harminv(y, dt):
     text = "\n".join(repr(float(v)) for v in y[:, 0])
     return subprocess.run(["harminv", "-t", str(dt), "0.3-6"], input=text, capture_output=True, text=True, check=True).stdout
@@ -90,8 +119,13 @@ def main():
     if shutil.which("harminv"):
         line("3 x 1200, 6 poles, 40 dB", own, "harminv, one channel", child_seconds(lambda: harminv(y, dt)), 1, error=wrong)
     try:
-        theirs, found = timed(lambda: pydmd(y, dt, m, 6), 3)
-        line("3 x 1200, 6 poles, 40 dB", own, "PyDMD HankelDMD d=600", theirs, 3, error=wrong, peer_error=error(found, lam))
+        settings = [(f"PyDMD HankelDMD d={d}", lambda y, d=d: pydmd(y, dt, d, 6)) for d in (20, 60, 200, 400, 600)]
+        settings += [(f"PyDMD BOPDMD on {d} delays", lambda y, d=d: bopdmd(y, dt, d, 6)) for d in (5, 10, 20, 40)]
+        draws = [decay(rng, lam, 3, 1200, dt, 40) for _ in range(DRAWS)]
+        wrong = float(np.sqrt(np.mean([ours(y, dt, lam, 1)[1] ** 2 for y in draws])))
+        best = best_accurate(settings, draws, lam, NEAR * wrong)
+        if best is not None:
+            line("3 x 1200, 6 poles, 40 dB", own, best[0] + ", its fastest accurate setting", best[1], DRAWS, error=wrong, peer_error=best[2])
     except ImportError:
         pass
     lam = poles([0.6, 1.1, 1.9, 2.7, 3.6, 4.8], [0.01, 0.02, 0.005, 0.015, 0.01, 0.008])

@@ -114,6 +114,56 @@ TEST(a_linear_scene_is_its_closed_form_without_iterations)
     program_free(p);
 }
 
+/* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the X reported. */
+TEST(a_linear_scene_reports_the_residual_of_its_equation_of_motion)
+{
+    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[2,0.1],[0.1,3]],\"C\":[[0.3,-0.1],[-0.1,0.2]],\"K\":[[70000.3,-69999.1],[-69999.1,70001.7]]},"
+                              "\"omega\":0.7,\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1.1},{\"dof\":\"x2\",\"k\":3,\"sin\":0.3},{\"dof\":\"x2\",\"k\":0,\"cos\":0.9}]}");
+    const double M[] = { 2, 0.1, 0.1, 3 }, C[] = { 0.3, -0.1, -0.1, 0.2 }, K[] = { 70000.3, -69999.1, -69999.1, 70001.7 };
+    const double complex P[4][2] = { { 0, 0.9 }, { 1.1, 0 }, { 0, 0 }, { 0, -0.3 * I } };
+    double complex X[2][4];
+    double most = 0, squares = 0, peak[2] = { 0 };
+    struct steady_options opt = { 0 };
+    struct steady_point point;
+    struct steady *s;
+
+    solve(p, &opt, &s, &point);
+    CHECK(point.converged && point.H == 3 && point.ffts == 0);
+    for (int i = 0; i < 2; i++)
+        CHECK(steady_recover(s, &point, i, X[i], NULL) == MODAL_OK);
+    for (int k = 0; k <= 3; k++)
+        for (int i = 0; i < 2; i++) {
+            double complex R = -P[k][i];
+
+            for (int j = 0; j < 2; j++)
+                R += (K[2 * i + j] - 0.49 * k * k * M[2 * i + j] + I * 0.7 * k * C[2 * i + j]) * X[j][k];
+            most = fmax(most, cabs(R));
+            squares += pow(cabs(R), 2) / (k == 0 ? 1 : 2);
+            peak[i] += cabs(R);
+        }
+    /* either sum of products of 7e4 and X rounds by a few epsilon of them */
+    double rounding = 16 * 2.2e-16 * 7e4 * 4 * fmax(cabs(X[0][0]), cabs(X[0][1]));
+    CHECK(most > 0 && point.residual > 0 && point.tail_rms > 0 && point.tail_max > 0);
+    CHECK_NEAR(point.residual * 1.1, most, rounding);
+    CHECK_NEAR(point.tail_rms, sqrt(squares), rounding);
+    CHECK_NEAR(point.tail_max, fmax(peak[0], peak[1]), rounding);
+    CHECK_NEAR(point.load_max, 1.2, 1e-15);
+    steady_point_done(&point);
+
+    /* against three times the load, twice the load is left */
+    struct condense *c = steady_condense(s);
+    struct condense_residual left;
+    CHECK(steady_solve(s, 0.7, NULL, &point, NULL) == MODAL_OK);
+    condense_set_level(c, 3);
+    CHECK(condense_residual(c, point.X, &left, NULL) == MODAL_OK);
+    CHECK_NEAR(left.relative, 2. / 3, 1e-9);
+    CHECK_NEAR(left.rms, 2 * sqrt(0.81 + 1.21 / 2 + 0.09 / 2), 1e-9);
+    CHECK_NEAR(left.most, 2.4, 1e-9);
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}
+
 static uint64_t seed = 2385;
 static double uniform(double a, double b)
 {

@@ -555,6 +555,115 @@ enum modal_status condense_recover(struct condense *c, int dof, int Hq, const do
     return MODAL_OK;
 }
 
+/* The unknowns of harmonic k: dofs, then linear states. */
+static void unknowns_at(const struct condense *c, int k, const double complex *Xq, double complex *x)
+{
+    size_t order = (size_t)c->order;
+    const double complex *Y = c->order > 0 ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
+
+    for (int i = 0; i < c->n + c->p->n_linear; i++) {
+        int row = i < c->n ? c->spot[i] : c->r + i - c->n;
+
+        if (row < 0) {
+            x[i] = Xq[c->place[i] * (c->H + 1) + k];
+            continue;
+        }
+        x[i] = Y[(size_t)c->q * order + (size_t)row];
+        for (int j = 0; j < c->q; j++)
+            x[i] -= Y[(size_t)j * order + (size_t)row] * Xq[j * (c->H + 1) + k];
+    }
+}
+
+/* y += by A x, row by row. */
+static void multiply_add(const struct sparse *a, double complex by, const double complex *x, double complex *y)
+{
+    for (int i = 0; a->start != NULL && i < a->m; i++)
+        for (int e = a->start[i]; e < a->start[i + 1]; e++)
+            y[i] += by * a->value[e] * x[a->index[e]];
+}
+
+static double most_of(const double complex *x, int n)
+{
+    double most = 0;
+
+    for (int i = 0; i < n; i++)
+        most = fmax(most, cabs(x[i]));
+    return most;
+}
+
+/* Lambda x, its rows of dofs. */
+static void forces_of(const struct condense *c, double s, const double complex *x, double complex *y)
+{
+    for (int t = 0; t < 3; t++)
+        multiply_add(&c->p->constant[t], factor_of(t, s), x, y);
+    if (c->p->n_linear > 0)
+        multiply_add(&c->p->F, -1, x + c->n, y);
+}
+
+/* (i s E - A) z less what drives it, relative to either. */
+static double states_residual(const struct condense *c, double s, const double complex *x, double complex *y)
+{
+    const struct program *p = c->p;
+    double scale;
+
+    multiply_add(&p->E, I * s, x + c->n, y);
+    multiply_add(&p->A, -1, x + c->n, y);
+    scale = most_of(y, p->n_linear);
+    multiply_add(&p->Bx, -1, x, y);
+    multiply_add(&p->Bv, -I * s, x, y);
+    multiply_add(&p->Ba, s * s, x, y);
+    return scale > 0 ? most_of(y, p->n_linear) / scale : 0;
+}
+
+/* One harmonic's part in OUT; peak[0..n-1] and peak[n..2n-1] sum |R| and |P| over harmonics. */
+static void add_residual(const struct condense *c, int k, const double complex *x, double complex *R, double complex *P, double *peak,
+                         struct condense_residual *out)
+{
+    int n = c->n;
+
+    forces_of(c, k * c->omega, x, R);
+    for (int l = 0; l < c->loads; l++)
+        if (c->load[l].k == k)
+            P[c->load[l].dof] += c->level * c->load[l].value;
+    out->scale = fmax(out->scale, fmax(most_of(P, n), most_of(R, n)));
+    for (int i = 0; i < n; i++) {
+        double size = cabs(R[i] -= P[i]);
+
+        out->rms += size * size / (k == 0 ? 1 : 2);
+        peak[i] += size;
+        peak[n + i] += cabs(P[i]);
+    }
+    out->relative = fmax(out->relative, most_of(R, n));
+}
+
+enum modal_status condense_residual(struct condense *c, const double complex *Xq, struct condense_residual *out, struct modal_error *err)
+{
+    size_t all = (size_t)c->n + (size_t)c->p->n_linear;
+    double complex *x = calloc(3 * all + 1, sizeof *x);
+    double *peak = calloc(2 * (size_t)c->n + 1, sizeof *peak), states = 0;
+    enum modal_status rc = x == NULL || peak == NULL ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a residual") : MODAL_OK;
+
+    memset(out, 0, sizeof *out);
+    if (rc == MODAL_OK && !c->solved && c->order > 0)
+        rc = solve_for_recovery(c, err);
+    for (int k = 0; rc == MODAL_OK && k <= c->H; k++) {
+        unknowns_at(c, k, Xq, x);
+        memset(x + all, 0, 2 * all * sizeof *x);
+        add_residual(c, k, x, x + all, x + 2 * all, peak, out);
+        if (c->p->n_linear > 0)
+            states = fmax(states, states_residual(c, k * c->omega, x, x + all + c->n));
+    }
+    for (int i = 0; rc == MODAL_OK && i < c->n; i++) {
+        out->most = fmax(out->most, peak[i]);
+        out->load = fmax(out->load, peak[c->n + i]);
+    }
+    out->rms = sqrt(out->rms);
+    out->relative = fmax(out->scale > 0 ? out->relative / out->scale : 0, states);
+    free(x);
+    free(peak);
+    return rc;
+}
+
 /* Rows of the linear dofs of constant[t]: the square part into A (r x r), the columns of kept dofs into B (r x q). */
 static void spread(const struct condense *c, int t, double *A, double *B)
 {

@@ -54,4 +54,16 @@ void condense_set_level(struct condense *c, double level);
  */
 enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq, int H, double complex *X,
                                    struct modal_error *err);
+
+struct condense_residual {
+    double relative;          /* max |R_k| over `scale`, or the linear states' like where that is more */
+    double scale;             /* max(|P_k|, |Lambda_k X_k|) */
+    double rms, most, load;   /* N: of R in time; its peak and that of the loads, each at most the sum over harmonics */
+};
+
+/*
+ * R_k = Lambda_k X_k - P_k of the motion of all dofs that Xq[i (H+1) + k] belongs to, at the omega and H of the last
+ * condense_at, multiplied out from the program's matrices.  Nothing is evaluated or transformed.
+ */
+enum modal_status condense_residual(struct condense *c, const double complex *Xq, struct condense_residual *out, struct modal_error *err);
 #endif

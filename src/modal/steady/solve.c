@@ -876,6 +876,19 @@ out:
 }
 
 /* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear system. */
+/* Constant matrices: what is left of the equation of motion is all there is to tell, the dofs taken out included. */
+static enum modal_status linear_residual(struct steady *s, struct steady_point *point, struct modal_error *err)
+{
+    struct condense_residual left;
+    enum modal_status rc = condense_residual(s->c, point->X, &left, err);
+
+    point->residual = left.relative;
+    point->tail_rms = left.rms;
+    point->tail_max = left.most;
+    point->load_max = left.load;
+    return rc;
+}
+
 static enum modal_status solve_linear(struct steady *s, double omega, struct steady_point *point, struct modal_error *err)
 {
     int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : s->p->harmonics > 0 ? load + 24 : load > 0 ? load : 1;
@@ -893,7 +906,7 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
     point->residual = point->step = point->truncation = point->sampling = point->solver = point->error = 0;
     point->converged = true;
     if (q == 0)
-        return MODAL_OK;
+        return linear_residual(s, point, err);
     rc = balance_residual(b, point->X, true, err);
     if (rc != MODAL_OK)
         return rc;
@@ -912,7 +925,8 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
         rc = estimate(s, b, point, err);
         if (rc == MODAL_OK)
             rc = balance_set(b, omega, 1, err);
-    }
+    } else if (rc == MODAL_OK)
+        rc = linear_residual(s, point, err);
     return rc;
 }
 

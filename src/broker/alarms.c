@@ -9,7 +9,8 @@
  *   growth         the verdict is unstable, which has its own error bars (verdict.c); cleared where it is stable, and kept where it is undecided
  *   new_mode       said once
  *
- * An edge is told, never a state again.  Windows without an answer change nothing; over a gap only what counts already is remembered.
+ * An edge is told, never a state again.  Windows without an answer change nothing; over a gap only what counts already is remembered, and nothing where a
+ * window ends before the last one.
  */
 #include "broker/alarms.h"
 #include <math.h>
@@ -33,41 +34,17 @@ struct alarms {
     struct known known[KNOWN_MOST]; int count;
 };
 
-static enum modal_status read_flag(const cJSON *rules, const char *name, bool *out, struct modal_error *err)
-{
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(rules, name);
-    char field[64];
-
-    if (item != NULL && !cJSON_IsBool(item)) {
-        snprintf(field, sizeof field, "window.alarms.%s", name);
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s; accepted: true or false", field);
-    }
-    *out = cJSON_IsTrue(item);
-    return MODAL_OK;
-}
-
 static enum modal_status read_rules(const cJSON *rules, struct alarms *a, struct modal_error *err)
 {
-    static const char *const names[] = { "damping_below", "growth", "new_mode" };
-    const cJSON *item;
-    enum modal_status rc = MODAL_OK;
+    static const char *const names[] = { "damping_below", "growth", "new_mode", NULL };
+    enum modal_status rc = json_keys(rules, "window.alarms", names, err);
 
-    if (!cJSON_IsObject(rules))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window.alarms", "window.alarms; accepted: an object of damping_below, growth, new_mode");
-    cJSON_ArrayForEach(item, rules) {
-        size_t i = 0;
-        while (i < sizeof names / sizeof *names && strcmp(item->string, names[i]) != 0)
-            i++;
-        if (i == sizeof names / sizeof *names)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "window.alarms", "window.alarms: no rule '%.40s'; accepted: damping_below, growth, new_mode", item->string);
-    }
-    item = cJSON_GetObjectItemCaseSensitive(rules, "damping_below");
-    a->limit = item != NULL ? item->valuedouble : NAN;
-    if (item != NULL && (!cJSON_IsNumber(item) || !(fabs(item->valuedouble) <= 1)))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.alarms.damping_below", "window.alarms.damping_below; accepted: a damping ratio, -1 to 1");
+    a->limit = NAN;
     if (rc == MODAL_OK)
-        rc = read_flag(rules, "growth", &a->growth, err);
-    return rc == MODAL_OK ? read_flag(rules, "new_mode", &a->new_mode, err) : rc;
+        rc = json_get_number(rules, "window.alarms", "damping_below", -1, 1, &a->limit, err);
+    if (rc == MODAL_OK)
+        rc = json_get_bool(rules, "window.alarms", "growth", &a->growth, err);
+    return rc == MODAL_OK ? json_get_bool(rules, "window.alarms", "new_mode", &a->new_mode, err) : rc;
 }
 
 enum modal_status alarms_new(const cJSON *rules, double dt, uint64_t window, struct alarms **out, struct modal_error *err)
@@ -218,6 +195,8 @@ cJSON *alarms_judge(struct alarms *a, uint64_t from, uint64_t to, const cJSON *d
 
     if (a == NULL || !cJSON_IsArray(modes))
         return NULL;
+    if (a->begun && to <= a->last_to)              /* what a full disk refused came again: other samples under the same numbers */
+        alarms_reset(a);
     if (!a->begun)
         a->first_to = to;
     for (int i = 0; i < a->count; i++)

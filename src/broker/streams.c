@@ -692,6 +692,7 @@ static void roll_back(struct core *c, struct stream *s)
         s->crc_count = s->next > s->crc_first ? s->next - s->crc_first : 0;
     s->next_window = 0;
     s->at_slot = -1;
+    alarms_reset(s->alarms);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         say_full(c, &after->reply);
     after_free(s->askers);

@@ -315,6 +315,6 @@ def test_alarms_are_numbered_events_behind_their_window_and_are_replayed_after_a
 
 def test_alarm_rules_that_are_none_are_refused_by_name(client):
     bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping": 0.1}})
-    assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms"
+    assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping"
     bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping_below": 7}})
     assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping_below"

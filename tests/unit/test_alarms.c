@@ -95,6 +95,22 @@ TEST(a_gap_interrupts_what_does_not_count_yet)
     alarms_free(a);
 }
 
+/* As after a full disk that took samples back: what windows 10 and 11 showed is not known of the samples that come under the numbers of window 3. */
+TEST(windows_that_go_back_begin_anew)
+{
+    const double hz[] = { 1, 3, 5 }, zeta[] = { 0.01, 0.01, 0.01 };
+    struct alarms *a = rules("{\"new_mode\":true}");
+
+    CHECK(strcmp(edges_of(a, 10, 1, hz, zeta, 0.001, "true"), "") == 0);
+    CHECK(strcmp(edges_of(a, 11, 2, hz, zeta, 0.001, "true"), "") == 0);
+    for (int i = 3; i < 6; i++)
+        CHECK(strcmp(edges_of(a, i, 2, hz, zeta, 0.001, "true"), "") == 0);     /* there from the start */
+    CHECK(strcmp(edges_of(a, 6, 3, hz, zeta, 0.001, "true"), "") == 0);
+    CHECK(strcmp(edges_of(a, 7, 3, hz, zeta, 0.001, "true"), "") == 0);
+    CHECK(strcmp(edges_of(a, 8, 3, hz, zeta, 0.001, "true"), "new_mode+5;") == 0);
+    alarms_free(a);
+}
+
 TEST(growth_is_told_when_the_verdict_turns_and_not_while_it_is_undecided)
 {
     static const char *const verdicts[] = { "true", "null", "false", "null", "false", "true", "null", "false" };
@@ -110,7 +126,7 @@ TEST(growth_is_told_when_the_verdict_turns_and_not_while_it_is_undecided)
 TEST(rules_that_are_none_name_their_field_and_no_rules_are_no_alarms)
 {
     static const struct { const char *text, *field; } bad[] = {
-        { "[]", "window.alarms" }, { "{\"damping\":0.1}", "window.alarms" }, { "{\"damping_below\":\"x\"}", "window.alarms.damping_below" },
+        { "[]", "window.alarms" }, { "{\"damping\":0.1}", "window.alarms.damping" }, { "{\"damping_below\":\"x\"}", "window.alarms.damping_below" },
         { "{\"damping_below\":2}", "window.alarms.damping_below" }, { "{\"growth\":1}", "window.alarms.growth" }, { "{\"new_mode\":null}", "window.alarms.new_mode" },
     };
     struct modal_error err;

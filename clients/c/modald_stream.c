@@ -132,6 +132,7 @@ struct modald_stream {
     _Atomic uint64_t acknowledged;
     _Atomic uint64_t spilled;
     _Atomic unsigned estimate_version;       /* odd while it is written */
+    _Atomic unsigned estimate_past;          /* the version that is of an epoch before; 0: none was */
     struct modald_estimate estimate;
     double resampling_error;
     char name[256], *names, *units, *options, *alarms, *url, *keyfile;
@@ -278,9 +279,9 @@ int modald_verdict(const modald_stream *s)
 
 int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
 {
-    for (int tries = 0; s != NULL && tries < 1000; tries++) {
+    for (int tries = 0; s != NULL && !is_inherited(s) && tries < 1000; tries++) {
         unsigned before = atomic_load_explicit(&s->estimate_version, memory_order_acquire);
-        if (before == 0)
+        if (before == atomic_load_explicit(&s->estimate_past, memory_order_relaxed))
             return 0;
         *out = s->estimate;
         atomic_thread_fence(memory_order_acquire);
@@ -840,8 +841,10 @@ static void retire(modald_stream *s)
 /* The epoch that the daemon is in; what was said of another is no word on this one. */
 static void set_epoch(modald_stream *s, uint64_t epoch)
 {
-    if (epoch != s->epoch)
+    if (epoch != s->epoch) {
         atomic_store(&s->verdict, MODALD_UNKNOWN);
+        atomic_store(&s->estimate_past, atomic_load(&s->estimate_version));
+    }
     s->epoch = epoch;
 }
 

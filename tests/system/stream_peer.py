@@ -86,7 +86,7 @@ class Peer:
         if header["first"] > epoch.next:
             epoch.gaps.append([epoch.next, header["first"]])
         epoch.rows.update((header["first"] + i, row) for i, row in enumerate(rows))
-        self.send(peer, "REPLY", {**reply, "stream": header["stream"], "next": epoch.next, "credit": self.credit})
+        self.send(peer, "REPLY", {**reply, "stream": header["stream"], "epoch": len(self.streams[name]) - 1, "next": epoch.next, "credit": self.credit})
         for to, subscribed, number in self.events:
             if self.event and subscribed == name:
                 self.send(to, "EVENT", {"subscription": number, "number": 1, "event": "modes", "stream": name, "to": epoch.next - 1, **self.event})

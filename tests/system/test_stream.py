@@ -143,12 +143,18 @@ def test_a_forked_child_leaves_its_parents_stream_alone(peer, url, tmp_path, mon
     """The ring lies in a file that both have mapped: what the child pushes and closes must not be in the record."""
     monkeypatch.setenv("MODALD_RING_FILE", str(tmp_path / "ring-%s"))
     rows = np.random.default_rng(8).standard_normal((400, 2))
+    peer.event = {"stability": {"stable": True}, "modes": [{"frequency_hz": 2.5, "damping_ratio": 0.03}]}
     with modald.stream("forks", 2, 0.01) as s:
         s.push(rows[:200])
+        end = time.monotonic() + PATIENCE
+        while s.estimate is None:
+            assert time.monotonic() < end
         child = os.fork()
         if child == 0:
             before = time.monotonic()
             s.push(np.full((50, 2), 7.0))
+            if s.verdict != "unknown" or s.estimate is not None:
+                os._exit(5)
             s.close()
             os._exit(3 if time.monotonic() - before < 0.5 else 4)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
@@ -293,6 +299,28 @@ def test_what_is_said_of_another_run_of_that_name_or_another_epoch_is_no_verdict
             s.push([[3.0]])
             acknowledged(s, at + 3)
             assert s.verdict == said
+
+
+@in_python
+def test_an_epoch_that_begins_knows_nothing_of_the_one_before(peer, url):
+    def wait_for(answered):
+        end = time.monotonic() + PATIENCE
+        while not answered():
+            assert time.monotonic() < end
+    with modald.stream("anew", 1, 0.01) as s:
+        peer.event = {"stability": {"stable": True}, "modes": [{"frequency_hz": 2.5, "damping_ratio": 0.03}]}
+        s.push([[1.0], [2.0]])
+        wait_for(lambda: s.verdict == "stable")
+        assert s.estimate.frequency_hz == 2.5
+        peer.event = None
+        s.seek(0)
+        s.push([[5.0], [6.0]])                                 # other numbers: an epoch
+        wait_for(lambda: s.report.acknowledged >= 4)
+        assert len(peer.streams["anew"]) == 2 and s.verdict == "unknown" and s.estimate is None
+        peer.event = {"stability": {"stable": None}, "modes": []}
+        s.push([[7.0]])
+        wait_for(lambda: s.verdict == "undecided")
+        assert s.estimate is None
 
 
 @in_python

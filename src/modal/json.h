@@ -11,8 +11,8 @@ enum { JSON_DEPTH_MOST = 32 };
 /*
  * Parse TEXT (LENGTH bytes, need not end in 0) into *OUT; the caller frees it with cJSON_Delete.
  * Refused with MODAL_BAD_INPUT, naming line and column: anything that is not one JSON value, nesting past
- * JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), NaN and Infinity, numbers that overflow a double, bytes
- * that are not UTF-8, a zero byte or the escape of one.
+ * JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), escapes in keys, NaN and Infinity, numbers that overflow a double
+ * or have more than 511 characters, bytes that are not UTF-8, half a surrogate pair, a zero byte or the escape of one.
  */
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err);
 

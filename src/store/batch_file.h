@@ -21,9 +21,9 @@ struct batch_file {
 
 /*
  * Read PATH; the caller ends *OUT with batch_file_done.  DT [s] holds where the file says none; 0: the file must say it.
- * MODAL_BAD_INPUT, with the dataset or attribute in err->field, for what is not such a file: no HDF5 file, truncated, no dataset `signals` (field "signals"), its type or rank wrong, `dt`
- * missing or not one positive number, names that are not one for each channel, no such file (field "file").  MODAL_TOO_LARGE,
- * MODAL_NO_MEMORY.  The samples themselves are judged by the job.
+ * MODAL_BAD_INPUT, with the dataset or attribute in err->field, for what is not such a file: no HDF5 file, truncated, no dataset
+ * `signals` (field "signals"), its type or rank wrong, `dt` missing or not one positive number, names that are not one for each
+ * channel, no such file (field "file").  MODAL_TOO_LARGE, MODAL_NO_MEMORY.  The samples themselves are judged by the job.
  */
 enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out, struct modal_error *err);
 void batch_file_done(struct batch_file *file);

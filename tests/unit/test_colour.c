@@ -2,6 +2,7 @@
 #include "check.h"
 #include <stdlib.h>
 #include "modal/identify/colour.h"
+#include "signals.h"
 
 enum { L = 2048 };
 
@@ -53,4 +54,39 @@ TEST(a_short_or_empty_residual_changes_nothing)
     CHECK(colour_factors(&zero, &theta, 1, &factor, NULL) == MODAL_OK && factor == 1);
     factor = 7;
     CHECK(colour_factors(&few, &theta, 1, &factor, NULL) == MODAL_OK && factor == 1);
+}
+
+/* 2,000 records of each size.  Chi-square of 8 degrees exceeds 40 once in 320,000: two of 8,000 white records have a chance of 3e-4.  With 0.3 of the sample before
+ * in each, r_1 = 0.3 and the statistic is at least 0.09 n = 184 with a deviation of 2 sqrt(184): 40 is five off. */
+TEST(white_noise_is_white_at_any_seed_and_size_and_three_tenths_of_the_sample_before_is_not)
+{
+    static const struct { int rows, columns; } sizes[] = { { 2048, 1 }, { 300, 7 }, { 50, 64 }, { 1024, 3 } };
+    static double x[4096];
+    struct random r = { 5 };
+    int alarms = 0, missed = 0;
+
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
+        for (int seed = 0; seed < 2000; seed++) {
+            struct matrix E = { sizes[i].rows, sizes[i].columns, sizes[i].rows, x };
+            for (int k = 0; k < E.m * E.n; k++)
+                x[k] = pow(10, k / E.m % 5) * random_normal(&r);
+            alarms += !colour_white(&E);
+            for (int k = 1; k < E.m * E.n; k++)
+                x[k] += k % E.m > 0 ? 0.3 * x[k - 1] : 0;
+            missed += colour_white(&E);
+        }
+    CHECK(alarms < 2);
+    CHECK(missed == 0);
+}
+
+TEST(columns_of_zeros_have_no_colour)
+{
+    double x[4 * L] = { 0 };
+    struct matrix E = { L, 4, L, x };
+
+    CHECK(colour_white(&E));
+    autoregressive(x + 2 * L, 0);
+    CHECK(colour_white(&E));
+    autoregressive(x + 2 * L, 0.3);
+    CHECK(!colour_white(&E));
 }

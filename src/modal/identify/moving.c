@@ -167,6 +167,24 @@ static enum modal_status fit(struct job *j, const struct poles_of *start, bool m
     return rc;
 }
 
+/* Whether the channels are to be weighed, with the signals left as they were fitted. */
+static enum modal_status ask_channels(struct job *j, const struct moving_fit *f, bool *weighed, struct modal_error *err)
+{
+    int r = j->r;
+    size_t size = (size_t)j->m->S * (size_t)r;
+    double *W = malloc(sizeof *W * size);
+    enum modal_status rc;
+
+    if (W == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d signals", r);
+    memcpy(W, j->W, sizeof *W * size);
+    rc = weigh_channels(j, f, weighed, err);
+    if (rc == MODAL_OK)
+        rc = job_signals_of(j, W, r, err);
+    free(W);
+    return rc;
+}
+
 /* Signals, poles, and whether they stand. */
 static enum modal_status fit_window(struct job *j, enum reason *why, struct modal_error *err)
 {
@@ -175,13 +193,11 @@ static enum modal_status fit_window(struct job *j, enum reason *why, struct moda
     enum modal_status rc = fit(j, before ? &m->first : &m->own, moving_reduced(m), before ? &j->first : &j->own, why, err);
 
     if (rc == MODAL_OK && *why == GOOD && moving_reduced(m)) {
-        rc = weigh_channels(j, before ? &j->first : &j->own, &weighed, err);
+        rc = ask_channels(j, before ? &j->first : &j->own, &weighed, err);
         if (rc == MODAL_OK && weighed != before)
             *why = BY_NOISE;
         if (rc == MODAL_OK && *why == GOOD && before)
             rc = fit(j, &m->own, true, &j->own, why, err);
-        else if (rc == MODAL_OK && *why == GOOD)
-            rc = job_signals(j, true, err);             /* back from the channels to the signals that were fitted */
     }
     return rc;
 }

@@ -283,19 +283,11 @@ bool moving_reduced(const struct moving *m)
 }
 
 /* X = Y W, and of what Q does not hold the sums of squares. */
-enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err)
+static enum modal_status project(struct job *j, struct modal_error *err)
 {
     int S = j->m->S;
-    double *T;
-    enum modal_status rc = MODAL_OK;
+    double *T = malloc(sizeof *T * (size_t)S * (size_t)j->r);
 
-    if (modes)
-        rc = orthogonal_modes(j, err);
-    else
-        plain_signals(j);
-    if (rc != MODAL_OK)
-        return rc;
-    T = malloc(sizeof *T * (size_t)S * (size_t)j->r);
     if (T == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d signals", j->r);
     j->X.n = j->r;
@@ -305,4 +297,22 @@ enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err
         j->outside2[g] = cblas_ddot(S, T + (size_t)g * (size_t)S, 1, T + (size_t)g * (size_t)S, 1);
     free(T);
     return MODAL_OK;
+}
+
+enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (modes)
+        rc = orthogonal_modes(j, err);
+    else
+        plain_signals(j);
+    return rc == MODAL_OK ? project(j, err) : rc;
+}
+
+enum modal_status job_signals_of(struct job *j, const double *W, int r, struct modal_error *err)
+{
+    j->r = r;
+    memcpy(j->W, W, sizeof *W * (size_t)j->m->S * (size_t)r);
+    return project(j, err);
 }

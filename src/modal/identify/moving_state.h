@@ -87,6 +87,9 @@ bool moving_reduced(const struct moving *m);
 /* X = Y W: proper orthogonal modes, or the channels to unit rms. */
 enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err);
 
+/* X = Y W with the W (S x R) of an earlier job_signals.  Modes found once more may have other signs, and a fit's amplitudes are those of its own signals. */
+enum modal_status job_signals_of(struct job *j, const double *W, int r, struct modal_error *err);
+
 /* ---- moving_judge.c ---- */
 
 /* Whether the fit says that a batch would choose other poles. */

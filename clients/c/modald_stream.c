@@ -1409,6 +1409,16 @@ static modald_stream *from_ring(int fd, const char *path, const char *url, char 
     return s;
 }
 
+/* What of a file was not what was written; "": all was. */
+static void tell_damage(const modald_stream *s, char *message, size_t size)
+{
+    message[0] = 0;
+    if (s->damaged > 0)
+        add(message, size, "%llu samples were damaged and left out", (unsigned long long)s->damaged);
+    if (s->torn > 0)
+        add(message, size, "%sthe last %llu bytes were torn", s->damaged > 0 ? ", " : "", (unsigned long long)s->torn);
+}
+
 int modald_replay(const char *path, double timeout, double *samples, char *message, size_t size)
 {
     const char *url = getenv("MODALD_URL");
@@ -1430,10 +1440,10 @@ int modald_replay(const char *path, double timeout, double *samples, char *messa
     else {
         finish(s, now() + timeout);
         good = drained(s) && s->closed;
-        if (good && (s->damaged > 0 || s->torn > 0))
-            snprintf(message, size, "%llu samples were damaged and left out, the last %llu bytes were torn", (unsigned long long)s->damaged, (unsigned long long)s->torn);
+        if (good)
+            tell_damage(s, message, size);
         else
-            snprintf(message, size, "%s", good ? "" : s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
+            snprintf(message, size, "%s", s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
     }
     *samples = (double)atomic_load(&s->acknowledged);
     close_socket(s);

@@ -99,42 +99,49 @@ for part in range(3):
     assert firsts == [0.0, 100.0, 200.0]
 
 
-FRAME = 8192                                            # samples of two channels in a frame
-RECORD = 24 + 16 * FRAME                                # of a spill file: first, count, CRC-32C, 0, samples
+def records(data):
+    """Of a spill file's bytes: where each record begins, its first sample and how many of two channels; then where the last one ends."""
+    at, found = 12 + int.from_bytes(data[8:12], "little"), []
+    while at < len(data):
+        first, count = np.frombuffer(data[at:at + 16], "<u8")
+        found.append((at, int(first), int(count)))
+        at += 24 + 16 * int(count)                      # first, count, CRC-32C, 0, samples
+    return [*found, (at, int(first + count), 0)]
 
 
 def spilled(peer, ctl, tmp_path, change):
-    """30,000 samples in a spill file, its bytes changed, replayed; what modalctl said, the record, the log."""
+    """30,000 samples in a spill file, its bytes changed, replayed; what modalctl said, its records, the log."""
     _, log = loop("torn", 30000, peer.endpoint + "-not", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.2")
     left, = tmp_path.glob("modald-torn-*.spill")
     data = left.read_bytes()
-    start = 12 + int.from_bytes(data[8:12], "little")
-    assert int.from_bytes(data[start + 8:start + 16], "little") == FRAME
-    left.write_bytes(change(bytearray(data), start))
-    return ctl("replay", left, server=peer.endpoint), log
+    found = records(data)
+    assert len(found) >= 4 and found[0][1] == 0 and found[-1][0] == len(data)
+    left.write_bytes(change(bytearray(data), found))
+    return ctl("replay", left, server=peer.endpoint), found, log
 
 
 def test_the_torn_end_of_a_killed_host_is_said_and_what_is_before_it_is_sent(peer, ctl, tmp_path):
-    said, log = spilled(peer, ctl, tmp_path, lambda data, start: data[:start + 2 * RECORD + 1000])
-    assert said.status == 0 and said.document["samples"] == 2 * FRAME and "the last 1000 bytes were torn" in said.document["note"]
-    assert np.array_equal(peer.record("torn"), log[:2 * FRAME])
+    said, found, log = spilled(peer, ctl, tmp_path, lambda data, found: data[:found[2][0] + 1000])
+    assert said.status == 0 and said.document["samples"] == found[2][1] and said.document["note"] == "the last 1000 bytes were torn"
+    assert np.array_equal(peer.record("torn"), log[:found[2][1]])
 
 
 def test_a_damaged_record_is_a_gap_and_what_follows_it_is_sent(peer, ctl, tmp_path):
-    def change(data, start):
-        data[start + RECORD + 5000] ^= 64
+    def change(data, found):
+        data[found[1][0] + 5000] ^= 64
         return data
-    said, log = spilled(peer, ctl, tmp_path, change)
-    assert said.status == 0 and f"{FRAME} samples were damaged" in said.document["note"]
-    assert [tuple(g) for g in peer.streams["torn"][-1].gaps] == [(FRAME, 2 * FRAME)]
-    assert np.array_equal(peer.record("torn"), np.concatenate([log[:FRAME], log[2 * FRAME:]]))
+    said, found, log = spilled(peer, ctl, tmp_path, change)
+    _, first, count = found[1]
+    assert said.status == 0 and said.document["note"] == f"{count} samples were damaged and left out"
+    assert [tuple(g) for g in peer.streams["torn"][-1].gaps] == [(first, first + count)]
+    assert np.array_equal(peer.record("torn"), np.concatenate([log[:first], log[first + count:]]))
 
 
 def test_a_spill_file_of_another_byte_order_is_refused(peer, ctl, tmp_path):
-    def change(data, start):
+    def change(data, _):
         data[8:12] = data[8:12][::-1]
         return data
-    said, _ = spilled(peer, ctl, tmp_path, change)
+    said, *_ = spilled(peer, ctl, tmp_path, change)
     assert said.status == 2 and said.document["error"]["code"] == "bad_input" and said.document["error"]["field"] == "file"
 
 

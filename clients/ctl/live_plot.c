@@ -1,4 +1,4 @@
-/* live_plot.c - see live_plot.h; of several epochs the picture shows the present one */
+/* live_plot.c - see live_plot.h; of several epochs the picture shows the last that was told */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -13,12 +13,13 @@ static bool take(struct live_plot *plot, const cJSON *event)
 {
     const cJSON *modes = cJSON_GetObjectItemCaseSensitive(event, "modes"), *mode;
     bool unstable = cJSON_IsFalse(cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(event, "stability"), "stable"));
-    double sample = field_number(event, "to", NAN);
+    double sample = field_number(event, "to", NAN), epoch = field_number(event, "epoch", 0);
 
     if (!cJSON_IsArray(modes) || isnan(sample))
         return false;
-    if (plot->count > 0 && sample <= plot->dots[plot->count - 1].sample)
-        plot->count = 0;                           /* another epoch */
+    if (epoch != plot->epoch || (plot->count > 0 && sample < plot->dots[plot->count - 1].sample))
+        plot->count = 0;                           /* another epoch, or another stream of that name */
+    plot->epoch = epoch;
     cJSON_ArrayForEach(mode, modes) {
         const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
         struct live_dot dot = { sample, field_number(mode, "frequency_hz", NAN), field_number(std, "frequency_hz", 0), field_number(mode, "damping_ratio", NAN),

@@ -89,7 +89,7 @@ def test_python_draws_them_too(ctl, scene, tmp_path):
 
 
 def test_a_watched_stream_has_a_picture_of_frequency_and_damping_window_by_window(ctl, tmp_path):
-    """0.3 Hz at zeta 0.01, 600 samples: five windows of 200 every 100, a dot in each panel for each."""
+    """0.3 Hz at zeta 0.01, 600 samples: five windows of 200 every 100, a dot in each panel for each; then an epoch from 590 on, of two windows."""
     with Daemon(workers=1) as d:
         c, t = d.client(timeout_s=60), np.arange(600) * 0.1
         y = (np.exp(-0.01 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t)).reshape(-1, 1)
@@ -102,6 +102,12 @@ def test_a_watched_stream_has_a_picture_of_frequency_and_damping_window_by_windo
             while at >= 100 and told < at // 100:
                 told += (c.early.pop(0) if c.early else c.receive()).verb == "EVENT"
         ctl("watch", "seen", "--after", "0", "--timeout", "3", "--plot", tmp_path / "a.svg", server=d.endpoint, one=False)
+        for at, count in ((0, 200), (200, 100)):
+            data = (2 * y[at:at + count]).tobytes()
+            assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=590 + at, count=count, crc32c=crc32c(data))["epoch"] == 1
+            assert (c.early.pop(0) if c.early else c.receive()).header["epoch"] == 1
+        ctl("watch", "seen", "--after", "0", "--timeout", "3", "--plot", tmp_path / "anew.svg", server=d.endpoint, one=False)
     root, dots, _, words = drawn(tmp_path / "a.svg")
     assert len(dots) == 10 and "frequency, Hz" in words and "damping ratio" in words and "seen" in words
+    assert len(drawn(tmp_path / "anew.svg")[1]) == 4
     assert not list(tmp_path.glob("*.new"))

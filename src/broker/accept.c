@@ -38,7 +38,9 @@ int accept_default(void)
 
 void accept_most(int most)
 {
-    atomic_store(&most_open, most > 0 ? most : accept_default());
+    int room = accept_default();
+
+    atomic_store(&most_open, most > 0 && most < room ? most : room);
 }
 
 int accept_open(void)

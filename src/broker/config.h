@@ -11,7 +11,7 @@ struct config {
     char bind[BINDS_MOST][PATH_ROOM];
     int bind_count;
     int workers, spool_threads;
-    int connections;                      /* of clients at once; 0: what the descriptor limit leaves */
+    int connections;                      /* of clients at once, as far as the descriptor limit leaves them; 0: all that it leaves */
     int ipc_mode;                         /* of the socket file */
     char worker_path[PATH_ROOM], worker_user[64];
     int64_t worker_memory;

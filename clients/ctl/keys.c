@@ -65,7 +65,7 @@ static const struct { const char *kind, *key, *help; } keys[] = {
     { "sweep",    "first=I",             "the first point of a share" },
     { "sweep",    "count=N",             "the points in it" },
     { "sweep",    "threads=N",           "of BLAS (default 1)" },
-    { "ablate",   "(those of steady)",   "where the scene has excitation" },
+    { "ablate",   "(those of steady)",   "where the scene has harmonic excitation" },
     { "ablate",   "threads=N",           "of BLAS (default 1)" },
     { "stream",   "(those of identify)", "for the live windows" },
 };

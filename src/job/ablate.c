@@ -2,8 +2,9 @@
  * ablate.c - kind `ablate`: each effect of a scene removed in turn, what that changes and what it saves
  *
  * Scenes with an excitation are compared by their steady states, others by their exponents: exactly, and beside it the first-order
- * estimate of influence.h.  `change` is without minus with.  `seconds` is the processor time of the answer with the effect less
- * that without it, each the least of REPEATS runs.
+ * estimate of influence.h.  Pulses die out and leave no steady state: a scene with pulses alone is compared by its exponents too.
+ * `change` is without minus with.  `seconds` is the processor time of the answer with the effect less that without it, each the
+ * least of REPEATS runs.
  */
 #include <math.h>
 #include <string.h>
@@ -255,6 +256,14 @@ static enum modal_status run_all(struct ablation *a, cJSON *list, struct modal_e
     return rc;
 }
 
+static bool has_harmonic(const struct program *p)
+{
+    for (int i = 0; i < p->loads; i++)
+        if (p->load[i].type == LOAD_HARMONIC)
+            return true;
+    return false;
+}
+
 static enum modal_status check_options(const struct ablation *a, struct modal_error *err)
 {
     static const char *const none[] = { "threads", NULL };
@@ -264,16 +273,17 @@ static enum modal_status check_options(const struct ablation *a, struct modal_er
 
 enum modal_status ablate_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
-    const cJSON *excitation = cJSON_GetObjectItemCaseSensitive(request->scene, "excitation");
-    struct ablation a = { .request = request, .steady = cJSON_GetArraySize(excitation) > 0 };
+    struct ablation a = { .request = request };
     struct floquet whole = { 0 };
     struct cost cost;
     enum modal_status rc;
 
     cost_start(&cost);
-    rc = check_options(&a, err);
-    if (rc == MODAL_OK)
-        rc = scene_lower(request->scene, NULL, &a.program, err);
+    rc = scene_lower(request->scene, NULL, &a.program, err);
+    if (rc == MODAL_OK) {
+        a.steady = has_harmonic(a.program);
+        rc = check_options(&a, err);
+    }
     if (rc == MODAL_OK)
         rc = timed(&a, request->scene, &a.answer, &whole, &a.seconds, err);
     cost_stage(&cost, "whole");

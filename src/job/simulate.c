@@ -25,14 +25,32 @@ static enum modal_status change_model(const cJSON *scene, const struct model *m,
     return rc == MODAL_OK && m->inflow_states > 0 ? scene_inflow(*changed, m->inflow_states, err) : rc;
 }
 
-/* Options, with the effects to leave out in WITHOUT. */
-static enum modal_status read_options(const cJSON *json, struct simulate_options *o, struct scene_options *without, struct model *m,
+/* `without`: one effect's number or a list of them, each of EFFECTS in the scene ("-o without=0" is a number, "-o without=0,2" a list). */
+static enum modal_status read_without(const cJSON *json, int effects, struct scene_options *without, struct modal_error *err)
+{
+    bool one = cJSON_IsNumber(cJSON_GetObjectItemCaseSensitive(json, "without"));
+    double *list = NULL, single = NAN;
+    size_t count = 1;
+    enum modal_status rc = one ? json_get_number(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &single, err)
+                               : json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &list, &count, err);
+
+    for (size_t i = 0; i < count && rc == MODAL_OK; i++) {
+        double k = one ? single : list[i];
+        if (k != floor(k) || k >= effects)
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, "without", "without lists the numbers of effects, from 0; the scene has %d, and no number %g", effects, k);
+        else
+            without->without[(int)k] = true;
+    }
+    free(list);
+    return rc;
+}
+
+/* Options, with those of the scene's EFFECTS to leave out in WITHOUT. */
+static enum modal_status read_options(const cJSON *json, int effects, struct simulate_options *o, struct scene_options *without, struct model *m,
                                       struct modal_error *err)
 {
     static const char *const keys[] = { "tolerance", "integrator", "substeps", "without", "elements", "inflow_states", "threads", NULL };
     static const char *const integrators[] = { "auto", "rk4", NULL };
-    double *out = NULL;
-    size_t count = 0;
     int threads = 1, integrator = 0;
     enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
 
@@ -50,14 +68,7 @@ static enum modal_status read_options(const cJSON *json, struct simulate_options
     if (rc == MODAL_OK)
         rc = json_get_int(json, "", "inflow_states", 1, 1000000, &m->inflow_states, err);
     if (rc == MODAL_OK)
-        rc = json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &out, &count, err);
-    for (size_t i = 0; i < count && rc == MODAL_OK; i++) {
-        if (out[i] != floor(out[i]))
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, "without", "without lists the numbers of effects, from 0; %g is not whole", out[i]);
-        else
-            without->without[(int)out[i]] = true;
-    }
-    free(out);
+        rc = read_without(json, effects, without, err);
     o->rk4 = integrator == 1;
     return rc;
 }
@@ -172,7 +183,8 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     struct scene_options scene = { 0 };
     struct model model = { 0 };
     cJSON *changed = NULL;
-    enum modal_status rc = read_options(request->options, &o, &scene, &model, err);
+    int effects = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(request->scene, "effects"));
+    enum modal_status rc = read_options(request->options, effects, &o, &scene, &model, err);
 
     cost_start(&cost);
     o.progress = request->progress != NULL ? report : NULL;

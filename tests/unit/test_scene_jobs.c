@@ -105,6 +105,47 @@ TEST(the_first_order_estimate_of_a_periodic_scene_leaves_out_the_second_order)
     CHECK_NEAR(b / c, 4, 0.1);
 }
 
+/* A pulse moves no exponent: 3 - sqrt(9.4) for the spring of 0.4 over 9, whatever starts the motion. */
+TEST(ablation_of_a_scene_with_pulses_alone_compares_exponents)
+{
+    static const char *const pulses[] = { "{'dof':'x1','type':'impulse','amplitude':2}", "{'dof':'x1','type':'half_sine','amplitude':2,'duration':0.1}",
+                                          "{'dof':'x1','type':'table','time':[0,1,2],'force':[0,1,0]}" };
+    char scene[512];
+
+    for (size_t i = 0; i < sizeof pulses / sizeof *pulses; i++) {
+        snprintf(scene, sizeof scene, "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'excitation':[%s],"
+                 "'effects':[{'type':'spring','dof':'x1','stiffness':0.4}]}", pulses[i]);
+        cJSON *r = job("ablate", scene, NULL, MODAL_OK, NULL);
+        const cJSON *change = cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "effects"), 0), "change");
+        const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItem(change, "modes"), 0);
+        CHECK_STRING(cJSON_GetObjectItem(r, "of")->valuestring, "floquet");
+        CHECK_NEAR(number(mode, "frequency_change_hz", NULL), (3 - sqrt(9.4)) / (2 * M_PI), 1e-14);
+        cJSON_Delete(r);
+    }
+}
+
+/* "-o without=1" is the number 1; it must mean the list [1], and a number beyond the scene's effects must be told. */
+TEST(simulate_leaves_out_one_effect_by_its_number_and_no_effect_that_is_not_there)
+{
+    static const char scene[] = "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
+                                "'effects':[{'type':'spring','dof':'x1','stiffness':0.4},{'type':'damper','dof':'x1','coefficient':0.3}]}";
+    static const char *const wrong[] = { "{'without':2}", "{'without':[0,2]}", "{'without':0.5}", "{'without':-1}", "{'without':'x'}" };
+    cJSON *one = job("simulate", scene, "{'without':1}", MODAL_OK, NULL), *list = job("simulate", scene, "{'without':[1]}", MODAL_OK, NULL);
+
+    for (int k = 0; k < 2; k++) {
+        const cJSON *effects = cJSON_GetObjectItem(cJSON_GetObjectItem(k == 0 ? one : list, "plan"), "effects");
+        CHECK(cJSON_GetArraySize(effects) == 1);
+        CHECK_STRING(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 0), "type")->valuestring, "spring");
+    }
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        struct modal_error err;
+        cJSON_Delete(job("simulate", scene, wrong[i], MODAL_BAD_INPUT, &err));
+        CHECK(strncmp(err.field, "without", 7) == 0);
+    }
+    cJSON_Delete(one);
+    cJSON_Delete(list);
+}
+
 TEST(ablation_of_an_excited_scene_compares_steady_states)
 {
     /* X = p / (k - w^2 + i c w): without the spring of 3, 1 / (6 - 4 + 0.2 i), with it 1 / (9 - 4 + 0.2 i) */

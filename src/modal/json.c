@@ -137,7 +137,7 @@ static enum modal_status scan_string(struct scan *s, struct key *inside, bool *e
         if ((unsigned char)*s->at < 0x20)
             return scan_fail(s, "a control character in a string");
         if (*s->at == '\\') {
-            if (s->end - s->at < 2 || strchr("\"\\/bfnrtu", s->at[1]) == NULL)
+            if (s->end - s->at < 2 || s->at[1] == '\0' || strchr("\"\\/bfnrtu", s->at[1]) == NULL)
                 return scan_fail(s, "an unknown escape");
             if (s->at[1] == 'u' && !is_escape_of_a_character(s->at + 2, s->end))
                 return scan_fail(s, "a bad \\u escape");

@@ -26,6 +26,18 @@ TEST(what_json_forbids_is_refused_and_leaves_the_output_alone)
     }
 }
 
+/* It ends a text in C: behind it anything could hide. */
+TEST(a_zero_byte_is_refused_wherever_it_stands)
+{
+    static const struct { const char *text; size_t length; } bad[] = {
+        { "\"a\0b\"", 5 }, { "\"a\\\0b\"", 6 }, { "\"\\u00\0\0\"", 8 }, { "{\"a\0\":1}", 8 }, { "{\"a\\\0\":1}", 9 }, { "1\0", 2 }, { "\0", 1 }, { "[1,\0 2]", 7 },
+    };
+    cJSON *value = NULL;
+
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        CHECK(json_read(bad[i].text, bad[i].length, &value, NULL) == MODAL_BAD_INPUT && value == NULL);
+}
+
 TEST(a_duplicate_key_is_refused_with_its_path)
 {
     struct modal_error err;

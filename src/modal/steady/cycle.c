@@ -31,7 +31,7 @@
 #include "modal/scene/statespace.h"
 #include "modal/scene/stepper.h"
 
-static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12;
+static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6;
 enum { STEPS = 64, FIRST = 4, LAWS_MOST = 16, NONE = -2, WORK_MOST = 60000 };
 
 struct follow {
@@ -149,6 +149,8 @@ static void watch(void *watcher, double t, double h, const double *y, struct por
     struct follow *f = watcher;
     bool first = f->watching && f->phase < 0;
 
+    for (int l = 0; !f->watching && l < f->laws; l++)
+        f->held[l] = held_of(ports, l);
     for (int l = 0; l < f->laws; l++) {
         f->acts[l] |= ports->law[l].law->kind->set_valued ? held_of(ports, l) != 0 : ports->law[l].acted;
         ports->law[l].acted = false;
@@ -261,8 +263,23 @@ static enum modal_status close_up(struct follow *f, const struct cycle_options *
     return rc;
 }
 
-/* The motion, closed, over one more period. */
-static enum modal_status sample(struct follow *f, double *x, double *one, struct modal_error *err)
+/* The sliders' forces at T into sample J, those that stick by (1); false: one holds with more than it has. */
+static bool forces(struct follow *f, double t, int j, double *force)
+{
+    const double *back = f->small + f->laws * f->laws;        /* what hold_back took out */
+    bool within = field(f, t, f->y, f->held, f->before);
+
+    for (int l = 0; within && l < f->laws; l++) {
+        double limit = f->p.law[l].limit, phi = f->held[l] != 0 ? f->held[l] * limit : -*back++;
+
+        force[(size_t)l * CYCLE_SAMPLES + (size_t)j] = phi;
+        within = fabs(phi) <= limit * (1 + OVER);
+    }
+    return within;
+}
+
+/* The motion, closed, over one more period, and the forces on it; *KNOWN: these are. */
+static enum modal_status sample(struct follow *f, double *x, double *force, bool *known, double *one, struct modal_error *err)
 {
     int n = f->ss->n;
     enum modal_status rc = MODAL_OK;
@@ -273,6 +290,7 @@ static enum modal_status sample(struct follow *f, double *x, double *one, struct
         for (int i = 0; i < n; i++)
             x[(size_t)i * CYCLE_SAMPLES + (size_t)j] = one[i];
         rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y, err);
+        *known = *known && rc == MODAL_OK && forces(f, (j + 1) * f->T / CYCLE_SAMPLES, (j + 1) % CYCLE_SAMPLES, force);
     }
     return rc;
 }
@@ -370,11 +388,13 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
 {
     struct follow f = { .p = *p, .opt = opt, .laws = p->laws, .T = TWO_PI / omega, .followed = p->harmonics == 0 };
     double *rest = calloc(2 * (size_t)p->n + 1, sizeof *rest);
+    bool known;
     enum modal_status rc = rest == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
 
     memset(out, 0, sizeof *out);
     for (int l = 0; l < p->laws; l++)
         f.followed &= p->law[l].kind->set_valued;
+    known = f.followed;
     f.p.omega = omega;
     f.p.period = f.T;
     f.p.x0 = x0 != NULL ? (double *)x0 : rest;
@@ -387,15 +407,20 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
     }
     out->states = f.N;
     out->x = calloc((size_t)p->n * CYCLE_SAMPLES + 1, sizeof *out->x);
+    out->force = calloc((size_t)p->laws * CYCLE_SAMPLES + 1, sizeof *out->force);
     out->multiplier = calloc((size_t)f.N + 1, sizeof *out->multiplier);
-    if (rc == MODAL_OK && (out->x == NULL || out->multiplier == NULL))
+    if (rc == MODAL_OK && (out->x == NULL || out->force == NULL || out->multiplier == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
     if (rc == MODAL_OK && f.followed && !f.failed)
         rc = eigenvalues(&f, out->multiplier, err);
     else
         out->states = 0;
     if (rc == MODAL_OK && out->closed)
-        rc = sample(&f, out->x, rest, err);
+        rc = sample(&f, out->x, out->force, &known, rest, err);
+    if (!known || !out->closed) {
+        free(out->force);
+        out->force = NULL;
+    }
     out->acts = f.acts;
     f.acts = NULL;
     out->evaluations = f.stepper != NULL ? (long)f.stepper->steps : 0;
@@ -409,6 +434,7 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
 void cycle_done(struct cycle *c)
 {
     free(c->x);
+    free(c->force);
     free(c->multiplier);
     free(c->acts);
     memset(c, 0, sizeof *c);

@@ -17,6 +17,8 @@ struct cycle {
     int periods;                  /* marched */
     double closure;               /* |y(T) - y(0)| / max |y| */
     double *x;                    /* where closed: x[dof * CYCLE_SAMPLES + j] at t = j T / CYCLE_SAMPLES; the caller frees by cycle_done */
+    double *force;                /* where x is and the disturbances are followed: of law l at the same instants, [l * CYCLE_SAMPLES + j];
+                                   * sticking, what holds the body, within `limit` (1 + 1e-6) of it; else NULL */
     int states;                   /* of the multipliers; 0: not followed, as other laws or periodic matrices act too */
     double complex *multiplier;   /* |.| descending */
     bool *acts;                   /* per law: slips, touches, ... somewhere in the period */

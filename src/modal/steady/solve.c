@@ -29,7 +29,7 @@
 #include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5 };
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5, FAILED_MOST = 2, ORDER_FAILED = 600 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5;
 
 struct steady {
@@ -40,6 +40,7 @@ struct steady {
     int degree;                 /* the largest of polynomial laws; 0: none */
     bool sampled;               /* some law is neither */
     bool jumps;                 /* rigid friction, located */
+    bool brief;                 /* fewer harmonics were tried and these are costly: Newton's method from near, no ways round */
     bool current;               /* the last residual of the balance at hand was of the point's X */
     double slope;               /* the laws' largest, as the last rough start showed it; 0: not yet */
     struct balance *balance[BALANCES];
@@ -477,7 +478,7 @@ static enum modal_status attempts(struct steady *s, struct balance *b, const str
         rc = try_again(s, b, false, X, point, err);
     if (rc == MODAL_OK && !point->converged)
         rc = try_again(s, b, true, X, point, err);
-    if (rc == MODAL_OK && !point->converged && !s->jumps)             /* what stops has no balance to ramp to */
+    if (rc == MODAL_OK && !point->converged && !s->jumps && !s->brief)    /* what stops has no balance to ramp to */
         rc = roundabout(s, b, X, point, err);
     return rc;
 }
@@ -875,7 +876,6 @@ out:
     return rc;
 }
 
-/* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear system. */
 /* Constant matrices: what is left of the equation of motion is all there is to tell, the dofs taken out included. */
 static enum modal_status linear_residual(struct steady *s, struct steady_point *point, struct modal_error *err)
 {
@@ -889,6 +889,7 @@ static enum modal_status linear_residual(struct steady *s, struct steady_point *
     return rc;
 }
 
+/* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear system. */
 static enum modal_status solve_linear(struct steady *s, double omega, struct steady_point *point, struct modal_error *err)
 {
     int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : s->p->harmonics > 0 ? load + 24 : load > 0 ? load : 1;
@@ -1037,12 +1038,15 @@ out:
     return MODAL_OK;
 }
 
-/* H doubled, each from the last, until the estimate meets the target. */
+/* H doubled, each from the last, until the estimate meets the target.  Orders that do not close cost eight times more each: past
+ * the first H, more than ORDER_FAILED unknowns are tried from near alone; after FAILED_MOST failures in a row, not at all. */
 static enum modal_status solve_to_target(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                          struct modal_error *err)
 {
     double target = s->opt.target_error > 0 ? s->opt.target_error : TARGET;
     int load = condense_highest_load(s->c), H = 2 * load + 1 > 8 ? 2 * load + 1 : 8, most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
+    int failed = 0;
+    bool tried = false;
     enum modal_status rc;
 
     for (;;) {
@@ -1058,10 +1062,16 @@ static enum modal_status solve_to_target(struct steady *s, double omega, const s
             memcpy(copy, point->X, size * sizeof *copy);
             next.X = copy;
         }
+        s->brief = tried && condense_kept(s->c) * (2 * H + 1) > ORDER_FAILED;
         rc = solve_at(s, H, omega, copy != NULL ? &next : start, point, err);
+        s->brief = false;
+        tried = true;
         free(copy);
         if (rc != MODAL_OK || (point->converged && point->error <= target * point->amplitude))
             return rc;
+        failed = point->converged ? 0 : failed + 1;
+        if (failed >= FAILED_MOST && condense_kept(s->c) * (4 * H + 1) > ORDER_FAILED)
+            return MODAL_OK;
         if (H >= most || (long)2 * condense_kept(s->c) * (2 * H + 1) * 2 > 3000 || (s->opt.samples > 0 && 4 * H >= s->opt.samples))
             return MODAL_OK;
         H = 2 * H < most ? 2 * H : most;
@@ -1198,6 +1208,55 @@ static enum modal_status take_cycle(struct steady *s, const struct cycle *c, str
     return rc;
 }
 
+/*
+ * What the point's H harmonics leave of the equation of motion in time, the sliders' forces f_l those of the cycle:
+ *
+ *     r = Re sum_k (S_k X_k - p_k) e^{i k theta} + sum_l B_l f_l.                                           (3)
+ *
+ * f jumps where a body turns, and there r is of the jump's size at any H, as a truncated series is: its rms falls as H^-1/2.
+ */
+static void add_forces(const struct steady *s, const struct cycle *c, int i, double *r)
+{
+    for (int l = 0; l < s->p->laws; l++) {
+        const double *f = c->force + (size_t)l * CYCLE_SAMPLES;
+        int dof = condense_dofs(s->c)[i], sign = (s->p->law[l].dof[0] == dof) - (s->p->law[l].to[0] == dof);
+
+        for (int j = 0; sign != 0 && j < CYCLE_SAMPLES; j++)
+            r[j] += sign * f[j];
+    }
+}
+
+static enum modal_status residual_of_cycle(const struct steady *s, const struct balance *b, const struct cycle *c, struct orbit_grid *g,
+                                           struct steady_point *point, struct modal_error *err)
+{
+    int q = b->q, K = b->H + 1;
+    double complex *G = calloc((size_t)K, sizeof *G);
+    double *r = calloc(CYCLE_SAMPLES, sizeof *r), squares = 0;
+    enum modal_status rc = G == NULL || r == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < q; i++) {
+        double load = 0;
+
+        for (int k = 0; k < K; k++) {
+            G[k] = -b->load[k * q + i];
+            load += cabs(G[k]);
+            for (int j = 0; j < q; j++)
+                G[k] += b->S[(k * q + j) * q + i] * point->X[j * K + k];
+        }
+        orbit_synthesize(g, b->H, G, 0, r);
+        add_forces(s, c, i, r);                                                    /* (3) */
+        for (int j = 0; j < CYCLE_SAMPLES; j++) {
+            squares += r[j] * r[j] / CYCLE_SAMPLES;
+            point->tail_max = fmax(point->tail_max, fabs(r[j]));
+        }
+        point->load_max = fmax(point->load_max, load);
+    }
+    point->tail_rms = sqrt(squares);
+    free(G);
+    free(r);
+    return rc;
+}
+
 /* The cycle as the point's answer, at the options' H or at the least that meets the target. */
 static enum modal_status cycle_point(struct steady *s, const struct cycle *c, double omega, struct steady_point *point, struct modal_error *err)
 {
@@ -1218,6 +1277,10 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
         rc = steady_balance(s, H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);                /* recovery at this H */
+    if (rc == MODAL_OK && c->closed && c->force != NULL)
+        rc = residual_of_cycle(s, b, c, g, point, err);
+    else
+        point->tail_rms = point->tail_max = NAN;           /* beside other laws nobody samples their forces */
     orbit_grid_free(g);
     return rc;
 }
@@ -1246,7 +1309,6 @@ static enum modal_status solve_by_cycle(struct steady *s, double omega, const st
         point->residual = point->step = c.closure;
         point->solver = c.closure * point->amplitude;
         point->error = point->truncation + point->sampling + point->solver;
-        point->tail_rms = point->tail_max = NAN;
         point->followed = true;
         point->states = c.states;
         point->multiplier = c.multiplier;

@@ -41,7 +41,7 @@ struct steady_point {
     double residual, step;    /* relative */
     double truncation, sampling, solver;      /* max over time and dofs of the error each makes, in the unit of x */
     double error;             /* of all three together */
-    double tail_rms, tail_max, load_max;      /* equation residual in time at the kept dofs, N; and the scale of it */
+    double tail_rms, tail_max, load_max;      /* equation residual in time, N, at the kept dofs (linear: at all); and the scale of it */
     double amplitude;         /* max |x(t)| over the dofs that count */
     long ffts;
     int laws;

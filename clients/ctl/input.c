@@ -6,6 +6,24 @@
 #include "scene_file.h"
 #include "store/identity.h"
 
+/* A batch that is larger than the memory limit. */
+static enum modal_status hash_in_order(const struct batch *b, const struct input_shape *shape, uint8_t digest[32], struct modal_error *err)
+{
+    const size_t part = (size_t)1 << 19, count = b->samples * b->channels;
+    struct identity *identity = identity_new(shape);
+    enum modal_status rc = identity != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "input: no memory for its hash");
+
+    for (size_t i = 0, n; rc == MODAL_OK && i < count; i += n) {
+        n = count - i < part ? count - i : part;
+        rc = identity_add(identity, b->signals + i, n * sizeof *b->signals, err);
+        b->release(b->signals + i, n * sizeof *b->signals);
+    }
+    if (rc == MODAL_OK)
+        rc = identity_end(identity, digest, err);
+    identity_free(identity);
+    return rc;
+}
+
 static enum modal_status hash(struct input *input, struct modal_error *err)
 {
     struct input_shape shape = { .type = INPUT_SCENE };
@@ -24,7 +42,7 @@ static enum modal_status hash(struct input *input, struct modal_error *err)
         data = input->batch.signals;
         length = input->batch.samples * input->batch.channels * sizeof(double);
     }
-    rc = identity_of(&shape, data, length, digest, err);
+    rc = input->batch.release != NULL ? hash_in_order(&input->batch, &shape, digest, err) : identity_of(&shape, data, length, digest, err);
     if (rc == MODAL_OK)
         identity_hex(digest, input->sha256);
     return rc;
@@ -41,7 +59,7 @@ static enum modal_status read_scene(const char *path, struct input *out, struct 
 
 static enum modal_status read_batch(const char *path, const struct args *args, struct input *out, struct modal_error *err)
 {
-    struct signals_options options = { .dt = args->dt, .scale = args->scale };
+    struct signals_options options = { .dt = args->dt, .scale = args->scale, .map = args->local };
     enum modal_status rc = signals_read(path, &options, &out->signals, err);
 
     out->batch = signals_batch(&out->signals);

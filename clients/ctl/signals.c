@@ -59,14 +59,15 @@ enum modal_status signals_read_text(const char *path, size_t most, char **text, 
     return rc;
 }
 
-static enum modal_status read_hdf5(const char *path, double dt, struct signals *out, struct modal_error *err)
+static enum modal_status read_hdf5(const char *path, const struct signals_options *options, struct signals *out, struct modal_error *err)
 {
     struct batch_file file;
-    enum modal_status rc = batch_file_read(path, dt, &file, err);
+    enum modal_status rc = options->map && !(options->scale > 0) ? batch_file_map(path, options->dt, mapping_resident_most(), &file, err)
+                         : batch_file_read(path, options->dt, &file, err);
 
     if (rc != MODAL_OK)
         return rc;
-    *out = (struct signals) { .samples = file.batch.samples, .channels = file.batch.channels, .x = file.signals,
+    *out = (struct signals) { .samples = file.batch.samples, .channels = file.batch.channels, .x = file.signals, .map = file.map,
                               .dt = file.batch.dt, .period = file.batch.period, .names = file.names,
                               .units = file.units, .attributes = file.attributes };
     return MODAL_OK;                                    /* everything the file held has moved */
@@ -145,7 +146,7 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
     enum modal_status rc = look_at(path, &kind, err);
 
     if (rc == MODAL_OK)
-        rc = kind == FILE_HDF5 ? read_hdf5(path, options->dt, &read, err) : kind == FILE_SOUND ? sound_read(path, &read, err)
+        rc = kind == FILE_HDF5 ? read_hdf5(path, options, &read, err) : kind == FILE_SOUND ? sound_read(path, &read, err)
            : read_csv(path, options->dt, &read, err);
     if (rc == MODAL_OK && options->dt > 0)
         read.dt = options->dt;
@@ -163,6 +164,7 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
 void signals_done(struct signals *signals)
 {
     free(signals->x);
+    mapping_close(&signals->map);
     for (size_t i = 0; signals->names != NULL && i < signals->channels; i++)
         free(signals->names[i]);
     free(signals->names);
@@ -173,7 +175,7 @@ void signals_done(struct signals *signals)
 
 struct batch signals_batch(const struct signals *signals)
 {
-    return (struct batch) { .samples = signals->samples, .channels = signals->channels, .signals = signals->x,
+    return (struct batch) { .samples = signals->samples, .channels = signals->channels, .signals = signals->x != NULL ? signals->x : signals->map.data,
                             .dt = signals->dt, .period = signals->period, .names = (const char *const *)signals->names,
-                            .units = signals->units };
+                            .units = signals->units, .release = signals->map.data != NULL ? mapping_release : NULL };
 }

@@ -7,6 +7,7 @@
 #include "modal/batch.h"
 #include "modal/error.h"
 #include "modal/json.h"
+#include "store/mapping.h"
 
 /* Limits of a file read here. */
 #define SIGNALS_VALUES_MOST ((size_t)1 << 31)      /* doubles: 16 GB */
@@ -14,7 +15,8 @@ enum { SIGNALS_CHANNELS_MOST = 65536 };
 
 struct signals {
     size_t samples, channels;
-    double *x;                  /* sample k of channel s: x[k * channels + s] */
+    double *x;                  /* sample k of channel s: x[k * channels + s]; NULL where they are mapped */
+    struct mapping map;
     double dt, period;          /* s; 0: the file did not say */
     char **names;               /* channels, or NULL */
     char *units;                /* or NULL */
@@ -24,6 +26,7 @@ struct signals {
 struct signals_options {
     double dt;                  /* 0: from the file */
     double scale;               /* 0: 1 */
+    bool map;                   /* signals beyond the memory limit may be mapped: no scale */
 };
 
 /*

@@ -267,13 +267,15 @@ static cJSON *read_attributes(hid_t set, hid_t root)
 
 /* --- signals --- */
 
-static enum modal_status check_set(hid_t set, hsize_t dims[2], struct modal_error *err)
+struct source { const char *path; double dt; uint64_t kept; };     /* arguments of batch_file_map */
+
+static enum modal_status check_set(hid_t set, hsize_t dims[2], double most, struct modal_error *err)
 {
     hid_t type = H5Dget_type(set), space = H5Dget_space(set);
     H5T_class_t class = type >= 0 ? H5Tget_class(type) : H5T_NO_CLASS;
     int rank = space >= 0 ? H5Sget_simple_extent_ndims(space) : -1;
     enum modal_status rc = MODAL_OK;
-    double bytes, memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+    double bytes;
 
     if (class != H5T_INTEGER && class != H5T_FLOAT)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` does not hold numbers; accepted: any integer or floating-point type");
@@ -282,9 +284,9 @@ static enum modal_status check_set(hid_t set, hsize_t dims[2], struct modal_erro
     else if (H5Sget_simple_extent_dims(space, dims, NULL) < 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "the shape of dataset `signals` cannot be read");
     bytes = rc == MODAL_OK ? 8.0 * (double)dims[0] * (double)dims[1] : 0;
-    if (rc == MODAL_OK && bytes > memory)
+    if (rc == MODAL_OK && bytes > most)
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "signals", "dataset `signals` of %llu x %llu takes %.3g bytes, this machine has %.3g",
-                              (unsigned long long)dims[0], (unsigned long long)dims[1], bytes, memory);
+                              (unsigned long long)dims[0], (unsigned long long)dims[1], bytes, most);
     if (space >= 0)
         H5Sclose(space);
     if (type >= 0)
@@ -292,22 +294,62 @@ static enum modal_status check_set(hid_t set, hsize_t dims[2], struct modal_erro
     return rc;
 }
 
-static enum modal_status read_signals(hid_t set, struct batch_file *out, struct modal_error *err)
+/* Where in the file the samples lie as they are used: whole, unfiltered, in no other file.  0: they do not. */
+static uint64_t place_of(hid_t set)
 {
+    hid_t type = H5Dget_type(set), how = H5Dget_create_plist(set), file = H5Iget_file_id(set), made = file >= 0 ? H5Fget_create_plist(file) : H5I_INVALID_HID;
+    hsize_t before = 1;
+    bool plain = type >= 0 && how >= 0 && made >= 0 && H5Tequal(type, H5T_NATIVE_DOUBLE) > 0 && H5Pget_layout(how) == H5D_CONTIGUOUS
+                 && H5Pget_external_count(how) == 0 && H5Pget_userblock(made, &before) >= 0 && before == 0;
+    haddr_t place = plain ? H5Dget_offset(set) : HADDR_UNDEF;
+
+    if (made >= 0)
+        H5Pclose(made);
+    if (file >= 0)
+        H5Fclose(file);
+    if (how >= 0)
+        H5Pclose(how);
+    if (type >= 0)
+        H5Tclose(type);
+    return place != HADDR_UNDEF && place % sizeof(double) == 0 ? place : 0;
+}
+
+static enum modal_status map_signals(const char *path, uint64_t place, size_t bytes, struct batch_file *out, struct modal_error *err)
+{
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    enum modal_status rc;
+
+    if (fd < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", path, strerror(errno));
+    rc = mapping_open(fd, path, place, bytes, &out->map, err);
+    close(fd);
+    if (rc == MODAL_CORRUPT)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` cannot be read: the file is truncated");
+    out->batch.signals = out->map.data;
+    out->batch.release = mapping_release;
+    return rc;
+}
+
+static enum modal_status read_signals(hid_t set, const struct source *from, struct batch_file *out, struct modal_error *err)
+{
+    uint64_t place = from->kept < UINT64_MAX ? place_of(set) : 0;
+    double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
     hsize_t dims[2] = { 0, 0 };
-    enum modal_status rc = check_set(set, dims, err);
+    enum modal_status rc = check_set(set, dims, place > 0 ? (double)(SIZE_MAX / 4) : memory, err);
     size_t count;
 
     if (rc != MODAL_OK)
         return rc;
+    out->batch.samples = (size_t)dims[0];
+    out->batch.channels = (size_t)dims[1];
+    if (place > 0 && dims[0] * dims[1] * sizeof(double) > from->kept)
+        return map_signals(from->path, place, (size_t)(dims[0] * dims[1] * sizeof(double)), out, err);
     count = (size_t)(dims[0] * dims[1]);
     out->signals = malloc((count > 0 ? count : 1) * sizeof *out->signals);
     if (out->signals == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for %zu samples", count);
     if (count > 0 && H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, out->signals) < 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` cannot be read: the file is truncated, damaged, or compressed by a filter that is not built in");
-    out->batch.samples = (size_t)dims[0];
-    out->batch.channels = (size_t)dims[1];
     out->batch.signals = out->signals;
     return MODAL_OK;
 }
@@ -337,13 +379,13 @@ static enum modal_status open_set(const char *path, hid_t file, hid_t *out, stru
     return MODAL_OK;
 }
 
-static enum modal_status read_all(hid_t set, hid_t root, double dt, struct batch_file *out, struct modal_error *err)
+static enum modal_status read_all(hid_t set, hid_t root, const struct source *from, struct batch_file *out, struct modal_error *err)
 {
-    enum modal_status rc = read_signals(set, out, err);
+    enum modal_status rc = read_signals(set, from, out, err);
 
-    out->batch.dt = dt;
+    out->batch.dt = from->dt;
     if (rc == MODAL_OK)
-        rc = read_time(set, root, "dt", !(dt > 0), &out->batch.dt, err);
+        rc = read_time(set, root, "dt", !(from->dt > 0), &out->batch.dt, err);
     if (rc == MODAL_OK)
         rc = read_time(set, root, "period", false, &out->batch.period, err);
     if (rc == MODAL_OK)
@@ -358,8 +400,9 @@ static enum modal_status read_all(hid_t set, hid_t root, double dt, struct batch
     return out->attributes != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its attributes");
 }
 
-enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out, struct modal_error *err)
+enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, struct batch_file *out, struct modal_error *err)
 {
+    const struct source from = { path, dt, kept };
     hid_t file = H5I_INVALID_HID, root = H5I_INVALID_HID, set = H5I_INVALID_HID;
     struct batch_file read = { 0 };
     enum modal_status rc;
@@ -370,7 +413,7 @@ enum modal_status batch_file_read(const char *path, double dt, struct batch_file
         rc = open_set(path, file, &set, err);
     if (rc == MODAL_OK) {
         root = H5Gopen2(file, "/", H5P_DEFAULT);
-        rc = read_all(set, root, dt, &read, err);
+        rc = read_all(set, root, &from, &read, err);
     }
     if (set >= 0)
         H5Dclose(set);
@@ -386,6 +429,11 @@ enum modal_status batch_file_read(const char *path, double dt, struct batch_file
     return rc;
 }
 
+enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out, struct modal_error *err)
+{
+    return batch_file_map(path, dt, UINT64_MAX, out, err);
+}
+
 void batch_file_done(struct batch_file *file)
 {
     for (size_t i = 0; file->names != NULL && i < file->batch.channels; i++)
@@ -393,6 +441,7 @@ void batch_file_done(struct batch_file *file)
     free(file->names);
     free(file->units);
     free(file->signals);
+    mapping_close(&file->map);
     cJSON_Delete(file->attributes);
     memset(file, 0, sizeof *file);
 }

@@ -1,4 +1,4 @@
-/* batch_file.h - a user's batch: an HDF5 file read into memory, and one written
+/* batch_file.h - a user's batch: an HDF5 file read into memory or mapped, and one written
  *
  * For clients only: the daemon opens no file it did not write.  The file's layout is that of the contract: dataset
  * `signals`, n_samples x n_channels of any number type, with attributes `dt` [s], `period` [s], `units` and `channels`
@@ -10,10 +10,12 @@
 #include "modal/batch.h"
 #include "modal/error.h"
 #include "modal/json.h"
+#include "store/mapping.h"
 
 struct batch_file {
     struct batch batch;      /* points into what follows */
-    double *signals;
+    double *signals;         /* NULL where they are mapped */
+    struct mapping map;
     char **names;            /* NULL where the file names no channels */
     char *units;             /* or NULL */
     cJSON *attributes;       /* all others, an object: numbers, strings and lists of them */
@@ -26,6 +28,11 @@ struct batch_file {
  * channel, no such file (field "file").  MODAL_TOO_LARGE, MODAL_NO_MEMORY.  The samples themselves are judged by the job.
  */
 enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out, struct modal_error *err);
+/*
+ * The same, but signals of more than KEPT bytes are not read: where they lie in the file in one piece, as this machine's doubles, they are mapped,
+ * and batch.release is set.
+ */
+enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, struct batch_file *out, struct modal_error *err);
 void batch_file_done(struct batch_file *file);
 
 /* Write BATCH to PATH with ATTRIBUTES (an object, or NULL), by PATH.tmp and rename. */

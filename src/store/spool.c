@@ -460,52 +460,51 @@ enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *availab
 
 /* --- mapping --- */
 
-static enum modal_status map_checked(int fd, const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct spool_map *out, struct modal_error *err)
+/* The checksum of what is mapped; pages beyond the memory limit are not kept. */
+static uint32_t check_of(const struct mapping *map)
 {
-    uint64_t start = offset & ~(uint64_t)(PAGE - 1);
-    struct stat known;
-    size_t mapped;
-    void *base;
+    const size_t part = (size_t)4 << 20;
+    bool keep = map->length <= mapping_resident_most();
+    uint32_t crc = 0;
 
-    if (fstat(fd, &known) < 0)
-        return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
-    if (length == 0 || length > (uint64_t)known.st_size || offset > (uint64_t)known.st_size - length)
-        return modal_fail(err, MODAL_CORRUPT, "%s has %lld bytes, its data should lie at %llu .. %llu", path, (long long)known.st_size,
-                          (unsigned long long)offset, (unsigned long long)(offset + length));
-    mapped = (size_t)(offset + length - start);
-    base = mmap(NULL, mapped, PROT_READ, MAP_SHARED, fd, (off_t)start);
-    if (base == MAP_FAILED)
-        return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_IO, "%s: mmap: %s", path, strerror(errno));
-    *out = (struct spool_map) { (char *)base + (offset - start), (size_t)length, base, mapped };
-    madvise(base, mapped, MADV_SEQUENTIAL);
-    if (crc32c(0, out->data, (size_t)length) != crc) {
-        spool_unmap(out);
+    for (size_t at = 0, n; at < map->length; at += n) {
+        const char *from = (const char *)map->data + at;
+        n = map->length - at < part ? map->length - at : part;
+        crc = crc32c(crc, from, n);
+        if (!keep)
+            mapping_release(from, n);
+    }
+    return crc;
+}
+
+static enum modal_status map_checked(int fd, const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out, struct modal_error *err)
+{
+    enum modal_status rc = mapping_open(fd, path, offset, length, out, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    madvise(out->base, out->mapped, MADV_SEQUENTIAL);
+    if (check_of(out) != crc) {
+        mapping_close(out);
         return modal_fail(err, MODAL_CORRUPT, "%s is damaged: the checksum of its data is wrong", path);
     }
-    madvise(base, mapped, MADV_NORMAL);
+    madvise(out->base, out->mapped, MADV_NORMAL);
     return MODAL_OK;
 }
 
-enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct spool_map *out, struct modal_error *err)
+enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out, struct modal_error *err)
 {
     int fd = -1;
     enum modal_status rc = file_open(path, O_RDONLY, 0, &fd, err);
 
     if (rc == MODAL_OK) {
-        struct spool_map map;
+        struct mapping map;
         rc = map_checked(fd, path, offset, length, crc, &map, err);
         close(fd);
         if (rc == MODAL_OK)
             *out = map;
     }
     return rc == MODAL_NOT_FOUND ? modal_fail(err, MODAL_CORRUPT, "%s is missing", path) : rc;
-}
-
-void spool_unmap(struct spool_map *map)
-{
-    if (map->base != NULL)
-        munmap(map->base, map->mapped);
-    memset(map, 0, sizeof *map);
 }
 
 /* --- the reserve --- */

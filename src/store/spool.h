@@ -13,6 +13,7 @@
 #include <stdint.h>
 #include "modal/error.h"
 #include "store/identity.h"
+#include "store/mapping.h"
 
 enum {
     SPOOL_CHANNELS_MOST = 65536,
@@ -62,10 +63,8 @@ enum modal_status spool_list(const char *dir, void (*found)(void *context, enum 
 enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *available, struct modal_error *err);
 
 /* The data of a sealed input, mapped read-only for a worker.  The whole of it is checked against CRC: MODAL_CORRUPT. */
-struct spool_map { const void *data; size_t length; void *base; size_t mapped; };
-enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct spool_map *out,
+enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out,
                             struct modal_error *err);
-void spool_unmap(struct spool_map *map);
 
 /* Keep BYTES of DIR/RESERVE in hand, more or less than there were, or give them up when the disk is full, so that results and
  * deletes still pass.  Holding more takes a quarter of BYTES of room besides, else MODAL_STORAGE_FULL and it stays as it was. */

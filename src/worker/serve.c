@@ -32,7 +32,7 @@ struct run {
     const cJSON *options, *input;
     struct wire_input shape;
 
-    struct spool_map map;          /* the data, from the file ... */
+    struct mapping map;          /* the data, from the file ... */
     void *copy;                    /* ... or from the message */
     const char **names;
     struct batch batch;
@@ -116,7 +116,8 @@ static enum modal_status make_batch(struct run *run, const void *data, struct mo
             run->names[s++] = item->valuestring;
     }
     run->batch = (struct batch) { .samples = shape->samples, .channels = shape->channels, .signals = data, .dt = shape->dt,
-                                  .period = shape->period, .names = run->names, .units = shape->units };
+                                  .period = shape->period, .names = run->names, .units = shape->units,
+                                  .release = run->map.data != NULL && run->map.length > mapping_resident_most() ? mapping_release : NULL };
     return MODAL_OK;
 }
 
@@ -190,7 +191,7 @@ static enum modal_status run_read(struct run *run, const struct wire_message *me
 static void run_done(struct run *run)
 {
     link_working(run->link, NULL, 0);
-    spool_unmap(&run->map);
+    mapping_close(&run->map);
     free(run->copy);
     free(run->names);
     cJSON_Delete(run->scene);

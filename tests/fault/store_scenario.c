@@ -389,7 +389,7 @@ static void check_inline(struct found *found, const struct input_record *input)
 
 static void check_sealed(struct found *found, const struct input_record *input)
 {
-    struct spool_map map = { 0 };
+    struct mapping map = { 0 };
     struct modal_error err;
     uint8_t digest[32];
     char path[PATH];
@@ -401,7 +401,7 @@ static void check_sealed(struct found *found, const struct input_record *input)
         problem(found, "P5 sealed input %" PRId64 " is not what was sent", input->id);
     else if (identity_of(&input->shape, map.data, BYTES, digest, NULL) != MODAL_OK || memcmp(digest, input->sha256, 32) != 0)
         problem(found, "P5 sealed input %" PRId64 " has another identity", input->id);
-    spool_unmap(&map);
+    mapping_close(&map);
 }
 
 struct chunks { struct chunk_record list[64]; size_t count; };

@@ -69,7 +69,7 @@ static void check_sealed(int64_t id, uint64_t offset, uint32_t crc, const uint8_
 {
     uint8_t expected[32];
     struct batch_file file;
-    struct spool_map map;
+    struct mapping map;
     char path[4096];
 
     CHECK(identity_of(&shape, x, BYTES, expected, NULL) == MODAL_OK);
@@ -78,7 +78,7 @@ static void check_sealed(int64_t id, uint64_t offset, uint32_t crc, const uint8_
     spool_path(path, dir, id);
     CHECK(spool_map(path, offset, BYTES, crc, &map, NULL) == MODAL_OK);
     CHECK(memcmp(map.data, x, BYTES) == 0 && (uintptr_t)map.data % 8 == 0);
-    spool_unmap(&map);
+    mapping_close(&map);
     CHECK(batch_file_read(path, 0, &file, NULL) == MODAL_OK);      /* any tool can open it */
     CHECK(file.batch.samples == SAMPLES && file.batch.channels == CHANNELS && file.batch.dt == 0.0125 && file.batch.period == 2.5);
     CHECK(memcmp(file.signals, x, BYTES) == 0);
@@ -195,7 +195,7 @@ TEST(a_scene_and_the_smallest_batch_are_spooled)
     for (int i = 0; i < 2; i++) {
         uint8_t digest[32], expected[32];
         struct upload *upload;
-        struct spool_map map;
+        struct mapping map;
         char path[4096];
         start();
         CHECK(upload_begin(dir, 4, cases[i].shape, &upload, NULL) == MODAL_OK);
@@ -206,7 +206,7 @@ TEST(a_scene_and_the_smallest_batch_are_spooled)
         spool_path(path, dir, 4);
         CHECK(spool_map(path, upload_offset(upload), cases[i].length, upload_crc(upload), &map, NULL) == MODAL_OK);
         CHECK(memcmp(map.data, cases[i].data, cases[i].length) == 0);
-        spool_unmap(&map);
+        mapping_close(&map);
         upload_close(upload);
         stop();
     }
@@ -216,7 +216,7 @@ TEST(damage_to_a_sealed_file_is_reported_and_names_it)
 {
     struct upload *upload;
     struct modal_error err;
-    struct spool_map map = { 0 };
+    struct mapping map = { 0 };
     uint8_t digest[32];
     uint64_t offset;
     uint32_t crc;

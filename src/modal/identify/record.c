@@ -388,7 +388,8 @@ static enum modal_status view_wide(const struct batch *b, size_t first, size_t l
 
     r->wide = true;
     r->Y = (struct matrix) { L, S, L, NULL };
-    r->view = (struct wide) { b->signals + first * b->channels, b->channels, L, S, r->scale, (double)L * S * sizeof(double) > IN_ORDER };
+    r->view = (struct wide) { b->signals + first * b->channels, b->channels, L, S, r->scale,
+                               b->release != NULL || (double)L * S * sizeof(double) > IN_ORDER, b->release };
     rc = wide_scales(&r->view, r->scale, &varies, err);
     if (rc == MODAL_OK && !varies)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: every channel is constant (channel 0, samples 0 to %zu): there is no motion to identify",

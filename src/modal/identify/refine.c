@@ -963,14 +963,54 @@ void refined_std(const struct refined *r, int pole, double tau, double *frequenc
 
 /* ---- all channels of a wide batch, one step ---- */
 
+/* Of all channels, where samples must be read in order: Q^T A, and what is left of them by the samples themselves, or NULL. */
+struct in_order { double *Z, *rest2; };
+
+static void in_order_done(struct in_order *all)
+{
+    free(all->Z), free(all->rest2);
+}
+
+/* Energy less what the poles explain of it; false where they cancel. */
+static bool rest_by_energies(const struct work *w, const struct wide *d, int channel, const double *z, double *rest2)
+{
+    double energy = w->L * d->scale[channel] * d->scale[channel], sum = cblas_ddot(w->order, z, 1, z, 1);
+
+    *rest2 = energy - sum;
+    return *rest2 > 1e-8 * energy;
+}
+
+/* One pass, and another where energies cancel. */
+static enum modal_status read_in_order(const struct work *w, const struct wide *d, struct in_order *all, struct modal_error *err)
+{
+    size_t k = (size_t)w->most_columns, S = (size_t)d->S;
+    bool plain = true;
+    double unused;
+
+    all->Z = malloc(sizeof *all->Z * k * S);
+    if (all->Z == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels", w->order, d->S);
+    wide_project(d, w->basis, w->most_columns, all->Z);
+    for (size_t c = 0; c < S; c++)
+        plain &= d->scale[c] == 0 || rest_by_energies(w, d, (int)c, all->Z + c * k, &unused);
+    if (plain)
+        return MODAL_OK;
+    all->rest2 = malloc(sizeof *all->rest2 * S);
+    if (all->rest2 == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d channels", d->S);
+    return wide_rests(d, w->basis, w->order, all->Z, w->most_columns, all->rest2, err);
+}
+
 /* What is left of channel c of a panel: by energies, and by the samples themselves where those cancel. */
-static double wide_rest(const struct work *w, const struct wide *d, int c0, int c)
+static double wide_rest(const struct work *w, const struct wide *d, const struct in_order *all, int c0, int c)
 {
     int k = w->most_columns, q = w->order, L = w->L;
-    double energy = L * d->scale[c0 + c] * d->scale[c0 + c], sum = cblas_ddot(q, w->Z + c * k, 1, w->Z + c * k, 1);
+    double sum;
 
-    if (energy - sum > 1e-8 * energy)
-        return energy - sum;
+    if (rest_by_energies(w, d, c0 + c, w->Z + c * k, &sum))
+        return sum;
+    if (all->rest2 != NULL)
+        return all->rest2[c0 + c];
     cblas_dcopy(L, d->x + c0 + c, (int)d->stride, w->rest, 1);
     cblas_dgemv(CblasColMajor, CblasNoTrans, L, q, -1, w->basis, L, w->Z + c * k, 1, 1, w->rest, 1);
     sum = cblas_dnrm2(L, w->rest, 1);
@@ -978,18 +1018,21 @@ static double wide_rest(const struct work *w, const struct wide *d, int c0, int 
 }
 
 /* Panel c0 .. c0+n-1: residuals, weights from them, coefficients, rows of (4). */
-static enum modal_status wide_panel(struct work *w, const struct wide *d, int c0, int n, struct evaluation *e,
+static enum modal_status wide_panel(struct work *w, const struct wide *d, const struct in_order *all, int c0, int n, struct evaluation *e,
                                     struct wide_step *out, struct modal_error *err)
 {
     int q = w->order, k = w->most_columns, P = w->parameters + 1, live = 0;
     double floor = (4 + w->floor2[0] * w->L / 4) * DBL_EPSILON;
 
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, n, w->L, 1, w->basis, w->L, d->x + c0, (int)d->stride, 0, w->Z, k);
+    if (all->Z != NULL)
+        memcpy(w->Z, all->Z + (size_t)c0 * (size_t)k, (size_t)k * (size_t)n * sizeof *w->Z);
+    else
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, n, w->L, 1, w->basis, w->L, d->x + c0, (int)d->stride, 0, w->Z, k);
     for (int c = 0; c < n; c++)
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
     for (int c = 0; c < n; c++) {
-        double scale = d->scale[c0 + c], rss = scale > 0 ? wide_rest(w, d, c0, c) : 0, least = floor * scale;
+        double scale = d->scale[c0 + c], rss = scale > 0 ? wide_rest(w, d, all, c0, c) : 0, least = floor * scale;
         double variance = fmax(rss / fmax(w->L - q, 1), least * least);
         out->rest[c0 + c] = sqrt(rss / w->L);
         for (int j = 0; out->coefficient != NULL && j < w->count; j++)
@@ -1009,6 +1052,7 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d, int c0
 static enum modal_status wide_evaluate(struct work *w, const struct wide *d, const struct point *at, struct evaluation *e,
                                        struct wide_step *out, struct modal_error *err)
 {
+    struct in_order all = { 0 };
     enum modal_status rc;
     bool regular;
 
@@ -1017,8 +1061,11 @@ static enum modal_status wide_evaluate(struct work *w, const struct wide *d, con
     rc = factor(w, &regular, err);
     if (rc == MODAL_OK && !regular)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: the poles coincide");
+    if (rc == MODAL_OK && d->by_rows)
+        rc = read_in_order(w, d, &all, err);
     for (int c = 0; c < d->S && rc == MODAL_OK; c += w->panel)
-        rc = wide_panel(w, d, c, d->S - c < w->panel ? d->S - c : w->panel, e, out, err);
+        rc = wide_panel(w, d, &all, c, d->S - c < w->panel ? d->S - c : w->panel, e, out, err);
+    in_order_done(&all);
     return rc;
 }
 

@@ -55,8 +55,11 @@ static void read_column(const struct record *r, int c, double *x)
 {
     double most = 0;
 
-    for (int k = 0; k < r->Y.m; k++)
+    for (int k = 0; k < r->Y.m; k++) {
         x[k] = r->wide ? r->view.x[c + (size_t)k * r->view.stride] : r->Y.x[k + (size_t)c * (size_t)r->Y.ld];
+        if (r->wide)
+            wide_passed(&r->view, k);
+    }
     most = largest_magnitude(x, r->Y.m);
     for (int k = 0; k < r->Y.m && most > 0; k++)
         x[k] /= most;

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { HELD = 3, PLATEAUS = 2 };
+enum { HELD = 3, PLATEAUS = 2, ROWS = 64 };
 static const double GRID_LEAST = 1e-4;      /* of the rms */
 
 static int runs_at(const double *x, int L, double value)
@@ -72,16 +72,28 @@ static bool look_for_grid(const double *x, int L, double rms, int channel, struc
     return true;
 }
 
+/* The first L samples of channel c, and the largest magnitude of them; ROWS at a time are held. */
+static double read_channel(const struct batch *b, size_t c, int L, double *x)
+{
+    const size_t row = b->channels * sizeof(double);
+    double most = 0;
+
+    for (int k = 0; k < L; k++) {
+        most = fmax(most, fabs(x[k] = b->signals[(size_t)k * b->channels + c]));
+        if (b->release != NULL && (k % ROWS == ROWS - 1 || k + 1 == L))
+            b->release(b->signals + (size_t)(k / ROWS * ROWS) * b->channels, (size_t)(k % ROWS + 1) * row);
+    }
+    return most;
+}
+
 void screen_samples(const struct batch *b, struct identify_result *result)
 {
     int L = b->samples < SCREEN_SAMPLES ? (int)b->samples : SCREEN_SAMPLES;
     double *x = malloc(2 * sizeof *x * ((size_t)L + 1)), *sorted = x + L;
 
     for (int i = 0; x != NULL && i < result->channel_count && i < SCREEN_CHANNELS; i++) {
-        double most = 0, sum = 0;
         size_t c = (size_t)result->channel[i];
-        for (int k = 0; k < L; k++)
-            most = fmax(most, fabs(x[k] = b->signals[(size_t)k * b->channels + c]));
+        double most = read_channel(b, c, L, x), sum = 0;
         for (int k = 0; k < L && most > 0; k++)
             sum += (x[k] / most) * (x[k] / most);
         if (L < 3 || most < DBL_MIN / DBL_EPSILON)

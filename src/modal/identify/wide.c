@@ -50,6 +50,29 @@ static void scale_rows(const struct wide *w, int c0, int n, int b, double *x, in
             x[i + (size_t)j * (size_t)ld] *= over(w, c0 + i);
 }
 
+/* Samples in a panel that is read in order. */
+static int panel_rows(const struct wide *w)
+{
+    int most = PANEL_BYTES / (int)sizeof(double) / w->S;
+
+    return most < 16 ? 16 : most;
+}
+
+/* Rows k .. k+l-1 are read. */
+static void give_back(const struct wide *w, int k, int l)
+{
+    if (w->release != NULL && l > 0)
+        w->release(w->x + (size_t)k * w->stride, ((size_t)(l - 1) * w->stride + (size_t)w->S) * sizeof *w->x);
+}
+
+void wide_passed(const struct wide *w, int k)
+{
+    int most = panel_rows(w), first = k / most * most;
+
+    if (k + 1 == w->L || k + 1 == first + most)
+        give_back(w, first, k + 1 - first);
+}
+
 /* (1), X on the samples: panels of n channels are n x L matrices of leading dimension `stride`.  T (S x b) = A^T X of the text. */
 static void gram_on_samples(const struct wide *w, const double *X, int b, double *Z, double *T)
 {
@@ -79,15 +102,15 @@ static void gram_on_samples(const struct wide *w, const double *X, int b, double
 /* (1), X on the channels (already scaled, S x b): panels of l samples are S x l matrices.  T (L x b) = A X. */
 static void gram_on_channels(const struct wide *w, const double *X, int b, double *Z, double *T)
 {
-    int most = PANEL_BYTES / (int)sizeof(double) / w->S;
+    int most = panel_rows(w);
 
-    most = most < 16 ? 16 : most;
     memset(Z, 0, sizeof *Z * (size_t)w->S * (size_t)b);
     for (int k = 0; k < w->L; k += most) {
         int l = w->L - k < most ? w->L - k : most;
         const double *A = w->x + (size_t)k * w->stride;
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, l, b, w->S, 1, A, (int)w->stride, X, w->S, 0, T + k, w->L);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, w->S, b, l, 1, A, (int)w->stride, T + k, w->L, 1, Z, w->S);
+        give_back(w, k, l);
     }
     scale_rows(w, 0, w->S, b, Z, w->S);
 }
@@ -369,6 +392,7 @@ static double energy_of(const struct wide *w, struct wide_cost *cost)
     for (int k = 0; k < w->L; k++) {
         double r = cblas_dnrm2(w->S, w->x + (size_t)k * w->stride, 1);
         sum += r * r;
+        wide_passed(w, k);
     }
     cost->passes++;
     return sum;
@@ -424,7 +448,11 @@ static enum modal_status operator_apply(void *context, const double *x, double *
         return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", w->S);
     memcpy(scaled, x, sizeof *x * (size_t)w->S);
     scale_rows(w, 0, w->S, 1, scaled, w->S);
-    cblas_dgemv(CblasColMajor, CblasTrans, w->S, w->L, 1, w->x, (int)w->stride, scaled, 1, 0, y, 1);
+    for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
+        int l = w->L - k < most ? w->L - k : most;
+        cblas_dgemv(CblasColMajor, CblasTrans, w->S, l, 1, w->x + (size_t)k * w->stride, (int)w->stride, scaled, 1, 0, y + k, 1);
+        give_back(w, k, l);
+    }
     free(scaled);
     return MODAL_OK;
 }
@@ -434,7 +462,11 @@ static enum modal_status operator_transpose(void *context, const double *y, doub
     const struct wide *w = context;
 
     (void)err;
-    cblas_dgemv(CblasColMajor, CblasNoTrans, w->S, w->L, 1, w->x, (int)w->stride, y, 1, 0, x, 1);
+    for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
+        int l = w->L - k < most ? w->L - k : most;
+        cblas_dgemv(CblasColMajor, CblasNoTrans, w->S, l, 1, w->x + (size_t)k * w->stride, (int)w->stride, y + k, 1, k > 0, x, 1);
+        give_back(w, k, l);
+    }
     scale_rows(w, 0, w->S, 1, x, w->S);
     return MODAL_OK;
 }
@@ -442,6 +474,39 @@ static enum modal_status operator_transpose(void *context, const double *y, doub
 struct linear_operator wide_operator(const struct wide *w)
 {
     return (struct linear_operator) { w->L, w->S, (void *)w, operator_apply, operator_transpose };
+}
+
+void wide_project(const struct wide *w, const double *Q, int k, double *Z)
+{
+    int most = panel_rows(w);
+
+    for (int i = 0; i < w->L; i += most) {
+        int l = w->L - i < most ? w->L - i : most;
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, w->S, l, 1, Q + i, w->L, w->x + (size_t)i * w->stride, (int)w->stride, i > 0, Z, k);
+        give_back(w, i, l);
+    }
+}
+
+enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const double *Z, int ld, double *rest2, struct modal_error *err)
+{
+    int most = panel_rows(w), S = w->S;
+    double *E = malloc(sizeof *E * (size_t)most * (size_t)S);
+
+    if (E == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", S);
+    memset(rest2, 0, sizeof *rest2 * (size_t)S);
+    for (int i = 0; i < w->L; i += most) {
+        int l = w->L - i < most ? w->L - i : most;
+        for (int j = 0; j < l; j++)
+            memcpy(E + (size_t)j * (size_t)S, w->x + (size_t)(i + j) * w->stride, sizeof *E * (size_t)S);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, S, l, k, -1, Z, ld, Q + i, w->L, 1, E, S);
+        for (int j = 0; j < l; j++)
+            for (int c = 0; c < S; c++)
+                rest2[c] += E[c + (size_t)j * (size_t)S] * E[c + (size_t)j * (size_t)S];
+        give_back(w, i, l);
+    }
+    free(E);
+    return MODAL_OK;
 }
 
 /* Sums of squares, each row a contiguous loop over the channels. */
@@ -456,6 +521,7 @@ static void square_sums(const struct wide *w, const double *over_most, double *s
         else
             for (int c = 0; c < w->S; c++)
                 sum[c] += (x[c] * over_most[c]) * (x[c] * over_most[c]);
+        wide_passed(w, k);
     }
 }
 
@@ -466,7 +532,7 @@ static enum modal_status careful_scales(const struct wide *w, double *scale, str
 
     if (most == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", w->S);
-    for (int k = 0; k < w->L; k++)
+    for (int k = 0; k < w->L; k++) {
         for (int c = 0; c < w->S; c++) {
             double x = w->x[(size_t)k * w->stride + (size_t)c];
             if (!isfinite(x)) {
@@ -476,6 +542,8 @@ static enum modal_status careful_scales(const struct wide *w, double *scale, str
             }
             most[c] = fmax(most[c], fabs(x));
         }
+        wide_passed(w, k);
+    }
     for (int c = 0; c < w->S; c++)
         scale[c] = most[c] > 0 ? 1 / fmax(most[c], DBL_MIN) : 0;
     double *sum = calloc((size_t)w->S, sizeof *sum);
@@ -491,9 +559,11 @@ static enum modal_status careful_scales(const struct wide *w, double *scale, str
 
 static bool has_variation(const struct wide *w)
 {
-    for (int k = 1; k < w->L; k++)
+    for (int k = 1; k < w->L; k++) {
         if (memcmp(w->x, w->x + (size_t)k * w->stride, sizeof *w->x * (size_t)w->S) != 0)
             return true;
+        wide_passed(w, k);
+    }
     return false;
 }
 

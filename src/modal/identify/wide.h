@@ -19,6 +19,7 @@ struct wide {
     int L, S;                /* samples, channels */
     const double *scale;     /* S; NULL: all 1 */
     bool by_rows;            /* read whole samples only, in order: for what does not fit into memory */
+    void (*release)(const void *from, size_t bytes);     /* or NULL; as batch.h has it, with by_rows */
 };
 
 /* Root mean squares of the channels, 0 for a zero channel; *varies: some channel is not constant.  One pass; any finite scale.
@@ -38,6 +39,18 @@ struct wide_cost { int passes; bool lanczos; };   /* times the data were read; w
  */
 enum modal_status wide_pod(const struct wide *w, const struct wide_options *opt, struct pod *out, struct wide_cost *cost,
                            struct modal_error *err);
+
+/*
+ * In order and unscaled, Q being L x k of leading dimension L:
+ *
+ *   wide_project     Z = Q^T A, k x S
+ *   wide_rests       rest2[c] = |A_c - Q Z_c|^2, S of them, Z being k x S of leading dimension ld; MODAL_NO_MEMORY
+ */
+void wide_project(const struct wide *w, const double *Q, int k, double *Z);
+enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const double *Z, int ld, double *rest2, struct modal_error *err);
+
+/* Row k has been read, of a pass that reads row after row: give back what lies behind, now and then. */
+void wide_passed(const struct wide *w, int k);
 
 /* The scaled data as an operator, L x S; `w` is borrowed. */
 struct linear_operator wide_operator(const struct wide *w);

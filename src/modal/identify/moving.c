@@ -14,7 +14,8 @@
  * The least-squares problem of refine.c on L rows is then one on L k / B rows (moving_fit.c), begun at the poles of the window before: a few steps
  * to the same minimum that a batch of the window ends in.  Its answer is taken if nothing says that a batch would choose other poles:
  *
- *   - the fit settles, each pole pays for itself by the same margin within which order.c would try without it, and no pole wants to be two;
+ *   - the fit settles, each pole pays for itself by the same margin within which order.c would try without it, and no pole wants to be two, or
+ *     what is left is so near rounding that only order.c's own look at two neighbours would have it so;
  *   - no other pair would: with E_c the residual, a pair at omega lowers -2 ln(likelihood) by
  *
  *         G(omega) = - sum_c L ln(1 - 2 |E_c(omega)|^2 / (L |e_c|^2)),                                     (2)
@@ -164,6 +165,8 @@ static enum modal_status fit(struct job *j, const struct poles_of *start, bool m
     j->work += out->work;
     if (rc == MODAL_OK)
         *why = judge_fit(j, out);
+    if (rc == MODAL_OK && *why == POLE_SPLITS)
+        rc = judge_split(j, out, why, err);
     return rc;
 }
 
@@ -296,7 +299,7 @@ static bool below_rounding(const struct job *j)
     return false;
 }
 
-/* What widen.c does: nothing where the fit is exact, beside rounding. */
+/* What widen.c does: nothing where the fit is exact, beside rounding; further from rounding a batch may still see a pair in it. */
 static enum modal_status doubt(struct job *j, enum reason *why, struct modal_error *err)
 {
     struct moving_fit *f = &j->own;
@@ -314,7 +317,7 @@ static enum modal_status doubt(struct job *j, enum reason *why, struct modal_err
     }
     if (below_rounding(j))
         *why = OPTIONS;
-    return *why != GOOD || j->exact ? MODAL_OK : judge_residual(j, f, why, err);
+    return *why != GOOD ? MODAL_OK : judge_residual(j, f, why, err);
 }
 
 static enum modal_status try_update(struct moving *m, struct job *j, enum reason *why, struct modal_error *err)

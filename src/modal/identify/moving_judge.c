@@ -16,6 +16,7 @@
 
 static const double LIKELY = 0.5;
 static const double MOVES = 0.8;                 /* of a parameter's price: a constant that might rather decay; its gain is known to first order */
+static const double ROUNDING_NEAR = 16;          /* times what rounding leaves of a sum of squares: four in amplitude */
 
 enum reason judge_fit(const struct job *j, const struct moving_fit *f)
 {
@@ -33,11 +34,70 @@ enum reason judge_fit(const struct job *j, const struct moving_fit *f)
     }
     if (chosen && f->least_drop < reach)
         return ORDER_LESS;
-    if (chosen && f->most_split > LIKELY * f->pair_price)
-        return POLE_SPLITS;
     if (f->most_free > MOVES * f->price)
         return OFFSET;
+    if (chosen && f->most_split > LIKELY * f->pair_price)
+        return POLE_SPLITS;
     return GOOD;
+}
+
+/* ---- does a pole want to be two, by order.c's own question?  Asked of what is nearly rounding only: in noise the ladder may find the two ---- */
+
+static bool nearly_rounding(const struct job *j, const struct moving_fit *f)
+{
+    for (int g = 0; g < f->signals; g++)
+        if (f->rss[g] > ROUNDING_NEAR * j->m->L * f->floor2[g])
+            return false;
+    return true;
+}
+
+/* BIC of LOOKED, which has a pair more, less that of F. */
+static double bic_above(const struct job *j, const struct moving_fit *f, const struct moving_fit *looked)
+{
+    double sum = f->pair_price;
+
+    for (int g = 0; g < f->signals; g++) {
+        double least = j->m->L * fmax(f->floor2[g], DBL_MIN);
+        sum += f->energy[g] > 0 ? j->m->L * log(fmax(looked->rss[g], least) / fmax(f->rss[g], least)) : 0;
+    }
+    return sum;
+}
+
+/* Pole I as the two neighbours that order.c would begin with, into LAMBDA (room for one more); false where order.c would not. */
+static bool neighbours(const struct job *j, const struct moving_fit *f, int i, double complex *lambda)
+{
+    double dt = j->m->opt.dt, apart = ORDER_SPLIT_HALF / (j->m->L * dt);
+
+    memcpy(lambda, f->lambda, sizeof *lambda * (size_t)f->poles);
+    lambda[i] = f->lambda[i] - I * apart, lambda[f->poles] = f->lambda[i] + I * apart;
+    return cimag(f->lambda[i]) > 2 * apart && cimag(f->lambda[i]) < M_PI / dt - 2 * apart;
+}
+
+enum modal_status judge_split(struct job *j, const struct moving_fit *f, enum reason *why, struct modal_error *err)
+{
+    struct moving_signals y = { j->X, j->outside2 };
+    double complex *lambda;
+    bool splits = !nearly_rounding(j, f) || moving_rows_count(&j->rows) < 2 * (f->order + 2) + j->r;
+    enum modal_status rc = MODAL_OK;
+
+    if (splits)
+        return MODAL_OK;
+    lambda = malloc(sizeof *lambda * (size_t)(f->poles + 1));
+    if (lambda == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles", f->poles + 1);
+    for (int i = 0; i < f->poles && rc == MODAL_OK && !splits; i++) {
+        struct moving_fit looked = { 0 };
+        if (!neighbours(j, f, i, lambda))
+            continue;
+        rc = moving_look(&j->rows, &y, lambda, f->poles + 1, &looked, err);
+        splits = rc == MODAL_OK && (!looked.settled || bic_above(j, f, &looked) < 2 * ORDER_SPLIT_REACH);
+        j->work += looked.work;
+        moving_fit_done(&looked);
+    }
+    if (rc == MODAL_OK && !splits)
+        *why = GOOD;
+    free(lambda);
+    return rc;
 }
 
 /* E = signals less their fit, L x r, of the whole window. */
@@ -203,28 +263,41 @@ static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, c
     return rc;
 }
 
+/* Would a pair anywhere gain what it costs?  GAINS has room for L/2 + 1. */
+static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const double *E, double *gains)
+{
+    struct moving *m = j->m;
+    double most = 0;
+
+    for (int i = 0, n = m->L; i < 3 && n >= 8; i++, n /= 4) {
+        most = fmax(most, largest_gain(j, f, E, 0, n, m->plan[i], gains));
+        if (i > 0)
+            most = fmax(most, largest_gain(j, f, E, m->L - n, n, m->plan[i], gains));
+    }
+    return most > LIKELY * f->pair_price;
+}
+
 enum modal_status judge_residual(struct job *j, struct moving_fit *f, enum reason *why, struct modal_error *err)
 {
     struct moving *m = j->m;
     int L = m->L;
     double *E = malloc(sizeof *E * ((size_t)L * (size_t)j->r + (size_t)L + 2 * (size_t)f->poles)), *gains = E + (size_t)L * (size_t)j->r, *theta = gains + L;
     struct matrix view = { L, j->r, L, E };
-    enum modal_status rc;
+    enum modal_status rc = MODAL_OK;
 
+    if (j->exact && nearly_rounding(j, f))
+        goto out;
     if (E == NULL || !plans(m)) {
         free(E);
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, j->r);
     }
     rc = residual_of(j, f, E, err);
-    if (rc == MODAL_OK && !colour_white(&view))
+    if (rc == MODAL_OK && !j->exact && !colour_white(&view))
         *why = NOT_WHITE;
-    for (int i = 0, n = L; rc == MODAL_OK && *why == GOOD && i < 3 && n >= 8; i++, n /= 4) {
-        double most = largest_gain(j, f, E, 0, n, m->plan[i], gains);
-        if (i > 0)
-            most = fmax(most, largest_gain(j, f, E, L - n, n, m->plan[i], gains));
-        if (most > LIKELY * f->pair_price)
-            *why = ORDER_MORE;
-    }
+    if (rc == MODAL_OK && *why == GOOD && wants_a_pair(j, f, E, gains))
+        *why = ORDER_MORE;
+    if (j->exact)
+        goto out;
     for (int i = 0; i < f->poles; i++)
         theta[i] = fabs(cimag(f->lambda[i])) * m->opt.dt;
     if (rc == MODAL_OK && *why == GOOD)
@@ -234,6 +307,7 @@ enum modal_status judge_residual(struct job *j, struct moving_fit *f, enum reaso
             *why = NOT_WHITE;
     if (rc == MODAL_OK && *why == GOOD)
         rc = ask_halves(j, f, E, why, err);
+out:
     free(E);
     return rc;
 }

@@ -95,6 +95,9 @@ enum modal_status job_signals_of(struct job *j, const double *W, int r, struct m
 /* Whether the fit says that a batch would choose other poles. */
 enum reason judge_fit(const struct job *j, const struct moving_fit *f);
 
+/* *why, POLE_SPLITS so far, is GOOD where all but rounding is explained and no pole as two neighbours fits so well that order.c would refine them. */
+enum modal_status judge_split(struct job *j, const struct moving_fit *f, enum reason *why, struct modal_error *err);
+
 /* Whether what it leaves says so; j->growth is filled. */
 enum modal_status judge_residual(struct job *j, struct moving_fit *f, enum reason *why, struct modal_error *err);
 

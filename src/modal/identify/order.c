@@ -30,7 +30,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SPLIT_REACH = 60, WORSE = 1.5, SPREAD = 4;
+static const double WORSE = 1.5, SPREAD = 4;
 static const double LOOK_SHARE = 0.25;      /* of the work, for pass 1 */
 
 struct climb {
@@ -241,7 +241,7 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
 static enum modal_status split_pole(struct climb *c, int j, int *best, struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
-    double apart = 0.5 / (c->data->tau * c->data->Y->m), nyquist = M_PI / c->data->tau;
+    double apart = ORDER_SPLIT_HALF / (c->data->tau * c->data->Y->m), nyquist = M_PI / c->data->tau;
     double complex lambda = fit->lambda[j];
     struct refined looked;
     int n = fit->poles, at;
@@ -255,7 +255,7 @@ static enum modal_status split_pole(struct climb *c, int j, int *best, struct mo
     rc = fit_poles(c, c->lambda, n + 1, NULL, false, 0, &looked, err);
     if (rc != MODAL_OK)
         return rc;
-    worth = looked.bic < bic_of(c, *best) + SPLIT_REACH;
+    worth = looked.bic < bic_of(c, *best) + ORDER_SPLIT_REACH;
     refined_done(&looked);
     if (!worth)
         return MODAL_OK;

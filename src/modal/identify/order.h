@@ -6,6 +6,11 @@
 /* What refining may bring, of -2 ln(likelihood) for a datum (order.c (1)). */
 #define ORDER_REACH 0.02
 
+/* A pole as two neighbours is worth refining where their BIC, as they are put, is no more than this above its own; half the distance of the two, in parts of
+ * 1 / record. */
+#define ORDER_SPLIT_REACH 60.0
+#define ORDER_SPLIT_HALF 0.5
+
 enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
 /* A fit that leaves more than this of the signals' norm explains little of them: the ladder goes on. */

@@ -146,6 +146,27 @@ TEST(simulate_leaves_out_one_effect_by_its_number_and_no_effect_that_is_not_ther
     cJSON_Delete(list);
 }
 
+/* A linear scene's motion is linear in its load: 2^70 times the load is 2^70 times the motion, to rounding over the 100 steps. */
+TEST(a_linear_motion_scales_with_its_load_over_twenty_decades)
+{
+    double factor = ldexp(1, 70);
+    double last[2];
+    char scene[512];
+
+    for (int k = 0; k < 2; k++) {
+        snprintf(scene, sizeof scene, "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'omega':2,'time':{'dt':0.01,'duration':1},"
+                 "'excitation':[{'dof':'x1','cos':%.17g}],'effects':[{'type':'damper','dof':'x1','coefficient':0.3}]}", k == 0 ? 1 : factor);
+        cJSON *json = scene_text(scene);
+        struct job_request request = { .kind = "simulate", .scene = json };
+        struct job_result r;
+        CHECK(job_run(&request, &r, NULL) == MODAL_OK);
+        last[k] = r.batch.signals[r.batch.samples * r.batch.channels - 1];
+        job_result_done(&r);
+        cJSON_Delete(json);
+    }
+    CHECK_NEAR(last[1] / factor, last[0], 1e-13);
+}
+
 TEST(ablation_of_an_excited_scene_compares_steady_states)
 {
     /* X = p / (k - w^2 + i c w): without the spring of 3, 1 / (6 - 4 + 0.2 i), with it 1 / (9 - 4 + 0.2 i) */

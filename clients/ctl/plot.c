@@ -393,12 +393,12 @@ static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result, cons
     svg_panel(svg, &p);
     if (bound > 0) {
         svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { bound, bound }, 2, SVG_DASHED);
-        svg_text(svg, &p, p.x.low, bound, "Cramer-Rao bound of the data");
+        svg_text(svg, &p, p.x.high, bound, SVG_BELOW_BEFORE, "Cramer-Rao bound of the data");
     }
     cJSON_ArrayForEach(rung, get(result, "rungs"))
         svg_dot(svg, &p, number(rung, "seconds"), number(rung, "error"), cJSON_IsTrue(get(rung, "pareto")));
     if (best != NULL)
-        svg_text(svg, &p, number(best, "seconds"), number(best, "error"), "recommended");
+        svg_text(svg, &p, number(best, "seconds"), number(best, "error"), SVG_ABOVE_AFTER, "recommended");
     return true;
 }
 

@@ -97,17 +97,30 @@ static void tick(const struct svg *svg, const struct svg_panel *p, bool horizont
             horizontal ? "middle" : "end", value + 0.0);                    /* no -0 */
 }
 
+/* Powers of ten, at most about eight, with 2 and 5 times them where they are fewer than three. */
+static void ticks_of_decades(const struct svg *svg, const struct svg_panel *p, bool horizontal)
+{
+    static const double digits[] = { 1, 2, 5 };
+    const struct svg_axis *a = horizontal ? &p->x : &p->y;
+    double first = ceil(log10(a->low)), last = floor(log10(a->high)), every = fmax(1, ceil((last - first) / 8));
+    int count = last - first < 2 ? 3 : 1;
+
+    for (double e = count > 1 ? first - 1 : first; e <= last; e += every)
+        for (int i = 0; i < count; i++)
+            if (digits[i] * pow(10, e) >= a->low && digits[i] * pow(10, e) <= a->high)
+                tick(svg, p, horizontal, digits[i] * pow(10, e));
+}
+
+/* Within less than a decade logarithms have steps like any other. */
 static void ticks(const struct svg *svg, const struct svg_panel *p, bool horizontal)
 {
     const struct svg_axis *a = horizontal ? &p->x : &p->y;
+    double step = tick_step(a->high - a->low);
 
-    if (a->logarithmic) {
-        double first = ceil(log10(a->low)), last = floor(log10(a->high)), every = fmax(1, ceil((last - first) / 8));
-        for (double e = first; e <= last; e += every)
-            tick(svg, p, horizontal, pow(10, e));
+    if (a->logarithmic && a->high >= 10 * a->low) {
+        ticks_of_decades(svg, p, horizontal);
         return;
     }
-    double step = tick_step(a->high - a->low);
     for (double k = ceil(a->low / step); k * step <= a->high; k++)
         tick(svg, p, horizontal, k == 0 ? 0 : k * step);
 }
@@ -169,11 +182,14 @@ void svg_shade(const struct svg *svg, const struct svg_panel *p, double x0, doub
             place_x(svg, p, x1) - place_x(svg, p, x0), place_y(p, y0) - place_y(p, y1), colour);
 }
 
-void svg_text(const struct svg *svg, const struct svg_panel *p, double x, double y, const char *text)
+void svg_text(const struct svg *svg, const struct svg_panel *p, double x, double y, enum svg_side side, const char *text)
 {
+    bool before = side == SVG_BELOW_BEFORE;
+
     if (!drawable(p, x, y))
         return;
-    fprintf(svg->file, "<text x=\"%.1f\" y=\"%.1f\">", place_x(svg, p, x) + 5, place_y(p, y) - 5);
+    fprintf(svg->file, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">", place_x(svg, p, x) + (before ? -5 : 5),
+            place_y(p, y) + (before ? 15 : -5), before ? "end" : "start");
     escape(svg->file, text);
     fputs("</text>\n", svg->file);
 }

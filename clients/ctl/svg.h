@@ -22,7 +22,9 @@ void svg_dot(const struct svg *svg, const struct svg_panel *panel, double x, dou
 /* A bar of half-length DX or DY (0: none). */
 void svg_bar(const struct svg *svg, const struct svg_panel *panel, double x, double y, double dx, double dy);
 void svg_shade(const struct svg *svg, const struct svg_panel *panel, double x0, double y0, double x1, double y1, const char *colour);
-void svg_text(const struct svg *svg, const struct svg_panel *panel, double x, double y, const char *text);
+/* TEXT beside a place: what names a point stands above it and after it, what names a line's right end below it and before it. */
+enum svg_side { SVG_ABOVE_AFTER, SVG_BELOW_BEFORE };
+void svg_text(const struct svg *svg, const struct svg_panel *panel, double x, double y, enum svg_side side, const char *text);
 /* Make AXIS hold VALUE: ranges begin as low > high. */
 void svg_hold(struct svg_axis *axis, double value);
 

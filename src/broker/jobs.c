@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RETAINED_A_STEP = 1000, RETAIN_PAUSE_NS = 20 * 1000 * 1000 };    /* so 50,000 a second: twice what can be submitted */
+enum { RETAINED_A_STEP = 1000, RETAIN_PAUSE_NS = 20 * 1000 * 1000 };    /* so 50,000 a second: more than can be submitted */
 
 static bool has_id(const void *value, const void *key)
 {

@@ -396,17 +396,6 @@ static int order_most(const struct work *w)
     return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
 }
 
-static double norm_of(const struct matrix *Y)
-{
-    double sum = 0;
-
-    for (int c = 0; c < Y->n; c++) {
-        double norm = safe_norm(Y->x + (size_t)c * Y->ld, Y->m);
-        sum += norm * norm;
-    }
-    return sqrt(sum);
-}
-
 /* The criterion (7) of refine.c for no poles at all. */
 static double bic_of_nothing(const struct refine_data *d)
 {
@@ -438,7 +427,7 @@ static bool overfitted(const struct work *w)
 {
     const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
 
-    return fit != NULL && fit->order > sparing_order(w) && fit->residual > 1e-12 * norm_of(w->data.Y);
+    return fit != NULL && fit->order > sparing_order(w) && fit->residual > 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
 /* Can the ladder be cut off by the number of triplets, so that more of them may help? */
@@ -454,7 +443,7 @@ static bool cut_off(const struct work *w)
 {
     if (!more_triplets(w) || w->choice.chosen < 0 || w->choice.limited)
         return false;
-    return w->rank + ORDER_AHEAD > w->pencil.count || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_POOR * norm_of(w->data.Y);
+    return w->rank + ORDER_AHEAD > w->pencil.count || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
 /* The ladder within what is left of WORK_MOST; a rank that was given is refined to its end. */
@@ -517,7 +506,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
         w->rank = c->r > 0 ? c->r : c->fit.order;
         w->facts.order = c->fit.order;
-        w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-12 * norm_of(w->data.Y);
+        w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-12 * safe_matrix_norm(w->data.Y);
         out->hankel_rank = c->fit.order;
     }
     return rc;
@@ -580,7 +569,7 @@ static bool worth_weighing(const struct work *w)
 {
     return w->refine && w->pod.count > 0 && !w->rec.wide && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
         && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS
-        && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * norm_of(w->data.Y);
+        && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
 /* The rms that the chosen poles leave in each channel of unit rms. */
@@ -877,7 +866,7 @@ static bool ill_determined(const struct work *w)
 
     for (int j = 0; j < p->count; j++)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= 1e-9 * cabs(p->lambda[j]));
-    return ill && w->refine && !w->rec.wide && w->choice.candidates[w->choice.chosen].fit.residual <= 1e-12 * norm_of(w->data.Y);
+    return ill && w->refine && !w->rec.wide && w->choice.candidates[w->choice.chosen].fit.residual <= 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
 static enum modal_status take_poles(struct work *w, struct modal_error *err)

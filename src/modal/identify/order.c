@@ -140,17 +140,6 @@ static bool uneven(const struct refined *fit)
     return most > SPREAD * least;
 }
 
-static double norm_of(const struct matrix *Y)
-{
-    double sum = 0;
-
-    for (int c = 0; c < Y->n; c++) {
-        double norm = safe_norm(Y->x + (size_t)c * (size_t)Y->ld, Y->m);
-        sum += norm * norm;
-    }
-    return sqrt(sum);
-}
-
 /* Is there a reason to look at order r?  BEST is the index of the least so far, of order BEST_R; ALL the norm of the signals. */
 static bool worth_a_look(const struct climb *c, int r, int best, int best_r, double all)
 {
@@ -161,7 +150,7 @@ static bool worth_a_look(const struct climb *c, int r, int best, int best_r, dou
 static enum modal_status look(struct climb *c, int *least, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
-    double all = norm_of(c->data->Y);
+    double all = safe_matrix_norm(c->data->Y);
     int best_r = 0;
 
     *least = -1;

@@ -29,18 +29,9 @@
 
 static const double RIVAL = 6, CLEAR = 3, ROUNDING = 1e-12;      /* of the signals: what is left is rounding */
 
-static double norm_of(const struct refine_data *d)
-{
-    double sum = 0;
-
-    for (int c = 0; c < d->Y->n; c++)
-        sum += pow(safe_norm(d->Y->x + (size_t)c * (size_t)d->Y->ld, d->Y->m), 2);
-    return sqrt(sum);
-}
-
 static bool at_rounding(const struct refine_data *d, double residual)
 {
-    return residual <= ROUNDING * norm_of(d);
+    return residual <= ROUNDING * safe_matrix_norm(d->Y);
 }
 
 /* factor: a number for each pole. */
@@ -175,7 +166,7 @@ static void scatter(const struct order_choice *choice, double all, struct poles 
 
 static void for_slow(const struct refine_data *d, const struct order_choice *choice, struct poles *p)
 {
-    double record = d->tau * d->Y->m, all = norm_of(d);
+    double record = d->tau * d->Y->m, all = safe_matrix_norm(d->Y);
 
     for (int j = 0; j < p->count; j++)
         if (cimag(p->lambda[j]) > 0 && cimag(p->lambda[j]) * record < 2 * M_PI)

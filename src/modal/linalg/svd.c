@@ -40,6 +40,17 @@ double safe_norm(const double *x, size_t count)
     return most * sqrt(sum);
 }
 
+double safe_matrix_norm(const struct matrix *a)
+{
+    double sum = 0;
+
+    for (int c = 0; c < a->n; c++) {
+        double norm = safe_norm(a->x + (size_t)c * (size_t)a->ld, a->m);
+        sum += norm * norm;
+    }
+    return sqrt(sum);
+}
+
 static double largest_of(const struct matrix *A)
 {
     double most = 0;

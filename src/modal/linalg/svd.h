@@ -25,4 +25,5 @@ double largest_magnitude(const double *x, size_t count);
 
 /* The Euclidean norm without overflow or harmful underflow. */
 double safe_norm(const double *x, size_t count);
+double safe_matrix_norm(const struct matrix *a);      /* Frobenius, column by column */
 #endif

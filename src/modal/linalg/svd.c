@@ -42,13 +42,11 @@ double safe_norm(const double *x, size_t count)
 
 double safe_matrix_norm(const struct matrix *a)
 {
-    double sum = 0;
+    double norm = 0;
 
-    for (int c = 0; c < a->n; c++) {
-        double norm = safe_norm(a->x + (size_t)c * (size_t)a->ld, a->m);
-        sum += norm * norm;
-    }
-    return sqrt(sum);
+    for (int c = 0; c < a->n; c++)
+        norm = hypot(norm, safe_norm(a->x + (size_t)c * (size_t)a->ld, a->m));
+    return norm;
 }
 
 static double largest_of(const struct matrix *A)

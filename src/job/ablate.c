@@ -171,13 +171,11 @@ static void steady_changed(const struct ablation *a, const cJSON *without, cJSON
 
 static cJSON *print_floquet(const struct floquet *f)
 {
-    cJSON *json = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(json, "exponents"), *s = cJSON_AddObjectToObject(json, "stability");
+    cJSON *json = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(json, "exponents");
 
     for (int i = 0; i < f->count; i++)
         cJSON_AddItemToArray(list, f->resolved[i] ? json_complex(creal(f->exponent[i]), cimag(f->exponent[i])) : cJSON_CreateNull());
-    cJSON_AddItemToObject(s, "stable", f->stable == FLOQUET_UNDECIDED ? cJSON_CreateNull() : cJSON_CreateBool(f->stable == FLOQUET_STABLE));
-    json_set_number(s, "max_multiplier", f->period > 0 ? f->max_multiplier : NAN);
-    json_set_number(s, "margin", f->margin);
+    cJSON_AddItemToObject(json, "stability", floquet_stability(f));
     return json;
 }
 

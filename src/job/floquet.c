@@ -70,7 +70,7 @@ static cJSON *print_modes(const struct floquet *f)
     return modes;
 }
 
-static cJSON *print_stability(const struct floquet *f)
+cJSON *floquet_stability(const struct floquet *f)
 {
     cJSON *s = cJSON_CreateObject();
 
@@ -119,7 +119,7 @@ static cJSON *print_result(const struct program *p, const struct floquet *f)
         cJSON_AddItemToArray(list, complex_or_null(f->exponent[i], f->resolved[i]));
     cJSON_AddItemToObject(r, "errors", json_numbers(f->bar, (size_t)f->count));
     cJSON_AddItemToObject(r, "modes", print_modes(f));
-    cJSON_AddItemToObject(r, "stability", print_stability(f));
+    cJSON_AddItemToObject(r, "stability", floquet_stability(f));
     if (f->periodic) {
         cJSON *m = cJSON_AddObjectToObject(r, "monodromy");
         cJSON_AddNumberToObject(m, "substeps", f->substeps);

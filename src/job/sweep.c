@@ -11,6 +11,7 @@
 #include <string.h>
 #include <time.h>
 #include "job/cost.h"
+#include "job/scene_jobs.h"
 #include "job/scene_path.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/scene.h"
@@ -36,16 +37,8 @@ struct sweep_verb {
 
 static void add_stability(cJSON *point, const struct floquet *f)
 {
-    cJSON *s = cJSON_AddObjectToObject(point, "stability");
-
-    if (f->stable == FLOQUET_UNDECIDED)
-        cJSON_AddNullToObject(s, "stable");
-    else
-        cJSON_AddBoolToObject(s, "stable", f->stable == FLOQUET_STABLE);
-    json_set_number(s, "max_multiplier", f->period > 0 ? f->max_multiplier : NAN);
-    json_set_number(s, "margin", f->margin);
-    json_set_number(s, "error", f->bar[0]);
-    if (f->resolved[0])
+    cJSON_AddItemToObject(point, "stability", floquet_stability(f));
+    if (f->count > 0 && f->resolved[0])
         cJSON_AddItemToObject(point, "exponent", json_complex(creal(f->exponent[0]), cimag(f->exponent[0])));
 }
 

@@ -1,4 +1,4 @@
-/* local_law.h - the end of every local nonlinear effect's lowering */
+/* local_law.h - what the lowering of local nonlinear effects has in common */
 #ifndef MODAL_LOCAL_LAW_H
 #define MODAL_LOCAL_LAW_H
 #include "modal/scene/lowering.h"
@@ -6,5 +6,10 @@
 /* Put LAW, of one input, between the ends; a failed construction (RC) passes through, its field made a path of E. */
 enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e, enum modal_status rc, struct local_ends at,
                                 struct law *law, struct modal_error *err);
+
+/* Lower E, a polynomial's `coefficients` between `dof` and `to`: of one coefficient that is not zero it is linear and goes into
+ * MATRIX (PROGRAM_C, PROGRAM_K), of more it is the law that MAKE constructs. */
+enum modal_status local_law_polynomial(struct lowering *l, const struct scene_effect *e, int matrix,
+                                       enum modal_status (*make)(const double *, int, struct law *, struct modal_error *), struct modal_error *err);
 
 #endif

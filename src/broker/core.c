@@ -507,6 +507,17 @@ static void configure(struct core *c, const struct settings *settings)
     core_log(c, "level=notice event=reload accounts=%zu workers=%d", c->settings.account_count, c->settings.workers);
 }
 
+static void rest(struct core *c)
+{
+    struct input *input;
+    size_t at = 0;
+
+    while (c->cache_bytes > 0 && (input = map_next(&c->inputs, &at)) != NULL)
+        if (input->committed)
+            input_cache(c, input, NULL);
+    documents_drop(c);
+}
+
 /* All running jobs have ended and everything is committed. */
 static bool quiet(const struct core *c)
 {
@@ -528,6 +539,7 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     case EVENT_WORKER:     worker_message(c, e->slot, e->message, e->body); break;
     case EVENT_EXIT:       worker_exit(c, e->slot, e->status, e->stderr_text); break;
     case EVENT_TIME:       break;
+    case EVENT_REST:       rest(c); break;
     case EVENT_SETTINGS:   configure(c, e->settings); break;
     case EVENT_TERMINATE:  c->terminating = true; break;
     }

@@ -135,6 +135,7 @@ enum event_type {
     EVENT_WORKER,       /* slot, message, body */
     EVENT_EXIT,         /* slot, status as wait(2) gives it, stderr_text */
     EVENT_TIME,         /* nothing but that time passed */
+    EVENT_REST,         /* nothing was asked or committed for a while: what the ledger has too may leave memory */
     EVENT_SETTINGS,     /* settings */
     EVENT_TERMINATE,    /* finish what runs, then stop */
 };

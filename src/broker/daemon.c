@@ -30,7 +30,7 @@
 #include <zmq.h>
 
 #define FLUSH_LEAST_NS 1000000          /* ns */
-#define TRIM_AFTER_NS SECOND            /* of rest */
+#define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
 struct daemon {
@@ -456,6 +456,7 @@ static void on_time(struct daemon *d)
     }
     if (d->trim_ns != 0 && now >= d->trim_ns) {
         d->trim_ns = 0;
+        step(d, &(struct event) { .type = EVENT_REST });
         malloc_trim(0);
     }
     if (d->terminating && now >= d->drain_until_ns) {

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { CACHE_BYTES = 16 << 20 };             /* inline inputs of waiting jobs kept in memory */
+enum { CACHE_BYTES = 4 << 20 };              /* inline inputs of waiting jobs kept in memory */
 
 /* The identity's view of a description; *NAMES is the caller's to free, NULL where there are none. */
 enum modal_status input_shape_of(const struct wire_input *w, struct input_shape *shape, const char ***names)
@@ -37,23 +37,23 @@ struct input *input_by_id(const struct core *c, int64_t id)
 /* Copies of the texts that SHAPE borrows, so that the input owns them. */
 static void own_texts(struct input *input, const struct input_shape *shape)
 {
-    size_t size = 0;
+    size_t size = shape->channels * sizeof(char *);
+    const char **names;
     char *at;
 
     input->shape = *shape;
-    input->shape.units = input->units = grab_text(shape->units);
+    input->shape.units = grab_text(shape->units);
     input->shape.attributes = input->attributes = grab_text(shape->attributes);
     if (shape->names == NULL)
         return;
     for (uint64_t i = 0; i < shape->channels; i++)
         size += strlen(shape->names[i]) + 1;
-    input->names = grab(shape->channels * sizeof *input->names);
-    at = input->names_text = grab(size);
+    input->shape.names = names = grab(size);
+    at = (char *)(names + shape->channels);
     for (uint64_t i = 0; i < shape->channels; i++) {
-        input->names[i] = strcpy(at, shape->names[i]);
+        names[i] = strcpy(at, shape->names[i]);
         at += strlen(at) + 1;
     }
-    input->shape.names = input->names;
 }
 
 static struct input *input_make(struct core *c, struct user *user, const struct input_shape *shape, int64_t id)
@@ -288,9 +288,8 @@ void input_forget(struct core *c, struct input *input)
     map_remove(&c->inputs, map_hash_number((uint64_t)input->id), input);
     input->user->bytes -= (int64_t)input->bytes;
     filling_free(input->filling);
-    free(input->names);
-    free(input->names_text);
-    free(input->units);
+    free((void *)(uintptr_t)input->shape.names);
+    free((void *)(uintptr_t)input->shape.units);
     free(input->attributes);
     free(input);
 }

@@ -51,7 +51,7 @@ static bool rebuild(struct map *map)
     struct map old = *map;
     size_t room = 16;
 
-    while (room < 3 * (old.count + 1))
+    while (room < 2 * (old.count + 1))
         room *= 2;
     map->slots = calloc(room, sizeof *map->slots);
     if (map->slots == NULL) {

@@ -46,9 +46,8 @@ struct after {
 struct input {
     int64_t id;
     struct user *user;
-    struct input_shape shape;             /* its texts lie in `owned` */
-    const char **names;
-    char *units, *attributes, *names_text;
+    struct input_shape shape;             /* its texts are the input's own; names lie behind their list */
+    char *attributes;                     /* of `shape` */
     uint64_t bytes;
     enum input_state state;
     uint8_t sha256[32];
@@ -361,6 +360,7 @@ void worker_output(struct core *c, struct input *input, const struct modal_error
 void worker_go(struct core *c, int slot);
 void job_input_read(struct core *c, struct task *task);
 void job_result_put(struct core *c, struct task *task);
+void documents_drop(struct core *c);                                /* of results, from memory */
 
 /* events.c */
 void events_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);

@@ -122,6 +122,19 @@ static bool find_named(struct core *c, struct submission *s)
     return true;
 }
 
+/* A copy of the body: a small frame is a part of libzmq's buffer of 8 kB, which would stay with it. */
+static struct blob *gather(const struct wire_message *m)
+{
+    char *all = grab(m->body_bytes + 1);
+    struct blob *data;
+
+    wire_gather(m, all, m->body_bytes);
+    data = blob_take(all, m->body_bytes);
+    if (data == NULL)
+        abort();
+    return data;
+}
+
 static bool take_inline(struct core *c, struct submission *s, const struct event *e)
 {
     const struct wire_input *w = &s->r->submit.input;
@@ -130,13 +143,7 @@ static bool take_inline(struct core *c, struct submission *s, const struct event
     struct modal_error err;
     enum modal_status rc;
 
-    if (e->message->body_count == 1)
-        s->data = blob_share(e->body[0]);
-    else {
-        char *all = grab(e->message->body_bytes + 1);
-        wire_gather(e->message, all, e->message->body_bytes);
-        s->data = blob_take(all, e->message->body_bytes);
-    }
+    s->data = gather(e->message);
     input_shape_of(w, &shape, &names);
     rc = identity_of(&shape, s->data->data, s->data->size, s->sha256, &err);
     free(names);

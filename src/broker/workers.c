@@ -444,6 +444,16 @@ static void keep_document(struct core *c, struct job *job, struct blob *document
     job->document = blob_share(document);
 }
 
+void documents_drop(struct core *c)
+{
+    for (size_t i = 0; i < sizeof c->document_ring / sizeof *c->document_ring; i++)
+        if (c->document_ring[i] != NULL) {
+            blob_drop(c->document_ring[i]->document);
+            c->document_ring[i]->document = NULL;
+            c->document_ring[i] = NULL;
+        }
+}
+
 /* The document is stored, or small enough for the ledger: publish it. */
 void job_result_put(struct core *c, struct task *task)
 {

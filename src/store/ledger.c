@@ -649,6 +649,7 @@ enum modal_status ledger_rest(struct ledger *ledger, bool *more, struct modal_er
     if (rc == MODAL_OK)
         rc = checkpoint_as(ledger, SQLITE_CHECKPOINT_TRUNCATE, &done, err);
     sqlite3_busy_timeout(ledger->db, LEDGER_BUSY_MS);
+    sqlite3_db_release_memory(ledger->db);
     *more = !done;
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;
 }

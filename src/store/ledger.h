@@ -170,7 +170,7 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
 enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_error *err);
 
 /* For the time when nothing is asked of it: gives back pages of deleted rows, some a call, then moves the log to the database and
- * gives its space back.  *MORE: there is more to do (or a reader was in the way) in a next call.  Fails as ledger_commit does. */
+ * gives its space, and the memory of the pages read, back.  *MORE: there is more to do (or a reader was in the way) in a next call.  Fails as ledger_commit does. */
 enum modal_status ledger_rest(struct ledger *ledger, bool *more, struct modal_error *err);
 
 /* Move the whole log to the database now, so that its space is used again.  A full disk is no error: the log stays. */

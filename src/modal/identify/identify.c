@@ -53,7 +53,7 @@ enum { VERY_LONG = 32768 };
 enum { WEIGH_MOST = 5 };
 static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
 /* Multiplications (refine.h) that all ladders of an answer may take, and one that begins after they are spent: some seconds. */
-static const double WORK_MOST = 1.6e10, WORK_LEAST = 1e9;
+static const double WORK_MOST = 4e9, WORK_LEAST = 2.5e8;
 
 struct work {
     struct identify_options opt;    /* defaults filled in */

@@ -254,29 +254,19 @@ out:
 double projection_angle(const struct matrix *VT, int r, double complex lambda, double tau)
 {
     int n = VT->n;
-    double a = creal(lambda) * tau, b = cimag(lambda) * tau, top = a > 0 ? a * (n - 1) : 0, norm2 = 0, rest2 = 0;
-    double complex *z = malloc(sizeof *z * (2 * (size_t)n + r)), *c, *y;
+    double a = creal(lambda) * tau, b = cimag(lambda) * tau, top = a > 0 ? a * (n - 1) : 0, norm2, rest2;
+    double *z = malloc(sizeof *z * 2 * ((size_t)n + (size_t)r)), *c = z + 2 * (size_t)n;      /* real parts, then imaginary ones */
 
     if (z == NULL)
         return NAN;
-    y = z + n, c = y + n;
-    memset(y, 0, sizeof *y * n);
     for (int l = 0; l < n; l++) {
-        z[l] = exp(a * l - top) * CMPLX(cos(b * l), sin(b * l));
-        norm2 += creal(z[l]) * creal(z[l]) + cimag(z[l]) * cimag(z[l]);
+        double e = exp(a * l - top);
+        z[l] = e * cos(b * l), z[n + l] = e * sin(b * l);
     }
-    for (int i = 0; i < r; i++) {
-        c[i] = 0;
-        for (int l = 0; l < n; l++)
-            c[i] += VT->x[i + (size_t)l * VT->ld] * z[l];
-    }
-    for (int i = 0; i < r; i++)
-        for (int l = 0; l < n; l++)
-            y[l] += VT->x[i + (size_t)l * VT->ld] * c[i];
-    for (int l = 0; l < n; l++) {
-        double complex e = z[l] - y[l];
-        rest2 += creal(e) * creal(e) + cimag(e) * cimag(e);
-    }
+    norm2 = cblas_ddot(2 * n, z, 1, z, 1);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, 2, n, 1, VT->x, VT->ld, z, n, 0, c, r);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, 2, r, -1, VT->x, VT->ld, c, r, 1, z, n);
+    rest2 = cblas_ddot(2 * n, z, 1, z, 1);
     free(z);
     return norm2 > 0 ? sqrt(rest2 / norm2) : NAN;
 }

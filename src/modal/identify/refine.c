@@ -19,7 +19,7 @@
  *     min sum_c w_c^2 |Q2^T y_c - R22 K_c delta|^2,   K_c from (3),                                          (4)
  *
  * has q rows a channel instead of L.  With few channels Y joins the QR, [Phi D Y]: Q^T Y is then part of the triangle and the
- * residuals are norms of what lies below it; with many, Q is formed and Y read once, panel by panel.  It is reduced to a triangle R_J panel by panel (never J^T J), and damped after
+ * residuals are norms of what lies below it; with many, Q is formed and Y read once, panel by panel; of a long record neither is made (doubling.h).  It is reduced to a triangle R_J panel by panel (never J^T J), and damped after
  * Levenberg and Marquardt with Nielsen's rule for the damping [N99].  Since sum of squares of Q2 Q2^T is what (4) sees, with s^2 = F / (degrees of
  * freedom),
  *
@@ -57,6 +57,7 @@
  * [N99]  Nielsen, IMM-REP-1999-05, Technical University of Denmark.
  */
 #include "modal/identify/refine.h"
+#include "modal/identify/doubling.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/wide.h"
 #include "modal/linalg/qr.h"
@@ -90,6 +91,7 @@ struct work {
     double cost, spent;          /* multiplications of one evaluation; of all so far */
     int most_columns;            /* min(L, columns): columns of Q */
     bool join;                   /* Y joins the QR */
+    struct doubling *doubling;   /* long records: instead of a QR of all rows; else NULL */
     int panel;                   /* columns of Y at a time */
     double *basis;               /* L x columns: [Phi D], then Q; L x (columns + S) where Y joins */
     double *triangle;            /* (columns + S)^2, for many rows; else NULL: the QR is in place */
@@ -118,6 +120,7 @@ struct evaluation {
 static void work_done(struct work *w)
 {
     free(w->kind), free(w->column), free(w->first);
+    doubling_free(w->doubling);
     free(w->basis), free(w->triangle), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack), free(w->reflect);
     free(w->weight), free(w->energy), free(w->floor2);
 }
@@ -146,21 +149,37 @@ static bool work_layout(struct work *w, const double complex *lambda)
     return true;
 }
 
-static bool work_allocate(struct work *w)
+/* How the QR is made, and how many columns of Y at a time.  WHOLE: its rows are all there. */
+static bool work_plan(struct work *w, bool whole)
+{
+    int n = w->columns, S = w->S;
+    double L = w->L;
+
+    w->panel = PANEL_ENTRIES / w->L;
+    w->panel = w->panel < 4 ? 4 : w->panel;
+    w->panel = w->panel > S ? S : w->panel;
+    if (whole && doubling_pays(w->L, n, S)) {
+        w->doubling = doubling_new(w->L, n, w->panel);
+        w->cost = w->doubling != NULL ? doubling_cost(w->doubling, S) : 0;
+        return w->doubling != NULL;
+    }
+    w->join = S <= JOIN_MOST && n + S <= w->L;
+    w->panel = w->join ? S : w->panel;
+    w->cost = w->join ? L * (n + S) * (n + S) : L * n * n + L * S * (w->most_columns + w->order);
+    return true;
+}
+
+static bool work_allocate(struct work *w, bool whole)
 {
     int q = w->order, P = w->parameters + 1;
     size_t L = (size_t)w->L;
 
     w->columns = w->look ? q : 2 * q;
     w->most_columns = w->L < w->columns ? w->L : w->columns;
-    w->panel = PANEL_ENTRIES / w->L;
-    w->panel = w->panel < 4 ? 4 : w->panel;
-    w->panel = w->panel > w->S ? w->S : w->panel;
-    w->join = w->S <= JOIN_MOST && w->columns + w->S <= w->L;
-    w->panel = w->join ? w->S : w->panel;
-    w->cost = (double)L * pow(w->columns + (w->join ? w->S : 0), 2) + (w->join ? 0 : (double)L * w->S * (w->most_columns + q));
+    if (!work_plan(w, whole))
+        return false;
     w->stack_rows = P + w->panel * (w->most_columns - q);
-    w->basis = numbers(L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
+    w->basis = numbers(w->doubling != NULL ? 0 : L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
     if (w->join && w->L > TALL) {
         w->triangle = numbers((size_t)(w->columns + w->S), (size_t)(w->columns + w->S));
         if (w->triangle == NULL)
@@ -169,7 +188,7 @@ static bool work_allocate(struct work *w)
     w->tau = numbers((size_t)w->columns + (size_t)w->panel, 1);
     w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
-    w->rest = numbers(w->join ? 0 : L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
+    w->rest = numbers(w->join ? 0 : w->doubling != NULL ? 1 : L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
     w->reflect = numbers(REFLECT, (size_t)(w->columns + w->panel + P));
     w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
     w->floor2 = numbers((size_t)w->groups, 1);
@@ -229,12 +248,22 @@ static void fill_basis(struct work *w, const struct point *at)
     }
 }
 
-/* [Phi D] = Q R; false where Phi is numerically singular. */
-static enum modal_status factor(struct work *w, bool *regular, struct modal_error *err)
+/* Is Phi numerically of full rank? */
+static bool regular(const struct work *w)
 {
-    int L = w->L, q = w->order, k = w->most_columns, n = w->columns + (w->join ? w->S : 0);
+    int k = w->most_columns;
 
-    *regular = true;
+    for (int j = 0; j < w->order; j++)
+        if (!(fabs(w->R[j + j * k]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
+            return false;
+    return true;
+}
+
+/* [Phi D] = Q R. */
+static enum modal_status factor(struct work *w, struct modal_error *err)
+{
+    int L = w->L, k = w->most_columns, n = w->columns + (w->join ? w->S : 0);
+
     for (int c = 0; w->join && c < w->S; c++)
         memcpy(w->basis + (size_t)(w->columns + c) * (size_t)L, w->Y->x + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof(double));
     if (w->triangle != NULL) {                /* Q is not needed: the triangle alone, back at the top of the basis */
@@ -250,9 +279,6 @@ static enum modal_status factor(struct work *w, bool *regular, struct modal_erro
     for (int j = 0; j < w->columns; j++)
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
-    for (int j = 0; j < q; j++)
-        if (!(fabs(w->R[j + j * k]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
-            *regular = false;
     if (!w->join && LAPACKE_dorgqr_work(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, k);
     return MODAL_OK;
@@ -322,6 +348,20 @@ static void project_joined(struct work *w, struct evaluation *e)
     }
 }
 
+/* The same of channels c0 .. c0+n-1 where the QR was made by doubling. */
+static enum modal_status project_doubled(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
+{
+    int q = w->order, k = w->most_columns;
+    enum modal_status rc = doubling_project(w->doubling, w->Y->x + (size_t)c0 * (size_t)w->Y->ld, w->Y->ld, n, w->Z, w->rest, err);
+
+    for (int c = 0; c < n; c++) {
+        double near = cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
+        e->rss[(c0 + c) / w->phases] += near + w->rest[c];
+        e->near[(c0 + c) / w->phases] += near;
+    }
+    return rc;
+}
+
 /* The same from Q for channels c0 .. c0+n-1. */
 static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
 {
@@ -343,13 +383,16 @@ static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
 static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
 {
     int q = w->order, k = w->most_columns, P = w->parameters + 1;
+    enum modal_status rc = MODAL_OK;
 
-    if (w->join)
+    if (w->doubling != NULL)
+        rc = project_doubled(w, c0, n, e, err);
+    else if (w->join)
         project_joined(w, e);
     else
         project_panel(w, c0, n, e);
-    if (w->parameters == 0 || k == q)
-        return MODAL_OK;
+    if (rc != MODAL_OK || w->parameters == 0 || k == q)
+        return rc;
     for (int c = 0; c < n; c++)
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
@@ -368,17 +411,18 @@ static void weigh(const struct work *w, struct evaluation *e)
 
 static enum modal_status evaluate(struct work *w, const struct point *at, struct evaluation *e, struct modal_error *err)
 {
+    const struct doubling_poles poles = { w->count, w->order, w->kind, w->column, at->a, at->b };
     enum modal_status rc;
-    bool regular;
 
     e->F = HUGE_VAL, e->degenerate = true;
     w->spent += w->cost;
     memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
     memset(e->near, 0, (size_t)w->groups * sizeof *e->near);
     memset(e->T, 0, (size_t)(w->parameters + 1) * (size_t)(w->parameters + 1) * sizeof *e->T);
-    fill_basis(w, at);
-    rc = factor(w, &regular, err);
-    if (rc != MODAL_OK || !regular)
+    if (w->doubling == NULL)
+        fill_basis(w, at);
+    rc = w->doubling != NULL ? doubling_factor(w->doubling, &poles, w->R, err) : factor(w, err);
+    if (rc != MODAL_OK || !regular(w))
         return rc;
     for (int c = 0; c < w->S && rc == MODAL_OK; c += w->panel)
         rc = panel_pass(w, c, w->S - c < w->panel ? w->S - c : w->panel, e, err);
@@ -921,7 +965,7 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
     if (rc != MODAL_OK)
         return rc;
     w.groups = w.S / w.phases;
-    if (!work_layout(&w, start) || !work_allocate(&w) || !search_new(&s, &w) || !refined_new(&r, &w)) {
+    if (!work_layout(&w, start) || !work_allocate(&w, true) || !search_new(&s, &w) || !refined_new(&r, &w)) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S, w.order);
         goto out;
     }
@@ -1054,12 +1098,11 @@ static enum modal_status wide_evaluate(struct work *w, const struct wide *d, con
 {
     struct in_order all = { 0 };
     enum modal_status rc;
-    bool regular;
 
     e->F = 0;
     fill_basis(w, at);
-    rc = factor(w, &regular, err);
-    if (rc == MODAL_OK && !regular)
+    rc = factor(w, err);
+    if (rc == MODAL_OK && !regular(w))
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: the poles coincide");
     if (rc == MODAL_OK && d->by_rows)
         rc = read_in_order(w, d, &all, err);
@@ -1081,7 +1124,7 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
 
     if (rc != MODAL_OK)
         return rc;
-    if (!work_layout(&w, start) || !work_allocate(&w) || !search_new(&s, &w)
+    if (!work_layout(&w, start) || !work_allocate(&w, false) || !search_new(&s, &w)
         || (cov = numbers((size_t)w.parameters, (size_t)w.parameters)) == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels", w.order, d->S);
         goto out;

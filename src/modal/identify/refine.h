@@ -57,7 +57,7 @@ struct refined {
     double start_bic;            /* of START */
     double bic;                  /* Bayes information criterion of the fit, residuals floored at rounding; see refine.c */
     int iterations, evaluations;
-    double work;                 /* multiplications of all evaluations, about: rows x columns^2 each; it depends on sizes and steps, not on the machine */
+    double work;                 /* multiplications of all evaluations, about: rows x columns^2 each, or 2 rows x columns x S (doubling.h); it depends on sizes and steps, not on the machine */
     enum refine_end end;
 };
 

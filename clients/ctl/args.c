@@ -31,6 +31,7 @@ static const struct row {
     { "continue",  0,   TEXT,   offsetof(struct args, follow),    0, 0,      TAKES_CURVE,   "PATH=A:B", "follow the curve from A to B around folds" },
     { "output",    'O', TEXT,   offsetof(struct args, output),    0, 0,      TAKES_OUTPUT,  "FILE",     "where signals, spectra and waveforms go (HDF5)" },
     { "plot",      0,   TEXT,   offsetof(struct args, plot),      0, 0,      TAKES_PLOT,    "FILE.svg", "draw the result" },
+    { "prometheus", 0,  TEXT,   offsetof(struct args, prometheus), 0, 0,     TAKES_LIVE,    "FILE.prom", "the last window's modes as gauges, for the node exporter" },
     { "key",       'k', TEXT,   offsetof(struct args, key),       0, 0,      TAKES_SUBMIT,  "KEY",      "your name for the submission: the same key is the same job" },
     { "priority",  'p', WHOLE,  offsetof(struct args, priority),  0, 255,    TAKES_SUBMIT,  "0-255",    "higher is more urgent (default 100)" },
     { "run-limit", 0,   NUMBER, offsetof(struct args, run_limit), 1e-3, 1e9, TAKES_SUBMIT,  "SECONDS",  "bound of one attempt" },

@@ -27,12 +27,13 @@ enum {
     TAKES_STREAM  = 1 << 12,   /* --name */
     TAKES_SWEEP   = 1 << 13,   /* --cancel */
     TAKES_PUSH    = 1 << 14,   /* --rate --window --hop */
+    TAKES_LIVE    = 1 << 15,   /* --prometheus */
 };
 
 enum { ARGS_WORDS_MOST = 16 };
 
 struct args {
-    const char *server, *keyfile, *output, *plot, *key, *state, *after, *kind, *sweep, *follow, *from, *data, *name;
+    const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep, *follow, *from, *data, *name;
     bool local, json, help, version, wait, resume, cancel;
     double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not given */
     double priority, limit, window, hop;                         /* whole numbers; priority < 0, limit 0: not given */

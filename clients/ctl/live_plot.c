@@ -1,11 +1,11 @@
 /* live_plot.c - see live_plot.h; of several epochs the picture shows the last that was told */
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include "field.h"
 #include "live_plot.h"
 #include "svg.h"
+#include "whole_file.h"
 
 static const struct svg_axis empty = { NULL, HUGE_VAL, -HUGE_VAL, false };
 
@@ -58,24 +58,18 @@ static void draw(struct svg *svg, const struct live_plot *plot, const char *labe
 
 enum modal_status live_plot_add(struct live_plot *plot, const char *path, const cJSON *event, struct modal_error *err)
 {
-    char beside[4096], title[256];
+    char title[256];
+    struct whole_file out;
     struct svg svg;
-    FILE *file;
-    bool good;
 
     if (!take(plot, event))
         return MODAL_OK;
-    if (snprintf(beside, sizeof beside, "%s.new", path) >= (int)sizeof beside || (file = fopen(beside, "we")) == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
+    if (whole_file_begin(&out, path, "plot", err) != MODAL_OK)
+        return MODAL_BAD_INPUT;
     snprintf(title, sizeof title, "%s, epoch %.0f; open: unstable", field_word(event, "stream", "-"), field_number(event, "epoch", 0));
-    svg_begin(&svg, file, 2, title);
+    svg_begin(&svg, out.file, 2, title);
     draw(&svg, plot, "frequency, Hz", false);
     draw(&svg, plot, "damping ratio", true);
     svg_end(&svg);
-    good = !ferror(file);
-    if (fclose(file) != 0 || !good || rename(beside, path) != 0) {
-        remove(beside);
-        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
-    }
-    return MODAL_OK;
+    return whole_file_end(&out, err);
 }

@@ -35,7 +35,7 @@ static const struct verb verbs[] = {
     { "retry",    "JOB",               "a dead job, once more",                               1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },
     { "delete",   "JOB",               "forget an ended job and its result",                  1, 1, TAKES_TIMEOUT, run_delete },
     { "list",     "",                  "your jobs, a page",                                   0, 0, TAKES_LIST | TAKES_TIMEOUT, run_list },
-    { "watch",    "[JOB|STREAM]",      "events as they happen; of a stream: live modes",     0, 1, TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM | TAKES_PLOT, run_watch },
+    { "watch",    "[JOB|STREAM]",      "events as they happen; of a stream: live modes",     0, 1, TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM | TAKES_PLOT | TAKES_LIVE, run_watch },
     { "stats",    "",                  "counts and sizes of the service",                     0, 0, TAKES_TIMEOUT, run_stats },
     { "whoami",   "",                  "user, role, limits and use",                          0, 0, TAKES_TIMEOUT, run_whoami },
     { "hello",    "",                  "versions and limits of the daemon",                   0, 0, TAKES_TIMEOUT, run_hello },

@@ -623,6 +623,24 @@ static void put_alarms(struct core *c, struct stream *s, struct transaction *t, 
     cJSON_Delete(edges);
 }
 
+/* How far the samples are ahead of a window of the present epoch that ends at TO, and what is missing of them. */
+static void add_lag(cJSON *text, const struct stream *s, uint64_t epoch, uint64_t to)
+{
+    uint64_t samples = s->next > to + 1 ? s->next - 1 - to : 0, missing = 0;
+    cJSON *lag, *gaps;
+
+    if (epoch != s->epoch)
+        return;
+    for (size_t i = 0; i < s->gap_count; i++)
+        missing += s->gaps[i][1] - s->gaps[i][0];
+    lag = cJSON_AddObjectToObject(text, "lag");
+    cJSON_AddNumberToObject(lag, "samples", (double)samples);
+    cJSON_AddNumberToObject(lag, "bytes", (double)(samples * sample_bytes(s)));
+    gaps = cJSON_AddObjectToObject(text, "gaps");
+    cJSON_AddNumberToObject(gaps, "count", (double)s->gap_count);
+    cJSON_AddNumberToObject(gaps, "samples", (double)missing);
+}
+
 /* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
 void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
 {
@@ -638,6 +656,7 @@ void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t fr
             cJSON_AddItemToObject(text, parts[i], part);
     if (error != NULL)
         cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
+    add_lag(text, s, epoch, to);
     put_event(c, s, t, text);
     put_alarms(c, s, t, from, to, edges);
     cJSON_Delete(document);

@@ -20,6 +20,7 @@ foreach(kind STATIC SHARED)
   target_link_libraries(${target} PRIVATE house PUBLIC PkgConfig::ZMQ Threads::Threads m)
   set_target_properties(${target} PROPERTIES OUTPUT_NAME modald-stream VERSION ${PROJECT_VERSION} SOVERSION 0)
 endforeach()
+target_link_options(modald_stream_shared PRIVATE -Wl,-z,nodelete)       # a thread may still be in it when a host takes its plug-in out
 
 # modalctl: a library, so that the unit tests reach it, and its main.
 file(GLOB ctl_sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/clients/ctl/*.c)

@@ -19,6 +19,15 @@
  *     y(t) = sum_j y_j prod_{m != j} (t - t_m) / (t_j - t_m).                                              (1)
  * Its error is estimated by the difference to the quadratic through (t_0, t_1, t_2), which is larger than that of (1) where
  * steps are small against the motion.
+ *
+ * What a push costs beyond its copy is memory that is not at hand: the first touch of a page, the walk through the tables of
+ * pages, and the lines themselves.  So every page is touched at open, in huge ones where there are any, and each push asks
+ * for the lines of the slot AHEAD bytes on.  (8 channels: one push in 51 comes to a new page, so the 99th percentile shows
+ * each of the three.)
+ *
+ * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all of libzmq's and the spill
+ * file's in it: the host may close every number it finds, run out of them, and count on the next.  It is given no signals, reads no
+ * environment and no locale, and a closed stream's handle stays what it is, so that a push after it does nothing.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE          /* where the host's build does not say it */
@@ -26,8 +35,10 @@
 #include "modald_stream.h"
 #include <errno.h>
 #include <fcntl.h>
+#include <locale.h>
 #include <math.h>
 #include <pthread.h>
+#include <semaphore.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -36,8 +47,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
+#include <sys/file.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 #include <zmq.h>
@@ -49,6 +64,11 @@ enum {
     HEADER_MOST = 65536,
     RING_HEAD = 4096,                /* of a ring in a file */
     HISTORY = 4,                     /* points of (1) */
+    LINE = 64, PAGE = 4096, HUGE_PAGE = 2097152,
+    AHEAD = 2048, AHEAD_MOST = 1024, /* bytes: how far before its slot a push reads on, and how much of a large one */
+    DESCRIPTORS = 32,                /* that libzmq may need: it ends the process where it gets none */
+    CLOSED_KEPT = 256,               /* handles */
+    SENDER_STACK = 262144,
 };
 static const char version[] = "MODALD1";
 static const char spill_magic[8] = "MDSPILL1", ring_magic[8] = "MDRING01";
@@ -117,16 +137,21 @@ struct spill_head { uint64_t first, count; uint32_t crc, zero; };
 struct point { double t; double *y; };
 
 struct modald_stream {
-    /* the host's */
-    struct ring_page *page;
+    /* written at open only: both threads have this line */
+    _Alignas(LINE) struct ring_page *page;
     double *ring;
-    uint64_t head, tail_seen, slots, index, cursor;   /* cursor: head modulo slots */
+    uint64_t slots;
     size_t stride;                           /* doubles of a slot: index, time, channels */
+    unsigned forks;                          /* of the process, when it was opened; CLOSED */
     int channels;
     double dt;
-    _Atomic uint64_t dropped;
+
+    /* the host's: nobody else reads it */
+    _Alignas(LINE) uint64_t head;
+    uint64_t tail_seen, index, cursor;       /* cursor: head modulo slots */
 
     /* both */
+    _Alignas(LINE) _Atomic uint64_t dropped;
     _Atomic int verdict, stop;               /* stop: 1 close, 2 broken off */
     _Atomic bool finished, refused;
     _Atomic uint64_t acknowledged;
@@ -135,12 +160,15 @@ struct modald_stream {
     _Atomic unsigned estimate_past;          /* the version that is of an epoch before; 0: none was */
     struct modald_estimate estimate;
     double resampling_error;
-    char name[256], *names, *units, *options, *alarms, *url, *keyfile;
-    double period;
+    char name[256], *names, *units, *options, *alarms, *url, *keyfile, *run;      /* run: attributes of the run, JSON */
+    char spill_folder[400];
+    double period, close_wait;
     long window_samples, window_hop;
     size_t ring_bytes;
-    bool ring_in_file;
+    int ring_fd;                             /* of a ring in a file: holds its lock; else -1 */
+    bool own_descriptors;
     pthread_t thread;
+    sem_t begun;                             /* the sender has a table of its own */
 
     /* the sender's */
     void *context, *socket, *monitor;
@@ -148,7 +176,7 @@ struct modald_stream {
     int64_t next_id, open_id, close_id;
     double asked_at;
     char stream[128];
-    uint64_t epoch;
+    uint64_t epoch, went_on;                 /* went_on: the index behind the last sample acknowledged */
     size_t credit, flying;
     struct frame window[WINDOW], build;
     int first_frame, frames;                 /* the window is a ring of its own */
@@ -164,7 +192,6 @@ struct modald_stream {
     uint64_t spill_end, spill_read, spill_acknowledged, spill_most, spill_start;
     uint64_t damaged, torn;                  /* samples of records passed over; bytes of what was being written */
     char spill_path[512];
-    unsigned forks;                          /* of the process, when it was opened */
     bool spill_failed, told, seal;           /* seal: the stream is to be closed at the end */
     char *open_text;                         /* of a replay: the members of `open` as they were */
     int64_t events_id;
@@ -178,7 +205,16 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* A child of the host has a copy of each stream, but no thread to send, and of a ring in a file the very same: there its streams do nothing. */
+static void rest(double seconds)
+{
+    struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
+
+    nanosleep(&t, NULL);
+}
+
+/* A child of the host has a copy of each stream, but no thread to send, and of a ring in a file the very same: there its streams do nothing.  Nor does
+ * one that is closed. */
+enum { CLOSED = 0x7fffffff };
 static atomic_uint forks;
 static pthread_once_t fork_once = PTHREAD_ONCE_INIT;
 
@@ -192,16 +228,32 @@ static void watch_forks(void)
     pthread_atfork(NULL, NULL, count_fork);
 }
 
-static inline bool is_inherited(const modald_stream *s)
+static inline bool is_dead(const modald_stream *s)
 {
     return s->forks != atomic_load_explicit(&forks, memory_order_relaxed);
 }
 
-/* One line on stderr, once a stream. */
+/* One line on stderr: no lock of stdio's is taken, and where nobody reads it the signal is not the host's. */
+static void tell(const char *name, const char *what)
+{
+    char text[1024];
+    sigset_t pipe, before, pending;
+    int n = snprintf(text, sizeof text, "modald: %s%s%s%.700s\n", name ? "stream " : "", name ? name : "", name ? ": " : "", what);
+
+    sigemptyset(&pipe);
+    sigaddset(&pipe, SIGPIPE);
+    sigpending(&pending);
+    pthread_sigmask(SIG_BLOCK, &pipe, &before);
+    if (write(2, text, (size_t)n) < 0 && errno == EPIPE && !sigismember(&pending, SIGPIPE))
+        sigtimedwait(&pipe, NULL, &(struct timespec) { 0, 0 });
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+}
+
+/* The same, once a stream. */
 static void say(modald_stream *s, const char *what)
 {
     if (!s->told)
-        fprintf(stderr, "modald: stream %s: %s\n", s->name, what);
+        tell(s->name, what);
     s->told = true;
 }
 
@@ -210,7 +262,7 @@ static void say(modald_stream *s, const char *what)
 /* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
 static inline double *room(modald_stream *s)
 {
-    if (is_inherited(s))
+    if (is_dead(s))
         return NULL;
     if (s->head - s->tail_seen >= s->slots) {
         s->tail_seen = atomic_load_explicit(&s->page->tail, memory_order_acquire);
@@ -230,9 +282,10 @@ static inline void publish(modald_stream *s, double *at, double t)
     memcpy(at, &index, sizeof index);
     at[1] = t;
     s->cursor = s->cursor + 1 < s->slots ? s->cursor + 1 : 0;
-    __builtin_prefetch(s->ring + s->cursor * s->stride, 1);      /* the next slot is in the cache when it is needed */
-    __builtin_prefetch(s->ring + s->cursor * s->stride + 8, 1);
     atomic_store_explicit(&s->page->head, ++s->head, memory_order_release);
+    size_t length = s->stride * sizeof *at < AHEAD_MOST ? s->stride * sizeof *at : AHEAD_MOST;
+    for (size_t i = 0; i < length; i += LINE)           /* beyond the ring's end it is harmless */
+        __builtin_prefetch((const char *)at + AHEAD + i, 1);
 }
 
 void modald_push(modald_stream *s, const double *y)
@@ -268,18 +321,18 @@ void modald_push_at(modald_stream *s, double t, const double *y)
 
 void modald_seek(modald_stream *s, double index)
 {
-    if (s != NULL && index >= 0 && index < 9007199254740992.0)
+    if (s != NULL && !is_dead(s) && index >= 0 && index < 9007199254740992.0)
         s->index = (uint64_t)index;
 }
 
 int modald_verdict(const modald_stream *s)
 {
-    return s == NULL || is_inherited(s) ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
+    return s == NULL || is_dead(s) ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
 }
 
 int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
 {
-    for (int tries = 0; s != NULL && !is_inherited(s) && tries < 1000; tries++) {
+    for (int tries = 0; s != NULL && !is_dead(s) && tries < 1000; tries++) {
         unsigned before = atomic_load_explicit(&s->estimate_version, memory_order_acquire);
         if (before == atomic_load_explicit(&s->estimate_past, memory_order_relaxed))
             return 0;
@@ -294,7 +347,7 @@ int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
 void modald_get_report(const modald_stream *s, struct modald_report *out)
 {
     memset(out, 0, sizeof *out);
-    if (s == NULL)
+    if (s == NULL || is_dead(s))
         return;
     out->pushed = (double)s->head;
     out->dropped = (double)atomic_load(&s->dropped);
@@ -378,14 +431,15 @@ enum { SPILL_NAMES = 10000 };
  * that name, or of another life of that PID, which in a container is the same every time. */
 static void spill_create(modald_stream *s)
 {
-    const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
     char clean[64] = "", number[16] = "";
 
     for (size_t i = 0; s->name[i] != 0 && i < sizeof clean - 1; i++)
         clean[i] = strchr("/ .", s->name[i]) ? '_' : s->name[i];
     for (int n = 2; n < SPILL_NAMES; n++) {
-        snprintf(s->spill_path, sizeof s->spill_path, "%.300s/modald-%s-%d%s.spill", folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp", clean, (int)getpid(), number);
+        snprintf(s->spill_path, sizeof s->spill_path, "%s/modald-%s-%d%s.spill", s->spill_folder, clean, (int)getpid(), number);
         s->spill_fd = open(s->spill_path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
+        if (s->spill_fd >= 0)
+            flock(s->spill_fd, LOCK_EX | LOCK_NB);      /* a replay leaves it alone until it is ours no more */
         if (s->spill_fd >= 0 || errno != EEXIST)
             return;
         snprintf(number, sizeof number, "-%d", n);
@@ -429,8 +483,11 @@ static bool spill_write(modald_stream *s, struct frame *f)
 
     if (!spill_open(s) || s->spill_end + sizeof head + length > s->spill_most
         || !write_all(s->spill_fd, f->data, length, s->spill_end + sizeof head) || !write_all(s->spill_fd, &head, sizeof head, s->spill_end)) {
-        if (!s->spill_failed)
-            say(s, "the spill file is full; samples past the ring are counted as a gap");
+        char text[600];
+        snprintf(text, sizeof text, "%s %s; samples past the ring are counted as a gap", s->spill_fd < 0 ? "no spill file can be made in" : "there is no more room for",
+                 s->spill_fd < 0 ? s->spill_folder : s->spill_path);
+        if (!s->spill_failed && s->spill_most > 0)
+            say(s, text);
         s->spill_failed = true;
         return false;
     }
@@ -664,12 +721,6 @@ static void fill_window(modald_stream *s)
 
 /* ------------------------------------------------------------------ messages */
 
-static void make_id(modald_stream *s, char *text, size_t size, int64_t *id)
-{
-    *id = ++s->next_id;
-    snprintf(text, size, "{\"id\":%lld", (long long)*id);
-}
-
 static void add_attribute(char *text, size_t size, const char *key, const char *value, bool *first)
 {
     if (value == NULL || *value == 0)
@@ -679,21 +730,43 @@ static void add_attribute(char *text, size_t size, const char *key, const char *
     *first = false;
 }
 
-/* The members of `open` behind the id: what the stream is, and which run it comes from. */
-static void open_header(modald_stream *s, char *text, size_t size)
+/* Which run a stream comes from. */
+static char *describe_run(void)
 {
     static const char *const environment[][2] = {
         { "slurm_job", "SLURM_JOB_ID" }, { "slurm_array_task", "SLURM_ARRAY_TASK_ID" }, { "slurm_node", "SLURMD_NODENAME" },
         { "slurm_restarts", "SLURM_RESTART_COUNT" },
     };
-    char host[128] = "";
+    enum { SIZE = 2048 };
+    char host[128] = "", *text = calloc(1, SIZE);
     bool first = true;
 
+    if (text == NULL)
+        return NULL;
+    gethostname(host, sizeof host - 1);
+    add(text, SIZE, "{");
+    add_attribute(text, SIZE, "host", host, &first);
+    for (size_t i = 0; i < sizeof environment / sizeof environment[0]; i++) {
+        const char *value = getenv(environment[i][1]);
+        add_attribute(text, SIZE, environment[i][0], value && strlen(value) < 128 ? value : NULL, &first);
+    }
+    add(text, SIZE, "}");
+    return text;
+}
+
+static void make_id(modald_stream *s, char *text, size_t size, int64_t *id)
+{
+    *id = ++s->next_id;
+    snprintf(text, size, "{\"id\":%lld", (long long)*id);
+}
+
+/* The members of `open` behind the id: what the stream is, and which run it comes from. */
+static void open_header(modald_stream *s, char *text, size_t size)
+{
     if (s->open_text != NULL) {
         add(text, size, "%s", s->open_text);
         return;
     }
-    gethostname(host, sizeof host - 1);
     add(text, size, ",\"op\":\"open\",\"name\":");
     add_string(text, size, s->name);
     add(text, size, ",\"channels\":%d,\"dt\":%.17g", s->channels, s->dt);
@@ -703,11 +776,7 @@ static void open_header(modald_stream *s, char *text, size_t size)
         add(text, size, ",\"names\":%s", s->names);
     if (s->units != NULL)
         add(text, size, ",\"units\":%s", s->units);
-    add(text, size, ",\"attributes\":{");
-    add_attribute(text, size, "host", host, &first);
-    for (size_t i = 0; i < sizeof environment / sizeof environment[0]; i++)
-        add_attribute(text, size, environment[i][0], getenv(environment[i][1]), &first);
-    add(text, size, "}");
+    add(text, size, ",\"attributes\":%s", s->run ? s->run : "{}");
     if (s->window_samples > 0)
         add(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
             s->options ? ",\"options\":" : "", s->options ? s->options : "", s->alarms ? ",\"alarms\":" : "", s->alarms ? s->alarms : "");
@@ -869,28 +938,35 @@ static void take_reply(modald_stream *s, const char *header)
             continue;
         f->acknowledged = true;
         s->flying -= s->flying >= length ? length : s->flying;
-        set_epoch(s, (uint64_t)find_number(header, "epoch", (double)s->epoch));
+        uint64_t epoch = (uint64_t)find_number(header, "epoch", (double)s->epoch);
+        if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)       /* and we did not go back */
+            say(s, "another run pushes to a stream of this name; each begins the record anew");
+        s->went_on = f->first + f->count;
+        set_epoch(s, epoch);
     }
     retire(s);
 }
 
-/* Errors that pass (busy, quota, storage_full, draining) are tried again; others end the sending, not the host. */
+/* Errors that pass (busy, quota, storage_full, draining) are tried again, and so is a stream that somebody else closed; others end the sending, not the
+ * host. */
 static void take_error(modald_stream *s, const char *header)
 {
     static const char *const passing[] = { "\"busy\"", "\"quota\"", "\"storage_full\"", "\"draining\"", "\"not_found\"" };
     const char *code = find(find(header, "error"), "code"), *message = find(header, "message");
     int64_t id = (int64_t)find_number(header, "id", 0);
     char text[256];
+    bool passes;
 
     if (id != 0 && id == s->events_id)
         return;                                     /* no live results: the record goes on */
+    passes = s->opened && code != NULL && strncmp(code, "\"conflict\"", 10) == 0;
     for (size_t i = 0; code != NULL && i < sizeof passing / sizeof passing[0]; i++)
-        if (strncmp(code, passing[i], strlen(passing[i])) == 0) {
-            struct timespec pause = { 0, 100000000 };
-            nanosleep(&pause, NULL);
-            forget_link(s);                         /* open again: what was taken is known then */
-            return;
-        }
+        passes |= strncmp(code, passing[i], strlen(passing[i])) == 0;
+    if (passes) {
+        rest(0.1);
+        forget_link(s);                             /* open again: what was taken is known then */
+        return;
+    }
     snprintf(text, sizeof text, "the daemon refused it (%.200s); the run goes on without it", message ? message : header);
     say(s, text);
     s->refused = true;
@@ -996,6 +1072,33 @@ static bool set_keys(modald_stream *s)
     return good;
 }
 
+static void *pass(void *gate)
+{
+    pthread_mutex_lock(gate);
+    pthread_mutex_unlock(gate);
+    return NULL;
+}
+
+/* libzmq ends the process where it gets no thread or no descriptor: there are as many as it takes, tried together. */
+static bool may_begin(void)
+{
+    pthread_mutex_t gate = PTHREAD_MUTEX_INITIALIZER;
+    pthread_t threads[2];
+    int fds[DESCRIPTORS], made = 0, opened = 0;
+
+    pthread_mutex_lock(&gate);
+    while (made < 2 && pthread_create(&threads[made], NULL, pass, &gate) == 0)
+        made++;
+    while (opened < DESCRIPTORS && (fds[opened] = eventfd(0, EFD_CLOEXEC)) >= 0)
+        opened++;
+    pthread_mutex_unlock(&gate);
+    for (int i = 0; i < made; i++)
+        pthread_join(threads[i], NULL);
+    for (int i = 0; i < opened; i++)
+        close(fds[i]);
+    return made == 2 && opened == DESCRIPTORS;
+}
+
 static bool connect_socket(modald_stream *s)
 {
     static const struct { int name, value; } options[] = {
@@ -1005,6 +1108,8 @@ static bool connect_socket(modald_stream *s)
     static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH;
     char name[64];
 
+    if (!may_begin())
+        return false;
     snprintf(name, sizeof name, "inproc://modald-%p", (void *)s);
     s->context = zmq_ctx_new();
     s->socket = s->context ? zmq_socket(s->context, ZMQ_DEALER) : NULL;
@@ -1031,13 +1136,6 @@ static void close_socket(modald_stream *s)
         zmq_close(s->monitor);
     if (s->context != NULL)
         zmq_ctx_term(s->context);
-}
-
-static void rest(double seconds)
-{
-    struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
-
-    nanosleep(&t, NULL);
 }
 
 /* Is everything that was pushed acknowledged? */
@@ -1110,15 +1208,64 @@ static void keep(modald_stream *s)
     spill_if_needed(s, true);
 }
 
+/* A table of descriptors of our own: stderr and the ring's lock from the host's, nothing on 0 and 1.  A kernel before 5.9 has no such call, and it is shared. */
+static void take_descriptors(modald_stream *s)
+{
+    unsigned keep = s->ring_fd > 2 ? (unsigned)s->ring_fd : 2, unshare_too = 2;
+    int null;
+
+    if (syscall(SYS_close_range, keep + 1, ~0u, unshare_too) != 0)
+        return;
+    s->own_descriptors = true;
+    if (keep > 3)
+        syscall(SYS_close_range, 3u, keep - 1, 0u);
+    null = open("/dev/null", O_RDWR | O_CLOEXEC);
+    for (int fd = 0; fd < 3 && null >= 0; fd++)
+        if (fd != null && (fd < 2 || fcntl(fd, F_GETFD) < 0))
+            dup2(null, fd);
+    if (null > 2)
+        close(null);
+}
+
+/* The spill file goes when it is empty; else it is said where it is. */
+static void end_spill(modald_stream *s)
+{
+    char text[700];
+    bool left = spilling(s);
+
+    if (s->spill_fd < 0)
+        return;
+    close(s->spill_fd);
+    if (!left)
+        unlink(s->spill_path);
+    snprintf(text, sizeof text, "some samples could not be sent; `modalctl replay %s` sends them", s->spill_path);
+    if (left)
+        tell(s->name, text);
+}
+
+static void end_sending(modald_stream *s)
+{
+    uint64_t dropped = atomic_load(&s->dropped);
+    char text[100];
+
+    close_socket(s);
+    snprintf(text, sizeof text, "%llu samples were dropped; the record shows the gap", (unsigned long long)dropped);
+    if (dropped > 0)
+        tell(s->name, text);
+    end_spill(s);
+    if (s->ring_fd >= 0)
+        close(s->ring_fd);
+}
+
 static void *sender(void *argument)
 {
     modald_stream *s = argument;
-    const char *wait = getenv("MODALD_CLOSE_WAIT");
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     double idle = 0.0005;
-    sigset_t all;
 
-    sigfillset(&all);
-    pthread_sigmask(SIG_BLOCK, &all, NULL);
+    uselocale(c);
+    take_descriptors(s);
+    sem_post(&s->begun);
     if (!connect_socket(s)) {
         s->refused = true;
         say(s, "no socket to the daemon; the run goes on without it");
@@ -1130,58 +1277,146 @@ static void *sender(void *argument)
     }
     s->seal = atomic_load(&s->page->head) > 0;
     if (!s->refused) {
-        finish(s, now() + (wait && *wait ? strtod(wait, NULL) : 5));
+        finish(s, now() + s->close_wait);
         keep(s);
     }
-    close_socket(s);
+    end_sending(s);
+    uselocale(LC_GLOBAL_LOCALE);
+    freelocale(c);
     atomic_store(&s->finished, true);
     return NULL;
 }
 
 /* ------------------------------------------------------------------ open and close */
 
-static size_t size_from(const char *name, size_t otherwise)
+static double number_from(const char *name, double otherwise, double most)
 {
     const char *text = getenv(name);
     char *end;
     double value = text && *text ? strtod(text, &end) : 0;
 
-    return text && *text && *end == 0 && value >= 0 && value < 1e15 ? (size_t)value : otherwise;
+    return text && *text && *end == 0 && value >= 0 && value <= most ? value : otherwise;
 }
 
-/* The ring, in memory or in a file; what an earlier run left in the file is kept. */
+static size_t size_from(const char *name, size_t otherwise)
+{
+    return (size_t)number_from(name, (double)otherwise, 1e15);
+}
+
+/* PATH from the root, whatever the host's folder is later. */
+static void absolute(char *out, size_t size, const char *path)
+{
+    char here[256];
+
+    if (*path == '/' || getcwd(here, sizeof here) == NULL)
+        snprintf(out, size, "%s", path);
+    else
+        snprintf(out, size, "%s/%s", here, path);
+}
+
+/* Every page is there, and known to this processor, before the first push. */
+static void touch(void *base, size_t bytes)
+{
+    for (volatile char *p = base; p < (volatile char *)base + bytes; p += PAGE)
+        *p = *p;
+}
+
+/* Zeroed, in huge pages where the system gives them and it fills one. */
+static void *map_memory(size_t bytes)
+{
+    size_t spare = bytes >= HUGE_PAGE ? HUGE_PAGE : 0, before;
+    char *base = mmap(NULL, bytes + spare, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+
+    if (base == MAP_FAILED && spare > 0) {
+        spare = 0;
+        base = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    }
+    if (base == MAP_FAILED)
+        return NULL;
+    if (spare > 0) {
+        size_t end = (bytes + PAGE - 1) / PAGE * PAGE;
+        before = (HUGE_PAGE - (uintptr_t)base % HUGE_PAGE) % HUGE_PAGE;
+        if (before > 0)
+            munmap(base, before);
+        if (before + end < bytes + spare)
+            munmap(base + before + end, bytes + spare - before - end);
+        base += before;
+        madvise(base, bytes, MADV_HUGEPAGE);
+    }
+    touch(base, bytes);
+    return base;
+}
+
+/* Has the file of FD room for BYTES?  Its blocks too: a mapped page that the disk is too full for would end the host. */
+static bool allocate(int fd, size_t bytes)
+{
+    struct rlimit most;
+    struct stat st;
+
+    return fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur >= bytes
+        && posix_fallocate(fd, 0, (off_t)bytes) == 0 && ((size_t)st.st_size <= bytes || ftruncate(fd, (off_t)bytes) == 0);
+}
+
+/* What an earlier run left in the file is kept: is it a ring like ours? */
+static bool is_left(const modald_stream *s, const struct ring_page *page)
+{
+    uint64_t waiting = atomic_load(&page->head) - atomic_load(&page->tail);
+
+    return memcmp(page->magic, ring_magic, sizeof ring_magic) == 0 && page->channels == (uint64_t)s->channels && page->slots == s->slots && page->dt == s->dt
+        && strcmp(page->name, s->name) == 0 && waiting <= s->slots;
+}
+
+/* The ring in the file at PATH (%s: the stream's name), locked as long as it is ours; NULL: it cannot be there. */
+static void *map_file(modald_stream *s, const char *file)
+{
+    const char *mark = strstr(file, "%s");
+    char path[512], name[sizeof s->name];
+    void *base = MAP_FAILED;
+    int fd, n;
+
+    snprintf(name, sizeof name, "%s", s->name);
+    for (char *p = name; *p != 0; p++)
+        *p = *p == '/' ? '_' : *p;
+    n = snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : (int)strlen(file), file, mark ? name : "", mark ? mark + 2 : "");
+    fd = n < (int)sizeof path ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600) : -1;
+    if (fd >= 0 && flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+        tell(s->name, "another stream has the ring's file; this one is kept in memory");
+    else if (fd >= 0 && allocate(fd, s->ring_bytes))
+        base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
+    else
+        tell(s->name, "the ring's file cannot be used; it is kept in memory");
+    if (base == MAP_FAILED) {
+        if (fd >= 0)
+            close(fd);
+        return NULL;
+    }
+    touch(base, s->ring_bytes);
+    s->ring_fd = fd;
+    return base;
+}
+
+/* The ring, in memory or in a file. */
 static bool make_ring(modald_stream *s, size_t bytes, const char *file)
 {
-    const char *mark = file ? strstr(file, "%s") : NULL;
-    char path[512];
-    int fd = -1;
+    size_t slot;
 
     s->stride = (size_t)s->channels + 2;
-    s->slots = bytes / (s->stride * sizeof(double));
-    s->slots = s->slots < 8 ? 8 : s->slots;
-    s->ring_bytes = RING_HEAD + s->slots * s->stride * sizeof(double);
+    slot = s->stride * sizeof(double);
     if (file != NULL && *file != 0) {
-        snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : 400, file, mark ? s->name : "", mark ? mark + 2 : "");
-        fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-        if (fd < 0 || ftruncate(fd, (off_t)s->ring_bytes) != 0) {
-            if (fd >= 0)
-                close(fd);
-            fd = -1;
-            say(s, "the ring's file cannot be used; it is kept in memory");
-        }
+        s->slots = bytes / slot < 8 ? 8 : bytes / slot;
+        s->ring_bytes = RING_HEAD + s->slots * slot;
+        s->page = map_file(s, file);
     }
-    void *base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, (fd >= 0 ? MAP_SHARED : MAP_PRIVATE | MAP_ANONYMOUS) | MAP_POPULATE, fd, 0);
-    if (fd >= 0)
-        close(fd);
-    if (base == MAP_FAILED)
+    if (s->page == NULL) {                              /* its head included, so that 8 MiB are four huge pages */
+        s->slots = bytes < RING_HEAD + 8 * slot ? 8 : (bytes - RING_HEAD) / slot;
+        s->ring_bytes = RING_HEAD + s->slots * slot;
+        s->page = map_memory(s->ring_bytes);
+    }
+    if (s->page == NULL)
         return false;
-    s->ring_in_file = fd >= 0;
-    s->page = base;
-    s->ring = (double *)((char *)base + RING_HEAD);
-    bool left = memcmp(s->page->magic, ring_magic, sizeof ring_magic) == 0 && s->page->channels == (uint64_t)s->channels && s->page->slots == s->slots
-             && s->page->dt == s->dt && strcmp(s->page->name, s->name) == 0;
-    if (!left) {
-        memset(base, 0, sizeof *s->page);
+    s->ring = (double *)((char *)s->page + RING_HEAD);
+    if (!is_left(s, s->page)) {
+        memset((void *)s->page, 0, sizeof *s->page);
         s->page->channels = (uint64_t)s->channels;
         s->page->slots = s->slots;
         s->page->dt = s->dt;
@@ -1191,7 +1426,7 @@ static bool make_ring(modald_stream *s, size_t bytes, const char *file)
     s->head = atomic_load(&s->page->head);
     s->taken = s->tail_seen = atomic_load(&s->page->tail);
     s->cursor = s->head % s->slots;
-    return s->head - s->tail_seen <= s->slots;
+    return true;
 }
 
 static bool make_frames(modald_stream *s)
@@ -1212,6 +1447,22 @@ static bool make_frames(modald_stream *s)
     return s->build.data && s->rms && s->sample;
 }
 
+/* A closed stream's handle: what is done to it does nothing, until so many were closed after it. */
+static void bury(modald_stream *s)
+{
+    static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+    static modald_stream *closed[CLOSED_KEPT];
+    static unsigned next;
+    modald_stream *oldest;
+
+    pthread_mutex_lock(&lock);
+    oldest = closed[next];
+    closed[next] = s;
+    next = (next + 1) % CLOSED_KEPT;
+    pthread_mutex_unlock(&lock);
+    free(oldest);
+}
+
 static void stream_free(modald_stream *s)
 {
     if (s->page != NULL)
@@ -1230,35 +1481,97 @@ static void stream_free(modald_stream *s)
     free(s->url);
     free(s->keyfile);
     free(s->open_text);
-    free(s);
+    free(s->run);
+    sem_destroy(&s->begun);
+    s->forks = CLOSED;
+    bury(s);
 }
 
+/* A relative path of ipc is the host's folder's too, where the longer name fits (107 bytes). */
+static char *copy_url(const char *url)
+{
+    char path[108 + 256];
+
+    if (strncmp(url, "ipc://", 6) != 0 || url[6] == '/' || url[6] == '@')
+        return strdup(url);
+    snprintf(path, 7, "ipc://");
+    absolute(path + 6, sizeof path - 6, url + 6);
+    return strdup(strlen(path) - 6 < 108 ? path : url);
+}
+
+static char *copy_keyfile(void)
+{
+    const char *keyfile = getenv("MODALD_KEYFILE");
+    char path[1024];
+
+    if (keyfile == NULL || *keyfile == 0)
+        return NULL;
+    absolute(path, sizeof path, keyfile);
+    return strdup(path);
+}
+
+static char *copy_of(const char *name)
+{
+    const char *text = getenv(name);
+
+    return text && *text ? strdup(text) : NULL;
+}
+
+/* Everything that the environment says is read here, in the host's thread. */
 static modald_stream *stream_new(const char *name, int channels, double dt, const char *url, size_t ring, const char *ring_file)
 {
-    const char *keyfile = getenv("MODALD_KEYFILE"), *options = getenv("MODALD_OPTIONS"), *alarms = getenv("MODALD_ALARMS");
-    modald_stream *s = calloc(1, sizeof *s);
+    const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
+    modald_stream *s = aligned_alloc(LINE, sizeof *s);
 
     if (s == NULL)
         return NULL;
+    memset((void *)s, 0, sizeof *s);
     snprintf(s->name, sizeof s->name, "%s", name);
     pthread_once(&fork_once, watch_forks);
     s->forks = atomic_load(&forks);
     s->channels = channels;
     s->dt = dt;
-    s->spill_fd = -1;
+    s->spill_fd = s->ring_fd = -1;
+    sem_init(&s->begun, 0, 0);
     s->spill_most = size_from("MODALD_SPILL_MAX", (size_t)1 << 30);
+    absolute(s->spill_folder, sizeof s->spill_folder, folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp");
+    s->close_wait = number_from("MODALD_CLOSE_WAIT", 5, 1e6);
     s->window_samples = (long)size_from("MODALD_WINDOW", 0);
     s->window_hop = (long)size_from("MODALD_HOP", 0);
     s->credit = FRAME_BYTES;
-    s->url = strdup(url);
-    s->keyfile = keyfile && *keyfile ? strdup(keyfile) : NULL;
-    s->options = options && *options ? strdup(options) : NULL;
-    s->alarms = alarms && *alarms ? strdup(alarms) : NULL;
+    s->url = copy_url(url);
+    s->keyfile = copy_keyfile();
+    s->options = copy_of("MODALD_OPTIONS");
+    s->alarms = copy_of("MODALD_ALARMS");
+    s->run = describe_run();
     if (s->url == NULL || !make_ring(s, ring, ring_file) || !make_frames(s)) {
+        if (s->ring_fd >= 0)
+            close(s->ring_fd);
         stream_free(s);
         return NULL;
     }
     return s;
+}
+
+/* The sender's thread; no signal is ever its own.  A host with more of its own data a thread than SENDER_STACK gets the usual stack. */
+static bool start(modald_stream *s)
+{
+    pthread_attr_t attr;
+    sigset_t all, before;
+    bool good;
+
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, &before);
+    pthread_attr_init(&attr);
+    pthread_attr_setstacksize(&attr, SENDER_STACK);
+    good = pthread_create(&s->thread, &attr, sender, s) == 0 || pthread_create(&s->thread, NULL, sender, s) == 0;
+    pthread_attr_destroy(&attr);
+    while (good && sem_wait(&s->begun) != 0)
+        ;
+    if (s->ring_fd >= 0 && (!good || s->own_descriptors))
+        close(s->ring_fd);                              /* the sender has its own */
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return good;
 }
 
 modald_stream *modald_open(const char *name, int channels, double dt)
@@ -1269,16 +1582,19 @@ modald_stream *modald_open(const char *name, int channels, double dt)
     if (url == NULL || *url == 0)
         return NULL;
     if (name == NULL || *name == 0 || strlen(name) > 128 || channels < 1 || channels > CHANNELS_MOST || !(dt > 0) || !isfinite(dt)) {
-        fprintf(stderr, "modald: modald_open: a name of 1 to 128 bytes, 1 to %d channels and a positive dt are needed\n", CHANNELS_MOST);
+        tell(NULL, "modald_open: a name of 1 to 128 bytes, 1 to 65536 channels and a positive dt are needed");
         return NULL;
     }
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);       /* numbers have a point */
     s = stream_new(name, channels, dt, url, size_from("MODALD_RING", (size_t)8 << 20), getenv("MODALD_RING_FILE"));
-    if (s != NULL && pthread_create(&s->thread, NULL, sender, s) != 0) {
+    uselocale(before);
+    freelocale(c);
+    if (s != NULL && !start(s)) {
         stream_free(s);
         s = NULL;
     }
     if (s == NULL)
-        fprintf(stderr, "modald: stream %s: no memory or no thread; the run goes on without it\n", name);
+        tell(name, "no memory or no thread; the run goes on without it");
     return s;
 }
 
@@ -1286,7 +1602,7 @@ void modald_describe(modald_stream *s, const char *const *names, const char *uni
 {
     size_t size = HEADER_MOST / 2;
 
-    if (s == NULL)
+    if (s == NULL || is_dead(s))
         return;
     s->period = period;
     if (names != NULL && s->names == NULL && (s->names = calloc(1, size)) != NULL) {
@@ -1302,7 +1618,7 @@ void modald_describe(modald_stream *s, const char *const *names, const char *uni
 
 void modald_window(modald_stream *s, long samples, long hop, const char *options)
 {
-    if (s == NULL)
+    if (s == NULL || is_dead(s))
         return;
     s->window_samples = samples;
     s->window_hop = hop;
@@ -1312,44 +1628,23 @@ void modald_window(modald_stream *s, long samples, long hop, const char *options
     }
 }
 
-/* The spill file goes when it is empty; else it is said where it is. */
-static void end_spill(modald_stream *s)
-{
-    char text[700];
-    bool left = spilling(s);
-
-    if (s->spill_fd < 0)
-        return;
-    close(s->spill_fd);
-    if (!left)
-        unlink(s->spill_path);
-    snprintf(text, sizeof text, "some samples could not be sent; `modalctl replay %s` sends them", s->spill_path);
-    s->told = false;
-    if (left)
-        say(s, text);
-}
-
 static void end(modald_stream *s, int how)
 {
-    const char *wait = getenv("MODALD_CLOSE_WAIT");
     double until;
 
-    if (s == NULL || is_inherited(s))
+    if (s == NULL || is_dead(s))
         return;
-    until = now() + (wait && *wait ? strtod(wait, NULL) : 5) + 1;
+    until = now() + s->close_wait + 1;
     atomic_store(&s->stop, how);
     while (!atomic_load(&s->finished) && now() < until)
         rest(0.0005);
-    if (!atomic_load(&s->finished)) {                   /* the thread hangs in a file system: leave it */
+    if (atomic_load(&s->finished)) {
+        pthread_join(s->thread, NULL);
+        stream_free(s);
+    } else {                                            /* the thread hangs in a file system: leave it */
         pthread_detach(s->thread);
-        return;
+        s->forks = CLOSED;
     }
-    pthread_join(s->thread, NULL);
-    uint64_t dropped = atomic_load(&s->dropped);
-    if (dropped > 0)
-        fprintf(stderr, "modald: stream %s: %llu samples were dropped; the record shows the gap\n", s->name, (unsigned long long)dropped);
-    end_spill(s);
-    stream_free(s);
 }
 
 void modald_close(modald_stream *s)
@@ -1372,6 +1667,11 @@ static modald_stream *from_spill(int fd, const char *url, char *message, size_t 
     modald_stream *s = NULL;
     char name[256] = "";
 
+    if (flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+        snprintf(message, size, "a run still writes it");
+        free(text);
+        return NULL;
+    }
     if (text != NULL && pread(fd, &length, sizeof length, sizeof spill_magic) == (ssize_t)sizeof length && length <= HEADER_MOST
         && pread(fd, text, length, sizeof spill_magic + sizeof length) == (ssize_t)length) {
         const char *at = find(text, "name");
@@ -1406,6 +1706,11 @@ static modald_stream *from_ring(int fd, const char *path, const char *url, char 
     if (s == NULL)
         snprintf(message, size, "its head cannot be read");
     close(fd);
+    if (s != NULL && s->ring_fd < 0) {
+        snprintf(message, size, "a run still has it, or it cannot be written");
+        stream_free(s);
+        s = NULL;
+    }
     return s;
 }
 
@@ -1419,11 +1724,31 @@ static void tell_damage(const modald_stream *s, char *message, size_t size)
         add(message, size, "%sthe last %llu bytes were torn", s->damaged > 0 ? ", " : "", (unsigned long long)s->torn);
 }
 
+/* All of it, in at most TIMEOUT seconds? */
+static bool send_all(modald_stream *s, double timeout, char *message, size_t size)
+{
+    bool good = false;
+
+    s->seal = true;
+    if (!connect_socket(s)) {
+        snprintf(message, size, "no socket to %s", s->url);
+        return false;
+    }
+    finish(s, now() + timeout);
+    good = drained(s) && s->closed;
+    if (good)
+        tell_damage(s, message, size);
+    else
+        snprintf(message, size, "%s", s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
+    return good;
+}
+
 int modald_replay(const char *path, double timeout, double *samples, char *message, size_t size)
 {
     const char *url = getenv("MODALD_URL");
     char magic[8] = "";
     int fd = open(path, O_RDWR | O_CLOEXEC);
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);
     modald_stream *s = NULL;
     bool good = false;
 
@@ -1432,23 +1757,17 @@ int modald_replay(const char *path, double timeout, double *samples, char *messa
         s = from_spill(fd, url ? url : "", message, size);
     else if (fd >= 0 && memcmp(magic, ring_magic, sizeof magic) == 0)
         s = from_ring(fd, path, url ? url : "", message, size);
-    if (s == NULL)
-        return 0;
-    s->seal = true;
-    if (!connect_socket(s))
-        snprintf(message, size, "no socket to %s", s->url);
-    else {
-        finish(s, now() + timeout);
-        good = drained(s) && s->closed;
-        if (good)
-            tell_damage(s, message, size);
-        else
-            snprintf(message, size, "%s", s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
+    if (s != NULL) {
+        good = send_all(s, timeout, message, size);
+        *samples = (double)atomic_load(&s->acknowledged);
+        close_socket(s);
+        if (s->spill_fd >= 0)
+            close(s->spill_fd);
+        if (s->ring_fd >= 0)
+            close(s->ring_fd);
+        stream_free(s);
     }
-    *samples = (double)atomic_load(&s->acknowledged);
-    close_socket(s);
-    if (s->spill_fd >= 0)
-        close(s->spill_fd);
-    stream_free(s);
+    uselocale(before);
+    freelocale(c);
     return good;
 }

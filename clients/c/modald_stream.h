@@ -8,13 +8,15 @@
  * NULL is a legal stream everywhere, nothing is ever printed on stdout, and the host is never stopped, forked or ended:
  * when the daemon is away or slow, samples wait in a ring, then in a spill file, and past that are counted as a gap.
  * modald_push makes no system call and takes no lock.  One thread pushes to a stream; streams are independent.  In a child that the host forks its streams
- * do nothing, and need not be closed.
+ * do nothing, and need not be closed; a closed stream is like none.  The sending thread has its own descriptors and takes no signals; paths and all of the
+ * environment are read at modald_open.
  *
  * Environment: MODALD_URL       the daemon's endpoint; unset: no-op
  *              MODALD_KEYFILE   CURVE keys (needed unless the daemon has none)
  *              MODALD_RING      bytes of the ring in memory, default 8388608
  *              MODALD_RING_FILE keep the ring in this file (%s: the stream's name), so that a killed run's last samples
  *                               are sent by the next one, or by `modalctl replay`
+ *                               (in /dev/shm, where the kernel need not mark pages before they are written back to a disk)
  *              MODALD_SPILL     folder of spill files, default $TMPDIR or /tmp
  *              MODALD_SPILL_MAX bytes of a spill file, default 1073741824; 0: none
  *              MODALD_CLOSE_WAIT seconds that modald_close may take, default 5

@@ -47,7 +47,7 @@ def test_without_the_environment_nothing_happens():
     assert done.returncode == 0 and done.stderr == b"" and len(log) == 1000
 
 
-@pytest.mark.parametrize("fault", ["absent", "silent", "wrong-url", "no-key", "no-spill"])
+@pytest.mark.parametrize("fault", ["absent", "silent", "wrong-url", "wrong-name", "no-key", "no-spill"])
 def test_a_fault_changes_neither_output_nor_exit_status(fault, peer, tmp_path):
     plain = loop("x", 20000)[0].stdout
     env = {"MODALD_CLOSE_WAIT": "0.3", "MODALD_SPILL": tmp_path}
@@ -58,6 +58,8 @@ def test_a_fault_changes_neither_output_nor_exit_status(fault, peer, tmp_path):
         peer.silent = True
     elif fault == "wrong-url":
         url = "nonsense://here"
+    elif fault == "wrong-name":
+        url = "tcp://nobody.invalid:4711"
     elif fault == "no-key":
         (tmp_path / "key").write_text("public\n")
         env["MODALD_KEYFILE"] = tmp_path / "key"

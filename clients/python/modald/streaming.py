@@ -10,6 +10,7 @@ Without $MODALD_URL every call does nothing.  An exception closes the stream too
 """
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import ctypes.util
 import os
@@ -31,6 +32,12 @@ class _Estimate(ctypes.Structure):
 
 class _Report(ctypes.Structure):
     _fields_ = [(name, ctypes.c_double) for name in ("pushed", "acknowledged", "dropped", "waiting", "spilled", "resampling_error", "refused")]
+
+
+def _say(text: str) -> None:
+    """One line for people, where there is somebody to read it."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        sys.stderr.write(f"modald: {text}\n")
 
 
 @dataclass(frozen=True)
@@ -89,27 +96,39 @@ class Stream:
         names = None if isinstance(channels, int) else list(channels)
         self.channels = channels if isinstance(channels, int) else len(channels)
         self._handle: int | None = None
+        self._name, self._told = name, False
         if not os.environ.get("MODALD_URL"):
             return
         try:
             self._lib = _load()
         except OSError as why:
-            print(f"modald: stream {name}: {why}; the run goes on without it", file=sys.stderr)
+            _say(f"stream {name}: {why}; the run goes on without it")
             return
-        self._handle = self._lib.modald_open(name.encode(), self.channels, dt)
+        self._handle = self._lib.modald_open(name.encode(errors="replace"), self.channels, dt)
         if self._handle and (names or units or period):
-            array = (ctypes.c_char_p * self.channels)(*(n.encode() for n in names)) if names else None
+            array = (ctypes.c_char_p * self.channels)(*(n.encode(errors="replace") for n in names)) if names else None
             self._lib.modald_describe(self._handle, array, units.encode() if units else None, period)
         if self._handle and window:
             self._lib.modald_window(self._handle, window, hop or window, options.encode() if options else None)
+
+    def _samples(self, y: npt.ArrayLike, one: bool = False) -> npt.NDArray[np.float64]:
+        """Whole samples, or ONE of them, or none and a word on stderr: what would not end a run without a daemon does not end it with one."""
+        try:
+            rows = np.ascontiguousarray(y, dtype=np.float64)
+            wrong = rows.size != self.channels if one else rows.size % self.channels
+            why = f"{rows.size} values are no {'sample' if one else 'samples'} of {self.channels} channels" if wrong else ""
+        except (TypeError, ValueError) as error:
+            why = str(error)
+        if why and not self._told:
+            _say(f"stream {self._name}: {why}; they are left out")
+            self._told = True
+        return rows if not why else np.empty(0)
 
     def push(self, y: npt.ArrayLike) -> None:
         """One sample of all channels, or several: an array of rows."""
         if not self._handle:
             return
-        rows = np.ascontiguousarray(y, dtype=np.float64)
-        if rows.size % self.channels:
-            raise ValueError(f"{rows.size} values are no samples of {self.channels} channels")
+        rows = self._samples(y)
         address, step = rows.ctypes.data, 8 * self.channels
         for i in range(rows.size // self.channels):
             self._lib.modald_push(self._handle, address + i * step)
@@ -118,10 +137,9 @@ class Stream:
         """A sample at its own time; the stream has it at multiples of dt."""
         if not self._handle:
             return
-        row = np.ascontiguousarray(y, dtype=np.float64)
-        if row.size != self.channels:
-            raise ValueError(f"{row.size} values are no sample of {self.channels} channels")
-        self._lib.modald_push_at(self._handle, t, row.ctypes.data)
+        row = self._samples(y, one=True)
+        if row.size > 0:
+            self._lib.modald_push_at(self._handle, t, row.ctypes.data)
 
     def seek(self, index: int) -> None:
         """The index of the next push, for a run that goes on from a checkpoint."""

@@ -49,9 +49,19 @@ static double ratio_at(const double *power, int bins, double theta, int half)
     return all > 0 ? near / count / all : 1;
 }
 
+void colour_factors_of(const double *power, int rows, const double *theta, int count, double *factor)
+{
+    int half = rows / 64 > HALF_LEAST ? rows / 64 : HALF_LEAST;
+
+    for (int j = 0; j < count; j++) {
+        double ratio = rows < ROWS_LEAST ? 1 : ratio_at(power, rows / 2 + 1, theta[j], half);
+        factor[j] = ratio > RATIO_LEAST ? sqrt(ratio) : 1;
+    }
+}
+
 enum modal_status colour_factors(const struct matrix *E, const double *theta, int count, double *factor, struct modal_error *err)
 {
-    int L = E->m, bins = L / 2 + 1, half = L / 64 > HALF_LEAST ? L / 64 : HALF_LEAST;
+    int L = E->m, bins = L / 2 + 1;
     double *x = NULL, *power = NULL;
     fftw_complex *X = NULL;
     fftw_plan plan = NULL;
@@ -70,10 +80,7 @@ enum modal_status colour_factors(const struct matrix *E, const double *theta, in
     }
     for (int c = 0; c < E->n; c++)
         add_periodogram(E->x + (size_t)c * E->ld, L, x, X, plan, power);
-    for (int j = 0; j < count; j++) {
-        double ratio = ratio_at(power, bins, theta[j], half);
-        factor[j] = ratio > RATIO_LEAST ? sqrt(ratio) : 1;
-    }
+    colour_factors_of(power, L, theta, count, factor);
 out:
     if (plan != NULL)
         fftw_destroy_plan(plan);

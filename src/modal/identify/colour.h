@@ -16,6 +16,9 @@
  */
 enum modal_status colour_factors(const struct matrix *E, const double *theta, int count, double *factor, struct modal_error *err);
 
+/* The same where the power spectrum is known: POWER, rows/2 + 1 numbers, the squared magnitudes of the discrete Fourier transforms of E's columns of unit norm, added. */
+void colour_factors_of(const double *power, int rows, const double *theta, int count, double *factor);
+
 /*
  * Box and Pierce's test [BP70]: with r_l the autocorrelation at lag l, its mean over the columns, each of unit power, and n numbers in all,
  *

@@ -48,8 +48,8 @@ void anchor_forget(struct moving *m)
 {
     drop_blocks(m);
     poles_free(&m->own), poles_free(&m->first), poles_free(&m->anchor);
-    free(m->Q);
-    m->Q = NULL;
+    free(m->Q), free(m->table);
+    m->Q = m->table = NULL;
     m->anchored = false;
 }
 
@@ -202,8 +202,8 @@ enum modal_status anchor_set(struct moving *m, const struct poles_of *p, struct 
     enum modal_status rc = MODAL_OK;
 
     drop_blocks(m);
-    free(m->Q);
-    m->Q = NULL;
+    free(m->Q), free(m->table);
+    m->Q = m->table = NULL;
     m->k = MOMENTS * q;
     m->B = block_length(m, m->k);
     if (p->lambda != m->anchor.lambda) {
@@ -225,6 +225,10 @@ enum modal_status anchor_set(struct moving *m, const struct poles_of *p, struct 
             n += moment_columns(p->lambda[j], m->opt.dt, m->B, i, m->Q + (size_t)n * (size_t)m->B);
     Q = (struct matrix) { m->B, n, m->B, m->Q };
     rc = qr_orthonormal(&Q, NULL, err);
+    if (rc == MODAL_OK) {
+        struct moving_rows rows = { .length = m->B, .k = m->k, .Q = m->Q, .tau = m->opt.dt, .anchors = p->count, .anchor = m->anchor.lambda };
+        rc = moving_table(&rows, &m->table, err);
+    }
     return rc == MODAL_OK ? keep_blocks(m, err) : rc;
 }
 

@@ -6,10 +6,15 @@
  *
  *     |y - Phi c|^2 = |Q^T y - Q^T Phi c|^2 + |y - Q Q^T y|^2,                                              (a)
  *
- * the last term free of the unknowns: the least-squares problem on blocks x k rows is that on blocks x length rows.  A block's columns are the first block's times a
- * power of z, so that one product with Q serves all blocks.
+ * the last term free of the unknowns: the least-squares problem on blocks x k rows is that on blocks x length rows.
  *
- * From a start that is near, undamped steps reach the minimum; each weighs the signals anew by the residuals it found.
+ * From a start that is near, undamped steps reach the minimum; each weighs the signals anew by the residuals it found.  All but the first are shorter than what
+ * the span of the columns and their first moments holds: with Z_i = (t - c)^i e^{lambda_0 t} and d = lambda - lambda_0,
+ *
+ *     e^{lambda t} = e^{d c} (Z_0 + d Z_1 + d^2 Z_2 / 2),   (t - c) e^{lambda t} = e^{d c} (Z_1 + d Z_2),           (b)
+ *
+ * to x^3 / 6 and x^2 / 2, x = |d (t - c)|, so that after one factorisation of [Z_0 Z_1 Z_2 X] further evaluations factor 3 q rows.  A derivative off by
+ * x^2 / 2 moves the minimum by that part of a standard error.  Past x = SPAN the rows are factored anew.
  *
  * Leaving a pole j out raises the sum of squares of signal g by c^T (V V^T)^{-1} c, V being pole j's rows of R11^{-1} and c its coefficients, exactly
  * (before the others are refined again).  A pole that becomes two neighbours spans, to first order, e^{lambda t} and t e^{lambda t}: what that could
@@ -29,143 +34,26 @@ static const double SETTLED = 1e-10, NEAR = 1e-6;    /* gradients in standard er
 static const double SCARCE_MOST = 0.95;             /* as refine.c */
 static const double CLOSE = 1e-10;                  /* a step that is this part of every real and imaginary part is the last */
 static const double STEP_MOST = 30;                 /* a longer first step: the start was not near */
-enum { POWERS = 16, PIECE = 256 };                  /* PIECE: a multiple of POWERS */
+static const double SPAN = 4e-5;
 enum { STEPS = 14, FREEDOM_LEAST = 30 };            /* FREEDOM_LEAST: as refine.c */
-
-int moving_rows_count(const struct moving_rows *r)
-{
-    return r->lead + r->blocks * r->k + r->trail;
-}
-
-int moving_rows_samples(const struct moving_rows *r)
-{
-    return r->lead + r->blocks * r->length + r->trail;
-}
-
-/* ---- columns ---- */
-
-struct column { double a, b, reference, centre; double *re, *im, *d_re, *d_im; double complex table[POWERS]; /* z^0 .. */ };
-
-static void put(const struct column *c, int row, double complex v, double complex d)
-{
-    c->re[row] = creal(v), c->im[row] = -cimag(v);
-    if (c->d_re != NULL)
-        c->d_re[row] = creal(d), c->d_im[row] = -cimag(d);
-}
-
-/* z^l over the reference, l the sample's number in the window. */
-static double complex power(const struct column *c, double l)
-{
-    double high = c->b * l, low = fma(c->b, l, -high), e = exp(c->a * l - c->reference);
-
-    return e * CMPLX(cos(high) - low * sin(high), sin(high) + low * cos(high));
-}
-
-static void fill_table(struct column *c)
-{
-    struct column own = { .a = c->a, .b = c->b };
-
-    for (int i = 0; i < POWERS; i++)
-        c->table[i] = power(&own, i);
-}
-
-/* z^l over the reference for l = first .. first + count - 1: every POWERS-th exactly, times the table. */
-static void powers(const struct column *c, double first, int count, double complex *z)
-{
-    for (int at = 0; at < count; at += POWERS) {
-        double complex head = power(c, first + at);
-        double x = creal(head), y = cimag(head);
-        for (int i = 0; i < POWERS && at + i < count; i++)
-            z[at + i] = CMPLX(x * creal(c->table[i]) - y * cimag(c->table[i]), x * cimag(c->table[i]) + y * creal(c->table[i]));
-    }
-}
-
-static void put_samples(const struct column *c, int row, int first, int count)
-{
-    double complex z[PIECE];
-
-    for (int at = 0; at < count; at += PIECE) {
-        int n = count - at < PIECE ? count - at : PIECE;
-        powers(c, first + at, n, z);
-        for (int i = 0; i < n; i++)
-            put(c, row + at + i, z[i], (first + at + i - c->centre) * z[i]);
-    }
-}
-
-/* Q^T of z^l and l z^l, l = 0 .. length - 1, into E[0..k) and E[k..2k). */
-static void project_powers(const struct moving_rows *r, const struct column *c, double complex *E)
-{
-    struct column own = *c;
-    int n = r->length, k = r->k;
-    double complex *z = E + 2 * k;                               /* n */
-    double *x = (double *)(z + n), *p = x + 4 * n;               /* n x 4, then k x 4 */
-
-    own.reference = 0;
-    powers(&own, 0, n, z);
-    for (int l = 0; l < n; l++)
-        x[l] = creal(z[l]), x[l + n] = cimag(z[l]), x[l + 2 * n] = l * creal(z[l]), x[l + 3 * n] = l * cimag(z[l]);
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, 4, n, 1, r->Q, n, x, n, 0, p, k);
-    for (int i = 0; i < k; i++)
-        E[i] = CMPLX(p[i], p[i + k]), E[i + k] = CMPLX(p[i + 2 * k], p[i + 3 * k]);
-}
-
-static void put_blocks(const struct moving_rows *r, const struct column *c, double complex *E)
-{
-    int k = r->k;
-
-    project_powers(r, c, E);
-    for (int j = 0; j < r->blocks; j++) {
-        int at = r->lead + j * r->length;
-        double complex z = power(c, at);
-        for (int i = 0; i < k; i++)
-            put(c, r->lead + j * k + i, z * E[i], z * (E[i + k] + (at - c->centre) * E[i]));
-    }
-}
-
-static size_t scratch_of(const struct moving_rows *r)            /* complex numbers that put_blocks needs */
-{
-    return (size_t)(2 * r->k + 3 * r->length + 2 * r->k + 1);
-}
-
-static double fill_column(const struct moving_rows *r, double complex lambda, struct column *c, double complex *E)
-{
-    int L = moving_rows_samples(r);
-
-    c->a = creal(lambda) * r->tau, c->b = cimag(lambda) * r->tau;
-    c->reference = c->a > 0 ? c->a * (L - 1) : 0;
-    c->centre = c->a == 0 ? 0.5 * (L - 1) : c->a > 0 ? L - 1 - fmin(0.5 * L, 1 / c->a) : fmin(0.5 * L, -1 / c->a);
-    fill_table(c);
-    put_samples(c, 0, 0, r->lead);
-    if (r->blocks > 0)
-        put_blocks(r, c, E);
-    put_samples(c, r->lead + r->blocks * r->k, L - r->trail, r->trail);
-    return c->reference;
-}
-
-double moving_column(const struct moving_rows *r, double complex lambda, double *re, double *im, double *d_re, double *d_im)
-{
-    struct column c = { .re = re, .im = im, .d_re = d_re, .d_im = d_im };
-    double complex *E = malloc(sizeof *E * scratch_of(r));
-    double reference = NAN;
-
-    if (E != NULL)
-        reference = fill_column(r, lambda, &c, E);
-    free(E);
-    return reference;
-}
 
 /* ---- one evaluation ---- */
 
 struct work {
     const struct moving_rows *rows;
     const struct moving_signals *y;
-    int m, L, r, q, P, n;        /* rows, samples, signals, order, parameters, columns of [Phi D X] */
-    int count;
+    int m, L, r, q, P;           /* rows, samples, signals, order, parameters */
+    int moments, count;          /* moments: of the columns in A */
     enum pole_kind *kind;
     int *column, *first;
-    double complex *E;
-    double *spare;               /* a column for the imaginary parts that a real pole has not */
-    double *A, *T;               /* [Phi D X], m x n; its triangle */
+    double *scratch, *spare;     /* spare: columns for the imaginary parts that a real pole has not */
+    double complex *base;        /* lambda_0 of (b); its references and centres */
+    double *reference, *centre;
+    double *A;                   /* m x (moments q + r): [Z_0 Z_1 .. X], reflected */
+    double *B;                   /* depth x (2q + r): [Phi D X] in the span of Z, reflected */
+    const double *T, *X;         /* the present triangle, its signals: in A or B */
+    int ld, depth;               /* of T and X; rows of X above `below` */
+    double *below;               /* r: sums of squares below them */
     double *C, *V;               /* q x r; q x q: inverse of R11 */
     double *stack, *J, *tau, *delta;
     double *weight, *energy, *rss, *floor2;
@@ -175,8 +63,9 @@ struct work {
 
 static void work_done(struct work *w)
 {
-    free(w->kind), free(w->column), free(w->first), free(w->E), free(w->spare), free(w->A), free(w->T), free(w->C), free(w->V);
-    free(w->stack), free(w->J), free(w->tau), free(w->delta), free(w->weight), free(w->energy), free(w->rss), free(w->floor2);
+    free(w->kind), free(w->column), free(w->first), free(w->scratch), free(w->spare), free(w->base), free(w->reference), free(w->centre), free(w->A);
+    free(w->B), free(w->below), free(w->C), free(w->V), free(w->stack), free(w->J), free(w->tau), free(w->delta), free(w->weight), free(w->energy);
+    free(w->rss), free(w->floor2);
 }
 
 static double *numbers(size_t m, size_t n)
@@ -197,20 +86,21 @@ static bool layout(struct work *w, const double complex *lambda)
         w->q += w->kind[j] == POLE_PAIR ? 2 : 1;
         w->P += lambda[j] == 0 ? 0 : w->kind[j] == POLE_PAIR ? 2 : 1;
     }
-    w->n = 2 * w->q + w->r;
     return true;
 }
 
 static bool allocate(struct work *w)
 {
-    size_t m = (size_t)w->m, n = (size_t)w->n, q = (size_t)w->q, r = (size_t)w->r, P = (size_t)w->P + 1;
+    size_t m = (size_t)w->m, q = (size_t)w->q, r = (size_t)w->r, P = (size_t)w->P + 1, most = w->look ? 1 : MOVING_MOMENTS;
 
-    w->E = malloc(sizeof *w->E * scratch_of(w->rows));
-    w->spare = numbers(2 * m, 1), w->A = numbers(m, n), w->T = numbers(n, n), w->C = numbers(q, r), w->V = numbers(q, q);
-    w->stack = numbers(q * r + P, P), w->J = numbers(P, P), w->tau = numbers(P, 1), w->delta = numbers(P, 1);
-    w->weight = numbers(r, 1), w->energy = numbers(r, 1), w->rss = numbers(r, 1), w->floor2 = numbers(r, 1);
-    return w->E != NULL && w->spare != NULL && w->A != NULL && w->T != NULL && w->C != NULL && w->V != NULL && w->stack != NULL && w->J != NULL
-        && w->tau != NULL && w->delta != NULL && w->weight != NULL && w->energy != NULL && w->rss != NULL && w->floor2 != NULL;
+    w->scratch = malloc(sizeof *w->scratch * moving_columns_scratch(w->rows)), w->spare = malloc(sizeof *w->spare * most * m);
+    w->base = malloc(sizeof *w->base * (size_t)w->count), w->reference = numbers((size_t)w->count, 1), w->centre = numbers((size_t)w->count, 1);
+    w->A = malloc(sizeof *w->A * m * (most * q + r)), w->B = malloc(sizeof *w->B * most * q * (2 * q + r)), w->below = numbers(r, 1);
+    w->C = numbers(q, r), w->V = numbers(q, q), w->stack = numbers(q * r + P, P), w->J = numbers(P, P), w->tau = numbers(2 * q + r, most);
+    w->delta = numbers(P, 1), w->weight = numbers(r, 1), w->energy = numbers(r, 1), w->rss = numbers(r, 1), w->floor2 = numbers(r, 1);
+    return w->scratch != NULL && w->spare != NULL && w->base != NULL && w->reference != NULL && w->centre != NULL && w->A != NULL && w->B != NULL
+        && w->below != NULL && w->C != NULL && w->V != NULL && w->stack != NULL && w->J != NULL && w->tau != NULL && w->delta != NULL && w->weight != NULL
+        && w->energy != NULL && w->rss != NULL && w->floor2 != NULL;
 }
 
 static double freedom(const struct work *w)
@@ -249,48 +139,106 @@ static void set_weights(struct work *w)
     }
 }
 
-/* [Phi D X] and its triangle; false where Phi is singular. */
-static enum modal_status factor(struct work *w, const double complex *lambda, double *reference, bool *regular, struct modal_error *err)
+/* Whether Phi has full rank, by its triangle. */
+static bool regular(const struct work *w)
 {
-    struct matrix A = { w->m, w->n, w->m, w->A }, T = { w->n, w->n, w->n, w->T };
+    for (int j = 0; j < w->q; j++)
+        if (!(fabs(w->T[j + j * w->ld]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->T + j * w->ld, 1)))
+            return false;
+    return true;
+}
+
+/* [Z_0 .. X] at LAMBDA, reflected; where MOMENTS are more than one the first 2q columns are Phi and D at LAMBDA. */
+static void factor(struct work *w, const double complex *lambda, int moments)
+{
+    int depth = moments * w->q;
     size_t m = (size_t)w->m;
-    enum modal_status rc;
+    struct matrix A = { w->m, depth + w->r, w->m, w->A };
 
     for (int j = 0; j < w->count; j++) {
-        double *re = w->A + (size_t)w->column[j] * m, *d = re + (size_t)w->q * m;
-        bool pair = w->kind[j] == POLE_PAIR;
-        struct column c = { .re = re, .im = pair ? re + m : w->spare, .d_re = d, .d_im = pair ? d + m : w->spare + m };
-        reference[j] = fill_column(w->rows, lambda[j], &c, w->E);
+        struct moving_column c;
+        for (int i = 0; i < moments; i++) {
+            c.re[i] = w->A + (size_t)(i * w->q + w->column[j]) * m;
+            c.im[i] = w->kind[j] == POLE_PAIR ? c.re[i] + m : w->spare + (size_t)i * m;
+        }
+        moving_columns(w->rows, lambda[j], moments, &c, w->scratch);
+        w->base[j] = lambda[j], w->reference[j] = c.reference, w->centre[j] = c.centre;
     }
     for (int g = 0; g < w->r; g++)
-        memcpy(w->A + (size_t)(2 * w->q + g) * m, w->y->X.x + (size_t)g * (size_t)w->y->X.ld, sizeof(double) * m);
-    rc = qr_triangle(&A, &T, err);
-    w->spent += (double)w->m * w->n * w->n;
-    *regular = true;
-    for (int j = 0; j < w->q; j++)
-        *regular &= fabs(w->T[j + j * w->n]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->T + j * w->n, 1);
-    return rc;
+        memcpy(w->A + (size_t)(depth + g) * m, w->y->X.x + (size_t)g * (size_t)w->y->X.ld, sizeof(double) * m);
+    qr_reflect(&A, depth, w->tau);
+    w->spent += (double)w->m * (depth + w->r) * (depth + w->r);
+    w->moments = moments, w->T = w->A, w->X = w->A + (size_t)depth * m, w->ld = w->m, w->depth = depth;
+    for (int g = 0; g < w->r; g++) {
+        const double *x = w->X + (size_t)g * m + depth;
+        w->below[g] = w->y->outside2[g] + cblas_ddot(w->m - depth, x, 1, x, 1);
+    }
+}
+
+/* sum_i k_i Z_{from + i} of pole j, by (b), into column `to` of B; Z_i stands as (Re, -Im). */
+static void combine(struct work *w, int j, const double complex *k, int terms, int from, int to)
+{
+    bool pair = w->kind[j] == POLE_PAIR;
+    double *re = w->B + (size_t)to * (size_t)w->depth, *im = pair ? re + w->depth : w->spare;
+
+    memset(re, 0, sizeof *re * (size_t)w->depth), memset(im, 0, sizeof *im * (size_t)w->depth);
+    for (int i = 0; i < terms; i++) {
+        int at = (from + i) * w->q + w->column[j], rows = at + (pair ? 2 : 1);
+        const double *x = w->A + (size_t)at * (size_t)w->m, *y = x + w->m;
+        cblas_daxpy(rows, creal(k[i]), x, 1, re, 1);
+        if (!pair)
+            continue;
+        cblas_daxpy(rows, cimag(k[i]), y, 1, re, 1);
+        cblas_daxpy(rows, creal(k[i]), y, 1, im, 1);
+        cblas_daxpy(rows, -cimag(k[i]), x, 1, im, 1);
+    }
+}
+
+/* [Phi D X] at LAMBDA from the triangle of Z, reflected. */
+static void factor_near(struct work *w, const double complex *lambda)
+{
+    int q = w->q, depth = w->depth;
+    struct matrix B = { depth, 2 * q + w->r, depth, w->B };
+
+    for (int j = 0; j < w->count; j++) {
+        double complex d = (lambda[j] - w->base[j]) * w->rows->tau, scale = cexp(d * w->centre[j] - (moving_reference(w->rows, lambda[j]) - w->reference[j])), k[3] = { scale, scale * d, 0.5 * scale * d * d };
+        combine(w, j, k, 3, 0, w->column[j]);
+        combine(w, j, k, 2, 1, q + w->column[j]);
+    }
+    for (int g = 0; g < w->r; g++)
+        memcpy(w->B + (size_t)(2 * q + g) * (size_t)depth, w->A + (size_t)(depth + g) * (size_t)w->m, sizeof(double) * (size_t)depth);
+    qr_reflect(&B, 2 * q, w->tau);
+    w->spent += (double)depth * B.n * B.n;
+    w->T = w->B, w->X = w->B + (size_t)(2 * q) * (size_t)depth, w->ld = depth;
+}
+
+/* Does (b) reach from the base to LAMBDA? */
+static bool in_span(const struct work *w, const double complex *lambda)
+{
+    for (int j = 0; j < w->count && w->moments == MOVING_MOMENTS; j++)
+        if (!(cabs(lambda[j] - w->base[j]) * w->rows->tau * fmax(w->centre[j], w->L - 1 - w->centre[j]) <= SPAN))
+            return false;
+    return w->moments == MOVING_MOMENTS;
 }
 
 /* Coefficients and sums of squares. */
 static void solve(struct work *w)
 {
-    int q = w->q, n = w->n;
+    int q = w->q;
 
     for (int g = 0; g < w->r; g++) {
-        const double *x = w->T + (size_t)(2 * q + g) * (size_t)n;
-        double rest = cblas_dnrm2(q + g + 1, x + q, 1);
+        const double *x = w->X + (size_t)g * (size_t)w->ld;
         memcpy(w->C + (size_t)g * (size_t)q, x, sizeof(double) * (size_t)q);
-        w->rss[g] = rest * rest + w->y->outside2[g];
+        w->rss[g] = cblas_ddot(w->depth - q, x + q, 1, x + q, 1) + w->below[g];
     }
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, w->r, 1, w->T, n, w->C, q);
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, w->r, 1, w->T, w->ld, w->C, q);
 }
 
 /* The rows of (4) of signal g. */
 static void signal_rows(struct work *w, int g)
 {
-    int q = w->q, n = w->n, ld = q * w->r + w->P + 1;
-    const double *R22 = w->T + q + (size_t)q * (size_t)n, *c = w->C + (size_t)g * (size_t)q, *z = w->T + q + (size_t)(2 * q + g) * (size_t)n;
+    int q = w->q, n = w->ld, ld = q * w->r + w->P + 1;
+    const double *R22 = w->T + q + (size_t)q * (size_t)n, *c = w->C + (size_t)g * (size_t)q, *z = w->X + q + (size_t)g * (size_t)n;
 
     for (int j = 0; j < w->count; j++) {
         int i = w->column[j];
@@ -307,29 +255,34 @@ static void signal_rows(struct work *w, int g)
 }
 
 /* R_J and g; the gradient in standard errors. */
-static enum modal_status linearise(struct work *w, struct modal_error *err)
+static void linearise(struct work *w)
 {
-    int P = w->P + 1, m = w->q * w->r, ld = m + P;
-    struct matrix A = { m > P ? m : P, P, ld, w->stack }, T = { P, P, P, w->J };
-    enum modal_status rc;
+    int P = w->P + 1, ld = w->q * w->r + P;
+    struct matrix A = { ld, P, ld, w->stack };
 
     memset(w->stack, 0, sizeof(double) * (size_t)ld * (size_t)P);
     for (int g = 0; g < w->r; g++)
         signal_rows(w, g);
-    rc = qr_triangle(&A, &T, err);
+    qr_reflect(&A, w->P, w->tau);
+    for (int p = 0; p < P; p++)
+        memcpy(w->J + (size_t)p * (size_t)P, w->stack + (size_t)p * (size_t)ld, sizeof(double) * (size_t)P);
     w->gradient = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1) / sqrt(fmax(w->F / fmax(freedom(w), 1), DBL_MIN));
-    return rc;
 }
 
-static enum modal_status evaluate(struct work *w, const double complex *lambda, double *reference, bool *regular, struct modal_error *err)
+/* False where Phi is singular. */
+static bool evaluate(struct work *w, const double complex *lambda, int moments)
 {
-    enum modal_status rc = factor(w, lambda, reference, regular, err);
-
-    if (rc != MODAL_OK || !*regular)
-        return rc;
+    if (in_span(w, lambda))
+        factor_near(w, lambda);
+    else
+        factor(w, lambda, w->m < moments * w->q ? 2 : moments);
+    if (!regular(w))
+        return false;
     solve(w);
     set_weights(w);
-    return w->look || w->P == 0 ? MODAL_OK : linearise(w, err);
+    if (!w->look && w->P > 0)
+        linearise(w);
+    return true;
 }
 
 /* ---- steps ---- */
@@ -391,24 +344,21 @@ static bool at_rounding(const struct work *w)
 }
 
 /* The coefficients are those of the last evaluation, a last step before lambda at most. */
-static enum modal_status descend(struct work *w, struct moving_fit *f, struct modal_error *err)
+static void descend(struct work *w, struct moving_fit *f)
 {
     double before = HUGE_VAL, now = HUGE_VAL;
 
     for (int i = 0; i < STEPS; i++) {
-        bool regular;
-        enum modal_status rc = evaluate(w, f->lambda, f->reference, &regular, err);
-        if (rc != MODAL_OK || !regular || !isfinite(w->gradient) || (i == 0 && w->gradient > STEP_MOST && !at_rounding(w)))
-            return rc;
+        if (!evaluate(w, f->lambda, i == 0 ? 2 : MOVING_MOMENTS) || !isfinite(w->gradient) || (i == 0 && w->gradient > STEP_MOST && !at_rounding(w)))
+            return;
         f->settled = w->gradient <= SETTLED || (w->gradient >= before && (w->gradient <= NEAR || at_rounding(w)));
         if (f->settled || w->gradient >= before || i == STEPS - 1 || !newton(w))
-            return MODAL_OK;
+            return;
         f->settled = is_last(w, f->lambda);
         if (!take_step(w, f->lambda) || f->settled)
-            return MODAL_OK;
+            return;
         before = i > 0 ? now : HUGE_VAL, now = w->gradient;
     }
-    return MODAL_OK;
 }
 
 /* ---- what the fit says ---- */
@@ -478,11 +428,11 @@ static double scarcity(double unknowns, double numbers)
 static double gain_if_free(const struct work *w, int j)
 {
     int i = w->q + w->column[j];
-    double d = w->T[i + (size_t)i * (size_t)w->n], num = 0, den = 0;
+    double d = w->T[i + (size_t)i * (size_t)w->ld], num = 0, den = 0;
 
     for (int g = 0; g < w->r; g++) {
         double x = w->weight[g] * w->C[w->column[j] + (size_t)g * (size_t)w->q] * d;
-        num += x * w->weight[g] * w->T[i + (size_t)(2 * w->q + g) * (size_t)w->n], den += x * x;
+        num += x * w->weight[g] * w->X[i + (size_t)g * (size_t)w->ld], den += x * x;
     }
     return den > 0 ? num * num / den : 0;
 }
@@ -499,14 +449,14 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
     f->pair_price = f->price * 2 * (live + 1 + 1 / fmax(live, 1));
     f->least_drop = HUGE_VAL;
     for (int j = 0; j < q; j++)
-        memcpy(w->V + (size_t)j * (size_t)q, w->T + (size_t)j * (size_t)w->n, sizeof(double) * (size_t)q);
+        memcpy(w->V + (size_t)j * (size_t)q, w->T + (size_t)j * (size_t)w->ld, sizeof(double) * (size_t)q);
     if (LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'U', 'N', q, w->V, q) != 0)
         f->settled = false;
     for (int j = 0; j < w->count; j++) {
         int i = w->column[j], n = w->kind[j] == POLE_PAIR ? 2 : 1;
         double drop = -0.5 * n * f->pair_price, split = 0;
         for (int g = 0; g < w->r; g++) {
-            const double *z = w->T + q + i + (size_t)(2 * q + g) * (size_t)w->n;
+            const double *z = w->X + q + i + (size_t)g * (size_t)w->ld;
             drop += gain(w, g, w->rss[g] + share_of(w, j, g), w->rss[g]);
             split += gain(w, g, w->rss[g], w->rss[g] - squared(z[0]) - (n > 1 ? squared(z[1]) : 0));
         }
@@ -527,14 +477,14 @@ static bool fit_new(struct moving_fit *f, const struct work *w)
 
     *f = (struct moving_fit) { .poles = w->count, .order = w->q, .signals = w->r, .parameters = w->P };
     f->lambda = malloc(sizeof *f->lambda * (count + 1));
-    f->std_re = numbers(count, 1), f->std_im = numbers(count, 1), f->reference = numbers(count, 1);
+    f->std_re = numbers(count, 1), f->std_im = numbers(count, 1);
     f->C = numbers((size_t)w->q, r), f->rss = numbers(r, 1), f->floor2 = numbers(r, 1), f->energy = numbers(r, 1);
-    return f->lambda != NULL && f->std_re != NULL && f->std_im != NULL && f->reference != NULL && f->C != NULL && f->rss != NULL && f->floor2 != NULL && f->energy != NULL;
+    return f->lambda != NULL && f->std_re != NULL && f->std_im != NULL && f->C != NULL && f->rss != NULL && f->floor2 != NULL && f->energy != NULL;
 }
 
 void moving_fit_done(struct moving_fit *f)
 {
-    free(f->lambda), free(f->std_re), free(f->std_im), free(f->reference), free(f->C), free(f->rss), free(f->floor2), free(f->energy);
+    free(f->lambda), free(f->std_re), free(f->std_im), free(f->C), free(f->rss), free(f->floor2), free(f->energy);
     *f = (struct moving_fit) { 0 };
 }
 
@@ -565,24 +515,21 @@ static enum modal_status run(const struct moving_rows *rows, const struct moving
     struct work w = { .rows = rows, .y = signals, .m = signals->X.m, .L = moving_rows_samples(rows), .r = signals->X.n, .count = count, .look = what == LOOK };
     struct moving_fit f = { 0 };
     enum modal_status rc = MODAL_OK;
-    bool regular = true;
 
-    if (count < 1 || !layout(&w, start) || w.m != moving_rows_count(rows) || w.m < w.n) {
+    if (count < 1 || !layout(&w, start) || w.m != moving_rows_count(rows) || w.m < 2 * w.q + w.r) {
         rc = modal_fail(err, MODAL_BAD_INPUT, "moving_fit: %d rows for %d poles and %d signals", w.m, count, w.r);
         goto out;
     }
     if (!allocate(&w) || !fit_new(&f, &w)) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "moving_fit: no memory for %d x %d", w.m, w.n);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "moving_fit: no memory for %d x %d", w.m, 2 * w.q + w.r);
         goto out;
     }
     memcpy(f.lambda, start, sizeof *start * (size_t)count);
     set_floor(&w, start);
     if (what != FIT)
-        rc = evaluate(&w, f.lambda, f.reference, &regular, err), f.settled = regular;
+        f.settled = evaluate(&w, f.lambda, what == LOOK ? 1 : 2);
     else
-        rc = descend(&w, &f, err);
-    if (rc != MODAL_OK)
-        goto out;
+        descend(&w, &f);
     report(&w, what, &f);
     *out = f;
     f = (struct moving_fit) { 0 };

@@ -4,22 +4,8 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "modal/error.h"
+#include "modal/identify/moving_columns.h"
 #include "modal/linalg/matrix.h"
-
-/*
- * A window of L samples at steps tau: `lead` samples as they are, `blocks` blocks of `length` samples, each as its k numbers Q^T y, and `trail` samples as
- * they are.  Q, length x k, has orthonormal columns that hold every exponential near the poles (moving.c says how near).
- */
-struct moving_rows {
-    int lead, blocks, trail;
-    int length, k;
-    const double *Q;             /* borrowed */
-    double tau;
-};
-
-/* lead + blocks k + trail; lead + blocks length + trail. */
-int moving_rows_count(const struct moving_rows *rows);
-int moving_rows_samples(const struct moving_rows *rows);
 
 /* One list of signals on such rows. */
 struct moving_signals {
@@ -32,7 +18,6 @@ struct moving_fit {
     double complex *lambda;      /* 1/s, in the order of the start */
     double *std_re, *std_im;     /* 1/s; 0 for what is fixed or exact by kind */
     double *C;                   /* order x signals, of columns divided by their largest entry */
-    double *reference;           /* per pole: ln of that entry */
     double *rss;                 /* per signal */
     double *energy, *floor2;     /* per signal: sum of squares; mean square that rounding leaves */
     double could_gain;           /* moving_probe: by how much -2 ln(likelihood) could fall, as refine.c's `hopeless` reckons */
@@ -61,8 +46,4 @@ enum modal_status moving_look(const struct moving_rows *rows, const struct movin
 enum modal_status moving_probe(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *lambda, int count,
                                struct moving_fit *out, struct modal_error *err);
 void moving_fit_done(struct moving_fit *f);
-
-/* Column pairs of pole LAMBDA on the rows: e^{lambda t} over its largest entry, real and minus imaginary part; with D also t e^{lambda t}, t in
- * steps, about the column's weight.  Returns the reference. */
-double moving_column(const struct moving_rows *rows, double complex lambda, double *re, double *im, double *d_re, double *d_im);
 #endif

@@ -100,41 +100,71 @@ enum modal_status judge_split(struct job *j, const struct moving_fit *f, enum re
     return rc;
 }
 
-/* E = signals less their fit, L x r, of the whole window. */
-static enum modal_status residual_of(const struct job *j, const struct moving_fit *f, double *E, struct modal_error *err)
+/* The columns of f's poles on ROWS, ld their number, into Phi, which has room for one more; false where there is no memory. */
+static bool basis_on(const struct moving_rows *rows, const struct moving_fit *f, double *Phi)
+{
+    size_t n = (size_t)moving_rows_count(rows);
+    double *scratch = malloc(sizeof *scratch * moving_columns_scratch(rows));
+
+    for (int i = 0, at = 0; i < f->poles && scratch != NULL; at += pole_order(f->lambda[i], rows->tau), i++) {
+        struct moving_column c = { .re = { Phi + (size_t)at * n }, .im = { Phi + (size_t)(at + 1) * n } };
+        moving_columns(rows, f->lambda[i], 1, &c, scratch);
+    }
+    free(scratch);
+    return scratch != NULL;
+}
+
+/* What a fit leaves: E, L x r, of the whole window; of the compressed blocks, blocks k x r. */
+struct residual { double *E, *inside; int rows; };
+
+static enum modal_status residual_of(const struct job *j, const struct moving_fit *f, struct residual *left, struct modal_error *err)
 {
     struct moving *m = j->m;
     struct moving_rows all = { .lead = m->L, .tau = m->opt.dt };
-    int L = m->L, at = 0;
-    double *Phi = malloc(sizeof *Phi * (size_t)L * (size_t)(f->order + 1));
+    int L = m->L, r = j->r, whole = moving_rows_count(&j->rows);
+    double *Phi = malloc(sizeof *Phi * (size_t)(L > whole ? L : whole) * (size_t)(f->order + 1));
+    bool ok = Phi != NULL && basis_on(&all, f, Phi);
 
-    if (Phi == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, f->order);
-    for (int i = 0; i < f->poles; i++) {
-        moving_column(&all, f->lambda[i], Phi + (size_t)at * (size_t)L, Phi + (size_t)(at + 1) * (size_t)L, NULL, NULL);
-        at += pole_order(f->lambda[i], m->opt.dt);
+    left->rows = j->rows.blocks * j->rows.k;
+    if (ok) {
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, L, r, m->S, 1, moving_sample(m, m->next - (uint64_t)L), m->S, j->W, m->S, 0, left->E, L);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, r, f->order, -1, Phi, L, f->C, f->order, 1, left->E, L);
     }
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, L, j->r, m->S, 1, moving_sample(m, m->next - (uint64_t)L), m->S, j->W, m->S, 0, E, L);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, j->r, f->order, -1, Phi, L, f->C, f->order, 1, E, L);
+    if (ok && left->rows > 0 && (ok = basis_on(&j->rows, f, Phi))) {
+        for (int g = 0; g < r; g++)
+            memcpy(left->inside + (size_t)g * (size_t)left->rows, j->X.x + j->rows.lead + (size_t)g * (size_t)j->X.ld, sizeof(double) * (size_t)left->rows);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, left->rows, r, f->order, -1, Phi + j->rows.lead, whole, f->C, f->order, 1, left->inside, left->rows);
+    }
     free(Phi);
-    return MODAL_OK;
+    return ok ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, f->order);
 }
 
-/* Samples first .. first + n - 1 of E, one gain (2) a frequency; the largest. */
-static double largest_gain(const struct job *j, const struct moving_fit *f, const double *E, int first, int n, fftw_plan plan, double *gains)
+static double square_at(const fftw_complex *X, int k, int n)
+{
+    return (k == 0 || 2 * k == n ? 1.0 : 2.0) / n * (creal(X[k]) * creal(X[k]) + cimag(X[k]) * cimag(X[k]));
+}
+
+/* Samples first .. first + n - 1 of E, one gain (2) a frequency; the largest.  BOUND: x / (1 - x) for -ln(1 - x), which is no less.  POWER (may be NULL): the columns'
+ * spectra, each of unit norm, are added. */
+static double largest_gain(const struct job *j, const struct moving_fit *f, const double *E, int first, int n, fftw_plan plan, bool bound, double *gains, double *power)
 {
     struct moving *m = j->m;
     double most = 0;
 
     memset(gains, 0, sizeof *gains * (size_t)(n / 2 + 1));
     for (int g = 0; g < j->r; g++) {
-        if (!(f->rss[g] > m->L * f->floor2[g]))
+        const double *e = E + (size_t)g * (size_t)m->L + first;
+        double norm2 = power != NULL ? cblas_ddot(n, e, 1, e, 1) : 0, own = f->rss[g];
+        bool counts = own > m->L * f->floor2[g];
+        if (!counts && !(norm2 > 0))
             continue;
-        memcpy(m->x, E + (size_t)g * (size_t)m->L + first, sizeof *m->x * (size_t)n);
+        memcpy(m->x, e, sizeof *m->x * (size_t)n);
         fftw_execute(plan);
-        for (int k = 0; k <= n / 2; k++) {
-            double share = (k == 0 || 2 * k == n ? 1.0 : 2.0) / n * (creal(m->X[k]) * creal(m->X[k]) + cimag(m->X[k]) * cimag(m->X[k])) / f->rss[g];
-            gains[k] -= m->L * log1p(-fmin(share, 1 - DBL_EPSILON));
+        for (int k = 0; k <= n / 2 && norm2 > 0; k++)
+            power[k] += (creal(m->X[k]) * creal(m->X[k]) + cimag(m->X[k]) * cimag(m->X[k])) / norm2;
+        for (int k = 0; k <= n / 2 && counts; k++) {
+            double share = fmin(square_at(m->X, k, n) / own, 1 - DBL_EPSILON);
+            gains[k] += m->L * (bound ? share / (1 - share) : -log1p(-share));
         }
     }
     for (int k = 0; k <= n / 2; k++)
@@ -187,39 +217,26 @@ static struct moving_rows half_rows(const struct job *j, int first, int count, i
  * Signals of one half.  What Q holds of the residual is small beside what it does not, so that the squares of the latter are those of the residual less
  * those of its part in Q.
  */
-static enum modal_status half_signals(const struct job *j, const struct moving_fit *f, const double *E, int first, const struct moving_rows *half, int block,
-                                      struct matrix *X, double *outside2, struct modal_error *err)
+static void half_signals(const struct job *j, const struct residual *left, int first, const struct moving_rows *half, int block, struct matrix *X, double *outside2)
 {
-    int L = j->m->L, k = half->k, n = moving_rows_count(half), count = moving_rows_samples(half), whole = moving_rows_count(&j->rows), at = 0;
-    int from = j->rows.lead + block * k, rows = half->blocks * k;
-    double *Phi = malloc(sizeof *Phi * (size_t)whole * (size_t)(f->order + 1)), *rest = malloc(sizeof *rest * ((size_t)rows + 1) * (size_t)j->r);
+    int L = j->m->L, k = half->k, n = moving_rows_count(half), count = moving_rows_samples(half), from = block * k, rows = half->blocks * k;
 
-    if (Phi == NULL || rest == NULL) {
-        free(Phi), free(rest);
-        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", whole, f->order);
+    for (int g = 0; g < j->r; g++) {
+        const double *e = left->E + first + (size_t)g * (size_t)L;
+        outside2[g] = cblas_ddot(count, e, 1, e, 1);
     }
-    for (int g = 0; g < j->r; g++)
-        outside2[g] = cblas_ddot(count, E + first + (size_t)g * (size_t)L, 1, E + first + (size_t)g * (size_t)L, 1);
-    put_loose(j, E, first, half->lead, X, 0, outside2);
-    put_loose(j, E, first + count - half->trail, half->trail, X, n - half->trail, outside2);
-    for (int i = 0; i < f->poles && rows > 0; at += pole_order(f->lambda[i], j->m->opt.dt), i++)
-        moving_column(&j->rows, f->lambda[i], Phi + (size_t)at * (size_t)whole, Phi + (size_t)(at + 1) * (size_t)whole, NULL, NULL);
+    put_loose(j, left->E, first, half->lead, X, 0, outside2);
+    put_loose(j, left->E, first + count - half->trail, half->trail, X, n - half->trail, outside2);
     for (int g = 0; g < j->r && rows > 0; g++) {
-        double *e = rest + (size_t)g * (size_t)rows;
-        memcpy(X->x + half->lead + (size_t)g * (size_t)X->ld, j->X.x + from + (size_t)g * (size_t)j->X.ld, sizeof *e * (size_t)rows);
-        memcpy(e, j->X.x + from + (size_t)g * (size_t)j->X.ld, sizeof *e * (size_t)rows);
+        const double *e = left->inside + from + (size_t)g * (size_t)left->rows;
+        memcpy(X->x + half->lead + (size_t)g * (size_t)X->ld, j->X.x + j->rows.lead + from + (size_t)g * (size_t)j->X.ld, sizeof *e * (size_t)rows);
+        outside2[g] -= cblas_ddot(rows, e, 1, e, 1);
     }
-    if (rows > 0)
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, rows, j->r, f->order, -1, Phi + from, whole, f->C, f->order, 1, rest, rows);
-    for (int g = 0; g < j->r && rows > 0; g++)
-        outside2[g] -= cblas_ddot(rows, rest + (size_t)g * (size_t)rows, 1, rest + (size_t)g * (size_t)rows, 1);
     for (int g = 0; g < j->r; g++)
         outside2[g] = fmax(outside2[g], 0);
-    free(Phi), free(rest);
-    return MODAL_OK;
 }
 
-static enum modal_status ask_half(struct job *j, const struct moving_fit *f, const double *E, int first, int count, enum reason *why, struct modal_error *err)
+static enum modal_status ask_half(struct job *j, const struct moving_fit *f, const struct residual *left, int first, int count, enum reason *why, struct modal_error *err)
 {
     int block;
     struct moving_rows half = half_rows(j, first, count, &block);
@@ -233,7 +250,7 @@ static enum modal_status ask_half(struct job *j, const struct moving_fit *f, con
     if (X.x == NULL || outside2 == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", n, j->r);
     if (rc == MODAL_OK)
-        rc = half_signals(j, f, E, first, &half, block, &X, outside2, err);
+        half_signals(j, left, first, &half, block, &X, outside2);
     if (rc == MODAL_OK && n < 2 * f->order + j->r)
         *why = PARTS;
     else if (rc == MODAL_OK)
@@ -249,7 +266,7 @@ static enum modal_status ask_half(struct job *j, const struct moving_fit *f, con
     return rc;
 }
 
-static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, const double *E, enum reason *why, struct modal_error *err)
+static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, const struct residual *left, enum reason *why, struct modal_error *err)
 {
     int L = j->m->L, rows = L / 2;
     enum modal_status rc = MODAL_OK;
@@ -259,55 +276,67 @@ static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, c
     for (int i = 0; i < f->poles; i++)
         j->growth[i] = GROWTH_UNSEEN;
     for (int first = 0; first <= L - rows && rc == MODAL_OK && *why == GOOD; first += L - rows)
-        rc = ask_half(j, f, E, first, rows, why, err);
+        rc = ask_half(j, f, left, first, rows, why, err);
     return rc;
 }
 
-/* Would a pair anywhere gain what it costs?  GAINS has room for L/2 + 1. */
-static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const double *E, double *gains)
+/* Would a pair anywhere gain what it costs?  GAINS has room for L/2 + 1; POWER, as many zeros, becomes colour.h's spectrum. */
+static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const double *E, double *gains, double *power)
 {
     struct moving *m = j->m;
-    double most = 0;
+    double limit = LIKELY * f->pair_price;
 
-    for (int i = 0, n = m->L; i < 3 && n >= 8; i++, n /= 4) {
-        most = fmax(most, largest_gain(j, f, E, 0, n, m->plan[i], gains));
-        if (i > 0)
-            most = fmax(most, largest_gain(j, f, E, m->L - n, n, m->plan[i], gains));
-    }
-    return most > LIKELY * f->pair_price;
+    for (int i = 0, n = m->L; i < 3 && n >= 8; i++, n /= 4)
+        for (int first = 0; first <= m->L - n; first += i > 0 ? m->L - n : 1)
+            if (largest_gain(j, f, E, first, n, m->plan[i], true, gains, i == 0 ? power : NULL) > limit
+                && largest_gain(j, f, E, first, n, m->plan[i], false, gains, NULL) > limit)
+                return true;
+    return false;
+}
+
+/* Numbers for a residual, gains, a spectrum, angles and factors. */
+static bool room_for(const struct job *j, const struct moving_fit *f, struct residual *left, double **gains, double **power, double **theta)
+{
+    size_t L = (size_t)j->m->L, size = L * (size_t)j->r, inside = (size_t)(j->rows.blocks * j->rows.k) * (size_t)j->r;
+    double *x = malloc(sizeof *x * (size + inside + 2 * (L / 2 + 1) + 2 * (size_t)f->poles));
+
+    if (x == NULL)
+        return false;
+    left->E = x, left->inside = x + size;
+    *gains = left->inside + inside, *power = *gains + L / 2 + 1, *theta = *power + L / 2 + 1;
+    memset(*power, 0, sizeof **power * (L / 2 + 1));
+    return true;
 }
 
 enum modal_status judge_residual(struct job *j, struct moving_fit *f, enum reason *why, struct modal_error *err)
 {
     struct moving *m = j->m;
-    int L = m->L;
-    double *E = malloc(sizeof *E * ((size_t)L * (size_t)j->r + (size_t)L + 2 * (size_t)f->poles)), *gains = E + (size_t)L * (size_t)j->r, *theta = gains + L;
-    struct matrix view = { L, j->r, L, E };
-    enum modal_status rc = MODAL_OK;
+    struct residual left = { 0 };
+    double *gains, *power, *theta;
+    enum modal_status rc;
 
     if (j->exact && nearly_rounding(j, f))
-        goto out;
-    if (E == NULL || !plans(m)) {
-        free(E);
-        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, j->r);
+        return MODAL_OK;
+    if (!room_for(j, f, &left, &gains, &power, &theta) || !plans(m)) {
+        free(left.E);
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", m->L, j->r);
     }
-    rc = residual_of(j, f, E, err);
-    if (rc == MODAL_OK && !j->exact && !colour_white(&view))
+    rc = residual_of(j, f, &left, err);
+    if (rc == MODAL_OK && !j->exact && !colour_white(&(struct matrix) { m->L, j->r, m->L, left.E }))
         *why = NOT_WHITE;
-    if (rc == MODAL_OK && *why == GOOD && wants_a_pair(j, f, E, gains))
+    if (rc == MODAL_OK && *why == GOOD && wants_a_pair(j, f, left.E, gains, power))
         *why = ORDER_MORE;
-    if (j->exact)
+    if (rc != MODAL_OK || j->exact || *why != GOOD)
         goto out;
     for (int i = 0; i < f->poles; i++)
         theta[i] = fabs(cimag(f->lambda[i])) * m->opt.dt;
-    if (rc == MODAL_OK && *why == GOOD)
-        rc = colour_factors(&view, theta, f->poles, theta + f->poles, err);
-    for (int i = 0; i < f->poles && rc == MODAL_OK && *why == GOOD; i++)
+    colour_factors_of(power, m->L, theta, f->poles, theta + f->poles);
+    for (int i = 0; i < f->poles; i++)
         if (theta[f->poles + i] > 1)
             *why = NOT_WHITE;
-    if (rc == MODAL_OK && *why == GOOD)
-        rc = ask_halves(j, f, E, why, err);
+    if (*why == GOOD)
+        rc = ask_halves(j, f, &left, why, err);
 out:
-    free(E);
+    free(left.E);
     return rc;
 }

@@ -18,9 +18,10 @@
 static double energy_of(const struct job *j, const struct moving_fit *f, int i, int column, double *x)
 {
     int n = moving_rows_count(&j->rows), columns = pole_order(f->lambda[i], j->m->opt.dt);
+    struct moving_column e = { .re = { x }, .im = { x + n } };
     double sum = 0, G[3];
 
-    moving_column(&j->rows, f->lambda[i], x, x + n, NULL, NULL);
+    moving_columns(&j->rows, f->lambda[i], 1, &e, x + 2 * n);
     G[0] = cblas_ddot(n, x, 1, x, 1), G[1] = cblas_ddot(n, x, 1, x + n, 1), G[2] = cblas_ddot(n, x + n, 1, x + n, 1);
     for (int c = 0; c < f->signals; c++) {
         const double *b = f->C + column + (size_t)c * (size_t)f->order;
@@ -64,7 +65,7 @@ static enum modal_status report_offset(const struct job *j, const struct moving_
 static enum modal_status report_modes(const struct job *j, struct identify_result *out, struct modal_error *err)
 {
     const struct moving_fit *f = &j->own, *all = channels_of(j);
-    double dt = j->m->opt.dt, live = 0, *x = malloc(sizeof *x * 2 * (size_t)moving_rows_count(&j->rows));
+    double dt = j->m->opt.dt, live = 0, *x = malloc(sizeof *x * (2 * (size_t)moving_rows_count(&j->rows) + moving_columns_scratch(&j->rows)));
     enum modal_status rc = MODAL_OK;
 
     out->modes = calloc((size_t)f->poles + 1, sizeof *out->modes);

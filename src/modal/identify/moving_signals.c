@@ -43,7 +43,7 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
     struct matrix loose = { lead + trail, S, lead + trail, NULL };
     enum modal_status rc;
 
-    j->rows = (struct moving_rows) { lead, m->count, trail, m->B, m->k, m->Q, m->opt.dt };
+    j->rows = (struct moving_rows) { lead, m->count, trail, m->B, m->k, m->Q, m->opt.dt, m->table != NULL ? m->anchor.count : 0, m->anchor.lambda, m->table };
     n = moving_rows_count(&j->rows);
     j->Y = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * (size_t)S) };
     j->R = malloc(sizeof(double) * (size_t)S * (size_t)S), j->rest = malloc(sizeof(double) * (size_t)S * (size_t)S);

@@ -31,7 +31,7 @@ struct moving {
     bool rest_white[2];                          /* the last complete identification kept only the orthogonal signals that stand out of white noise; weighed */
     struct kept_modes kept[2];                   /* of the window before; of weighed channels */
     int B, k;
-    double *Q;
+    double *Q, *table;                           /* table: moving_columns.h, of the anchor */
     struct block *blocks; int count, blocks_room;     /* oldest first */
     uint64_t block_from;                         /* index of the oldest block's first sample */
     struct window_qr *all, *rest;                /* triangles of the blocks: of the samples; of what Q does not hold */

@@ -1,9 +1,12 @@
 /* qr.c - Householder QR by dgeqrf and dorgqr: backward stable, no Gram matrix */
 #include "modal/linalg/qr.h"
+#include <cblas.h>
 #include <lapacke.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/svd.h"
 
 enum { PANEL_LEAST = 256 };      /* rows of a panel: with its triangle above it, it fits the second cache for some 100 columns */
 
@@ -91,4 +94,40 @@ enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_e
         copy_triangle(A, R);
     free(tau);
     return rc;
+}
+
+/* The Euclidean norm of numbers most of which have squares. */
+static double norm_of(const double *x, int count)
+{
+    double square = cblas_ddot(count, x, 1, x, 1);
+
+    return square > 1e-200 && square < 1e200 ? sqrt(square) : safe_norm(x, (size_t)count);
+}
+
+/* x becomes v, v[0] = 1, with (1 - tau v v^T) x = (beta, 0 ..); tau. */
+static double reflector(double *x, int count, double *beta)
+{
+    double norm = norm_of(x, count), alpha = x[0];
+
+    *beta = alpha > 0 ? -norm : norm;
+    if (norm == 0)
+        return 0;
+    for (int i = 1; i < count; i++)
+        x[i] /= alpha - *beta;
+    x[0] = 1;
+    return (*beta - alpha) / *beta;
+}
+
+void qr_reflect(struct matrix *A, int k, double *work)
+{
+    for (int i = 0; i < k; i++) {
+        int rows = A->m - i, left = A->n - i - 1;
+        double *v = A->x + i + (size_t)i * (size_t)A->ld, *rest = v + A->ld, beta, tau = reflector(v, rows, &beta);
+        if (left > 0 && tau != 0) {
+            cblas_dgemv(CblasColMajor, CblasTrans, rows, left, 1, rest, A->ld, v, 1, 0, work, 1);
+            cblas_dger(CblasColMajor, rows, left, -tau, v, 1, work, 1, rest, A->ld);
+        }
+        memset(v, 0, sizeof *v * (size_t)rows);
+        v[0] = beta;
+    }
 }

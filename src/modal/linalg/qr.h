@@ -15,4 +15,11 @@ enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct moda
  * the triangle of those before: as stable as one QR, and not bound by memory.
  */
 enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err);
+
+/*
+ * The first K columns of A (m x n, k <= m, k <= n) become a triangle, zeros below, by K reflections that act on all n columns, in place: rows 0 .. k-1 of the others
+ * are their part in the span of the first K, the rows below what is left of them.  For small A, where dgeqrf spends its time on preparations.
+ * WORK has room for n numbers.
+ */
+void qr_reflect(struct matrix *A, int k, double *work);
 #endif

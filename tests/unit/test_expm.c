@@ -126,3 +126,32 @@ TEST(a_rate_of_millions_beside_slow_ones_does_not_overflow)
         }
     expm_free(w);
 }
+
+/* y' = w y + b, y(0) = 0: y(t) = b (e^(wt) - 1) / w, whatever the size of b; and an oscillator driven at its side. */
+TEST(a_load_of_any_size_leaves_the_motion_its_digits)
+{
+    for (int k = -300; k <= 300; k += 75) {
+        const double b = 2.385 * pow(10, k), w = 0.7, W = 1.3;
+        double A[16] = { 0 }, E[16], F[9], B[9] = { 0 };
+        struct expm *three = NULL, *four = NULL;
+
+        CHECK(expm_new(3, &three, NULL) == MODAL_OK && expm_new(4, &four, NULL) == MODAL_OK);
+        B[0] = w;                                   /* y' = w y + b z, z' = u, u' = 0 */
+        B[0 + 3] = b;
+        B[1 + 6] = 1;
+        CHECK(expm_driven(three, 1, B, F, NULL) == MODAL_OK);
+        CHECK_NEAR(F[0], exp(w), 20 * DBL_EPSILON);
+        CHECK_NEAR(F[3] / b, expm1(w) / w, 20 * DBL_EPSILON);
+        CHECK_NEAR(F[6] / b, (expm1(w) - w) / (w * w), 20 * DBL_EPSILON);
+        A[1] = -w;                                  /* x' = w v, v' = -w x + b c; c' = -W s, s' = W c */
+        A[0 + 4] = w;
+        A[1 + 8] = b;
+        A[3 + 8] = W;
+        A[2 + 12] = -W;
+        CHECK(expm_driven(four, 2, A, E, NULL) == MODAL_OK);
+        CHECK_NEAR(E[0], cos(w), 20 * DBL_EPSILON);
+        CHECK_NEAR(E[8] / b, w * (cos(w) - cos(W)) / (W * W - w * w), 20 * DBL_EPSILON);
+        expm_free(three);
+        expm_free(four);
+    }
+}

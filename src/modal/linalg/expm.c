@@ -11,6 +11,9 @@
  *
  * cos and sin where d < 0, which keeps the determinant at e^(2t) to rounding however long the step.
  *
+ * A block triangular matrix [A_11 B; 0 S] is similar to [A_11 2^-k B; 0 S], and so are their exponentials: with |2^-k B| <= 1
+ * neither the squarings nor the solve see how large B is.
+ *
  * [H05] Higham, SIAM J. Matrix Anal. Appl. 26 (2005) 1179-1193, algorithm 2.3 and table 2.3.
  */
 #include "modal/linalg/expm.h"
@@ -22,7 +25,7 @@
 
 struct expm {
     int n;
-    double *B, *B2, *B4, *B6, *U, *V;   /* n x n each, in one piece */
+    double *B, *B2, *B4, *B6, *U, *V, *A;   /* n x n each, in one piece; A: what expm_driven scales */
     int *pivot;
 };
 
@@ -31,7 +34,7 @@ enum modal_status expm_new(int n, struct expm **out, struct modal_error *err)
     size_t size = (size_t)n * (size_t)n;
     struct expm *w = calloc(1, sizeof *w);
 
-    if (w == NULL || (w->B = malloc(6 * size * sizeof *w->B + 1)) == NULL || (w->pivot = malloc((size_t)n * sizeof *w->pivot + 1)) == NULL) {
+    if (w == NULL || (w->B = malloc(7 * size * sizeof *w->B + 1)) == NULL || (w->pivot = malloc((size_t)n * sizeof *w->pivot + 1)) == NULL) {
         expm_free(w);
         return modal_fail(err, MODAL_NO_MEMORY, "expm: out of memory for %d x %d", n, n);
     }
@@ -41,6 +44,7 @@ enum modal_status expm_new(int n, struct expm **out, struct modal_error *err)
     w->B6 = w->B4 + size;
     w->U = w->B6 + size;
     w->V = w->U + size;
+    w->A = w->V + size;
     *out = w;
     return MODAL_OK;
 }
@@ -80,6 +84,24 @@ static void exponential_2(const double *A, double *E)
     E[3] = e * (c - s * a);
     E[1] = e * s * A[1];
     E[2] = e * s * A[2];
+}
+
+/* The power of 2 that brings a block of ROWS x COLUMNS (leading dimension LD) to 1 at most. */
+static int exponent_of(const double *X, int rows, int columns, size_t ld)
+{
+    double most = 0;
+
+    for (int j = 0; j < columns; j++)
+        for (int i = 0; i < rows; i++)
+            most = fmax(most, fabs(X[(size_t)i + (size_t)j * ld]));
+    return most > 1 && isfinite(most) ? ilogb(most) + 1 : 0;
+}
+
+static void scale_block(double *X, int rows, int columns, size_t ld, int k)
+{
+    for (int j = 0; k != 0 && j < columns; j++)
+        for (int i = 0; i < rows; i++)
+            X[(size_t)i + (size_t)j * ld] = ldexp(X[(size_t)i + (size_t)j * ld], k);
 }
 
 static double norm_1(int n, const double *A)
@@ -210,4 +232,20 @@ enum modal_status expm(struct expm *w, const double *A, double *E, struct modal_
     if (rc != MODAL_OK || !isfinite(norm_1(n, E)))
         return modal_fail(err, MODAL_OVERFLOW, "expm: exp(A) leaves the range of doubles (norm of A %g)", norm);
     return MODAL_OK;
+}
+
+enum modal_status expm_driven(struct expm *w, int states, const double *A, double *E, struct modal_error *err)
+{
+    size_t n = (size_t)w->n;
+    int columns = w->n - states, k = exponent_of(A + (size_t)states * n, states, columns, n);
+    enum modal_status rc;
+
+    if (k == 0)
+        return expm(w, A, E, err);
+    memcpy(w->A, A, n * n * sizeof *A);
+    scale_block(w->A + (size_t)states * n, states, columns, n, -k);
+    rc = expm(w, w->A, E, err);
+    if (rc == MODAL_OK)
+        scale_block(E + (size_t)states * n, states, columns, n, k);
+    return rc != MODAL_OK || isfinite(norm_1(w->n, E)) ? rc : modal_fail(err, MODAL_OVERFLOW, "expm: what drives the motion leaves the range of doubles");
 }

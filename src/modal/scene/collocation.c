@@ -217,7 +217,7 @@ static enum modal_status node_dense(struct collocation *c, double h, int i, doub
     enum modal_status rc;
 
     assemble_dense(c, h, c->node[i]);
-    if ((rc = expm(c->exponential, c->X, c->Y, err)) != MODAL_OK)
+    if ((rc = expm_driven(c->exponential, c->N, c->X, c->Y, err)) != MODAL_OK)
         return rc;
     for (size_t j = 0; j < N; j++)
         memcpy(E + j * N, c->Y + j * size, N * sizeof *E);
@@ -265,7 +265,7 @@ static enum modal_status node_modal(struct collocation *c, double h, int i, doub
             two[k] = c->X[k % 2 + k / 2 * size];
         rc = expm(c->two, two, E + 4 * mode, err);
         if (rc == MODAL_OK)
-            rc = expm(c->exponential, c->X, c->Y, err);
+            rc = expm_driven(c->exponential, 2, c->X, c->Y, err);
         for (int a = 0; a < 2 && rc == MODAL_OK; a++) {
             size_t row = (size_t)(mode + a * n);
             for (int j = 0; j < S; j++) {

@@ -33,33 +33,12 @@ struct linear_stepper {
     double *augmented, *result;
 };
 
-/*
- * The power of 2 that brings a block of ROWS x COLUMNS (leading dimension LD) to 1 at most.  G is linear in B P, so exp of
- * (1) is taken with B P times 2^-k and G times 2^k afterwards: loads of any size leave the norm, hence the squarings, to A and S.
- */
-static int forcing_exponent(const double *X, int rows, int columns, size_t ld)
-{
-    double most = 0;
-
-    for (int j = 0; j < columns; j++)
-        for (int i = 0; i < rows; i++)
-            most = fmax(most, fabs(X[(size_t)i + (size_t)j * ld]));
-    return most > 1 && isfinite(most) ? ilogb(most) + 1 : 0;
-}
-
-static void scale_block(double *X, int rows, int columns, size_t ld, int k)
-{
-    for (int j = 0; k != 0 && j < columns; j++)
-        for (int i = 0; i < rows; i++)
-            X[(size_t)i + (size_t)j * ld] = ldexp(X[(size_t)i + (size_t)j * ld], k);
-}
-
 /* G of mode I for one block of S, by the exponential of the small augmented matrix of (1). */
 static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w, int i, const struct source_block *b, double h,
                                        double *G, struct modal_error *err)
 {
     double X[64] = { 0 }, Y[64] = { 0 };
-    int n = s->ss->n, N = s->ss->N, size = 2 + b->count, nw = s->src->nw, exponent;
+    int n = s->ss->n, N = s->ss->N, size = 2 + b->count, nw = s->src->nw;
     enum modal_status rc;
 
     for (int c = 0; c < 2; c++)
@@ -71,10 +50,7 @@ static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w,
         for (int r = 0; r < b->count; r++)
             X[2 + r + (2 + k) * size] = h * s->src->S[(size_t)(b->first + r) + (size_t)(b->first + k) * (size_t)nw];
     }
-    exponent = forcing_exponent(X + 2 * size, 2, b->count, (size_t)size);
-    scale_block(X + 2 * size, 2, b->count, (size_t)size, -exponent);
-    rc = expm(w, X, Y, err);
-    scale_block(Y + 2 * size, 2, b->count, (size_t)size, exponent);
+    rc = expm_driven(w, 2, X, Y, err);
     for (int k = 0; rc == MODAL_OK && k < b->count; k++)
         for (int r = 0; r < 2; r++)
             G[r + 2 * (b->first + k)] = Y[r + (2 + k) * size];
@@ -109,7 +85,6 @@ static enum modal_status modal_map(struct linear_stepper *s, double h, struct ma
 static enum modal_status dense_map(struct linear_stepper *s, double h, struct map *m, struct modal_error *err)
 {
     size_t N = (size_t)s->ss->N, nw = (size_t)s->src->nw, size = N + nw;
-    int exponent;
     enum modal_status rc;
 
     memset(s->augmented, 0, size * size * sizeof *s->augmented);
@@ -122,11 +97,7 @@ static enum modal_status dense_map(struct linear_stepper *s, double h, struct ma
         for (size_t i = 0; i < nw; i++)
             s->augmented[N + i + (N + j) * size] = h * s->src->S[i + j * nw];
     }
-    exponent = forcing_exponent(s->augmented + N * size, (int)N, (int)nw, size);
-    scale_block(s->augmented + N * size, (int)N, (int)nw, size, -exponent);
-    rc = expm(s->exponential, s->augmented, s->result, err);
-    if (rc == MODAL_OK)
-        scale_block(s->result + N * size, (int)N, (int)nw, size, exponent);
+    rc = expm_driven(s->exponential, (int)N, s->augmented, s->result, err);
     for (size_t j = 0; rc == MODAL_OK && j < size; j++)
         memcpy(j < N ? m->E + j * N : m->G + (j - N) * N, s->result + j * size, N * sizeof *s->result);
     return rc;

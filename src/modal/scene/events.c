@@ -6,7 +6,8 @@
  * before, taken back along the rate, so that a slider that has turned round shows.  (Not a moment after: a contact taken to
  * close that much early sets its slider down that much off its place, an error of first order in the step.)  A set-valued
  * law that slips leaves its piece where its rate changes sign, one that sticks where the force that holds it passes its
- * limit.
+ * limit: the polynomial of its forces, put right at the start by SHIFT (1 - theta).  One that starts to slip does so at a rate of
+ * 0, give or take rounding: it cannot leave a piece that it has not been seen in.
  *
  * The step is looked at in GRID points; the first change against the piece at the first of them is bisected.
  */
@@ -28,7 +29,8 @@ struct view {                    /* one law over one step */
     double a[INPUTS][TERMS];     /* Newton coefficients of each input */
     double start[INPUTS];        /* displacements at the step's start */
     const double *memory, *phi;
-    double quiet;                /* a rate of this size may be rounding */
+    double shift;                /* of a stuck slider's force at theta = 0 */
+    double quiet, blur;          /* a rate of this size may be rounding: its own; of displacements that differ little in a short step */
 };
 
 /* Newton's divided differences on doubled knots: values d and slopes h v. */
@@ -79,6 +81,7 @@ static enum modal_status set_valued_piece(const struct view *view, double theta,
     collocation_lagrange(view->c, theta, l);
     for (int j = 0; j < S; j++)
         force += l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
+    force += view->shift * (1 - theta);
     *piece = force > limit ? 1 : force < -limit ? -1 : 0;
     return MODAL_OK;
 }
@@ -120,12 +123,52 @@ static enum modal_status bisect(const struct view *view, int piece, double low, 
     return rc;
 }
 
-static enum modal_status find_in(const struct view *view, double limit, double *theta, struct modal_error *err)
+static double shift_of(const struct view *view, double hold)
+{
+    double l[S], force = 0;
+
+    if (isnan(hold) || view->law->held != 0)
+        return 0;
+    collocation_lagrange(view->c, 0, l);
+    for (int j = 0; j < S; j++)
+        force += l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
+    return hold - force;
+}
+
+/* A slider is known to be in its piece; one that slips, where its rate says so. */
+static enum modal_status find_in_set_valued(struct view *view, double limit, double *theta, struct modal_error *err)
+{
+    int own = view->law->held != 0, now = own;
+    bool seen = !own;
+    double low = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (own) {
+        double d[INPUTS], v[INPUTS];
+
+        motion(view, 0, d, v);
+        seen = v[0] * view->law->held > view->quiet;
+        view->quiet += seen ? 0 : view->blur;
+    }
+    for (int i = 0; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
+        rc = set_valued_piece(view, GRID[i], &now);
+        if (rc == MODAL_OK && now != own && seen)
+            return bisect(view, own, low, GRID[i], theta, err);
+        seen |= now == own;
+        low = GRID[i];
+    }
+    return rc;
+}
+
+static enum modal_status find_in(struct view *view, double limit, double *theta, struct modal_error *err)
 {
     int first, now;
-    enum modal_status rc = piece_at(view, GRID[0], &first, err);
+    enum modal_status rc;
 
     *theta = HUGE_VAL;
+    if (view->law->law->kind->set_valued)
+        return find_in_set_valued(view, limit, theta, err);
+    rc = piece_at(view, GRID[0], &first, err);
     for (int i = 1; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
         rc = piece_at(view, GRID[i], &now, err);
         if (rc == MODAL_OK && now != first)
@@ -135,7 +178,8 @@ static enum modal_status find_in(const struct view *view, double limit, double *
 }
 
 enum modal_status events_find(struct ports *p, const struct collocation *c, double t, double h, const double *knots, const double *phi,
-                              const double *memory, const double *quiet, double limit, struct event *out, struct modal_error *err)
+                              const double *memory, const double *quiet, const double *blur, const double *hold,
+                              double limit, struct event *out, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -143,12 +187,14 @@ enum modal_status events_find(struct ports *p, const struct collocation *c, doub
     for (int i = 0; i < p->laws && rc == MODAL_OK; i++) {
         const struct law *law = p->law[i].law;
         struct view view = { .p = p, .c = c, .law = &p->law[i], .index = i, .t = t, .h = h, .memory = memory + p->law[i].memory, .phi = phi,
-                             .quiet = quiet[p->law[i].channel] };
+                             .quiet = quiet[p->law[i].channel], .blur = blur[p->law[i].channel] / h };
         double theta;
         if (law->kind->smooth || law->kind->restart != NULL)
             continue;
         for (int k = 0; k < law->kind->inputs; k++)
             interpolate(&view, k, knots);
+        if (law->kind->set_valued)
+            view.shift = shift_of(&view, hold[p->law[i].channel]);
         rc = find_in(&view, limit, &theta, err);
         if (rc == MODAL_OK && theta < out->theta)
             *out = (struct event) { theta, i };

@@ -28,10 +28,12 @@
 #include <string.h>
 #include "modal/scene/collocation.h"
 #include "modal/scene/events.h"
+#include "modal/scene/holding.h"
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
 
 enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, BLIND = 10, STEPS_MOST = 100000, STALLED_MOST = 1000, STEPS_SEQUENTIAL = 64, PAST = 4 };
+static const double NEAR = 0.05;      /* of a step: where its end may stand for an event beside it */
 
 struct nonlinear_stepper {
     struct stepper face;
@@ -39,6 +41,7 @@ struct nonlinear_stepper {
     const struct sources *src;
     struct ports *ports;
     struct collocation *collocation;
+    struct holding *holding;
     struct stepper_options opt;
     int level, calm;                  /* the step is dt / 2^level; accepted in a row */
     bool sequential, started;
@@ -46,8 +49,8 @@ struct nonlinear_stepper {
     double scale;                     /* the largest |y| so far */
     double missed;                    /* of the last step */
     double *weight;                   /* of each channel: |U| */
-    double *quiet;                    /* of each channel: a rate that may be rounding */
-    double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *slope, *J, *residual, *knots, *past;
+    double *quiet, *blur;             /* of each channel: a rate and a displacement that may be rounding */
+    double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *hold, *force1, *y1, *w1, *slope, *J, *residual, *knots, *past;
     int pasts;
     int *pivot;
 };
@@ -205,15 +208,18 @@ static double miss(struct nonlinear_stepper *s, const struct collocation_map *ma
 }
 
 /* A sum of N products is known to so many units in the last place of its terms. */
-static void rounding_of_rates(struct nonlinear_stepper *s, const double *y)
+static void rounding_of_probes(struct nonlinear_stepper *s, const double *y)
 {
     int q = s->ports->probes, r = 2 * q;
 
     for (int c = 0; c < s->ports->channels; c++) {
-        double sum = 0;
-        for (int k = 0; k < s->ss->N; k++)
-            sum += fabs(s->ports->R[(size_t)(q + c) + (size_t)k * (size_t)r] * y[k]);
-        s->quiet[c] = 64 * DBL_EPSILON * sum;
+        double rate = 0, place = 0;
+        for (int k = 0; k < s->ss->N; k++) {
+            rate += fabs(s->ports->R[(size_t)(q + c) + (size_t)k * (size_t)r] * y[k]);
+            place += fabs(s->ports->R[(size_t)c + (size_t)k * (size_t)r] * y[k]);
+        }
+        s->quiet[c] = 64 * DBL_EPSILON * rate;
+        s->blur[c] = 64 * DBL_EPSILON * place;
     }
 }
 
@@ -228,8 +234,11 @@ static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const
     probe(s, y, s->probe0);
     if (s->sequential)
         return MODAL_OK;
-    rounding_of_rates(s, y);
+    rounding_of_probes(s, y);
     rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->force0, NULL, NULL, err);
+    bool known = rc == MODAL_OK && holding_forces(s->holding, y, s->w, s->force0);
+    for (int c = 0; c < p->channels; c++)
+        s->hold[c] = known ? s->force0[c] : NAN;
     for (int l = 0; l < p->laws; l++)
         if (stuck(&p->law[l]))
             s->force0[p->law[l].channel] = NAN;
@@ -278,11 +287,47 @@ static void switch_slider(struct nonlinear_stepper *s, int law)
     l->held = l->held != 0 ? 0 : s->phi_end[l->channel] > 0 ? 1 : -1;
 }
 
+/* The polynomial of channel C's force at theta. */
+static double force_at(const struct nonlinear_stepper *s, int c, double theta)
+{
+    double at[S], force = 0;
+
+    collocation_lagrange(s->collocation, theta, at);
+    for (int j = 0; j < S; j++)
+        force += at[j] * s->phi[j * s->ports->channels + c];
+    return force;
+}
+
+/*
+ * Where in the step slider LAW, stuck, breaks loose: from what holds it at the step's end by the equation of motion, and the
+ * polynomial's slope there.  Let go while the polynomial alone says so, it would be pushed back by that error and caught again.
+ */
+static enum modal_status refine_release(struct nonlinear_stepper *s, const struct collocation_map *map, double t, int law, double *theta, struct modal_error *err)
+{
+    const struct port_law *l = &s->ports->law[law];
+    double limit = l->law->limit, slope = (force_at(s, l->channel, 1) - force_at(s, l->channel, 1 - NEAR)) / NEAR, excess;
+    enum modal_status rc;
+
+    memcpy(s->y1, s->y, (size_t)s->ss->N * sizeof *s->y);
+    collocation_finish(s->collocation, map, s->w, s->phi, s->y1);
+    sources_at(s->src, t + map->h, s->w1);
+    rc = ports_force(s->ports, t + map->h, s->probes + (size_t)(S - 1) * 2 * (size_t)s->ports->probes, s->probe0, s->memory, s->force1, NULL, NULL, err);
+    if (rc != MODAL_OK || !holding_forces(s->holding, s->y1, s->w1, s->force1))
+        return rc;
+    excess = fabs(s->force1[l->channel]) - limit;
+    slope *= s->force1[l->channel] > 0 ? 1 : -1;
+    if (fabs(excess) <= 64 * DBL_EPSILON * limit)
+        *theta = 1;
+    else if (slope > 0 && fabs(excess) < slope * NEAR)
+        *theta = 1 - excess / slope;
+    return MODAL_OK;
+}
+
 /* A slider that is already past its piece where the step begins is switched before the step is believed; true: one was. */
 static bool correct_sliders(struct nonlinear_stepper *s)
 {
     struct ports *p = s->ports;
-    int q = p->probes, m = p->channels;
+    int q = p->probes;
     bool any = false;
 
     for (int l = 0; l < p->laws; l++) {
@@ -291,15 +336,14 @@ static bool correct_sliders(struct nonlinear_stepper *s)
             continue;
         double force = s->phi[law->channel], rate = s->knots[2 * q + q + law->channel];   /* at the first node */
         if (law->held == 0 && fabs(force) > law->law->limit * (1 + 1e-12)) {
-            double early = 0, at[S];
-            collocation_lagrange(s->collocation, 0, at);
-            for (int j = 0; j < S; j++)
-                early += at[j] * s->phi[j * m + law->channel];
+            double early = s->hold[law->channel];
+            if (isnan(early))
+                early = force_at(s, law->channel, 0);
             if (fabs(early) > law->law->limit * (1 - 1e-9)) {
                 law->held = force > 0 ? 1 : -1;
                 any = true;
             }
-        } else if (law->held != 0 && rate * law->held < -s->quiet[law->channel] && s->knots[q + law->channel] * law->held <= 1e-9 * s->scale) {
+        } else if (law->held != 0 && rate * law->held < -s->quiet[law->channel] && s->knots[q + law->channel] * law->held <= 1e-9 * s->scale * s->weight[law->channel]) {
             law->held = 0;
             any = true;
         }
@@ -330,7 +374,9 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
             rc = begin_step(s, t, y, err);
             continue;
         }
-        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, s->quiet, cut ? 1.2 : 1, &event, err);
+        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, s->quiet, s->blur, s->hold, cut ? 1.2 : 1, &event, err);
+        if (rc == MODAL_OK && event.law >= 0 && stuck(&s->ports->law[event.law]) && fabs(event.theta - 1) < NEAR)
+            rc = refine_release(s, map, t, event.law, &event.theta, err);
         double off = fabs(event.theta - 1);       /* a turning point is known to the root of rounding only */
         if (rc != MODAL_OK || event.law < 0 || off < 1e-10 || (k >= 4 && off < 1e-6) || k + 1 == CUTS_MOST)
             break;
@@ -523,13 +569,14 @@ static void report(struct stepper *face, struct program *p)
 static void nonlinear_free(struct stepper *face)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
-    double *all[] = { s->weight, s->quiet, s->memory, s->after, s->w, s->y, s->probe0, s->base, s->probes, s->phi, s->phi_end, s->force0, s->slope, s->J,
+    double *all[] = { s->weight, s->quiet, s->blur, s->memory, s->after, s->w, s->y, s->probe0, s->base, s->probes, s->phi, s->phi_end, s->force0, s->hold, s->force1, s->y1, s->w1, s->slope, s->J,
                       s->residual, s->knots, s->past };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         free(all[i]);
     free(s->pivot);
     collocation_free(s->collocation);
+    holding_free(s->holding);
     ports_free(s->ports);
     free(s);
 }
@@ -538,8 +585,9 @@ static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_erro
 {
     size_t m = (size_t)s->ports->channels, r = 2 * (size_t)s->ports->probes, N = (size_t)s->ss->N, size = m * S;
     struct { double **x; size_t count; } all[] = {
-        { &s->weight, m }, { &s->quiet, m }, { &s->memory, (size_t)s->ports->memory }, { &s->after, (size_t)s->ports->memory }, { &s->w, (size_t)s->src->nw },
-        { &s->y, N }, { &s->probe0, r }, { &s->base, r * S }, { &s->probes, r * S }, { &s->phi, size }, { &s->phi_end, m }, { &s->force0, m },
+        { &s->weight, m }, { &s->quiet, m }, { &s->blur, m }, { &s->memory, (size_t)s->ports->memory }, { &s->after, (size_t)s->ports->memory }, { &s->w, (size_t)s->src->nw },
+        { &s->y, N }, { &s->probe0, r }, { &s->base, r * S }, { &s->probes, r * S }, { &s->phi, size }, { &s->phi_end, m }, { &s->force0, m }, { &s->hold, m }, { &s->force1, m },
+        { &s->y1, N }, { &s->w1, (size_t)s->src->nw },
         { &s->slope, m * r }, { &s->J, size * size }, { &s->residual, size }, { &s->knots, r * (S + 1) }, { &s->past, m * PAST } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
@@ -571,6 +619,8 @@ enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struc
                               s->ports->probes, 2000 / S);
     if (rc == MODAL_OK)
         rc = collocation_new(ss, src, s->ports->channels, s->ports->U, 2 * s->ports->probes, s->ports->R, &s->collocation, err);
+    if (rc == MODAL_OK)
+        rc = holding_new(s->ports, src, &s->holding, err);
     if (rc == MODAL_OK)
         rc = allocate(s, err);
     for (int i = 0; rc == MODAL_OK && i < s->ports->laws; i++)

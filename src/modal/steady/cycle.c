@@ -13,7 +13,8 @@
  *
  * [LN04, section 7.1].  Breaking loose leaves f, and with it the disturbance, continuous.  The product Pi of the exponentials
  * and (2) is the derivative of the period map: its eigenvalues are the multipliers, and Newton's step is (I - Pi)^-1 (P(y) - y).
- * Where that fails (a body that sticks all the time has Pi = I somewhere) the next period is simply marched, and so are all beside
+ * A body that sticks all the time has Pi = I somewhere: the step is the shortest, and the motion given has its slider at zero (offset.h).
+ * Where a step fails the next period is simply marched, and so are all beside
  * other laws, whose disturbances are not followed.
  *
  * [LN04] Leine, Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
@@ -30,9 +31,10 @@
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 #include "modal/scene/stepper.h"
+#include "modal/steady/offset.h"
 
-static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6;
-enum { STEPS = 64, FIRST = 4, LAWS_MOST = 16, NONE = -2, WORK_MOST = 60000 };
+static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11;
+enum { STEPS = 64, FIRST = 4, LAWS_MOST = OFFSET_LAWS_MOST, NONE = -2, WORK_MOST = 60000 };
 
 struct follow {
     struct program p;                 /* at this omega */
@@ -47,6 +49,8 @@ struct follow {
     double *y, *start, *last, *w, *load;      /* N, N, N (where the last step ended), nw, n */
     double *Pi, *Q, *E, *work;        /* N x N each */
     double *before, *after, *small;   /* f-, f+; laws x (laws + 1) */
+    double *singular, *svd;           /* of newton_step: N, its workspace */
+    int svd_size;
     int *held, *pivot;                /* of the phase under way, per law */
     bool *acts;
     double floor;                     /* of |y|: a thousandth of the rate that friction's strength gives within T */
@@ -217,17 +221,18 @@ static double closure(const struct follow *f)
     return scale > 0 ? most / scale : 0;
 }
 
-/* start + (I - Pi)^-1 (P - start) into y; false: singular, y stays P. */
+/* start + (I - Pi)^+ (P - start) into y, the shortest step: where a body that sticks leaves it open it goes nowhere.  false: y stays P. */
 static bool newton_step(struct follow *f)
 {
     int N = f->N;
     double *d = f->before;
+    int rank;
 
     for (int i = 0; i < N * N; i++)
         f->work[i] = (i % (N + 1) == 0) - f->Pi[i];
     for (int i = 0; i < N; i++)
         d[i] = f->y[i] - f->start[i];
-    if (f->failed || LAPACKE_dgesv_work(LAPACK_COL_MAJOR, N, 1, f->work, N, f->pivot, d, N) != 0)
+    if (f->failed || LAPACKE_dgelss_work(LAPACK_COL_MAJOR, N, N, 1, f->work, N, d, N, f->singular, OPEN, &rank, f->svd, f->svd_size) != 0)
         return false;
     if (!(largest(d, N) <= 2 * fmax(largest(f->y, N), largest(f->start, N))))
         return false;
@@ -295,6 +300,18 @@ static enum modal_status sample(struct follow *f, double *x, double *force, bool
     return rc;
 }
 
+/* Sliders that never move put where they belong; they act no more than if they had been there from the start. */
+static enum modal_status settle(struct follow *f, const struct cycle *c, struct modal_error *err)
+{
+    bool still[LAWS_MOST] = { false };
+    struct offset_motion motion = { CYCLE_SAMPLES, c->x, c->force, still };
+    enum modal_status rc = offset_remove(f->ss, f->ports, &motion, err);
+
+    for (int l = 0; l < f->laws; l++)
+        f->acts[l] = f->acts[l] && !still[l];
+    return rc;
+}
+
 static int by_size(const void *a, const void *b)
 {
     double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
@@ -318,7 +335,7 @@ static enum modal_status eigenvalues(struct follow *f, double complex *out, stru
 
 static void follow_done(struct follow *f)
 {
-    double *all[] = { f->y, f->start, f->last, f->w, f->load, f->Pi, f->Q, f->E, f->work, f->before, f->after, f->small };
+    double *all[] = { f->y, f->start, f->last, f->w, f->load, f->Pi, f->Q, f->E, f->work, f->before, f->after, f->small, f->singular, f->svd };
 
     if (f->stepper != NULL)
         f->stepper->free(f->stepper);
@@ -336,9 +353,12 @@ static void follow_done(struct follow *f)
 static enum modal_status allocate(struct follow *f, struct modal_error *err)
 {
     size_t N = (size_t)f->N, laws = (size_t)f->laws;
+
+    f->svd_size = 8 * f->N + 64;              /* dgelss: 3 N + max(2 N, 1) at least */
     struct { double **x; size_t count; } all[] = {
         { &f->y, N }, { &f->start, N }, { &f->last, N }, { &f->w, (size_t)f->src->nw }, { &f->load, (size_t)f->ss->n }, { &f->Pi, N * N },
-        { &f->Q, N * N }, { &f->E, N * N }, { &f->work, N * N }, { &f->before, N }, { &f->after, N }, { &f->small, laws * (laws + 1) } };
+        { &f->Q, N * N }, { &f->E, N * N }, { &f->work, N * N }, { &f->before, N }, { &f->after, N }, { &f->small, laws * (laws + 1) },
+        { &f->singular, N }, { &f->svd, (size_t)f->svd_size } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
@@ -417,6 +437,8 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
         out->states = 0;
     if (rc == MODAL_OK && out->closed)
         rc = sample(&f, out->x, out->force, &known, rest, err);
+    if (rc == MODAL_OK && out->closed && known)
+        rc = settle(&f, out, err);
     if (!known || !out->closed) {
         free(out->force);
         out->force = NULL;

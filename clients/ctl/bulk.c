@@ -14,21 +14,25 @@
 #include "answer.h"
 #include "remote.h"
 #include "verbs.h"
-#include "wire/limits.h"
+#include "wire/frame.h"
 
-enum { WINDOW_DEFAULT = 64, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28 };
+enum { WINDOW_DEFAULT = 64, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
 
 struct item { cJSON *line; long number; uint64_t hash; };
 
-struct flight { int64_t id; size_t item; bool used; };
+/* A message under way, and the items in it. */
+struct flight { int64_t id; size_t items[TOGETHER_MOST]; int count; };
+
+/* A message being filled: parts of SUBMITS, their inputs one behind the other. */
+struct parcel { cJSON *jobs; char *body; size_t length, header; struct flight flight; };
 
 struct bulk {
     const struct args *args;
     struct link *link;
     struct item *items;
     size_t count, done, next;            /* next: the first item not sent yet */
-    struct flight flights[WINDOW_MOST];
-    int window, flying, refused;
+    struct flight flights[FLIGHTS_MOST]; /* count 0: not used */
+    int window, together, flying, refused;      /* together: items a message; 1 where the daemon does not know SUBMITS */
     size_t *again, agains;               /* items to send once more */
     FILE *journal;
     struct input input;                  /* of the last file read: lists name one file many times */
@@ -160,67 +164,160 @@ static double get(const cJSON *line, const char *key, double otherwise)
     return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
 }
 
-static enum modal_status send_item(struct bulk *b, size_t i, double deadline, struct modal_error *err)
+/* Item I as a part of SUBMITS, its text the caller's; its input is then in `b->input`, or in the daemon as `b->upload`. */
+static enum modal_status item_text(struct bulk *b, size_t i, double deadline, char **out, struct client_input *in, struct modal_error *err)
 {
     const cJSON *line = b->items[i].line, *options = cJSON_GetObjectItemCaseSensitive(line, "options");
     const char *base = strrchr(b->args->from, '/');
     char key[WIRE_KEY_MOST + 1];
+    struct client_job job;
+    cJSON *header;
     enum modal_status rc = load(b, line, deadline, err);
-    int slot = 0;
 
     if (rc != MODAL_OK)
         return rc;
     snprintf(key, sizeof key, "%.90s:%ld:%016llx", base ? base + 1 : b->args->from, b->items[i].number, (unsigned long long)b->items[i].hash);
-    struct client_job job = remote_job(&b->input, b->args, text(line, "key") ? text(line, "key") : key);
+    job = remote_job(&b->input, b->args, text(line, "key") ? text(line, "key") : key);
     job.options = options ? options : job.options;
     job.priority = get(line, "priority", job.priority);
     job.run_limit = get(line, "run_limit_s", job.run_limit);
     job.deadline = get(line, "deadline_s", job.deadline);
-    struct client_input in = remote_input(&b->input);
-    struct link_ask ask = { .verb = "SUBMIT", .header = client_submit_header(&job, &in, b->upload[0] ? b->upload : NULL) };
-    if (b->upload[0] == 0)
-        ask.body = client_input_bytes(&in, &ask.length);
-    while (b->flights[slot].used)
-        slot++;
-    rc = link_send(b->link, &ask, deadline, &b->flights[slot].id, err);
+    *in = remote_input(&b->input);
+    header = client_submit_header(&job, in, b->upload[0] ? b->upload : NULL);
+    if (b->upload[0] == 0 && in->batch == NULL) {
+        size_t length;
+        client_input_bytes(in, &length);
+        cJSON_AddNumberToObject(cJSON_GetObjectItemCaseSensitive(header, "input"), "bytes", (double)length);
+    }
+    *out = json_print(header);
+    cJSON_Delete(header);
+    return *out != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
+}
+
+/* Item I into P; *FULL: it has no room there and is to be sent in the next. */
+static enum modal_status pack(struct bulk *b, struct parcel *p, size_t i, double deadline, bool *full, struct modal_error *err)
+{
+    struct client_input in;
+    size_t length = 0;
+    const void *bytes;
+    char *part = NULL;
+    enum modal_status rc = item_text(b, i, deadline, &part, &in, err);
+
     if (rc != MODAL_OK)
         return rc;
-    b->flights[slot].used = true;
-    b->flights[slot].item = i;
-    b->flying++;
+    bytes = b->upload[0] ? NULL : client_input_bytes(&in, &length);
+    *full = p->flight.count > 0 && (p->header + strlen(part) + 64 > WIRE_HEADER_MOST || p->length + length > WIRE_BODY_MOST);
+    if (!*full) {
+        if (length > 0)
+            memcpy(p->body + p->length, bytes, length);
+        p->length += length;
+        p->header += strlen(part) + 1;
+        cJSON_AddItemToArray(p->jobs, cJSON_CreateRaw(part));
+        p->flight.items[p->flight.count++] = i;
+    }
+    free(part);
     return MODAL_OK;
+}
+
+static size_t take_next(struct bulk *b)
+{
+    return b->agains > 0 ? b->again[--b->agains] : b->next++;
+}
+
+static enum modal_status fill(struct bulk *b, struct parcel *p, double deadline, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    bool full = false;
+
+    while (rc == MODAL_OK && !full && p->flight.count < b->together && (b->agains > 0 || b->next < b->count)) {
+        size_t i = take_next(b);
+        rc = pack(b, p, i, deadline, &full, err);
+        if (full)
+            b->again[b->agains++] = i;
+    }
+    return rc;
+}
+
+/* As SUBMITS, or, where it is one, as SUBMIT. */
+static enum modal_status send_parcel(struct bulk *b, struct parcel *p, double deadline, struct modal_error *err)
+{
+    struct link_ask ask = { .verb = "SUBMITS", .body = p->length > 0 ? p->body : NULL, .length = p->length };
+    struct flight *flight = b->flights;
+    enum modal_status rc = MODAL_OK;
+
+    if (p->flight.count == 1) {
+        const char *only = cJSON_GetArrayItem(p->jobs, 0)->valuestring;
+        ask.verb = "SUBMIT";
+        rc = json_read(only, strlen(only), &ask.header, err);
+    } else {
+        ask.header = cJSON_CreateObject();
+        cJSON_AddItemToObject(ask.header, "jobs", p->jobs);
+        p->jobs = NULL;
+    }
+    while (flight->count > 0)
+        flight++;
+    if (rc == MODAL_OK)
+        rc = link_send(b->link, &ask, deadline, &p->flight.id, err);
+    if (rc != MODAL_OK)
+        return rc;
+    *flight = p->flight;
+    b->flying += flight->count;
+    return MODAL_OK;
+}
+
+static enum modal_status send_some(struct bulk *b, double deadline, struct modal_error *err)
+{
+    struct parcel p = { .jobs = cJSON_CreateArray(), .body = malloc(WIRE_BODY_MOST) };
+    enum modal_status rc = p.body != NULL ? fill(b, &p, deadline, err) : modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
+
+    if (rc == MODAL_OK)
+        rc = send_parcel(b, &p, deadline, err);
+    cJSON_Delete(p.jobs);
+    free(p.body);
+    return rc;
 }
 
 static void send_again(struct bulk *b, struct flight *flight)
 {
-    b->again[b->agains++] = flight->item;
-    flight->used = false;
-    b->flying--;
+    for (int i = 0; i < flight->count; i++)
+        b->again[b->agains++] = flight->items[i];
+    b->flying -= flight->count;
+    flight->count = 0;
 }
 
-/* A submission is answered: said on stdout, or, where the daemon is full for now, to be sent again. */
-static enum modal_status take_answer(struct bulk *b, struct flight *flight, struct link_message *message, struct modal_error *err)
+/* The error in PART, a header or a part of SUBMITS; the detail stays PART's. */
+static void part_error(const cJSON *part, const cJSON **detail, struct modal_error *err)
 {
-    long number = b->items[flight->item].number;
-    cJSON *doc = message->header;
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(part, "error");
 
-    if (message->type == LINK_ERROR) {
+    wire_error_read(error, err);
+    *detail = cJSON_GetObjectItemCaseSensitive(error, "detail");
+}
+
+static bool may_come_again(const struct modal_error *why, const cJSON *detail)
+{
+    return why->status == MODAL_BUSY || why->status == MODAL_DRAINING || (why->status == MODAL_QUOTA && cJSON_HasObjectItem(detail, "retry_after_s"));
+}
+
+/* A submission is answered: said on stdout, or, where the daemon is full for now, to be sent again after *PAUSE. */
+static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *part, double *pause, struct modal_error *err)
+{
+    long number = b->items[item].number;
+    cJSON *doc;
+
+    if (!cJSON_HasObjectItem(part, "job")) {
         struct modal_error why = { 0 };
-        cJSON *detail = NULL;
-        enum modal_status rc = link_error(message, &detail, &why);
-        double pause = get(detail, "retry_after_s", 0.1);
-        if (rc == MODAL_BUSY || rc == MODAL_DRAINING || (rc == MODAL_QUOTA && cJSON_HasObjectItem(detail, "retry_after_s"))) {
-            struct timespec t = { (time_t)pause, (long)(1e9 * (pause - floor(pause))) };
-            nanosleep(&t, NULL);
-            cJSON_Delete(detail);
-            send_again(b, flight);
+        const cJSON *detail;
+        part_error(part, &detail, &why);
+        if (may_come_again(&why, detail)) {
+            *pause = fmax(*pause, get(detail, "retry_after_s", 0.1));
+            b->again[b->agains++] = item;
             return MODAL_OK;
         }
         b->refused++;
         doc = answer_error(&why, detail);
-        cJSON_Delete(detail);
     } else {
-        message->header = NULL;
+        doc = cJSON_Duplicate(part, true);
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "id");
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "verb");
         if (b->journal != NULL && (fprintf(b->journal, "%ld\n", number) < 0 || fflush(b->journal) != 0))
@@ -229,9 +326,47 @@ static enum modal_status take_answer(struct bulk *b, struct flight *flight, stru
     cJSON_AddNumberToObject(doc, "line", (double)number);
     enum modal_status rc = answer_json(doc, err);
     cJSON_Delete(doc);
-    flight->used = false;
-    b->flying--;
     b->done++;
+    return rc;
+}
+
+/* PARTS: the list of SUBMITS's answer; NULL: MESSAGE answers all alike. */
+static enum modal_status take_parts(struct bulk *b, struct flight *flight, const cJSON *parts, const cJSON *message, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    double pause = 0;
+
+    for (int i = 0; rc == MODAL_OK && i < flight->count; i++)
+        rc = take_part(b, flight->items[i], parts == NULL ? message : cJSON_GetArrayItem(parts, i), &pause, err);
+    b->flying -= flight->count;
+    flight->count = 0;
+    if (pause > 0)
+        nanosleep(&(struct timespec) { (time_t)pause, (long)(1e9 * (pause - floor(pause))) }, NULL);
+    return rc;
+}
+
+static enum modal_status take_answer(struct bulk *b, struct flight *flight, struct link_message *message, struct modal_error *err)
+{
+    cJSON *list = NULL;
+    enum modal_status rc = MODAL_OK;
+    struct modal_error why = { 0 };
+    const cJSON *detail;
+
+    if (message->type == LINK_ERROR) {
+        part_error(message->header, &detail, &why);
+        if (why.status == MODAL_UNKNOWN_VERB && b->together > 1) {     /* a daemon of before SUBMITS */
+            b->together = 1;
+            send_again(b, flight);
+            return MODAL_OK;
+        }
+    } else if (flight->count > 1) {
+        rc = message->body == NULL ? modal_fail(err, MODAL_BAD_FRAME, "an answer to SUBMITS has no list") : json_read(message->body, message->length, &list, err);
+        if (rc == MODAL_OK && cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(list, "jobs")) != flight->count)
+            rc = modal_fail(err, MODAL_BAD_FRAME, "an answer to SUBMITS is not about the jobs asked");
+    }
+    if (rc == MODAL_OK)
+        rc = take_parts(b, flight, cJSON_GetObjectItemCaseSensitive(list, "jobs"), message->header, err);
+    cJSON_Delete(list);
     return rc;
 }
 
@@ -241,15 +376,14 @@ static enum modal_status land_one(struct bulk *b, double deadline, struct modal_
     enum modal_status rc = link_receive(b->link, fmin(deadline, link_now() + 10), &message, err);
 
     if (rc == MODAL_NO_SERVER || (rc == MODAL_TIMEOUT && link_now() < deadline)) {
-        for (int i = 0; i < b->window; i++)
-            if (b->flights[i].used)
-                send_again(b, &b->flights[i]);
+        for (int i = 0; i < FLIGHTS_MOST; i++)
+            send_again(b, &b->flights[i]);
         return MODAL_OK;
     }
     if (rc != MODAL_OK)
         return rc;
-    for (int i = 0; i < b->window; i++)
-        if (b->flights[i].used && b->flights[i].id == link_message_id(&message)) {
+    for (int i = 0; i < FLIGHTS_MOST; i++)
+        if (b->flights[i].count > 0 && b->flights[i].id == link_message_id(&message)) {
             rc = take_answer(b, &b->flights[i], &message, err);
             break;
         }
@@ -262,10 +396,8 @@ static enum modal_status submit_all(struct bulk *b, double deadline, struct moda
     enum modal_status rc = MODAL_OK;
 
     while (rc == MODAL_OK && b->done < b->count) {
-        while (rc == MODAL_OK && b->flying < b->window && (b->agains > 0 || b->next < b->count)) {
-            size_t i = b->agains > 0 ? b->again[--b->agains] : b->next++;
-            rc = send_item(b, i, deadline, err);
-        }
+        while (rc == MODAL_OK && b->flying + b->together <= b->window && (b->agains > 0 || b->next < b->count))
+            rc = send_some(b, deadline, err);
         if (rc == MODAL_OK && b->flying > 0)
             rc = land_one(b, deadline, err);
     }
@@ -300,6 +432,7 @@ int run_bulk(const struct args *args)
         return answer_failure(args->json, &(struct modal_error) { .status = MODAL_NO_MEMORY, .message = "no memory" }, NULL);
     b->args = args;
     b->window = args->window > 0 ? (int)args->window : WINDOW_DEFAULT;
+    b->together = b->window < 4 ? 1 : b->window / 4 < TOGETHER_MOST ? b->window / 4 : TOGETHER_MOST;
     if (b->window > WINDOW_MOST)
         rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window", "--window is %d; accepted: a whole number from 1 to %d", b->window, WINDOW_MOST);
     else

@@ -77,6 +77,65 @@ void answer_send(struct core *c, const struct reply *reply, cJSON *header, struc
         answer_text(c, reply, text, body);
 }
 
+/* ---- many answers in one ---------------------------------------------------------------------------------------- */
+
+struct answers *answers_new(struct core *c, const struct reply *reply, int count)
+{
+    struct answers *all = grab(sizeof *all + (size_t)count * sizeof *all->parts);
+
+    all->reply = *reply;
+    all->count = all->missing = count;
+    all->next = c->answers;
+    all->link = &c->answers;
+    if (all->next != NULL)
+        all->next->link = &all->next;
+    c->answers = all;
+    return all;
+}
+
+void answers_free(struct answers *all)
+{
+    *all->link = all->next;
+    if (all->next != NULL)
+        all->next->link = all->link;
+    for (int i = 0; i < all->count; i++)
+        free(all->parts[i]);
+    free(all);
+}
+
+/* The parts as {"jobs":[...]}. */
+static struct blob *join(const struct answers *all)
+{
+    struct json_text t = { 0 };
+    char *text;
+
+    json_text_open(&t, NULL);
+    json_text_key(&t, "jobs");
+    json_text_raw(&t, "[");
+    for (int i = 0; i < all->count; i++) {
+        json_text_raw(&t, i > 0 ? "," : "");
+        json_text_raw(&t, all->parts[i]);
+    }
+    json_text_raw(&t, "]");
+    text = text_end(&t);
+    return blob_take(text, strlen(text));
+}
+
+/* TEXT, the answer to one part, to its place; with the last of them all go. */
+static void put_part(struct core *c, const struct reply *part, char *text)
+{
+    struct answers *all = part->all;
+    cJSON *header;
+
+    all->parts[part->place] = text;
+    if (--all->missing > 0)
+        return;
+    header = answer_new(&all->reply);
+    cJSON_AddNumberToObject(header, "count", all->count);
+    answer_send(c, &all->reply, header, join(all));
+    answers_free(all);
+}
+
 /* What was written, closed; out of memory ends the process, as everywhere here. */
 char *text_end(struct json_text *t)
 {
@@ -93,6 +152,10 @@ void answer_error(struct core *c, const struct reply *reply, const struct modal_
         return;
     }
     c->rejects[err->status]++;
+    if (reply->all != NULL) {
+        put_part(c, reply, wire_error_part(err, detail));
+        return;
+    }
     core_act(c, (struct action) { .type = ACT_SEND, .peer = reply->peer, .verb = "ERROR",
                                   .header = wire_error_header(reply->id, wire_verb_name(reply->verb), err, detail) });
 }
@@ -214,13 +277,18 @@ void answer_doc(struct core *c, const struct reply *reply, const struct job *job
         return;
     }
     json_text_open(&t, NULL);
-    json_text_key(&t, "id");
-    json_text_raw(&t, reply->id);
-    json_text_string(&t, "verb", wire_verb_name(reply->verb));
+    if (reply->all == NULL) {
+        json_text_key(&t, "id");
+        json_text_raw(&t, reply->id);
+        json_text_string(&t, "verb", wire_verb_name(reply->verb));
+    }
     doc_write(c, &t, job, true);
     if (duplicate >= 0)
         json_text_bool(&t, "duplicate", duplicate);
     if (reply->verb == WIRE_DELETE)
         json_text_bool(&t, "deleted", true);
-    answer_text(c, reply, text_end(&t), body);
+    if (reply->all != NULL)
+        put_part(c, reply, text_end(&t));
+    else
+        answer_text(c, reply, text_end(&t), body);
 }

@@ -644,6 +644,8 @@ void core_free(struct core *c)
         free(c->subscriptions);
         c->subscriptions = next;
     }
+    while (c->answers != NULL)
+        answers_free(c->answers);
     for (int i = 0; i < SLOTS_MOST; i++)
         free(c->slots[i].document);
     map_done(&c->jobs);

@@ -31,6 +31,7 @@
 
 #define FLUSH_LEAST_NS 1000000          /* ns */
 #define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
+#define ROUND_NS 5000000                /* of one source, whose next message waits for the others' */
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
 struct daemon {
@@ -297,7 +298,7 @@ static bool take_messages(struct daemon *d, struct peers *peers, void (*handle)(
     struct received r;
     int64_t now = clock_ns(CLOCK_MONOTONIC);
 
-    for (int n = 0; n < ROUND; n++) {
+    for (int n = 0; n < ROUND && clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS; n++) {
         bool got = receive(peers, &r, now);
         if (got && r.peer != NULL && r.count > 0)
             handle(d, &r);

@@ -440,11 +440,11 @@ static void on_undrain(struct core *c, const struct event *e, const struct wire_
 }
 
 static handler *const handlers[WIRE_VERB_COUNT] = {
-    [WIRE_HELLO] = on_hello,     [WIRE_UPLOAD] = upload_request, [WIRE_SUBMIT] = submit_request, [WIRE_STATUS] = on_status,
-    [WIRE_WAIT] = on_wait,       [WIRE_RESULT] = on_result,      [WIRE_CANCEL] = on_cancel,      [WIRE_RETRY] = on_retry,
-    [WIRE_DELETE] = on_delete,   [WIRE_LIST] = on_list,          [WIRE_EVENTS] = events_request, [WIRE_STATS] = on_stats,
-    [WIRE_METRICS] = on_metrics, [WIRE_WHOAMI] = on_whoami,      [WIRE_DRAIN] = on_drain,        [WIRE_UNDRAIN] = on_undrain,
-    [WIRE_STREAM] = stream_request,
+    [WIRE_HELLO] = on_hello,     [WIRE_UPLOAD] = upload_request, [WIRE_SUBMIT] = submit_request,  [WIRE_SUBMITS] = submits_request,
+    [WIRE_STATUS] = on_status,   [WIRE_WAIT] = on_wait,          [WIRE_RESULT] = on_result,      [WIRE_CANCEL] = on_cancel,
+    [WIRE_RETRY] = on_retry,     [WIRE_DELETE] = on_delete,      [WIRE_LIST] = on_list,          [WIRE_EVENTS] = events_request,
+    [WIRE_STATS] = on_stats,     [WIRE_METRICS] = on_metrics,    [WIRE_WHOAMI] = on_whoami,      [WIRE_DRAIN] = on_drain,
+    [WIRE_UNDRAIN] = on_undrain, [WIRE_STREAM] = stream_request,
 };
 
 /* An answer to what could not be read as a request; the verb as it came, where it came. */

@@ -12,6 +12,7 @@
 /* Who is to be answered, and what with. */
 struct reply {
     uint64_t peer;                        /* 0: nobody */
+    struct answers *all; int place;       /* of a part of SUBMITS: where its answer waits for the others */
     char id[WIRE_ID_MOST * 6 + 3];
     enum wire_verb verb;
 };
@@ -198,6 +199,14 @@ enum timer { TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEA
 
 enum { SLOTS_MOST = 256, RING = 1024 };
 
+/* The answers to the parts of one SUBMITS: sent, as a list, when all are there. */
+struct answers {
+    struct answers *next, **link;         /* of all that wait, in the core */
+    struct reply reply;
+    int count, missing;
+    char *parts[];
+};
+
 struct core {
     struct settings settings;
     struct account *accounts;
@@ -214,6 +223,7 @@ struct core {
     int64_t *ended; size_t ended_first, ended_count, ended_room;   /* ids in the order of ending, for retention */
     uint64_t next_wait, next_subscription;
     struct subscription *subscriptions;
+    struct answers *answers;
     struct stream *streams;
     int live_attempts;
     uint64_t *full; size_t full_count, full_room;
@@ -265,6 +275,8 @@ void answer_send(struct core *c, const struct reply *reply, cJSON *header, struc
 void answer_error(struct core *c, const struct reply *reply, const struct modal_error *err, cJSON *detail);
 void answer_fail(struct core *c, const struct reply *reply, enum modal_status status, const char *field, cJSON *detail,
                  const char *format, ...) __attribute__((format(printf, 6, 7)));
+struct answers *answers_new(struct core *c, const struct reply *reply, int count);
+void answers_free(struct answers *answers);
 cJSON *answer_number(const char *key, double value);       /* an object of one member, for details */
 void answer_doc(struct core *c, const struct reply *reply, const struct job *job, int duplicate, struct blob *body);   /* -1: no such member */
 void doc_write(const struct core *c, struct json_text *text, const struct job *job, bool position);
@@ -347,6 +359,7 @@ void filling_free(struct filling *f);
 
 /* submit.c */
 void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
+void submits_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 char *canonical_text(const cJSON *value);
 
 /* workers.c */

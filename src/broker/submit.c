@@ -135,7 +135,7 @@ static struct blob *gather(const struct wire_message *m)
     return data;
 }
 
-static bool take_inline(struct core *c, struct submission *s, const struct event *e)
+static bool take_inline(struct core *c, struct submission *s, const struct wire_message *m)
 {
     const struct wire_input *w = &s->r->submit.input;
     struct input_shape shape;
@@ -143,7 +143,7 @@ static bool take_inline(struct core *c, struct submission *s, const struct event
     struct modal_error err;
     enum modal_status rc;
 
-    s->data = gather(e->message);
+    s->data = gather(m);
     input_shape_of(w, &shape, &names);
     rc = identity_of(&shape, s->data->data, s->data->size, s->sha256, &err);
     free(names);
@@ -294,13 +294,13 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     core_commit(c, t);
 }
 
-void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void submit(struct core *c, const struct wire_message *m, const struct wire_request *r, struct user *user, const struct reply *reply)
 {
-    struct submission s = { .user = user, .reply = reply_to(e, r), .r = r };
+    struct submission s = { .user = user, .reply = *reply, .r = r };
     bool named = r->submit.upload != NULL || r->submit.sha256 != NULL;
     struct job *source;
 
-    if (!find_kind(c, &s) || !(named ? find_named(c, &s) : take_inline(c, &s, e)))
+    if (!find_kind(c, &s) || !(named ? find_named(c, &s) : take_inline(c, &s, m)))
         goto out;
     s.options = canonical_text(r->submit.options);
     hash_settings(c, s.kind->name, s.options, s.settings);
@@ -312,4 +312,35 @@ void submit_request(struct core *c, const struct event *e, const struct wire_req
 out:
     blob_drop(s.data);
     free(s.options);
+}
+
+void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+
+    submit(c, e->message, r, user, &reply);
+}
+
+/* Each part is a submission of its own, with its own transaction and answer; only the message is shared. */
+void submits_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply whole = reply_to(e, r), part = { .peer = e->peer, .verb = WIRE_SUBMIT };
+    struct blob *data = gather(e->message);
+    const char *body = data->data;
+    const cJSON *job;
+
+    part.all = answers_new(c, &whole, cJSON_GetArraySize(r->submits.jobs));
+    cJSON_ArrayForEach(job, r->submits.jobs) {
+        struct wire_message m;
+        struct wire_request one;
+        struct modal_error err;
+
+        wire_part(job, &body, &m);
+        if (wire_request_read(&m, &one, &err) == MODAL_OK)
+            submit(c, &m, &one, user, &part);
+        else
+            answer_error(c, &part, &err, NULL);
+        part.place++;
+    }
+    blob_drop(data);
 }

@@ -139,6 +139,17 @@ char *wire_error_header(const char *id, const char *verb, const struct modal_err
     return text;
 }
 
+char *wire_error_part(const struct modal_error *err, cJSON *detail)
+{
+    cJSON *part = cJSON_CreateObject();
+    char *text;
+
+    cJSON_AddItemToObject(part, "error", wire_error_object(err, detail));
+    text = json_print(part);
+    cJSON_Delete(part);
+    return text;
+}
+
 void wire_error_read(const cJSON *object, struct modal_error *err)
 {
     const cJSON *code = cJSON_GetObjectItemCaseSensitive(object, "code");

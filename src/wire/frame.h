@@ -41,6 +41,9 @@ size_t wire_gather(const struct wire_message *message, void *out, size_t size);
  * the text with free(); NULL when memory runs out. */
 char *wire_error_header(const char *id, const char *verb, const struct modal_error *err, cJSON *detail);
 
+/* The same without id and verb, {"error":{...}}, for a list of answers. */
+char *wire_error_part(const struct modal_error *err, cJSON *detail);
+
 /* The object {"code","message","field"?,"detail"?} of an error, as in queue documents and ERROR. */
 cJSON *wire_error_object(const struct modal_error *err, cJSON *detail);
 

@@ -14,6 +14,7 @@ enum {
     WIRE_ID_MOST         = 64,
     WIRE_KEY_MOST        = 128,
     WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body */
+    WIRE_JOBS_MOST       = 256,               /* in SUBMITS */
     WIRE_CHUNK_MOST      = 262144,
     WIRE_CHANNELS_MOST   = 65536,
     WIRE_NAME_MOST       = 256,               /* a channel's name, units */

@@ -371,6 +371,72 @@ static enum modal_status read_submit(const struct wire_message *m, struct wire_r
     return read_inline(m, input, out, err);
 }
 
+/* Bytes of the input that JOB of SUBMITS has in the body; 0: none, or its own reader will refuse it. */
+static enum modal_status inline_bytes(const cJSON *job, const char *base, uint64_t *bytes, struct modal_error *err)
+{
+    const cJSON *input = cJSON_GetObjectItemCaseSensitive(job, "input");
+    const char *content = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(input, "content"));
+    uint64_t channels = 0;
+    enum modal_status rc;
+
+    *bytes = 0;
+    if (content != NULL && strcmp(content, wire_contents[WIRE_SCENE]) == 0)
+        return get_integer(input, base, "bytes", 1, WIRE_INLINE_MOST, true, bytes, err);
+    if (content == NULL || strcmp(content, wire_contents[WIRE_BATCH]) != 0)
+        return MODAL_OK;
+    rc = get_integer(input, base, "samples", 1, WIRE_INLINE_MOST / 8, true, bytes, err);
+    if (rc == MODAL_OK)
+        rc = get_integer(input, base, "channels", 1, WIRE_INLINE_MOST / 8, true, &channels, err);
+    if (rc != MODAL_OK)
+        return rc;
+    *bytes *= 8 * channels;
+    return *bytes <= WIRE_INLINE_MOST ? MODAL_OK
+        : modal_fail_field(err, MODAL_TOO_LARGE, base, "%s: an input of %llu bytes in the body; accepted: at most %d, more by UPLOAD", base,
+                           (unsigned long long)*bytes, WIRE_INLINE_MOST);
+}
+
+static enum modal_status read_submits(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+{
+    const cJSON *jobs = cJSON_GetObjectItemCaseSensitive(m->header, "jobs"), *job;
+    uint64_t bytes, all = 0;
+    char base[40];
+    int count = 0;
+    enum modal_status rc = MODAL_OK;
+
+    cJSON_ArrayForEach(job, jobs) {
+        snprintf(base, sizeof base, "jobs[%d]", count++);
+        if (!cJSON_IsObject(job) || cJSON_HasObjectItem(job, "id"))
+            return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object with the members of SUBMIT but id", base);
+        strcat(base, ".input");
+        rc = inline_bytes(job, base, &bytes, err);
+        if (rc != MODAL_OK)
+            return rc;
+        all += bytes;
+    }
+    if (!cJSON_IsArray(jobs) || count < 1 || count > WIRE_JOBS_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "jobs", "jobs must be a list of 1 to %d submissions", WIRE_JOBS_MOST);
+    if (all != m->body_bytes)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "the body has %zu bytes; accepted: the %llu of the inputs described", m->body_bytes,
+                                (unsigned long long)all);
+    out->submits.jobs = jobs;
+    return MODAL_OK;
+}
+
+void wire_part(const cJSON *job, const char **body, struct wire_message *part)
+{
+    uint64_t bytes = 0;
+
+    inline_bytes(job, "", &bytes, NULL);
+    memset(part, 0, sizeof *part);
+    strcpy(part->verb, wire_verb_name(WIRE_SUBMIT));
+    strcpy(part->id, "null");
+    part->header = (cJSON *)(uintptr_t)job;
+    part->body[0] = (struct wire_frame) { *body, bytes };
+    part->body_count = bytes > 0;
+    part->body_bytes = bytes;
+    *body += bytes;
+}
+
 static enum modal_status read_wait(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
 {
     enum modal_status rc = read_job(m->header, out, err);
@@ -496,6 +562,7 @@ static const struct row {
     [WIRE_HELLO]   = { "HELLO",   WIRE_ROLE_READ,   read_hello,    false, { "id", "versions", "client" } },
     [WIRE_UPLOAD]  = { "UPLOAD",  WIRE_ROLE_SUBMIT, read_upload,   true,  { "id", "op", "content", "key", "sha256", "upload", "offset", "crc32c", DESCRIPTION } },
     [WIRE_SUBMIT]  = { "SUBMIT",  WIRE_ROLE_SUBMIT, read_submit,   true,  { "id", "kind", "options", "input", "key", "priority", "run_limit_s", "deadline_s", "not_before", "max_attempts", "fresh" } },
+    [WIRE_SUBMITS] = { "SUBMITS", WIRE_ROLE_SUBMIT, read_submits,  true,  { "id", "jobs" } },
     [WIRE_STATUS]  = { "STATUS",  WIRE_ROLE_READ,   read_only_job, false, { "id", "job" } },
     [WIRE_WAIT]    = { "WAIT",    WIRE_ROLE_READ,   read_wait,     false, { "id", "job", "timeout_s", "result" } },
     [WIRE_RESULT]  = { "RESULT",  WIRE_ROLE_READ,   read_result,   false, { "id", "job", "part", "offset", "length" } },

@@ -4,8 +4,8 @@
 #include "wire/frame.h"
 
 enum wire_verb {
-    WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT, WIRE_CANCEL, WIRE_RETRY, WIRE_DELETE,
-    WIRE_LIST, WIRE_EVENTS, WIRE_STATS, WIRE_METRICS, WIRE_WHOAMI, WIRE_DRAIN, WIRE_UNDRAIN, WIRE_STREAM,
+    WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_SUBMITS, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT, WIRE_CANCEL, WIRE_RETRY,
+    WIRE_DELETE, WIRE_LIST, WIRE_EVENTS, WIRE_STATS, WIRE_METRICS, WIRE_WHOAMI, WIRE_DRAIN, WIRE_UNDRAIN, WIRE_STREAM,
     WIRE_VERB_COUNT
 };
 
@@ -60,6 +60,7 @@ struct wire_request {
             double not_before;                    /* UTC s; 0: at once */
             bool fresh;
         } submit;
+        struct { const cJSON *jobs; } submits;    /* array; see wire_part */
         struct { double timeout_s; bool result; } wait;
         struct { enum wire_part part; uint64_t offset, length; } result;
         struct { int state; const char *kind; int limit; const char *after; } list;   /* state -1: all */
@@ -86,6 +87,12 @@ struct wire_request {
  * field) or MODAL_TOO_LARGE; the body's length is checked here too, its content (CRC, hash) by the daemon.
  */
 enum modal_status wire_request_read(const struct wire_message *message, struct wire_request *out, struct modal_error *err);
+
+/*
+ * Submission JOB of SUBMITS as a SUBMIT of its own, to be read by wire_request_read: *PART borrows JOB and the bytes of its
+ * input at *BODY, which is moved behind them.  BODY begins as all of the message's body in one piece.
+ */
+void wire_part(const cJSON *job, const char **body, struct wire_message *part);
 
 const char *wire_verb_name(enum wire_verb verb);
 int wire_verb_find(const char *name);             /* -1: no such verb */

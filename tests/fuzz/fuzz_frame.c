@@ -8,6 +8,30 @@
 #include <string.h>
 #include "wire/request.h"
 
+/* The parts of SUBMITS take all of the body, and no part more than an input may have. */
+static void walk_parts(const struct wire_message *m, const struct wire_request *r)
+{
+    char *all = malloc(m->body_bytes + 1);
+    const char *body = all;
+    const cJSON *job;
+
+    if (all == NULL)
+        return;
+    wire_gather(m, all, m->body_bytes);
+    cJSON_ArrayForEach(job, r->submits.jobs) {
+        struct wire_message part;
+        struct wire_request one;
+        struct modal_error err;
+        wire_part(job, &body, &part);
+        if (part.body_bytes > WIRE_INLINE_MOST)
+            abort();
+        wire_request_read(&part, &one, &err);
+    }
+    if (body != all + m->body_bytes)
+        abort();
+    free(all);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 /* Copies of the pieces, each of exactly its size, so that the sanitizer sees one byte too many. */
@@ -45,8 +69,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (wire_open(frames, count, WIRE_VERSION, !worker, &m, &err) == MODAL_OK) {
         if (m.body_count > WIRE_FRAMES_MOST - 3 || strlen(m.verb) > WIRE_VERB_MOST)
             abort();
-        if (!worker && wire_request_read(&m, &r, &err) == MODAL_OK && r.verb == WIRE_SUBMIT && r.submit.input.bytes > WIRE_INLINE_MOST)
-            abort();
+        if (!worker && wire_request_read(&m, &r, &err) == MODAL_OK) {
+            if (r.verb == WIRE_SUBMIT && r.submit.input.bytes > WIRE_INLINE_MOST)
+                abort();
+            if (r.verb == WIRE_SUBMITS)
+                walk_parts(&m, &r);
+        }
     }
     wire_close(&m);
     for (int i = 1; i < count; i++)

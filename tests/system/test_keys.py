@@ -108,6 +108,9 @@ def test_limits_answer_quota_exactly_with_what_is_used(lab):
     assert [r.code for r in codes] == [None, None, None, "quota", "quota"]
     detail = codes[-1]["error"]["detail"]
     assert (detail["limit"], detail["most"], detail["used"]) == ("queued", 3, 3) and detail["retry_after_s"] > 0
+    data, described = ring_down()
+    reply = c.ask("SUBMITS", [2 * data], jobs=[{"kind": "identify", "input": described, "options": {"say": f"q{i}"}} for i in (7, 8)])
+    assert [a["error"]["code"] for a in json.loads(reply.body[0])["jobs"]] == ["quota", "quota"]
     big = c.ask("UPLOAD", op="begin", content="batch", samples=12801, channels=1, dt=1)
     assert big.code == "quota" and big["error"]["detail"]["limit"] == "bytes" and big["error"]["detail"]["most"] == 102400
 

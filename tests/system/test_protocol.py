@@ -161,6 +161,59 @@ def test_a_repeated_submission_in_flight_is_one_job(client):
     assert len({r["job"] for r in replies}) == 1 and [r["duplicate"] for r in replies].count(False) == 1
 
 
+def parts(client, jobs, body):
+    """The answers to the submissions JOBS in one message."""
+    reply = client.ask("SUBMITS", [body] if body else [], jobs=jobs)
+    assert reply.ok and reply["verb"] == "SUBMITS", reply
+    answers = json.loads(reply.body[0])["jobs"]
+    assert len(answers) == reply["count"] == len(jobs)
+    return answers
+
+
+def test_submissions_in_one_message_are_answered_each_as_by_submit(client):
+    one, described = ring_down(samples=40, phase=0.41)
+    two, _ = ring_down(samples=40, phase=0.42)
+    scene = b'{"structure":{"type":"chain","masses":[1.0],"springs":[100.0,0.0]}}'
+    known = client.ask("SUBMIT", [one], kind="identify", input=described, key="together")
+    job = {"kind": "identify", "input": described}
+    answers = parts(client, [{**job, "key": "together"}, {**job, "key": "together"}, {**job, "key": "new", "priority": 7}, {**job, "kind": "identfy"},
+                             {"kind": "steady", "input": {"content": "scene", "bytes": len(scene)}, "key": "scene"},
+                             {**job, "key": "new", "priority": 8}, {**job, "priority": 256}, {"kind": "identify", "input": {"sha256": "0" * 64}}],
+                    one + two + two + one + scene + two + one)
+    assert answers[0]["job"] == known["job"] and answers[0]["duplicate"] is True
+    assert answers[1]["error"]["code"] == "conflict"
+    assert (answers[2]["state"], answers[2]["duplicate"], answers[2]["priority"], answers[2]["key"]) == ("queued", False, 7, "new")
+    assert (answers[3]["error"]["code"], answers[3]["error"]["field"]) == ("bad_input", "kind")
+    assert answers[4]["kind"] == "steady" and answers[4]["duplicate"] is False
+    assert answers[5]["job"] == answers[2]["job"] and answers[5]["duplicate"] is True and answers[5]["priority"] == 7
+    assert (answers[6]["error"]["code"], answers[6]["error"]["field"]) == ("bad_input", "priority")
+    assert answers[7]["error"]["code"] == "not_found"
+    assert wait(client, "key:new")["state"] == "done"
+    assert client.ask("RESULT", job="key:new", part="input").body[0] == two
+    assert client.ask("RESULT", job="key:scene", part="input").body[0] == scene
+
+
+def test_256_submissions_go_in_one_message_and_survive_a_kill_once_they_are_answered():
+    with Daemon(config=FAKE, workers=0) as d:
+        c, described = d.client(), {"content": "batch", "samples": 16, "channels": 1, "dt": 1}
+        answers = parts(c, [{"kind": "identify", "input": described, "key": f"k{i}"} for i in range(256)], os.urandom(256 * 128))
+        d.kill()
+        d.start()
+        c = d.client()
+        assert [c.ask("STATUS", job=f"key:k{i}")["job"] for i in range(256)] == [a["job"] for a in answers]
+        assert len({a["job"] for a in answers}) == 256
+
+
+def test_a_message_whose_inputs_cannot_be_told_apart_is_refused_and_nothing_of_it_taken(client):
+    data, described = ring_down(samples=40, phase=0.43)
+    job = {"kind": "identify", "input": described, "key": "apart"}
+    for jobs, body, field in (([job], data + b"x", "body"), ([job, {**job, "key": "b"}], data, "body"), ([job, {"kind": "steady", "input": {"content": "scene"}}], data, "jobs[1].input.bytes"),
+                              ([job, {**job, "input": {**described, "samples": 1.5}}], data, "jobs[1].input.samples"), ([job] * 257, data * 5, "jobs")):
+        reply = client.ask("SUBMITS", [body], jobs=jobs)
+        assert (reply.code, reply["error"]["field"]) == ("bad_input", field), reply
+    assert client.ask("STATUS", job="key:apart").code == "not_found"
+
+
 def test_an_unknown_kind_is_refused_with_the_accepted_ones(client):
     data, described = ring_down()
     reply = client.ask("SUBMIT", [data], kind="identfy", input=described)

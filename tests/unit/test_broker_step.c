@@ -72,7 +72,7 @@ struct world {
     struct stream_view streams[2][STREAMS];
     long sealed, closed;
     int64_t request;
-    struct { int user, key, variant; bool used; uint64_t offset; } asked[1 << 12];
+    struct { int user, key, variant, together; bool used; uint64_t offset; } asked[1 << 12];
     bool full;
     long states, violations[11];
     bool verbose;
@@ -328,6 +328,45 @@ static void told_stream(const struct action *a, const cJSON *header, int user, i
     }
 }
 
+/* The doc or the error that answers submission N. */
+static void told_of_submit(int n, const cJSON *doc)
+{
+    int user = w->asked[n & 4095].user, key = w->asked[n & 4095].key, variant = w->asked[n & 4095].variant;
+    const cJSON *job = cJSON_GetObjectItem(doc, "job"), *error = cJSON_GetObjectItem(doc, "error");
+    const char *code = error == NULL ? "" : cJSON_GetObjectItem(error, "code")->valuestring;
+
+    if (job != NULL) {
+        if (row_by_id(ident_number(w->settings.secret, job->valuestring)) == NULL)
+            violate(1, "a submission is answered that is not committed");
+        if (w->acked[user][key][0] != 0 && strcmp(w->acked[user][key], job->valuestring) != 0)
+            violate(2, "one key, two jobs");
+        if (w->acked[user][key][0] != 0 && w->acked_variant[user][key] != variant)
+            violate(2, "other content was taken under a known key");
+        if (w->expired[user][key])
+            violate(2, "a key that had expired ran again");
+        copy(w->acked[user][key], 9, job->valuestring);
+        w->acked_variant[user][key] = variant;
+    } else if (strcmp(code, "conflict") == 0 && w->acked[user][key][0] != 0 && w->acked_variant[user][key] == variant)
+        violate(2, "a conflict with itself");
+    else if (strcmp(code, "expired") == 0)
+        w->expired[user][key] = true;
+}
+
+/* The answer to SUBMITS N, whose parts are the submissions N, N + 1, ... */
+static void told_of_many(int n, const struct action *a)
+{
+    cJSON *list = NULL, *part;
+
+    if (strcmp(a->verb, "ERROR") == 0)
+        return;                                    /* none of them was taken */
+    if (a->body == NULL || json_read(a->body->data, a->body->size, &list, NULL) != MODAL_OK
+        || cJSON_GetArraySize(cJSON_GetObjectItem(list, "jobs")) != w->asked[n & 4095].together)
+        violate(1, "SUBMITS is not answered by a list of as many");
+    cJSON_ArrayForEach(part, cJSON_GetObjectItem(list, "jobs"))
+        told_of_submit(n++, part);
+    cJSON_Delete(list);
+}
+
 static void told(const struct action *a)
 {
     cJSON *header = cJSON_Parse(a->header);
@@ -344,24 +383,10 @@ static void told(const struct action *a)
         violate(3, "a doc shows another state than the committed end");
     if (row == NULL && job != NULL && strcmp(a->verb, "REPLY") == 0 && cJSON_GetObjectItem(header, "deleted") == NULL)
         violate(1, "a doc of a job that is not committed");
-    if (verb != NULL && strcmp(verb->valuestring, "SUBMIT") == 0 && cJSON_IsNumber(id)) {
-        int n = (int)id->valuedouble & 4095, user = w->asked[n].user, key = w->asked[n].key;
-        const cJSON *error = cJSON_GetObjectItem(header, "error");
-        const char *code = error == NULL ? "" : cJSON_GetObjectItem(error, "code")->valuestring;
-        if (strcmp(a->verb, "REPLY") == 0) {
-            if (w->acked[user][key][0] != 0 && strcmp(w->acked[user][key], job->valuestring) != 0)
-                violate(2, "one key, two jobs");
-            if (w->acked[user][key][0] != 0 && w->acked_variant[user][key] != w->asked[n].variant)
-                violate(2, "other content was taken under a known key");
-            if (w->expired[user][key])
-                violate(2, "a key that had expired ran again");
-            copy(w->acked[user][key], 9, job->valuestring);
-            w->acked_variant[user][key] = w->asked[n].variant;
-        } else if (strcmp(code, "conflict") == 0 && w->acked[user][key][0] != 0 && w->acked_variant[user][key] == w->asked[n].variant)
-            violate(2, "a conflict with itself");
-        else if (strcmp(code, "expired") == 0)
-            w->expired[user][key] = true;
-    }
+    if (verb != NULL && strcmp(verb->valuestring, "SUBMIT") == 0 && cJSON_IsNumber(id))
+        told_of_submit((int)id->valuedouble, header);
+    if (verb != NULL && strcmp(verb->valuestring, "SUBMITS") == 0 && cJSON_IsNumber(id))
+        told_of_many((int)id->valuedouble, a);
     if (verb != NULL && strcmp(verb->valuestring, "UPLOAD") == 0 && cJSON_IsNumber(id)) {
         int n = (int)id->valuedouble & 4095;
         told_upload(a, header, w->asked[n].user, w->asked[n].key, w->asked[n].offset);
@@ -477,6 +502,30 @@ static void submit_something(void)
     snprintf(header, sizeof header, "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}%s%s}",
              n, key, roll(256), roll(5) == 0 ? ",\"run_limit_s\":3" : "", roll(8) == 0 ? ",\"deadline_s\":30" : "");
     request(user, "SUBMIT", header, data, sizeof data);
+}
+
+/* One to four submissions in one message; the same key may be in it twice. */
+static void submit_some(void)
+{
+    int user = (int)roll(2), together = 1 + (int)roll(4), first = (int)(w->request + 1);
+    double data[8];
+    char header[1600];
+    size_t used = (size_t)snprintf(header, sizeof header, "{\"id\":%d,\"jobs\":[", first & 4095);
+
+    for (int i = 0; i < together; i++) {
+        int n = (int)(++w->request & 4095), key = (int)roll(KEYS), variant = roll(12) == 0 ? 1 : 0;
+        w->asked[n].user = user;
+        w->asked[n].key = key;
+        w->asked[n].variant = variant;
+        data[2 * i] = key + 100 * user;
+        data[2 * i + 1] = variant;
+        used += (size_t)snprintf(header + used, sizeof header - used,
+            "%s{\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}",
+            i > 0 ? "," : "", key, roll(256));
+    }
+    snprintf(header + used, sizeof header - used, "]}");
+    w->asked[first & 4095].together = together;
+    request(user, "SUBMITS", header, data, 2 * (size_t)together * sizeof *data);
 }
 
 static void ask_upload(int user, int key, const char *op, uint64_t offset)
@@ -825,8 +874,10 @@ static void something_happens(void)
     static const char *const verbs[] = { "STATUS", "CANCEL", "RETRY", "DELETE", "WAIT", "RESULT" };
     uint32_t what = roll(100);
 
-    if (what < 14)
+    if (what < 10)
         submit_something();
+    else if (what < 14)
+        submit_some();
     else if (what < 18)
         upload_something((int)roll(2), (int)roll(UPLOADS), true);
     else if (what < 24)

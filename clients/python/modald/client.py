@@ -21,6 +21,7 @@ from . import wire
 Document = dict[str, Any]
 Progress = Callable[[str, float], None]
 SHARES_MOST = 64                                                                    # of a sweep
+TOGETHER_MOST = 64                                                                  # submissions in one message
 ENDED = ("done", "failed", "cancelled", "dead")
 FIRST_PATIENCE, LOST_PATIENCE, ASK_AGAIN, CHUNK_PATIENCE = 2.0, 30.0, 5.0, 10.0     # s
 
@@ -448,37 +449,72 @@ class Client:
 
     def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]], window: int = 64,
                     timeout: float | None = None) -> list[Job]:
-        """Submissions (kind, input, options, key) with `window` of them in flight, each accepted once; in their order."""
+        """Submissions (kind, input, options, key) with `window` of them in flight, many in a message, each accepted once; in their order."""
         deadline = self._deadline(timeout)
         out: list[Job | None] = [None] * len(jobs)
-        waiting, flying = list(range(len(jobs) - 1, -1, -1)), {}
+        waiting, together = list(range(len(jobs) - 1, -1, -1)), max(1, min(TOGETHER_MOST, window // 4))
+        flying: dict[int, list[int]] = {}
         ready: dict[int, tuple[Document, list[memoryview]]] = {}
         for i, (kind, value, options, key) in enumerate(jobs):
             header, body = self.submission(kind, value, options, timeout=timeout)
             ready[i] = ({**header, "key": key}, body)
         self._told = self._losses
         while waiting or flying:
-            while waiting and len(flying) < window:
-                i = waiting.pop()
-                flying[self._send("SUBMIT", *ready[i], deadline)] = i
+            while waiting and sum(map(len, flying.values())) + together <= max(window, together):
+                number, parts = self._send_some(ready, waiting, together, deadline)
+                flying[number] = parts
             message = self._receive(deadline)
             if message is None:
-                waiting.extend(flying.values())
+                waiting.extend(i for parts in flying.values() for i in parts)
                 flying.clear()
                 continue
-            kind, answer, _ = message
-            i = flying.pop(answer.pop("id", None), None)
-            if i is None:
+            kind, answer, body = message
+            parts = flying.pop(answer.pop("id", None), [])
+            if kind == "ERROR" and answer["error"]["code"] == "unknown_verb" and together > 1:
+                together = 1                        # a daemon of before SUBMITS
+                waiting.extend(parts)
                 continue
-            if kind == "ERROR" and answer["error"]["code"] in ("busy", "draining"):
-                time.sleep(float((answer["error"].get("detail") or {}).get("retry_after_s", 0.1)))
-                waiting.append(i)
-            elif kind == "ERROR":
-                raise Error.of(answer["error"])
-            else:
-                answer.pop("verb", None)
-                out[i] = Job(self, answer)
+            answers = wire.loads(body[0])["jobs"] if kind == "REPLY" and len(parts) > 1 else [answer] * len(parts)
+            waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
+
+    def _send_some(self, ready: Mapping[int, tuple[Document, list[memoryview]]], waiting: list[int], most: int, deadline: float) -> tuple[int, list[int]]:
+        """As many of `waiting`, from its end, as one message takes: its number and theirs."""
+        parts: list[int] = []
+        header = length = 0
+        while waiting and len(parts) < most:
+            part, body = ready[waiting[-1]]
+            header += len(self._frames("SUBMIT", part, body)[2]) + 16
+            length += sum(map(len, body))
+            if parts and (header > wire.HEADER_MOST - 64 or length > wire.BODY_MOST):
+                break
+            parts.append(waiting.pop())
+        if len(parts) == 1:
+            return self._send("SUBMIT", *ready[parts[0]], deadline), parts
+        bodies = b"".join(chunk for i in parts for chunk in ready[i][1])
+        return self._send("SUBMITS", {"jobs": [self._part(*ready[i]) for i in parts]}, [bodies] if bodies else [], deadline), parts
+
+    @staticmethod
+    def _part(header: Document, body: Sequence[memoryview]) -> Document:
+        """A submission in SUBMITS: there a scene says how long it is, too."""
+        if header["input"].get("content") != "scene":
+            return header
+        return {**header, "input": {**header["input"], "bytes": sum(map(len, body))}}
+
+    def _take(self, parts: Sequence[int], answers: Sequence[Document], out: list[Job | None]) -> list[int]:
+        """Accepted jobs into `out`; those that are to be sent again, after a pause."""
+        again, pause = [], 0.0
+        for i, answer in zip(parts, answers):
+            error = answer.get("error") if "job" not in answer else None
+            if error is None:
+                out[i] = Job(self, {name: value for name, value in answer.items() if name != "verb"})
+            elif error["code"] in ("busy", "draining"):
+                pause = max(pause, float((error.get("detail") or {}).get("retry_after_s", 0.1)))
+                again.append(i)
+            else:
+                raise Error.of(error)
+        time.sleep(pause)
+        return again
 
     def status(self, job: str) -> Document:
         return self.ask("STATUS", {"job": job})[0]

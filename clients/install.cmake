@@ -10,6 +10,10 @@ install(TARGETS modal modal_shared modald_stream_static modald_stream_shared mod
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/modal/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
 install(FILES ${C}/modald.h ${C}/modald_stream.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+# Bridges are programs; the other examples are sources to begin from.
+install(PROGRAMS $<TARGET_FILE:rosco_bridge> DESTINATION ${CMAKE_INSTALL_BINDIR} RENAME modald-rosco-bridge)
+install(PROGRAMS $<TARGET_FILE:mbdyn_listener> DESTINATION ${CMAKE_INSTALL_BINDIR} RENAME modald-mbdyn-listener)
+install(DIRECTORY ${C}/examples DESTINATION ${CMAKE_INSTALL_DOCDIR} PATTERN "*.1" EXCLUDE)
 if(TARGET modald_fortran)
   install(TARGETS modald_fortran ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(FILES ${CMAKE_BINARY_DIR}/fortran/modald.mod DESTINATION ${CMAKE_INSTALL_LIBDIR}/fortran/modald)
@@ -29,7 +33,7 @@ Description: ${DESCRIPTION}
 Version: ${PROJECT_VERSION}
 Requires: ${REQUIRES}
 Requires.private: ${PRIVATE}
-Cflags: -I\${includedir}
+Cflags: -I\${includedir} ${ARGN}
 Libs: -L\${libdir} ${LIBS}
 Libs.private: -lm -lpthread
 ")
@@ -37,6 +41,9 @@ Libs.private: -lm -lpthread
 endfunction()
 pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "lapacke, openblas, fftw3, lua5.4")
 pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq")
+if(TARGET modald_fortran)
+  pkg_config(modald-fortran "samples of a running simulation in Fortran to modald" "-lmodald-fortran" "modald-stream" "" "-I\${libdir}/fortran/modald")
+endif()
 pkg_config(modald-client "jobs on modald from C" "-lmodald-client" "" "libzmq, libcjson")
 
 # Service files, man pages, completion, Python.
@@ -50,8 +57,11 @@ install(FILES ${S}/modald.sysusers DESTINATION lib/sysusers.d RENAME modald.conf
 install(FILES ${S}/modald.tmpfiles DESTINATION lib/tmpfiles.d RENAME modald.conf)
 install(FILES ${S}/modald.conf DESTINATION ${etc}/modald)
 install(FILES ${S}/modald.8 ${S}/modald-worker.8 DESTINATION ${CMAKE_INSTALL_MANDIR}/man8)
-install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.1 ${C}/examples/modald-rosco-bridge.1 ${C}/examples/modald-mbdyn-listener.1
+  DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES ${C}/modald_stream.3 DESTINATION ${CMAKE_INSTALL_MANDIR}/man3)
 install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME modalctl)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/clients/python/modald DESTINATION ${python}
   FILES_MATCHING PATTERN "*.py" PATTERN "py.typed" PATTERN "__pycache__" EXCLUDE)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/proto/ DESTINATION ${CMAKE_INSTALL_DOCDIR}/proto)
+install(FILES ${CMAKE_SOURCE_DIR}/README.md ${CMAKE_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})

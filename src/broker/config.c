@@ -22,6 +22,7 @@
 
 #define DAY_NS (86400 * INT64_C(1000000000))
 #define FILE_MOST 1048576
+#define LIMIT_MOST 1e15
 
 enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND };
 
@@ -283,7 +284,7 @@ static bool set_limit(struct account *a, const char *word)
     const char *equals = strchr(word, '=');
     double value = equals == NULL ? NAN : quantity(equals + 1);
 
-    for (size_t i = 0; value > 0 && i < sizeof limits / sizeof *limits; i++)
+    for (size_t i = 0; value > 0 && value <= LIMIT_MOST && i < sizeof limits / sizeof *limits; i++)
         if (strlen(limits[i].name) == (size_t)(equals - word) && strncmp(limits[i].name, word, (size_t)(equals - word)) == 0) {
             if (limits[i].count != NULL)
                 *limits[i].count = (int64_t)value;
@@ -319,7 +320,7 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
     while ((word = strtok_r(NULL, " \t\r", &rest)) != NULL && word[0] != '#')
         if (!set_limit(&account, word))
             return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: \"%.40s\"; accepted: weight, queued, running, bytes, cpu_s_day, upload_bytes_s, "
-                                    "each =NUMBER above 0", file, number, word);
+                                    "each =NUMBER above 0, up to 1e15", file, number, word);
     all = realloc(c->accounts, (c->account_count + 1) * sizeof *all);
     if (all == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "out of memory");

@@ -10,6 +10,8 @@ from conftest import BUILD, TOP, environment
 
 # What links our libraries would need the sanitizers' own runtime, and sizes mean nothing: these are for the build that is shipped.
 shipped = pytest.mark.skipif(b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes(), reason="a build with sanitizers is not installed")
+PAGES = ["clients/ctl/modalctl.1", "systemd/modald.8", "systemd/modald-worker.8", "clients/c/modald_stream.3", "clients/c/examples/modald-rosco-bridge.1",
+         "clients/c/examples/modald-mbdyn-listener.1"]
 UNITS = sorted((TOP / "systemd").glob("*.service"))
 
 
@@ -30,7 +32,9 @@ def test_everything_is_where_debian_expects_it(installed):
                  f"{lib}/libmodald-stream.so", f"{lib}/libmodald-client.so", f"{lib}/pkgconfig/modal.pc", f"{lib}/pkgconfig/modald-stream.pc",
                  f"{lib}/pkgconfig/modald-client.pc", "include/modal/error.h", "include/modal/batch.h", "include/modal/linalg/svd.h", "include/modald.h",
                  "include/modald_stream.h", "lib/systemd/system/modald.service", "lib/sysusers.d/modald.conf", "lib/tmpfiles.d/modald.conf",
-                 "share/man/man1/modalctl.1", "share/man/man8/modald.8", "share/man/man8/modald-worker.8", "share/bash-completion/completions/modalctl"):
+                 "share/man/man1/modalctl.1", "share/man/man8/modald.8", "share/man/man8/modald-worker.8", "share/man/man3/modald_stream.3",
+                 "share/man/man1/modald-rosco-bridge.1", "share/man/man1/modald-mbdyn-listener.1", "bin/modald-rosco-bridge", "bin/modald-mbdyn-listener",
+                 "share/doc/modald/README.md", "share/doc/modald/examples/loop.c", "share/doc/modald/proto/PROTOCOL.md", "share/bash-completion/completions/modalctl"):
         assert (installed / name).exists(), name
     assert list(installed.glob("lib/python3*/dist-packages/modald/client.py"))
 
@@ -109,25 +113,65 @@ def test_the_man_page_names_every_verb_and_option():
             assert f"--{option}" in page, option
 
 
-@pytest.mark.parametrize("page", ["clients/ctl/modalctl.1", "systemd/modald.8", "systemd/modald-worker.8"])
+@pytest.mark.parametrize("page", PAGES)
 def test_man_pages_are_well_formed(page):
     text = (TOP / page).read_text()
     sections = re.findall(r"^\.SH (.+)$", text, re.M)
-    assert text.startswith(".TH ") and sections[:3] == ["NAME", "SYNOPSIS", "DESCRIPTION"] and "EXIT STATUS" in sections and sections[-1] == "SEE ALSO"
+    assert text.startswith(".TH ") and sections[:3] == ["NAME", "SYNOPSIS", "DESCRIPTION"] and ("EXIT STATUS" in sections or page.endswith(".3")) and sections[-1] == "SEE ALSO"
     if shutil.which("groff"):
         done = subprocess.run(["groff", "-man", "-ww", "-z", str(TOP / page)], capture_output=True, text=True)
         assert done.stderr == ""
 
 
-def test_the_daemons_options_stand_in_its_man_page_and_keys_in_the_example():
+def test_the_daemons_options_stand_in_its_man_page():
     page = plain(TOP / "systemd/modald.8")
     for option in ("--data", "--bind", "--workers", "--config", "--check-config", "--version"):
         assert option in page
-    rows = re.findall(r'^    \{ "([a-z_]+)", [A-Z]+,', (TOP / "src/broker/config.c").read_text(), re.M)
-    example = (TOP / "systemd/modald.conf").read_text()
-    assert len(rows) > 15
-    for key in rows:
-        assert re.search(rf"^#?{key} =", example, re.M), key
+
+
+def test_the_configuration_s_keys_stand_in_the_man_page_and_in_the_example_with_one_default():
+    """Those of config.c, no more and no fewer."""
+    keys = re.findall(r'^    \{ "([a-z_]+)", [A-Z]+,', (TOP / "src/broker/config.c").read_text(), re.M)
+    section = plain(TOP / "systemd/modald.8").split(".SH CONFIGURATION")[1].split(".SH ")[0]
+    told = dict(re.findall(r'^\.BI ([a-z_]+) " = [^"]+"\n((?:(?!\.TP).*\n)*)', section, re.M))
+    example = dict(re.findall(r"^#?([a-z_]+) = *(\S*)$", (TOP / "systemd/modald.conf").read_text(), re.M))
+    assert len(keys) > 25 and set(keys) == set(told) == set(example) and len(keys) == len(told)
+    for key in keys:
+        default = re.search(r"^Default (\S+)\.$", told[key], re.M)
+        assert not default or default[1] == example[key], key
+
+
+def test_the_stream_client_s_page_names_every_call_and_variable():
+    page, source, header = plain(TOP / "clients/c/modald_stream.3"), (TOP / "clients/c/modald_stream.c").read_text(), (TOP / "clients/c/modald_stream.h").read_text()
+    calls = set(re.findall(r"^(?:modald_stream \*|void |int )(modald_\w+)\(", header, re.M))
+    variables = set(re.findall(r'(?:getenv|size_from|number_from|copy_of)\("([A-Z_]+)"', source)) | set(re.findall(r'"(SLURM\w+)"', source))
+    assert len(calls) > 12 and len(variables) > 12
+    for word in calls | variables:
+        assert re.search(rf"\b{word}\b", page), word
+
+
+@shipped
+def test_the_examples_are_built_by_pkg_config_from_what_is_installed(installed, tmp_path):
+    examples, lib = installed / "share/doc/modald/examples", library_folder(installed)
+    env = {**os.environ, "PKG_CONFIG_PATH": str(lib / "pkgconfig")}
+    for name, compiler, package in (("loop.c", "cc", "modald-stream"), ("identify.c", "cc", "modald-client"), ("loop.f90", "gfortran", "modald-fortran")):
+        if shutil.which(compiler) is None or not (lib / "pkgconfig" / f"{package}.pc").exists():
+            continue
+        flags = subprocess.run(["pkg-config", "--cflags", "--libs", package], env=env, capture_output=True, text=True, check=True).stdout.split()
+        subprocess.run([compiler, str(examples / name), "-o", str(tmp_path / name) + ".out", *flags, "-lm"], check=True, cwd=tmp_path)
+        run = subprocess.run([str(tmp_path / name) + ".out", "x", "100"], env=environment(LD_LIBRARY_PATH=lib, MODALD_URL=f"ipc://{tmp_path}/nobody", MODALD_SPILL=tmp_path,
+                             MODALD_CLOSE_WAIT="0.1"), capture_output=True, stdin=subprocess.DEVNULL)
+        assert run.returncode == (3 if name == "identify.c" else 0) and (name == "identify.c" or b"modalctl replay" in run.stderr), run.stderr
+
+
+@shipped
+def test_the_installed_python_client_finds_the_library_that_was_installed_with_it(installed, tmp_path):
+    package = next(installed.glob("lib/python3*/dist-packages"))
+    text = "import modald\nwith modald.stream('x', 1, 0.1) as s: s.push([[1.0], [2.0]]); print(s.report.pushed, modald.streaming._load()._name)"
+    env = {k: v for k, v in environment(PYTHONPATH=package, MODALD_URL=f"ipc://{tmp_path}/nobody", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.1").items()
+           if k not in ("MODALD_BUILD", "LD_LIBRARY_PATH")}
+    done = subprocess.run(["/usr/bin/python3", "-c", text], env=env, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.split() == ["2.0", str(library_folder(installed) / "libmodald-stream.so.0")]
 
 
 def test_the_example_configuration_is_accepted(tmp_path):

@@ -418,6 +418,46 @@ def test_rosco_gets_its_answer_and_the_numbers_become_a_stream(peer, tmp_path):
     assert len(record) == 199 and np.allclose(record, sent[1:], atol=1e-6)
 
 
+def rosco(where, numbers):
+    """One call of a controller, as ROSCO makes it: a new context, REQ, text."""
+    context = zmq.Context()
+    request = context.socket(zmq.REQ)
+    request.connect(where)
+    request.send_string(",".join(f"{x:.6e}" for x in numbers))
+    assert request.poll(20000)
+    answer = request.recv_string()
+    context.destroy(linger=0)
+    return answer
+
+
+def test_the_last_call_of_a_rosco_simulation_closes_its_stream_and_a_signal_closes_the_others(peer, tmp_path):
+    where = f"ipc://{tmp_path}/rosco"
+    bridge = subprocess.Popen([str(EXAMPLES / "rosco_bridge"), where], env=environment(MODALD_URL=peer.endpoint))
+    for run in range(2):
+        for i in range(20):
+            for turbine in (1, 2):
+                rosco(where, (turbine, -1 if i == 19 and turbine == 1 else 0, 0.1 * i, float(run), turbine, *([0] if i == 7 else [])))
+    peer.wait(lambda: peer.closes == [("rosco-1", False)] * 2)
+    bridge.terminate()
+    assert bridge.wait(PATIENCE) == 0
+    assert sorted(peer.closes) == [("rosco-1", False)] * 2 + [("rosco-2", False)]
+
+
+def test_a_signal_ends_the_listener_and_seals_what_mbdyn_sent(peer, tmp_path):
+    where = str(tmp_path / "mbdyn.sock")
+    listener = subprocess.Popen([str(EXAMPLES / "mbdyn_listener"), where, "mbdyn", "3", "0.001"], env=environment(MODALD_URL=peer.endpoint))
+    rows = np.random.default_rng(9).standard_normal((500, 3))
+    end = time.monotonic() + PATIENCE
+    with socket.socket(socket.AF_UNIX) as out:
+        while out.connect_ex(where) != 0:
+            assert time.monotonic() < end and listener.poll() is None
+        out.sendall(rows.tobytes())
+        peer.wait(lambda: "mbdyn" in peer.streams and len(peer.streams["mbdyn"][-1].rows) == 500)
+        listener.terminate()
+        assert listener.wait(PATIENCE) == 0
+    assert np.array_equal(peer.record("mbdyn"), rows) and peer.closes == [("mbdyn", False)] and not os.path.exists(where)
+
+
 @pytest.mark.parametrize("local", [True, False])
 def test_mbdyns_rows_become_a_stream(local, peer, tmp_path):
     if local:

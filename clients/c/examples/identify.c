@@ -34,8 +34,12 @@ int main(int argc, char **argv)
     size_t count;
     int status;
 
-    batch.channels = argc > 1 ? (size_t)atol(argv[1]) : 1;
-    batch.dt = argc > 2 ? atof(argv[2]) : 1;
+    if (argc < 3 || argc > 4) {
+        fprintf(stderr, "usage: example_identify CHANNELS DT [OPTIONS-JSON] < SIGNALS\n");
+        return 2;
+    }
+    batch.channels = (size_t)atol(argv[1]);
+    batch.dt = atof(argv[2]);
     job.options = argc > 3 ? argv[3] : NULL;
     double *x = read_all(&count);
     batch.signals = x;

@@ -7,6 +7,9 @@
  * usage: example_loop NAME STEPS [C] [SECONDS]   C the damping (negative: grows), SECONDS of real time for each step
  * The states go to stdout too, so that a test can compare the run with and without a daemon.
  */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE          /* POSIX, where the build asks for bare C */
+#endif
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>

@@ -65,11 +65,12 @@ class Report:
 
 
 def _load() -> ctypes.CDLL:
-    """$MODALD_LIBRARY, a build folder's, or the system's libmodald-stream."""
-    named, build = os.environ.get("MODALD_LIBRARY"), os.environ.get("MODALD_BUILD")
-    built = str(pathlib.Path(build) / "lib" / "libmodald-stream.so.0") if build else None
-    found = named or (built if built and os.path.exists(built) else None) or ctypes.util.find_library("modald-stream")
-    lib = ctypes.CDLL(found or "libmodald-stream.so.0")
+    """$MODALD_LIBRARY, a build folder's, the one installed under the same prefix as this file, or the system's libmodald-stream."""
+    named, build, prefix = os.environ.get("MODALD_LIBRARY"), os.environ.get("MODALD_BUILD"), pathlib.Path(__file__).resolve().parents[3]
+    places = [pathlib.Path(build) / "lib"] if build else []
+    places += [prefix, *sorted(prefix.glob("*-linux-gnu*"))]
+    beside = next((str(p / "libmodald-stream.so.0") for p in places if (p / "libmodald-stream.so.0").exists()), None)
+    lib = ctypes.CDLL(named or beside or ctypes.util.find_library("modald-stream") or "libmodald-stream.so.0")
     pointer, number, text = ctypes.c_void_p, ctypes.c_double, ctypes.c_char_p
     for name, result, arguments in (
             ("modald_open", pointer, [text, ctypes.c_int, number]),

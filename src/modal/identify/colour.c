@@ -5,7 +5,7 @@
  * on it as white noise of that density would, so the standard error scales with sqrt(S(theta) / S_white), S_white being the mean over all
  * frequencies, which is what the variance of the residual measures.
  *
- * S is the periodogram averaged over 2h+1 bins, h = max(8, L/64), and over the columns, each of unit power.  With c columns the relative fluctuation is
+ * S is the periodogram, of the rows padded with zeros to a length N that is planned quickly (pencil.h), averaged over 2h+1 bins, h = max(8, N/64), and over the columns, each of unit power.  With c columns the relative fluctuation is
  * 1/sqrt((2h+1) c) <= 0.24, and a ratio of 2 four deviations off: below it nothing is changed, so white noise keeps its bars.
  *
  * [BP70] Box and Pierce, J. Amer. Statist. Assoc. 65 (1970) 1509-1526.
@@ -16,22 +16,24 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/pencil.h"
 #include "modal/linalg/svd.h"
 
 enum { ROWS_LEAST = 64, HALF_LEAST = 8 };
 static const double RATIO_LEAST = 2;
 
-/* Add the periodogram of one column of unit power to power[0 .. L/2]. */
-static void add_periodogram(const double *e, int L, double *x, fftw_complex *X, fftw_plan plan, double *power)
+/* Add the periodogram of one column of unit power, padded to N, to power[0 .. N/2]. */
+static void add_periodogram(const double *e, int L, int N, double *x, fftw_complex *X, fftw_plan plan, double *power)
 {
     double norm = safe_norm(e, L);
 
     for (int l = 0; l < L && norm > 0; l++)
         x[l] = e[l] / norm;
+    memset(x + L, 0, sizeof *x * (size_t)(N - L));
     if (norm == 0)
         return;
     fftw_execute(plan);
-    for (int k = 0; k <= L / 2; k++)
+    for (int k = 0; k <= N / 2; k++)
         power[k] += X[k][0] * X[k][0] + X[k][1] * X[k][1];
 }
 
@@ -61,7 +63,7 @@ void colour_factors_of(const double *power, int rows, const double *theta, int c
 
 enum modal_status colour_factors(const struct matrix *E, const double *theta, int count, double *factor, struct modal_error *err)
 {
-    int L = E->m, bins = L / 2 + 1;
+    int L = E->m, N = transform_length(L), bins = N / 2 + 1;
     double *x = NULL, *power = NULL;
     fftw_complex *X = NULL;
     fftw_plan plan = NULL;
@@ -71,16 +73,16 @@ enum modal_status colour_factors(const struct matrix *E, const double *theta, in
         factor[j] = 1;
     if (L < ROWS_LEAST || count == 0)
         return MODAL_OK;
-    x = fftw_alloc_real(L), X = fftw_alloc_complex(bins), power = calloc(bins, sizeof *power);
+    x = fftw_alloc_real(N), X = fftw_alloc_complex(bins), power = calloc(bins, sizeof *power);
     if (x != NULL && X != NULL)
-        plan = fftw_plan_dft_r2c_1d(L, x, X, FFTW_ESTIMATE);
+        plan = fftw_plan_dft_r2c_1d(N, x, X, FFTW_ESTIMATE);
     if (power == NULL || plan == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "colour: no memory for %d rows", L);
         goto out;
     }
     for (int c = 0; c < E->n; c++)
-        add_periodogram(E->x + (size_t)c * E->ld, L, x, X, plan, power);
-    colour_factors_of(power, L, theta, count, factor);
+        add_periodogram(E->x + (size_t)c * E->ld, L, N, x, X, plan, power);
+    colour_factors_of(power, N, theta, count, factor);
 out:
     if (plan != NULL)
         fftw_destroy_plan(plan);

@@ -22,6 +22,7 @@
  * Against L (columns + S)^2 multiplications this takes 2 L S columns (1 + columns / B).
  */
 #include "modal/identify/doubling.h"
+#include "modal/linalg/reflect.h"
 #include <cblas.h>
 #include <lapacke.h>
 #include <math.h>
@@ -37,6 +38,7 @@ struct level { int m, flat; double *V, *T; };
 struct doubling {
     int L, n, block, levels, left;      /* L = (block << levels) + left */
     int panel;                          /* columns of a block reflector */
+    bool small;                         /* by reflect.h; T of a level is tau then */
     struct level level[LEVELS_MOST + 2];/* the first block, `levels` doublings, the rows left over */
     double *head;                       /* left x n: the first rows of the basis */
     double *R;                          /* n x n */
@@ -93,11 +95,12 @@ struct doubling *doubling_new(int L, int n, int most)
         return NULL;
     d->L = L, d->n = n, d->most = most, d->levels = levels_of(L, n);
     d->block = L >> d->levels, d->left = L - (d->block << d->levels);
-    d->panel = n < PANEL ? n : PANEL;
+    d->small = n <= REFLECT_SMALL;
+    d->panel = d->small || n < PANEL ? n : PANEL;
     rows = (size_t)d->block + N * (size_t)d->levels + (size_t)d->left;
     size = rows * N + (size_t)(d->levels + 2) * (size_t)d->panel * N + (size_t)d->left * N + N * N
          + (size_t)(L + n) * (size_t)most + (size_t)d->panel * (((size_t)most << d->levels) + N);
-    d->store = x = calloc(size, sizeof *x);
+    d->store = x = malloc(size * sizeof *x);
     if (x == NULL) {
         free(d);
         return NULL;
@@ -228,7 +231,10 @@ static enum modal_status factor_block(struct doubling *d, struct modal_error *er
     const struct level *v = &d->level[0];
     int n = d->n;
 
-    if (LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, v->m, n, d->panel, v->V, v->m, v->T, d->panel, d->reflect) != 0)
+    if (d->small) {
+        reflect_columns(v->m, n, v->V, v->m, d->reflect);
+        reflect_compact(v->m, n, v->V, v->m, d->reflect, v->T);
+    } else if (LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, v->m, n, d->panel, v->V, v->m, v->T, d->panel, d->reflect) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: QR of %d x %d", v->m, n);
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
@@ -239,7 +245,9 @@ static enum modal_status factor_block(struct doubling *d, struct modal_error *er
 /* The triangle and the rows of a level below it, to a triangle. */
 static enum modal_status factor_level(struct doubling *d, const struct level *v, struct modal_error *err)
 {
-    if (LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, v->m, d->n, v->flat, d->panel, d->R, d->n, v->V, v->m, v->T, d->panel, d->reflect) != 0)
+    if (d->small)
+        reflect_below(v->m, d->n, v->flat, d->R, d->n, v->V, v->m, v->T);
+    else if (LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, v->m, d->n, v->flat, d->panel, d->R, d->n, v->V, v->m, v->T, d->panel, d->reflect) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: QR of %d rows below %d", v->m, d->n);
     return MODAL_OK;
 }
@@ -278,7 +286,9 @@ static enum modal_status apply_level(struct doubling *d, const struct level *v, 
 {
     int n = d->n;
 
-    if (LAPACKE_dtpmqrt_work(LAPACK_COL_MAJOR, 'L', 'T', v->m, count, n, v->flat, d->panel, v->V, v->m, v->T, d->panel, d->data, n + v->m, d->data + n, n + v->m,
+    if (d->small)
+        reflect_below_apply(v->m, n, v->flat, v->V, v->m, v->T, count, d->data, n + v->m, d->data + n, n + v->m);
+    else if (LAPACKE_dtpmqrt_work(LAPACK_COL_MAJOR, 'L', 'T', v->m, count, n, v->flat, d->panel, v->V, v->m, v->T, d->panel, d->data, n + v->m, d->data + n, n + v->m,
                              d->reflect) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: reflections of %d rows below %d", v->m, n);
     return MODAL_OK;

@@ -39,9 +39,7 @@ struct hankel_operator {
     fftw_plan forward, backward;    /* x -> X, sum -> x */
 };
 
-/* 2 times an odd number without prime factors past 7.  FFTW plans such a length in about 1 ms, one with more factors of two
- * in 3 to 6, which is more than all the transforms of a small job take. */
-static int smooth_length(int n)
+int transform_length(int n)
 {
     for (n = (n + 1) / 2 + ((n + 1) / 2 + 1) % 2;; n += 2) {
         int k = n;
@@ -123,7 +121,7 @@ enum modal_status hankel_operator_new(const struct matrix *Y, int rows, struct h
     h = calloc(1, sizeof *h);
     if (h == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory");
-    h->L = Y->m, h->S = Y->n, h->m = rows, h->n = Y->m - rows + 1, h->N = smooth_length(Y->m);
+    h->L = Y->m, h->S = Y->n, h->m = rows, h->n = Y->m - rows + 1, h->N = transform_length(Y->m);
     half = (size_t)h->N / 2 + 1;
     h->x = fftw_alloc_real((size_t)h->N), h->X = fftw_alloc_complex(half), h->sum = fftw_alloc_complex(half);
     h->Y = fftw_alloc_complex(half * (size_t)h->S);

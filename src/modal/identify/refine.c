@@ -59,6 +59,7 @@
 #include "modal/identify/refine.h"
 #include "modal/identify/doubling.h"
 #include "modal/identify/exponents.h"
+#include "modal/identify/powers.h"
 #include "modal/identify/wide.h"
 #include "modal/linalg/qr.h"
 #include <cblas.h>
@@ -73,7 +74,7 @@ static const double SCARCE_MOST = 0.95;     /* of the numbers, for (8) */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
 static const double SETTLED = 1e-10;         /* standard errors between a settled answer and the minimum */
 enum { ITERATIONS = 60, FAILURES_MOST = 12, ROUNDING_FAILURES = 3, SETTLE_STEPS = 16 };
-enum { PANEL_ENTRIES = 1 << 16, POWERS = 64, FREEDOM_LEAST = 30, ROUNDS = 30, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
+enum { PANEL_ENTRIES = 1 << 16, FREEDOM_LEAST = 30, ROUNDS = 30, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
 struct point { double *a, *b; };
@@ -196,37 +197,6 @@ static bool work_allocate(struct work *w, bool whole)
         && w->stack != NULL && w->reflect != NULL && w->weight != NULL && w->energy != NULL && w->floor2 != NULL;
 }
 
-/* x = e^{(a + ib) l - reference}, l = 0 .. L-1, real and minus imaginary part.  The phase of each block is exact to its rounded b. */
-static void powers(double a, double b, double reference, int L, double *re, double *im)
-{
-    double tr[POWERS], ti[POWERS];
-    int table = L < POWERS ? L : POWERS;
-
-    for (int j = 0; j < table; j++) {
-        double e = L <= POWERS ? exp(a * j - reference) : exp(a * j);
-        tr[j] = e * cos(b * j), ti[j] = -e * sin(b * j);
-    }
-    if (L <= POWERS) {
-        memcpy(re, tr, (size_t)L * sizeof *re), memcpy(im, ti, (size_t)L * sizeof *im);
-        return;
-    }
-    for (int k = 0; k < L; k += POWERS) {
-        double high = b * k, low = fma(b, k, -high), e = exp(a * k - reference);
-        double c = e * (cos(high) - low * sin(high)), s = -e * (sin(high) + low * cos(high));
-        int n = L - k < POWERS ? L - k : POWERS;
-        for (int j = 0; j < n; j++) {
-            re[k + j] = c * tr[j] - s * ti[j];
-            im[k + j] = c * ti[j] + s * tr[j];
-        }
-    }
-}
-
-static void real_powers(double a, double reference, bool alternate, int L, double *x)
-{
-    for (int l = 0; l < L; l++)
-        x[l] = (alternate && l % 2 ? -1 : 1) * exp(a * l - reference);
-}
-
 /* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the column only. */
 static void fill_basis(struct work *w, const struct point *at)
 {
@@ -234,12 +204,9 @@ static void fill_basis(struct work *w, const struct point *at)
 
     for (int j = 0; j < w->count; j++) {
         double *x = w->basis + (size_t)w->column[j] * (size_t)L;
-        double a = at->a[j], reference = a > 0 ? a * (L - 1) : 0;
+        double a = at->a[j];
         double centre = a == 0 ? 0.5 * (L - 1) : a > 0 ? L - 1 - fmin(0.5 * L, 1 / a) : fmin(0.5 * L, -1 / a);
-        if (w->kind[j] == POLE_PAIR)
-            powers(a, at->b[j], reference, L, x, x + L);
-        else
-            real_powers(a, reference, w->kind[j] == POLE_NEGATIVE, L, x);
+        powers_of(w->kind[j], a, at->b[j], L, x, L);
         for (int c = 0; !w->look && c < (w->kind[j] == POLE_PAIR ? 2 : 1); c++) {
             double *d = x + (size_t)(w->order + c) * (size_t)L, *p = x + (size_t)c * (size_t)L;
             for (int l = 0; l < L; l++)

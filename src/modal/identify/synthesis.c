@@ -17,6 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
+#include "modal/identify/powers.h"
 #include "modal/linalg/svd.h"
 
 enum { BLOCK = 64 };   /* channels at a time */
@@ -29,12 +30,7 @@ void synthesis_basis(const double complex *lambda, int count, double tau, struct
         enum pole_kind kind = pole_kind(lambda[j], tau);
         double a = creal(lambda[j]) * tau, b = cimag(lambda[j]) * tau, *x = basis->x + (size_t)column * basis->ld;
         reference[j] = a > 0 ? a * (L - 1) : 0;
-        for (int l = 0; l < L; l++) {
-            double e = exp(a * l - reference[j]);
-            x[l] = kind == POLE_REAL ? e : kind == POLE_NEGATIVE ? (l & 1 ? -e : e) : e * cos(b * l);
-            if (kind == POLE_PAIR)
-                x[l + basis->ld] = -e * sin(b * l);
-        }
+        powers_of(kind, a, b, L, x, basis->ld);
         column += kind == POLE_PAIR ? 2 : 1;
     }
 }

@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+static const double PLAIN_LEAST = 1e-100, PLAIN_MOST = 1e100;
+
 double largest_magnitude(const double *x, size_t count)
 {
     double most = 0;
@@ -33,6 +35,11 @@ double safe_norm(const double *x, size_t count)
 
     if (most == 0 || !isfinite(most))
         return most;
+    if (most > PLAIN_LEAST && most < PLAIN_MOST) {        /* squares neither overflow nor, where they vanish, matter */
+        for (size_t i = 0; i < count; i++)
+            sum += x[i] * x[i];
+        return sqrt(sum);
+    }
     for (size_t i = 0; i < count; i++) {
         double a = x[i] / most;
         sum += a * a;
@@ -63,13 +70,14 @@ static double largest_of(const struct matrix *A)
     return most;
 }
 
+/* Times 2^exponent, in two steps where that is no double by itself. */
 static void scale_by(struct matrix *A, int exponent)
 {
+    double first = ldexp(1, exponent / 2), second = ldexp(1, exponent - exponent / 2);
+
     for (int j = 0; j < A->n; j++)
-        for (int i = 0; i < A->m; i++) {
-            double *a = A->x + i + (size_t)j * A->ld;
-            *a = ldexp(*a, exponent);
-        }
+        for (int i = 0; i < A->m; i++)
+            A->x[i + (size_t)j * A->ld] = A->x[i + (size_t)j * A->ld] * first * second;
 }
 
 /* One of the two drivers; the copy, where given, is A as it was. */

@@ -69,16 +69,21 @@ static void transform(struct hankel_operator *h, const double *x, int count)
     fftw_execute(h->forward);
 }
 
-/* sum (+)= Y_s conj(X) / N */
+/* A complex number, for the loop below: gcc does not see it in pairs of doubles. */
+typedef double complex_pair __attribute__((vector_size(16), aligned(8), may_alias));
+
+/* sum (+)= Y_s conj(X) */
 static void correlate(struct hankel_operator *h, int s, bool add)
 {
-    const double *y = (const double *)(h->Y + (size_t)s * (size_t)(h->N / 2 + 1)), *x = (const double *)h->X;
-    double *sum = (double *)h->sum, scale = 1.0 / h->N;
+    const complex_pair *y = (const complex_pair *)(h->Y + (size_t)s * (size_t)(h->N / 2 + 1));
+    const double *x = (const double *)h->X;
+    complex_pair *sum = (complex_pair *)h->sum;
 
     for (int k = 0; k <= h->N / 2; k++) {
-        double yr = y[2 * k] * scale, yi = y[2 * k + 1] * scale, xr = x[2 * k], xi = x[2 * k + 1];
-        sum[2 * k] = (add ? sum[2 * k] : 0) + yr * xr + yi * xi;
-        sum[2 * k + 1] = (add ? sum[2 * k + 1] : 0) + yi * xr - yr * xi;
+        complex_pair swapped = { y[k][1], y[k][0] }, re = { x[2 * k], x[2 * k] }, im = { x[2 * k + 1], -x[2 * k + 1] }, z = y[k] * re + swapped * im;
+        if (add)
+            z += sum[k];
+        sum[k] = z;
     }
 }
 
@@ -135,7 +140,8 @@ enum modal_status hankel_operator_new(const struct matrix *Y, int rows, struct h
     }
     for (int s = 0; s < h->S; s++) {
         transform(h, Y->x + (size_t)s * (size_t)Y->ld, h->L);
-        memcpy(h->Y + (size_t)s * half, h->X, half * sizeof *h->X);
+        for (size_t k = 0; k < half; k++)         /* 1/N of the transforms to come */
+            h->Y[(size_t)s * half + k] = h->X[k] / h->N;
     }
     *op = (struct linear_operator) { h->S * h->m, h->n, h, apply, apply_transpose };
     *out = h;

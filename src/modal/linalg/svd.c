@@ -21,10 +21,11 @@ double largest_magnitude(const double *x, size_t count)
 
     for (size_t i = 0; i < count; i++) {
         double a = fabs(x[i]);
+        if (a <= most)
+            continue;
         if (isnan(a))
             return a;
-        if (a > most)
-            most = a;
+        most = a;
     }
     return most;
 }

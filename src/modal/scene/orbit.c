@@ -125,7 +125,7 @@ enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *
     o->H = H;
     o->N = N;
     o->turns = -1;
-    o->D = calloc((size_t)H + 1, sizeof *o->D);
+    o->D = calloc((size_t)H + 2, sizeof *o->D);
     o->d = calloc((size_t)N, sizeof *o->d);
     o->v = calloc((size_t)N, sizeof *o->v);
     if (o->D != NULL && o->d != NULL && o->v != NULL)
@@ -166,29 +166,35 @@ void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, c
     }
 }
 
-/* Horner's rule in z = e^{i theta} for the three sums at once. */
+typedef double pair __attribute__((vector_size(2 * sizeof(double))));
+
+static pair both(double x) { return (pair) { x, x }; }
+
+/* Horner's rule in z^2, z = e^{i theta}, for the three sums at once: even harmonics and odd ones side by side, neither waiting for the
+ * other.  D[top + 1] is 0. */
 void orbit_at(const struct orbit *o, double theta, double out[3])
 {
-    double c = cos(theta), s = sin(theta), r0 = 0, i0 = 0, r1 = 0, i1 = 0, r2 = 0, i2 = 0, k = o->top;
+    double c = cos(theta), s = sin(theta);
+    pair C = both(c * c - s * s), T = both(2 * c * s), r0 = both(0), i0 = r0, r1 = r0, i1 = r0, r2 = r0, i2 = r0, k = { o->top & ~1, o->top | 1 };
 
-    for (const double complex *D = o->D + o->top; D >= o->D; D--, k--) {
-        double re = creal(*D), im = cimag(*D), t;
+    for (const double complex *D = o->D + (o->top & ~1); D >= o->D; D -= 2, k -= 2) {
+        pair re = { creal(D[0]), creal(D[1]) }, im = { cimag(D[0]), cimag(D[1]) }, t;
 
-        t = r0 * c - i0 * s + re;
-        i0 = r0 * s + i0 * c + im;
+        t = r0 * C - i0 * T + re;
+        i0 = r0 * T + i0 * C + im;
         r0 = t;
         re *= k;
         im *= k;
-        t = r1 * c - i1 * s + re;
-        i1 = r1 * s + i1 * c + im;
+        t = r1 * C - i1 * T + re;
+        i1 = r1 * T + i1 * C + im;
         r1 = t;
-        t = r2 * c - i2 * s + k * re;
-        i2 = r2 * s + i2 * c + k * im;
+        t = r2 * C - i2 * T + k * re;
+        i2 = r2 * T + i2 * C + k * im;
         r2 = t;
     }
-    out[0] = r0;
-    out[1] = -i1;
-    out[2] = -r2;
+    out[0] = r0[0] + (c * r0[1] - s * i0[1]);
+    out[1] = -(i1[0] + (c * i1[1] + s * r1[1]));
+    out[2] = -(r2[0] + (c * r2[1] - s * i2[1]));
 }
 
 /* Where in (0, 1) the cubic of values Y0 < 0 < Y1 (or the other way), slopes M0 and M1, is 0: a guess, by Newton's method from the secant. */

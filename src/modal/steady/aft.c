@@ -174,6 +174,18 @@ static double complex times(double complex a, double complex b)      /* of finit
 
 static double complex rotation(double theta) { return CMPLX(cos(theta), -sin(theta)); }
 
+typedef double pair __attribute__((vector_size(2 * sizeof(double))));      /* a complex number */
+
+static pair load(const double complex *x)
+{
+    pair p;
+
+    memcpy(&p, x, sizeof p);
+    return p;
+}
+
+static void store(pair p, double complex *x) { memcpy(x, &p, sizeof p); }
+
 /* e[m] = z^m, m = 0 .. most, |z| = 1: doubled from what there is, so that rounding grows with log m alone. */
 static void rotations(double complex z, int most, double complex *e)
 {
@@ -181,9 +193,14 @@ static void rotations(double complex z, int most, double complex *e)
     for (int m = 1; m <= most; m *= 2) {
         double complex by = m == 1 ? z : times(e[m / 2], e[m / 2]);
         int count = m <= most - m + 1 ? m : most - m + 1;
+        pair re = { creal(by), creal(by) }, im = { -cimag(by), cimag(by) };
 
-        for (int i = 0; i < count; i++)
-            e[m + i] = times(e[i], by);
+#pragma GCC unroll 4
+        for (int i = 0; i < count; i++) {
+            pair x = load(e + i);
+
+            store(x * re + (pair) { x[1], x[0] } * im, e + m + i);
+        }
     }
 }
 
@@ -246,6 +263,16 @@ static void event_weights(const struct law_piece *piece, double weight[SUMS])
         weight[3 + j] = piece->gain[j];
 }
 
+/* y += a x, from 1 on */
+static void add_scaled(int most, double a, const double complex *x, double complex *y)
+{
+    pair by = { a, a };
+
+#pragma GCC unroll 4
+    for (int m = 1; m <= most; m++)
+        store(load(y + m) + by * load(x + m), y + m);
+}
+
 /* An event where weights change by AFTER - BEFORE (NULL: nothing before, or after): e^{-i theta} is z. */
 static void add_event(struct aft *w, double complex z, const double *before, const double *after, struct event_sum sum[SUMS])
 {
@@ -259,8 +286,8 @@ static void add_event(struct aft *w, double complex z, const double *before, con
     if (most > 0)
         rotations(z, most, w->after);
     for (int i = 0; i < SUMS; i++)
-        for (int m = 1; change[i] != 0 && m <= sum[i].most; m++)
-            sum[i].wave[m] += change[i] * w->after[m];
+        if (change[i] != 0)
+            add_scaled(sum[i].most, change[i], w->after, sum[i].wave);
 }
 
 /* Sums of (1): i / (2 pi m) times what the events left, and the mean. */
@@ -305,17 +332,38 @@ static void sum_pieces(struct aft *w, struct aft_law *a, int output, struct even
     end_sums(w, sum);
 }
 
+/* Which waves the pieces have; those and the last evaluation's are cleared, the others are 0 (cross_gains adds to gain and damp). */
+static void clear_waves(struct aft_law *a, size_t inputs, size_t stride, size_t longest)
+{
+    bool level = a->levels, gain = a->gains || a->crosses, damp = a->damps || a->crosses, cross = a->crosses;
+
+    a->levels = a->gains = a->damps = a->crosses = false;
+    for (int s = 0; s < a->pieces.count; s++) {
+        const struct law_piece *piece = &a->pieces.piece[s];
+
+        a->levels |= piece->level != 0;
+        a->damps |= piece->damp != 0;
+        a->crosses |= piece->cross != 0;
+        for (size_t j = 0; j < inputs; j++)
+            a->gains |= piece->gain[j] != 0;
+    }
+    if (level || a->levels)
+        memset(a->level, 0, inputs * stride * sizeof *a->level);
+    if (gain || a->gains)
+        memset(a->gain, 0, inputs * inputs * stride * sizeof *a->gain);
+    if (damp || a->damps)
+        memset(a->damp, 0, inputs * inputs * stride * sizeof *a->damp);
+    if (cross || a->crosses)
+        memset(a->cross, 0, longest * sizeof *a->cross);
+}
+
 /* The pieces as waves: level to m = H, gain and damp to 2H, cross to 3H. */
 static void pieces_waves(struct aft *w, struct aft_law *a)
 {
     int H = w->H, inputs = a->law->kind->inputs;
     size_t stride = 2 * (size_t)H + 1;
 
-    a->levels = a->gains = a->damps = a->crosses = false;
-    memset(a->level, 0, (size_t)inputs * stride * sizeof *a->level);
-    memset(a->gain, 0, (size_t)(inputs * inputs) * stride * sizeof *a->gain);
-    memset(a->damp, 0, (size_t)(inputs * inputs) * stride * sizeof *a->damp);
-    memset(a->cross, 0, (3 * (size_t)H + 1) * sizeof *a->cross);
+    clear_waves(a, (size_t)inputs, stride, 3 * (size_t)H + 1);
     for (int i = 0; i < inputs; i++) {
         struct event_sum sum[SUMS] = { { a->level + (size_t)i * stride, H, 0, false },
                                        { a->damp + (size_t)(i * inputs) * stride, 2 * H, 0, false }, { a->cross, 3 * H, 0, false } };
@@ -323,10 +371,6 @@ static void pieces_waves(struct aft *w, struct aft_law *a)
         for (int j = 0; j < inputs; j++)
             sum[3 + j] = (struct event_sum) { a->gain + (size_t)(i * inputs + j) * stride, 2 * H, 0, false };
         sum_pieces(w, a, i, sum);
-        a->levels |= sum[0].any;
-        a->damps |= sum[1].any;
-        a->crosses |= sum[2].any;
-        a->gains |= sum[3].any || sum[4].any;
     }
 }
 

@@ -56,6 +56,14 @@ static int power_of_two(long least)
     return N;
 }
 
+/* A power of two, or three quarters of one, which transforms as fast a sample. */
+static int short_product(long least)
+{
+    int N = power_of_two(least);
+
+    return N / 4 * 3 >= least && N > N_LEAST ? N / 4 * 3 : N;
+}
+
 int steady_samples(const struct steady *s, int H)
 {
     long least = N_LEAST;
@@ -67,7 +75,7 @@ int steady_samples(const struct steady *s, int H)
         least = (s->degree + 1) * H + 1;
     if (s->sampled && 32 * H > least)
         least = 32 * H;
-    return power_of_two(least);
+    return short_product(least);
 }
 
 static void classify(struct steady *s)

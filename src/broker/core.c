@@ -405,7 +405,7 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
     }
 }
 
-static void committed(struct core *c, struct transaction *t)
+static void one_committed(struct core *c, struct transaction *t)
 {
     c->uncommitted--;
     c->commits++;
@@ -425,6 +425,15 @@ static void committed(struct core *c, struct transaction *t)
             follow(c, after, t);
     }
     transaction_free(t);
+}
+
+static void committed(struct core *c, struct transaction *list)
+{
+    while (list != NULL) {
+        struct transaction *t = list;
+        list = t->next;
+        one_committed(c, t);
+    }
 }
 
 static void task_done(struct core *c, struct task *task)

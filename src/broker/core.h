@@ -130,7 +130,7 @@ struct actions { struct action *items; size_t count, room; };
 enum event_type {
     EVENT_REQUEST,      /* peer, key, message or fault, body */
     EVENT_PEER_FULL, EVENT_PEER_READY, EVENT_PEER_GONE,    /* peer */
-    EVENT_COMMITTED,    /* transaction */
+    EVENT_COMMITTED,    /* transaction, and those behind it: as they were given, in that order */
     EVENT_TASK,         /* task */
     EVENT_WORKER,       /* slot, message, body */
     EVENT_EXIT,         /* slot, status as wait(2) gives it, stderr_text */

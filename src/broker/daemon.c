@@ -70,18 +70,22 @@ static struct moment moment_now(void)
 /* One line of logfmt, with its time: written before the answer that it is about, unless it is one of the many. */
 static void log_line(const char *text)
 {
-    static char stamp[32];                         /* of the second `stamped`: only one thread writes lines */
-    static time_t stamped = -1;
-    int64_t now = clock_ns(CLOCK_REALTIME);
+    static char stamp[48];                         /* of the millisecond `stamped`: only one thread writes lines */
+    static int64_t stamped = -1;
+    int64_t now = clock_ns(CLOCK_REALTIME), millisecond = now / 1000000;
     time_t seconds = now / SECOND;
     struct tm tm;
 
-    if (seconds != stamped) {
+    if (millisecond != stamped) {
+        char date[24];
         gmtime_r(&seconds, &tm);
-        strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%S", &tm);
-        stamped = seconds;
+        strftime(date, sizeof date, "%Y-%m-%dT%H:%M:%S", &tm);
+        snprintf(stamp, sizeof stamp, "time=%s.%03dZ ", date, (int)(millisecond % 1000));
+        stamped = millisecond;
     }
-    fprintf(stderr, "time=%s.%03dZ %s\n", stamp, (int)(now % SECOND / 1000000), text);
+    fputs(stamp, stderr);
+    fputs(text, stderr);
+    putc('\n', stderr);
     if (strncmp(text, "level=info", 10) != 0)
         fflush(stderr);
 }
@@ -313,7 +317,7 @@ static bool take_messages(struct daemon *d, struct peers *peers, void (*handle)(
 
 static void take_done(struct daemon *d)
 {
-    struct transaction *transactions, *t;
+    struct transaction *transactions;
     struct task *tasks, *task;
     bool pinged, fatal;
 
@@ -326,10 +330,8 @@ static void take_done(struct daemon *d)
     }
     if (pinged)
         notify_manager("WATCHDOG=1");
-    while ((t = transactions) != NULL) {
-        transactions = t->next;
-        step(d, &(struct event) { .type = EVENT_COMMITTED, .transaction = t });
-    }
+    if (transactions != NULL)
+        step(d, &(struct event) { .type = EVENT_COMMITTED, .transaction = transactions });
     while ((task = tasks) != NULL) {
         tasks = task->next;
         step(d, &(struct event) { .type = EVENT_TASK, .task = task });

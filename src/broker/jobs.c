@@ -234,14 +234,25 @@ void job_note_end(struct core *c, struct job *job)
     c->ended[c->ended_count++] = job->id;
 }
 
+/* The line that is written most often: put together, not formatted. */
 void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to)
 {
-    char ident[9];
+    const bool failed = job_state_final(to) && job->failure != NULL;
+    char ident[9], attempts[16];
+    const char *const parts[] = { "level=info event=edge job=", ident, " user=", job->user->name, " kind=", job->kind, " from=", from, " to=", job_states[to],
+                                  " attempts=", attempts, failed ? " code=" : "", failed ? modal_status_code(job->failure->status) : "" };
+    enum { PARTS = sizeof parts / sizeof *parts };
+    size_t lengths[PARTS], length = 1;
+    char *line, *end;
 
     job_ident(c, job, ident);
-    core_log(c, "level=info event=edge job=%s user=%s kind=%s from=%s to=%s attempts=%d%s%s", ident, job->user->name, job->kind,
-             from, job_states[to], job->attempts, job_state_final(to) && job->failure != NULL ? " code=" : "",
-             job_state_final(to) && job->failure != NULL ? modal_status_code(job->failure->status) : "");
+    snprintf(attempts, sizeof attempts, "%d", job->attempts);
+    for (int i = 0; i < PARTS; i++)
+        length += lengths[i] = strlen(parts[i]);
+    line = end = grab(length);
+    for (int i = 0; i < PARTS; i++)
+        end = mempcpy(end, parts[i], lengths[i]);
+    core_act(c, (struct action) { .type = ACT_LOG, .header = line });
 }
 
 void job_shown(struct core *c, const struct after *after)

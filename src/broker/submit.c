@@ -36,10 +36,27 @@ static cJSON *sorted(const cJSON *value)
     return copy;
 }
 
+/* Whether every object in VALUE has its members in that order already: nearly always. */
+static bool is_sorted(const cJSON *value)
+{
+    bool object = cJSON_IsObject(value);
+
+    for (const cJSON *child = value->child; child != NULL; child = child->next)
+        if ((object && child->next != NULL && strcmp(child->string, child->next->string) > 0) || !is_sorted(child))
+            return false;
+    return true;
+}
+
 char *canonical_text(const cJSON *value)
 {
-    cJSON *copy = value == NULL ? cJSON_CreateObject() : sorted(value);
-    char *text = json_print(copy);
+    cJSON *copy = NULL;
+    char *text;
+
+    if (value == NULL)
+        return grab_text("{}");
+    if (!is_sorted(value))
+        value = copy = sorted(value);
+    text = json_print(value);
 
     cJSON_Delete(copy);
     if (text == NULL)
@@ -208,18 +225,24 @@ static bool may_enter(struct core *c, struct submission *s)
 static void put_job_row(struct transaction *t, const struct job *job, const struct input *input)
 {
     struct job_record *row = &transaction_add(t, LEDGER_JOB_PUT)->job;
-    char hex[65], source[40] = "", tag[192];
+    struct json_text tag = { 0 };
+    char hex[65], source[24];
 
     identity_hex(job->settings, hex);
+    snprintf(source, sizeof source, "%lld", (long long)job->source);
+    json_text_open(&tag, NULL);
+    json_text_number(&tag, "max_attempts", job->max_attempts);
+    json_text_string(&tag, "settings", hex);
     if (job->source != 0)
-        snprintf(source, sizeof source, ",\"source\":\"%lld\"", (long long)job->source);
-    snprintf(tag, sizeof tag, "{\"max_attempts\":%d,\"settings\":\"%s\"%s}", job->max_attempts, hex, source);
+        json_text_string(&tag, "source", source);
+    json_text_close(&tag);
     *row = (struct job_record) { .id = job->id, .user = transaction_text(t, job->user->name), .key = transaction_text(t, job->key),
         .kind = job->kind, .options = transaction_text(t, job->options), .input = input->id, .priority = job->priority,
         .run_limit_ns = job->run_limit_ns, .deadline_ns = job->deadline_ns, .not_before_ns = job->not_before_ns,
-        .tag = transaction_text(t, tag), .state = job->state, .submitted_ns = job->submitted_ns, .finished_ns = job->finished_ns,
+        .tag = transaction_text(t, tag.x), .state = job->state, .submitted_ns = job->submitted_ns, .finished_ns = job->finished_ns,
         .result_bytes = job->result_bytes, .output = job->output == NULL ? 0 : job->output->id, .cached = job->cached };
     memcpy(row->fingerprint, job->fingerprint, 32);
+    free(tag.x);
 }
 
 static struct job *make_job(struct core *c, struct submission *s)

@@ -30,7 +30,11 @@ struct scan {
     int depth;
     const struct place *place;    /* NULL: the document */
     struct modal_error *err;
+    struct json_pool **pool;      /* where the tree lies; NULL: each item by itself */
 };
+
+/* Memory given out from the front, and freed as a whole. */
+struct json_pool { struct json_pool *next; size_t used, room; max_align_t bytes[]; };
 
 static void key_name(char name[64], const struct key *key)
 {
@@ -75,10 +79,42 @@ static enum modal_status no_memory(const struct scan *s)
     return modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
 }
 
-/* A bare item of a cJSON type; NULL: no memory. */
-static cJSON *item_of(int type)
+/* As malloc.  A header of the wire has an item for some 12 bytes, so that a block of eight times its length mostly holds its tree. */
+static void *take(const struct scan *s, size_t size)
 {
-    cJSON *item = cJSON_malloc(sizeof *item);
+    struct json_pool *pool;
+    void *out;
+
+    if (s->pool == NULL)
+        return cJSON_malloc(size);
+    size = (size + 15) / 16 * 16;
+    pool = *s->pool;
+    if (pool == NULL || pool->room - pool->used < size) {
+        size_t room = 8 * (size_t)(s->end - s->start) + size + 512;
+        pool = malloc(sizeof *pool + room);
+        if (pool == NULL)
+            return NULL;
+        *pool = (struct json_pool) { .next = *s->pool, .room = room };
+        *s->pool = pool;
+    }
+    out = (char *)pool->bytes + pool->used;
+    pool->used += size;
+    return out;
+}
+
+void json_pool_free(struct json_pool *pool)
+{
+    while (pool != NULL) {
+        struct json_pool *next = pool->next;
+        free(pool);
+        pool = next;
+    }
+}
+
+/* A bare item of a cJSON type; NULL: no memory. */
+static cJSON *item_of(const struct scan *s, int type)
+{
+    cJSON *item = take(s, sizeof *item);
 
     if (item != NULL) {
         memset(item, 0, sizeof *item);
@@ -87,9 +123,9 @@ static cJSON *item_of(int type)
     return item;
 }
 
-static char *text_of(const char *bytes, size_t length)
+static char *text_of(const struct scan *s, const char *bytes, size_t length)
 {
-    char *text = cJSON_malloc(length + 1);
+    char *text = take(s, length + 1);
 
     if (text != NULL) {
         memcpy(text, bytes, length);
@@ -224,8 +260,8 @@ static enum modal_status read_string(struct scan *s, cJSON **out)
 
     if (rc != MODAL_OK)
         return rc;
-    *out = item_of(cJSON_String);
-    if (*out == NULL || ((*out)->valuestring = text_of(inside.text, inside.length)) == NULL)
+    *out = item_of(s, cJSON_String);
+    if (*out == NULL || ((*out)->valuestring = text_of(s, inside.text, inside.length)) == NULL)
         return no_memory(s);
     return escapes ? unescape(s, inside, (*out)->valuestring) : MODAL_OK;
 }
@@ -309,7 +345,7 @@ static enum modal_status read_number(struct scan *s, cJSON **out)
     x = whole && end - s->at <= 15 ? whole_number(s->at, end) : other_number(s->at, (size_t)(end - s->at), text);
     if (!isfinite(x))
         return scan_fail(s, "a number that overflows a double");
-    *out = item_of(cJSON_Number);
+    *out = item_of(s, cJSON_Number);
     if (*out == NULL)
         return no_memory(s);
     (*out)->valuedouble = x;
@@ -402,7 +438,7 @@ static enum modal_status scan_member(struct scan *s, struct keys *keys, cJSON *o
     if (value == NULL)
         return rc;
     append(object, value);
-    value->string = text_of(here.key.text, here.key.length);
+    value->string = text_of(s, here.key.text, here.key.length);
     return rc == MODAL_OK && value->string == NULL ? no_memory(s) : rc;
 }
 
@@ -476,7 +512,7 @@ static enum modal_status scan_container(struct scan *s, cJSON **out)
 
     if (s->depth >= JSON_DEPTH_MOST)
         return modal_fail_field(s->err, MODAL_BAD_INPUT, "", "JSON: nested deeper than %d at byte %td", JSON_DEPTH_MOST, s->at - s->start);
-    *out = item_of(object ? cJSON_Object : cJSON_Array);
+    *out = item_of(s, object ? cJSON_Object : cJSON_Array);
     if (*out == NULL)
         return no_memory(s);
     s->depth++;
@@ -503,56 +539,121 @@ static enum modal_status scan_value(struct scan *s, cJSON **out)
     for (int i = 0; i < 3; i++)
         if ((size_t)(s->end - s->at) >= words[i].length && memcmp(s->at, words[i].word, words[i].length) == 0) {
             s->at += words[i].length;
-            *out = item_of(words[i].type);
+            *out = item_of(s, words[i].type);
             return *out != NULL ? MODAL_OK : no_memory(s);
         }
     return read_number(s, out);
+}
+
+static enum modal_status read_document(struct scan *s, cJSON **out)
+{
+    enum modal_status rc = scan_value(s, out);
+
+    if (rc != MODAL_OK)
+        return rc;
+    skip_space(s);
+    return s->at == s->end ? MODAL_OK : scan_fail(s, "text after the value");
 }
 
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err)
 {
     struct scan s = { .start = text, .at = text, .end = text + length, .err = err };
     cJSON *value = NULL;
-    enum modal_status rc = scan_value(&s, &value);
+    enum modal_status rc = read_document(&s, &value);
 
-    if (rc == MODAL_OK) {
-        skip_space(&s);
-        if (s.at != s.end)
-            rc = scan_fail(&s, "text after the value");
-    }
-    if (rc == MODAL_OK) {
+    if (rc == MODAL_OK)
         *out = value;
-        value = NULL;
-    }
-    cJSON_Delete(value);
+    else
+        cJSON_Delete(value);
     return rc;
 }
 
-static void put(struct json_text *t, const char *bytes, size_t n)
+enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out, struct json_pool **pool, struct modal_error *err)
+{
+    struct json_pool *own = NULL;
+    struct scan s = { .start = text, .at = text, .end = text + length, .err = err, .pool = &own };
+    cJSON *value = NULL;
+    enum modal_status rc = read_document(&s, &value);
+
+    if (rc == MODAL_OK) {
+        *out = value;
+        *pool = own;
+    } else
+        json_pool_free(own);
+    return rc;
+}
+
+enum { FIRST_ROOM = 448 };        /* most documents that are written often are smaller */
+
+/* Where N bytes more and a zero byte may be written; NULL: no memory. */
+static char *room_for(struct json_text *t, size_t n)
 {
     if (t->failed)
-        return;
+        return NULL;
     if (t->length + n + 1 > t->room) {
-        size_t room = 2 * t->room + n + 64;
+        size_t room = 2 * t->room + n + FIRST_ROOM;
         char *more = realloc(t->x, room);
         if (more == NULL) {
             t->failed = true;
-            return;
+            return NULL;
         }
         t->x = more;
         t->room = room;
     }
-    memcpy(t->x + t->length, bytes, n);
-    t->length += n;
-    t->x[t->length] = '\0';
+    return t->x + t->length;
+}
+
+/* What was written up to END belongs to the text. */
+static void written(struct json_text *t, char *end)
+{
+    *end = '\0';
+    t->length = (size_t)(end - t->x);
+}
+
+static void put(struct json_text *t, const char *bytes, size_t n)
+{
+    char *p = room_for(t, n);
+
+    if (p == NULL)
+        return;
+    memcpy(p, bytes, n);
+    written(t, p + n);
+}
+
+/* Bytes at the beginning of S that stand for themselves in a string, ASCII only. */
+static size_t plain_length(const char *s)
+{
+    size_t n = 0;
+
+    while ((unsigned char)s[n] >= 0x20 && (unsigned char)s[n] < 0x80 && s[n] != '"' && s[n] != '\\')
+        n++;
+    return n;
+}
+
+static void put_quoted(struct json_text *t, const char *s, size_t n)
+{
+    char *p = room_for(t, n + 2);
+
+    if (p == NULL)
+        return;
+    *p = '"';
+    memcpy(p + 1, s, n);
+    p[n + 1] = '"';
+    written(t, p + n + 2);
 }
 
 /* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can be read. */
 static void put_string(struct json_text *t, const char *s)
 {
-    const char *end = s + strlen(s), *from = s;    /* from: what is not put yet */
+    const char *end, *from = s;                    /* from: what is not put yet */
+    size_t simple = plain_length(s);
     int n;
 
+    if (s[simple] == '\0') {
+        put_quoted(t, s, simple);
+        return;
+    }
+    end = s + simple + strlen(s + simple);
     put(t, "\"", 1);
     for (; s < end; s += n > 0 ? n : 1) {
         char escape[8];
@@ -656,13 +757,15 @@ static void put_value(struct json_text *t, const cJSON *v)
 char *json_print(const cJSON *value)
 {
     struct json_text t = { 0 };
+    char *fitting;
 
     put_value(&t, value);
     if (t.failed) {
         free(t.x);
         return NULL;
     }
-    return t.x;
+    fitting = realloc(t.x, t.length + 1);          /* it may be kept long */
+    return fitting != NULL ? fitting : t.x;
 }
 
 void json_text_raw(struct json_text *t, const char *text)
@@ -686,11 +789,17 @@ void json_text_close(struct json_text *t)
 
 void json_text_key(struct json_text *t, const char *key)
 {
-    if (t->length > 0 && t->x[t->length - 1] != '{')
-        put(t, ",", 1);
-    put(t, "\"", 1);
-    put(t, key, strlen(key));
-    put(t, "\":", 2);
+    size_t n = strlen(key);
+    char *p = room_for(t, n + 4);
+
+    if (p == NULL)
+        return;
+    if (t->length > 0 && p[-1] != '{')
+        *p++ = ',';
+    *p++ = '"';
+    memcpy(p, key, n);
+    memcpy(p + n, "\":", 2);
+    written(t, p + n + 2);
 }
 
 void json_text_string(struct json_text *t, const char *key, const char *value)
@@ -723,6 +832,15 @@ void json_path(char out[128], const char *base, const char *key)
     snprintf(out, 128, "%.127s", path);
 }
 
+const cJSON *json_member(const cJSON *object, const char *key)
+{
+    const cJSON *child = cJSON_IsObject(object) ? object->child : NULL;
+
+    while (child != NULL && (child->string[0] != key[0] || strcmp(child->string, key) != 0))
+        child = child->next;
+    return child;
+}
+
 /* "a, b, c" of a NULL-terminated list. */
 static void list_words(char *out, size_t room, const char *const *words)
 {
@@ -736,7 +854,7 @@ static void list_words(char *out, size_t room, const char *const *words)
 static bool is_word(const char *s, const char *const *words, int *index)
 {
     for (int i = 0; words[i] != NULL; i++)
-        if (strcmp(s, words[i]) == 0) {
+        if (s[0] == words[i][0] && strcmp(s, words[i]) == 0) {
             *index = i;
             return true;
         }
@@ -774,7 +892,7 @@ static enum modal_status wrong_type(const cJSON *item, const char *base, const c
 enum modal_status json_get_number(const cJSON *object, const char *base, const char *key, double low, double high,
                                   double *out, struct modal_error *err)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    const cJSON *item = json_member(object, key);
     char accepted[96];
 
     if (item == NULL)
@@ -797,7 +915,7 @@ enum modal_status json_get_number(const cJSON *object, const char *base, const c
 enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low, int high, int *out,
                                struct modal_error *err)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    const cJSON *item = json_member(object, key);
     char accepted[96];
 
     if (item == NULL)
@@ -813,7 +931,7 @@ enum modal_status json_get_int(const cJSON *object, const char *base, const char
 enum modal_status json_get_bool(const cJSON *object, const char *base, const char *key, bool *out,
                                 struct modal_error *err)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    const cJSON *item = json_member(object, key);
 
     if (item == NULL)
         return MODAL_OK;
@@ -826,7 +944,7 @@ enum modal_status json_get_bool(const cJSON *object, const char *base, const cha
 enum modal_status json_get_string(const cJSON *object, const char *base, const char *key, const char **out,
                                   struct modal_error *err)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    const cJSON *item = json_member(object, key);
 
     if (item == NULL)
         return MODAL_OK;
@@ -840,7 +958,7 @@ static enum modal_status need(const cJSON *object, const char *base, const char 
 {
     char path[128];
 
-    if (cJSON_GetObjectItemCaseSensitive(object, key) != NULL)
+    if (json_member(object, key) != NULL)
         return MODAL_OK;
     json_path(path, base, key);
     return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is missing; accepted: %s", path, accepted);
@@ -865,7 +983,7 @@ enum modal_status json_need_string(const cJSON *object, const char *base, const 
 enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key, const char *const *words,
                                   int *out, struct modal_error *err)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    const cJSON *item = json_member(object, key);
     char list[400];
 
     if (item == NULL || (cJSON_IsString(item) && is_word(item->valuestring, words, out)))
@@ -877,7 +995,7 @@ enum modal_status json_get_choice(const cJSON *object, const char *base, const c
 enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key, double low, double high,
                                    double **out, size_t *count, struct modal_error *err)
 {
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, key), *item;
+    const cJSON *list = json_member(object, key), *item;
     size_t n = 0;
     double *x;
     char name[160], accepted[96];

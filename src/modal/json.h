@@ -16,6 +16,14 @@ enum { JSON_DEPTH_MOST = 32 };
  */
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err);
 
+/*
+ * The same, the tree in memory of its own: for documents that come often and are only looked at.  Nothing of it may be changed or
+ * given to cJSON_Delete (cJSON_Duplicate copies it as any other); json_pool_free, which accepts NULL, frees all of it.
+ */
+struct json_pool;
+enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out, struct json_pool **pool, struct modal_error *err);
+void json_pool_free(struct json_pool *pool);
+
 /* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit; non-finite
  * numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text with free(); NULL when memory runs out. */
 char *json_print(const cJSON *value);
@@ -37,6 +45,9 @@ void json_text_raw(struct json_text *text, const char *json);      /* after a ke
 
 /* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" -> "a". */
 void json_path(char out[128], const char *base, const char *key);
+
+/* The member KEY of OBJECT; NULL: there is none, or it is no object. */
+const cJSON *json_member(const cJSON *object, const char *key);
 
 /* Every key of OBJECT must be one of NAMES (NULL-terminated); else MODAL_BAD_INPUT names it and lists them. */
 enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err);

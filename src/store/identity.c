@@ -23,33 +23,60 @@ uint64_t input_bytes(const struct input_shape *shape)
     return bytes;
 }
 
-static int add_text(EVP_MD_CTX *hash, const char *text)
+/* Small pieces of a header on their way to the hash: libcrypto takes a hundred bytes as fast as one. */
+struct header { EVP_MD_CTX *hash; size_t used; unsigned char bytes[512]; };
+
+static int flush(struct header *h)
+{
+    size_t used = h->used;
+
+    h->used = 0;
+    return EVP_DigestUpdate(h->hash, h->bytes, used);
+}
+
+static int add(struct header *h, const void *data, size_t length)
+{
+    if (h->used + length > sizeof h->bytes && !flush(h))
+        return 0;
+    if (length > sizeof h->bytes)
+        return EVP_DigestUpdate(h->hash, data, length);
+    memcpy(h->bytes + h->used, data, length);
+    h->used += length;
+    return 1;
+}
+
+static int add_text(struct header *h, const char *text)
 {
     uint32_t length = (uint32_t)strlen(text);
 
-    return EVP_DigestUpdate(hash, &length, sizeof length) && EVP_DigestUpdate(hash, text, length);
+    return add(h, &length, sizeof length) && add(h, text, length);
 }
 
-static int add_batch(EVP_MD_CTX *hash, const struct input_shape *shape)
+static int add_batch(struct header *h, const struct input_shape *shape)
 {
     double dt = shape->dt + 0.0, period = shape->period + 0.0;     /* -0 becomes 0 */
-    int ok = EVP_DigestUpdate(hash, "modald/batch/1", 15) && EVP_DigestUpdate(hash, &shape->samples, 8) &&
-             EVP_DigestUpdate(hash, &shape->channels, 8) && EVP_DigestUpdate(hash, &dt, 8) && EVP_DigestUpdate(hash, &period, 8) &&
-             add_text(hash, shape->units != NULL ? shape->units : "");
+    int ok = add(h, "modald/batch/1", 15) && add(h, &shape->samples, 8) && add(h, &shape->channels, 8) && add(h, &dt, 8) && add(h, &period, 8)
+          && add_text(h, shape->units != NULL ? shape->units : "");
 
     for (uint64_t s = 0; ok && s < shape->channels; s++) {
-        char number[32];
-        snprintf(number, sizeof number, "ch%llu", (unsigned long long)s);
-        ok = add_text(hash, shape->names != NULL ? shape->names[s] : number);
+        char number[32] = "ch0";
+        if (s > 0)
+            snprintf(number, sizeof number, "ch%llu", (unsigned long long)s);
+        ok = add_text(h, shape->names != NULL ? shape->names[s] : number);
     }
     return ok;
 }
 
 static int add_header(EVP_MD_CTX *hash, const struct input_shape *shape)
 {
-    if (shape->type == INPUT_BATCH)
-        return add_batch(hash, shape);
-    return EVP_DigestUpdate(hash, "modald/scene/1", 15) && EVP_DigestUpdate(hash, &shape->length, 8);
+    struct header h;
+    int ok;
+
+    h.hash = hash;
+    h.used = 0;
+    ok = shape->type == INPUT_BATCH ? add_batch(&h, shape) : add(&h, "modald/scene/1", 15) && add(&h, &shape->length, 8);
+
+    return ok && flush(&h);
 }
 
 /* Fetched once: libcrypto looks EVP_sha256() up at each use. */

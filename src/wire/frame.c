@@ -21,7 +21,7 @@ static enum modal_status read_verb(const struct wire_frame *frame, struct wire_m
 /* The "id" member as JSON text: a string of 1 to 64 bytes, or an integer of at most 2^53 in size. */
 static enum modal_status read_id(const cJSON *header, struct wire_message *out, struct modal_error *err)
 {
-    const cJSON *id = cJSON_GetObjectItemCaseSensitive(header, "id");
+    const cJSON *id = json_member(header, "id");
     char *text;
 
     if (cJSON_IsNumber(id) && id->valuedouble >= -WIRE_INTEGER_MOST && id->valuedouble <= WIRE_INTEGER_MOST
@@ -45,15 +45,17 @@ static enum modal_status read_header(const struct wire_frame *frame, bool needs_
 {
     int most = needs_id ? WIRE_HEADER_MOST : WIRE_WORKER_HEADER_MOST;
     struct modal_error why;
+    cJSON *header = NULL;
     enum modal_status rc;
 
     if (frame->size > (size_t)most)
         return modal_fail(err, MODAL_BAD_FRAME, "header of %zu bytes; accepted: at most %d", frame->size, most);
-    rc = json_read(frame->data, frame->size, &out->header, &why);
+    rc = json_read_pooled(frame->data, frame->size, &header, &out->pool, &why);
     if (rc == MODAL_NO_MEMORY)
         return modal_fail(err, rc, "%s", why.message);
     if (rc != MODAL_OK)
         return modal_fail_field(err, MODAL_BAD_FRAME, why.field, "header: %s", why.message);
+    out->header = header;
     if (!cJSON_IsObject(out->header))
         return modal_fail(err, MODAL_BAD_FRAME, "the header is not a JSON object");
     return needs_id ? read_id(out->header, out, err) : MODAL_OK;
@@ -96,7 +98,8 @@ enum modal_status wire_open(const struct wire_frame *frames, int count, const ch
 
 void wire_close(struct wire_message *message)
 {
-    cJSON_Delete(message->header);
+    json_pool_free(message->pool);
+    message->pool = NULL;
     message->header = NULL;
 }
 

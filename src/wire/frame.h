@@ -16,7 +16,8 @@ struct wire_frame {
 /* A received message.  The body points into the frames given to wire_open, which must outlive it. */
 struct wire_message {
     char verb[WIRE_VERB_MOST + 1];
-    cJSON *header;                                   /* owned: wire_close frees it */
+    const cJSON *header;                             /* in `pool`: to be looked at only */
+    struct json_pool *pool;                          /* owned: wire_close frees it */
     char id[WIRE_ID_MOST * 6 + 3];                   /* as JSON text; "null" where it could not be read */
     struct wire_frame body[WIRE_FRAMES_MOST];
     int body_count;

@@ -78,7 +78,7 @@ static enum modal_status get_hash(const cJSON *object, const char *base, const c
 
 static enum modal_status read_names(const cJSON *object, const char *base, struct wire_input *out, struct modal_error *err)
 {
-    const cJSON *names = cJSON_GetObjectItemCaseSensitive(object, "names"), *name;
+    const cJSON *names = json_member(object, "names"), *name;
     char path[128], item[160];
     uint64_t count = 0;
 
@@ -101,7 +101,7 @@ static enum modal_status read_names(const cJSON *object, const char *base, struc
 
 static enum modal_status read_attributes(const cJSON *object, const char *base, struct wire_input *out, struct modal_error *err)
 {
-    const cJSON *attributes = cJSON_GetObjectItemCaseSensitive(object, "attributes");
+    const cJSON *attributes = json_member(object, "attributes");
     char path[128], *text;
     size_t size;
 
@@ -214,7 +214,7 @@ static enum modal_status read_only_job(const struct wire_message *m, struct wire
 
 static enum modal_status read_hello(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
 {
-    const cJSON *versions = cJSON_GetObjectItemCaseSensitive(m->header, "versions"), *one;
+    const cJSON *versions = json_member(m->header, "versions"), *one;
 
     out->hello.speaks_ours = versions == NULL;
     if (versions != NULL && !cJSON_IsArray(versions))
@@ -350,12 +350,12 @@ static enum modal_status read_limits(const cJSON *header, struct wire_request *o
 
 static enum modal_status read_submit(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
 {
-    const cJSON *input = cJSON_GetObjectItemCaseSensitive(m->header, "input");
+    const cJSON *input = json_member(m->header, "input");
     enum modal_status rc = need_text(m->header, "kind", 32, &out->submit.kind, err);
 
     out->submit.priority = WIRE_PRIORITY_DEFAULT;
     out->submit.max_attempts = WIRE_ATTEMPTS_DEFAULT;
-    out->submit.options = cJSON_GetObjectItemCaseSensitive(m->header, "options");
+    out->submit.options = json_member(m->header, "options");
     if (rc == MODAL_OK && out->submit.options != NULL && !cJSON_IsObject(out->submit.options))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "options", "options must be an object");
     if (rc == MODAL_OK)
@@ -366,7 +366,7 @@ static enum modal_status read_submit(const struct wire_message *m, struct wire_r
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "input", "input must be an object with upload, sha256 or content");
     if (rc != MODAL_OK)
         return rc;
-    if (cJSON_HasObjectItem(input, "upload") || cJSON_HasObjectItem(input, "sha256"))
+    if (json_member(input, "upload") != NULL || json_member(input, "sha256") != NULL)
         return read_reference(m, input, out, err);
     return read_inline(m, input, out, err);
 }
@@ -374,8 +374,8 @@ static enum modal_status read_submit(const struct wire_message *m, struct wire_r
 /* Bytes of the input that JOB of SUBMITS has in the body; 0: none, or its own reader will refuse it. */
 static enum modal_status inline_bytes(const cJSON *job, const char *base, uint64_t *bytes, struct modal_error *err)
 {
-    const cJSON *input = cJSON_GetObjectItemCaseSensitive(job, "input");
-    const char *content = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(input, "content"));
+    const cJSON *input = json_member(job, "input");
+    const char *content = cJSON_GetStringValue(json_member(input, "content"));
     uint64_t channels = 0;
     enum modal_status rc;
 
@@ -397,21 +397,22 @@ static enum modal_status inline_bytes(const cJSON *job, const char *base, uint64
 
 static enum modal_status read_submits(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
 {
-    const cJSON *jobs = cJSON_GetObjectItemCaseSensitive(m->header, "jobs"), *job;
+    const cJSON *jobs = json_member(m->header, "jobs"), *job;
     uint64_t bytes, all = 0;
     char base[40];
     int count = 0;
-    enum modal_status rc = MODAL_OK;
 
     cJSON_ArrayForEach(job, jobs) {
-        snprintf(base, sizeof base, "jobs[%d]", count++);
-        if (!cJSON_IsObject(job) || cJSON_HasObjectItem(job, "id"))
-            return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object with the members of SUBMIT but id", base);
-        strcat(base, ".input");
-        rc = inline_bytes(job, base, &bytes, err);
-        if (rc != MODAL_OK)
-            return rc;
+        if (!cJSON_IsObject(job) || json_member(job, "id") != NULL || inline_bytes(job, "", &bytes, NULL) != MODAL_OK)
+            break;
+        count++;
         all += bytes;
+    }
+    if (job != NULL && count < WIRE_JOBS_MOST) {       /* the one at fault, by its name */
+        snprintf(base, sizeof base, "jobs[%d]", count);
+        if (!cJSON_IsObject(job) || json_member(job, "id") != NULL)
+            return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object with the members of SUBMIT but id", base);
+        return inline_bytes(job, strcat(base, ".input"), &bytes, err);
     }
     if (!cJSON_IsArray(jobs) || count < 1 || count > WIRE_JOBS_MOST)
         return modal_fail_field(err, MODAL_BAD_INPUT, "jobs", "jobs must be a list of 1 to %d submissions", WIRE_JOBS_MOST);
@@ -430,7 +431,7 @@ void wire_part(const cJSON *job, const char **body, struct wire_message *part)
     memset(part, 0, sizeof *part);
     strcpy(part->verb, wire_verb_name(WIRE_SUBMIT));
     strcpy(part->id, "null");
-    part->header = (cJSON *)(uintptr_t)job;
+    part->header = job;
     part->body[0] = (struct wire_frame) { *body, bytes };
     part->body_count = bytes > 0;
     part->body_bytes = bytes;
@@ -490,19 +491,19 @@ static enum modal_status read_events(const struct wire_message *m, struct wire_r
     out->events.op = op;
     if (rc == MODAL_OK && op == WIRE_UNSUBSCRIBE)
         return need_text(m->header, "subscription", WIRE_ID_MOST, &out->events.subscription, err);
-    out->events.replay = cJSON_HasObjectItem(m->header, "from");
+    out->events.replay = json_member(m->header, "from") != NULL;
     if (rc == MODAL_OK)
         rc = get_integer(m->header, "", "from", 0, WIRE_INTEGER_MOST, false, &out->events.from, err);
     if (rc == MODAL_OK)
         rc = get_text(m->header, "", "stream", 1, WIRE_KEY_MOST, &out->events.stream, err);
-    if (rc == MODAL_OK && cJSON_HasObjectItem(m->header, "job"))
+    if (rc == MODAL_OK && json_member(m->header, "job") != NULL)
         rc = read_job(m->header, out, err);
     return rc;
 }
 
 static enum modal_status read_open(const cJSON *header, struct wire_request *out, struct modal_error *err)
 {
-    const cJSON *window = cJSON_GetObjectItemCaseSensitive(header, "window");
+    const cJSON *window = json_member(header, "window");
     enum modal_status rc = need_text(header, "name", WIRE_KEY_MOST, &out->stream.name, err);
 
     if (rc == MODAL_OK)

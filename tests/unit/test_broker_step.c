@@ -690,6 +690,7 @@ static void commit_some(uint32_t most)
         w->waiting = t->next;
         if (w->waiting == NULL)
             w->waiting_end = &w->waiting;
+        t->next = NULL;
         if ((t->fence != NULL && atomic_load(t->fence)) || (w->full && (t->refusable == FIRST_REFUSED || (t->refusable == LAST_REFUSED && roll(2) == 0))))
             t->status = MODAL_STORAGE_FULL;
         for (size_t i = 0; t->status == MODAL_OK && i < t->count; i++)

@@ -148,6 +148,38 @@ TEST(a_tree_is_the_one_that_cjson_builds)
 }
 
 /* RFC 8259, section 8.2: half a surrogate pair is no character. */
+/* 3,000 members of one byte each: far more than the first block holds. */
+TEST(a_tree_in_a_pool_prints_as_the_text_it_was_read_from_however_large)
+{
+    struct json_text t = { 0 };
+    struct json_pool *pool = NULL;
+    cJSON *tree = NULL, *copy;
+    char key[16], *text;
+
+    json_text_open(&t, NULL);
+    for (int i = 0; i < 3000; i++) {
+        snprintf(key, sizeof key, "k%d", i);
+        json_text_number(&t, key, i % 10);
+    }
+    json_text_string(&t, "s", "a\"b\\c\n\xc3\xa4");
+    json_text_close(&t);
+    CHECK(json_read_pooled(t.x, t.length, &tree, &pool, NULL) == MODAL_OK);
+    CHECK(json_member(tree, "k2718")->valuedouble == 8 && json_member(tree, "k3000") == NULL && json_member(tree->child, "k") == NULL);
+    copy = cJSON_Duplicate(tree, true);
+    text = json_print(tree);
+    CHECK_STRING(text, t.x);
+    json_pool_free(pool);
+    free(text);
+    text = json_print(copy);                       /* the copy's own */
+    CHECK_STRING(text, t.x);
+    cJSON_Delete(copy);
+    free(text);
+    pool = (struct json_pool *)&pool;
+    CHECK(json_read_pooled("{\"a\":[1,}", 9, &tree, &pool, NULL) == MODAL_BAD_INPUT && pool == (struct json_pool *)&pool);
+    json_pool_free(NULL);
+    free(t.x);
+}
+
 TEST(half_a_surrogate_pair_is_refused)
 {
     static const char *const bad[] = { "\"\\ud83d\"", "\"\\ud83dx\"", "\"\\ud83d\\n\"", "\"\\ude00\\ud83d\"", "\"\\ud83d\\u0041\"", "[\"\\udfff\"]" };

@@ -4,13 +4,15 @@
  * line without a key gets LIST:N:HASH, its number and the FNV-1a of its text, so that submitting the list again finds the
  * jobs of the first time, and another list of that name does not.  Each
  * accepted line's queue document is one line of stdout, in order of acceptance, with "line".  With --resume, LIST.accepted
- * keeps the numbers of accepted lines and those are not sent again.
+ * keeps number and hash of accepted lines and those are not sent again; a line that was changed since is another.
  */
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 #include "answer.h"
 #include "remote.h"
 #include "verbs.h"
@@ -19,6 +21,9 @@
 enum { WINDOW_DEFAULT = 64, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
 
 struct item { cJSON *line; long number; uint64_t hash; };
+
+/* Of the journal: by a line's number the hash of the text that was accepted; 0: none was. */
+struct accepted { uint64_t *hash; long count; };
 
 /* A message under way, and the items in it. */
 struct flight { int64_t id; size_t items[TOGETHER_MOST]; int count; };
@@ -67,8 +72,8 @@ static uint64_t fnv1a(const char *text)
     return hash;
 }
 
-/* The lines of the list that are not in SKIP (numbers of accepted ones, 0-terminated by count). */
-static enum modal_status read_items(char *list, const bool *skip, long skips, struct bulk *b, struct modal_error *err)
+/* The lines of the list that are not in SKIP. */
+static enum modal_status read_items(char *list, const struct accepted *skip, struct bulk *b, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     long number = 0;
@@ -77,7 +82,7 @@ static enum modal_status read_items(char *list, const bool *skip, long skips, st
         cJSON *object = NULL;
         uint64_t hash = fnv1a(line);
         number++;
-        if (line[strspn(line, " \t\r")] == 0 || (number < skips && skip[number]))
+        if (line[strspn(line, " \t\r")] == 0 || (number < skip->count && skip->hash[number] == hash))
             continue;
         rc = json_read(line, strlen(line), &object, err);
         if (rc == MODAL_OK)
@@ -97,11 +102,34 @@ static enum modal_status read_items(char *list, const bool *skip, long skips, st
     return rc;
 }
 
-/* LIST.accepted: numbers of lines, one a line. */
-static enum modal_status open_journal(const struct args *args, bool **skip, long *skips, FILE **journal, struct modal_error *err)
+/* A line of the journal, NUMBER HASH; what a kill, a power cut or a full disk tore has no end, or another hash, and is none. */
+static enum modal_status note_accepted(struct accepted *all, const char *line, struct modal_error *err)
 {
-    char path[4096];
     long number;
+    uint64_t hash;
+    int end = 0;
+
+    if (sscanf(line, "%ld %16" SCNx64 "%n", &number, &hash, &end) != 2 || strcmp(line + end, "\n") != 0 || number < 1 || number > LIST_BYTES_MOST)
+        return MODAL_OK;
+    if (number >= all->count) {
+        uint64_t *more = realloc(all->hash, (size_t)(2 * number + 1) * sizeof *more);
+        if (more == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "no memory for the journal of accepted lines");
+        memset(more + all->count, 0, (size_t)(2 * number + 1 - all->count) * sizeof *more);
+        all->hash = more;
+        all->count = 2 * number + 1;
+    }
+    all->hash[number] = hash;
+    return MODAL_OK;
+}
+
+/* LIST.accepted; a line without its end is cut off, so that the next one is whole. */
+static enum modal_status open_journal(const struct args *args, struct accepted *all, FILE **journal, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    char path[4096], *line = NULL;
+    size_t room = 0;
+    long whole = 0;
 
     if (!args->resume)
         return MODAL_OK;
@@ -112,21 +140,24 @@ static enum modal_status open_journal(const struct args *args, bool **skip, long
     if (*journal == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "resume", "%s cannot be written", path);
     rewind(*journal);
-    while (fscanf(*journal, "%ld", &number) == 1) {
-        if (number < 1 || number > LIST_BYTES_MOST)
-            continue;
-        if (number >= *skips) {
-            bool *more = realloc(*skip, (size_t)(2 * number + 1) * sizeof *more);
-            if (more == NULL)
-                return modal_fail(err, MODAL_NO_MEMORY, "no memory for %s", path);
-            memset(more + *skips, 0, (size_t)(2 * number + 1 - *skips) * sizeof *more);
-            *skip = more;
-            *skips = 2 * number + 1;
-        }
-        (*skip)[number] = true;
-    }
+    for (ssize_t n; rc == MODAL_OK && (n = getline(&line, &room, *journal)) > 0 && line[n - 1] == '\n'; whole = ftell(*journal))
+        rc = note_accepted(all, line, err);
+    free(line);
     fseek(*journal, 0, SEEK_END);
-    return MODAL_OK;
+    if (rc == MODAL_OK && whole < ftell(*journal) && ftruncate(fileno(*journal), whole) != 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "resume", "%s cannot be written", path);
+    fseek(*journal, 0, SEEK_END);
+    return rc;
+}
+
+/* Accepted lines past a journal that cannot be written are sent again by the next run, and found by their keys. */
+static void write_accepted(struct bulk *b, const struct item *item)
+{
+    if (b->journal == NULL || (fprintf(b->journal, "%ld %016" PRIx64 "\n", item->number, item->hash) > 0 && fflush(b->journal) == 0))
+        return;
+    fprintf(stderr, "modalctl: the journal of accepted lines could not be written\n");
+    fclose(b->journal);
+    b->journal = NULL;
 }
 
 /* Before the link is used for an upload nothing may be in flight: its answers would be lost. */
@@ -320,8 +351,7 @@ static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *par
         doc = cJSON_Duplicate(part, true);
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "id");
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "verb");
-        if (b->journal != NULL && (fprintf(b->journal, "%ld\n", number) < 0 || fflush(b->journal) != 0))
-            fprintf(stderr, "modalctl: the journal of accepted lines could not be written\n");
+        write_accepted(b, &b->items[item]);
     }
     cJSON_AddNumberToObject(doc, "line", (double)number);
     enum modal_status rc = answer_json(doc, err);
@@ -421,10 +451,9 @@ int run_bulk(const struct args *args)
 {
     struct modal_error err = { 0 };
     struct bulk *b = calloc(1, sizeof *b);
-    bool *skip = NULL;
+    struct accepted skip = { NULL, 0 };
     char *list = NULL;
     size_t length = 0;
-    long skips = 0;
     enum modal_status rc;
     int status;
 
@@ -436,11 +465,11 @@ int run_bulk(const struct args *args)
     if (b->window > WINDOW_MOST)
         rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window", "--window is %d; accepted: a whole number from 1 to %d", b->window, WINDOW_MOST);
     else
-        rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon") : open_journal(args, &skip, &skips, &b->journal, &err);
+        rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon") : open_journal(args, &skip, &b->journal, &err);
     if (rc == MODAL_OK)
         rc = signals_read_text(args->from, LIST_BYTES_MOST, &list, &length, &err);
     if (rc == MODAL_OK)
-        rc = read_items(list, skip, skips, b, &err);
+        rc = read_items(list, &skip, b, &err);
     if (rc == MODAL_OK && (b->again = calloc(b->count + 1, sizeof *b->again)) == NULL)
         rc = modal_fail(&err, MODAL_NO_MEMORY, "no memory for the list");
     if (rc == MODAL_OK)
@@ -451,7 +480,7 @@ int run_bulk(const struct args *args)
     if (!args->json)
         fprintf(stderr, "%zu of %zu accepted\n", b->done - (size_t)b->refused, b->count);
     free(list);
-    free(skip);
+    free(skip.hash);
     bulk_done(b);
     return status;
 }

@@ -2,6 +2,7 @@
 import json
 import os
 import pathlib
+import random
 import signal
 import subprocess
 import time
@@ -158,6 +159,52 @@ def test_resume_sends_only_what_was_not_accepted(daemon, ctl, batch, tmp_path):
         file.write(json.dumps({"kind": "identify", "file": batch}) + "\n")
     again = ctl("submit", "--from", path, "--resume", server=daemon, one=False)
     assert [d["line"] for d in again.lines] == [31] and again.status == 0
+
+
+def test_a_line_that_was_changed_or_torn_in_the_journal_is_sent_by_resume(daemon, ctl, batch, tmp_path):
+    """A torn 12 of 123 is not line 12, and a list with a line put in front of the others has other lines at the same numbers."""
+    path = tmp_path / "torn.jsonl"
+    lines = [json.dumps({"kind": "identify", "file": batch, "options": {"rank.fixed": 4}, "key": f"torn-{i}"}) for i in range(30)]
+
+    def resumed():
+        said = ctl("submit", "--from", path, "--resume", server=daemon, one=False)
+        assert said.status == 0
+        return sorted((d["line"], d["key"]) for d in said.lines)
+    path.write_text("\n".join(lines[:20]))
+    assert len(resumed()) == 20 and resumed() == []
+    journal = tmp_path / "torn.jsonl.accepted"
+    rows = journal.read_text().splitlines(keepends=True)
+    last = int(rows[-1].split()[0])
+    assert len(rows) == 20
+    journal.write_text("".join(rows[:-1]) + rows[-1][:7])
+    assert resumed() == [(last, f"torn-{last - 1}")] and resumed() == []
+    path.write_text("\n".join(lines[20:] + lines[:20]))      # other lines at these numbers
+    assert [line for line, _ in resumed()] == list(range(1, 31)) and resumed() == []
+
+
+KILLS = int(os.environ.get("MODALD_KILLS", "4"))
+
+
+def test_10000_jobs_are_each_there_once_though_their_submission_is_killed_and_resumed_again_and_again(own_daemon, batch, tmp_path):
+    """KILLS kills of modalctl, each at a random place; what it printed or not, the last run ends 0 and every line is one job."""
+    daemon = own_daemon(workers=1)
+    path, dice, count = tmp_path / "list.jsonl", random.Random(11), 10000
+    path.write_text("".join(json.dumps({"kind": "identify", "file": batch, "options": {"rank.fixed": 4}}) + "\n" for _ in range(count)))
+    words = [str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "submit", "--from", str(path), "--resume"]
+    killed = 0
+    for _ in range(KILLS):
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment()) as run:
+            time.sleep(dice.uniform(0.01, 0.25))
+            killed += run.poll() is None
+            run.kill()
+    before = sum(1 for _ in open(f"{path}.accepted"))
+    last = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=PATIENCE)
+    assert last.returncode == 0 and killed > 0, last.stderr
+    told = [json.loads(line)["line"] for line in last.stdout.splitlines()]
+    assert len(told) == len(set(told)) and count - before <= len(told) <= count - before + 1
+    with daemon.client() as client:
+        keys = [job["key"] for job in client.list(limit=1000)]
+    assert len(keys) == count and sorted(int(key.split(":")[1]) for key in keys) == list(range(1, count + 1))
 
 
 def test_a_list_survives_the_daemons_death(own_daemon, batch, tmp_path):

@@ -963,7 +963,7 @@ static void take_error(modald_stream *s, const char *header)
     for (size_t i = 0; code != NULL && i < sizeof passing / sizeof passing[0]; i++)
         passes |= strncmp(code, passing[i], strlen(passing[i])) == 0;
     if (passes) {
-        rest(0.1);
+        rest(fmin(fmax(find_number(header, "retry_after_s", 0.5), 0.05), 0.5));
         forget_link(s);                             /* open again: what was taken is known then */
         return;
     }

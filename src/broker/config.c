@@ -277,15 +277,18 @@ static bool is_z85(const char *text)
 
 static bool set_limit(struct account *a, const char *word)
 {
-    const struct { const char *name; int64_t *count; double *number; } limits[] = {
-        { "weight", NULL, &a->weight }, { "queued", &a->most.queued, NULL }, { "running", &a->most.running, NULL },
-        { "bytes", &a->most.bytes, NULL }, { "cpu_s_day", NULL, &a->most.cpu_s_day }, { "upload_bytes_s", NULL, &a->most.upload_bytes_s },
+    const struct { const char *name; int64_t *count; double *number, least, most; } limits[] = {
+        { "weight", NULL, &a->weight, 1e-3, 1e3 }, { "queued", &a->most.queued, NULL, 1, LIMIT_MOST }, { "running", &a->most.running, NULL, 1, LIMIT_MOST },
+        { "bytes", &a->most.bytes, NULL, 1, LIMIT_MOST }, { "cpu_s_day", NULL, &a->most.cpu_s_day, 1e-9, LIMIT_MOST },
+        { "upload_bytes_s", NULL, &a->most.upload_bytes_s, 1e-3, LIMIT_MOST },
     };
     const char *equals = strchr(word, '=');
     double value = equals == NULL ? NAN : quantity(equals + 1);
 
-    for (size_t i = 0; value > 0 && value <= LIMIT_MOST && i < sizeof limits / sizeof *limits; i++)
+    for (size_t i = 0; equals != NULL && i < sizeof limits / sizeof *limits; i++)
         if (strlen(limits[i].name) == (size_t)(equals - word) && strncmp(limits[i].name, word, (size_t)(equals - word)) == 0) {
+            if (!(value >= limits[i].least && value <= limits[i].most) || (limits[i].count != NULL && value != floor(value)))
+                return false;
             if (limits[i].count != NULL)
                 *limits[i].count = (int64_t)value;
             else
@@ -319,8 +322,8 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
     account.role = (enum wire_role)role;
     while ((word = strtok_r(NULL, " \t\r", &rest)) != NULL && word[0] != '#')
         if (!set_limit(&account, word))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: \"%.40s\"; accepted: weight, queued, running, bytes, cpu_s_day, upload_bytes_s, "
-                                    "each =NUMBER above 0, up to 1e15", file, number, word);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: \"%.40s\"; accepted: weight from 0.001 to 1000, queued, running, bytes whole and "
+                                    "cpu_s_day, upload_bytes_s any numbers above 0 up to 1e15, each as name=NUMBER", file, number, word);
     all = realloc(c->accounts, (c->account_count + 1) * sizeof *all);
     if (all == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "out of memory");

@@ -512,6 +512,8 @@ static void configure(struct core *c, const struct settings *settings)
     memcpy(c->settings.start_id, old.start_id, sizeof old.start_id);
     memcpy(c->settings.store_id, old.store_id, sizeof old.store_id);
     users_configure(c);
+    events_revoke(c);
+    waits_revoke(c);
     workers_fill(c);
     core_log(c, "level=notice event=reload accounts=%zu workers=%d", c->settings.account_count, c->settings.workers);
 }

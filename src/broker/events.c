@@ -171,6 +171,18 @@ void events_task_done(struct core *c, struct task *task)
     }
 }
 
+void events_revoke(struct core *c)
+{
+    struct modal_error err;
+
+    modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
+    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+        if (!s->gone && !user_admits(c, s->user, s->key)) {
+            answer_error(c, &s->reply, &err, NULL);
+            s->gone = true;
+        }
+}
+
 static void unsubscribe(struct core *c, const struct reply *reply, const char *number, struct user *user)
 {
     uint64_t wanted = strtoull(number, NULL, 10);
@@ -211,8 +223,9 @@ void events_request(struct core *c, const struct event *e, const struct wire_req
         }
     }
     s = grab(sizeof *s);
-    *s = (struct subscription) { .next = c->subscriptions, .number = ++c->next_subscription, .peer = e->peer, .user = user,
+    *s = (struct subscription) { .next = c->subscriptions, .number = ++c->next_subscription, .peer = e->peer, .user = user, .reply = reply,
         .job = job == NULL ? 0 : job->id, .stream = grab_text(r->events.stream) };
+    snprintf(s->key, sizeof s->key, "%s", e->key);
     s->next_event = r->events.replay ? (int64_t)(r->events.from > 0 ? r->events.from : 1) : ring_last(c) + 1;
     user->subscriptions++;
     c->subscriptions = s;

@@ -205,6 +205,20 @@ void wait_answer(struct core *c, struct job *job)
     }
 }
 
+void waits_revoke(struct core *c)
+{
+    struct modal_error err;
+    struct wait *w;
+    size_t at = 0;
+
+    modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
+    while ((w = map_next(&c->waits, &at)) != NULL)
+        if (!user_admits(c, w->user, w->key)) {
+            answer_error(c, &w->reply, &err, NULL);
+            drop_wait(c, w);
+        }
+}
+
 void wait_timeout(struct core *c, uint64_t number)
 {
     struct wait *w = map_find(&c->waits, map_hash_number(number), has_number, &number);
@@ -235,6 +249,7 @@ static void on_wait(struct core *c, const struct event *e, const struct wire_req
     *w = now;
     w->number = c->next_wait++;
     w->user = user;
+    snprintf(w->key, sizeof w->key, "%s", e->key);
     w->next = job->waits;
     w->link = &job->waits;
     if (w->next != NULL)

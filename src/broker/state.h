@@ -106,6 +106,7 @@ struct stream {
     bool closing, closed, broken, has_batch, live;   /* live: a worker has a window of it */
     atomic_bool fence;                    /* samples were refused for want of disk, and others are under way behind them */
     bool resumes;                         /* the refused ones are to come again before any other */
+    bool slowed;                          /* and were refused for a limit, not for want of disk */
     int64_t closed_ns, commits_awaited;
     uint64_t window, hop, next_window;    /* samples; next_window: the index at which one is due */
     char *options;
@@ -146,7 +147,7 @@ struct job {
     struct wait *waits;
 };
 
-struct wait { struct wait *next, **link; uint64_t number; struct job *job; struct reply reply; bool result; struct user *user; };
+struct wait { struct wait *next, **link; uint64_t number; struct job *job; struct reply reply; bool result; struct user *user; char key[KEY_TEXT]; };
 
 struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; bool committed; struct tombstone *next; };
 
@@ -188,6 +189,8 @@ struct subscription {
     struct subscription *next;
     uint64_t number, peer;
     struct user *user;
+    char key[KEY_TEXT];                   /* by which it was asked for */
+    struct reply reply;
     int64_t next_event;                   /* the number it has not seen */
     int64_t job;                          /* 0: all */
     char *stream;
@@ -209,7 +212,7 @@ struct answers {
 
 struct core {
     struct settings settings;
-    struct account *accounts;
+    struct account *accounts; size_t account_count;
     struct map jobs, inputs, users, results, waits;
     struct tombstone *stones, **stones_end;   /* of all users, in the order in which they were put up */
     struct user **user_list; size_t user_count;
@@ -314,6 +317,7 @@ void failure_free(struct failure *failure);
 /* users.c */
 struct user *user_get(struct core *c, const char *name);
 struct user *user_of_key(struct core *c, const char *key);          /* NULL: no such account */
+bool user_admits(const struct core *c, const struct user *user, const char *key);   /* is KEY still this user's, and a client's? */
 void users_configure(struct core *c);
 void user_add_job(struct user *user, struct job *job);
 void user_drop_job(struct user *user, const struct job *job);
@@ -348,6 +352,7 @@ enum modal_status input_shape_of(const struct wire_input *w, struct input_shape 
 
 /* uploads.c */
 void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
+bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply);   /* within his rate? else answered */
 void upload_task_done(struct core *c, struct task *task);
 void upload_after(struct core *c, struct after *after, enum modal_status status);
 void upload_quiet(struct core *c, struct input *input);
@@ -382,6 +387,7 @@ void events_progress(struct core *c, struct job *job);
 void events_pump(struct core *c);
 void events_task_done(struct core *c, struct task *task);
 void events_peer(struct core *c, uint64_t peer, enum event_type type);
+void events_revoke(struct core *c);       /* end the subscriptions of keys that are admitted no more */
 
 /* streams.c */
 void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
@@ -401,6 +407,7 @@ void streams_retain(struct core *c);
 void request_handle(struct core *c, const struct event *e);
 void wait_answer(struct core *c, struct job *job);
 void wait_timeout(struct core *c, uint64_t number);
+void waits_revoke(struct core *c);         /* answer those of keys that are admitted no more */
 void read_task_done(struct core *c, struct task *task);
 
 /* metrics.c */

@@ -369,6 +369,31 @@ static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct t
     note(c, t, s);
 }
 
+/* What comes behind a push that was refused leaves no hole: it is refused too, until those samples come again. */
+static void refuse_behind(struct core *c, struct stream *s, bool full, const struct reply *reply)
+{
+    s->slowed = s->resumes && s->slowed && !full;
+    s->resumes = true;
+    if (!s->slowed)
+        say_full(c, reply);
+    else
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "samples before these were refused; accepted: those from %llu on first",
+                    (unsigned long long)s->next);
+}
+
+/* Within the credit and the user's limits?  Else it is answered, and what is behind it waits. */
+static bool may_push(struct core *c, struct stream *s, size_t size, const struct reply *reply)
+{
+    bool good = false;
+
+    if (s->in_flight > IN_FLIGHT)
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
+    else
+        good = !user_quota(c, s->user, reply, 0, (int64_t)size) && upload_allows(c, s->user, size, reply);
+    s->resumes = s->slowed = !good;
+    return good;
+}
+
 static void on_push(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
 {
     struct reply reply = reply_to(e, r);
@@ -389,17 +414,13 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
         answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
         answer_fail(c, &reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
-    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && first > s->next)) {
-        s->resumes = true;
-        say_full(c, &reply);
-    } else if (s->in_flight > IN_FLIGHT)
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
-    else if (!user_quota(c, s->user, &reply, 0, (int64_t)size)) {
+    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && first > s->next))
+        refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), &reply);
+    else if (may_push(c, s, size, &reply)) {
         t = transaction_new();
         transaction_keep(t, e->body[0]);
         t->refusable = FIRST_REFUSED;
         t->fence = &s->fence;
-        s->resumes = false;
         if (!same_samples(s, first, count, data))
             new_epoch(c, s, first, t);
         known = first < s->next && s->segment_count > 0 ? s->next - first : 0;
@@ -500,7 +521,7 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
         return;
     }
     if (atomic_load(&s->fence) || s->resumes) {    /* it would end without what was refused */
-        say_full(c, &reply);
+        refuse_behind(c, s, atomic_load(&s->fence), &reply);
         return;
     }
     after_append(&s->askers, after_new(AFTER_STREAM, &reply));
@@ -716,7 +737,7 @@ static void roll_back(struct core *c, struct stream *s)
         say_full(c, &after->reply);
     after_free(s->askers);
     s->askers = NULL;
-    s->closing = false;
+    s->closing = s->slowed = false;
     s->resumes = true;
     atomic_store(&s->fence, false);                /* nothing of it is under way */
 }

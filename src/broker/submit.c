@@ -218,7 +218,8 @@ static bool may_enter(struct core *c, struct submission *s)
         answer_fail(c, &s->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "the queue holds %lld jobs, at most %lld",
                     (long long)c->state_counts[JOB_QUEUED], (long long)most);
     else
-        return !user_quota(c, s->user, &s->reply, 1, s->input == NULL ? (int64_t)s->data->size : 0);
+        return !user_quota(c, s->user, &s->reply, 1, s->input == NULL ? (int64_t)s->data->size : 0)
+            && (s->input != NULL || upload_allows(c, s->user, s->data->size, &s->reply));
     return false;
 }
 

@@ -486,7 +486,7 @@ static void begin(struct core *c, const struct event *e, const struct wire_reque
     upload_quiet(c, input);
 }
 
-static bool rate_allows(struct core *c, struct user *user, size_t size, const struct reply *reply)
+bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply)
 {
     double rate = user->account->most.upload_bytes_s;
     double burst = rate > 4 * WIRE_CHUNK_MOST ? rate : 4 * WIRE_CHUNK_MOST;
@@ -528,7 +528,7 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
         answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged chunks than the credit allows");
     else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
         answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the chunk as it came", r->upload.crc32c, crc32c(0, body->data, body->size));
-    else if (rate_allows(c, input->user, body->size, &reply)) {
+    else if (upload_allows(c, input->user, body->size, &reply)) {
         f->writers[f->count] = after_new(AFTER_CHUNK, &reply);
         f->crcs[f->count] = r->upload.crc32c;
         f->chunks[f->count++] = blob_share(e->body[0]);

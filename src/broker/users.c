@@ -53,10 +53,41 @@ struct user *user_of_key(struct core *c, const char *key)
     return NULL;
 }
 
+bool user_admits(const struct core *c, const struct user *user, const char *key)
+{
+    for (size_t i = 0; i < c->settings.account_count; i++)
+        if (strcmp(c->accounts[i].key, key) == 0)
+            return strcmp(c->accounts[i].user, user->name) == 0 && c->accounts[i].role != WIRE_ROLE_NONE && c->accounts[i].role != WIRE_ROLE_WORKER;
+    return false;
+}
+
+static bool has_account(const struct account *all, size_t count, const struct account *one)
+{
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(all[i].key, one->key) == 0 && strcmp(all[i].user, one->user) == 0 && all[i].role == one->role)
+            return true;
+    return false;
+}
+
+/* Who comes and who goes with a reload; not at the start, when the whole list comes. */
+static void audit_accounts(struct core *c, const struct account *old, size_t olds)
+{
+    const struct account *now = c->settings.accounts;
+
+    for (size_t i = 0; i < olds; i++)
+        if (!has_account(now, c->settings.account_count, &old[i]))
+            core_log(c, "level=notice event=audit user=%s what=revoked role=%s", old[i].user, wire_roles[old[i].role]);
+    for (size_t i = 0; olds > 0 && i < c->settings.account_count; i++)
+        if (!has_account(old, olds, &now[i]))
+            core_log(c, "level=notice event=audit user=%s what=admitted role=%s", now[i].user, wire_roles[now[i].role]);
+}
+
 void users_configure(struct core *c)
 {
     size_t count = c->settings.account_count;
 
+    audit_accounts(c, c->accounts, c->account_count);
+    c->account_count = count;
     free(c->accounts);
     c->accounts = grab((count + 1) * sizeof *c->accounts);
     if (count > 0)
@@ -324,7 +355,7 @@ static bool over(struct core *c, const struct reply *reply, const char *limit, d
     cJSON_AddNumberToObject(detail, "used", used);
     if (retry_s > 0)
         cJSON_AddNumberToObject(detail, "retry_after_s", retry_s);
-    answer_fail(c, reply, MODAL_QUOTA, "", detail, "over your limit: %s at most %.0f, used %.0f", limit, most, used);
+    answer_fail(c, reply, MODAL_QUOTA, "", detail, "over your limit: %s at most %.15g, used %.15g", limit, most, used);
     return true;
 }
 

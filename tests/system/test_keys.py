@@ -1,13 +1,16 @@
 """Keys, roles, shares and limits (PROTOCOL.md, section 12): who may what, who sees what, who waits how long."""
 import json
 import pathlib
+import subprocess
 import time
 
+import numpy as np
 import pytest
 import zmq
 
+from conftest import BUILD, PATIENCE, environment
 from lab import Lab
-from wire import Client, ring_down, submit
+from wire import Client, crc32c, identity, ring_down, submit
 
 pytestmark = pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
 
@@ -113,6 +116,104 @@ def test_limits_answer_quota_exactly_with_what_is_used(lab):
     assert [a["error"]["code"] for a in json.loads(reply.body[0])["jobs"]] == ["quota", "quota"]
     big = c.ask("UPLOAD", op="begin", content="batch", samples=12801, channels=1, dt=1)
     assert big.code == "quota" and big["error"]["detail"]["limit"] == "bytes" and big["error"]["detail"]["most"] == 102400
+
+
+def random_input(samples, seed):
+    return np.random.default_rng(seed).bytes(8 * samples), {"content": "batch", "samples": samples, "channels": 1, "dt": 0.1}
+
+
+def test_at_the_limit_there_is_room_and_one_byte_or_job_beyond_it_none(lab):
+    it = lab({"ann": "ann submit running=2", "ben": "ben submit bytes=10000"}, workers=5)
+    c, most = it.client("ann"), 0
+    jobs = [submit(c, options={"sleep": 0.2, "say": f"r{i}"}, phase=i)["job"] for i in range(6)]
+    while c.ask("STATUS", job=jobs[-1])["state"] != "done":
+        most = max(most, c.ask("WHOAMI")["used"]["running"])
+    assert most == 2
+    c = it.client("ben")
+    for samples, code in ((1251, "quota"), (1250, None), (1, "quota")):
+        data, described = random_input(samples, samples)
+        assert c.ask("SUBMIT", [data], kind="identify", input=described).code == code
+
+
+def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):
+    """At 1 MB/s no more than a burst of 1 MiB and a megabyte a second get in, whichever way; what is refused says when to come again."""
+    it = lab({"ann": "ann submit upload_bytes_s=1000000"})
+    c = it.client("ann")
+    data = np.random.default_rng(5).bytes(2400000)
+    upload = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1.0)["upload"]
+    stream = c.ask("STREAM", op="open", name="s", channels=1, dt=0.1)["stream"]
+    begin, refused = time.monotonic(), 0
+
+    def insist(verb, body, **header):
+        nonlocal refused
+        while not (reply := c.ask(verb, [body], **header)).ok:
+            assert reply.code == "quota" and reply["error"]["detail"]["limit"] == "upload_bytes_s"
+            refused += 1
+            time.sleep(reply["error"]["detail"]["retry_after_s"])
+    for i in range(10):
+        part = data[80000 * i:80000 * (i + 1)]
+        insist("UPLOAD", part, op="chunk", upload=upload, offset=80000 * i, crc32c=crc32c(part))
+        insist("STREAM", part, op="push", stream=stream, epoch=0, first=10000 * i, count=10000, crc32c=crc32c(part))
+        for seed in (2 * i, 2 * i + 1):
+            small, described = random_input(5000, seed)
+            insist("SUBMIT", small, kind="identify", input=described, options={"say": "x"})
+    took = time.monotonic() - begin
+    assert took >= (2400000 - 1048576) / 1e6 - 0.01 and 0 < refused < 200
+
+
+def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):
+    """Pushes behind one that was refused are refused with it: the record is the log."""
+    it = lab({"ann": "ann submit upload_bytes_s=1500000"})
+    public, secret = (key.decode() for key in it.pairs["ann"])
+    it.write(tmp_path / "mine", f'public-key = "{public}"\nsecret-key = "{secret}"\nserver-key = "{it.server[0].decode()}"\n')
+    done = subprocess.run([str(BUILD / "examples" / "example_loop"), "fast", "200000"], capture_output=True, timeout=PATIENCE,
+                          env=environment(MODALD_URL=it.daemon.endpoint, MODALD_KEYFILE=tmp_path / "mine", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+    assert done.returncode == 0 and done.stderr == b""
+    c = it.client("ann")
+    assert c.ask("SUBMIT", kind="identify", input={"sha256": identity(200000, 2, 1e-3, done.stdout)}).ok
+
+
+@pytest.mark.parametrize("limit", ["queued=1e300", "weight=inf", "bytes=nan", "running=-1", "bytes=2000000T", "queued=0.5", "weight=1e-300", "weight"])
+def test_a_limit_that_is_no_number_of_use_is_refused(limit, lab):
+    with pytest.raises(RuntimeError, match="up to 1e15"):
+        lab({"ann": f"ann submit {limit}"})
+
+
+def drained(client):
+    """All messages that came unasked."""
+    while client.socket.poll(0):
+        client.early.append(client.receive())
+    got, client.early = client.early, []
+    return got
+
+
+def test_a_revoked_key_s_waits_and_subscriptions_end_with_denied_at_the_reload(lab):
+    """The job goes on, and ends; nobody is told."""
+    it = lab({"ann": "ann submit", "ben": "ben submit", "eva": "eva admin"})
+    ben, ann, eva = it.client("ben"), it.client("ann"), it.client("eva")
+    subscription = ben.ask("EVENTS")["id"]
+    ann.ask("EVENTS")
+    job = submit(ben, options={"sleep": 1.0, "say": "b"})["job"]
+    while ben.ask("STATUS", job=job)["state"] != "running":
+        pass
+    wait = ben.send("WAIT", job=job, timeout_s=20)
+    assert ben.ask("WHOAMI").ok                       # the wait is there
+    drained(ben)
+    it.write_keys(leave_out=("ben",))
+    it.reload()
+    assert eva.ask("WAIT", job=job, timeout_s=20).code == "not_found" and submit(ann)["state"] in ("queued", "running", "done")
+    end = time.monotonic() + 20
+    while "to=done" not in it.daemon.text():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    assert ann.ask("WHOAMI").ok and ben.ask("WHOAMI").code == "denied"
+    got = drained(ben)
+    assert sorted((g.verb, g["id"], g["error"]["code"]) for g in got) == sorted([("ERROR", wait, "denied"), ("ERROR", subscription, "denied")])
+    assert any(g.verb == "EVENT" for g in drained(ann))
+    assert "event=audit user=ben what=revoked role=submit" in it.daemon.text()
+    it.write_keys()
+    it.reload()
+    assert ben.ask("WHOAMI").ok and "event=audit user=ben what=admitted role=submit" in it.daemon.text()
 
 
 def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):

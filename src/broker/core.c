@@ -30,7 +30,7 @@ static enum modal_status load_input(void *context, const struct input_record *r)
 
     if (r->id >= c->next_input)
         c->next_input = r->id + 1;
-    if (input->state == INPUT_OPEN && !input->inline_data) {      /* with its data in the row it is a stream's segment */
+    if (input->state == INPUT_OPEN) {
         struct user *user = input->user;
         input->filling = filling_new(r->used_ns > r->created_ns ? r->used_ns : r->created_ns);
         input->filling->accepted = input->filling->durable = r->received;
@@ -203,10 +203,16 @@ static enum modal_status load_event(void *context, const struct event_record *r)
     return MODAL_OK;
 }
 
+static enum modal_status load_segment(void *context, const struct segment_record *r)
+{
+    stream_load_segment(context, r);
+    return MODAL_OK;
+}
+
 void core_visitor(struct core *core, struct ledger_visitor *out)
 {
     *out = (struct ledger_visitor) { .context = core, .input = load_input, .job = load_job, .tombstone = load_tombstone,
-                                     .note = load_note, .event = load_event };
+                                     .note = load_note, .segment = load_segment, .event = load_event };
 }
 
 bool core_has_file(const struct core *c, enum spool_file what, int64_t id)
@@ -214,6 +220,8 @@ bool core_has_file(const struct core *c, enum spool_file what, int64_t id)
     const struct input *input = what == SPOOL_RESULT ? NULL : input_by_id(c, id);
     const struct job *job = what == SPOOL_RESULT ? job_by_id(c, id) : NULL;
 
+    if (what == SPOOL_SAMPLES)
+        return stream_is_open(c, id);
     if (what == SPOOL_RESULT)
         return job != NULL && job->state == JOB_DONE && job->result_bytes > LEDGER_RESULT_INLINE_MOST;
     return input != NULL && !input->inline_data && (what == SPOOL_SEALED || input->state == INPUT_OPEN);
@@ -226,27 +234,6 @@ static void watch(struct core *c, struct job *job)
         core_timer(c, c->now.mono_ns + (job->deadline_ns > c->now.utc_ns ? job->deadline_ns - c->now.utc_ns : 0), TIMER_DEADLINE, job->id, 0);
     if (job->state == JOB_QUEUED)
         job_enqueue(c, job);
-}
-
-static int by_id(const void *a, const void *b)
-{
-    const struct input *x = *(struct input *const *)a, *y = *(struct input *const *)b;
-
-    return (x->id > y->id) - (x->id < y->id);
-}
-
-static void load_segments(struct core *c)
-{
-    struct input **all = grab((c->inputs.count + 1) * sizeof *all), *input;
-    size_t count = 0, at = 0;
-
-    while ((input = map_next(&c->inputs, &at)) != NULL)
-        if (input->state == INPUT_OPEN && input->inline_data)
-            all[count++] = input;
-    qsort(all, count, sizeof *all, by_id);
-    for (size_t i = 0; i < count; i++)
-        stream_load_segment(c, all[i]);
-    free(all);
 }
 
 struct actions *core_loaded(struct core *c, struct moment now)
@@ -266,7 +253,6 @@ struct actions *core_loaded(struct core *c, struct moment now)
             job_move(c, job, JOB_QUEUED, NULL);
         watch(c, job);
     }
-    load_segments(c);
     tombstones_sort(c);
     for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;)
         if (input->filling != NULL && input->filling->aborting)
@@ -449,7 +435,7 @@ static void task_done(struct core *c, struct task *task)
         if (task->owner != NULL)
             upload_task_done(c, task);
         break;
-    case TASK_REMOVE_RESULT:
+    case TASK_REMOVE_RESULT: case TASK_REMOVE_SAMPLES:
         break;
     case TASK_STREAM_SEAL:
         stream_sealed(c, task);

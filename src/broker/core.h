@@ -74,13 +74,14 @@ struct transaction {
 
 enum task_type {
     TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_ABORT, TASK_CLOSE, TASK_REMOVE_INPUT,   /* on an upload, one at a time */
-    TASK_STREAM_SEAL,                     /* segments of the ledger into one batch: begin, write, sync, seal */
+    TASK_STREAM_SEAL,                     /* the samples of an epoch into one batch: begin, write, sync, seal */
+    TASK_REMOVE_SAMPLES,
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
 };
 
 struct task {
     enum task_type type;
-    int64_t id;                           /* input or job */
+    int64_t id;                           /* input, job or stream */
     struct input_shape shape;             /* BEGIN, RESUME: borrowed from the input, which outlives the task */
     struct upload *upload;                /* in and out of the spool functions */
     struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on */
@@ -93,7 +94,7 @@ struct task {
     uint32_t crc;                         /* SEAL: out */
     struct result_record record;          /* RESULT_PUT: out */
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
-    struct segment_read { int64_t input; uint64_t first, count; } *segments; size_t segment_count;   /* STREAM_SEAL: in; samples */
+    int64_t stream; uint64_t epoch, begin;    /* STREAM_SEAL: in; begin: the index of the batch's first sample */
     enum modal_status status;             /* out */
     int64_t took_ns;                      /* out */
     struct modal_error err;

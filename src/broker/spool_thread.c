@@ -7,6 +7,7 @@
 #include "broker/queue.h"
 #include "modal/crc32c.h"
 #include "store/file.h"
+#include "store/samples.h"
 #include <fcntl.h>
 #include <math.h>
 #include <stdlib.h>
@@ -164,46 +165,76 @@ static enum modal_status drop(const char *dir, struct task *task)
     return spool_remove(dir, task->id, &task->err);
 }
 
-static enum modal_status append(struct task *task, uint64_t *at, const void *data, size_t length)
-{
-    struct upload_part part = { data, length, crc32c(0, data, length) };
-    enum modal_status rc = upload_write(task->upload, *at, &part, 1, &task->err);
+/* A stream's samples on their way into a batch. */
+struct sealing { struct task *task; int fd; uint64_t at; char *block; };
 
-    *at += length;
-    return rc == MODAL_OK ? upload_hash(task->upload, &part, 1, &task->err) : rc;
+static enum modal_status append(struct sealing *s, const void *data, size_t length, uint32_t crc)
+{
+    struct upload_part part = { data, length, crc };
+    enum modal_status rc = upload_write(s->task->upload, s->at, &part, 1, &s->task->err);
+
+    s->at += length;
+    return rc == MODAL_OK ? upload_hash(s->task->upload, &part, 1, &s->task->err) : rc;
 }
 
-/* One row of a stream behind the samples before it; a gap between them is NaN, which no job takes for data. */
-static enum modal_status add_segment(struct ledger_reader *reader, struct task *task, const struct segment_read *segment, uint64_t *at)
+/* Samples that never came are NaN, which no job takes for data. */
+static enum modal_status append_gap(struct sealing *s, uint64_t bytes)
 {
-    uint64_t size = 8 * task->shape.channels, gap = segment->first * size - *at;
-    char *data = NULL;
-    size_t length = 0;
-    enum modal_status rc = ledger_read_input(reader, segment->input, &data, &length, &task->err);
+    double nan[4096];
+    enum modal_status rc = MODAL_OK;
 
-    if (rc == MODAL_OK && length != segment->count * size)
-        rc = modal_fail(&task->err, MODAL_CORRUPT, "segment %lld of a stream has %zu bytes", (long long)segment->input, length);
-    while (rc == MODAL_OK && gap > 0) {
-        double nan[4096];
-        size_t part = gap < sizeof nan ? (size_t)gap : sizeof nan;
-        for (size_t i = 0; i < part / 8; i++)
-            nan[i] = NAN;
-        rc = append(task, at, nan, part);
-        gap -= part;
+    for (size_t i = 0; i < sizeof nan / sizeof *nan; i++)
+        nan[i] = NAN;
+    while (rc == MODAL_OK && bytes > 0) {
+        size_t part = bytes < sizeof nan ? (size_t)bytes : sizeof nan;
+        rc = append(s, nan, part, crc32c(0, nan, part));
+        bytes -= part;
     }
+    return rc;
+}
+
+/* One segment, if it is of the epoch, behind those before. */
+static enum modal_status add_segment(void *context, const struct segment_record *segment)
+{
+    struct sealing *s = context;
+    struct task *task = s->task;
+    uint64_t place = (segment->first - task->begin) * 8 * task->shape.channels;
+    enum modal_status rc;
+
+    if (segment->epoch != task->epoch)
+        return MODAL_OK;
+    if (segment->length != segment->count * 8 * task->shape.channels || segment->length > WIRE_CHUNK_MOST || place < s->at)
+        return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples from %llu on", (long long)task->stream,
+                          (unsigned long long)segment->length, (unsigned long long)segment->count, (unsigned long long)segment->first);
+    rc = append_gap(s, place - s->at);
     if (rc == MODAL_OK)
-        rc = append(task, at, data, length);
-    free(data);
+        rc = samples_get(s->fd, segment, s->block, &task->err);
+    return rc == MODAL_OK ? append(s, s->block, segment->length, segment->crc) : rc;
+}
+
+static enum modal_status copy_samples(const char *dir, struct ledger_reader *reader, struct task *task)
+{
+    struct sealing s = { .task = task, .fd = -1, .block = malloc(WIRE_CHUNK_MOST) };
+    char path[4200];
+    enum modal_status rc = s.block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
+
+    samples_path(path, dir, task->stream);
+    if (rc == MODAL_OK)
+        rc = file_open(path, O_RDONLY, 0, &s.fd, &task->err);
+    if (rc == MODAL_OK)
+        rc = ledger_read_segments(reader, task->stream, add_segment, &s, &task->err);
+    if (s.fd >= 0)
+        close(s.fd);
+    free(s.block);
     return rc;
 }
 
 static enum modal_status seal_stream(const char *dir, struct ledger_reader *reader, struct task *task)
 {
-    uint64_t at = 0;
     enum modal_status rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
 
-    for (size_t i = 0; rc == MODAL_OK && i < task->segment_count; i++)
-        rc = add_segment(reader, task, &task->segments[i], &at);
+    if (rc == MODAL_OK)
+        rc = copy_samples(dir, reader, task);
     if (rc == MODAL_OK)
         rc = upload_sync(task->upload, &task->err);
     if (rc == MODAL_OK)
@@ -291,6 +322,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_ABORT:         return drop(dir, task);
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
+    case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
     case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);
     case TASK_READ_RESULT: case TASK_READ_STDERR: case TASK_READ_INPUT: return read_row(reader, task);

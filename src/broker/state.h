@@ -82,7 +82,8 @@ struct filling {
     int slot;                             /* of the worker that makes it; -1 */
 };
 
-struct segment { struct input *input; uint64_t epoch, first, count; };
+/* Samples without a gap between them. */
+struct segment { uint64_t epoch, first, count; };
 
 /* Samples of unknown number; see streams.c. */
 struct stream {
@@ -95,7 +96,8 @@ struct stream {
     uint64_t epoch, begin, next;          /* of the present epoch: its first sample, the next to come */
     uint64_t durable_epoch, durable;      /* the next sample to be committed, and the epoch that is committed so far */
     uint64_t run_from;                    /* first sample after the last gap */
-    struct segment *segments; size_t segment_count, segment_room;
+    struct segment *segments; size_t segment_count, segment_room;       /* of all epochs, as they came */
+    uint64_t bytes;                       /* of all segments: the end of its file */
     uint64_t (*gaps)[2]; size_t gap_count;
     uint32_t *crcs; uint64_t crc_first, crc_count, crc_room;      /* of each sample from `crc_first` on; 0: not known */
     int64_t in_flight;                    /* bytes */
@@ -228,6 +230,7 @@ struct core {
     struct subscription *subscriptions;
     struct answers *answers;
     struct stream *streams;
+    int open_streams;
     int live_attempts;
     uint64_t *full; size_t full_count, full_room;
     struct event_row ring[RING];          /* committed events, by number % RING */
@@ -351,6 +354,8 @@ void inputs_retain(struct core *c);
 enum modal_status input_shape_of(const struct wire_input *w, struct input_shape *shape, const char ***names);
 
 /* uploads.c */
+/* What one upload or stream may have unacknowledged: an equal part of all, at least two chunks, at most 16 MiB. */
+int64_t core_window(const struct core *c);
 void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply);   /* within his rate? else answered */
 void upload_task_done(struct core *c, struct task *task);
@@ -399,7 +404,9 @@ struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uin
 void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document, const cJSON *error);
 void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to);
 void stream_load_note(struct core *c, const struct note_record *r);
-void stream_load_segment(struct core *c, struct input *input);
+void stream_load_segment(struct core *c, const struct segment_record *r);
+/* Whether ID is an open stream, whose samples are in a file. */
+bool stream_is_open(const struct core *c, int64_t id);
 void stream_free(struct stream *s);
 void streams_retain(struct core *c);
 

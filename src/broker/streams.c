@@ -1,8 +1,7 @@
 /*
  * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch; live windows on the way
  *
- * A segment is an open input with its data in its row, at most LEDGER_INLINE_MOST bytes: durable by the same group commit
- * as everything else.  A sample is known by epoch and index.  Each sample of the present epoch has its CRC-32C in memory:
+ * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same group commit as everything else.  A sample is known by epoch and index.  Each sample of the present epoch has its CRC-32C in memory:
  * the same index with the same bytes is a repeat and ignored, with other bytes it begins an epoch; what the checksums of
  * an earlier life of the daemon were, and those before a long gap, is not known, and such samples count as repeats.
  */
@@ -13,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { IN_FLIGHT = 4 << 20, STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256 };
+enum { STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256 };
 
 static uint64_t sample_bytes(const struct stream *s)
 {
@@ -65,7 +64,7 @@ static void say(struct core *c, const struct reply *reply, const struct stream *
     cJSON_AddStringToObject(header, "name", s->name);
     cJSON_AddNumberToObject(header, "epoch", (double)s->durable_epoch);
     cJSON_AddNumberToObject(header, "next", (double)s->durable);
-    cJSON_AddNumberToObject(header, "credit", IN_FLIGHT / 2);
+    cJSON_AddNumberToObject(header, "credit", (double)core_window(c) / 2);
     if (s->closed) {
         cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
         add_gaps(header, s);
@@ -187,6 +186,7 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
     s->at_slot = -1;
     s->next_stream = c->streams;
     c->streams = s;
+    c->open_streams++;
     return s;
 }
 
@@ -304,31 +304,29 @@ static void add_gap(struct stream *s, uint64_t from, uint64_t to)
     s->gaps[s->gap_count++][1] = to;
 }
 
-static void add_segment(struct stream *s, struct input *input, uint64_t epoch, uint64_t first, uint64_t count)
+static void add_segment(struct stream *s, uint64_t epoch, uint64_t first, uint64_t count)
 {
+    struct segment *last = s->segment_count > 0 ? &s->segments[s->segment_count - 1] : NULL;
+
+    s->bytes += count * sample_bytes(s);
+    s->user->bytes += (int64_t)(count * sample_bytes(s));
+    if (last != NULL && last->epoch == epoch && last->first + last->count == first) {
+        last->count += count;
+        return;
+    }
     if (s->segment_count == s->segment_room) {
         s->segment_room = s->segment_room ? 2 * s->segment_room : 16;
         s->segments = regrab(s->segments, s->segment_room * sizeof *s->segments);
     }
-    s->segments[s->segment_count++] = (struct segment) { input, epoch, first, count };
+    s->segments[s->segment_count++] = (struct segment) { epoch, first, count };
 }
 
-/* One row of at most LEDGER_INLINE_MOST bytes. */
-static void put_segment(struct core *c, struct stream *s, struct transaction *t, uint64_t first, uint64_t count, const char *data)
+/* Its row; DATA is in the push's body, which the transaction keeps. */
+static void put_segment(struct stream *s, struct transaction *t, uint64_t first, uint64_t count, const char *data, uint32_t crc)
 {
-    char *attributes = grab_format("{\"stream\":%lld,\"epoch\":%llu,\"first\":%llu}", (long long)s->id, (unsigned long long)s->epoch, (unsigned long long)first);
-    struct wire_input w = { .content = WIRE_BATCH, .samples = count, .channels = s->channels, .dt = s->dt };
-    struct input *input = input_new(c, s->user, &w, c->next_input++);
-    struct input_record *row = &transaction_add(t, LEDGER_INPUT_PUT)->input;
-
-    input->state = INPUT_OPEN;
-    input->inline_data = true;
-    input->crc = crc32c(0, data, count * sample_bytes(s));
-    input->attributes = attributes;
-    input->shape.attributes = attributes;
-    input_record_fill(input, t, row);
-    row->data = data;                              /* in the push's body, which the transaction keeps */
-    add_segment(s, input, s->epoch, first, count);
+    transaction_add(t, LEDGER_SEGMENT_PUT)->segment = (struct segment_record) { .stream = s->id, .epoch = s->epoch, .first = first, .count = count,
+        .offset = s->bytes, .length = count * sample_bytes(s), .crc = crc, .data = data };
+    add_segment(s, s->epoch, first, count);
 }
 
 static void keep_recent(struct stream *s, uint64_t first, uint64_t count, const char *data)
@@ -340,10 +338,8 @@ static void keep_recent(struct stream *s, uint64_t first, uint64_t count, const 
     }
 }
 
-static void append(struct core *c, struct stream *s, uint64_t first, uint64_t count, const char *data, struct transaction *t)
+static void append(struct stream *s, uint64_t first, uint64_t count, const char *data, uint32_t crc, struct transaction *t)
 {
-    uint64_t most = LEDGER_INLINE_MOST / sample_bytes(s);
-
     if (s->next == 0 && s->segment_count == 0)
         s->begin = s->next = s->durable = s->run_from = first;
     if (first > s->next) {
@@ -352,8 +348,7 @@ static void append(struct core *c, struct stream *s, uint64_t first, uint64_t co
     }
     remember(s, first, count, data);
     keep_recent(s, first, count, data);
-    for (uint64_t at = 0; at < count; at += most)
-        put_segment(c, s, t, first + at, count - at < most ? count - at : most, data + at * sample_bytes(s));
+    put_segment(s, t, first, count, data, crc);
     s->next = first + count;
 }
 
@@ -386,7 +381,7 @@ static bool may_push(struct core *c, struct stream *s, size_t size, const struct
 {
     bool good = false;
 
-    if (s->in_flight > IN_FLIGHT)
+    if (s->in_flight > core_window(c))
         answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
     else
         good = !user_quota(c, s->user, reply, 0, (int64_t)size) && upload_allows(c, s->user, size, reply);
@@ -424,8 +419,10 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
         if (!same_samples(s, first, count, data))
             new_epoch(c, s, first, t);
         known = first < s->next && s->segment_count > 0 ? s->next - first : 0;
-        if (known < count)
-            append(c, s, first + known, count - known, data + known * sample_bytes(s), t);
+        if (known == 0)
+            append(s, first, count, data, r->stream.crc32c, t);
+        else if (known < count)
+            append(s, s->next, count - known, data + known * sample_bytes(s), crc32c(0, data + known * sample_bytes(s), size - known * sample_bytes(s)), t);
         after = after_new(AFTER_STREAM, &reply);
         after->stream = s;
         after->value = (int64_t)s->next;
@@ -461,23 +458,21 @@ static void seal(struct core *c, struct stream *s)
     task->id = s->sealed->id;
     task->shape = s->sealed->shape;
     task->owner = s;
-    task->segments = grab((s->segment_count + 1) * sizeof *task->segments);
-    for (size_t i = 0; i < s->segment_count; i++)
-        if (s->segments[i].epoch == s->epoch)
-            task->segments[task->segment_count++] = (struct segment_read) { s->segments[i].input->id, s->segments[i].first - s->begin, s->segments[i].count };
+    task->stream = s->id;
+    task->epoch = s->epoch;
+    task->begin = s->begin;
     c->tasks++;
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
 
 /* Of all epochs: those before the present one are in no batch. */
-static void end_segments(struct core *c, struct stream *s, struct transaction *t)
+static void end_segments(struct stream *s, struct transaction *t)
 {
     char name[32];
 
-    for (size_t i = 0; i < s->segment_count; i++) {
-        transaction_add(t, LEDGER_INPUT_DELETE)->id = s->segments[i].input->id;
-        input_forget(c, s->segments[i].input);
-    }
+    if (s->segment_count > 0)
+        transaction_add(t, LEDGER_SEGMENTS_DELETE)->id = s->id;
+    s->user->bytes -= (int64_t)s->bytes;
     s->segment_count = 0;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
     transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
@@ -504,7 +499,7 @@ void stream_sealed(struct core *c, struct task *task)
     s->sealed->offset = task->offset;
     t = transaction_new();
     input_record_fill(s->sealed, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
-    end_segments(c, s, t);
+    end_segments(s, t);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         after->stream = s, after->value = -1;
     transaction_join(t, s->askers);
@@ -531,7 +526,7 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
     s->closing = true;
     if (s->next == s->begin) {                     /* nothing ever came: there is no batch of no samples */
         struct transaction *t = transaction_new();
-        end_segments(c, s, t);
+        end_segments(s, t);
         s->askers->stream = s;
         s->askers->value = -1;
         transaction_join(t, s->askers);
@@ -718,11 +713,28 @@ static void measure(struct stream *s)
     }
 }
 
+/* What is not committed is no part of it. */
+static void cut_segments(struct stream *s)
+{
+    uint64_t more = 0;
+
+    for (; s->segment_count > 0; s->segment_count--) {
+        struct segment *last = &s->segments[s->segment_count - 1];
+        uint64_t kept = last->epoch > s->durable_epoch || last->first >= s->durable ? 0
+                      : last->epoch < s->durable_epoch || s->durable - last->first > last->count ? last->count : s->durable - last->first;
+        more += last->count - kept;
+        last->count = kept;
+        if (kept > 0)
+            break;
+    }
+    s->bytes -= more * sample_bytes(s);
+    s->user->bytes -= (int64_t)(more * sample_bytes(s));
+}
+
 /* Back to what is committed.  Of the last window in memory a part may be overwritten, so windows begin anew. */
 static void roll_back(struct core *c, struct stream *s)
 {
-    while (s->segment_count > 0 && !s->segments[s->segment_count - 1].input->committed)
-        input_forget(c, s->segments[--s->segment_count].input);
+    cut_segments(s);
     if (s->epoch != s->durable_epoch)
         s->crc_count = 0;
     s->epoch = s->durable_epoch;
@@ -759,7 +771,15 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t)
 /* Its batch is sealed: what is left is the answer to who closes it again. */
 static void closed(struct core *c, struct stream *s)
 {
+    if (s->bytes > 0) {
+        struct task *task = grab(sizeof *task);
+        task->type = TASK_REMOVE_SAMPLES;
+        task->id = s->id;
+        c->tasks++;
+        core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    }
     s->closed = true;
+    c->open_streams--;
     s->closed_ns = c->now.mono_ns;
     if (s->sealed != NULL) {
         s->sealed->committed = true;
@@ -788,9 +808,6 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
         closed(c, s);
     else if (after->length > 0) {
         s->in_flight -= after->length;
-        for (size_t i = s->segment_count; i > 0 && !s->segments[i - 1].input->committed; i--)
-            if (s->segments[i - 1].epoch < (uint64_t)after->attempts || s->segments[i - 1].first < (uint64_t)after->value)
-                s->segments[i - 1].input->committed = true;
         s->durable_epoch = (uint64_t)after->attempts;
         s->durable = (uint64_t)after->value;
     }
@@ -825,31 +842,29 @@ void stream_load_note(struct core *c, const struct note_record *r)
     cJSON_Delete(note_text);
 }
 
-/* Segments, in ascending order of their ids, find their streams once all notes are read. */
-void stream_load_segment(struct core *c, struct input *input)
+bool stream_is_open(const struct core *c, int64_t id)
 {
-    cJSON *attributes = NULL;
-    double id = 0, epoch = 0, first = 0;
-    struct stream *s;
+    const struct stream *s = stream_by_id(c, id);
 
-    if (input->attributes == NULL || json_read(input->attributes, strlen(input->attributes), &attributes, NULL) != MODAL_OK)
-        return;
-    json_get_number(attributes, "", "stream", 0, WIRE_INTEGER_MOST, &id, NULL);
-    json_get_number(attributes, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
-    json_get_number(attributes, "", "first", 0, WIRE_INTEGER_MOST, &first, NULL);
-    cJSON_Delete(attributes);
-    s = stream_by_id(c, (int64_t)id);
+    return s != NULL && !s->closed;
+}
+
+/* Segments, in the order in which they came, find their streams once all notes are read. */
+void stream_load_segment(struct core *c, const struct segment_record *r)
+{
+    struct stream *s = stream_by_id(c, r->stream);
+
     if (s == NULL)
         return;
-    if ((uint64_t)epoch == s->epoch) {
+    if (r->epoch == s->epoch) {
         bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
         if (!any)
-            s->begin = s->next = (uint64_t)first;
-        if ((uint64_t)first > s->next)
-            add_gap(s, s->next, (uint64_t)first);
-        s->next = s->durable = s->run_from = (uint64_t)first + input->shape.samples;
+            s->begin = s->next = r->first;
+        if (r->first > s->next)
+            add_gap(s, s->next, r->first);
+        s->next = s->durable = s->run_from = r->first + r->count;
     }
-    add_segment(s, input, (uint64_t)epoch, (uint64_t)first, input->shape.samples);
+    add_segment(s, r->epoch, r->first, r->count);
 }
 
 /* Closed streams are remembered for ten minutes, for who asks again; then until what was asked of the ledger is done, as its last window may be there. */

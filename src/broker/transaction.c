@@ -112,7 +112,6 @@ void task_free(struct task *task)
         free(task->events[i].text);
     }
     free(task->events);
-    free(task->segments);
     blob_drop(task->text);
     after_free(task->after);
     free(task);

@@ -50,10 +50,9 @@ static void run(struct core *c, struct input *input, enum task_type type)
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
 
-/* What one upload may have unacknowledged: an equal part of all, at least two chunks, at most 16 MiB. */
-static int64_t window(const struct core *c)
+int64_t core_window(const struct core *c)
 {
-    int64_t open = 0, part;
+    int64_t open = c->open_streams, part;
 
     for (size_t i = 0; i < c->user_count; i++)
         open += c->user_list[i]->open_count;
@@ -73,7 +72,7 @@ static void say_state(struct core *c, const struct reply *reply, const struct in
     cJSON_AddStringToObject(header, "state", state);
     cJSON_AddNumberToObject(header, "bytes", (double)input->bytes);
     cJSON_AddNumberToObject(header, "present", (double)(input->state == INPUT_SEALED ? input->bytes : input->filling->durable));
-    cJSON_AddNumberToObject(header, "credit", (double)window(c));
+    cJSON_AddNumberToObject(header, "credit", (double)core_window(c));
     if (input->state == INPUT_SEALED) {
         identity_hex(input->sha256, hex);
         cJSON_AddStringToObject(header, "sha256", hex);
@@ -348,7 +347,7 @@ static void say_chunk(struct core *c, const struct after *after)
     cJSON_AddStringToObject(header, "upload", ident);
     cJSON_AddNumberToObject(header, "offset", (double)after->value);
     cJSON_AddNumberToObject(header, "present", (double)(after->value + after->length));
-    cJSON_AddNumberToObject(header, "credit", (double)window(c));
+    cJSON_AddNumberToObject(header, "credit", (double)core_window(c));
     answer_send(c, &after->reply, header, NULL);
 }
 

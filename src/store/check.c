@@ -19,6 +19,7 @@
 #include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
+#include "store/samples.h"
 #include "store/spool.h"
 
 enum { BLOCK = 1 << 20, PATH = 4200, TRIES = 5 };
@@ -35,6 +36,10 @@ struct check {
     size_t input_count, input_room;
     const struct input_record *input;
     int fd;                        /* of the input whose chunks are read */
+    int64_t *streams;              /* open ones */
+    size_t stream_count;
+    int64_t of;
+    int samples;                   /* the file of the last of them that has segments; -1: none is open */
     unsigned char *block;
 };
 
@@ -190,6 +195,59 @@ static enum modal_status check_job(void *context, const struct job_record *job)
     return MODAL_OK;
 }
 
+static bool known_stream(const struct check *check, int64_t id)
+{
+    for (size_t i = 0; i < check->stream_count; i++)
+        if (check->streams[i] == id)
+            return true;
+    return false;
+}
+
+static enum modal_status add_stream(struct check *check, int64_t id)
+{
+    int64_t *more = realloc(check->streams, (check->stream_count + 1) * sizeof *more);
+
+    if (more == NULL)
+        return MODAL_NO_MEMORY;
+    check->streams = more;
+    check->streams[check->stream_count++] = id;
+    return MODAL_OK;
+}
+
+static enum modal_status check_note(void *context, const struct note_record *note)
+{
+    return strcmp(note->topic, "stream") == 0 ? add_stream(context, strtoll(note->name, NULL, 10)) : MODAL_OK;
+}
+
+/* They come stream by stream. */
+static enum modal_status check_segment(void *context, const struct segment_record *segment)
+{
+    struct check *check = context;
+    struct modal_error err;
+    char path[PATH];
+
+    check->report->chunks++;
+    if (!known_stream(check, segment->stream)) {
+        say(check, "stream %" PRId64 " has samples but is not there", segment->stream);
+        if (add_stream(check, segment->stream) != MODAL_OK)
+            return MODAL_NO_MEMORY;
+    }
+    if (check->samples >= 0 && check->of != segment->stream) {
+        close(check->samples);
+        check->samples = -1;
+    }
+    samples_path(path, check->dir, segment->stream);
+    check->of = segment->stream;
+    if (segment->length > BLOCK)
+        say(check, "stream %" PRId64 ": the samples at offset %" PRIu64 " are %" PRIu64 " bytes; at most %d were taken", segment->stream, segment->offset, segment->length, BLOCK);
+    else if ((check->samples < 0 && file_open(path, O_RDONLY, 0, &check->samples, &err) != MODAL_OK)
+             || samples_get(check->samples, segment, check->block, &err) != MODAL_OK)
+        say(check, "%s", err.message);
+    else
+        check->report->bytes += (int64_t)segment->length;
+    return MODAL_OK;
+}
+
 static enum modal_status check_tombstone(void *context, const struct tombstone_record *tombstone)
 {
     (void)tombstone;
@@ -203,7 +261,7 @@ static void check_found(void *context, enum spool_file what, int64_t id, uint64_
 
     (void)bytes;
     (void)path;
-    if (what == SPOOL_OTHER || (what != SPOOL_RESULT && !known_input(check, id)))
+    if (what == SPOOL_OTHER || (what == SPOOL_SAMPLES && !known_stream(check, id)) || ((what == SPOOL_PART || what == SPOOL_SEALED) && !known_input(check, id)))
         check->report->orphans++;
 }
 
@@ -259,8 +317,9 @@ static enum modal_status check_pages(struct check *check, struct modal_error *er
 enum modal_status check_folder(const char *dir, void (*problem)(void *context, const char *line), void *context,
                                struct check_report *out, struct modal_error *err)
 {
-    struct check check = { .dir = dir, .problem = problem, .context = context, .report = out, .block = malloc(BLOCK) };
-    struct ledger_visitor visitor = { .context = &check, .input = check_input, .job = check_job, .tombstone = check_tombstone };
+    struct check check = { .dir = dir, .problem = problem, .context = context, .report = out, .block = malloc(BLOCK), .samples = -1 };
+    struct ledger_visitor visitor = { .context = &check, .input = check_input, .job = check_job, .tombstone = check_tombstone, .note = check_note,
+                                      .segment = check_segment };
     struct modal_error why;
     enum modal_status rc;
 
@@ -285,6 +344,9 @@ enum modal_status check_folder(const char *dir, void (*problem)(void *context, c
         say(&check, "%s", why.message);
 out:
     ledger_reader_close(check.reader);
+    if (check.samples >= 0)
+        close(check.samples);
+    free(check.streams);
     free(check.inputs);
     free(check.block);
     return rc;
@@ -437,6 +499,20 @@ static enum modal_status dump_note(void *context, const struct note_record *note
     return give(context, row);
 }
 
+static enum modal_status dump_segment(void *context, const struct segment_record *segment)
+{
+    cJSON *row = row_new("segment");
+
+    add_int(row, "stream", segment->stream);
+    add_int(row, "epoch", (int64_t)segment->epoch);
+    add_int(row, "first", (int64_t)segment->first);
+    add_int(row, "count", (int64_t)segment->count);
+    add_int(row, "offset", (int64_t)segment->offset);
+    add_int(row, "bytes", (int64_t)segment->length);
+    cJSON_AddNumberToObject(row, "crc32c", segment->crc);
+    return give(context, row);
+}
+
 static enum modal_status dump_event(void *context, const struct event_record *event)
 {
     cJSON *row = row_new("event");
@@ -453,7 +529,7 @@ static enum modal_status dump_event(void *context, const struct event_record *ev
 enum modal_status check_dump(const char *dir, void (*line)(void *context, const char *json), void *context, struct modal_error *err)
 {
     struct dump dump = { line, context };
-    struct ledger_visitor visitor = { &dump, dump_input, dump_job, dump_result, dump_tombstone, dump_note, dump_event };
+    struct ledger_visitor visitor = { &dump, dump_input, dump_job, dump_result, dump_tombstone, dump_note, dump_event, dump_segment };
     struct ledger_reader *reader = NULL;
     enum modal_status rc = ledger_reader_open(dir, &reader, err);
 
@@ -506,7 +582,7 @@ static void copy_found(void *context, enum spool_file what, int64_t id, uint64_t
     if (what == SPOOL_OTHER || backup->rc != MODAL_OK)
         return;
     snprintf(to, sizeof to, "%s%s", backup->to, path + strlen(backup->dir));
-    if (what != SPOOL_PART && (link(path, to) == 0 || errno == EEXIST || errno == ENOENT))
+    if (what != SPOOL_PART && what != SPOOL_SAMPLES && (link(path, to) == 0 || errno == EEXIST || errno == ENOENT))
         return;
     backup->rc = copy_file(path, to, backup->err);
     if (backup->rc == MODAL_NOT_FOUND)
@@ -570,9 +646,21 @@ static enum modal_status look_for_file(void *context, const struct input_record 
     return MODAL_OK;
 }
 
+/* A stream's file grows: the copy has at least what it had when the ledger's was made, unless the stream ended between. */
+static enum modal_status look_for_samples(void *context, const struct segment_record *segment)
+{
+    struct backup *backup = context;
+    struct stat known;
+    char path[PATH];
+
+    samples_path(path, backup->to, segment->stream);
+    backup->missing |= stat(path, &known) != 0 || (uint64_t)known.st_size < segment->offset + segment->length;
+    return MODAL_OK;
+}
+
 static enum modal_status find_missing(struct backup *backup)
 {
-    struct ledger_visitor visitor = { .context = backup, .input = look_for_file };
+    struct ledger_visitor visitor = { .context = backup, .input = look_for_file, .segment = look_for_samples };
     struct ledger_reader *reader = NULL;
     enum modal_status rc = ledger_reader_open(backup->to, &reader, backup->err);
 

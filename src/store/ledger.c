@@ -19,6 +19,7 @@
 #include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
+#include "store/samples.h"
 
 const char *const job_states[JOB_STATE_COUNT] = { "queued", "running", "done", "failed", "cancelled", "dead" };
 
@@ -118,6 +119,21 @@ static enum modal_status bind_chunk(struct binder *to, const struct ledger_chang
     bind_int(to, (int64_t)change->chunk.offset);
     bind_int(to, (int64_t)change->chunk.length);
     bind_int(to, change->chunk.crc);
+    return MODAL_OK;
+}
+
+static enum modal_status bind_segment(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+{
+    const struct segment_record *segment = &change->segment;
+
+    (void)err;
+    bind_int(to, segment->stream);
+    bind_int(to, (int64_t)segment->offset);
+    bind_int(to, (int64_t)segment->epoch);
+    bind_int(to, (int64_t)segment->first);
+    bind_int(to, (int64_t)segment->count);
+    bind_int(to, (int64_t)segment->length);
+    bind_int(to, segment->crc);
     return MODAL_OK;
 }
 
@@ -261,6 +277,8 @@ static const struct {
     [LEDGER_INPUT_USED] = { { "UPDATE inputs SET used=?2 WHERE id=?1" }, bind_used, true },
     [LEDGER_INPUT_DELETE] = { { "DELETE FROM chunks WHERE input=?1", "DELETE FROM inputs WHERE id=?1" }, bind_id, true, true },
     [LEDGER_CHUNK_PUT] = { { "INSERT OR REPLACE INTO chunks VALUES(?1,?2,?3,?4)" }, bind_chunk, true },
+    [LEDGER_SEGMENT_PUT] = { { "INSERT INTO segments VALUES(?1,?2,?3,?4,?5,?6,?7)" }, bind_segment, true },
+    [LEDGER_SEGMENTS_DELETE] = { { "DELETE FROM segments WHERE stream=?1" }, bind_id, false, true },
     [LEDGER_JOB_PUT] = { { "INSERT INTO jobs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,?19,?20,?21,?22,?23,?24,?25,?26,?27)" },
                          bind_job, true },
     [LEDGER_JOB_MOVE] = { { "UPDATE jobs SET state=?3, attempts=?4, crashes=?5, submitted=?6, started=?7, finished=?8, cpu=?9, error_code=?10,"
@@ -504,6 +522,21 @@ static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *
     return rc;
 }
 
+/* The samples of a group, on stable storage before any row that speaks of them. */
+static enum modal_status keep_samples(struct ledger *ledger, const struct ledger_change *changes, size_t count, struct modal_error *err)
+{
+    struct samples_files files = { .dir = ledger->dir };
+    enum modal_status rc = MODAL_OK;
+
+    for (size_t i = 0; rc == MODAL_OK && i < count; i++)
+        if (changes[i].verb == LEDGER_SEGMENT_PUT)
+            rc = samples_put(&files, &changes[i].segment, err);
+    if (rc == MODAL_OK)
+        rc = samples_sync(&files, err);
+    samples_close(&files);
+    return rc;
+}
+
 /* After these the files are as they were before, and the next group may pass. */
 static bool survivable(enum modal_status rc)
 {
@@ -551,7 +584,9 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
             return rc;
     }
     ledger->group_pages = 0;
-    rc = apply_all(ledger, changes, count, err);
+    rc = keep_samples(ledger, changes, count, err);
+    if (rc == MODAL_OK)
+        rc = apply_all(ledger, changes, count, err);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= verbs[changes[i].verb].frees;
     if (rc == MODAL_OK && ledger->group_pages > 0)

@@ -5,6 +5,7 @@
  *     LOCK            flock'ed while a daemon has the folder; its text is the daemon's pid
  *     ledger.db, -wal, -shm, -mark    the ledger, and how far its log was synced; application id "mdld", user_version its schema
  *     spool/ID.h5     a sealed input larger than LEDGER_INLINE_MOST bytes; spool/ID.part one being uploaded
+ *     spool/ID.samples  the samples of open stream ID, as long as it is open; see samples.h
  *     results/ID.json a result larger than LEDGER_RESULT_INLINE_MOST
  *     RESERVE         blocks kept for the time when the disk is full
  *
@@ -22,7 +23,7 @@
 #include "store/identity.h"
 
 enum {
-    LEDGER_SCHEMA = 1,                        /* the schema this code writes */
+    LEDGER_SCHEMA = 2,                        /* the schema this code writes */
     LEDGER_INLINE_MOST = 64 * 1024,           /* an input's data up to this lives in its row */
     LEDGER_RESULT_INLINE_MOST = 256 * 1024,   /* a result's text up to this lives in its row */
     LEDGER_RESULT_MOST = 256 * 1024 * 1024,
@@ -48,6 +49,14 @@ struct input_record {
     uint64_t offset;              /* of the data in the spool file */
     int64_t created_ns, used_ns;
     uint64_t received;            /* at load only, of an open one: bytes 0 .. received - 1 are durable */
+};
+
+/* Samples FIRST .. FIRST + COUNT - 1 of an epoch of an open stream: LENGTH bytes at OFFSET of its file, behind all segments before. */
+struct segment_record {
+    int64_t stream;
+    uint64_t epoch, first, count, offset, length;
+    uint32_t crc;                 /* CRC-32C of its bytes */
+    const void *data;             /* at a put; at load NULL */
 };
 
 struct chunk_record { uint64_t offset, length; uint32_t crc; };
@@ -103,6 +112,8 @@ enum ledger_verb {
     LEDGER_INPUT_USED,       /* .input.id, .input.used_ns */
     LEDGER_INPUT_DELETE,     /* .id, with its chunks; the caller removes the spool file after the commit */
     LEDGER_CHUNK_PUT,        /* .id is the input, .chunk; synced before by the spool */
+    LEDGER_SEGMENT_PUT,      /* .segment; its data goes to the stream's file, synced before the row is committed */
+    LEDGER_SEGMENTS_DELETE,  /* .id is the stream; the caller removes its file after the commit */
     LEDGER_JOB_PUT,          /* insert .job whole; MODAL_CONFLICT: its id, or its user and key, are taken */
     LEDGER_JOB_MOVE,         /* .job: state and all below it, by id; MODAL_CONFLICT: not a move of ledger_moves, MODAL_NOT_FOUND */
     LEDGER_JOB_LIMITS,       /* .job: priority, run_limit_ns, deadline_ns, not_before_ns, tag, by id */
@@ -123,6 +134,7 @@ struct ledger_change {
         int64_t id;
         struct input_record input;
         struct { int64_t input_id; struct chunk_record chunk; };
+        struct segment_record segment;
         struct job_record job;
         struct result_record result;
         struct tombstone_record tombstone;
@@ -141,6 +153,7 @@ struct ledger_visitor {
     enum modal_status (*tombstone)(void *context, const struct tombstone_record *);
     enum modal_status (*note)(void *context, const struct note_record *);
     enum modal_status (*event)(void *context, const struct event_record *);
+    enum modal_status (*segment)(void *context, const struct segment_record *);      /* by stream, then by offset */
 };
 
 struct ledger;
@@ -198,6 +211,10 @@ enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after
 enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input,
                                      enum modal_status (*chunk)(void *context, const struct chunk_record *), void *context,
                                      struct modal_error *err);
+/* The segments of a stream, by ascending offset. */
+enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream,
+                                       enum modal_status (*segment)(void *context, const struct segment_record *), void *context,
+                                       struct modal_error *err);
 /* All rows, as ledger_load. */
 enum modal_status ledger_reader_load(struct ledger_reader *reader, const struct ledger_visitor *visitor, struct modal_error *err);
 

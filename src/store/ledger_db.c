@@ -12,6 +12,7 @@
 #include <sys/statvfs.h>
 #include "modal/json.h"
 #include "store/file.h"
+#include "store/samples.h"
 
 /* Step i takes a database of user_version i to i + 1. */
 static const char *const schema[LEDGER_SCHEMA] = {
@@ -30,6 +31,7 @@ static const char *const schema[LEDGER_SCHEMA] = {
     "CREATE TABLE tombstones(user TEXT, key TEXT, job INT, fingerprint BLOB, expired INT, PRIMARY KEY(user, key)) WITHOUT ROWID;"
     "CREATE TABLE events(number INTEGER PRIMARY KEY, ns INT, job INT, user TEXT, topic TEXT, text TEXT);"
     "CREATE TABLE notes(topic TEXT, name TEXT, text TEXT, PRIMARY KEY(topic, name)) WITHOUT ROWID;",
+    "CREATE TABLE segments(stream INT, offset INT, epoch INT, first INT, count INT, length INT, crc INT, PRIMARY KEY(stream, offset)) WITHOUT ROWID;",
 };
 
 enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct modal_error *err)
@@ -72,14 +74,93 @@ static enum modal_status read_number(sqlite3 *db, const char *sql, int64_t *out,
     return code == SQLITE_ROW || code == SQLITE_DONE ? MODAL_OK : ledger_db_fail(db, code, sql, err);
 }
 
+/* --- from schema 1 to 2: a segment was an open input with its data in its row --- */
+
+static enum modal_status number_of(const cJSON *attributes, const char *key, uint64_t *out, struct modal_error *err)
+{
+    double value = -1;
+    enum modal_status rc = json_get_number(attributes, "", key, 0, 9007199254740992.0, &value, err);
+
+    *out = (uint64_t)value;
+    return rc == MODAL_OK && value < 0 ? modal_fail(err, MODAL_CORRUPT, "ledger: a segment of a stream has no %s", key) : rc;
+}
+
+/* A row (attributes, samples, crc, data) as it was, to be put at END of its stream's file. */
+static enum modal_status old_segment(sqlite3_stmt *row, const cJSON *attributes, uint64_t end, struct segment_record *out, struct modal_error *err)
+{
+    uint64_t stream = 0;
+    enum modal_status rc = number_of(attributes, "stream", &stream, err);
+
+    *out = (struct segment_record) { .stream = (int64_t)stream, .count = (uint64_t)sqlite3_column_int64(row, 1), .crc = (uint32_t)sqlite3_column_int64(row, 2),
+        .data = sqlite3_column_blob(row, 3), .length = (uint64_t)sqlite3_column_bytes(row, 3), .offset = end };
+    if (rc == MODAL_OK)
+        rc = number_of(attributes, "epoch", &out->epoch, err);
+    return rc == MODAL_OK ? number_of(attributes, "first", &out->first, err) : rc;
+}
+
+static enum modal_status insert_segment(sqlite3 *db, const struct segment_record *s, struct modal_error *err)
+{
+    char sql[256];
+
+    snprintf(sql, sizeof sql, "INSERT INTO segments VALUES(%lld,%lld,%lld,%lld,%lld,%lld,%lld)", (long long)s->stream, (long long)s->offset,
+             (long long)s->epoch, (long long)s->first, (long long)s->count, (long long)s->length, (long long)s->crc);
+    return ledger_db_run(db, sql, err);
+}
+
+static enum modal_status move_segment(sqlite3 *db, sqlite3_stmt *row, struct samples_files *files, struct modal_error *err)
+{
+    const char *text = (const char *)sqlite3_column_text(row, 0);
+    struct segment_record segment;
+    cJSON *attributes = NULL;
+    int64_t end = 0;
+    char sql[128];
+    enum modal_status rc = json_read(text != NULL ? text : "", text != NULL ? strlen(text) : 0, &attributes, err);
+
+    if (rc == MODAL_OK)
+        rc = old_segment(row, attributes, 0, &segment, err);
+    snprintf(sql, sizeof sql, "SELECT coalesce(max(offset + length), 0) FROM segments WHERE stream=%lld", rc == MODAL_OK ? (long long)segment.stream : 0LL);
+    if (rc == MODAL_OK)
+        rc = read_number(db, sql, &end, err);
+    segment.offset = (uint64_t)end;
+    if (rc == MODAL_OK)
+        rc = samples_put(files, &segment, err);
+    if (rc == MODAL_OK)
+        rc = insert_segment(db, &segment, err);
+    cJSON_Delete(attributes);
+    return rc;
+}
+
+/* The samples of open streams go to their files, which are synced before the transaction ends. */
+static enum modal_status move_segments(sqlite3 *db, const char *dir, struct modal_error *err)
+{
+    static const char old[] = "SELECT attributes, samples, crc, data FROM inputs WHERE state=0 AND inline=1 ORDER BY id";
+    struct samples_files files = { .dir = dir };
+    sqlite3_stmt *row = NULL;
+    enum modal_status rc = MODAL_OK;
+    int code = sqlite3_prepare_v2(db, old, -1, &row, NULL);
+
+    if (code == SQLITE_OK)
+        while (rc == MODAL_OK && (code = sqlite3_step(row)) == SQLITE_ROW)
+            rc = move_segment(db, row, &files, err);
+    sqlite3_finalize(row);
+    if (rc == MODAL_OK && code != SQLITE_DONE)
+        rc = ledger_db_fail(db, code, old, err);
+    if (rc == MODAL_OK)
+        rc = samples_sync(&files, err);
+    samples_close(&files);
+    return rc == MODAL_OK ? ledger_db_run(db, "DELETE FROM inputs WHERE state=0 AND inline=1", err) : rc;
+}
+
 /* From user_version FROM to LEDGER_SCHEMA in one transaction. */
-static enum modal_status upgrade(sqlite3 *db, int from, struct modal_error *err)
+static enum modal_status upgrade(sqlite3 *db, const char *dir, int from, struct modal_error *err)
 {
     char stamp[128];
     enum modal_status rc = ledger_db_run(db, "BEGIN IMMEDIATE", err);
 
     for (int i = from; rc == MODAL_OK && i < LEDGER_SCHEMA; i++)
         rc = ledger_db_run(db, schema[i], err);
+    if (rc == MODAL_OK && from == 1)
+        rc = move_segments(db, dir, err);
     snprintf(stamp, sizeof stamp, "PRAGMA application_id=%d; PRAGMA user_version=%d; COMMIT", LEDGER_APPLICATION, LEDGER_SCHEMA);
     if (rc == MODAL_OK)
         rc = ledger_db_run(db, stamp, err);
@@ -88,7 +169,7 @@ static enum modal_status upgrade(sqlite3 *db, int from, struct modal_error *err)
     return rc;
 }
 
-static enum modal_status check_schema(sqlite3 *db, const char *path, bool write, struct modal_error *err)
+static enum modal_status check_schema(sqlite3 *db, const char *dir, const char *path, bool write, struct modal_error *err)
 {
     int64_t application = 0, version = 0, tables = 0;
     enum modal_status rc = read_number(db, "PRAGMA application_id", &application, err);
@@ -108,7 +189,7 @@ static enum modal_status check_schema(sqlite3 *db, const char *path, bool write,
         return MODAL_OK;
     if (!write)
         return modal_fail(err, MODAL_BAD_VERSION, "%s has schema %lld, the daemon upgrades it to %d when it starts", path, (long long)version, LEDGER_SCHEMA);
-    return upgrade(db, (int)version, err);
+    return upgrade(db, dir, (int)version, err);
 }
 
 static enum modal_status set_up(sqlite3 *db, bool write, struct modal_error *err)
@@ -162,7 +243,7 @@ enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, str
     code = sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE | (write ? SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX : SQLITE_OPEN_FULLMUTEX), file_vfs());
     rc = code == SQLITE_OK ? set_up(db, write, err) : ledger_db_fail(db, code, path, err);
     if (rc == MODAL_OK)
-        rc = check_schema(db, path, write, err);
+        rc = check_schema(db, dir, path, write, err);
     if (rc == MODAL_OK && write)
         rc = file_sync_dir(dir, err);
     if (rc != MODAL_OK) {
@@ -333,6 +414,21 @@ static enum modal_status visit_event(sqlite3_stmt *row, const struct ledger_visi
     return visitor->event(visitor->context, &event);
 }
 
+struct segment_record ledger_segment_of(sqlite3_stmt *row)
+{
+    return (struct segment_record) { .stream = sqlite3_column_int64(row, 0), .epoch = (uint64_t)sqlite3_column_int64(row, 1),
+        .first = (uint64_t)sqlite3_column_int64(row, 2), .count = (uint64_t)sqlite3_column_int64(row, 3), .offset = (uint64_t)sqlite3_column_int64(row, 4),
+        .length = (uint64_t)sqlite3_column_int64(row, 5), .crc = (uint32_t)sqlite3_column_int64(row, 6) };
+}
+
+static enum modal_status visit_segment(sqlite3_stmt *row, const struct ledger_visitor *visitor, struct modal_error *err)
+{
+    struct segment_record segment = ledger_segment_of(row);
+
+    (void)err;
+    return visitor->segment(visitor->context, &segment);
+}
+
 static enum modal_status load_table(sqlite3 *db, const char *sql, visit *each, const struct ledger_visitor *visitor, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
@@ -361,6 +457,7 @@ enum modal_status ledger_db_load(sqlite3 *db, const struct ledger_visitor *visit
         { visitor->tombstone != NULL, "SELECT user, key, job, fingerprint, expired FROM tombstones", visit_tombstone },
         { visitor->note != NULL, "SELECT topic, name, text FROM notes", visit_note },
         { visitor->event != NULL, "SELECT number, ns, job, user, topic, text FROM events ORDER BY number", visit_event },
+        { visitor->segment != NULL, "SELECT " LEDGER_SEGMENT_COLUMNS " FROM segments ORDER BY stream, offset", visit_segment },
     };
     enum modal_status rc = MODAL_OK;
 

@@ -25,6 +25,10 @@ enum modal_status ledger_db_run(sqlite3 *db, const char *sql, struct modal_error
 /* All rows to VISITOR. */
 enum modal_status ledger_db_load(sqlite3 *db, const struct ledger_visitor *visitor, struct modal_error *err);
 
+/* A row of segments, selected by these columns. */
+#define LEDGER_SEGMENT_COLUMNS "stream, epoch, first, count, offset, length, crc"
+struct segment_record ledger_segment_of(sqlite3_stmt *row);
+
 /* Names of an input's channels as a JSON list's text (NULL: none), and back as one block to free. */
 enum modal_status ledger_names_text(const struct input_shape *shape, char **text, struct modal_error *err);
 enum modal_status ledger_names_read(const char *text, uint64_t channels, const char *const **names, struct modal_error *err);

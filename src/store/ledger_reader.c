@@ -210,6 +210,24 @@ enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input
     return rc;
 }
 
+enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream,
+                                       enum modal_status (*segment)(void *context, const struct segment_record *), void *context,
+                                       struct modal_error *err)
+{
+    sqlite3_stmt *row = NULL;
+    enum modal_status rc = ask(reader, "SELECT " LEDGER_SEGMENT_COLUMNS " FROM segments WHERE stream=?1 ORDER BY offset", stream, &row, err);
+    int code = SQLITE_DONE;
+
+    while (rc == MODAL_OK && (code = sqlite3_step(row)) == SQLITE_ROW) {
+        struct segment_record record = ledger_segment_of(row);
+        rc = segment(context, &record);
+    }
+    if (rc == MODAL_OK && code != SQLITE_DONE)
+        rc = ledger_db_fail(reader->db, code, "reading segments", err);
+    sqlite3_finalize(row);
+    return rc;
+}
+
 enum modal_status ledger_reader_load(struct ledger_reader *reader, const struct ledger_visitor *visitor, struct modal_error *err)
 {
     return ledger_db_load(reader->db, visitor, err);

@@ -387,7 +387,7 @@ static enum spool_file classify(const char *name, bool results, int64_t *id)
         return SPOOL_OTHER;
     if (results)
         return strcmp(end, ".json") == 0 ? SPOOL_RESULT : SPOOL_OTHER;
-    return strcmp(end, ".part") == 0 ? SPOOL_PART : strcmp(end, ".h5") == 0 ? SPOOL_SEALED : SPOOL_OTHER;
+    return strcmp(end, ".part") == 0 ? SPOOL_PART : strcmp(end, ".h5") == 0 ? SPOOL_SEALED : strcmp(end, ".samples") == 0 ? SPOOL_SAMPLES : SPOOL_OTHER;
 }
 
 typedef void found_file(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path);

@@ -56,7 +56,7 @@ enum modal_status spool_remove(const char *dir, int64_t id, struct modal_error *
 /* The path of sealed input ID. */
 void spool_path(char path[4096], const char *dir, int64_t id);
 /* Each file of the spool and the results: what recovery compares with the ledger, to remove orphans and report the missing. */
-enum spool_file { SPOOL_PART, SPOOL_SEALED, SPOOL_RESULT, SPOOL_OTHER };
+enum spool_file { SPOOL_PART, SPOOL_SEALED, SPOOL_SAMPLES, SPOOL_RESULT, SPOOL_OTHER };
 enum modal_status spool_list(const char *dir, void (*found)(void *context, enum spool_file what, int64_t id, uint64_t bytes,
                                                            const char *path), void *context, struct modal_error *err);
 /* Bytes of spool, results and ledger on disk, and bytes free for us on the file system. */

@@ -6,8 +6,8 @@
  *                                  file ACKS; one line of answer each: "ok" or "P1 ...", "P3 ...", "P5 ..."
  *
  * Acknowledgements:   J id state    the job is in this state        K id       ... is deleted, its key answers expired
- *                     R id length   its result can be read          C id bytes the upload has so many bytes
- *                     S id          the input is sealed             X id       the input is deleted
+ *                     R id length   its result can be read          C id bytes the upload, or stream, has so many bytes
+ *                     S id          the input is sealed             X id       the input is deleted, the stream ended
  *
  * What was acknowledged must be there; what was under way may be. The data are a function of their place, so that they can
  * be checked without being kept.
@@ -22,9 +22,10 @@
 #include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
+#include "store/samples.h"
 #include "store/spool.h"
 
-enum { SAMPLES = 1500, CHANNELS = 2, BYTES = SAMPLES * CHANNELS * 8, CHUNK = 4000, IDS = 256, LARGE = LEDGER_RESULT_INLINE_MOST + 100, PATH = 4096 };
+enum { SAMPLES = 1500, CHANNELS = 2, BYTES = SAMPLES * CHANNELS * 8, CHUNK = 4000, IDS = 256, STREAM = 20, STREAM_END = 22, SEGMENT = 4800, LARGE = LEDGER_RESULT_INLINE_MOST + 100, PATH = 4200 };
 
 static const char *dir;
 static struct ledger *ledger;
@@ -202,6 +203,36 @@ static void delete_input(int64_t id)
     went(spool_remove(dir, id, &err), "remove", &err);
 }
 
+/* Two more segments of stream ID in one group, where the last that was taken ends. */
+static void push(int64_t id)
+{
+    static uint64_t ends[IDS];
+    struct ledger_change changes[2] = { { .verb = LEDGER_SEGMENT_PUT }, { .verb = LEDGER_SEGMENT_PUT } };
+    uint64_t length = ends[id];
+    unsigned char *data = data_of(id, length + 2 * SEGMENT);
+
+    for (int i = 0; i < 2; i++) {
+        uint64_t at = length + (uint64_t)i * SEGMENT;
+        changes[i].segment = (struct segment_record) { .stream = id, .first = at / 8, .count = SEGMENT / 8, .offset = at, .length = SEGMENT,
+                                                       .crc = crc32c(0, data + at, SEGMENT), .data = data + at };
+    }
+    if (commit(changes, 2))
+        ack("C", id, (int64_t)(ends[id] += 2 * SEGMENT));
+    free(data);
+}
+
+/* Its samples are in a batch: rows and file go. */
+static void end_stream(int64_t id)
+{
+    struct ledger_change change = { .verb = LEDGER_SEGMENTS_DELETE, .id = id };
+    struct modal_error err;
+
+    if (!commit(&change, 1))
+        return;
+    ack("X", id, 0);
+    went(samples_remove(dir, id, &err), "remove", &err);
+}
+
 static void open_ledger(void)
 {
     struct modal_error err;
@@ -248,6 +279,9 @@ static int live(void)
     move_job(3, JOB_QUEUED);
     upload(11, 3 * CHUNK);
     delete_job(1);
+    push(20);
+    push(21);
+    push(20);
     upload(12, BYTES);
     rest();
     delete_input(12);
@@ -256,6 +290,8 @@ static int live(void)
     for (int64_t id = 5; id <= 9; id++)
         put_job(id, true);
     delete_job(2);
+    push(20);
+    end_stream(21);
     move_job(4, JOB_CANCELLED);
     rest();
     move_job(5, JOB_RUNNING);
@@ -277,6 +313,7 @@ struct claims {
 struct found {
     const struct claims *claims;
     int jobs[IDS], states[IDS], tombstones[IDS], inputs[IDS];
+    uint64_t pushed[IDS];
     char problem[700];
 };
 
@@ -458,6 +495,30 @@ static enum modal_status find_input(void *context, const struct input_record *in
     return MODAL_OK;
 }
 
+static enum modal_status find_segment(void *context, const struct segment_record *segment)
+{
+    struct found *found = context;
+    unsigned char *data = data_of(segment->stream, segment->offset + segment->length), *read = malloc(segment->length);
+    struct modal_error err;
+    char path[PATH];
+    int fd = -1;
+
+    samples_path(path, dir, segment->stream);
+    if (segment->stream < 1 || segment->stream >= IDS || segment->offset != found->pushed[segment->stream])
+        problem(found, "P5 the segments of stream %" PRId64 " do not lie behind each other", segment->stream);
+    else if (file_open(path, O_RDONLY, 0, &fd, &err) != MODAL_OK || samples_get(fd, segment, read, &err) != MODAL_OK)
+        problem(found, "P4 stream %" PRId64 ": %s", segment->stream, err.message);
+    else if (memcmp(read, data + segment->offset, segment->length) != 0)
+        problem(found, "P4 stream %" PRId64 " has other samples", segment->stream);
+    else
+        found->pushed[segment->stream] += segment->length;
+    if (fd >= 0)
+        close(fd);
+    free(data);
+    free(read);
+    return MODAL_OK;
+}
+
 static void check_claims(struct found *found)
 {
     const struct claims *claims = found->claims;
@@ -474,8 +535,12 @@ static void check_claims(struct found *found)
             problem(found, "P3 job %d was %s and is %s", id, job_states[state], job_states[found->states[id]]);
         if (claims->bytes[id] == -2 && found->inputs[id] != 0)
             problem(found, "P1 the deletion of input %d is lost", id);
-        if (claims->bytes[id] >= 0 && id != 12 && found->inputs[id] == 0)
+        if (claims->bytes[id] >= 0 && id != 12 && id < STREAM && found->inputs[id] == 0)
             problem(found, "P1 input %d is lost", id);
+        if (id >= STREAM && id < STREAM_END && claims->bytes[id] >= 0 && found->pushed[id] < (uint64_t)claims->bytes[id] && !(id == 21 && found->pushed[id] == 0))
+            problem(found, "P1 stream %d has %" PRIu64 " bytes, acknowledged were %" PRId64, id, found->pushed[id], claims->bytes[id]);
+        if (id >= STREAM && id < STREAM_END && claims->bytes[id] == -2 && found->pushed[id] > 0)
+            problem(found, "P1 the end of stream %d is lost", id);
     }
 }
 
@@ -483,7 +548,7 @@ static void check(const char *acks)
 {
     struct claims claims;
     struct found found = { .claims = &claims };
-    struct ledger_visitor visitor = { .context = &found, .input = find_input, .job = find_job, .tombstone = find_tombstone };
+    struct ledger_visitor visitor = { .context = &found, .input = find_input, .job = find_job, .tombstone = find_tombstone, .segment = find_segment };
     struct modal_error err;
 
     read_claims(acks, &claims);

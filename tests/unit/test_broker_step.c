@@ -34,7 +34,8 @@ struct row {
     int results;                 /* RESULT_PUT rows seen */
 };
 
-struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; char attributes[120]; };
+struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; };
+struct segment_row { int64_t stream; uint64_t epoch, first, count, offset, length; };
 
 /* An upload as its client knows it. */
 struct upload_view {
@@ -59,6 +60,7 @@ struct world {
     struct moment now;
     struct row rows[ROWS]; int row_count;
     struct input_row inputs[ROWS]; int input_count;
+    struct segment_row segments[ROWS]; int segment_count;
     struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job, expired_ns; } stones[ROWS]; int stone_count;
     struct { char topic[16], name[24], text[600]; } notes[NOTES]; int note_count;
     int64_t last_event;
@@ -178,6 +180,29 @@ static void put_note(const struct note_record *note)
     w->note_count += at == w->note_count;
 }
 
+/* Where it lies in the stream's file: right behind all that was committed, over nothing. */
+static void put_segment(const struct segment_record *r)
+{
+    uint64_t end = 0;
+
+    for (int i = 0; i < w->segment_count; i++)
+        if (w->segments[i].stream == r->stream)
+            end = w->segments[i].offset + w->segments[i].length;
+    if (r->offset != end || r->length != 8 * r->count)
+        violate(5, "samples are written elsewhere than behind those that are committed");
+    w->segments[w->segment_count++] = (struct segment_row) { r->stream, r->epoch, r->first, r->count, r->offset, r->length };
+}
+
+static void delete_segments(int64_t stream)
+{
+    int kept = 0;
+
+    for (int i = 0; i < w->segment_count; i++)
+        if (w->segments[i].stream != stream)
+            w->segments[kept++] = w->segments[i];
+    w->segment_count = kept;
+}
+
 static void apply(struct ledger_change *change)
 {
     struct row *row;
@@ -193,7 +218,6 @@ static void apply(struct ledger_change *change)
         *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples, .received = in->id == change->input.id ? in->received : 0,
                                    .state = change->input.state, .inline_data = change->input.inline_data };
         memcpy(in->sha256, change->input.sha256, 32);
-        copy(in->attributes, sizeof in->attributes, change->input.shape.attributes);
         copy(in->user, sizeof in->user, change->input.user);
         break;
     }
@@ -202,6 +226,8 @@ static void apply(struct ledger_change *change)
             w->inputs[i].gone |= w->inputs[i].id == change->id;
         break;
     case LEDGER_CHUNK_PUT: add_chunk(change); break;
+    case LEDGER_SEGMENT_PUT: put_segment(&change->segment); break;
+    case LEDGER_SEGMENTS_DELETE: delete_segments(change->id); break;
     case LEDGER_NOTE_PUT: put_note(&change->note); break;
     case LEDGER_JOB_PUT: put_job(&change->job); break;
     case LEDGER_JOB_MOVE: move_job(&change->job); break;
@@ -717,13 +743,13 @@ static void check_segments(const struct task *t)
 {
     uint64_t samples = 0;
 
-    for (size_t k = 0; k < t->segment_count; k++) {
-        bool there = false;
-        for (int i = 0; i < w->input_count; i++)
-            there |= w->inputs[i].id == t->segments[k].input && !w->inputs[i].gone && w->inputs[i].samples == t->segments[k].count;
-        if (!there || t->segments[k].first < samples)
-            violate(5, "a stream is sealed of segments that are not there");
-        samples = t->segments[k].first + t->segments[k].count;
+    for (int i = 0; i < w->segment_count; i++) {
+        const struct segment_row *one = &w->segments[i];
+        if (one->stream != t->stream || one->epoch != t->epoch)
+            continue;
+        if (one->first < t->begin + samples)
+            violate(5, "a stream is sealed of segments that lie in each other");
+        samples = one->first - t->begin + one->count;
     }
     if (samples != t->shape.samples)
         violate(5, "a stream is sealed of other samples than it has");
@@ -775,7 +801,6 @@ static void load_rows(struct ledger_visitor *v)
         struct input_record r = { .id = w->inputs[i].id, .user = w->inputs[i].user, .shape = { .type = INPUT_BATCH, .samples = w->inputs[i].samples, .channels = 1, .dt = 1 },
                                   .state = w->inputs[i].state, .inline_data = w->inputs[i].inline_data, .received = w->inputs[i].received, .created_ns = 1,
                                   .used_ns = w->now.utc_ns };
-        r.shape.attributes = w->inputs[i].attributes[0] != 0 ? w->inputs[i].attributes : NULL;
         memcpy(r.sha256, w->inputs[i].sha256, 32);
         if (!w->inputs[i].gone)
             v->input(v->context, &r);
@@ -796,6 +821,11 @@ static void load_rows(struct ledger_visitor *v)
     }
     for (int i = 0; i < w->note_count; i++)
         v->note(v->context, &(struct note_record) { w->notes[i].topic, w->notes[i].name, w->notes[i].text });
+    for (int i = 0; i < w->segment_count; i++) {           /* one stream's are in order, which is what matters */
+        const struct segment_row *one = &w->segments[i];
+        v->segment(v->context, &(struct segment_record) { .stream = one->stream, .epoch = one->epoch, .first = one->first, .count = one->count,
+                                                          .offset = one->offset, .length = one->length });
+    }
     if (w->last_event > 0)
         v->event(v->context, &(struct event_record) { .number = w->last_event, .user = "one", .text = "{}" });
 }

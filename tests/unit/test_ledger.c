@@ -9,6 +9,7 @@
 #include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
+#include "store/samples.h"
 
 static char dir[64];
 
@@ -74,7 +75,8 @@ static enum modal_status one(struct ledger *ledger, struct ledger_change change)
 
 /* What a load gives, counted, the last of each kept. */
 struct seen {
-    int inputs, jobs, results, tombstones, notes, events;
+    int inputs, jobs, results, tombstones, notes, events, segments;
+    struct segment_record segment[8];
     struct input_record input;
     struct job_record job;
     struct result_record result;
@@ -132,10 +134,18 @@ static enum modal_status see_event(void *context, const struct event_record *eve
     return MODAL_OK;
 }
 
+static enum modal_status see_segment(void *context, const struct segment_record *segment)
+{
+    struct seen *seen = context;
+    CHECK(seen->segments < 8);
+    seen->segment[seen->segments++] = *segment;
+    return MODAL_OK;
+}
+
 static struct seen load(struct ledger *ledger)
 {
     struct seen seen = { 0 };
-    struct ledger_visitor visitor = { &seen, see_input, see_job, see_result, see_tombstone, see_note, see_event };
+    struct ledger_visitor visitor = { &seen, see_input, see_job, see_result, see_tombstone, see_note, see_event, see_segment };
 
     CHECK(ledger_load(ledger, &visitor, NULL) == MODAL_OK);
     return seen;
@@ -274,6 +284,113 @@ TEST(inputs_chunks_results_tombstones_notes_and_events_come_back)
     CHECK(ledger_read_events(reader, 0, NULL, 2, see_event, &seen, NULL) == MODAL_OK);
     CHECK(seen.events == 2 && seen.last_event == 11);
     ledger_reader_close(reader);
+    stop(ledger);
+}
+
+static struct ledger_change segment_put(int64_t stream, uint64_t offset, const void *data, uint64_t length)
+{
+    return (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT, .segment = { .stream = stream, .epoch = 1, .first = offset / 8, .count = length / 8, .offset = offset,
+                                    .length = length, .crc = crc32c(0, data, length), .data = data } };
+}
+
+/* The samples of ONE, from the file of its stream. */
+static enum modal_status samples_of(const struct segment_record *one, void *data)
+{
+    char path[4200];
+    enum modal_status rc;
+    int fd;
+
+    samples_path(path, dir, one->stream);
+    CHECK(file_open(path, O_RDONLY, 0, &fd, NULL) == MODAL_OK);
+    rc = samples_get(fd, one, data, NULL);
+    close(fd);
+    return rc;
+}
+
+TEST(segments_of_streams_come_back_in_the_order_they_were_put_with_their_samples)
+{
+    const double x[6] = { 2.385, -1, 7, 0, 1e-300, 5 };
+    struct ledger *ledger = start();
+    struct ledger_change group[4] = { segment_put(5, 0, x, 16), segment_put(4, 0, x + 1, 24), segment_put(5, 16, x + 2, 32), { .verb = LEDGER_SEGMENTS_DELETE, .id = 4 } };
+    double read[4];
+    struct seen seen;
+
+    CHECK(ledger_commit(ledger, group, 3, NULL) == MODAL_OK && group[2].status == MODAL_OK);
+    ledger = again(ledger);
+    seen = load(ledger);
+    CHECK(seen.segments == 3 && seen.segment[0].stream == 4 && seen.segment[1].offset == 0 && seen.segment[2].offset == 16 && seen.segment[2].first == 2);
+    CHECK(samples_of(&seen.segment[0], read) == MODAL_OK && memcmp(read, x + 1, 24) == 0);
+    CHECK(samples_of(&seen.segment[2], read) == MODAL_OK && memcmp(read, x + 2, 32) == 0);
+    CHECK(ledger_commit(ledger, group + 3, 1, NULL) == MODAL_OK && group[3].status == MODAL_OK);
+    seen = load(ledger);
+    CHECK(seen.segments == 2 && seen.segment[0].stream == 5);
+    stop(ledger);
+}
+
+TEST(samples_no_row_speaks_of_are_written_over_and_damaged_ones_are_told)
+{
+    const double x[4] = { 1, 2, 3, 4 };
+    struct ledger *ledger = start();
+    struct ledger_change put = segment_put(5, 0, x, 16), cut_off = segment_put(5, 0, x + 2, 16);      /* by a crash before its row */
+    struct samples_files left = { .dir = dir };
+    struct seen seen;
+    double read[2];
+    char path[4200];
+    int fd;
+
+    CHECK(samples_put(&left, &cut_off.segment, NULL) == MODAL_OK);
+    samples_close(&left);
+    CHECK(ledger_commit(ledger, &put, 1, NULL) == MODAL_OK);
+    seen = load(ledger);
+    CHECK(seen.segments == 1 && samples_of(&seen.segment[0], read) == MODAL_OK && memcmp(read, x, 16) == 0);
+    samples_path(path, dir, 5);
+    CHECK(file_open(path, O_RDWR, 0, &fd, NULL) == MODAL_OK && file_write(fd, "x", 1, 9, NULL) == MODAL_OK);
+    close(fd);
+    CHECK(samples_of(&seen.segment[0], read) == MODAL_CORRUPT);
+    CHECK(samples_remove(dir, 5, NULL) == MODAL_OK && samples_remove(dir, 5, NULL) == MODAL_OK);
+    stop(ledger);
+}
+
+/* A folder as schema 1 left it: each segment of an open stream an open input with its data in the row, and an upload that has none. */
+static void put_back_to_schema_1(const double *x)
+{
+    char path[128], sql[1024];
+    sqlite3 *db;
+
+    snprintf(path, sizeof path, "%s/ledger.db", dir);
+    CHECK(sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE, file_vfs()) == SQLITE_OK);
+    CHECK(sqlite3_exec(db, "DROP TABLE segments; PRAGMA user_version=1;"
+        "INSERT INTO inputs VALUES(3,'ada',0,0,9,2,0,0.1,0,NULL,NULL,NULL,zeroblob(32),0,0,4096,1,1,NULL)", NULL, NULL, NULL) == SQLITE_OK);
+    for (int i = 0; i < 2; i++) {
+        sqlite3_stmt *row;
+        snprintf(sql, sizeof sql, "INSERT INTO inputs VALUES(%d,'ada',0,0,1,2,0,0.1,0,NULL,NULL,'{\"stream\":5,\"epoch\":1,\"first\":%d}',zeroblob(32),%u,1,0,1,1,?1)",
+                 10 + i, 7 + i, crc32c(0, x + 2 * i, 16));
+        CHECK(sqlite3_prepare_v2(db, sql, -1, &row, NULL) == SQLITE_OK && sqlite3_bind_blob(row, 1, x + 2 * i, 16, SQLITE_STATIC) == SQLITE_OK);
+        CHECK(sqlite3_step(row) == SQLITE_DONE);
+        sqlite3_finalize(row);
+    }
+    sqlite3_close(db);
+}
+
+TEST(an_open_stream_of_schema_1_has_its_samples_in_its_file_after_the_upgrade)
+{
+    const double x[4] = { 2.385, -1, 7, 0 };
+    struct ledger *ledger = start();
+    struct seen seen;
+    double read[2];
+
+    ledger_close(ledger);
+    put_back_to_schema_1(x);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    for (int life = 0; life < 2; life++) {
+        seen = load(ledger);
+        CHECK(seen.inputs == 1 && seen.input.id == 3 && seen.segments == 2);
+        for (int i = 0; i < 2; i++) {
+            CHECK(seen.segment[i].stream == 5 && seen.segment[i].epoch == 1 && seen.segment[i].first == (uint64_t)(7 + i) && seen.segment[i].count == 1);
+            CHECK(seen.segment[i].offset == (uint64_t)(16 * i) && samples_of(&seen.segment[i], read) == MODAL_OK && memcmp(read, x + 2 * i, 16) == 0);
+        }
+        ledger = again(ledger);
+    }
     stop(ledger);
 }
 
@@ -446,7 +563,7 @@ TEST(a_flipped_bit_anywhere_in_the_database_is_reported)
     CHECK(pwrite(fd, &byte, 1, 4096 * 2 + 100) == 1);
     close(fd);
     if (ledger_open(dir, &damaged, NULL) == MODAL_OK) {     /* a page that opening does not need */
-        struct ledger_visitor visitor = { NULL, NULL, NULL, NULL, NULL, NULL, NULL };
+        struct ledger_visitor visitor = { .context = NULL };
         CHECK(ledger_load(damaged, &visitor, NULL) == MODAL_OK);
     }
     stop(damaged);

@@ -207,7 +207,8 @@ static void delete_input(int64_t id)
 static void push(int64_t id)
 {
     static uint64_t ends[IDS];
-    struct ledger_change changes[2] = { { .verb = LEDGER_SEGMENT_PUT }, { .verb = LEDGER_SEGMENT_PUT } };
+    struct ledger_change changes[3] = { { .verb = LEDGER_SEGMENT_PUT }, { .verb = LEDGER_SEGMENT_PUT }, { .verb = LEDGER_NOTE_PUT } };
+    char name[24];
     uint64_t length = ends[id];
     unsigned char *data = data_of(id, length + 2 * SEGMENT);
 
@@ -216,7 +217,9 @@ static void push(int64_t id)
         changes[i].segment = (struct segment_record) { .stream = id, .first = at / 8, .count = SEGMENT / 8, .offset = at, .length = SEGMENT,
                                                        .crc = crc32c(0, data + at, SEGMENT), .data = data + at };
     }
-    if (commit(changes, 2))
+    snprintf(name, sizeof name, "%" PRId64, id);
+    changes[2].note = (struct note_record) { "stream", name, "{}" };
+    if (commit(changes, 3))
         ack("C", id, (int64_t)(ends[id] += 2 * SEGMENT));
     free(data);
 }
@@ -224,10 +227,13 @@ static void push(int64_t id)
 /* Its samples are in a batch: rows and file go. */
 static void end_stream(int64_t id)
 {
-    struct ledger_change change = { .verb = LEDGER_SEGMENTS_DELETE, .id = id };
+    struct ledger_change changes[2] = { { .verb = LEDGER_SEGMENTS_DELETE, .id = id }, { .verb = LEDGER_NOTE_PUT } };
     struct modal_error err;
+    char name[24];
 
-    if (!commit(&change, 1))
+    snprintf(name, sizeof name, "%" PRId64, id);
+    changes[1].note = (struct note_record) { .topic = "stream", .name = name };
+    if (!commit(changes, 2))
         return;
     ack("X", id, 0);
     went(samples_remove(dir, id, &err), "remove", &err);
@@ -507,9 +513,9 @@ static enum modal_status find_segment(void *context, const struct segment_record
     if (segment->stream < 1 || segment->stream >= IDS || segment->offset != found->pushed[segment->stream])
         problem(found, "P5 the segments of stream %" PRId64 " do not lie behind each other", segment->stream);
     else if (file_open(path, O_RDONLY, 0, &fd, &err) != MODAL_OK || samples_get(fd, segment, read, &err) != MODAL_OK)
-        problem(found, "P4 stream %" PRId64 ": %s", segment->stream, err.message);
+        problem(found, "P5 stream %" PRId64 ": %s", segment->stream, err.message);
     else if (memcmp(read, data + segment->offset, segment->length) != 0)
-        problem(found, "P4 stream %" PRId64 " has other samples", segment->stream);
+        problem(found, "P5 stream %" PRId64 " has other samples", segment->stream);
     else
         found->pushed[segment->stream] += segment->length;
     if (fd >= 0)

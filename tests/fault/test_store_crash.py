@@ -231,12 +231,12 @@ def forgive(checker):
 
 
 def living_state(log):
-    """The disk in the middle of a life: a database, a log of several groups, a sealed and an open upload, a large result."""
+    """The disk in the middle of a life: a database, a log of several groups, a sealed and an open upload, a large result, two open streams."""
     prefix, seen = [], 0
     for entry in log:
         seen += entry[0] == "a"
         prefix.append(entry)
-        if seen == 31:
+        if seen == 34:
             return crashgen.whole(prefix)
     raise AssertionError("the life is shorter than it was")
 
@@ -246,6 +246,7 @@ def test_flipped_bits_and_zeroed_pages_are_reported(scratch, capsys):
     acks, state = living_state(log)
     checker = Checker()
     assert len(state["ledger.db-wal"]) > 20000 and any(name.endswith(".h5") for name in state) and any(name.startswith("results/") for name in state)
+    assert {"spool/20.samples", "spool/21.samples"} <= set(state)
     for name, content in state.items():
         if content == "dir" or name in ("LOCK", "RESERVE") or not content:
             continue

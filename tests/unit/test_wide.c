@@ -211,6 +211,73 @@ TEST(a_wide_batch_of_nothing_but_noise_has_no_modes_and_is_left_unexplained)
     free(noise);
 }
 
+/* Rounded to 8 bits of its full scale, and gone below half a step after a fifth of the record: rounding is no white noise then, but the response itself.  No other
+ * mode, and errors within five of the stated ones, which are those of noise of a step / sqrt(12) to a small factor. */
+TEST(a_wide_batch_on_a_converters_grid_has_its_modes_and_no_others)
+{
+    enum { L = 16400, S = 260 };
+    static const double complex truth[3] = { CMPLX(-0.163, 8.17), CMPLX(-0.182, 18.22), CMPLX(-0.443, 29.53) };
+    const double dt = 0.01;
+    double *y = malloc(sizeof *y * L * S);
+    double complex B[3];
+    struct batch b = { .samples = L, .channels = S, .signals = y, .dt = dt };
+    struct identify_result r;
+    struct random rng = { 31 };
+
+    CHECK(y != NULL && L * S >= RECORD_WIDE_ENTRIES);
+    for (int c = 0; c < S; c++) {
+        double full = 0, q;
+        for (int j = 0; j < 3; j++) {
+            B[j] = CMPLX(random_normal(&rng), random_normal(&rng));
+            full += cabs(B[j]);
+        }
+        q = full / 128;
+        for (int k = 0; k < L; k++) {
+            double sum = 0;
+            for (int j = 0; j < 3; j++)
+                sum += creal(B[j] * cexp(truth[j] * (k * dt)));
+            y[(size_t)k * S + (size_t)c] = q * nearbyint(sum / q);
+        }
+    }
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == 3 && r.at_grid);
+    for (int i = 0; i < r.mode_count; i++) {
+        const struct identify_mode *m = &r.modes[i];
+        double complex off = HUGE_VAL;
+        for (int j = 0; j < 3; j++)
+            if (cabs(m->exponent - truth[j]) < cabs(off))
+                off = m->exponent - truth[j];
+        CHECK(fabs(creal(off)) < 5 * m->std_re && fabs(cimag(off)) < 5 * m->std_im);
+        CHECK(m->std_re < 1e-4);
+    }
+    identify_result_done(&r);
+    free(y);
+}
+
+/* A grid that few rows and channels show, and where the last of it is left. */
+TEST(grids_are_those_of_each_channel_and_end_where_the_response_does)
+{
+    enum { L = 500, S = 40 };
+    static double y[L * S];
+    double step[S];
+    struct wide w = { y, S, L, S, NULL, false, NULL };
+    bool any;
+
+    for (int k = 0; k < L; k++)
+        for (int c = 0; c < S; c++)
+            y[k * S + c] = (0.25 + 0.03125 * c) * nearbyint(40 * exp(-0.02 * k) * cos(1.7 * k + c));
+    CHECK(wide_grids(&w, step, &any, NULL) == MODAL_OK && any);
+    for (int c = 0; c < S; c++)
+        CHECK_NEAR(step[c], 0.25 + 0.03125 * c, 1e-12);
+    int rows = wide_rows_above(&w, step, 1.9);        /* 40 e^{-0.02 k} = 1.5 at k = 164 */
+    CHECK(rows > 150 && rows < 166);
+    step[7] = 0;
+    CHECK(wide_rows_above(&w, step, 1.9) == L);
+    for (int i = 0; i < L * S; i++)
+        y[i] += 1e-3 * sin(1.0 * i * i);
+    CHECK(wide_grids(&w, step, &any, NULL) == MODAL_OK && !any);
+}
+
 static size_t released;
 static const void *up_to;
 

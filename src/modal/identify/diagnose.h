@@ -23,7 +23,7 @@ struct diagnose_facts {
 
 /*
  * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, order_work_limit, not_converged, offset, periodic_orbit, fast_decay, growth_hides,
- * near_nyquist, short_record, unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction, coloured_residual,
+ * near_nyquist, short_record, unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction, coloured_residual, ends_below_grid,
  * below_rounding, parts_disagree, orders_disagree, growth_unconfirmed (verdict.c).
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);

@@ -51,9 +51,12 @@ enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 
 enum { VERY_LONG = 32768 };
 
 enum { WEIGH_MOST = 5 };
+/* Records that end below the grid: steps from the end's value, rows that must be left, and the share of all above which they stay whole. */
+enum { GRID_ROWS = 64 };
+static const double GRID_ABOVE = 1.9, GRID_WORTH = 0.9;
 static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
 /* Multiplications (refine.h) that all ladders of an answer may take, and one that begins after they are spent: some seconds. */
-static const double WORK_MOST = 4e9, WORK_LEAST = 2.5e8;
+static const double WORK_MOST = 6e9, WORK_LEAST = 5e8;
 
 struct work {
     struct identify_options opt;    /* defaults filled in */
@@ -63,6 +66,7 @@ struct work {
     double *noise;                  /* per channel: what it was weighed by; NULL: nothing */
     double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
     double *step;                   /* per channel: of its grid, in the batch's unit, 0: none; NULL: not looked for */
+    int cut;                        /* rows kept of a record that ends below its grid; 0: all */
     double *least;                  /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
@@ -251,7 +255,8 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > POD_CHANNELS_FEW)) {
         struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };       /* refined on all channels afterwards */
-        rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
+        if (w->pod.count == 0)
+            rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
@@ -695,9 +700,11 @@ static enum modal_status keep_chosen(const struct work *w, struct identify_chose
     return MODAL_OK;
 }
 
+/* All but the signals of a wide batch, which cost passes over it and stay the same. */
 static void forget_analysis(struct work *w, struct identify_result *out)
 {
-    pod_done(&w->pod);
+    if (!w->rec.wide)
+        pod_done(&w->pod);
     pencil_done(&w->pencil);
     projection_done(&w->projection);
     order_done(&w->choice);
@@ -718,6 +725,8 @@ static enum modal_status find_grids(struct work *w, const struct batch *b, bool 
     w->step = calloc((size_t)w->rec.channels + 1, sizeof *w->step);
     if (w->step == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels", w->rec.channels);
+    if (w->rec.wide)
+        return wide_grids(&w->rec.view, w->step, any, err);
     for (int c = 0; c < w->rec.channels; c++) {
         w->step[c] = w->rec.scale[c] > 0 ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, rows) : 0;
         *any |= w->step[c] > 0;
@@ -739,13 +748,46 @@ static bool grid_matters(const struct work *w)
     return any;
 }
 
+/* Rows up to the last in which some channel, as it was sent, is GRID_ABOVE steps from where it ends. */
+static int rows_above_grid(const struct work *w)
+{
+    const struct matrix *Y = &w->rec.Y;
+    int rows = 0;
+
+    if (w->rec.wide)
+        return wide_rows_above(&w->rec.view, w->step, GRID_ABOVE);
+    for (int c = 0; c < Y->n; c++) {
+        const double *y = Y->x + (size_t)c * Y->ld;
+        double least = w->rec.scale[c] > 0 ? GRID_ABOVE * w->step[c] / w->rec.scale[c] : 0;
+        if (w->rec.scale[c] > 0 && !(w->step[c] > 0))
+            return Y->m;
+        for (int k = Y->m - 1; k >= rows && w->rec.scale[c] > 0; k--)
+            if (fabs(y[k] - y[Y->m - 1]) >= least)
+                rows = k + 1;
+    }
+    return rows;
+}
+
+/* A response that has died away below the grid was rounded to nothing: no noise, but part of itself, and longer records of it make the answer worse. */
+static enum modal_status cut_below_grid(struct work *w, struct modal_error *err)
+{
+    int L = w->rec.Y.m, rows = w->rec.decimation == 1 && !w->opt.difference ? rows_above_grid(w) : L;
+
+    rows = (rows + w->shift - 1) / w->shift * w->shift;
+    if (rows > GRID_WORTH * L || rows < GRID_ROWS * w->shift)
+        return MODAL_OK;
+    pod_done(&w->pod);
+    w->cut = rows;
+    return record_cut(&w->rec, rows, w->opt.scale, err);
+}
+
 /* Once more, with a floor, where a fit without one came down to the grid: rounding is no white noise, and more poles follow it. */
 static enum modal_status analyse_above_grid(struct work *w, const struct batch *b, struct identify_result *out, struct modal_error *err)
 {
     bool any = false;
     enum modal_status rc;
 
-    if (!w->refine || w->rec.wide || w->choice.chosen < 0)
+    if (!w->refine || w->choice.chosen < 0)
         return MODAL_OK;
     rc = find_grids(w, b, &any, err);
     if (rc != MODAL_OK || !any)
@@ -757,7 +799,9 @@ static enum modal_status analyse_above_grid(struct work *w, const struct batch *
         return rc;
     }
     forget_analysis(w, out);
-    return analyse(w, out, err);
+    w->spent = 0;                      /* what the first one spent was spent on rounding */
+    rc = cut_below_grid(w, err);
+    return rc == MODAL_OK ? analyse(w, out, err) : rc;
 }
 
 static void report_grids(const struct work *w, struct identify_result *out)
@@ -770,6 +814,9 @@ static void report_grids(const struct work *w, struct identify_result *out)
             identify_diagnose(out, "quantised", w->rec.channel[c], "the values of channel %d lie on a grid of %g, and what the modes leave of them is no more than its rounding, %g: "
                               "whatever is smaller than half a step is not looked for", w->rec.channel[c], w->step[c], w->step[c] / sqrt(12));
     }
+    if (w->cut > 0)
+        identify_diagnose(out, "ends_below_grid", -1, "after %.6g s no channel is two steps of its grid from where it ends: what was left of the response was rounded to nothing, and the rest of "
+                          "the record is not used", w->rec.t0 + w->cut * w->rec.step);
 }
 
 /* Once more, on channels weighed by the noise that the answer before left, until that settles. */
@@ -900,6 +947,34 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
     }
     if (w->rec.wide && rc == MODAL_OK)
         rc = refine_wide(w, err);
+    return rc;
+}
+
+/* Does pole j stay below half a step in every channel? */
+static bool below_grid(const struct work *w, const struct synthesis *f, int j)
+{
+    for (int c = 0; c < w->rec.channels; c++)
+        if (w->step[c] == 0 ? w->rec.scale[c] > 0 : cabs(f->coefficient[j + (size_t)c * f->poles]) * w->rec.scale[c] > w->step[c] / 2)
+            return false;
+    return true;
+}
+
+/* Growth that rounding makes. */
+static enum modal_status doubt_growth_below_grid(struct work *w, const struct identify_result *out, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    struct synthesis own = { 0 };
+    const struct synthesis *f = p->fit != NULL ? p->fit : &own;
+    enum modal_status rc = MODAL_OK;
+
+    if (!out->at_grid || w->shift > 1 || p->count == 0)
+        return MODAL_OK;
+    if (p->fit == NULL)
+        rc = synthesis_fit(p->lambda, p->count, p->tau, &w->rec.Y, NULL, &own, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++)
+        if (creal(p->lambda[j]) > 0 && below_grid(w, f, j))
+            p->growth[j] = GROWTH_BELOW_GRID;
+    synthesis_done(&own);
     return rc;
 }
 
@@ -1053,7 +1128,8 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
         || (rc = keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = take_poles(&w, err)) != MODAL_OK
-        || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK)
+        || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK
+        || (rc = doubt_growth_below_grid(&w, out, err)) != MODAL_OK)
         goto out;
     report_settings(&w, out);
     if ((rc = doubt(&w, out, err)) != MODAL_OK

@@ -31,7 +31,7 @@
 #include <string.h>
 
 static const double WORSE = 1.5, SPREAD = 4;
-static const double LOOK_SHARE = 0.25;      /* of the work, for pass 1 */
+static const double LOOK_SHARE = 0.5;      /* of the work, for pass 1 */
 
 struct climb {
     const struct refine_data *data;

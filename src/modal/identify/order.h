@@ -53,7 +53,7 @@ struct order_choice {
 
 /*
  * Climb r = 1, 2, ...; refine those that can win; take the least BIC.  *out is the caller's, to order_done.  With `work` the search ends
- * with the best so far once that is spent: a quarter of it may go into looking, and what it overruns is one evaluation.  The choice is the same on every machine.
+ * with the best so far once that is spent: half of it may go into looking, and what it overruns is one evaluation.  The choice is the same on every machine.
  * Fails as refine_poles and the source do, and with MODAL_CANCELLED.
  */
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,

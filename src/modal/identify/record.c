@@ -430,6 +430,23 @@ static void find_period(struct record *r, const struct identify_options *opt, co
         r->per_period = p;
 }
 
+enum modal_status record_cut(struct record *r, int rows, enum identify_scale how, struct modal_error *err)
+{
+    bool varies;
+
+    r->Y.m = rows;
+    if (r->wide) {
+        r->view.L = rows;
+        return wide_scales(&r->view, r->scale, &varies, err);
+    }
+    for (int c = 0; how == SCALE_RMS && c < r->channels; c++) {
+        double before = r->scale[c];
+        scale_column(r->Y.x + (size_t)c * r->Y.ld, rows, &r->scale[c]);
+        r->scale[c] *= before;
+    }
+    return MODAL_OK;
+}
+
 enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out, struct modal_error *err)
 {
     struct record r = { .step = batch->dt, .dt = batch->dt, .decimation = 1, .gain = 1 };

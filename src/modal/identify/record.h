@@ -37,5 +37,7 @@ enum { RECORD_WIDE_CHANNELS = 256, RECORD_WIDE_ENTRIES = 1 << 22 };
 
 enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out,
                               struct modal_error *err);
+/* Keep the first ROWS rows, scaled anew. */
+enum modal_status record_cut(struct record *r, int rows, enum identify_scale how, struct modal_error *err);
 void record_done(struct record *r);
 #endif

@@ -84,6 +84,8 @@ static bool believed(const struct identify_result *r, int i, double duration)
     const struct identify_mode *m = &r->modes[i];
     bool shadow = overshadowed(r, i, duration), weak = m->energy < VERDICT_WEAK, slow = cabs(m->resolved) * duration < SLOW;
 
+    if (m->growth == GROWTH_BELOW_GRID)
+        return false;
     if (m->growth == GROWTH_EXACT || !(weak || slow || shadow))
         return true;
     if (slow && (weak || creal(m->exponent) * duration < RISE))

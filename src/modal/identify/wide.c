@@ -19,6 +19,7 @@
  * [HMT11] Halko, Martinsson and Tropp, SIAM Rev. 53 (2011) 217-288.  [MM15] Musco and Musco, NIPS 2015.
  */
 #include "modal/identify/wide.h"
+#include "modal/identify/grid.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
@@ -581,4 +582,70 @@ enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies,
     for (int c = 0; c < w->S; c++)
         scale[c] = sqrt(scale[c] / w->L);
     return MODAL_OK;
+}
+
+/* Rows to look for a grid in. */
+static int grid_rows(const struct wide *w)
+{
+    int rows = WIDE_GRID_NUMBERS / w->S;
+
+    rows = rows > WIDE_GRID_ROWS ? rows : WIDE_GRID_ROWS;
+    rows = rows < GRID_SAMPLES ? rows : GRID_SAMPLES;
+    return rows < w->L ? rows : w->L;
+}
+
+/* Half of them the first, where there is most to see; the others spread over the rest, so that late rows of a decayed record are among them.  In order. */
+static int grid_row(const struct wide *w, int i, int rows)
+{
+    int head = rows == w->L ? rows : rows / 2;
+
+    return i < head ? i : head + (int)((double)(i - head) * (w->L - head - 1) / (rows - head > 1 ? rows - head - 1 : 1));
+}
+
+/* X has ROWS rows of all channels. */
+static bool grids_of(const struct wide *w, const double *x, int rows, int every, double *step)
+{
+    bool any = false;
+
+    for (int c = 0; c < w->S; c += every) {
+        step[c] = w->scale == NULL || w->scale[c] > 0 ? grid_step(x + c, (size_t)w->S, rows) : 0;
+        any |= step[c] > 0;
+    }
+    return any;
+}
+
+enum modal_status wide_grids(const struct wide *w, double *step, bool *any, struct modal_error *err)
+{
+    int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS;
+    double *x = malloc(sizeof *x * (size_t)rows * (size_t)w->S);
+
+    if (x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels", rows, w->S);
+    memset(step, 0, sizeof *step * (size_t)w->S);
+    for (int i = 0; i < rows; i++) {
+        int k = grid_row(w, i, rows);
+        memcpy(x + (size_t)i * (size_t)w->S, w->x + (size_t)k * w->stride, sizeof *x * (size_t)w->S);
+        give_back(w, k, 1);
+    }
+    *any = grids_of(w, x, rows, every, step) && grids_of(w, x, rows, 1, step);
+    free(x);
+    return MODAL_OK;
+}
+
+int wide_rows_above(const struct wide *w, const double *step, double steps)
+{
+    const double *end = w->x + (size_t)(w->L - 1) * w->stride;
+    int rows = 0;
+
+    for (int c = 0; c < w->S; c++)
+        if (!(step[c] > 0) && (w->scale == NULL || w->scale[c] > 0))
+            return w->L;
+    for (int k = 0; k < w->L; k++) {
+        const double *x = w->x + (size_t)k * w->stride;
+        for (int c = 0; c < w->S && rows <= k; c++)
+            if (fabs(x[c] - end[c]) >= steps * step[c] && step[c] > 0)
+                rows = k + 1;
+        wide_passed(w, k);
+    }
+    return rows;
 }

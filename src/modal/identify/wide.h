@@ -49,6 +49,17 @@ enum modal_status wide_pod(const struct wide *w, const struct wide_options *opt,
 void wide_project(const struct wide *w, const double *Q, int k, double *Z);
 enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const double *Z, int ld, double *rest2, struct modal_error *err);
 
+/*
+ * The grid of each channel (grid.h), S of them, 0 where there is none; *any: there is one.  Seen in up to WIDE_GRID_NUMBERS numbers, of the first rows and of others spread
+ * over the record; where WIDE_GRID_CHANNELS channels spread over all have none, no others are looked at: a converter or a printed table rounds them alike.
+ * MODAL_NO_MEMORY.
+ */
+enum { WIDE_GRID_NUMBERS = 1 << 22, WIDE_GRID_CHANNELS = 16, WIDE_GRID_ROWS = 128 };
+enum modal_status wide_grids(const struct wide *w, double *step, bool *any, struct modal_error *err);
+
+/* Rows up to the last in which some channel is STEPS steps or more from where it ends; L where a channel has no grid.  One pass, from the first row on. */
+int wide_rows_above(const struct wide *w, const double *step, double steps);
+
 /* Row k has been read, of a pass that reads row after row: give back what lies behind, now and then. */
 void wide_passed(const struct wide *w, int k);
 

@@ -6,6 +6,7 @@
  * that came; should one both come and go in between, the snapshot is taken again.
  */
 #include "store/check.h"
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -13,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include "modal/json.h"
@@ -690,25 +692,105 @@ static enum modal_status make_copy(struct backup *backup)
     return rc;
 }
 
-enum modal_status check_backup(const char *dir, const char *to, struct modal_error *err)
+/* Take away the folder FOLDER and its files; what is not a backup's stays, and then the folder does. */
+static void empty_folder(const char *folder)
+{
+    struct dirent *entry;
+    DIR *list = opendir(folder);
+
+    while (list != NULL && (entry = readdir(list)) != NULL)
+        if (entry->d_name[0] != '.')
+            unlinkat(dirfd(list), entry->d_name, 0);
+    if (list != NULL)
+        closedir(list);
+    rmdir(folder);
+}
+
+static void remove_unfinished(const char *folder)
 {
     static const char *const folders[] = { "/spool", "/results", "" };
-    struct backup backup = { .dir = dir, .to = to, .err = err };
-    char path[PATH];
-    enum modal_status rc = MODAL_OK;
+    char path[PATH + 16];
 
-    if (access(to, F_OK) == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "to", "%s is there already; a backup makes its folder", to);
-    rc = file_make_dir(to, 0750, err);
+    for (int i = 0; i < 3; i++) {
+        snprintf(path, sizeof path, "%s%s", folder, folders[i]);
+        empty_folder(path);
+    }
+}
+
+/* FOLDER, empty and ours alone as long as *LOCK is open: what an earlier backup left there when it was ended goes. */
+static enum modal_status make_unfinished(const char *folder, int *lock, struct modal_error *err)
+{
+    static const char *const folders[] = { "/spool", "/results" };
+    char path[PATH + 16];
+    enum modal_status rc;
+
+    for (int tries = 0; tries < 2; tries++) {
+        rc = file_make_dir(folder, 0750, err);
+        if (rc == MODAL_OK)
+            rc = file_open(folder, O_RDONLY | O_DIRECTORY, 0, lock, err);
+        if (rc != MODAL_OK)
+            return rc;
+        if (flock(*lock, LOCK_EX | LOCK_NB) != 0) {
+            close(*lock);
+            *lock = -1;
+            return modal_fail_field(err, MODAL_BUSY, "to", "another backup makes %s", folder);
+        }
+        snprintf(path, sizeof path, "%s/spool", folder);
+        if (tries > 0 || access(path, F_OK) != 0)
+            break;
+        remove_unfinished(folder);
+        close(*lock);
+        *lock = -1;
+    }
     for (int i = 0; rc == MODAL_OK && i < 2; i++) {
-        snprintf(path, sizeof path, "%s%s", to, folders[i]);
+        snprintf(path, sizeof path, "%s%s", folder, folders[i]);
         rc = file_make_dir(path, 0750, err);
     }
-    if (rc == MODAL_OK)
-        rc = make_copy(&backup);
+    return rc;
+}
+
+/* On the disk, and only then under its name. */
+static enum modal_status finish(const char *unfinished, const char *to, struct modal_error *err)
+{
+    static const char *const folders[] = { "/spool", "/results", "" };
+    char path[PATH + 16], *slash;
+    enum modal_status rc = MODAL_OK;
+
     for (int i = 0; rc == MODAL_OK && i < 3; i++) {
-        snprintf(path, sizeof path, "%s%s", to, folders[i]);
+        snprintf(path, sizeof path, "%s%s", unfinished, folders[i]);
         rc = file_sync_dir(path, err);
     }
+    if (rc == MODAL_OK)
+        rc = file_rename(unfinished, to, err);
+    snprintf(path, sizeof path, "%s", to);
+    slash = strrchr(path, '/');
+    if (slash != NULL)
+        slash[slash == path] = 0;
+    return rc == MODAL_OK ? file_sync_dir(slash != NULL ? path : ".", err) : rc;
+}
+
+enum modal_status check_backup(const char *dir, const char *to, struct modal_error *err)
+{
+    char name[PATH - 64], unfinished[PATH];
+    struct backup backup = { .dir = dir, .to = unfinished, .err = err };
+    enum modal_status rc;
+    int lock = -1;
+
+    if (snprintf(name, sizeof name, "%s", to) >= (int)sizeof name)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "to", "a path of %zu bytes; accepted: at most %zu", strlen(to), sizeof name - 1);
+    for (size_t n = strlen(name); n > 1 && name[n - 1] == '/'; n--)
+        name[n - 1] = 0;
+    snprintf(unfinished, sizeof unfinished, "%s.unfinished", name);
+    if (access(name, F_OK) == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "to", "%s is there already; a backup makes its folder", name);
+    rc = make_unfinished(unfinished, &lock, err);
+    if (rc == MODAL_OK)
+        rc = make_copy(&backup);
+    if (rc == MODAL_OK)
+        rc = finish(unfinished, name, err);
+    if (rc != MODAL_OK && lock >= 0)
+        remove_unfinished(unfinished);
+    if (lock >= 0)
+        close(lock);
     return rc;
 }

@@ -1,8 +1,10 @@
 """modalctl fsck, dump and backup on a data folder."""
+import fcntl
 import glob
 import json
 import os
 import pathlib
+import random
 import sqlite3
 import subprocess
 import time
@@ -57,6 +59,33 @@ def test_a_backup_is_sound_and_has_the_same_rows(folder, tmp_path):
     assert ctl("dump", str(tmp_path / "copy")) == ctl("dump", str(folder))
     status, [answer] = ctl("backup", str(folder), str(tmp_path / "copy"))
     assert status == 2 and answer["error"]["field"] == "to"
+
+
+def test_a_backup_that_is_killed_is_not_there_and_the_next_one_is_whole(folder, tmp_path):
+    """20 kills at random: a folder of the backup's name is sound and complete, always."""
+    dice, killed, rows = random.Random(4), 0, ctl("dump", str(folder))
+    for i in range(20):
+        to = tmp_path / f"copy{i}"
+        with subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--json", "backup", str(folder), str(to)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+            time.sleep(dice.uniform(0.0, 0.03))
+            run.kill()
+        if not to.exists():
+            killed += 1
+            assert ctl("backup", str(folder), str(to))[0] == 0
+        assert ctl("fsck", str(to))[0] == 0 and ctl("dump", str(to)) == rows and not pathlib.Path(f"{to}.unfinished").exists()
+    assert killed > 0
+
+
+def test_two_backups_to_one_place_are_one_and_a_refusal(folder, tmp_path):
+    to = tmp_path / "copy"
+    unfinished = pathlib.Path(f"{to}.unfinished")
+    unfinished.mkdir()
+    held = os.open(unfinished, os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    status, [said] = ctl("backup", str(folder), str(to))
+    os.close(held)
+    assert status == 4 and said["error"]["code"] == "busy" and not to.exists()
+    assert ctl("backup", str(folder), f"{to}/")[0] == 0 and to.exists() and not unfinished.exists()
 
 
 def live_bytes(data):

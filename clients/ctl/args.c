@@ -45,7 +45,7 @@ static const struct row {
     { "after",     0,   TEXT,   offsetof(struct args, after),     0, 0,      TAKES_LIST,    "CURSOR",   "go on from `next` of the page before" },
     { "from",      0,   TEXT,   offsetof(struct args, from),      0, 0,      TAKES_BULK,    "LIST.jsonl", "one submission a line" },
     { "resume",    0,   FLAG,   offsetof(struct args, resume),    0, 0,      TAKES_BULK,    "",         "skip what was accepted before" },
-    { "window",    0,   WHOLE,  offsetof(struct args, window),    1, 1e9,    TAKES_BULK | TAKES_PUSH, "N", "submit: submissions in flight (default 64); stream: samples of a live window" },
+    { "window",    0,   WHOLE,  offsetof(struct args, window),    1, 1e9,    TAKES_BULK | TAKES_PUSH, "N", "submit: submissions in flight (default 256); stream: samples of a live window" },
     { "hop",       0,   WHOLE,  offsetof(struct args, hop),       1, 1e9,    TAKES_PUSH,    "N",        "samples between two live windows (default half a window)" },
     { "data",      'd', TEXT,   offsetof(struct args, data),      0, 0,      TAKES_DATA,    "DIR",      "a daemon's data folder on this machine" },
     { "name",      0,   TEXT,   offsetof(struct args, name),      0, 0,      TAKES_STREAM,  "NAME",     "the stream's name (default the file's)" },

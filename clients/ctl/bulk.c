@@ -18,7 +18,7 @@
 #include "verbs.h"
 #include "wire/frame.h"
 
-enum { WINDOW_DEFAULT = 64, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
+enum { WINDOW_DEFAULT = 256, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
 
 struct item { cJSON *line; long number; uint64_t hash; };
 

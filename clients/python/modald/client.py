@@ -447,7 +447,7 @@ class Client:
             return {**header, "input": {"upload": self._bring(value, timeout)[0]}}, []
         return {**header, "input": description}, [data]
 
-    def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]], window: int = 64,
+    def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]], window: int = 256,
                     timeout: float | None = None) -> list[Job]:
         """Submissions (kind, input, options, key) with `window` of them in flight, many in a message, each accepted once; in their order."""
         deadline = self._deadline(timeout)

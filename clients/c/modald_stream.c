@@ -60,7 +60,7 @@
 enum {
     CHANNELS_MOST = 65536,
     FRAME_BYTES = 131072,            /* of a push; at least one sample */
-    WINDOW = 16,                     /* frames in flight */
+    WINDOW = 64,                     /* frames in flight; their memory is touched as far as it is used */
     HEADER_MOST = 65536,
     RING_HEAD = 4096,                /* of a ring in a file */
     HISTORY = 4,                     /* points of (1) */
@@ -92,11 +92,8 @@ static void crc_fill(void)
 }
 
 /* Eight bytes a turn (slicing by 8). */
-static uint32_t crc32c(const void *data, size_t length)
+static uint32_t crc_by_table(uint32_t c, const unsigned char *p, size_t length)
 {
-    const unsigned char *p = data;
-    uint32_t c = ~0u;
-
     pthread_once(&crc_once, crc_fill);
     for (; length >= 8; length -= 8, p += 8) {
         uint32_t a, b;
@@ -108,7 +105,32 @@ static uint32_t crc32c(const void *data, size_t length)
     }
     while (length-- > 0)
         c = c >> 8 ^ crc_table[0][(c ^ *p++) & 255];
-    return ~c;
+    return c;
+}
+
+#if defined(__x86_64__)
+/* The processor's own instruction, eight bytes in three cycles: a sixth of the table's time. */
+__attribute__((target("sse4.2"))) static uint32_t crc_by_instruction(uint32_t c, const unsigned char *p, size_t length)
+{
+    uint64_t sum = c, word;
+
+    for (; length >= 8; length -= 8, p += 8) {
+        memcpy(&word, p, 8);
+        sum = __builtin_ia32_crc32di(sum, word);
+    }
+    for (c = (uint32_t)sum; length > 0; length--)
+        c = __builtin_ia32_crc32qi(c, *p++);
+    return c;
+}
+#endif
+
+static uint32_t crc32c(const void *data, size_t length)
+{
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("sse4.2"))
+        return ~crc_by_instruction(~0u, data, length);
+#endif
+    return ~crc_by_table(~0u, data, length);
 }
 
 /* ------------------------------------------------------------------ types */

@@ -399,6 +399,7 @@ static void one_committed(struct core *c, struct transaction *t)
     if (t->group > 0) {
         histogram_add(&c->commit_seconds, histogram_seconds, (double)t->took_ns / 1e9);
         histogram_add(&c->commit_transactions, histogram_numbers, (double)t->group);
+        c->ledger_bytes = t->ledger_bytes;
     }
     for (struct after *after = t->after; after != NULL; after = after->next)
         if (after->job != NULL && after->job->last == t)

@@ -69,6 +69,7 @@ struct transaction {
     enum modal_status status;     /* out */
     int64_t took_ns;              /* out, of the first of a group: its commit took so long ... */
     int64_t group;                /* ... and it was so large; of the others 0 */
+    int64_t ledger_bytes;         /* the ledger and its log then, on disk */
     struct transaction *next;     /* for the queues of whoever has it */
 };
 

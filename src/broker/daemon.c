@@ -418,7 +418,7 @@ static void take_signals(struct daemon *d)
 
 static void write_metrics(struct daemon *d)
 {
-    struct blob *text = metrics_text(d->core);
+    struct blob *text = metrics_text(d->core, NULL);
     struct modal_error err;
     char path[PATH_ROOM + 8];
     FILE *file;

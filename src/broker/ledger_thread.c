@@ -9,8 +9,10 @@
  */
 #include "broker/queue.h"
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 
 enum { GROUP_MOST = 4096 };                    /* transactions */
@@ -192,9 +194,19 @@ static int64_t now_ns(void)
     return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
-static void measure(struct transaction *first, int64_t took_ns)
+static int64_t file_bytes(const char *dir, const char *name)
+{
+    char path[4200];
+    struct stat st;
+
+    snprintf(path, sizeof path, "%s/%s", dir, name);
+    return stat(path, &st) == 0 ? st.st_size : 0;
+}
+
+static void measure(const struct ledger_thread *l, struct transaction *first, int64_t took_ns)
 {
     first->took_ns = took_ns;
+    first->ledger_bytes = file_bytes(l->dir, "ledger.db") + file_bytes(l->dir, "ledger.db-wal");
     for (const struct transaction *t = first; t != NULL; t = t->next)
         first->group++;
 }
@@ -244,7 +256,7 @@ static void *run(void *context)
         if (group != NULL)
             mend_reserve(l);
         if (group != NULL) {
-            measure(group, now_ns() - begun_ns);
+            measure(l, group, now_ns() - begun_ns);
             done_transactions(l->done, group);
         }
         if (ledger_settle(l->ledger, &l->settling, &err) != MODAL_OK || rest_or_work(l, group != NULL, &err) != MODAL_OK) {

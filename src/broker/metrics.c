@@ -78,6 +78,8 @@ void stats_write(const struct core *c, const struct user *user, bool all, cJSON 
     cJSON_AddBoolToObject(object, "storage_full", c->storage_full);
 }
 
+enum { SERIES_MOST = 32 };
+
 struct page { char *text; size_t size, room; };
 
 static void put(struct page *p, const char *format, ...) __attribute__((format(printf, 2, 3)));
@@ -134,7 +136,58 @@ static void kinds(struct page *p, const struct core *c)
         put(p, "modald_jobs_kind{kind=\"%s\"} %lld\n", job_kinds[k].name, (long long)counts[k]);
 }
 
-struct blob *metrics_text(const struct core *c)
+static double cpu_today(const struct core *c, const struct user *user)
+{
+    return user->cpu_day == c->now.utc_ns / (86400 * SECOND) ? user->cpu_s : 0;
+}
+
+static double stored(const struct core *c, const struct user *user)
+{
+    (void)c;
+    return (double)user->bytes;
+}
+
+typedef double reading(const struct core *c, const struct user *user);
+
+/* USER among the COUNT greatest of TOP, in descending order; who has no place there: the one that leaves, or USER. */
+static const struct user *take_place(const struct core *c, reading *value, const struct user **top, size_t *count, const struct user *user)
+{
+    const struct user *last = *count == SERIES_MOST ? top[SERIES_MOST - 1] : NULL;
+    size_t at = *count;
+
+    while (at > 0 && value(c, top[at - 1]) < value(c, user))
+        at--;
+    if (at == SERIES_MOST)
+        return user;
+    *count += *count < SERIES_MOST;
+    memmove(top + at + 1, top + at, (*count - 1 - at) * sizeof *top);
+    top[at] = user;
+    return last;
+}
+
+/* The users with the greatest values, the rest as "other", which a user of that name is part of; of ONLY alone where there is one. */
+static void per_user(struct page *p, const struct core *c, const char *name, const char *help, reading *value, const struct user *only)
+{
+    const struct user *top[SERIES_MOST], *left;
+    size_t count = 0, others = 0;
+    double rest = 0;
+
+    head(p, name, "gauge", help);
+    for (size_t i = 0; i < c->user_count; i++) {
+        const struct user *user = c->user_list[i];
+        if (only != NULL && user != only)
+            continue;
+        left = only == NULL && strcmp(user->name, "other") == 0 ? user : take_place(c, value, top, &count, user);
+        rest += left != NULL ? value(c, left) : 0;
+        others += left != NULL;
+    }
+    for (size_t i = 0; i < count; i++)
+        put(p, "modald_%s{user=\"%s\"} %.17g\n", name, top[i]->name, value(c, top[i]));
+    if (others > 0)
+        put(p, "modald_%s{user=\"other\"} %.17g\n", name, rest);
+}
+
+struct blob *metrics_text(const struct core *c, const struct user *user)
 {
     struct page p = { NULL, 0, 0 };
     int64_t bytes = 0;
@@ -171,6 +224,8 @@ struct blob *metrics_text(const struct core *c)
     one(&p, "replies_total", "counter", "Replies sent, without errors.", (double)c->replies);
     one(&p, "stored_bytes", "gauge", "Bytes of inputs and results.", (double)bytes);
     one(&p, "upload_bytes_waiting", "gauge", "Bytes of chunks not yet on stable storage.", (double)c->in_flight);
+    one(&p, "credit_stalls_total", "counter", "Chunks and pushes refused as beyond the credit.", (double)c->credit_stalls);
+    one(&p, "ledger_bytes", "gauge", "Bytes of the ledger and its log on disk, at the last commit.", (double)c->ledger_bytes);
     one(&p, "events_total", "counter", "Numbered events.", (double)c->last_event);
     one(&p, "draining", "gauge", "1 while no job starts.", c->draining || c->terminating);
     one(&p, "storage_full", "gauge", "1 while submits are refused for want of disk.", c->storage_full);
@@ -178,11 +233,7 @@ struct blob *metrics_text(const struct core *c)
     head(&p, "rejects_total", "counter", "Requests answered by an error, by code.");
     for (int s = 1; s < MODAL_STATUS_COUNT; s++)
         put(&p, "modald_rejects_total{code=\"%s\"} %lld\n", modal_status_code((enum modal_status)s), (long long)c->rejects[s]);
-    head(&p, "user_cpu_seconds", "gauge", "CPU-seconds of jobs today, of the first 32 users.");
-    for (size_t i = 0; i < c->user_count && i < 32; i++)
-        put(&p, "modald_user_cpu_seconds{user=\"%s\"} %.17g\n", c->user_list[i]->name, c->user_list[i]->cpu_s);
-    head(&p, "user_stored_bytes", "gauge", "Bytes of inputs and results, of the first 32 users.");
-    for (size_t i = 0; i < c->user_count && i < 32; i++)
-        put(&p, "modald_user_stored_bytes{user=\"%s\"} %lld\n", c->user_list[i]->name, (long long)c->user_list[i]->bytes);
+    per_user(&p, c, "user_cpu_seconds", "CPU-seconds of jobs today, of the users with the most; the rest as other.", cpu_today, user);
+    per_user(&p, c, "user_stored_bytes", "Bytes of inputs and results, of the users with the most; the rest as other.", stored, user);
     return blob_take(p.text, p.size);
 }

@@ -396,8 +396,7 @@ static void on_metrics(struct core *c, const struct event *e, const struct wire_
 {
     struct reply reply = reply_to(e, r);
 
-    (void)user;
-    answer_send(c, &reply, answer_new(&reply), metrics_text(c));
+    answer_send(c, &reply, answer_new(&reply), metrics_text(c, user->account->role == WIRE_ROLE_ADMIN ? NULL : user));
 }
 
 static void add_limit(cJSON *object, const char *key, double value)

@@ -245,7 +245,7 @@ struct core {
     double replay_s;
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */
-    int64_t connections, connections_refused;
+    int64_t connections, connections_refused, credit_stalls, ledger_bytes;
     struct { char *text; uint8_t settings[32]; } asked;   /* the latest kind and options, and their hash */
     struct arena *kinds;                  /* names of kinds this build no longer knows */
     size_t turn;                          /* whose turn it is among users */
@@ -419,5 +419,5 @@ void read_task_done(struct core *c, struct task *task);
 
 /* metrics.c */
 void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object);
-struct blob *metrics_text(const struct core *c);
+struct blob *metrics_text(const struct core *c, const struct user *user);   /* the users' series of USER alone; NULL: of all */
 #endif

@@ -381,9 +381,10 @@ static bool may_push(struct core *c, struct stream *s, size_t size, const struct
 {
     bool good = false;
 
-    if (s->in_flight > core_window(c))
+    if (s->in_flight > core_window(c)) {
+        c->credit_stalls++;
         answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
-    else
+    } else
         good = !user_quota(c, s->user, reply, 0, (int64_t)size) && upload_allows(c, s->user, size, reply);
     s->resumes = s->slowed = !good;
     return good;

@@ -523,8 +523,10 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
     else if (end > input->bytes)
         answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", NULL, "the chunk ends at %llu, past the input's %llu bytes", (unsigned long long)end,
                     (unsigned long long)input->bytes);
-    else if (f->count == GROUP || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > 16 << 20))
+    else if (f->count == GROUP || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > 16 << 20)) {
+        c->credit_stalls++;
         answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged chunks than the credit allows");
+    }
     else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
         answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the chunk as it came", r->upload.crc32c, crc32c(0, body->data, body->size));
     else if (upload_allows(c, input->user, body->size, &reply)) {

@@ -179,6 +179,22 @@ def test_a_limit_that_is_no_number_of_use_is_refused(limit, lab):
         lab({"ann": f"ann submit {limit}"})
 
 
+def test_the_series_of_users_are_each_user_s_own_and_the_admin_sees_the_greatest_and_the_rest(lab):
+    """40 users with 9 to 48 samples each, one who has the rest's name, one with none."""
+    users = {f"u{i}": f"u{i} submit" for i in range(1, 41)} | {"other": "other submit", "eva": "eva admin"}
+    it = lab(users)
+
+    def series(client):
+        lines = client.ask("METRICS").body[0].decode().splitlines()
+        return {line.split('"')[1]: float(line.split()[-1]) for line in lines if line.startswith("modald_user_stored_bytes{")}
+    samples = {name: 8 if name == "other" else 8 + int(name[1:]) for name in users if name != "eva"}
+    for name, n in samples.items():
+        assert it.client(name).ask("UPLOAD", op="begin", content="batch", samples=n, channels=1, dt=1.0).ok
+    assert series(it.client("u5")) == {"u5": 8 * 13}
+    seen = series(it.client("eva"))
+    assert seen == {f"u{i}": 8 * (8 + i) for i in range(9, 41)} | {"other": 8 * (8 + sum(8 + i for i in range(1, 9)))}
+
+
 def drained(client):
     """All messages that came unasked."""
     while client.socket.poll(0):

@@ -3,6 +3,7 @@ import json
 import os
 import pathlib
 import random
+import re
 import signal
 import struct
 import time
@@ -539,13 +540,19 @@ def test_metrics_are_prometheus_text_without_duplicate_series(client):
     typed = {line.split(" ")[2] for line in lines if line.startswith("# TYPE")}
     histograms = {line.split(" ")[2] for line in lines if line.startswith("# TYPE") and line.endswith(" histogram")}
     assert {"modald_submit_seconds", "modald_commit_seconds", "modald_commit_transactions"} <= histograms
+    for line in lines:                                # the text format: HELP, TYPE, then samples
+        assert re.fullmatch(r'# HELP [a-z_]+ \S.*|# TYPE [a-z_]+ (gauge|counter|histogram)|[a-z_]+(\{[a-z]+="[^"\\]*"\})? \S+', line), line
     names = {s.split("{")[0] for s in series}
+    wanted = {"jobs", "jobs_kind", "queue_oldest_seconds", "submit_seconds", "commit_seconds", "commit_transactions", "ledger_bytes", "stored_bytes", "attempts_total",
+              "leases_lost_total", "worker_deaths_total", "user_cpu_seconds", "user_stored_bytes", "rejects_total", "received_bytes_total", "sent_bytes_total",
+              "credit_stalls_total", "replay_seconds", "build_info"}
+    assert {"modald_" + name for name in wanted} <= typed
     assert names == typed - histograms | {h + part for h in histograms for part in ("_bucket", "_sum", "_count")}
     values = {line.split(" ")[0]: float(line.split(" ")[1]) for line in lines if not line.startswith("#")}
     for h in histograms:                              # cumulative, and the last holds all
         counts = [value for name, value in values.items() if name.startswith(h + "_bucket")]
         assert counts == sorted(counts) and counts[-1] == values[h + "_count"]
-    assert values["modald_submit_seconds_count"] > 0
+    assert values["modald_submit_seconds_count"] > 0 and values["modald_ledger_bytes"] > 4096
 
 
 def test_whoami_names_user_role_and_limits(client):

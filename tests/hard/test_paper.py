@@ -38,3 +38,11 @@ def test_both_cases_of_the_wing_give_one_flutter_speed(tmp_path):
     assert float(rows[1][2]) == pytest.approx(585.600, abs=0.1)
     assert float(rows[2][2]) == pytest.approx(585.600, abs=0.1)
     assert all(float(r[4]) < 1e-9 for r in tables["Four matrices at 590 ft/s: the flutter exponent"]["rows"])
+
+
+def test_the_friction_dampers_error_falls_as_its_series_does(tmp_path):
+    """A force with corners: k^-4 in the motion's spectrum, so N^-3 in its largest error; corners between samples leave N^-2."""
+    rows = {r[0]: r[2] for r in regenerate(tmp_path, "friction_damper")["Cameron and Griffin's friction damper: figures 4 to 6"]["rows"]}
+    assert float(rows["the same with reversals located"]) == pytest.approx(-3, abs=0.15)
+    assert -2.5 < float(rows["exponent of the error, N = 64 to 256, sampled (10)"]) < -1.5
+    assert (tmp_path / "friction_damper.svg").exists()

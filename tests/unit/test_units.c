@@ -124,3 +124,36 @@ TEST(two_bodies_that_friction_locks_swing_about_no_offset)
     }
     release(p, s, &point);
 }
+
+/* A stop that is never reached changes nothing, but the disturbances are then differences of the period map, not products of its
+ * exponentials and jumps. */
+TEST(multipliers_of_rigid_friction_by_differences_are_those_of_its_phases)
+{
+    static const char *const beside[2] = { "", ",{'type':'gap','dof':'x1','stiffness':40,'clearance':90}" };
+    double complex multiplier[2][4];
+    double error = 0;
+
+    for (int i = 0; i < 2; i++) {
+        struct program *p;
+        struct steady *s;
+        struct steady_point point;
+        char text[1024];
+
+        snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1.2,0.7],'springs':[210,130,95],'dampers':[1.1,0.8,1.4]},'omega':8.3,"
+                 "'effects':[{'type':'coulomb','dof':'x2','limit':2.2}%s],'excitation':[{'dof':'x1','k':1,'cos':13},{'dof':'x2','k':3,'sin':4.1}]}", beside[i]);
+        solve(text, 16, &p, &s, &point);
+        CHECK(point.converged && point.states == 4);
+        memcpy(multiplier[i], point.multiplier, sizeof multiplier[i]);
+        CHECK(i == 1 || point.multiplier_error == 0);
+        error = point.multiplier_error;
+        release(p, s, &point);
+    }
+    CHECK(error > 0 && error < 1e-6);
+    for (int i = 0; i < 4; i++) {
+        double nearest = HUGE_VAL;
+
+        for (int k = 0; k < 4; k++)
+            nearest = fmin(nearest, cabs(multiplier[1][i] - multiplier[0][k]));
+        CHECK_NEAR(nearest, 0, 10 * error);
+    }
+}

@@ -14,8 +14,9 @@
  * [LN04, section 7.1].  Breaking loose leaves f, and with it the disturbance, continuous.  The product Pi of the exponentials
  * and (2) is the derivative of the period map: its eigenvalues are the multipliers, and Newton's step is (I - Pi)^-1 (P(y) - y).
  * A body that sticks all the time has Pi = I somewhere: the step is the shortest, and the motion given has its slider at zero (offset.h).
- * Where a step fails the next period is simply marched, and so are all beside
- * other laws, whose disturbances are not followed.
+ * Where a step fails the next period is simply marched, and so are all beside other laws.  Of those the period map is differenced where
+ * the laws keep no memory, so that the state is all there is: (P(y + h e) - P(y - h e)) / 2h with two h, whose multipliers
+ * differ by about their error.
  *
  * [LN04] Leine, Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
  */
@@ -33,7 +34,7 @@
 #include "modal/scene/stepper.h"
 #include "modal/steady/offset.h"
 
-static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11;
+static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11, SHORT = 1e-5, LONG = 4e-5;
 enum { STEPS = 64, FIRST = 4, LAWS_MOST = OFFSET_LAWS_MOST, NONE = -2, WORK_MOST = 60000 };
 
 struct follow {
@@ -56,6 +57,8 @@ struct follow {
     double floor;                     /* of |y|: a thousandth of the rate that friction's strength gives within T */
     double phase;                     /* time spent in it that Pi does not know of yet; < 0: a period begins */
     bool followed;                    /* rigid friction alone, constant matrices: disturbances can be */
+    bool remembers;                   /* some law has a memory */
+    int64_t forgiven;                 /* steps that WORK_MOST does not count */
     bool watching, failed;
 };
 
@@ -181,7 +184,7 @@ static bool spent(void *context)
 {
     const struct follow *f = context;
 
-    return f->stepper->steps + f->stepper->rejected > WORK_MOST || (f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context));
+    return f->stepper->steps + f->stepper->rejected - f->forgiven > WORK_MOST || (f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context));
 }
 
 static enum modal_status period(struct follow *f, struct modal_error *err)
@@ -333,6 +336,64 @@ static enum modal_status eigenvalues(struct follow *f, double complex *out, stru
     return MODAL_OK;
 }
 
+/* The derivative of the period map at f->y, by differences of STEP of the largest state; f->y is left undefined. */
+static enum modal_status difference_map(struct follow *f, double step, const double *y, struct modal_error *err)
+{
+    int N = f->N;
+    double h = step * fmax(largest(y, N), f->floor), *D = f->Q;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < N; i++)
+        for (int side = 1; rc == MODAL_OK && side >= -1; side -= 2) {
+            memcpy(f->y, y, (size_t)N * sizeof *y);
+            f->y[i] += side * h;
+            rc = period(f, err);
+            for (int k = 0; k < N; k++)
+                D[k + (size_t)i * (size_t)N] = (side > 0 ? 0 : D[k + (size_t)i * (size_t)N]) + side * f->y[k] / (2 * h);
+        }
+    memcpy(f->Pi, D, (size_t)N * (size_t)N * sizeof *D);
+    return rc;
+}
+
+/* Multipliers of a closed motion beside laws without memory, and their error; *KNOWN false: there are none. */
+static enum modal_status difference_multipliers(struct follow *f, struct cycle *out, bool *known, struct modal_error *err)
+{
+    double *y = malloc(((size_t)f->N + 1) * sizeof *y);
+    double complex *other = malloc(((size_t)f->N + 1) * sizeof *other);
+    bool acts[LAWS_MOST];
+    enum modal_status rc = y == NULL || other == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
+
+    *known = false;
+    memcpy(acts, f->acts, (size_t)f->laws * sizeof *acts);
+    if (rc == MODAL_OK) {
+        memcpy(y, f->y, (size_t)f->N * sizeof *y);
+        f->watching = false;
+        f->forgiven = f->stepper->steps + f->stepper->rejected;
+        rc = difference_map(f, LONG, y, err);
+        if (rc == MODAL_OK)
+            rc = eigenvalues(f, other, err);
+        if (rc == MODAL_OK)
+            rc = difference_map(f, SHORT, y, err);
+        if (rc == MODAL_OK)
+            rc = eigenvalues(f, out->multiplier, err);
+        *known = rc == MODAL_OK;
+        rc = rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+        f->forgiven = f->stepper->steps + f->stepper->rejected;
+        memcpy(f->y, y, (size_t)f->N * sizeof *y);
+        memcpy(f->acts, acts, (size_t)f->laws * sizeof *acts);
+    }
+    for (int i = 0; *known && i < f->N; i++) {
+        double nearest = HUGE_VAL;
+
+        for (int k = 0; k < f->N; k++)
+            nearest = fmin(nearest, cabs(out->multiplier[i] - other[k]));
+        out->error = fmax(out->error, nearest);
+    }
+    free(y);
+    free(other);
+    return rc;
+}
+
 static void follow_done(struct follow *f)
 {
     double *all[] = { f->y, f->start, f->last, f->w, f->load, f->Pi, f->Q, f->E, f->work, f->before, f->after, f->small, f->singular, f->svd };
@@ -412,8 +473,10 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
     enum modal_status rc = rest == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
 
     memset(out, 0, sizeof *out);
-    for (int l = 0; l < p->laws; l++)
+    for (int l = 0; l < p->laws; l++) {
         f.followed &= p->law[l].kind->set_valued;
+        f.remembers |= p->law[l].memory > 0;
+    }
     known = f.followed;
     f.p.omega = omega;
     f.p.period = f.T;
@@ -433,7 +496,12 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
         rc = modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
     if (rc == MODAL_OK && f.followed && !f.failed)
         rc = eigenvalues(&f, out->multiplier, err);
-    else
+    else if (rc == MODAL_OK && !f.followed && !f.remembers && out->closed && f.N <= CYCLE_DIFFERENCES_MOST) {
+        bool found;
+
+        rc = difference_multipliers(&f, out, &found, err);
+        out->states = found ? f.N : 0;
+    } else
         out->states = 0;
     if (rc == MODAL_OK && out->closed)
         rc = sample(&f, out->x, out->force, &known, rest, err);

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include "modal/scene/program.h"
 
-enum { CYCLE_STATES_MOST = 120, CYCLE_SAMPLES = 8192, CYCLE_NEWTON_MOST = 150, CYCLE_PERIODS_MOST = 600 };
+enum { CYCLE_STATES_MOST = 120, CYCLE_SAMPLES = 8192, CYCLE_NEWTON_MOST = 150, CYCLE_PERIODS_MOST = 600, CYCLE_DIFFERENCES_MOST = 32 };
 
 struct cycle {
     bool closed;                  /* it repeats */
@@ -19,8 +19,9 @@ struct cycle {
     double *x;                    /* where closed: x[dof * CYCLE_SAMPLES + j] at t = j T / CYCLE_SAMPLES; the caller frees by cycle_done */
     double *force;                /* where x is and the disturbances are followed: of law l at the same instants, [l * CYCLE_SAMPLES + j];
                                    * sticking, what holds the body, within `limit` (1 + 1e-6) of it; else NULL */
-    int states;                   /* of the multipliers; 0: not followed, as other laws or periodic matrices act too */
+    int states;                   /* of the multipliers; 0: not known (a law beside has a memory, or more states than are differenced) */
     double complex *multiplier;   /* |.| descending */
+    double error;                 /* of the multipliers, where they are of differences: beside other laws or periodic matrices */
     bool *acts;                   /* per law: slips, touches, ... somewhere in the period */
     long evaluations;             /* of every law */
 };

@@ -1320,6 +1320,7 @@ static enum modal_status solve_by_cycle(struct steady *s, double omega, const st
         point->followed = true;
         point->states = c.states;
         point->multiplier = c.multiplier;
+        point->multiplier_error = c.error;
         c.multiplier = NULL;
         for (int l = 0; l < point->laws; l++) {
             point->evaluations[l] = c.evaluations;

@@ -50,6 +50,7 @@ struct steady_point {
     bool followed;            /* through rigid friction's events (cycle.h), with `states` multipliers where they are known */
     int states;
     double complex *multiplier;
+    double multiplier_error;
     struct condense *c;       /* to recover other dofs with: at omega, H; owned by the session */
 };
 

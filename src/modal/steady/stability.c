@@ -740,6 +740,7 @@ static enum modal_status known_stability(const struct steady_point *point, struc
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
     memcpy(out->multiplier, point->multiplier, (size_t)point->states * sizeof *out->multiplier);
     out->count = point->states;
+    out->error = point->multiplier_error;
     judge(out);
     return MODAL_OK;
 }
@@ -760,7 +761,7 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
     for (int h = 0; h < m.p->harmonics; h++)
         m.mass_varies |= m.p->harmonic[h].cosine[PROGRAM_M].start != NULL || m.p->harmonic[h].sine[PROGRAM_M].start != NULL;
     if (point->followed)
-        m.reason = "disturbances of rigid friction beside other laws are not followed";
+        m.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 dofs, are not followed";
     if (m.n == 0 || 2 * m.n > STABILITY_STATES_MOST)
         m.reason = "more states than the monodromy matrix is computed for";
     if (m.reason == NULL)

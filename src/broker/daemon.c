@@ -31,6 +31,7 @@
 
 #define FLUSH_LEAST_NS 1000000          /* ns */
 #define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
+#define STRANGERS_NS SECOND             /* between two lines on keys that were refused */
 #define ROUND_NS 5000000                /* of one source, whose next message waits for the others' */
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
@@ -51,7 +52,8 @@ struct daemon {
     bool stop, terminating, ready;
     int status;
     int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
-    int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns, flush_wait_ns;
+    int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns, next_strangers_ns, flush_wait_ns;
+    struct zap_refused strangers;  /* not told yet */
 };
 
 static int64_t clock_ns(clockid_t clock)
@@ -414,6 +416,17 @@ static void take_signals(struct daemon *d)
     }
 }
 
+/* Keys that are on no list, one line for all of a while: a flood of them is not one of the log. */
+static void log_strangers(struct daemon *d)
+{
+    char line[256];
+
+    snprintf(line, sizeof line, "level=notice event=audit what=refused keys=%lld key=%s address=%s", (long long)d->strangers.count,
+             d->strangers.key[0] != 0 ? d->strangers.key : "-", d->strangers.address);
+    log_line(line);
+    d->strangers.count = 0;
+}
+
 /* ---- time ------------------------------------------------------------------------------------------------------- */
 
 static void write_metrics(struct daemon *d)
@@ -453,6 +466,10 @@ static void on_time(struct daemon *d)
         d->next_ping_ns = now + d->watchdog_ns;
         ledger_thread_ping(d->ledger_thread);      /* answered through take_done: both threads live */
     }
+    if (d->strangers.count > 0 && now >= d->next_strangers_ns) {
+        d->next_strangers_ns = now + STRANGERS_NS;
+        log_strangers(d);
+    }
     if (d->config->metrics_file[0] != 0 && now >= d->next_metrics_ns) {
         d->next_metrics_ns = now + (int64_t)(d->config->metrics_s * 1e9);
         write_metrics(d);
@@ -477,6 +494,8 @@ static long wait_ms(const struct daemon *d)
         next = d->next_flush_ns < next ? d->next_flush_ns : next;
     if (d->watchdog_ns > 0 && d->next_ping_ns < next)
         next = d->next_ping_ns;
+    if (d->strangers.count > 0 && d->next_strangers_ns < next)
+        next = d->next_strangers_ns;
     if (d->config->metrics_file[0] != 0 && d->next_metrics_ns < next)
         next = d->next_metrics_ns;
     if (d->trim_ns != 0 && d->trim_ns < next)
@@ -530,7 +549,7 @@ static void loop(struct daemon *d)
         for (int i = 4; i < n; i++)
             if (items[i].revents != 0) {
                 if (slots[i] < 0)
-                    zap_answer(d->zap, d->config->accounts, d->config->account_count);
+                    zap_answer(d->zap, d->config->accounts, d->config->account_count, &d->strangers);
                 else
                     pool_read(&d->pool, slots[i]);
             }

@@ -487,6 +487,9 @@ void request_handle(struct core *c, const struct event *e)
     c->bytes_in += (int64_t)e->message->body_bytes;
     if (user == NULL || user->account->role == WIRE_ROLE_NONE || user->account->role == WIRE_ROLE_WORKER) {
         modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
+        if (c->now.mono_ns >= c->next_denial_ns)       /* a flood of them is not one of the log */
+            core_log(c, "level=notice event=audit user=- what=denied key=%s", e->key[0] != 0 ? e->key : "-");
+        c->next_denial_ns = c->now.mono_ns >= c->next_denial_ns ? c->now.mono_ns + SECOND : c->next_denial_ns;
         refuse(c, e, e->message->id, e->message->verb, &err);
         return;
     }

@@ -246,6 +246,7 @@ struct core {
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */
     int64_t connections, connections_refused, credit_stalls, ledger_bytes;
+    int64_t next_denial_ns;               /* when a denial of a key that is on no list is told again */
     struct { char *text; uint8_t settings[32]; } asked;   /* the latest kind and options, and their hash */
     struct arena *kinds;                  /* names of kinds this build no longer knows */
     size_t turn;                          /* whose turn it is among users */

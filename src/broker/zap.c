@@ -1,5 +1,6 @@
 /* zap.c - see zap.h */
 #include "broker/zap.h"
+#include <stdio.h>
 #include <string.h>
 #include <zmq.h>
 
@@ -56,7 +57,18 @@ static void answer(void *socket, zmq_msg_t *routing, zmq_msg_t *version, zmq_msg
         zmq_send(socket, parts[i], strlen(parts[i]), (i < 3 ? ZMQ_SNDMORE : 0) | ZMQ_DONTWAIT);
 }
 
-void zap_answer(void *socket, const struct account *accounts, size_t count)
+/* The address is libzmq's own text, of digits, dots, colons and the like. */
+static void note(struct zap_refused *refused, const char *key, zmq_msg_t *address)
+{
+    size_t size = zmq_msg_size(address) < sizeof refused->address - 1 ? zmq_msg_size(address) : sizeof refused->address - 1;
+
+    refused->count++;
+    snprintf(refused->key, sizeof refused->key, "%s", key);
+    memcpy(refused->address, zmq_msg_data(address), size);
+    refused->address[size] = 0;
+}
+
+void zap_answer(void *socket, const struct account *accounts, size_t count, struct zap_refused *refused)
 {
     zmq_msg_t frames[FRAMES];
     int n;
@@ -72,6 +84,8 @@ void zap_answer(void *socket, const struct account *accounts, size_t count)
                 user = accounts[i].key;
         if (n >= 4)
             answer(socket, &frames[0], &frames[2], &frames[3], user);
+        if (user == NULL && n > 5)
+            note(refused, key, &frames[5]);
         for (int i = 0; i < n; i++)
             zmq_msg_close(&frames[i]);
     }

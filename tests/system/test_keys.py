@@ -270,6 +270,29 @@ def test_a_user_with_10_jobs_waits_no_longer_than_his_fair_share(lab):
     assert meanwhile <= 25                            # 10 by the shares, and what one quantum and the waiting let through
 
 
+def test_who_comes_with_a_key_of_no_list_is_in_the_audit_log_once_a_second_at_most(lab):
+    it = lab({"ann": "ann submit", "ben": "ben submit"})
+    ben, pair = it.client("ben"), zmq.curve_keypair()
+    assert ben.ask("HELLO").ok
+    begin = time.monotonic()
+    strangers = [it.client("ann", pair=pair) for _ in range(30)]
+    for one in strangers:
+        one.send("HELLO")
+    it.write_keys(leave_out=("ben",))
+    it.reload()
+    assert {ben.ask("LIST").code for _ in range(50)} == {"denied"}
+    end = time.monotonic() + 20
+    while "what=refused keys" not in it.daemon.text():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    for one in strangers:
+        one.close()
+    lines, most = it.daemon.text().splitlines(), time.monotonic() - begin + 1
+    refused = [line for line in lines if "event=audit what=refused keys=" in line and f"key={pair[0].decode()} address=" in line]
+    denied = [line for line in lines if f"event=audit user=- what=denied key={it.pairs['ben'][0].decode()}" in line]
+    assert 1 <= len(refused) <= most and 1 <= len(denied) <= most
+
+
 def test_drain_and_denial_are_in_the_audit_log_and_no_secret_is(lab):
     it = lab({"ann": "ann submit", "eva": "eva admin"})
     it.client("eva").ask("DRAIN")

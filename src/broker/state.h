@@ -163,6 +163,7 @@ struct user {
     struct heap ready;
     int64_t queued, running, bytes;
     double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
+    bool competes;                        /* at the latest choice he had a job that might start */
     double cpu_s; int64_t cpu_day;        /* used in that UTC day */
     double upload_level; int64_t upload_ns;     /* token bucket */
     int waits, subscriptions;
@@ -182,7 +183,7 @@ struct slot {
     struct input *output;                 /* signals on their way */
     bool finishing;                       /* DONE has come; the output is being sealed */
     bool ready;                           /* READY has come meanwhile */
-    double cpu_s;
+    double cpu_s, expected_s;             /* expected_s: what its user's share was charged at the start */
     struct stream *live; uint64_t live_from, live_to, live_epoch;   /* a window instead of a job */
     uint64_t process;                     /* counts the slot's processes */
 };
@@ -331,7 +332,7 @@ void user_bury(struct core *c, struct user *user, const char *key, const uint8_t
 void tombstones_sort(struct core *c);                               /* as loaded, by their age */
 void tombstones_retain(struct core *c);                             /* those past their age are gone, here and in the ledger */
 struct user *user_next(struct core *c);                             /* whose job starts next; NULL: nobody's */
-void user_ran(struct core *c, struct user *user, double seconds, double cpu_s);
+void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s);
 void user_note(struct user *user, struct transaction *t);
 void user_load_note(struct core *c, const struct note_record *r);
 bool user_quota(struct core *c, struct user *user, const struct reply *reply, int64_t more_jobs, int64_t more_bytes);   /* true: answered */

@@ -1,14 +1,18 @@
 /*
  * users.c - accounts, limits, and whose job starts next
  *
- * Fair share is deficit round robin [SV95].  A round gives user u the quantum q w_u, w_u his weight; a job starts when its
- * user's deficit covers the job's expected seconds, which are then taken from it, and what it really took is settled when
- * it ends.  The number of rounds until somebody can start is computed, not walked:
+ * Fair share is deficit round robin [SV95] for jobs whose seconds are known only when they end.  A round gives user u the
+ * quantum q w_u, w_u his weight; a job starts when its user owes nothing, his expected seconds are taken at once (so that
+ * several workers do not start several on one credit), and what it really took is settled when it ends.  Unlike in [SV95]
+ * nobody waits until he has what a job will cost: one long job among short ones would keep its user waiting for it again.
+ * The number of rounds until somebody can start is computed, not walked:
  *
- *     r = min over users with a ready job of ceil((cost_u - deficit_u) / (q w_u))                                   (1)
+ *     r = min over users with a job that may start of ceil(-deficit_u / (q w_u))                                    (1)
  *
- * A user without ready jobs keeps no credit.  Inside a user's share, jobs are ordered by submission less priority: one
- * step of priority is worth a minute of waiting, so that nothing starves.
+ * While they wait for each other, users' seconds over their weights so differ by at most a few jobs' (tests/unit/test_share.c).
+ * Who has no job that may start keeps no credit, and his debt shrinks as the rounds pass; where nobody has one, all debts
+ * are forgiven: what a user took while nobody waited for it, he owes nobody.  Inside a user's share, jobs are ordered by
+ * submission less priority: one step of priority is worth a minute of waiting, so that nothing starves.
  *
  * [SV95] Shreedhar and Varghese, Efficient fair queueing using deficit round robin, SIGCOMM 1995.
  */
@@ -268,9 +272,26 @@ static double share(const struct user *user)
 /* (1) */
 static double rounds_until(const struct user *user)
 {
-    double rounds = ceil((user->cost_s - user->deficit) / share(user));
+    return user->deficit >= 0 ? 0 : ceil(-user->deficit / share(user));
+}
 
-    return rounds > 0 ? rounds : 0;
+/* Whether the user has a job that may start now; who has none keeps no credit. */
+static bool competes(struct core *c, struct user *user)
+{
+    if (first_ready(c, user) != NULL && may_run(c, user))
+        return true;
+    user->deficit = fmin(user->deficit, 0);
+    return false;
+}
+
+/* ROUNDS pass: those who compete have their quanta, of others debts shrink. */
+static void pass_rounds(struct core *c, double rounds)
+{
+    for (size_t n = 0; n < c->user_count; n++) {
+        struct user *user = c->user_list[n];
+        double deficit = user->deficit + rounds * share(user);
+        user->deficit = user->competes ? deficit : fmin(deficit, 0);
+    }
 }
 
 struct user *user_next(struct core *c)
@@ -280,33 +301,29 @@ struct user *user_next(struct core *c)
 
     for (size_t n = 0; n < c->user_count; n++) {
         struct user *user = c->user_list[(c->turn + n) % c->user_count];
-        if (first_ready(c, user) == NULL) {
-            user->deficit = user->deficit < 0 ? user->deficit : 0;
-            continue;
-        }
-        if (may_run(c, user) && rounds_until(user) < least) {
+        user->competes = competes(c, user);
+        if (user->competes && rounds_until(user) < least) {
             least = rounds_until(user);
             best = user;
         }
     }
+    pass_rounds(c, least);
     if (best == NULL)
         return NULL;
-    for (size_t n = 0; n < c->user_count && least > 0; n++)
-        if (first_ready(c, c->user_list[n]) != NULL)
-            c->user_list[n]->deficit += least * share(c->user_list[n]);
     best->deficit -= best->cost_s;
     while (c->user_list[c->turn % c->user_count] != best)
         c->turn++;
-    if (best->deficit < best->cost_s)
+    if (best->deficit < 0)
         c->turn++;                                 /* its turn ends when its credit does */
     return best;
 }
 
-void user_ran(struct core *c, struct user *user, double seconds, double cpu_s)
+/* EXPECTED_S: what was taken for it when it started, which has been another mean than today's. */
+void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s)
 {
     int64_t day = c->now.utc_ns / (86400 * SECOND);
 
-    user->deficit -= seconds - user->cost_s;
+    user->deficit -= seconds - expected_s;
     if (user->deficit < -3600)
         user->deficit = -3600;
     user->cost_s += 0.2 * (seconds - user->cost_s);

@@ -64,6 +64,7 @@ static void start(struct core *c, struct job *job, int slot)
     s->attempt = job->attempts;
     s->started_ns = s->heard_ns = c->now.mono_ns;
     s->cpu_s = 0;
+    s->expected_s = job->user->cost_s;
     s->jobs++;
     c->attempts++;
     job_move(c, job, JOB_RUNNING, NULL);
@@ -328,7 +329,7 @@ static void account_for(struct core *c, const struct slot *s, struct job *job)
     double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9;
 
     job->cpu_ns += (int64_t)(s->cpu_s * 1e9);
-    user_ran(c, job->user, wall_s, s->cpu_s > 0 ? s->cpu_s : wall_s);
+    user_ran(c, job->user, s->expected_s, wall_s, s->cpu_s > 0 ? s->cpu_s : wall_s);
 }
 
 /* Its worker died under it: again, or dead. */

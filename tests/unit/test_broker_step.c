@@ -215,7 +215,7 @@ static void apply(struct ledger_change *change)
                 in = &w->inputs[i];
         if (in == NULL)
             in = &w->inputs[w->input_count++];
-        *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples, .received = in->id == change->input.id ? in->received : 0,
+        *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples, .received = in->id == change->input.id && !in->gone ? in->received : 0,
                                    .state = change->input.state, .inline_data = change->input.inline_data };
         memcpy(in->sha256, change->input.sha256, 32);
         copy(in->user, sizeof in->user, change->input.user);

@@ -47,12 +47,14 @@ cJSON *plan_print(const struct program *p, const char *integrator)
     cJSON_AddStringToObject(plan, "hash", p->hash);
     effects = cJSON_AddArrayToObject(plan, "effects");
     for (int i = 0; i < p->effects; i++) {
+        const struct program_effect *e = &p->effect[i], *does = e->carrier > 0 ? &p->effect[e->carrier - 1] : e;
         cJSON *row = cJSON_CreateObject();
-        cJSON_AddStringToObject(row, "type", p->effect[i].type);
-        cJSON_AddNumberToObject(row, "states", p->effect[i].states);
-        cJSON_AddNumberToObject(row, "evaluations", (double)p->effect[i].evaluations);
-        json_set_number(row, "seconds", seconds_of(p, i));
-        cJSON_AddBoolToObject(row, "active", p->effect[i].active);
+
+        cJSON_AddStringToObject(row, "type", e->type);
+        cJSON_AddNumberToObject(row, "states", e->states);
+        cJSON_AddNumberToObject(row, "evaluations", (double)does->evaluations);
+        json_set_number(row, "seconds", seconds_of(p, (int)(does - p->effect)));
+        cJSON_AddBoolToObject(row, "active", does->active);
         cJSON_AddItemToArray(effects, row);
     }
     return plan;

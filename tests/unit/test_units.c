@@ -157,3 +157,29 @@ TEST(multipliers_of_rigid_friction_by_differences_are_those_of_its_phases)
         CHECK_NEAR(nearest, 0, 10 * error);
     }
 }
+
+/* Rigid friction of 1.5 and of 0.7 between the same two bodies is friction of 2.2, whichever way round each is written. */
+TEST(two_rigid_sliders_at_one_place_are_one_of_both_strengths)
+{
+    static const char *const effects[2] = { "{'type':'coulomb','dof':'x1','to':'x2','limit':2.2}",
+                                            "{'type':'coulomb','dof':'x1','to':'x2','limit':1.5},{'type':'coulomb','dof':'x2','to':'x1','limit':0.7}" };
+    double complex first[2 * 13];
+
+    for (int i = 0; i < 2; i++) {
+        struct program *p;
+        struct steady *s;
+        struct steady_point point;
+        char text[1024];
+
+        snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1.2,0.7],'springs':[210,130,95],'dampers':[1.1,0.8,1.4]},'omega':8.3,"
+                 "'effects':[%s],'excitation':[{'dof':'x1','k':1,'cos':13},{'dof':'x2','k':3,'sin':4.1}]}", effects[i]);
+        solve(text, 12, &p, &s, &point);
+        CHECK(point.converged);
+        CHECK(p->laws == 1 && p->effects == 1 + i && p->effect[i].carrier == i);
+        for (int j = 0; j < 2 * 13; j++) {
+            first[j] = i == 0 ? point.X[j] : first[j];
+            CHECK_NEAR(cabs(point.X[j] - first[j]), 0, 1e-12);
+        }
+        release(p, s, &point);
+    }
+}

@@ -49,6 +49,7 @@ struct program_effect {               /* one row of plan.effects, in the scene's
     int64_t evaluations;              /* counted by whoever runs the program */
     double seconds;                   /* evaluations x calibrated unit cost */
     bool active;
+    int carrier;                      /* 1 + the row whose law does this one's work, whose evaluations and activity are its own; 0: none */
 };
 
 struct program {

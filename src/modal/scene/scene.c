@@ -131,7 +131,7 @@ static enum modal_status lower_effect(struct lowering *l, const struct scene_eff
         return no_memory(err);
     l->effect = l->p->effects++;
     rc = kind->lower(l, &(struct scene_effect) { json, path, l->effect }, err);
-    if (rc == MODAL_OK && l->p->laws > laws && (row->law_text = json_print(json)) == NULL)
+    if (rc == MODAL_OK && (l->p->laws > laws || row->carrier > 0) && (row->law_text = json_print(json)) == NULL)
         rc = no_memory(err);
     row->active = written(l) > before && l->p->laws == laws;   /* laws say so themselves, when they act */
     l->effect = -1;

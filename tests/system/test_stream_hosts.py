@@ -122,6 +122,21 @@ def test_a_ring_file_that_the_disk_has_no_room_for_does_not_end_the_host(german,
     assert b"the ring's file cannot be used" in done.stderr
 
 
+@pytest.mark.skipif(sanitized.SANITIZED or shutil.which("prlimit") is None, reason="sanitizers need all addresses, or no prlimit")
+def test_a_host_at_any_memory_limit_runs_as_without_a_stream(daemon, german, tmp_path):
+    """Address space that ends somewhere in the ring, the threads or libzmq, which ends the process where it gets no thread."""
+    plain, least = end(begin("plain", tmp_path, german)), 0
+    for megabytes in range(8, 72, 2):
+        words = ["prlimit", f"--as={megabytes << 20}", str(HOSTS), "plain", str(STEPS)]
+        alone = subprocess.run(words, capture_output=True, env=environment())
+        if alone.returncode != 7:
+            continue
+        least = least or megabytes
+        with_stream = subprocess.run(words, capture_output=True, cwd=tmp_path, env=environment(MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="5"))
+        assert (with_stream.returncode, with_stream.stdout) == plain, (megabytes, with_stream.stderr)
+    assert 0 < least < 40
+
+
 def test_a_ring_file_has_one_stream_at_a_time(daemon, german, tmp_path):
     """Two runs of one name: the second's samples must not be written over the first's; nor does a replay send what a run still writes."""
     env = {"MODALD_URL": f"ipc://{tmp_path}/nobody", "MODALD_RING_FILE": tmp_path / "ring-%s"}

@@ -104,7 +104,7 @@ bool colour_white(const struct matrix *E)
     }
     for (int l = 0; l < lags && n > 0; l++)
         sum += r[l] / n * (r[l] / n);
-    return n * sum <= COLOUR_LAGS + 8 * sqrt(2.0 * COLOUR_LAGS);
+    return n * sum <= COLOUR_LIMIT;
 }
 
 void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio)

@@ -28,6 +28,7 @@ void colour_factors_of(const double *power, int rows, const double *theta, int c
  * exceeds.  Zero columns are left out; none at all are white.
  */
 enum { COLOUR_LAGS = 8 };
+#define COLOUR_LIMIT (COLOUR_LAGS + 8 * sqrt(2.0 * COLOUR_LAGS))     /* of that sum */
 bool colour_white(const struct matrix *E);
 
 /* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise, and has any colour. */

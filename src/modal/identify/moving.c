@@ -3,13 +3,13 @@
  *
  * Samples are reduced as they come.  Time is cut into blocks of B samples, and each full block Y_b, B x S, is kept as
  *
- *     C_b = Q^T Y_b,   k x S,     and the triangle of what is left, Y_b - Q C_b,                           (1)
+ *     C_b = Q^T Y_b,   k x S,     and the norms of the columns of Y_b - Q C_b, what is left,                 (1)
  *
  * Q, B x k, being an orthonormal basis of l^m e^{lambda_a l}, m < MOMENTS, at the poles lambda_a of the last complete identification (the anchor).  A pole
  * that has since moved by delta is in its span up to |delta tau B / 2|^MOMENTS / MOMENTS!, and so is its derivative with one power less; past a
- * limit the anchor is moved to where the poles are now.  Left-overs, and the C_b of more than POD_CHANNELS_FEW channels, go through window_qr.c:
- * the triangle R of the window's rows, and with it their proper orthogonal modes (the right singular vectors of R times the channels' scales), without a pass
- * over the window and without ever subtracting a row.
+ * limit the anchor is moved to where the poles are now.  The Y_b of more than POD_CHANNELS_FEW channels go through window_qr.c:
+ * the triangle R of the window's rows, and with it their proper orthogonal modes (the right singular vectors of R times the channels' scales), without
+ * ever subtracting a row.
  *
  * The least-squares problem of refine.c on L rows is then one on L k / B rows (moving_fit.c), begun at the poles of the window before: a few steps
  * to the same minimum that a batch of the window ends in.  Its answer is taken if nothing says that a batch would choose other poles:
@@ -55,7 +55,7 @@ void moving_free(struct moving *m)
             fftw_destroy_plan(m->plan[i]);
     fftw_free(m->x), fftw_free(m->X);
     free(m->kept[0].V), free(m->kept[1].V);
-    window_qr_free(m->all), window_qr_free(m->rest);
+    window_qr_free(m->all);
     free(m->blocks);
     free(m->rows);
     free(m);
@@ -91,10 +91,8 @@ enum modal_status moving_new(const struct moving_options *options, struct moving
     m->rows = malloc(sizeof *m->rows * m->room * (size_t)m->S);
     if (m->rows == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for a window of %d samples of %d channels", m->L, m->S);
-    if (rc == MODAL_OK && m->possible)
+    if (rc == MODAL_OK && m->possible && moving_reduced(m))
         rc = window_qr_new(m->S, &m->all, err);
-    if (rc == MODAL_OK && m->possible)
-        rc = window_qr_new(m->S, &m->rest, err);
     if (rc != MODAL_OK)
         moving_free(m);
     else
@@ -117,17 +115,17 @@ int moving_samples(const struct moving *m)
 
 static enum modal_status look_at_channels(struct job *j, const struct moving_fit *f, struct moving_fit *out, struct modal_error *err)
 {
-    struct moving_signals y;
+    int S = j->m->S, n = j->Y.m;
+    double *x = malloc(sizeof *x * (size_t)S * (size_t)(n + 1));
+    struct moving_signals y = { { n, S, n, x }, x + (size_t)n * (size_t)S };
     enum modal_status rc;
 
-    for (int c = 0; c < j->m->S; c++)
-        j->weight[c] = 1;
-    j->weighed = false;
-    rc = job_signals(j, false, err);
-    y = (struct moving_signals) { j->X, j->outside2 };
-    if (rc == MODAL_OK)
-        rc = moving_look(&j->rows, &y, f->lambda, f->poles, out, err);
+    if (x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", n, S);
+    job_channels(j, &y.X, x + (size_t)n * (size_t)S);
+    rc = moving_look(&j->rows, &y, f->lambda, f->poles, out, err);
     j->work += out->work;
+    free(x);
     return rc;
 }
 
@@ -137,7 +135,7 @@ static enum modal_status weigh_channels(struct job *j, const struct moving_fit *
     int S = j->m->S;
     double least = HUGE_VAL, most = 0, total = 0, rest = 0;
     struct moving_fit look = { 0 };
-    enum modal_status rc = look_at_channels(j, f, &look, err);
+    enum modal_status rc = look_at_channels(j, f, &look, err);      /* and where they are not, what the report needs */
 
     *weighed = false;
     for (int c = 0; c < S && rc == MODAL_OK; c++) {
@@ -150,7 +148,10 @@ static enum modal_status weigh_channels(struct job *j, const struct moving_fit *
         for (int c = 0; c < S; c++)
             j->weight[c] = least / fmax(sqrt(look.rss[c] / j->m->L), NOISE_QUIETEST);
     }
-    moving_fit_done(&look);
+    if (rc == MODAL_OK && !*weighed)
+        j->channels = look;
+    else
+        moving_fit_done(&look);
     return rc;
 }
 
@@ -170,24 +171,6 @@ static enum modal_status fit(struct job *j, const struct poles_of *start, bool m
     return rc;
 }
 
-/* Whether the channels are to be weighed, with the signals left as they were fitted. */
-static enum modal_status ask_channels(struct job *j, const struct moving_fit *f, bool *weighed, struct modal_error *err)
-{
-    int r = j->r;
-    size_t size = (size_t)j->m->S * (size_t)r;
-    double *W = malloc(sizeof *W * size);
-    enum modal_status rc;
-
-    if (W == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d signals", r);
-    memcpy(W, j->W, sizeof *W * size);
-    rc = weigh_channels(j, f, weighed, err);
-    if (rc == MODAL_OK)
-        rc = job_signals_of(j, W, r, err);
-    free(W);
-    return rc;
-}
-
 /* Signals, poles, and whether they stand. */
 static enum modal_status fit_window(struct job *j, enum reason *why, struct modal_error *err)
 {
@@ -196,7 +179,7 @@ static enum modal_status fit_window(struct job *j, enum reason *why, struct moda
     enum modal_status rc = fit(j, before ? &m->first : &m->own, moving_reduced(m), before ? &j->first : &j->own, why, err);
 
     if (rc == MODAL_OK && *why == GOOD && moving_reduced(m)) {
-        rc = ask_channels(j, before ? &j->first : &j->own, &weighed, err);
+        rc = weigh_channels(j, before ? &j->first : &j->own, &weighed, err);
         if (rc == MODAL_OK && weighed != before)
             *why = BY_NOISE;
         if (rc == MODAL_OK && *why == GOOD && before)
@@ -207,7 +190,8 @@ static enum modal_status fit_window(struct job *j, enum reason *why, struct moda
 
 /* ---- update, or from nothing ---- */
 
-/* Does a batch do something beside the fit with these poles?  A crowd is looked at window by window; a constant, 0, is an offset where it is the only slow pole,
+/* Does a batch do something beside the fit with these poles?  A crowd is looked at window by window; what turns less than once in the window has the scatter over
+ * other orders for its error (widen.c); a constant, 0, is an offset where it is the only slow pole,
  * as modes.c has it. */
 static bool special(const struct moving *m, const double complex *lambda, int count)
 {
@@ -219,34 +203,12 @@ static bool special(const struct moving *m, const double complex *lambda, int co
         for (int j = 0; j < count; j++)
             near += cimag(lambda[j]) > 0 && fabs(cimag(lambda[j]) - cimag(lambda[i])) < 0.05 * cimag(lambda[i]);
         constants += lambda[i] == 0, slow += lambda[i] != 0 && cabs(lambda[i]) * record < 0.6;
+        if (cimag(lambda[i]) > 0 && cimag(lambda[i]) * record < 1.001 * 2 * M_PI)
+            return true;
         if (near >= 3 || (pole_kind(lambda[i], m->opt.dt) == POLE_REAL && lambda[i] != 0 && fabs(creal(lambda[i])) * record < 0.3))
             return true;
     }
     return count == constants || constants > 1 || (constants > 0 && slow > 0);
-}
-
-/* Whether pod.c, which sees the signals themselves, kept only those that stand out of the rest: as sent, and weighed. */
-static enum modal_status learn_rest(struct moving *m, const struct identify_result *batch, struct modal_error *err)
-{
-    struct job j = { .m = m };
-    bool weighed = m->first.count > 0;
-    enum reason why = GOOD;
-    enum modal_status rc;
-
-    m->rest_white[0] = m->rest_white[1] = true;
-    rc = job_take(&j, err);
-    if (rc == MODAL_OK)
-        rc = job_signals(&j, true, err);
-    m->rest_white[0] = rc == MODAL_OK && j.r == (weighed ? batch->unweighed.signals : batch->chosen.signals);
-    if (rc == MODAL_OK && weighed)
-        rc = fit(&j, &m->first, true, &j.first, &why, err);
-    if (rc == MODAL_OK && weighed)
-        rc = weigh_channels(&j, &j.first, &weighed, err);
-    if (rc == MODAL_OK && weighed)
-        rc = job_signals(&j, true, err);
-    m->rest_white[1] = rc == MODAL_OK && weighed && j.r == batch->chosen.signals;
-    job_done(&j);
-    return rc;
 }
 
 static enum modal_status from_nothing(struct moving *m, struct identify_result *out, struct modal_error *err)
@@ -270,8 +232,6 @@ static enum modal_status from_nothing(struct moving *m, struct identify_result *
     if (!poles_take(&m->own, out->chosen.lambda, out->chosen.count) || !poles_take(&m->first, out->unweighed.lambda, out->unweighed.count)
         || anchor_set(m, &m->own, NULL) != MODAL_OK)
         anchor_forget(m);                        /* the answer stands; the next one is from nothing too */
-    if (m->anchored && moving_reduced(m))
-        return learn_rest(m, out, err);
     return MODAL_OK;
 }
 
@@ -337,7 +297,7 @@ static enum modal_status try_update(struct moving *m, struct job *j, enum reason
         *why = OFFSET;
     if (rc == MODAL_OK && *why == GOOD)
         rc = doubt(j, why, err);
-    if (rc == MODAL_OK && *why == GOOD && moving_reduced(m))
+    if (rc == MODAL_OK && *why == GOOD && moving_reduced(m) && j->weighed)
         rc = look_at_channels(j, &j->own, &j->channels, err);
     return rc;
 }

@@ -1,7 +1,7 @@
 /*
  * moving_blocks.c - the samples of a moving window, reduced as they come; equation (1) of moving.c
  *
- * Owned here: the samples themselves, the blocks C_b, the queues of triangles, and the anchor, whose poles span Q.
+ * Owned here: the samples themselves, the blocks C_b, the queue of triangles, and the anchor, whose poles span Q.
  */
 #include "modal/identify/moving_state.h"
 #include <cblas.h>
@@ -11,6 +11,7 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 #include "modal/linalg/qr.h"
+#include "modal/linalg/svd.h"
 
 enum { MOMENTS = 4, BLOCK_MOST = 1024 };
 static const double LEAK = 1e-11;                /* of |lambda|: what the anchor's span may cost an exponent */
@@ -40,8 +41,6 @@ static void drop_blocks(struct moving *m)
     m->count = 0;
     if (m->all != NULL)
         window_qr_clear(m->all);
-    if (m->rest != NULL)
-        window_qr_clear(m->rest);
 }
 
 void anchor_forget(struct moving *m)
@@ -69,9 +68,9 @@ static enum modal_status reduce_block(struct moving *m, uint64_t i, struct modal
 {
     int S = m->S, B = m->B, k = m->k;
     const double *y = moving_sample(m, i);
-    struct block block = { malloc(sizeof *block.C * (size_t)k * (size_t)S) };
+    struct block block = { malloc(sizeof *block.C * (size_t)(k + 2) * (size_t)S), NULL, NULL };
     double *Y = malloc(sizeof *Y * 2 * (size_t)B * (size_t)S), *E = Y + (size_t)B * (size_t)S;
-    struct matrix rows = { B, S, B, Y }, left = { B, S, B, E };
+    struct matrix rows = { B, S, B, Y };
     enum modal_status rc = MODAL_OK;
 
     if (m->count == m->blocks_room) {
@@ -89,8 +88,10 @@ static enum modal_status reduce_block(struct moving *m, uint64_t i, struct modal
     memcpy(E, Y, sizeof *Y * (size_t)B * (size_t)S);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, S, B, 1, m->Q, B, Y, B, 0, block.C, k);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, S, k, -1, m->Q, B, block.C, k, 1, E, B);
-    rc = window_qr_push(m->rest, &left, err);
-    if (rc == MODAL_OK)
+    block.norm = block.C + (size_t)k * (size_t)S, block.left = block.norm + S;
+    for (int c = 0; c < S; c++)
+        block.norm[c] = quick_norm(Y + (size_t)c * (size_t)B, (size_t)B), block.left[c] = quick_norm(E + (size_t)c * (size_t)B, (size_t)B);
+    if (m->all != NULL)
         rc = window_qr_push(m->all, &rows, err);
     if (rc != MODAL_OK)
         goto out;
@@ -106,10 +107,8 @@ out:
 
 static enum modal_status drop_oldest(struct moving *m, struct modal_error *err)
 {
-    enum modal_status rc = window_qr_pop(m->all, err);
+    enum modal_status rc = m->all != NULL ? window_qr_pop(m->all, err) : MODAL_OK;
 
-    if (rc == MODAL_OK)
-        rc = window_qr_pop(m->rest, err);
     if (rc != MODAL_OK)
         return rc;
     free(m->blocks[0].C);

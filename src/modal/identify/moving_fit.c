@@ -108,6 +108,26 @@ static double freedom(const struct work *w)
     return (double)w->r * (w->L - w->q) - w->P;
 }
 
+static bool signal_at_rounding(const struct work *w, int g)
+{
+    return w->rss[g] <= w->L * w->floor2[g];
+}
+
+/* s^2 of (5), as refine.c: signals at rounding say nothing of the noise of others. */
+static double variance(const struct work *w)
+{
+    double rounding = 0;
+    int noisy = 0;
+
+    for (int g = 0; g < w->r; g++) {
+        noisy += !signal_at_rounding(w, g);
+        rounding += signal_at_rounding(w, g) ? w->weight[g] * w->weight[g] * w->rss[g] : 0;
+    }
+    if (noisy == 0 || noisy == w->r)
+        return fmax(w->F / fmax(freedom(w), 1), DBL_MIN);
+    return fmax((w->F - rounding) / fmax(freedom(w) * noisy / w->r, 1), DBL_MIN);
+}
+
 /* (6) */
 static void set_floor(struct work *w, const double complex *lambda)
 {
@@ -266,7 +286,7 @@ static void linearise(struct work *w)
     qr_reflect(&A, w->P, w->tau);
     for (int p = 0; p < P; p++)
         memcpy(w->J + (size_t)p * (size_t)P, w->stack + (size_t)p * (size_t)ld, sizeof(double) * (size_t)P);
-    w->gradient = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1) / sqrt(fmax(w->F / fmax(freedom(w), 1), DBL_MIN));
+    w->gradient = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1) / sqrt(variance(w));
 }
 
 /* False where Phi is singular. */
@@ -338,7 +358,7 @@ static bool is_last(const struct work *w, const double complex *lambda)
 static bool at_rounding(const struct work *w)
 {
     for (int g = 0; g < w->r; g++)
-        if (w->rss[g] > w->L * w->floor2[g])
+        if (!signal_at_rounding(w, g))
             return false;
     return true;
 }
@@ -367,7 +387,7 @@ static void descend(struct work *w, struct moving_fit *f)
 static void errors(struct work *w, struct moving_fit *f)
 {
     int P = w->P + 1;
-    double s = sqrt(fmax(w->F / fmax(freedom(w), 1), DBL_MIN)) / w->rows->tau;
+    double s = sqrt(variance(w)) / w->rows->tau;
     bool good = LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'U', 'N', w->P, w->J, P) == 0;
 
     for (int j = 0; j < w->count; j++)

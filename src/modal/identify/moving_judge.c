@@ -127,7 +127,7 @@ static enum modal_status residual_of(const struct job *j, const struct moving_fi
 
     left->rows = j->rows.blocks * j->rows.k;
     if (ok) {
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, L, r, m->S, 1, moving_sample(m, m->next - (uint64_t)L), m->S, j->W, m->S, 0, left->E, L);
+        memcpy(left->E, j->full.x, sizeof(double) * (size_t)L * (size_t)r);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, r, f->order, -1, Phi, L, f->C, f->order, 1, left->E, L);
     }
     if (ok && left->rows > 0 && (ok = basis_on(&j->rows, f, Phi))) {
@@ -187,14 +187,13 @@ static bool plans(struct moving *m)
 /* Signals at samples first .. first + count - 1 of the window, into rows ROW .. of X; their residual's squares are taken off `rest2`. */
 static void put_loose(const struct job *j, const double *E, int first, int count, struct matrix *X, int row, double *rest2)
 {
-    struct moving *m = j->m;
+    size_t L = (size_t)j->m->L;
 
-    if (count == 0)
-        return;
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, count, j->r, m->S, 1, moving_sample(m, m->next - (uint64_t)(m->L - first)), m->S, j->W, m->S, 0,
-                X->x + row, X->ld);
-    for (int g = 0; g < j->r; g++)
-        rest2[g] -= cblas_ddot(count, E + first + (size_t)g * (size_t)m->L, 1, E + first + (size_t)g * (size_t)m->L, 1);
+    for (int g = 0; g < j->r && count > 0; g++) {
+        const double *e = E + first + (size_t)g * L;
+        memcpy(X->x + row + (size_t)g * (size_t)X->ld, j->full.x + first + (size_t)g * L, sizeof *e * (size_t)count);
+        rest2[g] -= cblas_ddot(count, e, 1, e, 1);
+    }
 }
 
 /* Samples first .. first + count - 1 as rows of their own: blocks that lie within, the rest loose. */

@@ -11,17 +11,19 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/colour.h"
 #include "modal/identify/pod.h"
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
 enum { STEPS_MOST = 24, STEPS_LOOK = 3 };           /* of orthogonal iteration; between looks at the residual */
 static const double FAR = 0.3;                   /* the first value of the rest over the last that is kept */
+static const double NOTHING = 1e-12;             /* of a channel: the channels before it span it */
 static const double SETTLED = 1e-13;             /* of the largest singular value */
 
 void job_done(struct job *j)
 {
-    free(j->Y.x), free(j->R), free(j->rest), free(j->scale), free(j->weight), free(j->W), free(j->outside2), free(j->X.x), free(j->growth);
+    free(j->Y.x), free(j->R), free(j->left), free(j->scale), free(j->weight), free(j->W), free(j->outside2), free(j->X.x), free(j->full.x), free(j->growth);
     moving_fit_done(&j->first), moving_fit_done(&j->own), moving_fit_done(&j->channels);
 }
 
@@ -34,26 +36,57 @@ static void copy_samples(const struct job *j, uint64_t from, int count, int row)
             j->Y.x[row + l + (size_t)c * (size_t)j->Y.ld] = y[(size_t)l * (size_t)j->m->S + (size_t)c];
 }
 
-/* The window's rows, compressed, and their triangles. */
+/* The norms of channel c's samples in what is loose and in the blocks, or of what Q does not hold of them; room for blocks + 2 in X. */
+static double norm_of_channel(const struct job *j, int c, bool left, double *x)
+{
+    const struct moving *m = j->m;
+    const double *y = j->Y.x + (size_t)c * (size_t)j->Y.ld;
+
+    for (int b = 0; b < m->count; b++)
+        x[b] = left ? m->blocks[b].left[c] : m->blocks[b].norm[c];
+    x[m->count] = left ? 0 : quick_norm(y, (size_t)j->rows.lead);
+    x[m->count + 1] = left ? 0 : quick_norm(y + j->Y.m - j->rows.trail, (size_t)j->rows.trail);
+    return safe_norm(x, (size_t)m->count + 2);
+}
+
+/* j->R, from the blocks' triangle and the loose rows. */
+static enum modal_status triangle_of_window(struct job *j, struct modal_error *err)
+{
+    int S = j->m->S, n = j->Y.m, lead = j->rows.lead, trail = j->rows.trail;
+    struct matrix loose = { lead + trail, S, lead + trail, malloc(sizeof(double) * (size_t)(lead + trail + 1) * (size_t)S) };
+    enum modal_status rc;
+
+    if (loose.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", loose.m, S);
+    for (int c = 0; c < S; c++) {
+        memcpy(loose.x + (size_t)c * (size_t)loose.m, j->Y.x + (size_t)c * (size_t)n, sizeof(double) * (size_t)lead);
+        memcpy(loose.x + lead + (size_t)c * (size_t)loose.m, j->Y.x + n - trail + (size_t)c * (size_t)n, sizeof(double) * (size_t)trail);
+    }
+    rc = window_qr_factor(j->m->all, &loose, j->R, err);
+    free(loose.x);
+    return rc;
+}
+
+/* The window's rows, compressed, their norms, and their triangle where it is needed. */
 enum modal_status job_take(struct job *j, struct modal_error *err)
 {
     struct moving *m = j->m;
     uint64_t from = m->next - (uint64_t)m->L, last = m->count > 0 ? m->block_from + (uint64_t)m->count * (uint64_t)m->B : m->next;
     int S = m->S, lead = m->count > 0 ? (int)(m->block_from - from) : m->L, trail = (int)(m->next - last), n;
-    struct matrix loose = { lead + trail, S, lead + trail, NULL };
-    enum modal_status rc;
+    size_t columns = (size_t)S;
+    double *norms;
 
     j->rows = (struct moving_rows) { lead, m->count, trail, m->B, m->k, m->Q, m->opt.dt, m->table != NULL ? m->anchor.count : 0, m->anchor.lambda, m->table };
     n = moving_rows_count(&j->rows);
-    j->Y = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * (size_t)S) };
-    j->R = malloc(sizeof(double) * (size_t)S * (size_t)S), j->rest = malloc(sizeof(double) * (size_t)S * (size_t)S);
-    j->scale = calloc((size_t)S, sizeof(double)), j->weight = calloc((size_t)S, sizeof(double));
-    j->W = malloc(sizeof(double) * (size_t)S * (size_t)S), j->outside2 = malloc(sizeof(double) * (size_t)S);
-    j->X = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * (size_t)S) };
-    loose.x = malloc(sizeof(double) * (size_t)(loose.m + 1) * (size_t)S);
-    if (j->Y.x == NULL || j->R == NULL || j->rest == NULL || j->scale == NULL || j->weight == NULL || j->W == NULL || j->outside2 == NULL
-        || j->X.x == NULL || loose.x == NULL) {
-        free(loose.x);
+    j->Y = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * columns) };
+    j->R = malloc(sizeof(double) * columns * columns), j->left = malloc(sizeof(double) * columns);
+    j->scale = calloc(columns, sizeof(double)), j->weight = calloc(columns, sizeof(double));
+    j->W = malloc(sizeof(double) * columns * columns), j->outside2 = malloc(sizeof(double) * columns);
+    j->X = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * columns) };
+    norms = malloc(sizeof *norms * ((size_t)m->count + 2));
+    if (j->Y.x == NULL || j->R == NULL || j->left == NULL || j->scale == NULL || j->weight == NULL || j->W == NULL || j->outside2 == NULL
+        || j->X.x == NULL || norms == NULL) {
+        free(norms);
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", n, S);
     }
     copy_samples(j, from, lead, 0);
@@ -62,18 +95,11 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
         for (int c = 0; c < S; c++)
             memcpy(j->Y.x + lead + b * m->k + (size_t)c * (size_t)n, m->blocks[b].C + (size_t)c * (size_t)m->k, sizeof(double) * (size_t)m->k);
     for (int c = 0; c < S; c++) {
-        memcpy(loose.x + (size_t)c * (size_t)loose.m, j->Y.x + (size_t)c * (size_t)n, sizeof(double) * (size_t)lead);
-        memcpy(loose.x + lead + (size_t)c * (size_t)loose.m, j->Y.x + n - trail + (size_t)c * (size_t)n, sizeof(double) * (size_t)trail);
-    }
-    rc = window_qr_factor(m->all, &loose, j->R, err);
-    if (rc == MODAL_OK)
-        rc = window_qr_factor(m->rest, NULL, j->rest, err);
-    for (int c = 0; c < S; c++) {
-        j->scale[c] = safe_norm(j->R + (size_t)c * (size_t)S, (size_t)c + 1) / sqrt(m->L);
+        j->scale[c] = norm_of_channel(j, c, false, norms) / sqrt(m->L), j->left[c] = norm_of_channel(j, c, true, norms);
         j->weight[c] = 1;
     }
-    free(loose.x);
-    return rc;
+    free(norms);
+    return moving_reduced(m) ? triangle_of_window(j, err) : MODAL_OK;
 }
 
 static double channel_factor(const struct job *j, int c)
@@ -81,30 +107,41 @@ static double channel_factor(const struct job *j, int c)
     return j->scale[c] > 0 ? j->weight[c] / j->scale[c] : 0;
 }
 
-/* How many of all singular values stand out of the rest: (1) of pod.c. */
-static int above_rest(const struct moving *m, const double *s, int most)
+/* (1) of pod.c: what singular value k, the first of the rest, must pass to stand out of it; REST: the rest's sum of squares. */
+static double edge_of(const struct moving *m, int k, double rest)
 {
-    double L = m->L, S = m->S, rest = 0;
+    double L = m->L, S = m->S;
 
-    for (int i = 0; i < m->S; i++)
-        rest += s[i] * s[i];
-    for (int k = 0; k < most && k < S; k++) {
-        if (s[k] <= 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k)))
+    return 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
+}
+
+/* How many of the first MOST singular values stand out of the rest; TOTAL: the sum of squares of all.  *rest: that of the others. */
+static int above_rest(const struct moving *m, const double *s, int most, double total, double *rest)
+{
+    *rest = total;
+    for (int k = 0; k < most && k < m->S; k++) {
+        if (s[k] <= edge_of(m, k, *rest))
             return k;
-        rest -= s[k] * s[k];
+        *rest -= s[k] * s[k];
     }
     return most;
 }
 
-static int signals_kept(const struct job *j, const double *s)
+static double square_of(const double *x, size_t count)
+{
+    double norm = quick_norm(x, count);
+
+    return norm * norm;
+}
+
+/* How many are more than rounding. */
+static int above_rounding(const struct job *j, const double *s)
 {
     int k = 0;
 
     while (k < j->m->S && s[k] > j->m->L * DBL_EPSILON * s[0])
         k++;
-    if (j->m->rest_white[j->weighed])
-        k = above_rest(j->m, s, k);
-    return k < 1 ? 1 : k > POD_SIGNALS_MOST ? POD_SIGNALS_MOST : k;
+    return k;
 }
 
 /* All singular values of A, and its right vectors. */
@@ -115,28 +152,6 @@ static enum modal_status all_triplets(struct matrix *A, double *s, struct matrix
     enum modal_status rc = U.x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S) : svd_thin(A, s, &U, VT, err);
 
     free(U.x);
-    return rc;
-}
-
-/* The singular values of A - A V V^T, descending, V^T being the first r rows of VT: of what is left, to half the digits, which is enough to compare. */
-static enum modal_status values_of_rest(const struct matrix *A, const struct matrix *VT, int r, double *s, struct modal_error *err)
-{
-    int S = A->n;
-    size_t size = (size_t)S * (size_t)S;
-    double *B = malloc(sizeof *B * (2 * size + (size_t)r * (size_t)S)), *G = B + size, *AV = G + size;
-    enum modal_status rc = MODAL_OK;
-
-    if (B == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
-    memcpy(B, A->x, sizeof *B * size);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, S, r, S, 1, A->x, S, VT->x, VT->ld, 0, AV, S);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, S, r, -1, AV, S, VT->x, VT->ld, 1, B, S);
-    cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, S, S, 1, B, S, 0, G, S);
-    if (LAPACKE_dsyevd(LAPACK_COL_MAJOR, 'N', 'U', S, G, S, AV) != 0)
-        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "moving: singular values of %d channels", S);
-    for (int i = 0; i < S - r && rc == MODAL_OK; i++)
-        s[i] = sqrt(fmax(AV[S - 1 - i], 0));
-    free(B);
     return rc;
 }
 
@@ -196,17 +211,139 @@ static enum modal_status iterate(const struct matrix *A, struct matrix *V, doubl
     return rc;
 }
 
-/* Only the triplets that stand out, as many as in the window before and found from them, and of the rest the values; *enough is false where that is not their
- * number now. */
-static enum modal_status leading_triplets(const struct job *j, const struct matrix *A, double *s, struct matrix *VT, bool *enough, struct modal_error *err)
+/* Whether every singular value of B = A - A V V^T, V^T being the first r rows of VT, is below EDGE: edge^2 - B^T B has a Cholesky factor.  To half the digits,
+ * which is enough to compare. */
+static enum modal_status rest_is_below(const struct matrix *A, const struct matrix *VT, int r, double edge, bool *below, struct modal_error *err)
+{
+    int S = A->n;
+    size_t size = (size_t)S * (size_t)S;
+    double *B = malloc(sizeof *B * (2 * size + (size_t)r * (size_t)S)), *G = B + size, *AV = G + size;
+
+    if (B == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
+    memcpy(B, A->x, sizeof *B * size);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, S, r, S, 1, A->x, S, VT->x, VT->ld, 0, AV, S);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, S, r, -1, AV, S, VT->x, VT->ld, 1, B, S);
+    cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, S, S, -1, B, S, 0, G, S);
+    for (int i = 0; i < S; i++)
+        G[i + (size_t)i * (size_t)S] += edge * edge;
+    *below = edge > 0 && LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', S, G, S) == 0;
+    free(B);
+    return MODAL_OK;
+}
+
+/*
+ * ---- is what the kept modes leave white in time? ----
+ *
+ * colour.h's test asks for the mean autocorrelation of the other left singular vectors, which is a trace: of all columns of an orthonormal basis of the window's column
+ * space, Y R^{-1}, less that of the kept ones.  The first part serves both choices of weights.
+ */
+
+/* Add SIGN times the autocorrelations of E's columns, each over its square, at lags 1 .. COLOUR_LAGS. */
+static void add_lags(const struct matrix *E, double sign, double *lags)
+{
+    for (int c = 0; c < E->n; c++) {
+        const double *e = E->x + (size_t)c * (size_t)E->ld;
+        double square = cblas_ddot(E->m, e, 1, e, 1);
+        for (int l = 1; l <= COLOUR_LAGS && square > 0; l++)
+            lags[l - 1] += sign * (cblas_ddot(E->m - l, e, 1, e + l, 1) / square);
+    }
+}
+
+/* E = samples W, L x n. */
+static void combine_samples(const struct moving *m, const double *W, struct matrix *E)
+{
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m->L, E->n, m->S, 1, moving_sample(m, m->next - (uint64_t)m->L), m->S, W, m->S, 0, E->x, m->L);
+}
+
+/* The triangle of channels of norm 1 into R, and they into E; a channel that those before it span to rounding is left out: zero, and unit in R. */
+static void unit_channels(const struct job *j, double *R, struct matrix *E)
+{
+    int S = j->m->S, L = j->m->L;
+    const double *y = moving_sample(j->m, j->m->next - (uint64_t)L);
+
+    for (int c = 0; c < S; c++) {
+        double *x = R + (size_t)c * (size_t)S, *e = E->x + (size_t)c * (size_t)L;
+        double unit = j->scale[c] > 0 ? 1 / (j->scale[c] * sqrt(L)) : 0;
+        for (int i = 0; i < S; i++)
+            x[i] = unit * j->R[i + (size_t)c * (size_t)S];
+        for (int l = 0; l < L; l++)
+            e[l] = unit * y[(size_t)l * (size_t)S + (size_t)c];
+    }
+    for (int c = 0; c < S; c++)
+        if (!(fabs(R[c + (size_t)c * (size_t)S]) > NOTHING)) {
+            for (int i = 0; i < S; i++)
+                R[c + (size_t)i * (size_t)S] = R[i + (size_t)c * (size_t)S] = i == c;
+            memset(E->x + (size_t)c * (size_t)L, 0, sizeof *E->x * (size_t)L);
+        }
+}
+
+/* j->lags, once a window. */
+static enum modal_status lags_of_all(struct job *j, struct modal_error *err)
+{
+    int S = j->m->S, L = j->m->L;
+    size_t size = (size_t)S * (size_t)S;
+    double *R = malloc(sizeof *R * (size + (size_t)L * (size_t)S));
+    struct matrix E = { L, S, L, R + size };
+
+    if (R == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, S);
+    unit_channels(j, R, &E);
+    cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, R, S, E.x, L);
+    add_lags(&E, 1, j->lags);
+    j->lags_known = true;
+    free(R);
+    return MODAL_OK;
+}
+
+/* j->W, j->full and j->r of the first r rows of VT. */
+static enum modal_status take_modes(struct job *j, const struct matrix *VT, int r, struct modal_error *err)
+{
+    int S = j->m->S, L = j->m->L;
+
+    free(j->full.x);
+    j->full = (struct matrix) { L, r, L, malloc(sizeof(double) * (size_t)L * (size_t)r + 1) };
+    if (j->full.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, r);
+    j->r = r;
+    for (int i = 0; i < r; i++)
+        for (int c = 0; c < S; c++)
+            j->W[c + (size_t)i * (size_t)S] = VT->x[i + (size_t)c * (size_t)VT->ld] * channel_factor(j, c);
+    if (r > 0)
+        combine_samples(j->m, j->W, &j->full);
+    return MODAL_OK;
+}
+
+/* VT's first r rows are the kept ones' right vectors, which become J's. */
+static enum modal_status rest_is_white(struct job *j, const struct matrix *VT, int r, bool *white, struct modal_error *err)
+{
+    int S = j->m->S, L = j->m->L;
+    double lags[COLOUR_LAGS], sum = 0, n = (double)L * (S - r);
+    enum modal_status rc = take_modes(j, VT, r, err);
+
+    if (rc == MODAL_OK && !j->lags_known)
+        rc = lags_of_all(j, err);
+    memcpy(lags, j->lags, sizeof lags);
+    if (rc == MODAL_OK)
+        add_lags(&j->full, -1, lags);
+    for (int l = 0; l < COLOUR_LAGS; l++)
+        sum += lags[l] / (S - r) * (lags[l] / (S - r));
+    *white = n * sum <= COLOUR_LIMIT;
+    return rc;
+}
+
+/* Only the triplets that stand out, as many as in the window before and found from them, and for the next value a bound; *enough is false where that is not
+ * their number now. */
+static enum modal_status leading_triplets(struct job *j, const struct matrix *A, double *s, struct matrix *VT, bool *enough, struct modal_error *err)
 {
     const struct kept_modes *kept = &j->m->kept[j->weighed];
     int S = A->n, r = kept->count;
     struct matrix V = { S, r, S, NULL };
+    double rest;
     enum modal_status rc;
 
     *enough = false;
-    if (r < 1 || 3 * r > S || !j->m->rest_white[j->weighed])
+    if (r < 1 || 3 * r > S)
         return MODAL_OK;
     V.x = malloc(sizeof *V.x * (size_t)S * (size_t)r);
     if (V.x == NULL)
@@ -216,9 +353,39 @@ static enum modal_status leading_triplets(const struct job *j, const struct matr
     for (int i = 0; i < r; i++)
         cblas_dcopy(S, V.x + (size_t)i * (size_t)S, 1, VT->x + i, VT->ld);
     free(V.x);
-    if (rc == MODAL_OK && *enough)
-        rc = values_of_rest(A, VT, r, s + r, err);
-    *enough = rc == MODAL_OK && *enough && s[r] < s[r - 1] && signals_kept(j, s) == r;
+    if (rc != MODAL_OK || !*enough || above_rest(j->m, s, r, square_of(A->x, (size_t)S * (size_t)S), &rest) != r)
+        return *enough = false, rc;
+    s[r] = edge_of(j->m, r, rest);           /* no more than this, if it is */
+    if (s[r] < s[r - 1])
+        rc = rest_is_below(A, VT, r, s[r], enough, err);
+    if (rc == MODAL_OK && *enough && s[r] < s[r - 1])
+        rc = rest_is_white(j, VT, r, enough, err);
+    else
+        *enough = false;
+    return rc;
+}
+
+/* All of them, and how many are kept: those that stand out of the rest where that is white, all but rounding where it is not. */
+static enum modal_status every_triplet(struct job *j, const struct matrix *A, double *s, struct matrix *VT, struct modal_error *err)
+{
+    size_t size = (size_t)A->n * (size_t)A->n;
+    struct matrix copy = { A->n, A->n, A->n, malloc(sizeof(double) * size) };
+    bool white = false;
+    double rest;
+    int most, k;
+    enum modal_status rc;
+
+    if (copy.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", A->n);
+    memcpy(copy.x, A->x, sizeof(double) * size);
+    rc = all_triplets(&copy, s, VT, err);
+    free(copy.x);
+    if (rc != MODAL_OK)
+        return rc;
+    most = above_rounding(j, s), k = above_rest(j->m, s, most, square_of(s, (size_t)A->n), &rest);
+    if (k < most)
+        rc = rest_is_white(j, VT, k, &white, err);
+    j->r = white ? k : most;
     return rc;
 }
 
@@ -251,30 +418,17 @@ static enum modal_status orthogonal_modes(struct job *j, struct modal_error *err
     for (int c = 0; c < S; c++)
         for (int i = 0; i < S; i++)
             A.x[i + (size_t)c * (size_t)S] = j->R[i + (size_t)c * (size_t)S] * channel_factor(j, c);
+    j->r = j->m->kept[j->weighed].count;
     rc = leading_triplets(j, &A, s, &VT, &enough, err);
-    if (rc == MODAL_NO_CONVERGENCE || (rc == MODAL_OK && !enough))
-        rc = all_triplets(&A, s, &VT, err);
-    if (rc == MODAL_OK) {
-        j->r = signals_kept(j, s);
-        if (!keep_modes(j, s, &VT))
-            rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
-        for (int i = 0; i < j->r; i++)
-            for (int c = 0; c < S; c++)
-                j->W[c + (size_t)i * (size_t)S] = VT.x[i + (size_t)c * (size_t)S] * channel_factor(j, c);
+    if (rc == MODAL_NO_CONVERGENCE || (rc == MODAL_OK && !enough)) {
+        rc = every_triplet(j, &A, s, &VT, err);
+        if (rc == MODAL_OK)
+            rc = take_modes(j, &VT, j->r < 1 ? 1 : j->r > POD_SIGNALS_MOST ? POD_SIGNALS_MOST : j->r, err);
     }
+    if (rc == MODAL_OK && !keep_modes(j, s, &VT))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
     free(x);
     return rc;
-}
-
-/* Channels themselves, to unit rms. */
-static void plain_signals(struct job *j)
-{
-    int S = j->m->S;
-
-    j->r = S;
-    memset(j->W, 0, sizeof *j->W * (size_t)S * (size_t)S);
-    for (int c = 0; c < S; c++)
-        j->W[c + (size_t)c * (size_t)S] = channel_factor(j, c);
 }
 
 bool moving_reduced(const struct moving *m)
@@ -285,34 +439,57 @@ bool moving_reduced(const struct moving *m)
 /* X = Y W, and of what Q does not hold the sums of squares. */
 static enum modal_status project(struct job *j, struct modal_error *err)
 {
-    int S = j->m->S;
-    double *T = malloc(sizeof *T * (size_t)S * (size_t)j->r);
+    const struct moving_rows *r = &j->rows;
+    int L = j->m->L;
+    double *e = malloc(sizeof *e * (size_t)(r->length + 1) * (size_t)j->r);
 
-    if (T == NULL)
+    if (e == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d signals", j->r);
     j->X.n = j->r;
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, j->Y.m, j->r, S, 1, j->Y.x, j->Y.ld, j->W, S, 0, j->X.x, j->X.ld);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, j->r, S, 1, j->rest, S, j->W, S, 0, T, S);
-    for (int g = 0; g < j->r; g++)
-        j->outside2[g] = cblas_ddot(S, T + (size_t)g * (size_t)S, 1, T + (size_t)g * (size_t)S, 1);
-    free(T);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, j->Y.m, j->r, j->m->S, 1, j->Y.x, j->Y.ld, j->W, j->m->S, 0, j->X.x, j->X.ld);
+    memset(j->outside2, 0, sizeof *j->outside2 * (size_t)j->r);
+    for (int b = 0; b < r->blocks; b++) {
+        for (int g = 0; g < j->r; g++)
+            memcpy(e + (size_t)g * (size_t)r->length, j->full.x + r->lead + b * r->length + (size_t)g * (size_t)L, sizeof *e * (size_t)r->length);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r->length, j->r, r->k, -1, r->Q, r->length, j->X.x + r->lead + b * r->k, j->X.ld, 1, e, r->length);
+        for (int g = 0; g < j->r; g++)
+            j->outside2[g] += cblas_ddot(r->length, e + (size_t)g * (size_t)r->length, 1, e + (size_t)g * (size_t)r->length, 1);
+    }
+    free(e);
+    return MODAL_OK;
+}
+
+void job_channels(const struct job *j, struct matrix *X, double *outside2)
+{
+    for (int c = 0; c < j->m->S; c++) {
+        double factor = j->scale[c] > 0 ? 1 / j->scale[c] : 0, left = factor * j->left[c];
+        for (int l = 0; l < j->Y.m; l++)
+            X->x[l + (size_t)c * (size_t)X->ld] = factor * j->Y.x[l + (size_t)c * (size_t)j->Y.ld];
+        outside2[c] = left * left;
+    }
+}
+
+/* Channels themselves, to unit rms, not weighed. */
+static enum modal_status plain_signals(struct job *j, struct modal_error *err)
+{
+    int S = j->m->S, L = j->m->L;
+    const double *y = moving_sample(j->m, j->m->next - (uint64_t)L);
+
+    free(j->full.x);
+    j->full = (struct matrix) { L, S, L, malloc(sizeof(double) * (size_t)L * (size_t)S) };
+    if (j->full.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, S);
+    j->r = j->X.n = S;
+    for (int c = 0; c < S; c++)
+        for (int l = 0; l < L; l++)
+            j->full.x[l + (size_t)c * (size_t)L] = channel_factor(j, c) * y[(size_t)l * (size_t)S + (size_t)c];
+    job_channels(j, &j->X, j->outside2);
     return MODAL_OK;
 }
 
 enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err)
 {
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = modes ? orthogonal_modes(j, err) : plain_signals(j, err);
 
-    if (modes)
-        rc = orthogonal_modes(j, err);
-    else
-        plain_signals(j);
-    return rc == MODAL_OK ? project(j, err) : rc;
-}
-
-enum modal_status job_signals_of(struct job *j, const double *W, int r, struct modal_error *err)
-{
-    j->r = r;
-    memcpy(j->W, W, sizeof *W * (size_t)j->m->S * (size_t)r);
-    return project(j, err);
+    return rc == MODAL_OK && modes ? project(j, err) : rc;
 }

@@ -4,6 +4,7 @@
 #include <complex.h>
 #include <fftw3.h>
 #include <stdbool.h>
+#include "modal/identify/colour.h"
 #include "modal/identify/moving.h"
 #include "modal/identify/moving_fit.h"
 #include "modal/linalg/window_qr.h"
@@ -11,7 +12,7 @@
 /* Rows of moving_reasons; GOOD: the update is the answer. */
 enum reason { FIRST, OPTIONS, NOT_SETTLED, ORDER_LESS, ORDER_MORE, POLE_SPLITS, OFFSET, UNDETERMINED, NOT_WHITE, BY_NOISE, PARTS, WEAK_MODE, GRID, GOOD };
 
-struct block { double *C; };                     /* k x S */
+struct block { double *C, *norm, *left; };       /* k x S; norms of its columns, and of what Q does not hold of them: in one piece with C */
 
 struct kept_modes { double *V; int count; };     /* S x count: proper orthogonal modes that were fitted */
 
@@ -28,13 +29,12 @@ struct moving {
     int reason;                                  /* where there is no anchor: why not */
     struct poles_of own, first;                  /* of the last result; before channels were weighed by their noise (count 0: they were not) */
     struct poles_of anchor;
-    bool rest_white[2];                          /* the last complete identification kept only the orthogonal signals that stand out of white noise; weighed */
     struct kept_modes kept[2];                   /* of the window before; of weighed channels */
     int B, k;
     double *Q, *table;                           /* table: moving_columns.h, of the anchor */
     struct block *blocks; int count, blocks_room;     /* oldest first */
     uint64_t block_from;                         /* index of the oldest block's first sample */
-    struct window_qr *all, *rest;                /* triangles of the blocks: of the samples; of what Q does not hold */
+    struct window_qr *all;                       /* triangle of the blocks' samples, where signals are reduced; else NULL */
 
     fftw_plan plan[3];                           /* L, L/4, L/16 */
     double *x; fftw_complex *X;
@@ -46,13 +46,15 @@ struct job {
     struct moving *m;
     struct moving_rows rows;
     struct matrix Y;              /* rows x S: compressed samples of the channels, as they are */
-    double *R, *rest;             /* S x S: triangles of all rows; of what Q does not hold */
+    double *R;                    /* S x S: triangle of all rows, where signals are reduced */
+    double *left;                 /* S: norms of what Q does not hold of the channels */
     double *scale;                /* rms of each channel; 0: a zero channel */
     double *weight;               /* of each channel beside 1/scale: 1, or the least noise over its own */
     bool weighed;
     double *W; int r;             /* S x r: signals = samples W */
     double *outside2;
-    struct matrix X;              /* rows x r */
+    struct matrix X, full;        /* rows x r; samples W, L x r */
+    double lags[COLOUR_LAGS]; bool lags_known;   /* autocorrelations of an orthonormal basis of the window's columns, added */
     struct moving_fit first, own, channels;      /* on signals as sent, weighed; own poles on the channels, where they are not the signals */
     double work;
     enum growth *growth;          /* of each of own's poles */
@@ -87,8 +89,8 @@ bool moving_reduced(const struct moving *m);
 /* X = Y W: proper orthogonal modes, or the channels to unit rms. */
 enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err);
 
-/* X = Y W with the W (S x R) of an earlier job_signals.  Modes found once more may have other signs, and a fit's amplitudes are those of its own signals. */
-enum modal_status job_signals_of(struct job *j, const double *W, int r, struct modal_error *err);
+/* The channels to unit rms, whatever J's signals are: X, rows x S, and OUTSIDE2, S. */
+void job_channels(const struct job *j, struct matrix *X, double *outside2);
 
 /* ---- moving_judge.c ---- */
 

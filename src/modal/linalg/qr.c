@@ -96,18 +96,10 @@ enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_e
     return rc;
 }
 
-/* The Euclidean norm of numbers most of which have squares. */
-static double norm_of(const double *x, int count)
-{
-    double square = cblas_ddot(count, x, 1, x, 1);
-
-    return square > 1e-200 && square < 1e200 ? sqrt(square) : safe_norm(x, (size_t)count);
-}
-
 /* x becomes v, v[0] = 1, with (1 - tau v v^T) x = (beta, 0 ..); tau. */
 static double reflector(double *x, int count, double *beta)
 {
-    double norm = norm_of(x, count), alpha = x[0];
+    double norm = quick_norm(x, (size_t)count), alpha = x[0];
 
     *beta = alpha > 0 ? -norm : norm;
     if (norm == 0)

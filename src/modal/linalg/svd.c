@@ -8,7 +8,9 @@
  * [LUG] LAPACK Users' Guide, 3rd ed., 1999.
  */
 #include "modal/linalg/svd.h"
+#include <cblas.h>
 #include <lapacke.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,6 +48,13 @@ double safe_norm(const double *x, size_t count)
         sum += a * a;
     }
     return most * sqrt(sum);
+}
+
+double quick_norm(const double *x, size_t count)
+{
+    double square = count <= INT_MAX ? cblas_ddot((int)count, x, 1, x, 1) : 0;
+
+    return square > 1e-200 && square < 1e200 ? sqrt(square) : safe_norm(x, count);
 }
 
 double safe_matrix_norm(const struct matrix *a)

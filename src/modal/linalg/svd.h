@@ -25,5 +25,6 @@ double largest_magnitude(const double *x, size_t count);
 
 /* The Euclidean norm without overflow or harmful underflow. */
 double safe_norm(const double *x, size_t count);
+double quick_norm(const double *x, size_t count);     /* the same by one dot product, where squares neither overflow nor vanish */
 double safe_matrix_norm(const struct matrix *a);      /* Frobenius, column by column */
 #endif

@@ -147,12 +147,16 @@ struct ring_page {
 
 struct frame {
     uint64_t first, count;
-    double *data;                            /* FRAME_BYTES, or one sample */
+    double *data;                            /* of a loan: FRAME_BYTES, or one sample */
+    uint32_t crc;                            /* CRC-32C of the samples, once it is built */
     uint64_t ring_end;                       /* the tail once it is acknowledged; 0: it came from the spill file */
     uint64_t file_end;                       /* the spill's offset once it is acknowledged */
     int64_t id;                              /* of the message; 0: not sent */
     bool acknowledged;
 };
+
+/* Samples of a frame: libzmq is lent them instead of taking a copy, and gives them back from a thread of its own. */
+struct loan { atomic_uint holders; _Alignas(64) double data[]; };       /* holders: the frame, and messages */
 
 struct spill_head { uint64_t first, count; uint32_t crc, zero; };
 
@@ -279,6 +283,50 @@ static void say(modald_stream *s, const char *what)
     s->told = true;
 }
 
+/* ------------------------------------------------------------------ samples lent to libzmq */
+
+static double *loan_new(size_t bytes)
+{
+    struct loan *loan = aligned_alloc(64, (sizeof *loan + bytes + 63) / 64 * 64);
+
+    if (loan == NULL)
+        return NULL;
+    atomic_init(&loan->holders, 1);
+    return loan->data;
+}
+
+static struct loan *loan_of(double *data)
+{
+    return (struct loan *)((char *)data - offsetof(struct loan, data));
+}
+
+static void loan_drop(double *data)
+{
+    if (data != NULL && atomic_fetch_sub_explicit(&loan_of(data)->holders, 1, memory_order_acq_rel) == 1)
+        free(loan_of(data));
+}
+
+static void give_back(void *data, void *hint)
+{
+    (void)hint;
+    loan_drop(data);
+}
+
+/* Room of BYTES that may be written: *DATA, or in its place other room while a message of an old connection still has that.  False: no memory. */
+static bool loan_own(double **data, size_t bytes)
+{
+    double *other;
+
+    if (atomic_load_explicit(&loan_of(*data)->holders, memory_order_acquire) == 1)
+        return true;
+    other = loan_new(bytes);
+    if (other == NULL)
+        return false;
+    loan_drop(*data);
+    *data = other;
+    return true;
+}
+
 /* ------------------------------------------------------------------ the host's calls */
 
 /* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
@@ -318,6 +366,12 @@ void modald_push(modald_stream *s, const double *y)
         return;
     memcpy(at + 2, y, (size_t)s->channels * sizeof *y);
     publish(s, at, NAN);
+}
+
+void modald_push_block(modald_stream *s, const double *y, size_t count)
+{
+    for (; s != NULL && count > 0; count--, y += s->channels)
+        modald_push(s, y);
 }
 
 void modald_push_float(modald_stream *s, const float *y)
@@ -501,7 +555,7 @@ static bool spill_open(modald_stream *s)
 static bool spill_write(modald_stream *s, struct frame *f)
 {
     size_t length = f->count * (size_t)s->channels * sizeof(double);
-    struct spill_head head = { f->first, f->count, crc32c(f->data, length), 0 };
+    struct spill_head head = { f->first, f->count, f->crc, 0 };
 
     if (!spill_open(s) || s->spill_end + sizeof head + length > s->spill_most
         || !write_all(s->spill_fd, f->data, length, s->spill_end + sizeof head) || !write_all(s->spill_fd, &head, sizeof head, s->spill_end)) {
@@ -517,6 +571,11 @@ static bool spill_write(modald_stream *s, struct frame *f)
     f->file_end = s->spill_end;
     atomic_fetch_add_explicit(&s->spilled, f->count, memory_order_relaxed);
     return true;
+}
+
+static size_t frame_bytes(const modald_stream *s)
+{
+    return s->frame_samples * (size_t)s->channels * sizeof(double);
 }
 
 static struct frame *frame_at(modald_stream *s, int i)
@@ -548,6 +607,8 @@ static bool spill_next(modald_stream *s, struct frame *f)
     struct spill_head head;
     size_t length;
 
+    if (!loan_own(&f->data, frame_bytes(s)))
+        return false;
     for (;;) {
         if (s->spill_read >= s->spill_end)
             return false;
@@ -564,6 +625,7 @@ static bool spill_next(modald_stream *s, struct frame *f)
     s->spill_read += sizeof head + length;
     f->first = head.first;
     f->count = head.count;
+    f->crc = head.crc;
     f->ring_end = 0;
     f->file_end = s->spill_read;
     f->id = 0;
@@ -599,6 +661,9 @@ static bool finish_build(modald_stream *s)
 {
     if (s->build.count == 0)
         return true;
+    if (!spilling(s) && s->frames == WINDOW)
+        return false;
+    s->build.crc = crc32c(s->build.data, s->build.count * (size_t)s->channels * sizeof(double));
     s->build.ring_end = s->taken;
     s->build.id = 0;
     s->build.acknowledged = false;
@@ -607,8 +672,6 @@ static bool finish_build(modald_stream *s)
             return false;
         release(s, s->taken);
     } else {
-        if (s->frames == WINDOW)
-            return false;
         struct frame *f = frame_at(s, s->frames++);
         double *data = f->data;
         *f = s->build;
@@ -624,7 +687,7 @@ static bool add_sample(modald_stream *s, uint64_t index, const double *y)
     bool fits = s->build.count > 0 && index == s->build.first + s->build.count && s->build.count < s->frame_samples;
 
     if (!fits) {
-        if (!finish_build(s))
+        if (!finish_build(s) || !loan_own(&s->build.data, frame_bytes(s)))
             return false;
         s->build.first = index;
         s->build_since = now();
@@ -805,13 +868,30 @@ static void open_header(modald_stream *s, char *text, size_t size)
     add(text, size, "}");
 }
 
-static bool send_message(modald_stream *s, const char *verb, const char *header, const void *body, size_t length)
+/* The body of a message: the first LENGTH bytes of DATA, lent. */
+static bool send_body(modald_stream *s, double *data, size_t length)
+{
+    zmq_msg_t message;
+    bool sent;
+
+    atomic_fetch_add_explicit(&loan_of(data)->holders, 1, memory_order_relaxed);
+    if (zmq_msg_init_data(&message, data, length, give_back, NULL) != 0) {
+        loan_drop(data);
+        return false;
+    }
+    sent = zmq_msg_send(&message, s->socket, ZMQ_DONTWAIT) >= 0;
+    if (!sent)
+        zmq_msg_close(&message);                        /* which gives it back */
+    return sent;
+}
+
+static bool send_message(modald_stream *s, const char *verb, const char *header, double *body, size_t length)
 {
     if (!s->ready || zmq_send(s->socket, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
         return false;
     return zmq_send(s->socket, verb, strlen(verb), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
         && zmq_send(s->socket, header, strlen(header), ZMQ_DONTWAIT | (body ? ZMQ_SNDMORE : 0)) >= 0
-        && (body == NULL || zmq_send(s->socket, body, length, ZMQ_DONTWAIT) >= 0);
+        && (body == NULL || send_body(s, body, length));
 }
 
 static void send_open(modald_stream *s)
@@ -845,7 +925,7 @@ static bool send_frame(modald_stream *s, struct frame *f)
     add(text, sizeof text, ",\"op\":\"push\",\"stream\":");
     add_string(text, sizeof text, s->stream);
     add(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}", (unsigned long long)s->epoch, (unsigned long long)f->first,
-        (unsigned long long)f->count, (unsigned long)crc32c(f->data, length));
+        (unsigned long long)f->count, (unsigned long)f->crc);
     if (!send_message(s, "STREAM", text, f->data, length))
         return false;
     f->id = id;
@@ -1453,17 +1533,16 @@ static bool make_ring(modald_stream *s, size_t bytes, const char *file)
 
 static bool make_frames(modald_stream *s)
 {
-    size_t sample = (size_t)s->channels * sizeof(double), frame;
+    size_t sample = (size_t)s->channels * sizeof(double);
 
     s->frame_samples = sample < FRAME_BYTES ? FRAME_BYTES / sample : 1;
-    frame = s->frame_samples * sample;
     for (int i = 0; i < WINDOW; i++)
-        if ((s->window[i].data = malloc(frame)) == NULL)
+        if ((s->window[i].data = loan_new(frame_bytes(s))) == NULL)
             return false;
     for (int i = 0; i < HISTORY; i++)
         if ((s->history[i].y = malloc(sample)) == NULL)
             return false;
-    s->build.data = malloc(frame);
+    s->build.data = loan_new(frame_bytes(s));
     s->rms = calloc((size_t)s->channels, sizeof *s->rms);
     s->sample = calloc((size_t)s->channels, sizeof *s->sample);
     return s->build.data && s->rms && s->sample;
@@ -1490,10 +1569,10 @@ static void stream_free(modald_stream *s)
     if (s->page != NULL)
         munmap(s->page, s->ring_bytes);
     for (int i = 0; i < WINDOW; i++)
-        free(s->window[i].data);
+        loan_drop(s->window[i].data);
     for (int i = 0; i < HISTORY; i++)
         free(s->history[i].y);
-    free(s->build.data);
+    loan_drop(s->build.data);
     free(s->rms);
     free(s->sample);
     free(s->names);

@@ -61,6 +61,8 @@ void modald_window(modald_stream *s, long samples, long hop, const char *options
 void modald_seek(modald_stream *s, double index);
 
 void modald_push(modald_stream *s, const double *y);
+/* COUNT samples, one behind the other. */
+void modald_push_block(modald_stream *s, const double *y, size_t count);
 void modald_push_float(modald_stream *s, const float *y);
 /* Uneven steps: brought to multiples of dt by cubic interpolation, its error estimated.  A time before the last begins anew there. */
 void modald_push_at(modald_stream *s, double t, const double *y);

@@ -422,6 +422,7 @@ static void opens_what_is_none(void)
     modald_push(modald_open("none", 0, 1), NULL);
     modald_push(NULL, NULL);
     modald_push_at(NULL, 1, NULL);
+    modald_push_block(NULL, NULL, 3);
     modald_describe(NULL, NULL, NULL, 0);
     modald_seek(NULL, 1);
     modald_close(NULL);

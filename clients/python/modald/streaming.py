@@ -77,7 +77,7 @@ def _load() -> ctypes.CDLL:
             ("modald_describe", None, [pointer, ctypes.POINTER(text), text, number]),
             ("modald_window", None, [pointer, ctypes.c_long, ctypes.c_long, text]),
             ("modald_seek", None, [pointer, number]),
-            ("modald_push", None, [pointer, pointer]),
+            ("modald_push_block", None, [pointer, pointer, ctypes.c_size_t]),
             ("modald_push_at", None, [pointer, number, pointer]),
             ("modald_verdict", ctypes.c_int, [pointer]),
             ("modald_get_estimate", ctypes.c_int, [pointer, ctypes.POINTER(_Estimate)]),
@@ -130,9 +130,8 @@ class Stream:
         if not self._handle:
             return
         rows = self._samples(y)
-        address, step = rows.ctypes.data, 8 * self.channels
-        for i in range(rows.size // self.channels):
-            self._lib.modald_push(self._handle, address + i * step)
+        if rows.size > 0:
+            self._lib.modald_push_block(self._handle, rows.ctypes.data, rows.size // self.channels)
 
     def push_at(self, t: float, y: npt.ArrayLike) -> None:
         """A sample at its own time; the stream has it at multiples of dt."""

@@ -4,6 +4,9 @@
  * A sweep solves N points, each from its neighbour.  A continuation follows one branch (path.h) and reports folds, and
  * between its points the changes of stability: a multiplier that leaves the unit circle at +1 (a branch point, or at a
  * fold), at -1 (period doubling) or as a pair (Neimark-Sacker), located by regula falsi on |mu| - 1 over the parameter.
+ *
+ * Rigid friction alone has no branch to follow: a harmonic balance does not know of stops, and the motion is unique (two of them
+ * would approach each other, friction being monotone in the rates), so that there are no folds.  Its continuation is MARCHED points.
  */
 #include "job/curve.h"
 #include <math.h>
@@ -14,9 +17,10 @@
 #include "job/scene_path.h"
 #include "job/steady_print.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/cycle.h"
 #include "modal/steady/path.h"
 
-enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60, NEAR = 4 };
+enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60, NEAR = 4, MARCHED = 101 };
 
 struct curve {
     const struct job_request *request;
@@ -427,6 +431,32 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
     return rc;
 }
 
+static bool rigid_alone(const struct program *p, const struct steady_options *opt)
+{
+    bool rigid = p->laws > 0 && p->harmonics == 0 && opt->method == STEADY_AUTO && cycle_takes(p);
+
+    for (int l = 0; l < p->laws; l++)
+        rigid &= p->law[l].kind->set_valued;
+    return rigid;
+}
+
+static enum modal_status march(struct curve *c, cJSON *doc, struct modal_error *err)
+{
+    enum modal_status rc;
+    const cJSON *point;
+    bool complete = true;
+
+    c->count = MARCHED;
+    rc = sweep(c, err);
+    cJSON_ArrayForEach(point, c->points)
+        complete &= cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(point, "converged"));
+    if (rc == MODAL_OK)
+        cJSON_AddBoolToObject(doc, "complete", complete);
+    if (rc == MODAL_OK && !complete)
+        cJSON_AddStringToObject(doc, "reason", "at some points no periodic motion was found");
+    return rc;
+}
+
 static void curve_done(struct curve *c)
 {
     steady_free(c->s);
@@ -456,7 +486,7 @@ enum modal_status curve_run(const struct job_request *request, struct program *p
         rc = c.scene == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : MODAL_OK;
     }
     if (rc == MODAL_OK)
-        rc = counted ? sweep(&c, err) : follow(&c, out, err);
+        rc = counted ? sweep(&c, err) : rigid_alone(p, &settings->opt) ? march(&c, out, err) : follow(&c, out, err);
     if (rc == MODAL_OK) {
         plan = plan_print(p, counted ? "sweep" : "continuation");
         cJSON_AddNumberToObject(plan, "ffts", (double)c.ffts);

@@ -274,6 +274,17 @@ def test_twenty_dofs_with_a_slider_are_right(tmp_path, i):
     assert r["stability"]["stable"] is (None if stuck else True)
 
 
+# From one reference motion (without stops) to another: the force is monotone in the rate, so there is one motion and no fold.
+def test_a_curve_under_rigid_friction_has_the_exact_motions_at_its_ends(tmp_path):
+    d = load("rigid_coulomb")
+    first, last = d["solutions"][2], d["solutions"][0]
+    c = run(tmp_path, oscillator(2, [{"type": "coulomb", "dof": "x1", "limit": d["parameters"]["muN"]}], cos=1), "--continue", "omega=2:1.5")
+    assert (first["omega"], first["P"], last["omega"], last["P"]) == (2, 1, 1.5, 1)
+    assert c["complete"] and c["folds"] == [] and [c["points"][i]["omega"] for i in (0, -1)] == [2, 1.5]
+    assert off(c["points"][0], first) < 1e-11 and off(c["points"][-1], last) < 1e-11
+    assert all(p["converged"] and p["method"] == "events" and p["total_error"] < 1e-4 for p in c["points"])
+
+
 # x = A cos 2t is made the exact motion of H = 11 harmonics: the load is the linear force and the reference's force.
 @pytest.mark.parametrize("row", load("jenkins_describing_function")["rows"], ids=lambda r: f"{r['kt']}-{r['ratio']}")
 def test_a_sliders_force_harmonics_are_the_closed_form(tmp_path, row):

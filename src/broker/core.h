@@ -76,6 +76,7 @@ struct transaction {
 enum task_type {
     TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_ABORT, TASK_CLOSE, TASK_REMOVE_INPUT,   /* on an upload, one at a time */
     TASK_STREAM_SEAL,                     /* the samples of an epoch into one batch: begin, write, sync, seal */
+    TASK_SAMPLES_COMPARE,                 /* samples of an epoch with those of a chunk */
     TASK_REMOVE_SAMPLES,
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
 };
@@ -85,7 +86,7 @@ struct task {
     int64_t id;                           /* input, job or stream */
     struct input_shape shape;             /* BEGIN, RESUME: borrowed from the input, which outlives the task */
     struct upload *upload;                /* in and out of the spool functions */
-    struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on */
+    struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on; SAMPLES_COMPARE: one */
     uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most */
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
     struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
@@ -95,7 +96,8 @@ struct task {
     uint32_t crc;                         /* SEAL: out */
     struct result_record record;          /* RESULT_PUT: out */
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
-    int64_t stream; uint64_t epoch, begin;    /* STREAM_SEAL: in; begin: the index of the batch's first sample */
+    int64_t stream; uint64_t epoch, begin;    /* STREAM_SEAL, SAMPLES_COMPARE: in; begin: the index of the batch's, the chunk's first sample */
+    bool differs;                         /* SAMPLES_COMPARE: out: samples that are there are not those of the chunk */
     enum modal_status status;             /* out */
     int64_t took_ns;                      /* out */
     struct modal_error err;

@@ -246,6 +246,46 @@ static enum modal_status seal_stream(const char *dir, struct ledger_reader *read
     return rc;
 }
 
+struct comparing { struct task *task; int fd; char *block; };
+
+/* What SEGMENT has of the samples to be compared. */
+static enum modal_status compare_segment(void *context, const struct segment_record *segment)
+{
+    struct comparing *c = context;
+    struct task *task = c->task;
+    uint64_t size = 8 * task->shape.channels, end = task->begin + task->length, from, to;
+    enum modal_status rc;
+
+    from = segment->first > task->begin ? segment->first : task->begin;
+    to = segment->first + segment->count < end ? segment->first + segment->count : end;
+    if (segment->epoch != task->epoch || from >= to || task->differs)
+        return MODAL_OK;
+    if (segment->length != segment->count * size || segment->length > WIRE_CHUNK_MOST)
+        return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples", (long long)task->stream,
+                          (unsigned long long)segment->length, (unsigned long long)segment->count);
+    rc = samples_get(c->fd, segment, c->block, &task->err);
+    task->differs = rc == MODAL_OK && memcmp(c->block + (from - segment->first) * size, (const char *)task->chunks[0]->data + (from - task->begin) * size,
+                                             (to - from) * size) != 0;
+    return rc;
+}
+
+static enum modal_status compare(const char *dir, struct ledger_reader *reader, struct task *task)
+{
+    struct comparing c = { .task = task, .fd = -1, .block = malloc(WIRE_CHUNK_MOST) };
+    char path[4200];
+    enum modal_status rc = c.block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
+
+    samples_path(path, dir, task->stream);
+    if (rc == MODAL_OK)
+        rc = file_open(path, O_RDONLY, 0, &c.fd, &task->err);
+    if (rc == MODAL_OK)
+        rc = ledger_read_segments(reader, task->stream, compare_segment, &c, &task->err);
+    if (c.fd >= 0)
+        close(c.fd);
+    free(c.block);
+    return rc;
+}
+
 /* The part [offset, offset + length) of DATA, which is freed. */
 static enum modal_status cut(struct task *task, char *data, size_t length)
 {
@@ -322,6 +362,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_ABORT:         return drop(dir, task);
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
+    case TASK_SAMPLES_COMPARE: return compare(dir, reader, task);
     case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
     case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);

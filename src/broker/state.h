@@ -82,6 +82,16 @@ struct filling {
     int slot;                             /* of the worker that makes it; -1 */
 };
 
+/* Samples that wait until those before them are compared with the file. */
+struct push {
+    struct push *next;
+    struct reply reply;
+    uint64_t first, count;
+    uint32_t crc;
+    struct blob *body;
+    enum sameness { UNTOLD, SAME, OTHER, UNKNOWN } same;      /* as those of their indices that are there */
+};
+
 /* Samples without a gap between them. */
 struct segment { uint64_t epoch, first, count; };
 
@@ -100,6 +110,8 @@ struct stream {
     uint64_t bytes;                       /* of all segments: the end of its file */
     uint64_t (*gaps)[2]; size_t gap_count;
     uint32_t *crcs; uint64_t crc_first, crc_count, crc_room;      /* of each sample from `crc_first` on; 0: not known */
+    struct push *held, **held_end;        /* in their order; a task compares the first */
+    bool comparing;
     int64_t in_flight;                    /* bytes */
     struct transaction *last;
     struct after *askers;                 /* who closed it */
@@ -406,6 +418,7 @@ struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uin
 void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document, const cJSON *error);
 void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to);
 void stream_load_note(struct core *c, const struct note_record *r);
+void stream_compared(struct core *c, struct task *task);
 void stream_load_segment(struct core *c, const struct segment_record *r);
 /* Whether ID is an open stream, whose samples are in a file. */
 bool stream_is_open(const struct core *c, int64_t id);

@@ -1,9 +1,9 @@
 /*
  * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch; live windows on the way
  *
- * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same group commit as everything else.  A sample is known by epoch and index.  Each sample of the present epoch has its CRC-32C in memory:
- * the same index with the same bytes is a repeat and ignored, with other bytes it begins an epoch; what the checksums of
- * an earlier life of the daemon were, and those before a long gap, is not known, and such samples count as repeats.
+ * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same group commit as everything else.  A sample is known by epoch and index.  The same index with
+ * the same bytes is a repeat and ignored, with other bytes it begins an epoch.  Of the last SUMS_MOST samples of the present
+ * epoch and this life of the daemon a CRC-32C each is in memory; older ones are compared with the file, while the push and those behind it wait.
  */
 #include "broker/state.h"
 #include "modal/crc32c.h"
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256 };
+enum { STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256, SUMS_MOST = 1 << 16 /* samples */ };
 
 static uint64_t sample_bytes(const struct stream *s)
 {
@@ -200,6 +200,8 @@ static void say_full(struct core *c, const struct reply *reply)
     answer_fail(c, reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 1), "the samples could not be stored: the disk is full");
 }
 
+static void end_if_quiet(struct core *c, struct stream *s);
+
 static void on_open(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
 {
     struct reply reply = reply_to(e, r);
@@ -256,18 +258,30 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
 
 /* ---- pushing ---------------------------------------------------------------------------------------------------- */
 
-/* Checksums of samples [first, first + count), as far as they are known, against DATA: false where one differs. */
-static bool same_samples(const struct stream *s, uint64_t first, uint64_t count, const char *data)
+/* Samples [first, first + count) as DATA has them beside those of the same indices, as far as their checksums are in memory. */
+static enum sameness same_samples(const struct stream *s, uint64_t first, uint64_t count, const char *data)
 {
-    for (uint64_t i = 0; i < count; i++) {
+    enum sameness found = SAME;
+
+    for (uint64_t i = 0; i < count && first + i < s->next; i++) {
         uint64_t at = first + i;
-        if (at < s->begin || at >= s->next)
-            return at >= s->next;
-        if (at >= s->crc_first && at - s->crc_first < s->crc_count && s->crcs[at - s->crc_first] != 0
-            && s->crcs[at - s->crc_first] != crc32c(0, data + i * sample_bytes(s), sample_bytes(s)))
-            return false;
+        uint32_t known = at >= s->crc_first && at - s->crc_first < s->crc_count ? s->crcs[at - s->crc_first] : 0;
+        if (at < s->begin || (known != 0 && known != crc32c(0, data + i * sample_bytes(s), sample_bytes(s))))
+            return OTHER;
+        if (known == 0)
+            found = UNKNOWN;
     }
-    return true;
+    return found;
+}
+
+/* Checksums of the oldest samples leave memory, which is bounded for streams of any length. */
+static void forget_oldest(struct stream *s, uint64_t most)
+{
+    uint64_t gone = s->crc_count > most ? s->crc_count - most : 0;
+
+    memmove(s->crcs, s->crcs + gone, (s->crc_count - gone) * sizeof *s->crcs);
+    s->crc_first += gone;
+    s->crc_count -= gone;
 }
 
 /* Behind a gap that is more than a few samples they begin anew: what is in memory is bounded by what was sent. */
@@ -279,6 +293,8 @@ static void remember(struct stream *s, uint64_t first, uint64_t count, const cha
         s->crc_first = first;
         s->crc_count = 0;
     }
+    if (s->crc_count > 2 * SUMS_MOST)
+        forget_oldest(s, SUMS_MOST);
     need = first + count - s->crc_first;
     if (need > s->crc_room) {
         s->crc_room = 2 * need;
@@ -390,50 +406,162 @@ static bool may_push(struct core *c, struct stream *s, size_t size, const struct
     return good;
 }
 
+/* Do samples that the record shows as missing come after all?  They have no place in it any more. */
+static bool comes_late(struct core *c, const struct stream *s, const struct push *p)
+{
+    for (size_t i = 0; p->same == SAME && i < s->gap_count; i++)
+        if (s->gaps[i][0] < p->first + p->count && s->gaps[i][1] > p->first) {
+            answer_fail(c, &p->reply, MODAL_CONFLICT, "first", answer_number("expected", (double)s->next), "samples %llu to %llu are a gap of the record already; accepted: from %llu on",
+                        (unsigned long long)s->gaps[i][0], (unsigned long long)(s->gaps[i][1] - 1), (unsigned long long)s->next);
+            return true;
+        }
+    return false;
+}
+
+/* Into the file and the ledger: what is new of P, or, where it begins an epoch, all. */
+static void accept(struct core *c, struct stream *s, const struct push *p)
+{
+    const char *data = p->body->data;
+    uint64_t size = sample_bytes(s), known;
+    struct transaction *t = transaction_new();
+    struct after *after = after_new(AFTER_STREAM, &p->reply);
+
+    transaction_keep(t, p->body);
+    t->refusable = FIRST_REFUSED;
+    t->fence = &s->fence;
+    if (p->same == OTHER)
+        new_epoch(c, s, p->first, t);
+    known = p->first < s->next && s->segment_count > 0 ? s->next - p->first : 0;
+    if (known == 0)
+        append(s, p->first, p->count, data, p->crc, t);
+    else if (known < p->count)
+        append(s, s->next, p->count - known, data + known * size, crc32c(0, data + known * size, (p->count - known) * size), t);
+    after->stream = s;
+    after->value = (int64_t)s->next;
+    after->length = (int64_t)(p->count * size);
+    after->attempts = (int)s->epoch;
+    transaction_join(t, after);
+    s->in_flight += after->length;
+    s->last = t;
+    core_commit(c, t);
+}
+
+static void hold(struct stream *s, const struct push *p)
+{
+    struct push *held = grab(sizeof *held);
+
+    *held = *p;
+    held->body = blob_share(p->body);
+    if (s->held == NULL)
+        s->held_end = &s->held;
+    *s->held_end = held;
+    s->held_end = &held->next;
+    s->in_flight += (int64_t)(p->count * sample_bytes(s));
+}
+
+static void let_go(struct stream *s)
+{
+    struct push *p = s->held;
+
+    s->held = p->next;
+    s->in_flight -= (int64_t)(p->count * sample_bytes(s));
+    blob_drop(p->body);
+    free(p);
+}
+
+/* What of the epoch is on disk beside the first that is held; all of it is committed. */
+static void compare(struct core *c, struct stream *s)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = TASK_SAMPLES_COMPARE;
+    task->shape.channels = s->channels;
+    task->owner = s;
+    task->stream = s->id;
+    task->epoch = s->epoch;
+    task->begin = s->held->first;
+    task->length = s->held->count;
+    task->chunks[task->count++] = blob_share(s->held->body);
+    s->comparing = true;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* Those held that can go on, in their order, up to one that must be compared. */
+static void go_on(struct core *c, struct stream *s)
+{
+    while (s->held != NULL && !s->comparing) {
+        struct push *p = s->held;
+        if (p->same == UNTOLD)
+            p->same = same_samples(s, p->first, p->count, p->body->data);
+        if (p->same == UNKNOWN) {
+            if (is_durable(s))
+                compare(c, s);
+            return;
+        }
+        if (is_full(c) || atomic_load(&s->fence) || (s->resumes && p->first > s->next))
+            refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), &p->reply);
+        else {
+            s->resumes = s->slowed = false;
+            if (!comes_late(c, s, p))
+                accept(c, s, p);
+        }
+        let_go(s);
+    }
+}
+
+void stream_compared(struct core *c, struct task *task)
+{
+    struct stream *s = task->owner;
+
+    s->comparing = false;
+    s->held->same = task->differs ? OTHER : SAME;
+    if (task->status != MODAL_OK) {
+        answer_error(c, &s->held->reply, &task->err, NULL);
+        let_go(s);
+        s->resumes = true;                         /* what is behind it leaves no hole */
+    }
+    go_on(c, s);
+    end_if_quiet(c, s);
+}
+
+/* A push whose message is in order: taken, held behind another, or held until it is compared. */
+static void take_push(struct core *c, struct stream *s, struct push *p)
+{
+    if (s->held == NULL)
+        p->same = same_samples(s, p->first, p->count, p->body->data);
+    if (p->same == SAME || p->same == OTHER) {
+        if (!comes_late(c, s, p))
+            accept(c, s, p);
+        return;
+    }
+    hold(s, p);
+    go_on(c, s);
+}
+
 static void on_push(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
 {
-    struct reply reply = reply_to(e, r);
-    uint64_t first = r->stream.first, count = r->stream.count, size = count * sample_bytes(s), known;
+    struct push push = { .reply = reply_to(e, r), .first = r->stream.first, .count = r->stream.count, .crc = r->stream.crc32c, .body = e->body[0] };
+    uint64_t size = push.count * sample_bytes(s);
     const char *data = e->message->body[0].data;
-    struct transaction *t;
-    struct after *after;
+    const struct reply *reply = &push.reply;
 
     if (e->message->body_bytes != size)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "body", NULL, "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
-                    e->message->body_bytes, (unsigned long long)count, (unsigned long long)s->channels);
-    else if (crc32c(0, data, size) != r->stream.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the samples as they came", r->stream.crc32c, crc32c(0, data, size));
-    else if (gap_too_long(c, s, first, count))
-        answer_fail(c, &reply, MODAL_TOO_LARGE, "first", NULL, "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at most %lld bytes",
-                    (unsigned long long)s->next, (unsigned long long)first, (long long)c->settings.input_bytes);
+        answer_fail(c, reply, MODAL_BAD_INPUT, "body", NULL, "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
+                    e->message->body_bytes, (unsigned long long)push.count, (unsigned long long)s->channels);
+    else if (crc32c(0, data, size) != push.crc)
+        answer_fail(c, reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the samples as they came", push.crc, crc32c(0, data, size));
+    else if (gap_too_long(c, s, push.first, push.count))
+        answer_fail(c, reply, MODAL_TOO_LARGE, "first", NULL, "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at most %lld bytes",
+                    (unsigned long long)s->next, (unsigned long long)push.first, (long long)c->settings.input_bytes);
     else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
-        answer_fail(c, &reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
+        answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
-        answer_fail(c, &reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
-    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && first > s->next))
-        refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), &reply);
-    else if (may_push(c, s, size, &reply)) {
-        t = transaction_new();
-        transaction_keep(t, e->body[0]);
-        t->refusable = FIRST_REFUSED;
-        t->fence = &s->fence;
-        if (!same_samples(s, first, count, data))
-            new_epoch(c, s, first, t);
-        known = first < s->next && s->segment_count > 0 ? s->next - first : 0;
-        if (known == 0)
-            append(s, first, count, data, r->stream.crc32c, t);
-        else if (known < count)
-            append(s, s->next, count - known, data + known * sample_bytes(s), crc32c(0, data + known * sample_bytes(s), size - known * sample_bytes(s)), t);
-        after = after_new(AFTER_STREAM, &reply);
-        after->stream = s;
-        after->value = (int64_t)s->next;
-        after->length = (int64_t)size;
-        after->attempts = (int)s->epoch;
-        transaction_join(t, after);
-        s->in_flight += (int64_t)size;
-        s->last = t;
-        core_commit(c, t);
-    }
+        answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
+    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
+        refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), reply);
+    else if (may_push(c, s, size, reply))
+        take_push(c, s, &push);
 }
 
 /* ---- closing: the present epoch becomes a batch ----------------------------------------------------------------- */
@@ -464,6 +592,13 @@ static void seal(struct core *c, struct stream *s)
     task->begin = s->begin;
     c->tasks++;
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* What was asked to be closed is sealed once all that came before is committed. */
+static void end_if_quiet(struct core *c, struct stream *s)
+{
+    if (s->closing && !s->closed && s->sealed == NULL && s->held == NULL && is_durable(s) && s->next > s->begin && s->last == NULL)
+        seal(c, s);
 }
 
 /* Of all epochs: those before the present one are in no batch. */
@@ -533,8 +668,8 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
         transaction_join(t, s->askers);
         s->askers = NULL;
         core_commit(c, t);
-    } else if (is_durable(s))
-        seal(c, s);
+    } else
+        end_if_quiet(c, s);
 }
 
 void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
@@ -765,6 +900,7 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t)
         return;
     s->last = NULL;
     roll_back(c, s);
+    go_on(c, s);
 }
 
 /* ---- after a commit, and at the start --------------------------------------------------------------------------- */
@@ -813,8 +949,8 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
         s->durable = (uint64_t)after->value;
     }
     say(c, &after->reply, s);
-    if (s->closing && !s->closed && s->sealed == NULL && is_durable(s) && s->next > s->begin && s->last == NULL)
-        seal(c, s);
+    go_on(c, s);
+    end_if_quiet(c, s);
 }
 
 void stream_load_note(struct core *c, const struct note_record *r)
@@ -889,6 +1025,8 @@ void streams_retain(struct core *c)
 
 void stream_free(struct stream *s)
 {
+    while (s->held != NULL)
+        let_go(s);
     after_free(s->askers);
     free(s->name);
     free(s->header);

@@ -152,6 +152,15 @@ static void fail_writers(struct core *c, struct after *after, const struct modal
         answer_error(c, &after->reply, err, passes ? answer_number("retry_after_s", 5) : NULL);
 }
 
+/* Who asked to seal asks again when the bytes are here. */
+static void give_up_seal(struct core *c, struct filling *f, const struct modal_error *err)
+{
+    fail_writers(c, f->seal, err);
+    after_free(f->seal);
+    f->seal = NULL;
+    f->sealing = false;
+}
+
 /* The upload ends at TO again: what lies before it is committed, or about to be. */
 static void take_back(struct core *c, struct input *input, uint64_t to)
 {
@@ -178,6 +187,7 @@ static void written(struct core *c, struct input *input, struct task *task)
         fail_writers(c, task->after, &task->err);
         for (int i = 0; i < input->filling->count; i++)
             fail_writers(c, input->filling->writers[i], &task->err);
+        give_up_seal(c, input->filling, &task->err);
         take_back(c, input, task->offset);
         input->filling->broken = true;             /* who knows what is in the file past that */
         if (input->filling->slot >= 0)
@@ -217,10 +227,7 @@ static void sealed(struct core *c, struct input *input, struct task *task)
         return;
     }
     if (task->status != MODAL_OK) {
-        fail_writers(c, f->seal, &task->err);
-        after_free(f->seal);
-        f->seal = NULL;
-        f->sealing = false;
+        give_up_seal(c, f, &task->err);
         if (f->slot >= 0)
             worker_output(c, input, &task->err);
         return;
@@ -302,10 +309,7 @@ static void resumed(struct core *c, struct input *input, struct task *task)
         return;
     for (int i = 0; i < f->count; i++)
         fail_writers(c, f->writers[i], &task->err);
-    fail_writers(c, f->seal, &task->err);
-    after_free(f->seal);
-    f->seal = NULL;
-    f->sealing = false;
+    give_up_seal(c, f, &task->err);
     take_back(c, input, f->durable);
     f->aborting = task->status != MODAL_BUSY && task->status != MODAL_NO_MEMORY;   /* damaged: it must be sent again */
 }

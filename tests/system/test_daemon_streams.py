@@ -71,6 +71,35 @@ def test_the_same_index_with_other_bytes_begins_an_epoch(client):
     assert closed["samples"] == 20 and closed["sha256"] == identity(20, 2, 0.01, rows(50, 20, factor=-1))
 
 
+def test_samples_of_a_gap_that_come_late_are_refused_and_not_acknowledged_away(client):
+    s = begin(client, "late")["stream"]
+    assert push(client, s, 0, 0, rows(0, 10)).ok and push(client, s, 0, 20, rows(20, 10)).ok
+    late = push(client, s, 0, 12, rows(12, 4))
+    assert (late["error"]["code"], late["error"]["field"], late["error"]["detail"]["expected"]) == ("conflict", "first", 30)
+    assert push(client, s, 0, 0, rows(0, 10))["next"] == 30          # what is there is ignored as ever
+    assert client.ask("STREAM", op="close", stream=s)["gaps"] == [[10, 20]]
+
+
+def test_a_checkpoint_from_before_a_restart_of_the_daemon_begins_an_epoch_and_the_same_samples_do_not():
+    """The daemon has no checksums of its life before: it looks into the file."""
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        s = begin(c, "again")["stream"]
+        assert push(c, s, 0, 0, rows(0, 300)).ok and push(c, s, 0, 300, rows(300, 300)).ok
+        d.kill()
+        d.start()
+        c = d.client()
+        again = begin(c, "again")
+        assert (again["stream"], again["epoch"], again["next"]) == (s, 0, 600)
+        assert push(c, s, 0, 200, rows(200, 300))["epoch"] == 0                  # a repeat over two segments
+        assert push(c, s, 0, 500, rows(500, 300))["next"] == 800                 # half a repeat
+        other = push(c, s, 0, 450, rows(450, 60, factor=2.0))
+        assert (other["epoch"], other["next"]) == (1, 510)
+        assert push(c, s, 1, 510, rows(510, 10, factor=2.0))["next"] == 520
+        closed = c.ask("STREAM", op="close", stream=s)
+        assert closed["samples"] == 70 and closed["sha256"] == identity(70, 2, 0.01, rows(450, 70, factor=2.0))
+
+
 def test_an_index_beyond_the_next_is_a_gap_that_the_record_shows(client):
     s = begin(client, "rig4")["stream"]
     push(client, s, 0, 0, rows(0, 10))

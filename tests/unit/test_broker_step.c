@@ -35,7 +35,7 @@ struct row {
 };
 
 struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; };
-struct segment_row { int64_t stream; uint64_t epoch, first, count, offset, length; };
+struct segment_row { int64_t stream; uint64_t epoch, first, count, offset, length; double data[PUSHED]; };
 
 /* An upload as its client knows it. */
 struct upload_view {
@@ -74,13 +74,19 @@ struct world {
     struct stream_view streams[2][STREAMS];
     long sealed, closed;
     int64_t request;
-    struct { int user, key, variant, together; bool used; uint64_t offset; } asked[1 << 12];
+    struct { int user, key, variant, together; bool used, push; uint64_t offset, twist; } asked[1 << 12];
     bool full;
     long states, violations[11];
     bool verbose;
 };
 
 static struct world *w;
+
+static double sample_of(uint64_t index, uint64_t twist)
+{
+    return (double)index + 1000.0 * (double)twist;
+}
+
 static long total_states, total_restarts, total_violations[11];
 
 static uint32_t roll(uint32_t below)
@@ -190,7 +196,8 @@ static void put_segment(const struct segment_record *r)
             end = w->segments[i].offset + w->segments[i].length;
     if (r->offset != end || r->length != 8 * r->count)
         violate(5, "samples are written elsewhere than behind those that are committed");
-    w->segments[w->segment_count++] = (struct segment_row) { r->stream, r->epoch, r->first, r->count, r->offset, r->length };
+    w->segments[w->segment_count] = (struct segment_row) { r->stream, r->epoch, r->first, r->count, r->offset, r->length, { 0 } };
+    memcpy(w->segments[w->segment_count++].data, r->data, r->length);
 }
 
 static void delete_segments(int64_t stream)
@@ -315,14 +322,40 @@ static void told_upload(const struct action *a, const cJSON *header, int user, i
     }
 }
 
-/* What a closed stream is said to be never changes; what was acknowledged of an open one is never less. */
-static void told_stream(const struct action *a, const cJSON *header, int user, int key)
+/* The sample AT of an epoch of STREAM as it was committed; NULL: it is not there. */
+static const double *committed_sample(int64_t stream, uint64_t epoch, uint64_t at)
 {
+    for (int i = 0; i < w->segment_count; i++) {
+        const struct segment_row *one = &w->segments[i];
+        if (one->stream == stream && one->epoch == epoch && at >= one->first && at < one->first + one->count)
+            return &one->data[at - one->first];
+    }
+    return NULL;
+}
+
+/* What a push was acknowledged for is committed as it was sent, in the epoch that was told. */
+static void told_push(int n, const char *ident, uint64_t epoch)
+{
+    int64_t stream = ident_number(~w->settings.secret, ident);
+
+    for (uint64_t i = 0; i < PUSHED; i++) {
+        const double *there = committed_sample(stream, epoch, w->asked[n].offset + i);
+        if (there == NULL || *there != sample_of(w->asked[n].offset + i, w->asked[n].twist))
+            violate(5, "a push is acknowledged whose samples are not there");
+    }
+}
+
+/* What a closed stream is said to be never changes; what was acknowledged of an open one is never less. */
+static void told_stream(const struct action *a, const cJSON *header, int n)
+{
+    int user = w->asked[n].user, key = w->asked[n].key;
     struct stream_view *v = &w->streams[user][key];
     const cJSON *next = cJSON_GetObjectItem(header, "next"), *epoch = cJSON_GetObjectItem(header, "epoch"), *sha256 = cJSON_GetObjectItem(header, "sha256");
     const cJSON *ident = cJSON_GetObjectItem(header, "stream");
     bool same = next != NULL && v->open && strcmp(ident->valuestring, v->ident) == 0;
 
+    if (w->asked[n].push && strcmp(a->verb, "REPLY") == 0 && cJSON_GetObjectItem(header, "samples") == NULL)
+        told_push(n, ident->valuestring, (uint64_t)epoch->valuedouble);
     if (strcmp(a->verb, "ERROR") == 0) {
         v->unsure = true;
         v->asked = false;
@@ -419,7 +452,7 @@ static void told(const struct action *a)
     }
     if (verb != NULL && strcmp(verb->valuestring, "STREAM") == 0 && cJSON_IsNumber(id)) {
         int n = (int)id->valuedouble & 4095;
-        told_stream(a, header, w->asked[n].user, w->asked[n].key);
+        told_stream(a, header, n);
     }
     cJSON_Delete(header);
 }
@@ -606,7 +639,10 @@ static void ask_stream(int user, int key, const char *op, const char *ident)
     w->asked[n].user = user;
     w->asked[n].key = key;
     for (int i = 0; i < PUSHED; i++)
-        data[i] = (double)(v->sent + (uint64_t)i) + 1000.0 * (double)v->twist;
+        data[i] = sample_of(v->sent + (uint64_t)i, v->twist);
+    w->asked[n].offset = v->sent;
+    w->asked[n].twist = v->twist;
+    w->asked[n].push = strcmp(op, "push") == 0;
     if (strcmp(op, "open") == 0)
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"open\",\"name\":\"r%d\",\"channels\":1,\"dt\":0.1,\"window\":{\"samples\":12,\"hop\":8}}", n, key);
     else if (strcmp(op, "push") == 0)
@@ -755,6 +791,14 @@ static void check_segments(const struct task *t)
         violate(5, "a stream is sealed of other samples than it has");
 }
 
+static void compare_samples(struct task *t)
+{
+    for (uint64_t i = 0; i < t->length; i++) {
+        const double *there = committed_sample(t->stream, t->epoch, t->begin + i);
+        t->differs |= there != NULL && *there != ((const double *)t->chunks[0]->data)[i];
+    }
+}
+
 static void do_task(struct task *t)
 {
     static char handle;
@@ -771,7 +815,9 @@ static void do_task(struct task *t)
     else if (t->type == TASK_STREAM_SEAL) {
         check_segments(t);
         hash_of((uint64_t)t->id, t->sha256);
-    } else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
+    } else if (t->type == TASK_SAMPLES_COMPARE)
+        compare_samples(t);
+    else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
         t->upload = NULL;
     if (t->type == TASK_RESUME) {
         t->upload = t->status == MODAL_OK ? (void *)&handle : NULL;

@@ -124,3 +124,23 @@ TEST(the_bar_of_a_mode_in_noise_is_its_bound_whatever_is_exact_beside_it)
     CHECK_NEAR(r.modes[at].std_im, im[0], 0.15 * im[0]);
     identify_result_done(&r);
 }
+
+/* One channel of three hears five times as much noise as motion: the other two, at 1e-3 of it, tell all three modes, and that they decay freely. */
+TEST(a_channel_of_mostly_noise_does_not_hide_what_the_others_hear)
+{
+    for (uint64_t seed = 0; seed < 16; seed++) {
+        struct random rng = { 900 + seed };
+        struct decay d;
+        struct identify_result r;
+        make(&d, 3, 1, 5, false, 200 + seed);
+        for (int i = 0; i < SAMPLES; i++)
+            for (int c = 0; c < 2; c++)
+                samples[3 * i + c] += 1e-3 * random_normal(&rng);
+        r = identified(&d);
+        CHECK(r.mode_count == 3 && r.verdict == VERDICT_STABLE);
+        for (int j = 0; j < 3; j++)
+            check_mode(&r, d.lambda[j], 1e-3);
+        CHECK(!has(&r, "not_free_decay") && !has(&r, "order_work_limit") && !has(&r, "not_converged"));
+        identify_result_done(&r);
+    }
+}

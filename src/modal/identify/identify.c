@@ -54,6 +54,8 @@ enum { WEIGH_MOST = 5 };
 /* Records that end below the grid: steps from the end's value, rows that must be left, and the share of all above which they stay whole. */
 enum { GRID_ROWS = 64 };
 static const double GRID_ABOVE = 1.9, GRID_WORTH = 0.9;
+/* Channels that are not mixed are weighed from this ratio on, or where the first answer is in doubt: their fits weigh each by its own noise already. */
+static const double NOISE_FEW = 3;
 static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
 /* Multiplications (refine.h) that all ladders of an answer may take, and one that begins after they are spent: some seconds. */
 static const double WORK_MOST = 6e9, WORK_LEAST = 5e8;
@@ -250,7 +252,7 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     bool asked = opt.energy > 0 || opt.rank > 0;
     enum modal_status rc = MODAL_OK;
 
-    w->X = &w->rec.Y;
+    w->X = w->weighted.x != NULL ? &w->weighted : &w->rec.Y;
     out->pod_rank = w->rec.channels;
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > POD_CHANNELS_FEW)) {
@@ -568,11 +570,11 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
  * channel that hears hardly anything but noise then costs a factor in the error of all.  So, once a first answer tells the noise of each channel,
  * they are divided by it, and reduced and identified again.  Where that leaves a channel WEIGH_FALL times less than before, what was taken for its noise was
  * the error that the others' noise made: once more.  Weights differ by WEIGH_RANGE at most, so that a mode which only noisy channels hear stays far above
- * the rounding of the others.
+ * the rounding of the others.  Few channels are not mixed, but a pencil of all alike may miss what much more noise in one hides in the others.
  */
 static bool worth_weighing(const struct work *w)
 {
-    return w->refine && w->pod.count > 0 && !w->rec.wide && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
+    return w->refine && (w->pod.count > 0 || (w->rec.channels > 1 && !w->opt.signals_all)) && !w->rec.wide && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
         && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS
         && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * safe_matrix_norm(w->data.Y);
 }
@@ -611,7 +613,8 @@ static bool weights_differ(const struct work *w, const double *noise)
         least = fmin(least, noise[c]), most = fmax(most, noise[c]);
         fell |= w->noise != NULL && noise[c] < w->noise[c] / WEIGH_FALL;
     }
-    return w->noise == NULL ? most > NOISE_ALIKE * least : fell;
+    bool doubtful = w->pod.count > 0 || w->facts.work_limit || !w->facts.converged;
+    return w->noise == NULL ? most > (doubtful ? NOISE_ALIKE : NOISE_FEW) * least : fell;
 }
 
 /* weighted = rec.Y over the noise, the quietest channel at 1. */
@@ -827,6 +830,7 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
         enum modal_status rc = weigh_channels(w, &again, err);
         if (rc != MODAL_OK || !again)
             return rc;
+        w->spent = round == 0 ? 0 : w->spent;      /* what was spent on signals that noise hid */
         if (round == 0)
             rc = keep_chosen(w, &out->unweighed, err);
         if (rc != MODAL_OK)

@@ -38,3 +38,42 @@ TEST(eight_modes_in_two_channels_are_all_found)
         identify_result_done(&r);
     }
 }
+
+/* Twelve modes in 54 channels at 1e-7: the ladder climbs to order 24 with as many signals, and ends within its work. */
+TEST(twelve_modes_in_many_channels_are_all_found)
+{
+    enum { ROWS = 1200, MANY = 54, MODES = 12 };
+    static double y[ROWS * MANY];
+
+    for (uint64_t seed = 0; seed < 2; seed++) {
+        struct random rng = { 60 + seed };
+        struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 0.02 };
+        double complex lambda[MODES], B[MODES];
+        struct identify_result r;
+        for (int j = 0; j < MODES; j++)
+            lambda[j] = decay_pole(0.7 + 1.6 * j + 0.9 * random_uniform(&rng), 0.002 + 0.02 * random_uniform(&rng));
+        for (int c = 0; c < MANY; c++) {
+            for (int j = 0; j < MODES; j++)
+                B[j] = CMPLX(random_normal(&rng), random_normal(&rng));
+            for (int k = 0; k < ROWS; k++) {
+                double sum = 0;
+                for (int j = 0; j < MODES; j++)
+                    sum += creal(B[j] * cexp(lambda[j] * (k * b.dt)));
+                y[k * MANY + c] = sum + 1e-7 * random_normal(&rng);
+            }
+        }
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES);
+        for (int j = 0; j < MODES; j++) {
+            int at = 0;
+            for (int m = 1; m < r.mode_count; m++)
+                if (cabs(r.modes[m].exponent - lambda[j]) < cabs(r.modes[at].exponent - lambda[j]))
+                    at = m;
+            CHECK(fabs(creal(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_re && r.modes[at].std_re < 1e-6);
+            CHECK(fabs(cimag(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_im && r.modes[at].std_im < 1e-6);
+        }
+        for (int i = 0; i < r.diagnostic_count; i++)
+            CHECK(strcmp(r.diagnostics[i].code, "order_work_limit") != 0);
+        identify_result_done(&r);
+    }
+}

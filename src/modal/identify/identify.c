@@ -11,6 +11,7 @@
  * exponents modulo i Omega.
  */
 #include "modal/identify/identify.h"
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -55,10 +56,12 @@ enum { WEIGH_MOST = 5 };
 enum { GRID_ROWS = 64 };
 static const double GRID_ABOVE = 1.9, GRID_WORTH = 0.9;
 /* Channels that are not mixed are weighed from this ratio on, or where the first answer is in doubt: their fits weigh each by its own noise already. */
-static const double NOISE_FEW = 3;
+static const double NOISE_FEW = 10;
 static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
-/* Multiplications (refine.h) that all ladders of an answer may take, and one that begins after they are spent: some seconds. */
-static const double WORK_MOST = 6e9, WORK_LEAST = 5e8;
+/* Multiplications (refine.h) that all ladders of an answer may take, those of very long records, and one that begins after they are spent: a second or two. */
+static const double WORK_MOST = 1.6e10, WORK_LONG = 5e9, WORK_LEAST = 5e8;
+/* The same of a first search among few channels that have not been weighed by their noise: if that differs much the search may find no end. */
+static const double WORK_TRIAL = 1e9;
 
 struct work {
     struct identify_options opt;    /* defaults filled in */
@@ -81,6 +84,7 @@ struct work {
     struct projection projection;
     bool projected;                 /* which of the two was made */
     double spent;                   /* work of the ladders so far */
+    bool trial;                     /* this search has WORK_TRIAL only */
     struct order_choice choice;
     int rank;                       /* of the chosen candidate */
     struct poles poles;
@@ -228,7 +232,7 @@ static enum modal_status grid_noise(struct work *w, struct modal_error *err)
     for (int i = 0; i < w->X->n; i++)
         for (int c = 0; c < S; c++) {
             double part = w->pod.count > 0 ? w->pod.modes.x[c + (size_t)i * (size_t)w->pod.modes.ld] : c == i;
-            double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c] * (w->weight != NULL ? w->weight[c] : 1) : 0;
+            double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c] * (w->weight != NULL && w->pod.count > 0 ? w->weight[c] : 1) : 0;
             least[i] += times * w->rec.gain * GRID_NOISE_MOST * q * q;
         }
     free(w->least);
@@ -252,7 +256,7 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     bool asked = opt.energy > 0 || opt.rank > 0;
     enum modal_status rc = MODAL_OK;
 
-    w->X = w->weighted.x != NULL ? &w->weighted : &w->rec.Y;
+    w->X = &w->rec.Y;
     out->pod_rank = w->rec.channels;
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > POD_CHANNELS_FEW)) {
@@ -295,9 +299,15 @@ static bool wants_projection(const struct work *w)
         || (w->opt.rank.rule != RANK_AUTO && w->opt.rank.rule != RANK_FIXED);
 }
 
+/* What the poles are looked for in: few channels weighed by their noise, though each is fitted as it is, with its own noise. */
+static const struct matrix *searched(const struct work *w)
+{
+    return w->pod.count == 0 && w->weighted.x != NULL ? &w->weighted : w->X;
+}
+
 static enum modal_status project(struct work *w, struct identify_result *out, struct modal_error *err)
 {
-    struct hankel h = { w->X, 0, w->opt.rows, w->opt.columns, w->shift };
+    struct hankel h = { searched(w), 0, w->opt.rows, w->opt.columns, w->shift };
     bool all = w->opt.rank.rule > RANK_FIXED;
     int side, wanted = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed + 4 : TRIPLETS;
     enum modal_status rc;
@@ -326,7 +336,7 @@ static enum modal_status pencil(struct work *w, struct identify_result *out, str
 
     if (fixed > most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
-    rc = pencil_new(w->X, &opt, &w->pencil, err);
+    rc = pencil_new(searched(w), &opt, &w->pencil, err);
     out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
     return rc;
 }
@@ -453,13 +463,14 @@ static bool cut_off(const struct work *w)
     return w->rank + ORDER_AHEAD > w->pencil.count || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
-/* The ladder within what is left of WORK_MOST; a rank that was given is refined to its end. */
+/* The ladder within what is left of the work; a rank that was given is refined to its end. */
 static enum modal_status climb(struct work *w, const struct order_source *source, struct order_options *opt, struct modal_error *err)
 {
     enum modal_status rc;
 
     opt->cut = w->data.Y->m > VERY_LONG && more_triplets(w) ? w->pencil.count : 0;
-    opt->work = w->opt.rank.rule == RANK_AUTO ? fmax(WORK_MOST - w->spent, WORK_LEAST) : 0;
+    opt->work = w->opt.rank.rule != RANK_AUTO ? 0 : w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+              : fmax((w->data.Y->m > VERY_LONG ? WORK_LONG : WORK_MOST) - w->spent, WORK_LEAST);
     order_done(&w->choice);
     rc = order_choose(&w->data, source, opt, &w->choice, err);
     w->spent += w->choice.work;
@@ -572,10 +583,15 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
  * the error that the others' noise made: once more.  Weights differ by WEIGH_RANGE at most, so that a mode which only noisy channels hear stays far above
  * the rounding of the others.  Few channels are not mixed, but a pencil of all alike may miss what much more noise in one hides in the others.
  */
+static bool may_weigh(const struct work *w)
+{
+    return w->refine && !w->rec.wide && w->rec.channels > 1 && !w->opt.signals_all && w->opt.rank.rule <= RANK_FIXED
+        && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS;
+}
+
 static bool worth_weighing(const struct work *w)
 {
-    return w->refine && (w->pod.count > 0 || (w->rec.channels > 1 && !w->opt.signals_all)) && !w->rec.wide && w->choice.chosen >= 0 && w->opt.rank.rule <= RANK_FIXED
-        && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS
+    return may_weigh(w) && w->choice.chosen >= 0
         && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
@@ -613,7 +629,7 @@ static bool weights_differ(const struct work *w, const double *noise)
         least = fmin(least, noise[c]), most = fmax(most, noise[c]);
         fell |= w->noise != NULL && noise[c] < w->noise[c] / WEIGH_FALL;
     }
-    bool doubtful = w->pod.count > 0 || w->facts.work_limit || !w->facts.converged;
+    bool doubtful = w->pod.count > 0 || w->facts.work_limit;
     return w->noise == NULL ? most > (doubtful ? NOISE_ALIKE : NOISE_FEW) * least : fell;
 }
 
@@ -823,7 +839,7 @@ static void report_grids(const struct work *w, struct identify_result *out)
 }
 
 /* Once more, on channels weighed by the noise that the answer before left, until that settles. */
-static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status analyse_weighed(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     for (int round = 0; round < WEIGH_MOST && worth_weighing(w); round++) {
         bool again;
@@ -831,6 +847,7 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
         if (rc != MODAL_OK || !again)
             return rc;
         w->spent = round == 0 ? 0 : w->spent;      /* what was spent on signals that noise hid */
+        w->trial = false;
         if (round == 0)
             rc = keep_chosen(w, &out->unweighed, err);
         if (rc != MODAL_OK)
@@ -841,6 +858,19 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
             return rc;
     }
     return MODAL_OK;
+}
+
+/* The same, and what a trial did not end. */
+static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    enum modal_status rc = analyse_weighed(w, out, err);
+
+    if (rc != MODAL_OK || !w->trial || !w->facts.work_limit)
+        return rc;
+    w->trial = false, w->spent = 0;
+    forget_analysis(w, out);
+    rc = analyse(w, out, err);
+    return rc == MODAL_OK ? analyse_weighed(w, out, err) : rc;
 }
 
 /* ---- the chosen poles with their errors ---- */
@@ -1126,8 +1156,10 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
     if ((rc = check_options(&w.opt, err)) != MODAL_OK
         || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK
         || (rc = choose_shift(&w, err)) != MODAL_OK
-        || (rc = stage(&w, "read", out, err)) != MODAL_OK
-        || (rc = analyse(&w, out, err)) != MODAL_OK
+        || (rc = stage(&w, "read", out, err)) != MODAL_OK)
+        goto out;
+    w.trial = may_weigh(&w) && w.rec.channels <= POD_CHANNELS_FEW;
+    if ((rc = analyse(&w, out, err)) != MODAL_OK
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
         || (rc = keep_chosen(&w, &out->chosen, err)) != MODAL_OK

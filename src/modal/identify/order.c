@@ -6,7 +6,7 @@
  *
  * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing, and no less far than `look`:
  *    where few channels show many modes no order below theirs need fit any better than one; nor before the best explains a good part (ORDER_POOR).  Where a signal is left with SPREAD times less than another, what is
- *    left of it may be no noise but the pencil's errors, which the noise of the other made: a rung that is the best so far is then refined at once.
+ *    left of it may be no noise but the pencil's errors, which the noise of the other made: a rung that is the best so far is then taken a few steps at once.
  * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
  *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
  *    (limits of accuracy: 1.05 to 4.2), so refining lowers the residual of a right order by little: by less than
@@ -30,6 +30,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { LOOK_STEPS = 6 };
 static const double WORSE = 1.5, SPREAD = 4;
 static const double LOOK_SHARE = 0.5;      /* of the work, for pass 1 */
 
@@ -62,12 +63,15 @@ static bool spent(struct climb *c, double share)
     return yes;
 }
 
-/* refine_poles within the work that is left. */
-static enum modal_status fit_poles(struct climb *c, const double complex *lambda, int count, const bool *fixed, bool refine, double rival,
+/* refine_poles within the work that is left; STEPS at most, 0: as many as the options say. */
+static enum modal_status fit_steps(struct climb *c, const double complex *lambda, int count, const bool *fixed, bool refine, double rival, int steps,
                                    struct refined *fit, struct modal_error *err)
 {
     struct refine_options opt = c->opt->refine;
     enum modal_status rc;
+
+    if (steps > 0)
+        opt.iterations = steps;
 
     opt.rival = rival;
     opt.work = c->opt->work > 0 ? fmax(c->opt->work - c->choice.work, DBL_MIN) : 0;
@@ -79,6 +83,12 @@ static enum modal_status fit_poles(struct climb *c, const double complex *lambda
         c->choice.limited |= fit->end == REFINE_STOPPED;
     }
     return rc;
+}
+
+static enum modal_status fit_poles(struct climb *c, const double complex *lambda, int count, const bool *fixed, bool refine, double rival,
+                                   struct refined *fit, struct modal_error *err)
+{
+    return fit_steps(c, lambda, count, fixed, refine, rival, 0, fit, err);
 }
 
 /* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is nothing to fit. */
@@ -127,6 +137,23 @@ static enum modal_status refine_candidate(struct climb *c, int i, double rival, 
     return MODAL_OK;
 }
 
+/* Candidate I, looked at, taken a few steps further: no longer as the pencil has it, not yet refined. */
+static enum modal_status step_candidate(struct climb *c, int i, struct modal_error *err)
+{
+    struct order_candidate *k = &c->choice.candidates[i];
+    struct refined fit;
+    enum modal_status rc;
+
+    if (k->fit.end == REFINE_DEGENERATE)
+        return MODAL_OK;
+    rc = fit_steps(c, k->fit.lambda, k->fit.poles, NULL, true, 0, LOOK_STEPS, &fit, err);
+    if (rc != MODAL_OK)
+        return rc;
+    refined_done(&k->fit);
+    k->fit = fit;
+    return MODAL_OK;
+}
+
 /* Does the quietest signal hear SPREAD times less of what a fit leaves than the loudest? */
 static bool uneven(const struct refined *fit)
 {
@@ -170,7 +197,7 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least)) {
             *least = at, best_r = r;
             if (c->opt->refine.iterations >= 0 && uneven(&c->choice.candidates[at].fit))
-                rc = refine_candidate(c, at, 0, err);
+                rc = step_candidate(c, at, err);
         }
     }
     return rc;

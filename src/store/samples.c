@@ -19,15 +19,18 @@ enum modal_status samples_remove(const char *dir, int64_t id, struct modal_error
     return file_unlink(path, err);
 }
 
+enum { BEGIN_BYTES = 512 << 10 };   /* written before the disk begins with them, while more is written behind them */
+
 /* The open file of stream ID; where no more may be open, those that are go to disk first. */
-static enum modal_status file_of(struct samples_files *files, int64_t id, int *fd, struct modal_error *err)
+static enum modal_status file_of(struct samples_files *files, int64_t id, struct samples_file **file, struct modal_error *err)
 {
     char path[4200];
+    int fd = -1;
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; i < files->count; i++)
         if (files->file[i].id == id) {
-            *fd = files->file[i].fd;
+            *file = &files->file[i];
             return MODAL_OK;
         }
     if (files->count == SAMPLES_FILES) {
@@ -36,19 +39,36 @@ static enum modal_status file_of(struct samples_files *files, int64_t id, int *f
     }
     samples_path(path, files->dir, id);
     if (rc == MODAL_OK)
-        rc = file_open(path, O_WRONLY | O_CREAT, 0640, fd, err);
-    if (rc == MODAL_OK)
-        files->file[files->count++] = (struct samples_file) { id, *fd };
-    return rc;
+        rc = file_open(path, O_WRONLY | O_CREAT, 0640, &fd, err);
+    if (rc != MODAL_OK)
+        return rc;
+    *file = &files->file[files->count++];
+    **file = (struct samples_file) { .id = id, .fd = fd };
+    return MODAL_OK;
+}
+
+/* [FROM, TO) was written. */
+static enum modal_status begin_writing(struct samples_file *file, uint64_t from, uint64_t to, struct modal_error *err)
+{
+    if (from != file->to || file->from == file->to)
+        file->from = from;
+    file->to = to;
+    if (to - file->from < BEGIN_BYTES)
+        return MODAL_OK;
+    from = file->from;
+    file->from = to;
+    return file_sync_begin(file->fd, from, to - from, err);
 }
 
 enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment, struct modal_error *err)
 {
-    int fd = -1;
-    enum modal_status rc = file_of(files, segment->stream, &fd, err);
+    struct samples_file *file = NULL;
+    enum modal_status rc = file_of(files, segment->stream, &file, err);
 
     files->made |= segment->offset == 0;
-    return rc == MODAL_OK ? file_write(fd, segment->data, segment->length, segment->offset, err) : rc;
+    if (rc == MODAL_OK)
+        rc = file_write(file->fd, segment->data, segment->length, segment->offset, err);
+    return rc == MODAL_OK ? begin_writing(file, segment->offset, segment->offset + segment->length, err) : rc;
 }
 
 enum modal_status samples_sync(struct samples_files *files, struct modal_error *err)

@@ -17,7 +17,7 @@ enum modal_status samples_remove(const char *dir, int64_t id, struct modal_error
 enum { SAMPLES_FILES = 16 };
 struct samples_files {
     const char *dir;
-    struct samples_file { int64_t id; int fd; } file[SAMPLES_FILES];
+    struct samples_file { int64_t id; int fd; uint64_t from, to; } file[SAMPLES_FILES];      /* from .. to: written, the disk not told of it yet */
     int count;
     bool made;                     /* a file that begins: its name is to be synced too */
 };

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STREAMS_MOST = 256, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256, SUMS_MOST = 1 << 16 /* samples */ };
+enum { STREAMS_MOST = 256, CHANNELS_MOST = 8192, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256, SUMS_MOST = 1 << 16 /* samples */ };
 
 static uint64_t sample_bytes(const struct stream *s)
 {
@@ -202,54 +202,67 @@ static void say_full(struct core *c, const struct reply *reply)
 
 static void end_if_quiet(struct core *c, struct stream *s);
 
+static int open_streams_of(const struct core *c, const struct user *user)
+{
+    int open = 0;
+
+    for (const struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        open += s->user == user && !s->closed;
+    return open;
+}
+
+/* May USER open what R describes?  Else REPLY is answered. */
+static bool may_open(struct core *c, const struct wire_request *r, const struct user *user, const struct reply *reply)
+{
+    struct live_window window;
+    struct modal_error err;
+    int open = open_streams_of(c, user);
+
+    if (open >= STREAMS_MOST)
+        answer_fail(c, reply, MODAL_TOO_LARGE, "name", NULL, "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
+    else if (r->stream.input.channels > CHANNELS_MOST)
+        answer_fail(c, reply, MODAL_TOO_LARGE, "channels", NULL, "a stream of %llu channels; accepted: at most %d",
+                    (unsigned long long)r->stream.input.channels, CHANNELS_MOST);
+    else if (c->draining || c->terminating)
+        answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+    else if (is_full(c))
+        say_full(c, reply);
+    else if (read_window(r->stream.window, &r->stream.input, &window, &err) != MODAL_OK)
+        answer_error(c, reply, &err, NULL);
+    else
+        return true;
+    return false;
+}
+
+/* A new one, whose note is on its way. */
+static struct stream *open_new(struct core *c, const struct wire_request *r, struct user *user)
+{
+    struct stream *s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
+
+    s->last = transaction_new();
+    note(c, s->last, s);
+    core_commit(c, s->last);
+    return s;
+}
+
 static void on_open(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
 {
     struct reply reply = reply_to(e, r);
     struct stream *s = stream_open_named(c, user, r->stream.name);
-    struct live_window window;
-    struct modal_error err;
-    struct transaction *t;
     struct after *after;
-    int open = 0;
 
     if (s != NULL && (s->channels != r->stream.input.channels || s->dt != r->stream.input.dt)) {
         answer_fail(c, &reply, MODAL_CONFLICT, "name", NULL, "the stream is open with %llu channels and dt %.17g", (unsigned long long)s->channels, s->dt);
         return;
     }
-    if (s != NULL && s->last == NULL) {
+    if (s == NULL && !may_open(c, r, user, &reply))
+        return;
+    if (s == NULL)
+        s = open_new(c, r, user);
+    if (s->last == NULL) {
         s->resumes = false;                        /* its owner sees `next` */
         say(c, &reply, s);
         return;
-    }
-    if (s == NULL) {
-        for (struct stream *one = c->streams; one != NULL; one = one->next_stream)
-            open += one->user == user && !one->closed;
-        if (open >= STREAMS_MOST) {
-            answer_fail(c, &reply, MODAL_TOO_LARGE, "name", NULL, "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
-            return;
-        }
-        if (8 * r->stream.input.channels > LEDGER_INLINE_MOST) {
-            answer_fail(c, &reply, MODAL_TOO_LARGE, "channels", NULL, "a stream of %llu channels; accepted: at most %d",
-                        (unsigned long long)r->stream.input.channels, LEDGER_INLINE_MOST / 8);
-            return;
-        }
-        if (c->draining || c->terminating) {
-            answer_fail(c, &reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
-            return;
-        }
-        if (is_full(c)) {
-            say_full(c, &reply);
-            return;
-        }
-        if (read_window(r->stream.window, &r->stream.input, &window, &err) != MODAL_OK) {
-            answer_error(c, &reply, &err, NULL);
-            return;
-        }
-        s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
-        t = transaction_new();
-        note(c, t, s);
-        s->last = t;
-        core_commit(c, t);
     }
     after = after_new(AFTER_STREAM, &reply);
     after->stream = s;

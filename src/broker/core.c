@@ -74,9 +74,9 @@ static struct job *job_of_row(struct core *c, const struct job_record *r)
     struct job *job = job_new(c, user_get(c, r->user), r->id);
     const struct job_kind *kind = job_kind_find(r->kind);
 
-    job->key = grab_text(r->key);
+    job->key = region_text(&c->region, r->key);
     job->kind = kind != NULL ? kind->name : arena_text(&c->kinds, r->kind);
-    job->options = !job_state_final(r->state) || r->state == JOB_DEAD ? grab_text(r->options) : NULL;
+    job->options = !job_state_final(r->state) || r->state == JOB_DEAD ? region_text(&c->region, r->options) : NULL;
     memcpy(job->fingerprint, r->fingerprint, 32);
     job->priority = r->priority;
     job->run_limit_ns = r->run_limit_ns;
@@ -132,7 +132,7 @@ static enum modal_status load_job(void *context, const struct job_record *r)
         c->next_job = r->id + 1;
     load_inputs(c, job, r);
     if (job->hidden) {                             /* its key has a tombstone */
-        free(job->key);
+        region_drop(job->key);
         job->key = NULL;
     }
     job_index(c, job);
@@ -328,7 +328,7 @@ static void entered(struct core *c, struct after *after)
     answer_doc(c, &after->reply, job, false, NULL);
     input_trim(c, job->input);
     if (job_state_final(job->shown)) {
-        free(job->options);
+        region_drop(job->options);
         job->options = NULL;
         job_note_end(c, job);
     }
@@ -606,11 +606,11 @@ static void free_job(struct job *job)
     blob_drop(job->document);
     failure_free(job->failure);
     after_free(job->asks);
-    free(job->key);
-    free(job->options);
+    region_drop(job->key);
+    region_drop(job->options);
     free(job->progress);
     free(job->stderr_text);
-    free(job);
+    region_drop(job);
 }
 
 void core_free(struct core *c)
@@ -655,6 +655,7 @@ void core_free(struct core *c)
     map_done(&c->results);
     map_done(&c->waits);
     heap_done(&c->timers);
+    region_close(&c->region);
     arena_free(c->kinds);
     free(c->user_list);
     free(c->accounts);

@@ -58,7 +58,7 @@ static void own_texts(struct input *input, const struct input_shape *shape)
 
 static struct input *input_make(struct core *c, struct user *user, const struct input_shape *shape, int64_t id)
 {
-    struct input *input = grab(sizeof *input);
+    struct input *input = region_grab(&c->region, sizeof *input);
 
     input->id = id;
     input->user = user;
@@ -291,7 +291,7 @@ void input_forget(struct core *c, struct input *input)
     free((void *)(uintptr_t)input->shape.names);
     free((void *)(uintptr_t)input->shape.units);
     free(input->attributes);
-    free(input);
+    region_drop(input);
 }
 
 /* Row, note and file; the memory goes with the commit. */

@@ -37,13 +37,12 @@ struct job *job_find(const struct core *c, struct user *user, const struct wire_
 
 struct job *job_new(struct core *c, struct user *user, int64_t id)
 {
-    struct job *job = grab(sizeof *job);
+    struct job *job = region_grab(&c->region, sizeof *job);
 
     job->id = id;
     job->user = user;
     job->slot = -1;
     job->max_attempts = WIRE_ATTEMPTS_DEFAULT;
-    (void)c;
     return job;
 }
 
@@ -273,7 +272,7 @@ void job_shown(struct core *c, const struct after *after)
         return;
     job_note_end(c, job);
     if (job->shown != JOB_DEAD) {
-        free(job->options);
+        region_drop(job->options);
         job->options = NULL;
     }
     free(job->progress);
@@ -392,11 +391,11 @@ void job_forget(struct core *c, struct job *job)
     blob_drop(job->document);
     failure_free(job->failure);
     after_free(job->asks);
-    free(job->key);
-    free(job->options);
+    region_drop(job->key);
+    region_drop(job->options);
     free(job->progress);
     free(job->stderr_text);
-    free(job);
+    region_drop(job);
     input_use(c, input, -1);
     input_use(c, output, -1);
     if (input != NULL && input->jobs == 0 && input->inline_data && input->committed)

@@ -47,6 +47,56 @@ char *grab_format(const char *format, ...)
     return checked(text);
 }
 
+/*
+ * Blocks of what lives long and goes about in the order it came: a block is freed with the last of it.  Among the short-lived each
+ * would hold a page.  `live` counts what is out, and one for the open block; before each lies the address of its block.
+ */
+struct region { size_t live, used; };
+
+enum { REGION_BYTES = 16384 - 32, REGION_FIRST = 32 };
+
+void region_close(struct region **open)
+{
+    if (*open != NULL && --(*open)->live == 0)
+        free(*open);
+    *open = NULL;
+}
+
+void *region_grab(struct region **open, size_t size)
+{
+    struct region *block = *open;
+    size_t at = block == NULL ? 0 : (block->used + sizeof block + 15) / 16 * 16;
+    char *out;
+
+    if (block == NULL || at + size > REGION_BYTES) {
+        region_close(open);
+        block = *open = checked(malloc(REGION_FIRST + size > REGION_BYTES ? REGION_FIRST + size : REGION_BYTES));
+        block->live = 1;
+        at = REGION_FIRST;
+    }
+    block->live++;
+    block->used = at + size;
+    out = (char *)block + at;
+    memcpy(out - sizeof block, &block, sizeof block);
+    return memset(out, 0, size);
+}
+
+char *region_text(struct region **open, const char *text)
+{
+    return text == NULL ? NULL : strcpy(region_grab(open, strlen(text) + 1), text);
+}
+
+void region_drop(void *out)
+{
+    struct region *block;
+
+    if (out == NULL)
+        return;
+    memcpy(&block, (char *)out - sizeof block, sizeof block);
+    if (--block->live == 0)
+        free(block);
+}
+
 /* Texts of one life, freed together: blocks of nearly 1 kB, larger texts in a block of their own. */
 struct arena { struct arena *next; size_t used, room; char bytes[]; };
 

@@ -261,6 +261,7 @@ struct core {
     int64_t connections, connections_refused, credit_stalls, ledger_bytes;
     int64_t next_denial_ns;               /* when a denial of a key that is on no list is told again */
     struct { char *text; uint8_t settings[32]; } asked;   /* the latest kind and options, and their hash */
+    struct region *region;
     struct arena *kinds;                  /* names of kinds this build no longer knows */
     size_t turn;                          /* whose turn it is among users */
     struct moment now;
@@ -272,6 +273,11 @@ void *grab(size_t size);                                   /* zeroed */
 void *regrab(void *old, size_t size);
 char *grab_text(const char *text);                         /* NULL stays NULL */
 char *grab_format(const char *format, ...) __attribute__((format(printf, 1, 2)));
+struct region;                                             /* of jobs and inputs, their keys and options */
+void *region_grab(struct region **open, size_t size);      /* zeroed */
+char *region_text(struct region **open, const char *text); /* NULL stays NULL */
+void region_drop(void *out);                               /* accepts NULL */
+void region_close(struct region **open);
 struct arena;
 const char *arena_text(struct arena **arena, const char *text);   /* NULL stays NULL */
 void arena_free(struct arena *arena);

@@ -251,10 +251,9 @@ static struct job *make_job(struct core *c, struct submission *s)
     struct job *job = job_new(c, s->user, c->next_job++);
     const struct wire_request *r = s->r;
 
-    job->key = grab_text(r->submit.key);
+    job->key = region_text(&c->region, r->submit.key);
     job->kind = s->kind->name;
-    job->options = s->options;
-    s->options = NULL;
+    job->options = region_text(&c->region, s->options);
     memcpy(job->fingerprint, s->fingerprint, 32);
     memcpy(job->settings, s->settings, 32);
     job->priority = r->submit.priority;

@@ -84,6 +84,8 @@ static void start(struct core *c, struct job *job, int slot)
         return;
     }
     run_on(c, job, slot, job->input->inline_data ? job->input->data : NULL);
+    if (job->input->jobs <= 1)
+        input_cache(c, job->input, NULL);          /* no other job waits for it */
     input_trim(c, job->input);
 }
 

@@ -508,7 +508,7 @@ class Client:
             error = answer.get("error") if "job" not in answer else None
             if error is None:
                 out[i] = Job(self, {name: value for name, value in answer.items() if name != "verb"})
-            elif error["code"] in ("busy", "draining"):
+            elif error["code"] in ("busy", "draining") or "retry_after_s" in (error.get("detail") or {}):
                 pause = max(pause, float((error.get("detail") or {}).get("retry_after_s", 0.1)))
                 again.append(i)
             else:

@@ -67,6 +67,7 @@ enum {
     LINE = 64, PAGE = 4096, HUGE_PAGE = 2097152,
     AHEAD = 2048, AHEAD_MOST = 1024, /* bytes: how far before its slot a push reads on, and how much of a large one */
     DESCRIPTORS = 32,                /* that libzmq may need: it ends the process where it gets none */
+    NARROW_MOST = 64,                /* channels copied one by one */
     CLOSED_KEPT = 256,               /* handles */
     SENDER_STACK = 262144,
 };
@@ -358,13 +359,25 @@ static inline void publish(modald_stream *s, double *at, double t)
         __builtin_prefetch((const char *)at + AHEAD + i, 1);
 }
 
+/* Few values one by one: each comes straight from the host's own store, made a moment ago.  A wider load over several of those has to wait until they are in
+ * the cache, and whatever the host computed them from before that: 100 ns of a step of 1 us.  (Volatile, so that no compiler makes a memcpy of it.) */
+static inline void copy(double *to, const double *y, int channels)
+{
+    if (channels > NARROW_MOST) {
+        memcpy(to, y, (size_t)channels * sizeof *y);
+        return;
+    }
+    for (int i = 0; i < channels; i++)
+        *(volatile double *)(to + i) = y[i];
+}
+
 void modald_push(modald_stream *s, const double *y)
 {
     double *at;
 
     if (s == NULL || (at = room(s)) == NULL)
         return;
-    memcpy(at + 2, y, (size_t)s->channels * sizeof *y);
+    copy(at + 2, y, s->channels);
     publish(s, at, NAN);
 }
 
@@ -381,7 +394,7 @@ void modald_push_float(modald_stream *s, const float *y)
     if (s == NULL || (at = room(s)) == NULL)
         return;
     for (int i = 0; i < s->channels; i++)
-        at[2 + i] = y[i];
+        *(volatile double *)(at + 2 + i) = y[i];
     publish(s, at, NAN);
 }
 
@@ -391,7 +404,7 @@ void modald_push_at(modald_stream *s, double t, const double *y)
 
     if (s == NULL || !isfinite(t) || (at = room(s)) == NULL)
         return;
-    memcpy(at + 2, y, (size_t)s->channels * sizeof *y);
+    copy(at + 2, y, s->channels);
     publish(s, at, t);
 }
 

@@ -9,6 +9,8 @@
  *
  *     push_p50, push_p99   ns above the floor's (goal: p99 < 100 with 8 channels)
  *     noop                 ns of a push without a stream (goal: about 2)
+ *     step_1us             ns that a push adds to a step of 1 us whose results it takes as they come (goal: < 100): median of blocks of
+ *                          BLOCK steps, with the push and without it in turns, so that a block that was interrupted counts for neither
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,7 +19,7 @@
 #include <unistd.h>
 #include "../../clients/c/modald_stream.h"
 
-enum { CHANNELS = 8, CHANNELS_MOST = 64, N = 100000, MARKED = 20000 };
+enum { CHANNELS = 8, CHANNELS_MOST = 64, N = 100000, MARKED = 20000, BLOCK = 100, BLOCKS = 900 };
 
 static double ns(void)
 {
@@ -47,6 +49,25 @@ static void measure(modald_stream *s, int work, double *took, int count)
         y[0] += 1e-3;
     }
     qsort(took, (size_t)count, sizeof *took, ascending);
+}
+
+static volatile double computed = 1;
+
+/* Seconds of a block of steps of LENGTH operations, each of which waits for the one before, pushed to S. */
+static double block(modald_stream *s, double *y, int length)
+{
+    double before = ns();
+
+    for (int i = 0; i < BLOCK; i++) {
+        double z = computed;
+        for (int k = 0; k < length; k++)
+            z = z * 1.0000001 + 1e-9;
+        computed = z;
+        for (int k = 0; k < CHANNELS; k++)
+            y[k] = z + k;
+        modald_push(s, y);
+    }
+    return (ns() - before) / BLOCK;
 }
 
 static void say(const char *name, int channels, double value, double floor_value, int count)
@@ -95,6 +116,32 @@ static int push_marked(void)
     return 0;
 }
 
+/* A step of about 1 us, with the push and without. */
+static int bench_step(double *base, double *push)
+{
+    double y[CHANNELS];
+    int length = 500;
+    struct modald_report r;
+    modald_stream *s = modald_open("step", CHANNELS, 1e-3);
+
+    if (s == NULL)
+        return 1;
+    for (int i = 0; i < 20; i++)
+        base[i] = block(NULL, y, length);
+    qsort(base, 20, sizeof *base, ascending);
+    length = (int)(1000 * length / base[10]);
+    for (int i = 0; i < BLOCKS; i++) {
+        base[i] = block(NULL, y, length);
+        push[i] = block(s, y, length);
+    }
+    modald_get_report(s, &r);
+    modald_close(s);
+    qsort(base, BLOCKS, sizeof *base, ascending);
+    qsort(push, BLOCKS, sizeof *push, ascending);
+    say("step_1us", CHANNELS, push[BLOCKS / 2] - base[BLOCKS / 2], base[BLOCKS / 2], BLOCK * BLOCKS);
+    return r.pushed != BLOCK * BLOCKS || r.dropped != 0;
+}
+
 int main(int argc, char **argv)
 {
     static const int channels[] = { CHANNELS, 1, CHANNELS_MOST };
@@ -110,5 +157,5 @@ int main(int argc, char **argv)
         base[i] = push[i] = noop[i] = 1;
     for (size_t i = 0; i < sizeof channels / sizeof channels[0]; i++)
         bad |= bench(channels[i], base, push, noop);
-    return bad;
+    return bad | bench_step(base, push);
 }

@@ -166,17 +166,31 @@ static int gcd(int a, int b)
     return a;
 }
 
-/* The block's length: hops and windows that are whole blocks leave no rows over; 0 where blocks would not shorten the window. */
+/* Rows of a window in blocks of B samples of k rows each, the mean over where windows a hop apart begin. */
+static double mean_rows(const struct moving *m, int B, int k)
+{
+    int step = gcd(B, m->opt.hop > 0 ? m->opt.hop : 1), phases = B / step;
+    double sum = 0;
+
+    for (int p = 0; p < phases; p++) {
+        int lead = p * step, blocks = (m->L - lead) / B;
+        sum += m->L - blocks * (B - k);
+    }
+    return sum / phases;
+}
+
+/* The block's length: the one that leaves the fewest rows; 0 where blocks would not shorten the window. */
 static int block_length(const struct moving *m, int k)
 {
-    int g = gcd(m->L, m->opt.hop > 0 ? m->opt.hop : m->L), least = 3 * k > m->S ? 3 * k : m->S, most = 2 * least, length = 2 * least;
+    int least = 2 * k > m->S ? 2 * k : m->S, most = m->L / 3 < BLOCK_MOST ? m->L / 3 : BLOCK_MOST, best = 0;
+    double fewest = 0.8 * m->L;
 
-    if (most < BLOCK_MOST / 4)
-        most = BLOCK_MOST / 4;
-    for (int d = least; d <= most; d++)
-        if (g % d == 0)
-            length = d;
-    return length <= m->L / 3 && length <= BLOCK_MOST ? length : 0;
+    for (int B = least; B <= most && B <= 6 * least; B++) {
+        double rows = mean_rows(m, B, k);
+        if (rows < fewest)
+            fewest = rows, best = B;
+    }
+    return best;
 }
 
 /* l^i e^{lambda l} about the block's middle, l from -1 to 1, over their largest entry; one or two columns. */

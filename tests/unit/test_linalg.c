@@ -168,6 +168,32 @@ TEST(the_triangle_of_a_tall_matrix_read_by_panels_is_the_triangle_of_its_qr)
     }
 }
 
+/* Reflections keep inner products: with the first 4 of 7 columns a triangle, A^T A is that of what stands in A's place, zeros below the triangle included; columns
+ * of any size, one of them zero. */
+TEST(reflected_columns_keep_their_inner_products_and_leave_a_triangle)
+{
+    static const double scales[7] = { 1, 1e-160, 1e150, 0, 1, 1, 1e-3 };
+    enum { M = 30, K = 4, N = 7 };
+    struct matrix A = random_matrix(M, N, M + 2, 5), B = random_matrix(M, N, M + 2, 5);
+    double work[N];
+
+    for (int j = 0; j < N; j++)
+        for (int i = 0; i < M + 2; i++)
+            B.x[i + j * (M + 2)] *= scales[j];
+    qr_reflect(&B, K, work);
+    for (int j = 0; j < N; j++) {
+        for (int i = j + 1; i < M && j < K; i++)
+            CHECK(B.x[i + j * (M + 2)] == 0);
+        for (int i = 0; i <= j; i++) {
+            double si = scales[i] > 0 ? 1 / scales[i] : 0, sj = scales[j] > 0 ? 1 / scales[j] : 0, sum = 0;
+            for (int l = 0; l < M; l++)
+                sum += B.x[l + i * (M + 2)] * si * (B.x[l + j * (M + 2)] * sj);
+            CHECK_NEAR(sum, si * sj == 0 ? 0 : dot(M, A.x + i * (M + 2), A.x + j * (M + 2)), 40 * M * DBL_EPSILON);
+        }
+    }
+    free(A.x), free(B.x);
+}
+
 /* b = A x exactly representable: columns scaled by 1e-150, 1, 1e150 must not lose x. */
 TEST(least_squares_is_indifferent_to_the_scale_of_its_columns)
 {

@@ -377,3 +377,93 @@ TEST(an_offset_in_noise_is_judged_as_a_batch_judges_it)
     CHECK_NEAR(worst, 0, 1e-9);
     CHECK(windows == 200 && updates >= 120);
 }
+
+/* Silence and then noise is not white in time: a batch keeps all proper orthogonal signals while it lasts, and so must an update that has so far kept two. */
+TEST(a_channel_that_is_silent_and_then_starts_is_reduced_as_a_batch_reduces_it)
+{
+    enum { S = 20, N = 1240, START = 1000 };
+    struct decay d = { .modes = 2, .channels = S, .samples = N, .dt = 0.05, .lambda = { decay_pole(1.0, 2e-4), decay_pole(2.3, 1e-4) } };
+    struct random r = { 81 };
+    struct moving_options opt = { .channels = S, .window = 800, .hop = 40, .dt = d.dt };
+    struct tally t;
+    double *x;
+
+    decay_amplitudes(&d, &r);
+    x = record(&d, 10, 82);
+    for (int k = 0; k < START; k++)
+        x[k * S + S - 1] = 0;
+    t = compare(x, N, opt, 40, 1, 0);
+    CHECK_NEAR(t.worst, 0, 1e-9);
+    CHECK(t.windows == 12 && t.updates >= 3);
+    free(x);
+}
+
+/* A pole that turns half a time in the window: its error is that of its scatter over other orders, which only a batch tries. */
+TEST(what_turns_less_than_once_in_the_window_has_the_error_bars_of_a_batch)
+{
+    struct decay d = { .modes = 2, .channels = 3, .samples = 1000, .dt = 0.05, .lambda = { decay_pole(0.5 / 30, 2e-2), decay_pole(2.3, 1e-4) } };
+    struct random r = { 91 };
+    struct moving_options opt = { .channels = 3, .window = 600, .hop = 100, .dt = d.dt };
+    struct tally t;
+    double *x;
+
+    decay_amplitudes(&d, &r);
+    x = record(&d, 10, 92);
+    t = compare(x, d.samples, opt, 100, 1, 0);
+    CHECK_NEAR(t.worst, 0, 1e-9);
+    CHECK(t.windows == 5);
+    free(x);
+}
+
+/* One pole that fades into noise: a batch ends with no modes, or none that it trusts, and no update goes on with one. */
+TEST(a_last_mode_that_fades_is_given_up_when_a_batch_gives_it_up)
+{
+    struct decay d = { .modes = 1, .channels = 2, .samples = 3000, .dt = 0.05, .lambda = { decay_pole(1.0, 1e-2) } };
+    struct random r = { 95 };
+    struct moving_options opt = { .channels = 2, .window = 300, .hop = 50, .dt = d.dt };
+    struct tally t;
+    double *x;
+
+    decay_amplitudes(&d, &r);
+    x = record(&d, 0, 0);
+    for (int i = 0; i < 2 * d.samples; i++)
+        x[i] += 0.02 * random_normal(&r);
+    t = compare(x, d.samples, opt, 50, 1, 0);
+    CHECK_NEAR(t.worst, 0, 1e-9);
+    CHECK(t.windows == 55 && t.updates >= 1);
+    free(x);
+}
+
+/* A NaN is refused with a batch's words while the window has it, few channels or many, and updates begin again behind it. */
+TEST(a_nan_is_refused_as_a_batch_refuses_it_and_what_follows_is_updated)
+{
+    for (int S = 3; S <= 18; S += 15) {
+        struct decay d = three(2000, S, 99);
+        struct moving_options opt = { .channels = S, .window = 500, .hop = 100, .dt = d.dt };
+        double *x = record(&d, 40, 98);
+        struct moving *m;
+        int refused = 0, updated = 0;
+
+        x[1034 * S] = NAN;
+        CHECK(moving_new(&opt, &m, NULL) == MODAL_OK);
+        for (int at = 0; at < d.samples; at += 100) {
+            struct batch b = { .channels = (size_t)S, .samples = 500, .dt = d.dt, .signals = x + (size_t)(at - 400) * (size_t)S };
+            struct identify_result ours, batch;
+            struct modal_error e = { 0 }, f = { 0 };
+            struct moving_cost cost;
+            CHECK(moving_push(m, x + (size_t)at * (size_t)S, 100, NULL) == MODAL_OK);
+            if (at < 400)
+                continue;
+            if (moving_identify(m, &ours, &cost, &e) == MODAL_OK) {
+                updated += at > 1500 && cost.updated;
+            } else {
+                refused++;
+                CHECK(modal_identify(&b, &opt.identify, &batch, &f) == MODAL_BAD_INPUT && strcmp(e.message, f.message) == 0);
+            }
+            identify_result_done(&ours);
+        }
+        CHECK(refused == 5 && updated >= 3);
+        moving_free(m);
+        free(x);
+    }
+}

@@ -33,12 +33,16 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
+#include "modal/identify/grid.h"
 #include "modal/identify/modes.h"
 #include "modal/identify/pod.h"
 #include "modal/identify/rounding.h"
 #include "modal/identify/verdict.h"
 #include "modal/identify/widen.h"
 #include "modal/linalg/svd.h"
+
+enum { GRID_LOOK = 24 };                         /* samples */
+static const double GRID_NEAR = 4;               /* times the variance of rounding; identify.c's own question is asked at 2 */
 
 const char *const moving_reasons[] = { "first", "options", "not_settled", "order_less", "order_more", "pole_splits", "offset", "undetermined", "not_white",
                                        "channels_by_noise", "parts_disagree", "weak_mode", "quantised", NULL };
@@ -280,6 +284,24 @@ static enum modal_status doubt(struct job *j, enum reason *why, struct modal_err
     return *why != GOOD ? MODAL_OK : judge_residual(j, f, why, err);
 }
 
+/* Are the samples of a channel on a grid that what its fit leaves may be the rounding to?  A grid shows in few samples, and is then asked for in all. */
+static bool near_grid(const struct job *j, const struct moving_fit *f)
+{
+    const struct moving *m = j->m;
+    const double *y = moving_sample(m, m->next - (uint64_t)m->L);
+
+    for (int c = 0; c < m->S; c++) {
+        double left = f->rss[c] / m->L * j->scale[c] * j->scale[c], step;
+        int skip = m->L / GRID_LOOK > 1 ? m->L / GRID_LOOK : 1;
+        if (j->scale[c] == 0 || grid_step(y + c, (size_t)(skip * m->S), m->L / skip) == 0)
+            continue;
+        step = grid_step(y + c, (size_t)m->S, m->L < GRID_SAMPLES ? m->L : GRID_SAMPLES);
+        if (left < GRID_NEAR * GRID_NOISE_MOST * step * step)
+            return true;
+    }
+    return false;
+}
+
 static enum modal_status try_update(struct moving *m, struct job *j, enum reason *why, struct modal_error *err)
 {
     enum modal_status rc = update(j, why, err);
@@ -299,6 +321,8 @@ static enum modal_status try_update(struct moving *m, struct job *j, enum reason
         rc = doubt(j, why, err);
     if (rc == MODAL_OK && *why == GOOD && moving_reduced(m) && j->weighed)
         rc = look_at_channels(j, &j->own, &j->channels, err);
+    if (rc == MODAL_OK && *why == GOOD && near_grid(j, moving_reduced(m) ? &j->channels : &j->own))
+        *why = GRID;
     return rc;
 }
 

@@ -48,7 +48,7 @@ const double *moving_window(const struct moving *m);
 /*
  * The modes of the last `window` samples: those that modal_identify finds in the same samples, with the same errors, verdict and diagnostics, to within 1e-9
  * and rounding.  What an update does not know is NAN or empty: `residual` and `persistence` of a mode, singular values, candidates,
- * poles; clipped and quantised samples are looked for only in windows identified from nothing.
+ * poles; clipped samples are looked for only in windows identified from nothing.
  * *out as from modal_identify; COST may be NULL.  Fails as modal_identify does, and with MODAL_BAD_INPUT where the window is not full.
  */
 enum modal_status moving_identify(struct moving *m, struct identify_result *out, struct moving_cost *cost, struct modal_error *err);

@@ -134,6 +134,15 @@ static enum modal_status keep_blocks(struct moving *m, struct modal_error *err)
     return rc;
 }
 
+static bool all_finite(const double *x, size_t count)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < count; i++)
+        sum += 0 * x[i];
+    return sum == 0;
+}
+
 enum modal_status moving_push(struct moving *m, const double *samples, size_t count, struct modal_error *err)
 {
     size_t S = (size_t)m->S, L = (size_t)m->L;
@@ -149,6 +158,8 @@ enum modal_status moving_push(struct moving *m, const double *samples, size_t co
         memcpy(m->rows + m->held * S, samples, sizeof *samples * n * S);
         m->held += n, m->next += n;
         samples += n * S, count -= n;
+        if (m->anchored && !all_finite(m->rows + (m->held - n) * S, n * S))
+            anchor_forget(m);                    /* a batch says which sample */
         if (m->anchored)
             rc = keep_blocks(m, err);
     }

@@ -480,8 +480,7 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
             drop += gain(w, g, w->rss[g] + share_of(w, j, g), w->rss[g]);
             split += gain(w, g, w->rss[g], w->rss[g] - squared(z[0]) - (n > 1 ? squared(z[1]) : 0));
         }
-        if (w->count > 1)
-            f->least_drop = fmin(f->least_drop, drop);
+        f->least_drop = fmin(f->least_drop, drop);
         if (w->first[j] < 0)
             f->most_free = fmax(f->most_free, gain_if_free(w, j));
         else

@@ -22,7 +22,7 @@ struct moving_fit {
     double *energy, *floor2;     /* per signal: sum of squares; mean square that rounding leaves */
     double could_gain;           /* moving_probe: by how much -2 ln(likelihood) could fall, as refine.c's `hopeless` reckons */
     bool rounding;               /* every signal is at that floor */
-    double least_drop;           /* by how much BIC rises where the least needed pole is left out; HUGE_VAL for one pole */
+    double least_drop;           /* by how much BIC rises where the least needed pole is left out */
     double most_split;           /* by how much -2 ln(likelihood) falls where one pole becomes two that nearly coincide, at most */
     double most_free;            /* by how much it falls where a pole that is fixed at 0 may move, about; 0 where there is none */
     double price, pair_price;    /* what one more parameter, one more pair costs in BIC */

@@ -15,6 +15,7 @@
 #include "modal/identify/parts.h"
 
 static const double LIKELY = 0.5;
+enum { EDGE_SAMPLES = 2 };
 static const double MOVES = 0.8;                 /* of a parameter's price: a constant that might rather decay; its gain is known to first order */
 static const double ROUNDING_NEAR = 16;          /* times what rounding leaves of a sum of squares: four in amplitude */
 
@@ -279,12 +280,28 @@ static enum modal_status ask_halves(struct job *j, const struct moving_fit *f, c
     return rc;
 }
 
+/* The most that anything confined to COUNT samples from FIRST on could gain: a decay of few samples, or a growth, has no line in a spectrum. */
+static double gain_of_samples(const struct job *j, const struct moving_fit *f, const double *E, int first, int count)
+{
+    double sum = 0;
+
+    for (int g = 0; g < j->r; g++) {
+        const double *e = E + first + (size_t)g * (size_t)j->m->L;
+        if (f->rss[g] > j->m->L * f->floor2[g])
+            sum -= j->m->L * log1p(-fmin(cblas_ddot(count, e, 1, e, 1) / f->rss[g], 1 - DBL_EPSILON));
+    }
+    return sum;
+}
+
 /* Would a pair anywhere gain what it costs?  GAINS has room for L/2 + 1; POWER, as many zeros, becomes colour.h's spectrum. */
 static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const double *E, double *gains, double *power)
 {
     struct moving *m = j->m;
     double limit = LIKELY * f->pair_price;
 
+    for (int count = 1; count <= EDGE_SAMPLES; count++)
+        if (gain_of_samples(j, f, E, 0, count) > limit || gain_of_samples(j, f, E, m->L - count, count) > limit)
+            return true;
     for (int i = 0, n = m->L; i < 3 && n >= 8; i++, n /= 4)
         for (int first = 0; first <= m->L - n; first += i > 0 ? m->L - n : 1)
             if (largest_gain(j, f, E, first, n, m->plan[i], true, gains, i == 0 ? power : NULL) > limit

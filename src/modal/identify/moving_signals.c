@@ -17,6 +17,8 @@
 #include "modal/linalg/svd.h"
 
 enum { STEPS_MOST = 24, STEPS_LOOK = 3 };           /* of orthogonal iteration; between looks at the residual */
+enum { TILE = 16 };
+static const double SINGLE = 1e-4;               /* least diagonal of a triangle of unit channels that single precision is enough for */
 static const double FAR = 0.3;                   /* the first value of the rest over the last that is kept */
 static const double NOTHING = 1e-12;             /* of a channel: the channels before it span it */
 static const double SETTLED = 1e-13;             /* of the largest singular value */
@@ -256,43 +258,82 @@ static void combine_samples(const struct moving *m, const double *W, struct matr
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m->L, E->n, m->S, 1, moving_sample(m, m->next - (uint64_t)m->L), m->S, W, m->S, 0, E->x, m->L);
 }
 
-/* The triangle of channels of norm 1 into R, and they into E; a channel that those before it span to rounding is left out: zero, and unit in R. */
-static void unit_channels(const struct job *j, double *R, struct matrix *E)
+/* The triangle of channels of norm 1 into R; a channel that those before it span to rounding is left out: unit[c] zero, and unit in R.  The least diagonal. */
+static double unit_triangle(const struct job *j, double *R, double *unit)
+{
+    int S = j->m->S;
+    double least = 1;
+
+    for (int c = 0; c < S; c++) {
+        unit[c] = j->scale[c] > 0 ? 1 / (j->scale[c] * sqrt(j->m->L)) : 0;
+        for (int i = 0; i < S; i++)
+            R[i + (size_t)c * (size_t)S] = unit[c] * j->R[i + (size_t)c * (size_t)S];
+    }
+    for (int c = 0; c < S; c++) {
+        double diagonal = fabs(R[c + (size_t)c * (size_t)S]);
+        for (int i = 0; i < S && !(diagonal > NOTHING); i++)
+            R[c + (size_t)i * (size_t)S] = R[i + (size_t)c * (size_t)S] = i == c;
+        unit[c] = diagonal > NOTHING ? unit[c] : 0;
+        least = diagonal > NOTHING ? fmin(least, diagonal) : least;
+    }
+    return least;
+}
+
+/* The window's samples times UNIT, channel by channel, into E in double precision or F in single. */
+static void unit_samples(const struct job *j, const double *unit, double *E, float *F)
 {
     int S = j->m->S, L = j->m->L;
     const double *y = moving_sample(j->m, j->m->next - (uint64_t)L);
 
-    for (int c = 0; c < S; c++) {
-        double *x = R + (size_t)c * (size_t)S, *e = E->x + (size_t)c * (size_t)L;
-        double unit = j->scale[c] > 0 ? 1 / (j->scale[c] * sqrt(L)) : 0;
-        for (int i = 0; i < S; i++)
-            x[i] = unit * j->R[i + (size_t)c * (size_t)S];
-        for (int l = 0; l < L; l++)
-            e[l] = unit * y[(size_t)l * (size_t)S + (size_t)c];
-    }
-    for (int c = 0; c < S; c++)
-        if (!(fabs(R[c + (size_t)c * (size_t)S]) > NOTHING)) {
-            for (int i = 0; i < S; i++)
-                R[c + (size_t)i * (size_t)S] = R[i + (size_t)c * (size_t)S] = i == c;
-            memset(E->x + (size_t)c * (size_t)L, 0, sizeof *E->x * (size_t)L);
-        }
+    for (int l = 0; l < L; l += TILE)
+        for (int c = 0; c < S; c++)
+            for (int i = l; i < L && i < l + TILE; i++) {
+                double v = unit[c] * y[(size_t)i * (size_t)S + (size_t)c];
+                if (F != NULL)
+                    F[(size_t)i + (size_t)c * (size_t)L] = (float)v;
+                else
+                    E[(size_t)i + (size_t)c * (size_t)L] = v;
+            }
 }
 
-/* j->lags, once a window. */
+/* Add the autocorrelations of E's columns at lags 1 .. COLOUR_LAGS. */
+static void add_lags_single(int L, int S, const float *E, double *lags)
+{
+    for (int c = 0; c < S; c++) {
+        const float *e = E + (size_t)c * (size_t)L;
+        double square = cblas_dsdot(L, e, 1, e, 1);
+        for (int l = 1; l <= COLOUR_LAGS && square > 0; l++)
+            lags[l - 1] += cblas_sdot(L - l, e, 1, e + l, 1) / square;
+    }
+}
+
+/* j->lags, once a window.  In single precision where the triangle's condition leaves three digits: the limit is ten times what white noise shows. */
 static enum modal_status lags_of_all(struct job *j, struct modal_error *err)
 {
     int S = j->m->S, L = j->m->L;
-    size_t size = (size_t)S * (size_t)S;
-    double *R = malloc(sizeof *R * (size + (size_t)L * (size_t)S));
-    struct matrix E = { L, S, L, R + size };
+    size_t square = (size_t)S * (size_t)S, size = (size_t)L * (size_t)S;
+    double *R = malloc(sizeof *R * (square + (size_t)S + size)), *unit = R + square;
+    struct matrix E = { L, S, L, unit + S };
+    float *T = malloc(sizeof *T * square), *F = (float *)E.x;
+    bool single;
 
-    if (R == NULL)
+    if (R == NULL || T == NULL) {
+        free(R), free(T);
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, S);
-    unit_channels(j, R, &E);
-    cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, R, S, E.x, L);
-    add_lags(&E, 1, j->lags);
+    }
+    single = unit_triangle(j, R, unit) > SINGLE;
+    unit_samples(j, unit, E.x, single ? F : NULL);
+    for (size_t i = 0; i < square; i++)
+        T[i] = (float)R[i];
+    if (single) {
+        cblas_strsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, T, S, F, L);
+        add_lags_single(L, S, F, j->lags);
+    } else {
+        cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, R, S, E.x, L);
+        add_lags(&E, 1, j->lags);
+    }
     j->lags_known = true;
-    free(R);
+    free(R), free(T);
     return MODAL_OK;
 }
 

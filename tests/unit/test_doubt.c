@@ -121,6 +121,26 @@ TEST(what_rounding_leaves_of_a_decay_is_never_called_unstable)
     CHECK(cut >= 10);
 }
 
+/* Three modes within 5 % of one another and a fourth, each with a decay of its own: another is the strongest as time goes by, and the system is the same. */
+TEST(modes_that_outlast_one_another_are_no_change_of_the_system)
+{
+    static const double hertz[] = { 4.09, 7.3, 4.0, 4.17 }, zeta[] = { 0.02, 0.006, 0.0015, 0.0012 }, size[] = { 3, 1.3, 0.3, 0.25 };
+
+    for (uint64_t seed = 0; seed < 8; seed++) {
+        struct batch b = batch_of(2000, 1, 0.01);
+        struct random r = { 50 + seed };
+        double complex B[4];
+        for (int j = 0; j < 4; j++)
+            B[j] = size[j] * cexp(I * 2 * M_PI * random_uniform(&r));
+        for (int k = 0; k < 2000; k++) {
+            x[k] = 1e-3 * random_normal(&r);
+            for (int j = 0; j < 4; j++)
+                x[k] += creal(B[j] * cexp(decay_pole(hertz[j], zeta[j]) * (k * 0.01)));
+        }
+        CHECK(!finds(&b, "changes_in_record"));
+    }
+}
+
 /* A slowly softening and more damped oscillator: a' = -zeta(a) w a, phi' = w (1 - 0.03 a), zeta = 0.002 + 0.006 a. */
 TEST(frequency_and_damping_that_follow_the_amplitude_are_called_so)
 {

@@ -7,7 +7,8 @@
  *
  * Each window is identified on its own (pencil.c, order.c with few orders); its strongest oscillating mode is compared over the windows.  A change
  * counts where it exceeds CHANGE and six times its own standard errors.  The sign of every step agreeing with that of the
- * amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude dependence; anything else is a change of the system.
+ * amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude dependence; anything else is a change of the system, unless the fit is adequate: among modes that
+ * decay at rates of their own another may be the strongest in each window.
  */
 #include "modal/identify/trend.h"
 #include <float.h>
@@ -219,7 +220,7 @@ static void keep(const struct window *w, int n, struct identify_result *result)
         result->trend[result->trend_count++] = (struct identify_window) { w[i].t, w[i].frequency, w[i].damping, w[i].std_frequency, w[i].std_damping, w[i].amplitude };
 }
 
-static void judge(const struct window *w, int n, struct identify_result *result, bool *follows)
+static void judge(const struct window *w, int n, bool good, struct identify_result *result, bool *follows)
 {
     bool f = changes(w, n, frequency_at, false, CHANGE), z = changes(w, n, damping_at, true, DAMPING_CHANGE);
     double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)), range = 0;
@@ -231,9 +232,11 @@ static void judge(const struct window *w, int n, struct identify_result *result,
     for (int i = 1; i < n; i++)
         range = fmax(range, fabs(w[i].frequency - w[0].frequency) / w[0].frequency);
     write_table(w, n, table, sizeof table);
+    *follows = decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
+    if (good && !*follows)
+        return;
     if (f || decays)
         keep(w, n, result);
-    *follows = decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
     if (*follows)
         identify_diagnose(result, "amplitude_dependent", -1, "the mode changes as it decays, close pairs may be one mode; window by window: %s", table);
     else if (f)
@@ -254,7 +257,7 @@ static bool is_driven(const struct window *w, int n, double left, struct identif
     return true;
 }
 
-static enum modal_status watch(const struct trend_input *in, double left, struct identify_result *result, bool *follows, struct modal_error *err)
+static enum modal_status watch(const struct trend_input *in, bool good, double left, struct identify_result *result, bool *follows, struct modal_error *err)
 {
     struct window all[TREND_WINDOWS_LONG], found[TREND_WINDOWS_LONG];
     int most = in->X->m > LONG ? TREND_WINDOWS_LONG : TREND_WINDOWS;
@@ -275,7 +278,7 @@ static enum modal_status watch(const struct trend_input *in, double left, struct
     if (rc != MODAL_OK)
         return rc;
     if (!is_driven(all, n, left, result) && count >= 3)
-        judge(found, count, result, follows);
+        judge(found, count, good, result, follows);
     return MODAL_OK;
 }
 
@@ -331,7 +334,7 @@ enum modal_status trend_watch(const struct trend_input *in, struct identify_resu
     if (in->count > 0 && in->X->m > 2 * in->count + 2)
         rc = adequate(in, &good, &left, err);
     if (rc == MODAL_OK && (!good || crowded(in)))
-        rc = watch(in, left, result, follows, err);
+        rc = watch(in, good, left, result, follows, err);
     return rc;
 }
 

@@ -110,14 +110,41 @@ static uint32_t crc_by_table(uint32_t c, const unsigned char *p, size_t length)
 }
 
 #if defined(__x86_64__)
-/* The processor's own instruction, eight bytes in three cycles: a sixth of the table's time. */
+enum { LANE = 4096 };                        /* bytes */
+#define LANE_POWER 0x35d73a62u               /* x^(8 LANE) modulo the polynomial, bits reflected */
+
+/* a b modulo the polynomial */
+static uint32_t crc_product(uint32_t a, uint32_t b)
+{
+    uint32_t sum = 0;
+
+    for (; a != 0; a <<= 1) {
+        sum ^= a & 0x80000000u ? b : 0;
+        b = b & 1 ? b >> 1 ^ 0x82f63b78u : b >> 1;
+    }
+    return sum;
+}
+
+/* The processor's own instruction takes three cycles for eight bytes, and three may be under way: three lanes, put together by (r x^n + next) x^n + third. */
 __attribute__((target("sse4.2"))) static uint32_t crc_by_instruction(uint32_t c, const unsigned char *p, size_t length)
 {
-    uint64_t sum = c, word;
+    uint64_t sum = c, next, third, words[3];
 
+    for (; length >= 3 * LANE; length -= 3 * LANE, p += 2 * LANE) {
+        next = third = 0;
+        for (int i = 0; i < LANE; i += 8, p += 8) {
+            memcpy(words, p, 8);
+            memcpy(words + 1, p + LANE, 8);
+            memcpy(words + 2, p + 2 * LANE, 8);
+            sum = __builtin_ia32_crc32di(sum, words[0]);
+            next = __builtin_ia32_crc32di(next, words[1]);
+            third = __builtin_ia32_crc32di(third, words[2]);
+        }
+        sum = crc_product(LANE_POWER, crc_product(LANE_POWER, (uint32_t)sum) ^ (uint32_t)next) ^ third;
+    }
     for (; length >= 8; length -= 8, p += 8) {
-        memcpy(&word, p, 8);
-        sum = __builtin_ia32_crc32di(sum, word);
+        memcpy(words, p, 8);
+        sum = __builtin_ia32_crc32di(sum, words[0]);
     }
     for (c = (uint32_t)sum; length > 0; length--)
         c = __builtin_ia32_crc32qi(c, *p++);

@@ -677,56 +677,93 @@ static void tail_in_time(const struct balance *wide, int H, struct steady_point 
     point->tail_rms = sqrt(squares);
 }
 
+struct estimate {
+    int H2;
+    struct balance *wide;                   /* of H2 harmonics */
+    double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail; and with it */
+    double *y;
+};
+
+static void estimate_done(struct estimate *e)
+{
+    balance_free(e->wide);
+    free(e->W);
+    free(e->sampled);
+    free(e->E);
+    free(e->y);
+}
+
+static enum modal_status estimate_init(struct steady *s, const struct balance *b, struct estimate *e, struct modal_error *err)
+{
+    int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64;
+    long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;
+    int N2 = power_of_two(s->exact ? 4L * H2 : sampled > 8L * H2 ? sampled : 8L * H2);
+    size_t size = (size_t)b->q * ((size_t)H2 + 1);
+
+    *e = (struct estimate) { .H2 = H2, .W = calloc(size + 1, sizeof *e->W), .sampled = calloc(size + 1, sizeof *e->sampled),
+                             .E = calloc(size + 1, sizeof *e->E), .y = calloc((size_t)b->order + 1, sizeof *e->y) };
+    if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
+    return balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
+}
+
+/* The chord step without the tail into e->sampled: what sampling alone moves. */
+static enum modal_status move_by_samples(struct balance *b, struct estimate *e, struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc = balance_set(e->wide, b->omega, b->level, err);
+
+    widen_motion(point->X, b->q, b->H, e->H2, e->W);
+    if (rc == MODAL_OK)
+        rc = balance_residual(e->wide, e->W, false, err);
+    if (rc != MODAL_OK)
+        return rc;
+    tail_in_time(e->wide, b->H, point);
+    memcpy(e->sampled, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
+    chord(b, e->wide, point->X, e->y, e->sampled);
+    return MODAL_OK;
+}
+
+/* The tail and the chord step with it into e->E, by (1) and (2). */
+static enum modal_status move_by_tail(struct balance *b, struct estimate *e, const struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    memcpy(e->E, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
+    rc = tail_of(e->wide, b->H, e->E, err);                                        /* (1) */
+    if (rc == MODAL_OK)
+        rc = balance_residual(e->wide, e->E, false, err);
+    if (rc != MODAL_OK)
+        return rc;
+    chord(b, e->wide, point->X, e->y, e->E);                                       /* (2) */
+    return tail_of(e->wide, b->H, e->E, err);
+}
+
+/* The point's errors: NAN where its derivative is singular or a step overflows. */
 static enum modal_status estimate(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
 {
-    int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64, q = b->q;
-    int N2 = power_of_two(s->exact ? 4L * H2 : 2L * (b->aft != NULL ? aft_samples(b->aft) : 0) > 8L * H2 ? 2L * aft_samples(b->aft) : 8L * H2);
-    struct balance *wide = NULL;
-    size_t size = (size_t)q * ((size_t)H2 + 1);
-    double complex *E = calloc(size + 1, sizeof *E), *W = calloc(size + 1, sizeof *W), *sampled = calloc(size + 1, sizeof *sampled);
-    double *y = calloc((size_t)b->order + 1, sizeof *y);
-    enum modal_status rc = MODAL_OK;
+    struct estimate e;
+    enum modal_status rc = estimate_init(s, b, &e, err);
 
     point->truncation = point->sampling = point->solver = point->error = NAN;
-    if (E == NULL || W == NULL || sampled == NULL || y == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
-    if (rc == MODAL_OK)
-        rc = balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &wide, err);
     if (rc == MODAL_OK)
         rc = balance_residual(b, point->X, true, err);
-    if (rc != MODAL_OK || !balance_factor(b, NULL))
+    if (rc != MODAL_OK || !balance_factor(b, NULL) || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
-    rc = balance_set(wide, b->omega, b->level, err);
-    widen_motion(point->X, q, H, H2, W);
-    if (rc != MODAL_OK || (rc = balance_residual(wide, W, false, err)) != MODAL_OK)
-        goto out;
-    tail_in_time(wide, H, point);
-    memcpy(sampled, W, size * sizeof *sampled);
-    chord(b, wide, point->X, y, sampled);                                          /* sampling alone */
     point->amplitude = 0;
-    rc = peak_of_change(s, sampled, W, q, H2, &point->sampling, &point->amplitude, err);
-    memcpy(E, W, size * sizeof *E);
+    rc = peak_of_change(s, e.sampled, e.W, b->q, e.H2, &point->sampling, &point->amplitude, err);
     if (rc == MODAL_OK)
-        rc = tail_of(wide, H, E, err);                                             /* (1) */
-    if (rc != MODAL_OK || (rc = balance_residual(wide, E, false, err)) != MODAL_OK)
-        goto out;
-    chord(b, wide, point->X, y, E);                                                /* (2) */
-    rc = tail_of(wide, H, E, err);
+        rc = move_by_tail(b, &e, point, err);
     if (rc == MODAL_OK)
-        rc = peak_of_change(s, E, W, q, H2, &point->error, NULL, err);
+        rc = peak_of_change(s, e.E, e.W, b->q, e.H2, &point->error, NULL, err);
     if (rc == MODAL_OK)
-        rc = peak_of_change(s, E, sampled, q, H2, &point->truncation, NULL, err);  /* what sampling does not explain */
-    point->solver = point->step * point->amplitude;
-    point->error += point->solver;
+        rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);    /* what sampling does not explain */
+    if (rc == MODAL_OK) {
+        point->solver = point->step * point->amplitude;
+        point->error += point->solver;
+    }
 out:
-    if (rc == MODAL_OVERFLOW)
-        rc = MODAL_OK;
-    balance_free(wide);
-    free(E);
-    free(W);
-    free(sampled);
-    free(y);
-    return rc;
+    estimate_done(&e);
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
 enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,

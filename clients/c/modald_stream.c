@@ -1492,11 +1492,9 @@ static void *map_memory(size_t bytes)
 /* Has the file of FD room for BYTES?  Its blocks too: a mapped page that the disk is too full for would end the host. */
 static bool allocate(int fd, size_t bytes)
 {
-    struct rlimit most;
     struct stat st;
 
-    return fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur >= bytes
-        && posix_fallocate(fd, 0, (off_t)bytes) == 0 && ((size_t)st.st_size <= bytes || ftruncate(fd, (off_t)bytes) == 0);
+    return fstat(fd, &st) == 0 && posix_fallocate(fd, 0, (off_t)bytes) == 0 && ((size_t)st.st_size <= bytes || ftruncate(fd, (off_t)bytes) == 0);
 }
 
 /* What an earlier run left in the file is kept: is it a ring like ours? */
@@ -1508,12 +1506,37 @@ static bool is_left(const modald_stream *s, const struct ring_page *page)
         && strcmp(page->name, s->name) == 0 && waiting <= s->slots;
 }
 
+static void fill_head(const modald_stream *s, struct ring_page *page)
+{
+    memset((void *)page, 0, sizeof *page);
+    page->channels = (uint64_t)s->channels;
+    page->slots = s->slots;
+    page->dt = s->dt;
+    snprintf(page->name, sizeof page->name, "%s", s->name);
+    memcpy(page->magic, ring_magic, sizeof ring_magic);
+}
+
+/* A file that is new has its head at once: a host killed while the rest is made leaves an empty ring, not a file of nothing. */
+static bool begin_file(const modald_stream *s, int fd, bool *fresh)
+{
+    struct ring_page page;
+    struct rlimit most;
+    struct stat st;
+
+    if (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode) || getrlimit(RLIMIT_FSIZE, &most) != 0 || most.rlim_cur < s->ring_bytes)
+        return false;                                   /* a file past that limit is a signal to the host */
+    *fresh = st.st_size == 0;
+    fill_head(s, &page);
+    return !*fresh || pwrite(fd, &page, sizeof page, 0) == (ssize_t)sizeof page;
+}
+
 /* The ring in the file at PATH (%s: the stream's name), locked as long as it is ours; NULL: it cannot be there. */
 static void *map_file(modald_stream *s, const char *file)
 {
     const char *mark = strstr(file, "%s");
     char path[512], name[sizeof s->name];
     void *base = MAP_FAILED;
+    bool fresh = false;
     int fd, n;
 
     snprintf(name, sizeof name, "%s", s->name);
@@ -1523,11 +1546,13 @@ static void *map_file(modald_stream *s, const char *file)
     fd = n < (int)sizeof path ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600) : -1;
     if (fd >= 0 && flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
         tell(s->name, "another stream has the ring's file; this one is kept in memory");
-    else if (fd >= 0 && allocate(fd, s->ring_bytes))
-        base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
+    else if (fd >= 0 && begin_file(s, fd, &fresh) && allocate(fd, s->ring_bytes))
+        base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     else
         tell(s->name, "the ring's file cannot be used; it is kept in memory");
     if (base == MAP_FAILED) {
+        if (fresh)
+            unlink(path);
         if (fd >= 0)
             close(fd);
         return NULL;
@@ -1557,14 +1582,8 @@ static bool make_ring(modald_stream *s, size_t bytes, const char *file)
     if (s->page == NULL)
         return false;
     s->ring = (double *)((char *)s->page + RING_HEAD);
-    if (!is_left(s, s->page)) {
-        memset((void *)s->page, 0, sizeof *s->page);
-        s->page->channels = (uint64_t)s->channels;
-        s->page->slots = s->slots;
-        s->page->dt = s->dt;
-        snprintf(s->page->name, sizeof s->page->name, "%s", s->name);
-        memcpy(s->page->magic, ring_magic, sizeof ring_magic);
-    }
+    if (!is_left(s, s->page))
+        fill_head(s, s->page);
     s->head = atomic_load(&s->page->head);
     s->taken = s->tail_seen = atomic_load(&s->page->tail);
     s->cursor = s->head % s->slots;

@@ -195,7 +195,7 @@ static void closes_a_pipe(void)
 
 static void has_small_files(void)
 {
-    limit(RLIMIT_FSIZE, 65536);                      /* stdout is a pipe */
+    limit(RLIMIT_FSIZE, 64);                         /* stdout is a pipe */
     plain();
 }
 

@@ -73,7 +73,12 @@ class Submitter(threading.Thread):
             assert reply.ok, reply
             answers = [reply]
         else:
-            answers = json.loads(patiently(client, "SUBMITS", [body], jobs=jobs).body[0])["jobs"]
+            answers = [{}]
+            while not all("job" in answer for answer in answers):     # a part may be refused for now
+                answers = json.loads(patiently(client, "SUBMITS", [body], jobs=jobs).body[0])["jobs"]
+                refused = {answer["error"]["code"] for answer in answers if "job" not in answer}
+                assert refused <= {"busy", "draining", "storage_full"}, answers
+                time.sleep(0.05 if refused else 0)
         for key, answer in zip(keys, answers):
             self.acks[key] = answer["job"]
 

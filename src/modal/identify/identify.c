@@ -1106,6 +1106,33 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
     return rc;
 }
 
+/* Is the fit that shows growth one that may be drawing something else: not at its least, not leaving noise, in need of many growing modes? */
+static bool growth_is_doubtful(const struct work *w, const struct identify_result *r)
+{
+    int growing = 0;
+
+    for (int i = 0; i < r->mode_count; i++)
+        growing += creal(r->modes[i].exponent) > 3 * r->modes[i].std_re;
+    return !w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1 || w->facts.doubt.rivals || growing > 2;
+}
+
+/* Where it is, parts of the record must show growth for themselves. */
+static enum modal_status confirm_growth(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count, 0, w->opt.cancelled, w->opt.context };
+    bool shown = true;
+    enum modal_status rc = MODAL_OK;
+
+    if (out->verdict == VERDICT_UNSTABLE && w->refine && w->shift == 1 && w->rec.period <= 0 && growth_is_doubtful(w, out))
+        rc = trend_growth(&in, &shown, err);
+    if (rc != MODAL_OK || shown)
+        return rc;
+    out->verdict = VERDICT_UNDECIDED;
+    identify_diagnose(out, "growth_unconfirmed", -1, "mode %d (%.5g Hz) grows in the fit to the whole record, which does not hold throughout, and no part of the record grows for itself: a motion "
+                      "set off anew (an impact, a load that changes) looks so; identify a part by `window`", out->decides, cabs(out->modes[out->decides].exponent) / (2 * M_PI));
+    return MODAL_OK;
+}
+
 static enum modal_status conclude(struct work *w, const struct batch *batch, struct identify_result *out, struct modal_error *err)
 {
     double duration = w->data.Y->m * w->tau;
@@ -1114,6 +1141,8 @@ static enum modal_status conclude(struct work *w, const struct batch *batch, str
     if (rc != MODAL_OK)
         return rc;
     verdict_stability(out, duration);
+    if ((rc = confirm_growth(w, out, err)) != MODAL_OK)
+        return rc;
     w->facts.rows = w->data.Y->m;
     w->facts.record = duration;
     w->facts.tau = w->tau;

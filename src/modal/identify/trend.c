@@ -150,24 +150,106 @@ static enum modal_status strongest_alone(const struct refine_data *data, const s
     return rc;
 }
 
+/* The best fit of few orders to the rows of Y, into CHOICE. */
+static enum modal_status fit_part(const struct trend_input *in, const struct matrix *Y, struct order_choice *choice, struct modal_error *err)
+{
+    struct refine_data data = { .Y = Y, .tau = in->tau, .phases = 1 };
+    struct source s = { .tau = in->tau };
+    struct order_source source = { .poles = poles_of, .context = &s };
+    struct order_options opt = { .refine = { .iterations = 30 }, .cancelled = in->cancelled, .context = in->context };
+    enum modal_status rc = pencil_new(Y, &(struct pencil_options) { 0, ORDERS }, &s.pencil, err);
+
+    source.most = s.pencil.count;
+    if (rc == MODAL_OK)
+        rc = order_choose(&data, &source, &opt, choice, err);
+    pencil_done(&s.pencil);
+    return rc;
+}
+
 static enum modal_status look_at(const struct trend_input *in, int first, int rows, struct window *w, struct modal_error *err)
 {
     struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + first };
     struct refine_data data = { .Y = &Y, .tau = in->tau, .phases = 1 };
-    struct source s = { .tau = in->tau };
-    struct order_source source = { .poles = poles_of, .context = &s };
-    struct order_options opt = { .refine = { .iterations = 30 }, .cancelled = in->cancelled, .context = in->context };
     struct order_choice choice = { .chosen = -1 };
-    enum modal_status rc = pencil_new(&Y, &(struct pencil_options) { 0, ORDERS }, &s.pencil, err);
+    enum modal_status rc = fit_part(in, &Y, &choice, err);
 
     *w = (struct window) { .t = in->t0 + (first + 0.5 * rows) * in->tau, .left = 1 };
-    source.most = s.pencil.count;
-    if (rc == MODAL_OK)
-        rc = order_choose(&data, &source, &opt, &choice, err);
     if (rc == MODAL_OK && choice.chosen >= 0)
         rc = strongest_alone(&data, &choice.candidates[choice.chosen].fit, w, err);
     order_done(&choice);
-    pencil_done(&s.pencil);
+    return rc;
+}
+
+/* ---- growth in a part ---- */
+
+enum { GROWING_MOST = 2 };
+static const double GROWS = 3, WEAK = 1e-3;       /* of a standard error; of the energy */
+
+/* Poles of FIT that grow beyond GROWS of their errors and are more than WEAK. */
+static int growing(const struct refined *fit, const struct synthesis *f, double tau)
+{
+    double total = 0;
+    int count = 0;
+
+    for (int j = 0; j < fit->poles; j++)
+        total += energy_of(f, j, fit->lambda[j], tau);
+    for (int j = 0; j < fit->poles; j++) {
+        double std_frequency, std_damping, z = damping_ratio_of(fit->lambda[j]);
+        refined_std(fit, j, tau, &std_frequency, &std_damping, NULL);
+        count += z + GROWS * std_damping < 0 && energy_of(f, j, fit->lambda[j], tau) > WEAK * total;
+    }
+    return count;
+}
+
+/* What the fit to a part leaves is white, and few of its poles grow. */
+static enum modal_status part_grows(const struct trend_input *in, const struct matrix *Y, const struct refined *fit, bool *grows, struct modal_error *err)
+{
+    struct trend_input part = { .X = Y, .tau = in->tau, .lambda = fit->lambda, .count = fit->poles };
+    struct synthesis f = { 0 };
+    bool good = false;
+    double left;
+    enum modal_status rc = adequate(&part, &good, &left, err);
+
+    if (rc == MODAL_OK && good && (rc = synthesis_fit(fit->lambda, fit->poles, in->tau, Y, NULL, &f, err)) == MODAL_OK) {
+        int count = growing(fit, &f, in->tau);
+        *grows = count > 0 && count <= GROWING_MOST;
+        synthesis_done(&f);
+    }
+    return rc;
+}
+
+/* How many of PARTS equal parts grow; counting ends at ENOUGH. */
+static enum modal_status parts_that_grow(const struct trend_input *in, int parts, int enough, int *count, struct modal_error *err)
+{
+    int rows = in->X->m / parts;
+
+    *count = 0;
+    for (int i = 0; i < parts && rows >= ROWS_LEAST && *count < enough; i++) {
+        struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + (size_t)i * (size_t)rows };
+        struct order_choice choice = { .chosen = -1 };
+        bool grows = false;
+        enum modal_status rc = fit_part(in, &Y, &choice, err);
+        if (rc == MODAL_OK && choice.chosen >= 0)
+            rc = part_grows(in, &Y, &choice.candidates[choice.chosen].fit, &grows, err);
+        order_done(&choice);
+        *count += grows;
+        if (rc != MODAL_OK && rc != MODAL_NO_CONVERGENCE)
+            return rc;
+    }
+    return MODAL_OK;
+}
+
+enum modal_status trend_growth(const struct trend_input *in, bool *shown, struct modal_error *err)
+{
+    enum { TWO = 2 };                  /* the blow may fall just before the end of one */
+    enum modal_status rc = MODAL_OK;
+    int count = 0;
+
+    *shown = in->X->m < 2 * ROWS_LEAST;
+    for (int parts = 8; parts >= 2 && !*shown && rc == MODAL_OK; parts /= 2) {
+        rc = parts_that_grow(in, parts, TWO, &count, err);
+        *shown = count >= TWO;
+    }
     return rc;
 }
 

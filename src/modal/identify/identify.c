@@ -1109,11 +1109,7 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
 /* Is the fit that shows growth one that may be drawing something else: not at its least, not leaving noise, in need of many growing modes? */
 static bool growth_is_doubtful(const struct work *w, const struct identify_result *r)
 {
-    int growing = 0;
-
-    for (int i = 0; i < r->mode_count; i++)
-        growing += creal(r->modes[i].exponent) > 3 * r->modes[i].std_re;
-    return !w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1 || w->facts.doubt.rivals || growing > 2;
+    return !w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1 || w->facts.doubt.rivals || verdict_crowd_grows(r);
 }
 
 /* Where it is, parts of the record must show growth for themselves. */

@@ -348,9 +348,9 @@ enum modal_status moving_identify(struct moving *m, struct identify_result *out,
         rc = try_update(m, &j, &why, err);
     if (rc == MODAL_OK && m->anchored && why == GOOD) {
         rc = moving_report(&j, out, err);
-        if (rc == MODAL_OK && has_weak_mode(out)) {      /* its say needs its persistence, which only a ladder of orders knows */
+        if (rc == MODAL_OK && (has_weak_mode(out) || verdict_crowd_grows(out))) {      /* a weak mode's say needs its persistence, which only a ladder of */
+            why = has_weak_mode(out) ? WEAK_MODE : UNDETERMINED;                       /* orders knows; a crowd's growth parts of the window */
             identify_result_done(out);
-            why = WEAK_MODE;
             rc = from_nothing(m, out, err);
         } else if (rc == MODAL_OK && (!poles_take(&m->own, j.own.lambda, j.own.poles) || !poles_take(&m->first, j.first.lambda, j.first.poles)))
             rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles", j.own.poles);

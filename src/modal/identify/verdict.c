@@ -152,6 +152,15 @@ void verdict_stability(struct identify_result *r, double duration)
     }
 }
 
+bool verdict_crowd_grows(const struct identify_result *r)
+{
+    int count = 0;
+
+    for (int i = 0; i < r->mode_count; i++)
+        count += creal(r->modes[i].exponent) > SIGMAS * r->modes[i].std_re;
+    return count > 2;
+}
+
 /* ---- clusters ---- */
 
 /* Energy of the two parts against the signals': modes that cancel carry more than the signals hold.  (1) */

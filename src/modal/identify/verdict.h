@@ -1,6 +1,7 @@
 /* verdict.h - clusters of modes, and stable, unstable or undecided */
 #ifndef MODAL_VERDICT_H
 #define MODAL_VERDICT_H
+#include <stdbool.h>
 #include "modal/error.h"
 #include "modal/identify/identify.h"
 
@@ -26,4 +27,6 @@ enum modal_status verdict_clusters(struct identify_result *result, double durati
  *   spurious   a mode of little energy that most orders do not show has no say at all
  */
 void verdict_stability(struct identify_result *result, double duration);
+/* Do more than two modes grow beyond their errors?  So many together may draw something else than growth: the end of a record where it was set off anew. */
+bool verdict_crowd_grows(const struct identify_result *result);
 #endif

@@ -6,6 +6,8 @@
 #include "live_modes.h"
 #include "whole_file.h"
 
+static const double ERRORS = 3;
+
 static const cJSON *get(const cJSON *object, const char *key)
 {
     return cJSON_GetObjectItemCaseSensitive(object, key);
@@ -25,9 +27,9 @@ static const char *trend(const struct live_modes *before, double hertz, double h
     for (int i = 0; i < before->count; i++)
         if (near < 0 || fabs(before->mode[i].hertz - hertz) < fabs(before->mode[near].hertz - hertz))
             near = i;
-    if (near < 0 || !(fabs(before->mode[near].hertz - hertz) <= 2 * hypot(hertz_std, before->mode[near].hertz_std) + 0.05 * hertz))
+    if (near < 0 || !(fabs(before->mode[near].hertz - hertz) <= ERRORS * (hertz_std + before->mode[near].hertz_std) + 0.05 * hertz))
         return "new";
-    double moved = zeta - before->mode[near].zeta, bar = 2 * hypot(zeta_std, before->mode[near].zeta_std);
+    double moved = zeta - before->mode[near].zeta, bar = ERRORS * (zeta_std + before->mode[near].zeta_std);
     return moved > bar ? "rising" : moved < -bar ? "falling" : "steady";
 }
 

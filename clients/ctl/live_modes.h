@@ -2,10 +2,11 @@
  *
  * The trend of a mode is that of its damping ratio zeta since the window before, in which its frequency f is the nearest one:
  *
- *     falling, rising   |zeta - zeta'| > 2 sqrt(s^2 + s'^2)          steady   within that
- *     new               no mode there within 2 sqrt(s_f^2 + s_f'^2) + 5 % of f, or an epoch's first window
+ *     falling, rising   |zeta - zeta'| > 3 (s + s')                  steady   within that
+ *     new               no mode there within 3 (s_f + s_f') + 5 % of f, or an epoch's first window
  *
- * with s the standard errors.  Windows that share samples differ by less than that from noise, so that a trend is seldom one of chance.
+ * with s the standard errors.  Their sum, not the root of their squares: samples that two windows share are at the end of one and at the start of the
+ * other and have opposite weights in the two estimates, whose errors may be wholly opposite.
  */
 #ifndef CTL_LIVE_MODES_H
 #define CTL_LIVE_MODES_H

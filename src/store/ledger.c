@@ -523,18 +523,14 @@ static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *
 }
 
 /* The samples of a group, on stable storage before any row that speaks of them. */
-static enum modal_status keep_samples(struct ledger *ledger, const struct ledger_change *changes, size_t count, struct modal_error *err)
+static enum modal_status keep_samples(struct samples_files *files, const struct ledger_change *changes, size_t count, struct modal_error *err)
 {
-    struct samples_files files = { .dir = ledger->dir };
     enum modal_status rc = MODAL_OK;
 
     for (size_t i = 0; rc == MODAL_OK && i < count; i++)
         if (changes[i].verb == LEDGER_SEGMENT_PUT)
-            rc = samples_put(&files, &changes[i].segment, err);
-    if (rc == MODAL_OK)
-        rc = samples_sync(&files, err);
-    samples_close(&files);
-    return rc;
+            rc = samples_put(files, &changes[i].segment, err);
+    return rc == MODAL_OK ? samples_sync(files, err) : rc;
 }
 
 /* After these the files are as they were before, and the next group may pass. */
@@ -574,6 +570,7 @@ static enum modal_status refuse_broken(struct modal_error *err)
 
 enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count, struct modal_error *err)
 {
+    struct samples_files files = { .dir = ledger->dir };
     enum modal_status rc;
 
     if (ledger->broken)
@@ -584,9 +581,12 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
             return rc;
     }
     ledger->group_pages = 0;
-    rc = keep_samples(ledger, changes, count, err);
+    rc = keep_samples(&files, changes, count, err);
     if (rc == MODAL_OK)
         rc = apply_all(ledger, changes, count, err);
+    if (rc == MODAL_STORAGE_FULL)
+        samples_take_back(&files);
+    samples_close(&files);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= verbs[changes[i].verb].frees;
     if (rc == MODAL_OK && ledger->group_pages > 0)

@@ -21,8 +21,8 @@ enum modal_status samples_remove(const char *dir, int64_t id, struct modal_error
 
 enum { BEGIN_BYTES = 512 << 10 };   /* written before the disk begins with them, while more is written behind them */
 
-/* The open file of stream ID; where no more may be open, those that are go to disk first. */
-static enum modal_status file_of(struct samples_files *files, int64_t id, struct samples_file **file, struct modal_error *err)
+/* The open file of stream ID, which OFFSET is the first for in this group; where no more may be open, those that are go to disk first. */
+static enum modal_status file_of(struct samples_files *files, int64_t id, uint64_t offset, struct samples_file **file, struct modal_error *err)
 {
     char path[4200];
     int fd = -1;
@@ -43,7 +43,7 @@ static enum modal_status file_of(struct samples_files *files, int64_t id, struct
     if (rc != MODAL_OK)
         return rc;
     *file = &files->file[files->count++];
-    **file = (struct samples_file) { .id = id, .fd = fd };
+    **file = (struct samples_file) { .id = id, .fd = fd, .first = offset };
     return MODAL_OK;
 }
 
@@ -63,7 +63,7 @@ static enum modal_status begin_writing(struct samples_file *file, uint64_t from,
 enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment, struct modal_error *err)
 {
     struct samples_file *file = NULL;
-    enum modal_status rc = file_of(files, segment->stream, &file, err);
+    enum modal_status rc = file_of(files, segment->stream, segment->offset, &file, err);
 
     files->made |= segment->offset == 0;
     if (rc == MODAL_OK)
@@ -83,6 +83,12 @@ enum modal_status samples_sync(struct samples_files *files, struct modal_error *
         rc = file_sync_dir(spool, err);
     files->made = false;
     return rc;
+}
+
+void samples_take_back(struct samples_files *files)
+{
+    for (int i = 0; i < files->count; i++)
+        file_truncate(files->file[i].fd, files->file[i].first, NULL);
 }
 
 void samples_close(struct samples_files *files)

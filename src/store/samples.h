@@ -17,7 +17,12 @@ enum modal_status samples_remove(const char *dir, int64_t id, struct modal_error
 enum { SAMPLES_FILES = 16 };
 struct samples_files {
     const char *dir;
-    struct samples_file { int64_t id; int fd; uint64_t from, to; } file[SAMPLES_FILES];      /* from .. to: written, the disk not told of it yet */
+    struct samples_file {
+        int64_t id;
+        int fd;
+        uint64_t first;            /* offset of the group's first segment */
+        uint64_t from, to;         /* written, the disk not told of it yet */
+    } file[SAMPLES_FILES];
     int count;
     bool made;                     /* a file that begins: its name is to be synced too */
 };
@@ -25,6 +30,8 @@ struct samples_files {
 enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment, struct modal_error *err);
 /* All that was put is on stable storage. */
 enum modal_status samples_sync(struct samples_files *files, struct modal_error *err);
+/* The group is refused for want of space: that of its segments is given back, as far as the files are still open. */
+void samples_take_back(struct samples_files *files);
 void samples_close(struct samples_files *files);
 
 /* The bytes of SEGMENT from the open file FD into DATA, which has room for its length.  MODAL_CORRUPT: bytes are missing or differ. */

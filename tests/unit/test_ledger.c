@@ -351,6 +351,25 @@ TEST(samples_no_row_speaks_of_are_written_over_and_damaged_ones_are_told)
     stop(ledger);
 }
 
+TEST(the_space_of_samples_that_were_refused_is_given_back)
+{
+    static const char zeros[100000];
+    struct ledger *ledger = start();
+    struct samples_files files = { .dir = dir };
+    struct ledger_change put = segment_put(5, 0, zeros, 16), more = segment_put(5, 16, zeros, sizeof zeros);
+    struct stat known;
+    char path[4200];
+
+    CHECK(ledger_commit(ledger, &put, 1, NULL) == MODAL_OK);
+    CHECK(samples_put(&files, &more.segment, NULL) == MODAL_OK);
+    samples_path(path, dir, 5);
+    CHECK(stat(path, &known) == 0 && known.st_size == 16 + sizeof zeros);
+    samples_take_back(&files);
+    samples_close(&files);
+    CHECK(stat(path, &known) == 0 && known.st_size == 16);
+    stop(ledger);
+}
+
 /* A folder as schema 1 left it: each segment of an open stream an open input with its data in the row, and an upload that has none. */
 static void put_back_to_schema_1(const double *x)
 {

@@ -584,6 +584,8 @@ enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies,
     return MODAL_OK;
 }
 
+enum { GRID_BLOCK = 1 << 19 };         /* numbers looked at together: 4 MB, whatever the batch */
+
 /* Rows to look for a grid in. */
 static int grid_rows(const struct wide *w)
 {
@@ -602,13 +604,21 @@ static int grid_row(const struct wide *w, int i, int rows)
     return i < head ? i : head + (int)((double)(i - head) * (w->L - head - 1) / (rows - head > 1 ? rows - head - 1 : 1));
 }
 
-/* X has ROWS rows of all channels. */
-static bool grids_of(const struct wide *w, const double *x, int rows, int every, double *step)
+/* Of COUNT channels from FIRST on, EVERY apart; X has room for ROWS of each. */
+static bool grids_of(const struct wide *w, int rows, int first, int every, int count, double *x, double *step)
 {
     bool any = false;
 
-    for (int c = 0; c < w->S; c += every) {
-        step[c] = w->scale == NULL || w->scale[c] > 0 ? grid_step(x + c, (size_t)w->S, rows) : 0;
+    for (int i = 0; i < rows; i++) {
+        int k = grid_row(w, i, rows);
+        const double *row = w->x + (size_t)k * w->stride;
+        for (int j = 0; j < count; j++)
+            x[(size_t)i * (size_t)count + (size_t)j] = row[first + j * every];
+        give_back(w, k, 1);
+    }
+    for (int j = 0; j < count; j++) {
+        int c = first + j * every;
+        step[c] = w->scale == NULL || w->scale[c] > 0 ? grid_step(x + j, (size_t)count, rows) : 0;
         any |= step[c] > 0;
     }
     return any;
@@ -616,18 +626,17 @@ static bool grids_of(const struct wide *w, const double *x, int rows, int every,
 
 enum modal_status wide_grids(const struct wide *w, double *step, bool *any, struct modal_error *err)
 {
-    int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS;
-    double *x = malloc(sizeof *x * (size_t)rows * (size_t)w->S);
+    int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS, block = GRID_BLOCK / rows;
+    double *x;
 
+    block = block > WIDE_GRID_CHANNELS ? block : WIDE_GRID_CHANNELS;
+    x = malloc(sizeof *x * (size_t)rows * (size_t)block);
     if (x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels", rows, w->S);
+        return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels", rows, block);
     memset(step, 0, sizeof *step * (size_t)w->S);
-    for (int i = 0; i < rows; i++) {
-        int k = grid_row(w, i, rows);
-        memcpy(x + (size_t)i * (size_t)w->S, w->x + (size_t)k * w->stride, sizeof *x * (size_t)w->S);
-        give_back(w, k, 1);
-    }
-    *any = grids_of(w, x, rows, every, step) && grids_of(w, x, rows, 1, step);
+    *any = grids_of(w, rows, 0, every, (w->S + every - 1) / every, x, step);
+    for (int c = 0; c < w->S && *any; c += block)
+        grids_of(w, rows, c, 1, w->S - c < block ? w->S - c : block, x, step);
     free(x);
     return MODAL_OK;
 }

@@ -19,6 +19,7 @@ TEST(powers_of_every_kind_are_right_to_the_last_digits_however_long_the_record)
     static const struct { enum pole_kind kind; double a, b; int rows; } cases[] = {
         { POLE_PAIR, -3.1 / L, 2.913, L }, { POLE_PAIR, 690.0 / L, 0.0171, L }, { POLE_PAIR, 0, M_PI - 1e-9, L }, { POLE_PAIR, -36, 1.3, 40 },
         { POLE_REAL, -0.013, 0, L }, { POLE_REAL, 0, 0, 77 }, { POLE_NEGATIVE, 5.0 / L, 0, L }, { POLE_NEGATIVE, -0.2, 0, 1 }, { POLE_PAIR, 0.3, 0.7, 64 },
+        { POLE_REAL, 744.4, 0, 48 }, { POLE_PAIR, 744.4, 2.5, 70 }, { POLE_NEGATIVE, 30, 0, 100 },
     };
     static double x[2 * (L + 5)];
 

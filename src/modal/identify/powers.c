@@ -2,12 +2,14 @@
  * powers.c - powers of a multiplier by a table and blocks
  *
  * z^{k + j} = z^k z^j with j < TABLE: one sine, cosine and exponential a row of the table and a block, and one product each.  b k is taken in twice the
- * precision (high + low), for the phase is large where the record is long.
+ * precision (high + low), for the phase is large where the record is long.  Growth of more than STEEP a row would overflow the table, though
+ * nothing overflows once it is divided by the last: such columns, zero but for their last rows, are made row by row.
  */
 #include "modal/identify/powers.h"
 #include <math.h>
 
 enum { TABLE = 64 };
+static const double STEEP = 700.0 / TABLE;     /* e^709 is the last */
 
 /* e^{i b l}. */
 static void turn(double b, int l, double *c, double *s)
@@ -50,11 +52,24 @@ static void real_powers(double a, double reference, bool alternate, int L, doubl
     }
 }
 
+static void steep_powers(enum pole_kind kind, double a, double b, int L, double *x, int ld)
+{
+    for (int l = 0; l < L; l++) {
+        double e = exp(a * (l - (L - 1))), c, s;
+        turn(b, l, &c, &s);
+        x[l] = kind == POLE_PAIR ? e * c : kind == POLE_NEGATIVE && l % 2 ? -e : e;
+        if (kind == POLE_PAIR)
+            x[l + ld] = -e * s;
+    }
+}
+
 void powers_of(enum pole_kind kind, double a, double b, int L, double *x, int ld)
 {
     double reference = a > 0 ? a * (L - 1) : 0;
 
-    if (kind == POLE_PAIR)
+    if (a > STEEP)
+        steep_powers(kind, a, b, L, x, ld);
+    else if (kind == POLE_PAIR)
         pair_powers(a, b, reference, L, x, x + ld);
     else
         real_powers(a, reference, kind == POLE_NEGATIVE, L, x);

@@ -165,10 +165,10 @@ static enum modal_status drop(const char *dir, struct task *task)
     return spool_remove(dir, task->id, &task->err);
 }
 
-/* A stream's samples on their way into a batch. */
-struct sealing { struct task *task; int fd; uint64_t at; char *block; };
+/* A stream's segments, one after the other; `at`: the end of what is in the batch. */
+struct reading { struct task *task; int fd; uint64_t at; char *block; };
 
-static enum modal_status append(struct sealing *s, const void *data, size_t length, uint32_t crc)
+static enum modal_status append(struct reading *s, const void *data, size_t length, uint32_t crc)
 {
     struct upload_part part = { data, length, crc };
     enum modal_status rc = upload_write(s->task->upload, s->at, &part, 1, &s->task->err);
@@ -178,7 +178,7 @@ static enum modal_status append(struct sealing *s, const void *data, size_t leng
 }
 
 /* Samples that never came are NaN, which no job takes for data. */
-static enum modal_status append_gap(struct sealing *s, uint64_t bytes)
+static enum modal_status append_gap(struct reading *s, uint64_t bytes)
 {
     double nan[4096];
     enum modal_status rc = MODAL_OK;
@@ -196,7 +196,7 @@ static enum modal_status append_gap(struct sealing *s, uint64_t bytes)
 /* One segment, if it is of the epoch, behind those before. */
 static enum modal_status add_segment(void *context, const struct segment_record *segment)
 {
-    struct sealing *s = context;
+    struct reading *s = context;
     struct task *task = s->task;
     uint64_t place = (segment->first - task->begin) * 8 * task->shape.channels;
     enum modal_status rc;
@@ -212,20 +212,22 @@ static enum modal_status add_segment(void *context, const struct segment_record 
     return rc == MODAL_OK ? append(s, s->block, segment->length, segment->crc) : rc;
 }
 
-static enum modal_status copy_samples(const char *dir, struct ledger_reader *reader, struct task *task)
+/* Each segment of the task's stream to VISIT, with the stream's file open. */
+static enum modal_status read_segments(const char *dir, struct ledger_reader *reader, struct task *task,
+                                       enum modal_status (*visit)(void *context, const struct segment_record *))
 {
-    struct sealing s = { .task = task, .fd = -1, .block = malloc(WIRE_CHUNK_MOST) };
+    struct reading r = { .task = task, .fd = -1, .block = malloc(WIRE_CHUNK_MOST) };
     char path[4200];
-    enum modal_status rc = s.block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
+    enum modal_status rc = r.block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
 
     samples_path(path, dir, task->stream);
     if (rc == MODAL_OK)
-        rc = file_open(path, O_RDONLY, 0, &s.fd, &task->err);
+        rc = file_open(path, O_RDONLY, 0, &r.fd, &task->err);
     if (rc == MODAL_OK)
-        rc = ledger_read_segments(reader, task->stream, add_segment, &s, &task->err);
-    if (s.fd >= 0)
-        close(s.fd);
-    free(s.block);
+        rc = ledger_read_segments(reader, task->stream, visit, &r, &task->err);
+    if (r.fd >= 0)
+        close(r.fd);
+    free(r.block);
     return rc;
 }
 
@@ -234,7 +236,7 @@ static enum modal_status seal_stream(const char *dir, struct ledger_reader *read
     enum modal_status rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
 
     if (rc == MODAL_OK)
-        rc = copy_samples(dir, reader, task);
+        rc = read_segments(dir, reader, task, add_segment);
     if (rc == MODAL_OK)
         rc = upload_sync(task->upload, &task->err);
     if (rc == MODAL_OK)
@@ -246,13 +248,11 @@ static enum modal_status seal_stream(const char *dir, struct ledger_reader *read
     return rc;
 }
 
-struct comparing { struct task *task; int fd; char *block; };
-
 /* What SEGMENT has of the samples to be compared. */
 static enum modal_status compare_segment(void *context, const struct segment_record *segment)
 {
-    struct comparing *c = context;
-    struct task *task = c->task;
+    struct reading *r = context;
+    struct task *task = r->task;
     uint64_t size = 8 * task->shape.channels, end = task->begin + task->length, from, to;
     enum modal_status rc;
 
@@ -263,26 +263,9 @@ static enum modal_status compare_segment(void *context, const struct segment_rec
     if (segment->length != segment->count * size || segment->length > WIRE_CHUNK_MOST)
         return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples", (long long)task->stream,
                           (unsigned long long)segment->length, (unsigned long long)segment->count);
-    rc = samples_get(c->fd, segment, c->block, &task->err);
-    task->differs = rc == MODAL_OK && memcmp(c->block + (from - segment->first) * size, (const char *)task->chunks[0]->data + (from - task->begin) * size,
+    rc = samples_get(r->fd, segment, r->block, &task->err);
+    task->differs = rc == MODAL_OK && memcmp(r->block + (from - segment->first) * size, (const char *)task->chunks[0]->data + (from - task->begin) * size,
                                              (to - from) * size) != 0;
-    return rc;
-}
-
-static enum modal_status compare(const char *dir, struct ledger_reader *reader, struct task *task)
-{
-    struct comparing c = { .task = task, .fd = -1, .block = malloc(WIRE_CHUNK_MOST) };
-    char path[4200];
-    enum modal_status rc = c.block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
-
-    samples_path(path, dir, task->stream);
-    if (rc == MODAL_OK)
-        rc = file_open(path, O_RDONLY, 0, &c.fd, &task->err);
-    if (rc == MODAL_OK)
-        rc = ledger_read_segments(reader, task->stream, compare_segment, &c, &task->err);
-    if (c.fd >= 0)
-        close(c.fd);
-    free(c.block);
     return rc;
 }
 
@@ -362,7 +345,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_ABORT:         return drop(dir, task);
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
-    case TASK_SAMPLES_COMPARE: return compare(dir, reader, task);
+    case TASK_SAMPLES_COMPARE: return read_segments(dir, reader, task, compare_segment);
     case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
     case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);

@@ -1,6 +1,6 @@
 """Ziegler's column by Debian's Simbody, streamed through the real daemon: unstable is said where it is, early, and nowhere else.
 
-MODALD_SEEDS: how many noise seeds (3); 100 were run once.
+MODALD_SEEDS: how many noise seeds (100).
 """
 import os
 import subprocess
@@ -12,7 +12,7 @@ from conftest import BUILD, PATIENCE, environment
 from wire import Daemon, crc32c
 
 EXAMPLE = BUILD / "examples" / "example_ziegler"
-SEEDS = int(os.environ.get("MODALD_SEEDS", "3"))
+SEEDS = int(os.environ.get("MODALD_SEEDS", "100"))
 DT, WINDOW, HOP, START = 0.1, 1200, 300, 1e-5
 
 pytestmark = pytest.mark.skipif(not EXAMPLE.exists(), reason="example_ziegler was not built: Debian package libsimbody-dev")

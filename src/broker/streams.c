@@ -422,7 +422,7 @@ static bool may_push(struct core *c, struct stream *s, size_t size, const struct
 /* Do samples that the record shows as missing come after all?  They have no place in it any more. */
 static bool comes_late(struct core *c, const struct stream *s, const struct push *p)
 {
-    for (size_t i = 0; p->same == SAME && i < s->gap_count; i++)
+    for (size_t i = 0; p->same == SAME && p->first < s->next && i < s->gap_count; i++)
         if (s->gaps[i][0] < p->first + p->count && s->gaps[i][1] > p->first) {
             answer_fail(c, &p->reply, MODAL_CONFLICT, "first", answer_number("expected", (double)s->next), "samples %llu to %llu are a gap of the record already; accepted: from %llu on",
                         (unsigned long long)s->gaps[i][0], (unsigned long long)(s->gaps[i][1] - 1), (unsigned long long)s->next);

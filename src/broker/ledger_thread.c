@@ -4,7 +4,8 @@
  * On a full disk a group is taken apart: what may be refused (submissions, samples) is, and what must pass (edges of jobs that run,
  * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.  Results
  * wait too, and are refused when the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
- * alone, else results would use it up and no delete could make room again.  Behind samples that were refused no later ones
+ * alone, else results would use it up and no delete could make room again.  Without a descriptor for the samples of a stream
+ * a group waits until there is one, unanswered.  Behind samples that were refused no later ones
  * of their stream pass: its fence is up until the core takes it down.
  */
 #include "broker/queue.h"
@@ -16,6 +17,7 @@
 #include <time.h>
 
 enum { GROUP_MOST = 4096 };                    /* transactions */
+enum { BUSY_NS = 100000000 };                  /* between two tries of a group for which there is no descriptor */
 #define REST_AFTER_NS INT64_C(1000000000)      /* without any, the ledger tidies itself up, once */
 
 struct ledger_thread {
@@ -249,6 +251,11 @@ static void *run(void *context)
         rc = group != NULL ? commit(l, group, &err) : MODAL_OK;
         if (rc == MODAL_STORAGE_FULL && (rc = full_disk(l, group, &err)) == MODAL_OK)
             continue;
+        if (rc == MODAL_BUSY && !stop) {
+            put_back(l, group);
+            nanosleep(&(struct timespec) { 0, BUSY_NS }, NULL);
+            continue;
+        }
         if (rc != MODAL_OK) {
             done_fatal(l->done, &err);
             return NULL;

@@ -13,7 +13,7 @@ import pytest
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
-from wire import BUILD, Daemon, submit  # noqa: E402
+from wire import BUILD, Daemon, crc32c, submit  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 CLOCK = BUILD / "fault" / "libclock.so"
@@ -67,11 +67,12 @@ def descriptors(d):
 
 
 def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
-    """The limit is set to what is open: no connection, no upload, no new worker, but answers, and jobs of the warm worker."""
+    """The limit is set to what is open: no connection, no upload, no new worker, but answers, and jobs of the warm worker; a push waits."""
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
         assert c.ask("WAIT", job=submit(c)["job"], timeout_s=20)["state"] == "done"
         begin = dict(content="batch", samples=100000, channels=1, dt=1)
+        stream, rows = c.ask("STREAM", op="open", name="patient", channels=1, dt=1)["stream"], bytes(80)
         most = int(subprocess.run(["prlimit", "--pid", str(d.pid), "--nofile", "--noheadings", "--raw", "-o", "SOFT"], capture_output=True, text=True, check=True).stdout)
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={descriptors(d)}:"], check=True)
         served = submit(c, phase=0.25)
@@ -81,12 +82,13 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
         os.kill(d.children()[0], 9)
         queued = submit(c, phase=0.5)
         assert queued.ok and c.ask("STATS").ok
+        pushed = c.send("STREAM", [rows], op="push", stream=stream, epoch=0, first=0, count=10, crc32c=crc32c(rows))
         newcomer = d.client()
         asked = newcomer.send("HELLO")
         time.sleep(1)
-        assert d.process.poll() is None
+        assert d.process.poll() is None and c.ask("STATS").ok
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={most}:"], check=True)
-        assert newcomer.answer(asked).ok
+        assert newcomer.answer(asked).ok and c.answer(pushed)["next"] == 10
         assert c.ask("WAIT", job=queued["job"], timeout_s=30)["state"] == "done"
         assert c.ask("UPLOAD", op="begin", key="large", **begin).ok
         print("\nF9: no descriptor left: 0 jobs lost, all served again afterwards")

@@ -57,7 +57,7 @@ static double orthonormality(const struct matrix *Q)
 static void compare(int L, int S, bool by_rows, int expected, double tolerance)
 {
     double scale[700], s[400], *V = malloc(sizeof *V * 400 * 400);
-    struct wide w = { x, (size_t)S, L, S, scale, by_rows, NULL };
+    struct wide w = { x, (size_t)S, L, S, scale, by_rows, NULL, NULL };
     bool varies;
     struct pod p;
 
@@ -90,7 +90,7 @@ TEST(noisy_data_give_the_modes_of_the_dense_svd_and_no_noise)
 /* Grades down to 1e-9 of the first: the Gram matrix loses what is below 1e-8; Lanczos on the data keeps it, to 1e-9 relative. */
 TEST(graded_clean_data_are_found_down_to_rounding)
 {
-    struct wide w = { x, 500, 150, 500, NULL, false, NULL };
+    struct wide w = { x, 500, 150, 500, NULL, false, NULL, NULL };
     double scale[500], s[150], *V = malloc(sizeof *V * 150 * 150);
     struct wide_cost cost;
     struct pod p;
@@ -114,7 +114,7 @@ TEST(scales_are_root_mean_squares_at_any_magnitude)
 
     for (int f = 0; f < 3; f++) {
         double scale[40];
-        struct wide w = { x, 40, 90, 40, NULL, false, NULL };
+        struct wide w = { x, 40, 90, 40, NULL, false, NULL, NULL };
         bool varies;
         make(90, 40, 2, 0.5, 0.1, 4);
         for (int k = 0; k < 90; k++)
@@ -132,7 +132,7 @@ TEST(scales_are_root_mean_squares_at_any_magnitude)
 
 TEST(a_sample_that_is_not_finite_is_named_and_constants_do_not_vary)
 {
-    struct wide w = { x, 5, 30, 5, NULL, false, NULL };
+    struct wide w = { x, 5, 30, 5, NULL, false, NULL, NULL };
     struct modal_error err;
     double scale[5];
     bool varies = true;
@@ -155,7 +155,7 @@ TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
     enum { L = 400, S = 300 };
     double complex truth[2] = { CMPLX(-0.05, 2.1), CMPLX(-0.02, 5.3) }, start[2], lambda[2], *B = malloc(sizeof *B * 2 * S);
     double dt = 0.05, scale[S], rest[S], std_re[2], std_im[2];
-    struct wide w = { x, S, L, S, scale, false, NULL };
+    struct wide w = { x, S, L, S, scale, false, NULL, NULL };
     struct matrix Y = { L, S, L, copy };
     struct refine_data data = { .Y = &Y, .tau = dt };
     struct wide_step step = { lambda, std_re, std_im, B, rest, 0, false };
@@ -254,13 +254,62 @@ TEST(a_wide_batch_on_a_converters_grid_has_its_modes_and_no_others)
     free(y);
 }
 
+/* Each channel hears three motions and a white noise of 1e-4, at sizes over three decades.  The
+ * amplitude of a motion is the rms of its part over all channels, in units of the loudest's rms. */
+TEST(a_common_scale_keeps_the_proportions_of_a_wide_batch)
+{
+    enum { L = 16400, S = 260, MODES = 3 };
+    static const double complex truth[MODES] = {
+        CMPLX(-0.2, 8.17), CMPLX(-0.182, 18.2), CMPLX(-0.4, 29.5),
+    };
+    const double dt = 0.01;
+    double *y = malloc(sizeof *y * L * S), energy[MODES] = { 0 }, most = 0;
+    struct batch b = { .samples = L, .channels = S, .signals = y, .dt = dt };
+    struct identify_options options = { .scale = SCALE_COMMON };
+    struct identify_result r;
+    struct random rng = { 37 };
+
+    CHECK(y != NULL && L * S >= RECORD_WIDE_ENTRIES);
+    for (int c = 0; c < S; c++) {
+        double size = pow(10, -3.0 * c / S), sum2 = 0;
+        double complex B[MODES];
+        for (int j = 0; j < MODES; j++)
+            B[j] = size * CMPLX(random_normal(&rng), random_normal(&rng)) *
+                   (c % MODES == j ? 3 : 0.3);
+        for (int k = 0; k < L; k++) {
+            double sum = 1e-4 * random_normal(&rng);
+            for (int j = 0; j < MODES; j++) {
+                double part = creal(B[j] * cexp(truth[j] * (k * dt)));
+                energy[j] += part * part / ((double)L * S);
+                sum += part;
+            }
+            y[(size_t)k * S + (size_t)c] = sum;
+            sum2 += sum * sum;
+        }
+        most = fmax(most, sqrt(sum2 / L));
+    }
+    CHECK(modal_identify(&b, &options, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == MODES);
+    for (int i = 0; i < MODES; i++) {
+        const struct identify_mode *m = &r.modes[i];
+        int j = 0;
+        while (j + 1 < MODES && cabs(m->exponent - truth[j]) > 1e-2)
+            j++;
+        CHECK(fabs(creal(m->exponent - truth[j])) < 5 * m->std_re);
+        CHECK(fabs(cimag(m->exponent - truth[j])) < 5 * m->std_im);
+        CHECK_NEAR(m->amplitude * most / sqrt(energy[j]), 1, 1e-3);
+    }
+    identify_result_done(&r);
+    free(y);
+}
+
 /* A grid that few rows and channels show, and where the last of it is left. */
 TEST(grids_are_those_of_each_channel_and_end_where_the_response_does)
 {
     enum { L = 500, S = 40 };
     static double y[L * S];
     double step[S];
-    struct wide w = { y, S, L, S, NULL, false, NULL };
+    struct wide w = { y, S, L, S, NULL, false, NULL, NULL };
     bool any;
 
     for (int k = 0; k < L; k++)
@@ -304,7 +353,7 @@ TEST(what_is_read_in_order_and_given_back_gives_the_same_step)
             for (int k = 0; k < L; k++)
                 x[k * S + c] = creal(CMPLX(1, 0.01 * c) * cexp(truth[0] * k * dt) + 0.5 * cexp(truth[1] * k * dt)) + noises[i] * random_normal(&r);
         for (int in_order = 0; in_order < 2; in_order++) {
-            struct wide w = { x, S, L, S, scale, in_order, in_order ? count_released : NULL };
+            struct wide w = { x, S, L, S, scale, in_order, in_order ? count_released : NULL, NULL };
             struct wide_step step = { lambda[in_order], std_re[in_order], std_im[in_order], NULL, rest[in_order], 0, false };
             bool varies;
             CHECK(wide_scales(&w, scale, &varies, NULL) == MODAL_OK);

@@ -483,7 +483,8 @@ static enum modal_status report_reconstruction(const struct work *w, struct iden
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d channels", S);
     for (int s = 0; s < S; s++) {
         double rest = safe_norm(w->fit.channel_residual + (size_t)s * p, p);
-        double size = w->rec->wide ? (w->rec->scale[s] > 0) * sqrt(w->Y->m) : safe_norm(w->rec->Y.x + (size_t)s * w->rec->Y.ld, (size_t)w->Y->m * p);
+        double size = w->rec->wide ? record_wide_size(w->rec, s) * sqrt(w->Y->m)
+                    : safe_norm(w->rec->Y.x + (size_t)s * w->rec->Y.ld, (size_t)w->Y->m * p);
         r->channel[s] = w->rec->channel[s];
         r->rms_error[s] = w->rec->scale[s] * (rest / sqrt((double)w->Y->m * p));
         r->relative_error[s] = size > 0 ? rest / size : NAN;

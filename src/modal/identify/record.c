@@ -44,6 +44,7 @@ void record_done(struct record *r)
     free(r->Y.x);
     free(r->channel);
     free(r->scale);
+    free(r->rms);
     free(r->below);
     memset(r, 0, sizeof *r);
 }
@@ -389,7 +390,8 @@ static enum modal_status view_wide(const struct batch *b, size_t first, size_t l
     r->wide = true;
     r->Y = (struct matrix) { L, S, L, NULL };
     r->view = (struct wide) { b->signals + first * b->channels, b->channels, L, S, r->scale,
-                               b->release != NULL || (double)L * S * sizeof(double) > IN_ORDER, b->release };
+                               b->release != NULL || (double)L * S * sizeof(double) > IN_ORDER,
+                               b->release, NULL };
     rc = wide_scales(&r->view, r->scale, &varies, err);
     if (rc == MODAL_OK && !varies)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: every channel is constant (channel 0, samples 0 to %zu): there is no motion to identify",
@@ -397,18 +399,30 @@ static enum modal_status view_wide(const struct batch *b, size_t first, size_t l
     return rc;
 }
 
-/* Columns of unit rms brought back into proportion: the strongest keeps its rms of 1. */
-static void share_scale(struct record *r)
+/* Columns of unit rms brought back into proportion: the strongest keeps its rms of 1.  A wide
+ * record is only told another scale. */
+static enum modal_status share_scale(struct record *r, struct modal_error *err)
 {
+    size_t bytes = sizeof *r->rms * (size_t)r->channels;
     double most = largest_magnitude(r->scale, r->channels);
 
+    if (r->wide && (r->rms = malloc(bytes)) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d channels", r->channels);
+    if (r->wide)
+        r->view.rms = memcpy(r->rms, r->scale, bytes);
     for (int c = 0; c < r->channels; c++) {
         double part = r->scale[c] / most;
-        for (int k = 0; k < r->Y.m; k++)
+        for (int k = 0; !r->wide && k < r->Y.m; k++)
             r->Y.x[k + (size_t)c * r->Y.ld] *= part;
         if (r->scale[c] > 0)
             r->scale[c] = most;
     }
+    return MODAL_OK;
+}
+
+double record_wide_size(const struct record *r, int c)
+{
+    return r->scale[c] > 0 ? wide_rms(&r->view, c) / r->scale[c] : 0;
 }
 
 /* The samples vary, and yet what was cut from them may be zero throughout. */
@@ -437,7 +451,7 @@ enum modal_status record_cut(struct record *r, int rows, enum identify_scale how
     r->Y.m = rows;
     if (r->wide) {
         r->view.L = rows;
-        return wide_scales(&r->view, r->scale, &varies, err);
+        return wide_scales(&r->view, how == SCALE_COMMON ? r->rms : r->scale, &varies, err);
     }
     for (int c = 0; how == SCALE_RMS && c < r->channels; c++) {
         double before = r->scale[c];
@@ -488,8 +502,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
         rc = check_something_left(&r, opt, err);
     if (rc == MODAL_OK)
         rc = rounding_channels(&r, err);
-    if (rc == MODAL_OK && !wide && opt->scale == SCALE_COMMON)
-        share_scale(&r);
+    if (rc == MODAL_OK && opt->scale == SCALE_COMMON)
+        rc = share_scale(&r, err);
 out:
     if (rc != MODAL_OK)
         record_done(&r);

@@ -22,7 +22,8 @@ struct record {
     double gain;                /* variance of white noise after the filter over that before; 1: no filter */
     double share;               /* band: what white noise fills of the new Nyquist band, in power; 0: no filter */
     int *channel; int channels; /* owned: indices into the batch */
-    double *scale;              /* owned, per channel: rms of what was cut from the batch */
+    double *scale;              /* owned, per channel: rms of what was cut from the batch, or the largest */
+    double *rms;                /* owned, per channel: of a wide record of common scale; else NULL */
     bool *below;                /* owned, per channel: nothing but rounding, made a zero channel (rounding.h) */
     bool wide;                  /* too large to copy: Y has its sizes but no x, the batch is read where it lies through: */
     struct wide view;
@@ -39,5 +40,7 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
                               struct modal_error *err);
 /* Keep the first ROWS rows, scaled anew. */
 enum modal_status record_cut(struct record *r, int rows, enum identify_scale how, struct modal_error *err);
+/* Root mean square of channel c of a wide record, over its scale. */
+double record_wide_size(const struct record *r, int c);
 void record_done(struct record *r);
 #endif

@@ -985,7 +985,8 @@ static void in_order_done(struct in_order *all)
 /* Energy less what the poles explain of it; false where they cancel. */
 static bool rest_by_energies(const struct work *w, const struct wide *d, int channel, const double *z, double *rest2)
 {
-    double energy = w->L * d->scale[channel] * d->scale[channel], sum = cblas_ddot(w->order, z, 1, z, 1);
+    double rms = wide_rms(d, channel), energy = w->L * rms * rms;
+    double sum = cblas_ddot(w->order, z, 1, z, 1);
 
     *rest2 = energy - sum;
     return *rest2 > 1e-8 * energy;
@@ -1043,7 +1044,8 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d, const 
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
     for (int c = 0; c < n; c++) {
-        double scale = d->scale[c0 + c], rss = scale > 0 ? wide_rest(w, d, all, c0, c) : 0, least = floor * scale;
+        double rms = d->scale[c0 + c] > 0 ? wide_rms(d, c0 + c) : 0, least = floor * rms;
+        double rss = rms > 0 ? wide_rest(w, d, all, c0, c) : 0;
         double variance = fmax(rss / fmax(w->L - q, 1), least * least);
         out->rest[c0 + c] = sqrt(rss / w->L);
         for (int j = 0; out->coefficient != NULL && j < w->count; j++)

@@ -380,14 +380,21 @@ out:
     return rc;
 }
 
+double wide_rms(const struct wide *w, int c)
+{
+    return w->rms != NULL ? w->rms[c] : w->scale[c];
+}
+
 /* |A|_F^2: L for every channel of unit rms, a pass where there is no scale. */
 static double energy_of(const struct wide *w, struct wide_cost *cost)
 {
     double sum = 0;
 
     if (w->scale != NULL) {
-        for (int c = 0; c < w->S; c++)
-            sum += w->scale[c] > 0 ? w->L : 0;
+        for (int c = 0; c < w->S; c++) {
+            double size = w->scale[c] > 0 ? wide_rms(w, c) / w->scale[c] : 0;
+            sum += size * size * w->L;
+        }
         return sum;
     }
     for (int k = 0; k < w->L; k++) {

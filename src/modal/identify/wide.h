@@ -20,6 +20,7 @@ struct wide {
     const double *scale;     /* S; NULL: all 1 */
     bool by_rows;            /* read whole samples only, in order: for what does not fit into memory */
     void (*release)(const void *from, size_t bytes);     /* or NULL; as batch.h has it, with by_rows */
+    const double *rms;       /* S, of the channels where `scale` is not that; NULL: it is */
 };
 
 /* Root mean squares of the channels, 0 for a zero channel; *varies: some channel is not constant.  One pass; any finite scale.
@@ -63,6 +64,9 @@ int wide_rows_above(const struct wide *w, const double *step, double steps);
 /* Row k has been read, of a pass that reads row after row: give back what lies behind, now and then. */
 void wide_passed(const struct wide *w, int k);
 
+/* Root mean square of channel c, unscaled; scale or rms is given. */
+double wide_rms(const struct wide *w, int c);
+
 /* The scaled data as an operator, L x S; `w` is borrowed. */
 struct linear_operator wide_operator(const struct wide *w);
 
@@ -74,7 +78,7 @@ struct linear_operator wide_operator(const struct wide *w);
  *   coefficient              COUNT x S (j + c*COUNT), or NULL: of each channel, unscaled units, at START: y = Re sum_j B_j e^{lambda_j t},
  *                            columns divided by their largest magnitude as in synthesis.h
  *   rest                     S: root mean square of what START leaves of each channel, unscaled units
- *   scale of `w` is needed, as wide_scales gives it.
+ *   scale of `w` is needed, and it or rms is as wide_scales gives it.
  *   taken                    false: the step was longer than `most` standard errors and was not taken (lambda is START)
  */
 struct wide_step {

@@ -78,7 +78,7 @@ static cJSON *settings_of(const struct rung *r, const struct identify_ladder_fac
     if (r->band)
         set(o, "band", cJSON_CreateDoubleArray(band, 2));
     if (r->pod > 0)
-        set(o, "pod.rank", cJSON_CreateNumber(ceil(r->pod * f->order)));
+        set(o, "pod.rank", cJSON_CreateNumber(fmin(ceil(r->pod * f->order), (double)f->channels)));
     if (r->pod < 0)
         set(o, "signals", cJSON_CreateString("all"));
     if (r->fixed && !ruled && f->order > 0)

@@ -124,7 +124,10 @@ TEST(every_wrong_option_is_refused_by_its_name)
         { "{\"difference\":true}", "difference" }, { "{\"difference\":1}", "difference" }, { "{\"signals\":\"nose\"}", "signals" },
         { "{\"signals\":[0,0]}", "signals" }, { "{\"signals\":[2]}", "signals" }, { "{\"signals\":[]}", "signals" }, { "{\"detrend\":\"cubic\"}", "detrend" },
         { "{\"threads\":0}", "threads" }, { "{\"target.error\":-1}", "target.error" }, { "{\"refine\":\"yes\"}", "refine" }, { "{\"shapes\":1}", "shapes" },
-        { "{\"scale\":\"none\"}", "scale" },
+        { "{\"scale\":\"none\"}", "scale" }, { "{\"band\":[0,1e-300]}", "band" },
+        { "{\"band\":[0,1e-320]}", "band" }, { "{\"band\":[3,3.0000001]}", "band" },
+        { "{\"period\":0.049}", "period" }, { "{\"period\":1e-300}", "period" },
+        { "{\"pod.rank\":3}", "pod.rank" }, { "{\"signals\":[0],\"pod.rank\":2}", "pod.rank" },
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -134,6 +137,37 @@ TEST(every_wrong_option_is_refused_by_its_name)
         if (rc != MODAL_BAD_INPUT || strcmp(err.field, cases[i].field) != 0 || r != NULL)
             fail_msg("%s: status %d, field \"%s\" (%s)", cases[i].options, rc, err.field, err.message);
     }
+}
+
+/* What is asked for is said back with the limit: 400 samples, 0.05 s apart, of 2 channels. */
+TEST(a_period_below_a_sample_and_a_rank_above_the_channels_are_told_with_their_limits)
+{
+    const struct { const char *options, *told; } cases[] = {
+        { "{\"period\":0.049}", "a period of 0.049 s, shorter than the 0.05 s from one sample to "
+                                "the next; accepted: 0.05 to 10 s" },
+        { "{\"pod.rank\":3}", "pod.rank is 3 of 2 channels and 400 samples; accepted: 1 to 2" },
+        { "{\"band\":[0,1e-300]}", "band [0, 1e-300] Hz, 1e-300 Hz wide" },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct modal_error err = { .field = "" };
+        cJSON *r;
+        CHECK(run(cases[i].options, &r, &err) == MODAL_BAD_INPUT);
+        if (strstr(err.message, cases[i].told) == NULL)
+            fail_msg("%s: %s", cases[i].options, err.message);
+    }
+}
+
+/* From 0 to half the sampling rate there is nothing to filter out. */
+TEST(a_band_of_all_frequencies_is_the_whole_record)
+{
+    cJSON *whole, *banded;
+
+    CHECK(run(NULL, &whole, NULL) == MODAL_OK);
+    CHECK(run("{\"band\":[0,10]}", &banded, NULL) == MODAL_OK);
+    CHECK(number(whole, "modes/1/exponent/0") == number(banded, "modes/1/exponent/0"));
+    CHECK(number(whole, "modes/0/exponent/1") == number(banded, "modes/0/exponent/1"));
+    cJSON_Delete(whole), cJSON_Delete(banded);
 }
 
 TEST(channels_are_chosen_by_name_by_name_without_unit_and_by_index)

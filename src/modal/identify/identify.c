@@ -218,6 +218,18 @@ static enum modal_status choose_shift(struct work *w, struct modal_error *err)
     return MODAL_OK;
 }
 
+/* More proper orthogonal signals than channels, or than rows, there are none of. */
+static enum modal_status check_pod_rank(const struct work *w, struct modal_error *err)
+{
+    int channels = w->rec.channels, rows = w->rec.Y.m, most = channels < rows ? channels : rows;
+
+    if (w->opt.pod_rank <= most)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "pod.rank", "pod.rank is %d of %d channel%s and "
+                            "%d samples; accepted: 1 to %d", w->opt.pod_rank, channels,
+                            channels > 1 ? "s" : "", rows, most);
+}
+
 /* ---- signals ---- */
 
 /* The variance of the grid in each signal: independent in each channel, and so weighed by squares.  A difference over a period has it twice, a filter its
@@ -1180,6 +1192,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
     w.clock = w.opt.clock != NULL ? w.opt.clock(w.opt.context) : 0;
     if ((rc = check_options(&w.opt, err)) != MODAL_OK
         || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK
+        || (rc = check_pod_rank(&w, err)) != MODAL_OK
         || (rc = choose_shift(&w, err)) != MODAL_OK
         || (rc = stage(&w, "read", out, err)) != MODAL_OK)
         goto out;

@@ -91,12 +91,17 @@ static enum modal_status check_samples(const struct batch *b, struct modal_error
     return MODAL_OK;
 }
 
-static enum modal_status check_period(double period, double duration, const char *field, struct modal_error *err)
+static enum modal_status check_period(double period, double dt, double duration, const char *field,
+                                      struct modal_error *err)
 {
     if (period == 0)
         return MODAL_OK;
     if (!(period > 0) || !isfinite(period))
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s; accepted: a positive number, or 0 for constant coefficients", period);
+    if (period < dt * (1 - INTEGER))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s, shorter than the %g s "
+                                "from one sample to the next; accepted: %g to %g s, or 0 for constant "
+                                "coefficients", period, dt, dt, duration / 2);
     if (period > duration / 2)
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s in a record of %g s; accepted: at most half the record", period, duration);
     return MODAL_OK;
@@ -238,11 +243,16 @@ struct zoom { double centre, raise, cutoff, transition, attenuation; int decimat
 /* Decimation, shifts and the filter of (1) for the band, on samples of rate fs. */
 static enum modal_status plan_zoom(const double band[2], double fs, int L, struct zoom *z, struct modal_error *err)
 {
-    double width = band[1] - band[0], centre = 0.5 * (band[0] + band[1]), fd, A, beta, sum = 0;
-    int most;
+    double width = band[1] - band[0], centre = 0.5 * (band[0] + band[1]), fd, A, beta, taps;
+    double sum = 0;
+    int most = L / 3;
 
     if (!(band[0] >= 0) || !(band[1] > band[0]) || band[1] > fs / 2)
         return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz; accepted: 0 <= f1 < f2 <= %g (half the sampling rate)", band[0], band[1], fs / 2);
+    if (!(fs / (4 * width) <= L))        /* compared before it is an int */
+        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz, %.3g Hz wide, would "
+                                "keep one of %d samples; accepted: a wider band or a longer record",
+                                band[0], band[1], width, L);
     z->decimation = (int)fmax(1, floor(fs / (4 * width)));
     fd = fs / z->decimation;
     if (centre - fd / 4 >= 0 && centre + fd / 4 <= fs / 2) {
@@ -252,14 +262,15 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
         fd = fs / z->decimation;
         *z = (struct zoom) { 0, 0, 0.5 * (band[1] + fd / 2), fd / 2 - band[1], 0, z->decimation, 0, NULL };
     }
-    if (z->decimation == 1 && z->centre == 0)
+    if (z->decimation == 1 && (z->centre == 0 || width >= fs / 2)) {
+        z->centre = z->raise = 0;
         return MODAL_OK;                              /* nothing to remove: only the report is cut */
+    }
     /* M = (A - 7.95) / (2.285 dw) + 1; a short record gets a blunter filter */
     A = ATTENUATION;
-    most = L / 3;
-    z->taps = (int)ceil((A - 7.95) / (2.285 * 2 * M_PI * z->transition / fs)) + 1;
-    if (z->taps > most) {
-        z->taps = most;
+    taps = ceil((A - 7.95) / (2.285 * 2 * M_PI * z->transition / fs)) + 1;
+    z->taps = (int)fmin(taps, most);
+    if (taps > most) {
         A = 2.285 * 2 * M_PI * z->transition / fs * (most - 1) + 7.95;
         if (A < 30)
             return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz: %d samples are too few to filter it out; accepted: a wider band or a longer record",
@@ -473,7 +484,7 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     if (rc == MODAL_OK && !wide)
         rc = check_samples(batch, err);
     if (rc == MODAL_OK && (opt->period >= 0 || opt->difference))
-        rc = check_period(asked, duration, "period", err);
+        rc = check_period(asked, batch->dt, duration, "period", err);
     if (rc == MODAL_OK)
         rc = window_rows(batch, opt, &first, &last, err);
     if (rc == MODAL_OK)
@@ -489,7 +500,7 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     if (opt->difference && asked <= 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "difference", "there is no period to take differences over; give `period`");
     if (rc == MODAL_OK && r.period > 0)
-        rc = check_period(r.period, r.Y.m * r.step, "window", err);
+        rc = check_period(r.period, batch->dt, r.Y.m * r.step, "window", err);
     if (rc == MODAL_OK && opt->difference)
         rc = difference(&r, asked, err);
     if (rc == MODAL_OK && band)

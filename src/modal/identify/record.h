@@ -22,8 +22,8 @@ struct record {
     double gain;                /* variance of white noise after the filter over that before; 1: no filter */
     double share;               /* band: what white noise fills of the new Nyquist band, in power; 0: no filter */
     int *channel; int channels; /* owned: indices into the batch */
-    double *scale;              /* owned, per channel: rms of what was cut from the batch, or the largest */
-    double *rms;                /* owned, per channel: of a wide record of common scale; else NULL */
+    double *scale;              /* owned, per channel: rms of what was cut, or the largest */
+    double *rms;                /* owned, per channel: where a wide record has a common scale */
     bool *below;                /* owned, per channel: nothing but rounding, made a zero channel (rounding.h) */
     bool wide;                  /* too large to copy: Y has its sizes but no x, the batch is read where it lies through: */
     struct wide view;

@@ -4,36 +4,50 @@
  * The check is the remainder of the message, bits reflected, by the polynomial 0x1edc6f41 (reflected 0x82f63b78), started
  * from and ended with all ones [RFC 3720, 12.1].  SSE4.2's crc32 does one step of eight bytes in three cycles.  Elsewhere
  * table[j][b] holds the remainder of byte b followed by j zero bytes, so that the remainders of eight bytes are looked up
- * independently and added.
+ * independently and added.  The remainder being linear, a row of the table is made of those of its eight single bits, by the
+ * compiler: there is nothing to fill in at run time.
  *
- * The remainder being linear, the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones at start and end
+ * For the same reason the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones at start and end
  * cancel.  Reflected, bit 31 is the coefficient of x^0.
  */
 #include "modal/crc32c.h"
-#include <pthread.h>
 #include <string.h>
 
-static uint32_t table[8][256];
+/* The 256 sums of the remainders of a byte's bits, bit 0 first, from r on. */
+#define SUMS_2(r, b0) (r), (r) ^ (b0)
+#define SUMS_4(r, b0, b1) SUMS_2(r, b0), SUMS_2((r) ^ (b1), b0)
+#define SUMS_8(r, b0, b1, b2) SUMS_4(r, b0, b1), SUMS_4((r) ^ (b2), b0, b1)
+#define SUMS_16(r, b0, b1, b2, b3) SUMS_8(r, b0, b1, b2), SUMS_8((r) ^ (b3), b0, b1, b2)
+#define SUMS_64(r, b0, b1, b2, b3, b4, b5) \
+    SUMS_16(r, b0, b1, b2, b3), SUMS_16((r) ^ (b4), b0, b1, b2, b3), \
+    SUMS_16((r) ^ (b5), b0, b1, b2, b3), SUMS_16((r) ^ (b4) ^ (b5), b0, b1, b2, b3)
+#define ROW(b0, b1, b2, b3, b4, b5, b6, b7) { \
+    SUMS_64(0u, b0, b1, b2, b3, b4, b5), SUMS_64(b6, b0, b1, b2, b3, b4, b5), \
+    SUMS_64(b7, b0, b1, b2, b3, b4, b5), SUMS_64((b6) ^ (b7), b0, b1, b2, b3, b4, b5) }
 
-static void table_fill(void)
-{
-    for (uint32_t b = 0; b < 256; b++) {
-        uint32_t r = b;
-        for (int bit = 0; bit < 8; bit++)
-            r = r >> 1 ^ (r & 1 ? 0x82f63b78u : 0);
-        table[0][b] = r;
-    }
-    for (int j = 1; j < 8; j++)
-        for (uint32_t b = 0; b < 256; b++)
-            table[j][b] = table[j - 1][b] >> 8 ^ table[0][table[j - 1][b] & 255];
-}
+static const uint32_t table[8][256] = {
+    ROW(0xf26b8303u, 0xe13b70f7u, 0xc79a971fu, 0x8ad958cfu,
+        0x105ec76fu, 0x20bd8edeu, 0x417b1dbcu, 0x82f63b78u),
+    ROW(0x13a29877u, 0x274530eeu, 0x4e8a61dcu, 0x9d14c3b8u,
+        0x3fc5f181u, 0x7f8be302u, 0xff17c604u, 0xfbc3faf9u),
+    ROW(0xa541927eu, 0x4f6f520du, 0x9edea41au, 0x38513ec5u,
+        0x70a27d8au, 0xe144fb14u, 0xc76580d9u, 0x8b277743u),
+    ROW(0xdd45aab8u, 0xbf672381u, 0x7b2231f3u, 0xf64463e6u,
+        0xe964b13du, 0xd725148bu, 0xaba65fe7u, 0x52a0c93fu),
+    ROW(0x38116facu, 0x7022df58u, 0xe045beb0u, 0xc5670b91u,
+        0x8f2261d3u, 0x1ba8b557u, 0x37516aaeu, 0x6ea2d55cu),
+    ROW(0xef306b19u, 0xdb8ca0c3u, 0xb2f53777u, 0x6006181fu,
+        0xc00c303eu, 0x85f4168du, 0x0e045bebu, 0x1c08b7d6u),
+    ROW(0x68032cc8u, 0xd0065990u, 0xa5e0c5d1u, 0x4e2dfd53u,
+        0x9c5bfaa6u, 0x3d5b83bdu, 0x7ab7077au, 0xf56e0ef4u),
+    ROW(0x493c7d27u, 0x9278fa4eu, 0x211d826du, 0x423b04dau,
+        0x847609b4u, 0x0d006599u, 0x1a00cb32u, 0x34019664u),
+};
 
 uint32_t crc32c_table(uint32_t crc, const void *data, size_t length)
 {
-    static pthread_once_t once = PTHREAD_ONCE_INIT;
     const unsigned char *p = data;
 
-    pthread_once(&once, table_fill);
     crc = ~crc;
     for (; length >= 8; length -= 8, p += 8) {
         uint32_t low = crc ^ ((uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24);

@@ -438,7 +438,7 @@ static void write_metrics(struct daemon *d)
 
     snprintf(path, sizeof path, "%s.tmp", d->config->metrics_file);
     file = fopen(path, "w");
-    if (file == NULL || fwrite(text->data, 1, text->size, file) != text->size || fflush(file) != 0 || rename(path, d->config->metrics_file) != 0) {
+    if (file == NULL || fchmod(fileno(file), 0640) != 0 || fwrite(text->data, 1, text->size, file) != text->size || fflush(file) != 0 || rename(path, d->config->metrics_file) != 0) {
         modal_fail(&err, MODAL_IO, "%s: %s", path, strerror(errno));
         log_error("metrics_file", &err);
     }
@@ -725,6 +725,20 @@ static void raise_descriptors(void)
     }
 }
 
+/* A folder that was there before we came keeps its mode; whoever made it is told what it lets others see. */
+static void warn_of_others(const char *folder)
+{
+    struct stat known;
+    char *line;
+
+    if (stat(folder, &known) != 0 || (known.st_mode & 07) == 0)
+        return;
+    line = grab_format("level=warning event=data_open mode=%04o data=%s message=\"the data folder is open to other users; "
+                       "accepted: 0750 or less\"", (unsigned)known.st_mode & 07777, folder);
+    log_line(line);
+    free(line);
+}
+
 static enum modal_status open_store(struct daemon *d, struct modal_error *err)
 {
     struct settings *s = &d->config->settings;
@@ -740,6 +754,7 @@ static enum modal_status open_store(struct daemon *d, struct modal_error *err)
     snprintf(d->config->data, sizeof d->config->data, "%s", path);
     snprintf(s->dir, sizeof s->dir, "%s", path);
     free(path);
+    warn_of_others(s->dir);
     snprintf(s->store_id, sizeof s->store_id, "%s", ledger_store_id(d->ledger));
     identity_sha256(s->store_id, strlen(s->store_id), digest, NULL);
     memcpy(&s->secret, digest, sizeof s->secret);

@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include "broker/daemon.h"
 
 static const char usage[] =
@@ -71,6 +72,7 @@ int main(int argc, char **argv)
             return 0;
         }
     }
+    umask(umask(0) | 027);             /* what it makes is for its user, and its group to read */
     if (read_all(&config, &arguments, &err) != MODAL_OK) {
         fprintf(stderr, "modald: %s: %s\n", err.field, err.message);
         if (strcmp(err.field, "arguments") == 0)

@@ -612,6 +612,8 @@ static enum modal_status copy_ledger(struct backup *backup)
     snprintf(path, sizeof path, "%s/ledger.db", backup->to);
     if (rc == MODAL_OK)
         rc = file_unlink(path, backup->err);
+    if (rc == MODAL_OK)
+        rc = ledger_db_make(path, backup->err);
     if (rc != MODAL_OK)
         goto out;
     code = sqlite3_open_v2(path, &to, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, file_vfs());

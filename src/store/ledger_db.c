@@ -6,10 +6,14 @@
  * incremental vacuum, so that retention gives space back; 8 reserved bytes a page for the checksums of file_vfs.c.
  */
 #include "store/ledger_db.h"
+#include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <unistd.h>
 #include "modal/json.h"
 #include "store/file.h"
 #include "store/samples.h"
@@ -227,6 +231,35 @@ static enum modal_status or_full(const char *dir, enum modal_status rc, struct m
     return rc;
 }
 
+/* A file that an earlier version, or SQLite by itself, made for others to read; its owner alone may change that. */
+static enum modal_status close_to_others(const char *path, struct modal_error *err)
+{
+    struct stat known;
+
+    if (stat(path, &known) != 0 || (known.st_mode & 0777 & ~(mode_t)LEDGER_MODE) == 0)
+        return MODAL_OK;
+    if (chmod(path, known.st_mode & LEDGER_MODE) == 0 || errno == EPERM)
+        return MODAL_OK;
+    return modal_fail(err, MODAL_IO, "chmod %s: %s", path, strerror(errno));
+}
+
+/* SQLite would make it for all to read; its log and index take the mode of the database. */
+enum modal_status ledger_db_make(const char *path, struct modal_error *err)
+{
+    static const char *const beside[] = { "", "-wal", "-shm" };
+    char name[4200];
+    int fd = -1;
+    enum modal_status rc = file_open(path, O_RDWR | O_CREAT, LEDGER_MODE, &fd, err);
+
+    if (fd >= 0)
+        close(fd);
+    for (size_t i = 0; rc == MODAL_OK && i < sizeof beside / sizeof *beside; i++) {
+        snprintf(name, sizeof name, "%s%s", path, beside[i]);
+        rc = close_to_others(name, err);
+    }
+    return rc;
+}
+
 enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, struct modal_error *err)
 {
     char path[4096], wal[4100];
@@ -238,6 +271,8 @@ enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, str
         return modal_fail(err, MODAL_TOO_LARGE, "the path of the data folder is longer than %zu bytes", sizeof path - 16);
     snprintf(wal, sizeof wal, "%s-wal", path);
     rc = ledger_wal_check(wal, write, err);
+    if (rc == MODAL_OK && write)
+        rc = ledger_db_make(path, err);
     if (rc != MODAL_OK)
         return rc;
     code = sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE | (write ? SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX : SQLITE_OPEN_FULLMUTEX), file_vfs());

@@ -6,6 +6,7 @@
 
 enum {
     LEDGER_APPLICATION = 0x6d646c64,     /* "mdld" */
+    LEDGER_MODE = 0640,                  /* of its files at most, whatever the umask */
     LEDGER_BUSY_MS = 5000,               /* for which a lock of another process is waited for */
     LEDGER_CHECKPOINT_PAGES = 1000,      /* of the log, before ledger_settle moves it to the database */
 };
@@ -18,6 +19,9 @@ enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct
  * synchronisation; its directory entry is synced.  Otherwise it must be there, and can only be read.
  */
 enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, struct modal_error *err);
+
+/* The file of a database at PATH, made if absent, and its log's and index's, are for nobody beyond LEDGER_MODE. */
+enum modal_status ledger_db_make(const char *path, struct modal_error *err);
 
 /* Run one SQL text without results. */
 enum modal_status ledger_db_run(sqlite3 *db, const char *sql, struct modal_error *err);

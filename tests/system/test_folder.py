@@ -10,7 +10,7 @@ import subprocess
 import time
 
 import pytest
-from wire import Daemon, ring_down, submit
+from wire import Daemon, crc32c, ring_down, submit
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
@@ -141,3 +141,42 @@ def test_an_answer_from_an_earlier_result_is_sound_though_the_earlier_job_is_del
         assert d.stop() == 0
     status, [report] = ctl("fsck", str(tmp_path / "data"))
     assert status == 0 and report["problems"] == [] and report["jobs"] == 2
+
+
+def open_to_others(folder):
+    return {str(path): oct(path.lstat().st_mode & 0o777) for path in sorted(pathlib.Path(folder).rglob("*"))
+            if path.lstat().st_mode & 0o027 and path.is_file()}
+
+
+def test_no_file_of_the_daemon_is_open_to_others_whatever_the_umask_and_an_open_folder_is_warned_of(tmp_path):
+    """A data folder that was there with mode 0755, a daemon with umask 0, kill -9 so that log and index of the ledger stay."""
+    data, metrics = tmp_path / "data", tmp_path / "metrics.prom"
+    data.mkdir()
+    data.chmod(0o755)
+    with Daemon(folder=tmp_path, config=f"metrics_file = {metrics}\nmetrics_s = 0.1\n", wrap=["sh", "-c", 'umask 0; exec "$@"', "sh"]) as daemon:
+        client = daemon.client()
+        client.ask("WAIT", job=submit(client)["job"], timeout_s=20)
+        batch = bytes(8 * 9000)
+        upload = client.ask("UPLOAD", op="begin", content="batch", samples=9000, channels=1, dt=0.1)["upload"]
+        client.ask("UPLOAD", [batch], op="chunk", upload=upload, offset=0, crc32c=crc32c(batch))
+        stream = client.ask("STREAM", op="open", name="st", channels=1, dt=0.1)["stream"]
+        assert client.ask("STREAM", [bytes(80)], op="push", stream=stream, epoch=0, first=0, count=10, crc32c=crc32c(bytes(80))).ok
+        assert ctl("backup", str(data), str(tmp_path / "copy"))[0] == 0
+        end = time.monotonic() + 20
+        while not metrics.exists() and time.monotonic() < end:
+            time.sleep(0.02)
+        assert oct(metrics.stat().st_mode & 0o777) == "0o640"
+        assert {"ledger.db", "ledger.db-wal", "ledger.db-shm", "2.part", "3.samples"} <= {path.name for path in data.rglob("*")}
+        assert open_to_others(data) == {} and open_to_others(tmp_path / "copy") == {}
+        assert [line for line in daemon.text().splitlines() if "event=data_open" in line and "mode=0755" in line and str(data) in line]
+
+
+def test_a_ledger_that_an_earlier_version_made_for_all_to_read_is_closed_to_them(tmp_path):
+    data = tmp_path / "data"
+    with Daemon(folder=tmp_path) as daemon:
+        submit(daemon.client())
+        daemon.kill()
+        for name in ("ledger.db", "ledger.db-wal", "ledger.db-shm"):
+            (data / name).chmod(0o644)
+        daemon.start()
+        assert open_to_others(data) == {} and "event=data_open" not in daemon.text()

@@ -11,6 +11,7 @@
 #include "store/file.h"
 #include <ctype.h>
 #include <errno.h>
+#include <grp.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -71,7 +72,7 @@ void config_init(struct config *c)
     if (c->workers > 256)
         c->workers = 256;
     c->spool_threads = 3;
-    c->ipc_mode = 0600;
+    c->ipc_mode = -1;
     c->sandbox = true;
     c->drain_s = 60;
     c->metrics_s = 10;
@@ -421,6 +422,14 @@ static enum modal_status default_bind(struct config *c, struct modal_error *err)
     return MODAL_OK;
 }
 
+/* Who was put into the group modald may use its daemon; a daemon of one's own is its user's alone. */
+static int default_ipc_mode(void)
+{
+    const struct group *group = getgrgid(getegid());
+
+    return group != NULL && strcmp(group->gr_name, "modald") == 0 ? 0660 : 0600;
+}
+
 enum modal_status config_finish(struct config *c, struct modal_error *err)
 {
     bool keys = c->server_key[0] != 0 || c->keys[0] != 0;
@@ -428,9 +437,12 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
 
     config_done(c);
     if (c->data[0] == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "data", "no data folder: --data DIR, or `data = DIR` in the configuration");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "data", "no data folder: --data DIR, or --config FILE with a "
+                                "line `data = DIR`");
     if (keys && (c->server_key[0] == 0 || c->keys[0] == 0))
         return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "server_key and keys belong together; one is missing");
+    if (c->ipc_mode < 0)
+        c->ipc_mode = default_ipc_mode();
     if (c->bind_count == 0)
         rc = default_bind(c, err);
     for (int i = 0; rc == MODAL_OK && i < c->bind_count; i++)

@@ -888,6 +888,22 @@ static void end(struct daemon *d)
     peers_done(&d->workers);
 }
 
+static void log_ready(const struct config *config)
+{
+    char *endpoints = grab_text(config->bind[0]), *line;
+
+    for (int i = 1; i < config->bind_count; i++) {
+        char *longer = grab_format("%s,%s", endpoints, config->bind[i]);
+        free(endpoints);
+        endpoints = longer;
+    }
+    line = grab_format("level=notice event=ready version=%s endpoint=%s data=%s workers=%d", MODALD_VERSION,
+                       endpoints, config->settings.dir, config->workers);
+    log_line(line);
+    free(endpoints);
+    free(line);
+}
+
 int daemon_run(struct config *config, config_again *again, void *context)
 {
     struct daemon *d = grab(sizeof *d);
@@ -904,10 +920,7 @@ int daemon_run(struct config *config, config_again *again, void *context)
         log_error("start", &err);
         status = modal_status_exit(err.status) == 2 ? 2 : 1;
     } else {
-        char *line = grab_format("level=notice event=ready version=%s endpoint=%s data=%s workers=%d", MODALD_VERSION, config->bind[0],
-                                 config->settings.dir, config->workers);
-        log_line(line);
-        free(line);
+        log_ready(config);
         d->watchdog_ns = notify_watchdog_ns();
         notify_manager("READY=1\nSTATUS=serving");
         loop(d);

@@ -104,6 +104,32 @@ def test_version_and_check_config(tmp_path):
         assert out.returncode == 2 and said in out.stderr, (line, out)
 
 
+def in_group(name, gid, tmp_path):
+    """A wrapper under which group GID is called NAME: /etc/group of a mount namespace of its own."""
+    if os.geteuid() != 0 or subprocess.run(["unshare", "-m", "true"], capture_output=True).returncode != 0:
+        pytest.skip("needs root and a mount namespace")
+    groups = [line for line in pathlib.Path("/etc/group").read_text().splitlines() if line.split(":")[0] != name]
+    (tmp_path / "group").write_text("\n".join(groups) + f"\n{name}:x:{gid}:\n")
+    script = f'mount --bind {tmp_path}/group /etc/group && exec setpriv --regid={gid} --clear-groups "$@"'
+    return ["unshare", "-m", "sh", "-c", script, "sh"]
+
+
+@pytest.mark.parametrize("name, line, mode", [("modald", "", "0o660"), ("staff9", "", "0o600"), ("modald", "ipc_mode = 0600\n", "0o600"),
+                                              ("staff9", "ipc_mode = 0660\n", "0o660")])
+def test_the_group_modald_may_open_the_socket_of_a_daemon_of_that_group_and_no_other_unless_told(tmp_path, name, line, mode):
+    gid = 61234
+    with Daemon(folder=tmp_path, config=FAKE + line, workers=0, wrap=in_group(name, gid, tmp_path)) as d:
+        known = pathlib.Path(d.endpoint[6:]).stat()
+        assert (known.st_gid, oct(known.st_mode & 0o777)) == (gid, mode)
+
+
+def test_the_socket_of_a_daemon_of_ones_own_is_private_and_ready_names_every_endpoint(tmp_path):
+    with Daemon(folder=tmp_path, config=FAKE, workers=0, endpoint=f"ipc://{tmp_path}/a.ipc") as d:
+        assert oct((tmp_path / "a.ipc").stat().st_mode & 0o777) == "0o600" and f"endpoint=ipc://{tmp_path}/a.ipc " in d.text()
+    with Daemon(folder=tmp_path, config=FAKE, endpoint=f"ipc://{tmp_path}/a.ipc", wrap=["sh", "-c", f'exec "$@" --bind ipc://{tmp_path}/b.ipc', "sh"]) as d:
+        assert f"endpoint=ipc://{tmp_path}/a.ipc,ipc://{tmp_path}/b.ipc " in d.text()
+
+
 @pytest.mark.parametrize("arguments", [[], ["--data"], ["--data", "x", "y"], ["--speed", "9"], ["--data", "x", "--workers", "-1"]])
 def test_wrong_usage_ends_with_2_and_says_why(arguments):
     out = run(*arguments)

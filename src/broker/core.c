@@ -554,10 +554,11 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     return &c->out;
 }
 
-void core_connections(struct core *c, int64_t open, int64_t refused_count)
+void core_connections(struct core *c, int64_t open, int64_t refused_count, int64_t hangups_kept)
 {
     c->connections = open;
     c->connections_refused = refused_count;
+    c->hangups_kept = hangups_kept;
 }
 
 int64_t core_next_ns(const struct core *c)

@@ -6,6 +6,7 @@
  */
 #include "broker/daemon.h"
 #include "broker/accept.h"
+#include "broker/hangup.h"
 #include "broker/notify.h"
 #include "broker/peers.h"
 #include "broker/pool.h"
@@ -182,7 +183,7 @@ static void carry_out_all(struct daemon *d, const struct actions *actions)
 
 static void step(struct daemon *d, const struct event *event)
 {
-    core_connections(d->core, accept_open(), accept_refused());
+    core_connections(d->core, accept_open(), accept_refused(), hangup_kept());
     if (event->type == EVENT_REQUEST || event->type == EVENT_COMMITTED || event->type == EVENT_TASK)
         d->trim_ns = clock_ns(CLOCK_MONOTONIC) + TRIM_AFTER_NS;
     carry_out_all(d, core_step(d->core, event, moment_now()));

@@ -537,7 +537,7 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     case EVENT_PEER_FULL: case EVENT_PEER_READY: case EVENT_PEER_GONE: events_peer(c, e->peer, e->type); break;
     case EVENT_COMMITTED:  committed(c, e->transaction); break;
     case EVENT_TASK:       task_done(c, e->task); break;
-    case EVENT_WORKER:     worker_message(c, e->slot, e->message, e->body); break;
+    case EVENT_WORKER:     worker_message(c, e); break;
     case EVENT_EXIT:       worker_exit(c, e->slot, e->status, e->stderr_text); break;
     case EVENT_TIME:       break;
     case EVENT_REST:       rest(c); break;

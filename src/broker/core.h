@@ -43,6 +43,7 @@ struct settings {
     const struct account *accounts;   /* copied */
     size_t account_count;
     int workers;
+    int cores;                    /* of the machine, that jobs may use */
     int64_t worker_jobs;          /* after so many a worker's process is replaced by a fresh one; 0: never */
     int64_t queue_jobs;           /* queued jobs at most */
     int64_t input_bytes;          /* an input at most */
@@ -136,7 +137,7 @@ enum event_type {
     EVENT_PEER_FULL, EVENT_PEER_READY, EVENT_PEER_GONE,    /* peer */
     EVENT_COMMITTED,    /* transaction, and those behind it: as they were given, in that order */
     EVENT_TASK,         /* task */
-    EVENT_WORKER,       /* slot, message, body */
+    EVENT_WORKER,       /* slot, message and body, or fault */
     EVENT_EXIT,         /* slot, status as wait(2) gives it, stderr_text */
     EVENT_TIME,         /* nothing but that time passed */
     EVENT_REST,         /* nothing was asked or committed for a while: what the ledger has too may leave memory */

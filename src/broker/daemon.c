@@ -283,11 +283,14 @@ static void from_worker(struct daemon *d, struct received *r)
     double pid = 0;
     int slot;
 
+    slot = pool_slot_of_peer(&d->pool, r->peer->number);
     if (open_message(r, WIRE_WORKER, false, &message, &err) != MODAL_OK) {
-        log_error("worker_frame", &err);
+        if (slot >= 0)
+            step(d, &(struct event) { .type = EVENT_WORKER, .slot = slot, .fault = &err });
+        else
+            log_error("worker_frame", &err);
         return;
     }
-    slot = pool_slot_of_peer(&d->pool, r->peer->number);
     if (slot < 0 && strcmp(message.verb, "READY") == 0 && json_get_number(message.header, "", "pid", 1, 4194304, &pid, NULL) == MODAL_OK) {
         slot = pool_slot_of_pid(&d->pool, (pid_t)pid);
         if (slot >= 0 && d->pool.slots[slot].peer == 0)

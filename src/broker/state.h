@@ -192,6 +192,8 @@ struct slot {
     int64_t jobs;                         /* begun by this process */
     int quick_deaths;                     /* in a row, without a job: starting again is put off */
     char *document; size_t document_size, document_total;
+    int parts;                            /* PARTs that wait for their GO */
+    bool late_told;                       /* something late was logged since the latest start */
     struct input *output;                 /* signals on their way */
     bool finishing;                       /* DONE has come; the output is being sealed */
     bool ready;                           /* READY has come meanwhile */
@@ -393,7 +395,7 @@ void submits_request(struct core *c, const struct event *e, const struct wire_re
 char *canonical_text(const cJSON *value);
 
 /* workers.c */
-void worker_message(struct core *c, int slot, const struct wire_message *m, struct blob **body);
+void worker_message(struct core *c, const struct event *e);
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text);
 void worker_kill(struct core *c, int slot);
 void worker_timer(struct core *c, enum timer what, int64_t slot);

@@ -6,12 +6,13 @@
  */
 #include "broker/state.h"
 #include "modal/crc32c.h"
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
 
-enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3 };
+enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3, DETAIL_MOST = 4096, PROGRESS_MOST = 4096, THREADS_MOST = 1024 };
 
 static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
 {
@@ -21,6 +22,23 @@ static void to_worker(struct core *c, int slot, const char *verb, cJSON *header,
     if (text == NULL)
         abort();
     core_act(c, (struct action) { .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
+}
+
+/* A worker's error is text and code of this protocol, whatever it sent. */
+static void error_of_worker(const cJSON *error, struct modal_error *out)
+{
+    wire_error_read(error, out);
+    if (out->status == MODAL_OK)
+        out->status = MODAL_INTERNAL;
+}
+
+/* TEXT as the value of a logfmt member: one line without quotes in it. */
+static const char *one_line(char *text)
+{
+    for (char *at = text; *at != 0; at++)
+        if ((unsigned char)*at < 0x20 || *at == 0x7f || *at == '"')
+            *at = *at == '"' ? '\'' : ' ';
+    return text;
 }
 
 /* ---- starting a job --------------------------------------------------------------------------------------------- */
@@ -64,6 +82,7 @@ static void start(struct core *c, struct job *job, int slot)
     s->attempt = job->attempts;
     s->started_ns = s->heard_ns = c->now.mono_ns;
     s->cpu_s = 0;
+    s->late_told = false;
     s->expected_s = job->user->cost_s;
     s->jobs++;
     c->attempts++;
@@ -191,33 +210,46 @@ static void try_again(struct stream *stream, const struct slot *s)
         stream->next_window = s->live_to + 1;
 }
 
+/* The worker of a live window died: once more on another, unless the window itself is to blame. */
+static void live_died(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+    struct stream *stream = s->live;
+
+    s->live = NULL;
+    stream->live = false;
+    stream->at_slot = -1;
+    if (++stream->died < LIVE_DEATHS_MOST) {
+        try_again(stream, s);
+        return;
+    }
+    stream_dropped(c, stream, s->live_epoch, s->live_from, s->live_to);
+    stream->died = 0;
+}
+
 /* The end of a live window, with its result or its error. */
 static void end_live(struct core *c, int slot, const struct wire_message *m)
 {
     struct slot *s = &c->slots[slot];
     struct stream *stream = s->live;
-    const cJSON *error = m == NULL ? NULL : cJSON_GetObjectItemCaseSensitive(m->header, "error");
-    const char *field = "";
+    const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    struct modal_error err;
+    cJSON *error = NULL;
 
     s->live = NULL;
     stream->live = false;
-    if (m == NULL || error != NULL)
-        stream->at_slot = -1;
-    if (m == NULL && ++stream->died < LIVE_DEATHS_MOST) {
-        try_again(stream, s);                         /* its worker died: once more on another, unless the window itself is to blame */
-        return;
-    }
-    if (m == NULL)
-        stream_dropped(c, stream, s->live_epoch, s->live_from, s->live_to);
     stream->died = 0;
-    if (m == NULL)
-        return;
     s->state = SLOT_TAKEN;
-    json_get_string(error, "", "field", &field, NULL);
-    if (error != NULL && strcmp(field, "live") == 0)
+    if (told != NULL) {
+        stream->at_slot = -1;
+        error_of_worker(told, &err);
+        error = wire_error_object(&err, NULL);
+    }
+    if (told != NULL && strcmp(err.field, "live") == 0)
         try_again(stream, s);                         /* it dropped the window: once more, with all of it */
     else
         stream_result(c, stream, s->live_epoch, s->live_from, s->live_to, m->body_count > 0 ? &m->body[0] : NULL, error);
+    cJSON_Delete(error);
 }
 
 void workers_schedule(struct core *c)
@@ -321,17 +353,32 @@ static void part(struct core *c, struct slot *s)
     free(s->document);
     s->document = NULL;
     s->document_size = s->document_total = 0;
+    s->parts = 0;
     s->output = NULL;
     s->finishing = s->ready = false;
     s->job = NULL;
 }
 
+/* The cores that a job may use at once: its option `threads`, of those that there are. */
+static int cores_of(const struct core *c, const struct job *job)
+{
+    cJSON *options = cJSON_Parse(job->options);
+    int threads = 1;
+
+    json_get_int(options, "", "threads", 1, THREADS_MOST, &threads, NULL);
+    cJSON_Delete(options);
+    return threads < c->settings.cores ? threads : c->settings.cores;
+}
+
+/* Time is the daemon's own; of the processor's a worker is believed no more than its cores can have given meanwhile. */
 static void account_for(struct core *c, const struct slot *s, struct job *job)
 {
-    double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9;
+    double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9, cpu_s = s->cpu_s;
 
-    job->cpu_ns += (int64_t)(s->cpu_s * 1e9);
-    user_ran(c, job->user, s->expected_s, wall_s, s->cpu_s > 0 ? s->cpu_s : wall_s);
+    if (cpu_s > wall_s)
+        cpu_s = fmin(cpu_s, wall_s * cores_of(c, job));
+    job->cpu_ns += (int64_t)(cpu_s * 1e9);
+    user_ran(c, job->user, s->expected_s, wall_s, cpu_s > 0 ? cpu_s : wall_s);
 }
 
 /* Its worker died under it: again, or dead. */
@@ -383,10 +430,7 @@ static void log_exit(struct core *c, int slot, int status, const char *stderr_te
     size_t length = stderr_text == NULL ? 0 : strlen(stderr_text), from = length < sizeof said ? 0 : length - sizeof said + 1;
 
     snprintf(said, sizeof said, "%s", length == 0 ? "" : stderr_text + from);
-    for (char *at = said; *at != 0; at++)
-        if ((unsigned char)*at < 0x20 || *at == '"')
-            *at = *at == '"' ? '\'' : ' ';
-    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status, said);
+    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status, one_line(said));
 }
 
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
@@ -396,7 +440,7 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
     int64_t again_ns = 0;
 
     if (s->live != NULL) {
-        end_live(c, slot, NULL);
+        live_died(c, slot);
         c->deaths++;
     }
     if (job != NULL) {
@@ -571,6 +615,7 @@ void worker_go(struct core *c, int slot)
 
     if (c->slots[slot].job == NULL || c->slots[slot].state != SLOT_BUSY)
         return;
+    c->slots[slot].parts--;
     header = cJSON_CreateObject();
     job_ident(c, c->slots[slot].job, ident);
     cJSON_AddStringToObject(header, "job", ident);
@@ -605,7 +650,7 @@ static void on_progress(struct core *c, int slot, const struct wire_message *m, 
     (void)body;
     if (!cJSON_IsObject(progress) || (text = json_print(progress)) == NULL)
         return;
-    if (strlen(text) > 4096) {
+    if (strlen(text) > PROGRESS_MOST) {
         free(text);
         return;
     }
@@ -616,8 +661,24 @@ static void on_progress(struct core *c, int slot, const struct wire_message *m, 
 
 static void bad_worker(struct core *c, int slot, const char *what)
 {
-    core_log(c, "level=error event=worker_protocol slot=%d what=\"%s\"", slot, what);
+    char text[512];
+
+    snprintf(text, sizeof text, "%s", what);
+    core_log(c, "level=error event=worker_protocol slot=%d what=\"%s\"", slot, one_line(text));
     worker_kill(c, slot);
+}
+
+/* What it computed is more than may be kept: the job fails, and what is still under way from this worker ends with it. */
+static void too_large(struct core *c, int slot, const struct modal_error *err)
+{
+    fail_attempt(c, slot, err, NULL);
+    worker_kill(c, slot);
+}
+
+/* Bytes at OFFSET of TOTAL, which the first PART has settled as SETTLED: there are some, and they follow the HERE bytes before. */
+static bool in_order(const struct wire_message *m, uint64_t offset, uint64_t total, uint64_t here, uint64_t settled)
+{
+    return m->body_count == 1 && m->body_bytes > 0 && offset == here && total == settled && m->body_bytes <= total - here;
 }
 
 static void document_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m)
@@ -627,45 +688,48 @@ static void document_part(struct core *c, int slot, uint64_t offset, uint64_t to
 
     if (total > WIRE_DOCUMENT_MOST) {
         modal_fail_field(&err, MODAL_TOO_LARGE, "result", "the result has %llu bytes; accepted: at most %d", (unsigned long long)total, WIRE_DOCUMENT_MOST);
-        fail_attempt(c, slot, &err, NULL);
-        worker_kill(c, slot);
+        too_large(c, slot, &err);
         return;
     }
-    if (offset != s->document_size || offset + m->body_bytes > total || (offset > 0 && total != s->document_total)) {
+    if (!in_order(m, offset, total, s->document_size, s->document != NULL ? s->document_total : total)) {
         bad_worker(c, slot, "a part out of order");
         return;
     }
     if (s->document == NULL)
         s->document = grab(total + 1);
     s->document_total = total;
-    wire_gather(m, s->document + offset, m->body_bytes);
-    s->document_size += m->body_bytes;
+    s->document_size += wire_gather(m, s->document + offset, m->body_bytes);
     worker_go(c, slot);
 }
 
-static void signals_part(struct core *c, int slot, uint64_t offset, const struct wire_message *m, struct blob **body)
+/* The first PART of signals says what they are; false: it was refused. */
+static bool begin_signals(struct core *c, int slot, const struct wire_message *m)
 {
-    struct slot *s = &c->slots[slot];
     const cJSON *batch = cJSON_GetObjectItemCaseSensitive(m->header, "batch");
     struct wire_input w;
     struct modal_error err;
 
-    if (offset == 0 && s->output == NULL) {
-        if (wire_input_read(batch, "batch", WIRE_BATCH, &w, &err) != MODAL_OK) {
-            bad_worker(c, slot, err.message);
-            return;
-        }
-        if ((double)w.bytes > (double)c->settings.input_bytes) {
-            modal_fail_field(&err, MODAL_TOO_LARGE, "time", "the signals have %llu bytes; accepted: at most %lld (input_bytes)",
-                             (unsigned long long)w.bytes, (long long)c->settings.input_bytes);
-            fail_attempt(c, slot, &err, NULL);
-            worker_kill(c, slot);
-            return;
-        }
-        s->output = output_begin(c, s->job->user, &w, slot);
+    if (wire_input_read(batch, "batch", WIRE_BATCH, &w, &err) != MODAL_OK) {
+        bad_worker(c, slot, err.message);
+        return false;
     }
-    if (s->output == NULL || m->body_count != 1 || offset != s->output->filling->accepted
-        || offset + m->body_bytes > s->output->bytes || s->output->filling->count == 64) {
+    if ((double)w.bytes > (double)c->settings.input_bytes) {
+        modal_fail_field(&err, MODAL_TOO_LARGE, "time", "the signals have %llu bytes; accepted: at most %lld (input_bytes)",
+                         (unsigned long long)w.bytes, (long long)c->settings.input_bytes);
+        too_large(c, slot, &err);
+        return false;
+    }
+    c->slots[slot].output = output_begin(c, c->slots[slot].job->user, &w, slot);
+    return true;
+}
+
+static void signals_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+
+    if (s->output == NULL && offset == 0 && !begin_signals(c, slot, m))
+        return;
+    if (s->output == NULL || !in_order(m, offset, total, s->output->filling->accepted, s->output->bytes)) {
         bad_worker(c, slot, "signals out of order");
         return;
     }
@@ -681,10 +745,14 @@ static void on_part(struct core *c, int slot, const struct wire_message *m, stru
         || json_need_number(m->header, "", "total", 0, WIRE_INTEGER_MOST, &total, NULL) != MODAL_OK
         || json_get_string(m->header, "", "part", &part_name, NULL) != MODAL_OK)
         bad_worker(c, slot, "a part without its place");
+    else if (c->slots[slot].parts++ == WIRE_PARTS_MOST)
+        bad_worker(c, slot, "more parts than may wait for their GO");
     else if (strcmp(part_name, "batch") == 0)
-        signals_part(c, slot, (uint64_t)offset, m, body);
-    else
+        signals_part(c, slot, (uint64_t)offset, (uint64_t)total, m, body);
+    else if (strcmp(part_name, "document") == 0)
         document_part(c, slot, (uint64_t)offset, (uint64_t)total, m);
+    else
+        bad_worker(c, slot, "a part of nothing");
 }
 
 static void take_cpu(struct core *c, int slot, const struct wire_message *m)
@@ -695,19 +763,29 @@ static void take_cpu(struct core *c, int slot, const struct wire_message *m)
     account_for(c, s, s->job);
 }
 
+/* The document lies in DONE, or in the PARTs before it; signals, if any, are all there. */
+static bool is_whole(const struct slot *s, const struct wire_message *m)
+{
+    const bool in_parts = s->document != NULL;
+
+    if (in_parts ? m->body_count != 0 || s->document_size != s->document_total : m->body_count != 1 || m->body_bytes == 0)
+        return false;
+    return s->output == NULL || s->output->filling->accepted == s->output->bytes;
+}
+
 static void on_done(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
     struct slot *s = &c->slots[slot];
 
     (void)body;
+    if (!is_whole(s, m)) {
+        bad_worker(c, slot, "DONE with a part missing");
+        return;
+    }
     take_cpu(c, slot, m);
     if (s->document == NULL) {
         s->document = grab(m->body_bytes + 1);
         s->document_size = s->document_total = wire_gather(m, s->document, m->body_bytes);
-    }
-    if (s->document_size != s->document_total || s->document_size == 0) {
-        bad_worker(c, slot, "DONE with a part missing");
-        return;
     }
     s->finishing = true;
     if (s->output != NULL)
@@ -716,54 +794,80 @@ static void on_done(struct core *c, int slot, const struct wire_message *m, stru
         finish(c, slot);
 }
 
+/* A copy of the error's detail, an object of at most DETAIL_MOST bytes; NULL: none, or another, which is left out. */
+static cJSON *detail_of(struct core *c, int slot, const cJSON *error)
+{
+    const cJSON *detail = cJSON_GetObjectItemCaseSensitive(error, "detail");
+    char *text = cJSON_IsObject(detail) ? json_print(detail) : NULL;
+    const size_t length = text != NULL ? strlen(text) : 0;
+
+    free(text);
+    if (length > DETAIL_MOST)
+        core_log(c, "level=warning event=detail_left_out slot=%d bytes=%zu most=%d", slot, length, DETAIL_MOST);
+    return length == 0 || length > DETAIL_MOST ? NULL : cJSON_Duplicate(detail, true);
+}
+
 static void on_failed(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
     const cJSON *error = cJSON_GetObjectItemCaseSensitive(m->header, "error");
-    const cJSON *detail = cJSON_GetObjectItemCaseSensitive(error, "detail");
     struct modal_error err;
 
     (void)body;
     take_cpu(c, slot, m);
-    wire_error_read(error, &err);
-    fail_attempt(c, slot, &err, detail == NULL ? NULL : cJSON_Duplicate(detail, true));
+    error_of_worker(error, &err);
+    fail_attempt(c, slot, &err, detail_of(c, slot, error));
 }
 
-void worker_message(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+/* Of an attempt that is over: told once in the life of the next. */
+static void tell_late(struct core *c, int slot, const char *verb)
 {
-    static const struct {
-        const char *verb;
-        bool on_job;                      /* believed only of the current job and attempt */
-        void (*run)(struct core *, int, const struct wire_message *, struct blob **);
-    } verbs[] = {
-        { "READY", false, on_ready }, { "BEAT", false, on_beat }, { "PROGRESS", true, on_progress }, { "PART", true, on_part },
-        { "DONE", true, on_done }, { "FAILED", true, on_failed },
-    };
-    struct slot *s = &c->slots[slot];
+    if (!c->slots[slot].late_told)
+        core_log(c, "level=info event=late slot=%d verb=%s", slot, verb);
+    c->slots[slot].late_told = true;
+}
+
+static bool is_current(const struct core *c, const struct slot *s, const struct wire_message *m)
+{
     const char *ident = "";
     int attempt = -1;
 
+    json_get_string(m->header, "", "job", &ident, NULL);
+    json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
+    if (s->state != SLOT_BUSY || s->attempt != attempt)
+        return false;
+    return s->live != NULL || (s->job != NULL && !s->finishing && ident_number(c->settings.secret, ident) == s->job->id);
+}
+
+void worker_message(struct core *c, const struct event *e)
+{
+    static const struct {
+        const char *verb;
+        bool on_job, ends;                /* believed only of the current job and attempt; the last word on it */
+        void (*run)(struct core *, int, const struct wire_message *, struct blob **);
+    } verbs[] = {
+        { "READY", false, false, on_ready }, { "BEAT", false, false, on_beat }, { "PROGRESS", true, false, on_progress },
+        { "PART", true, false, on_part }, { "DONE", true, true, on_done }, { "FAILED", true, true, on_failed },
+    };
+    const struct wire_message *m = e->message;
+    const int slot = e->slot;
+    struct slot *s = &c->slots[slot];
+
     if (slot < 0 || slot >= c->slot_count || s->state == SLOT_EMPTY)
         return;
+    if (m == NULL) {
+        bad_worker(c, slot, e->fault->message);
+        return;
+    }
     s->heard_ns = c->now.mono_ns;
     for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
         if (strcmp(verbs[i].verb, m->verb) != 0)
             continue;
-        if (verbs[i].on_job && s->live != NULL) {
-            json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
-            if (attempt == s->attempt && (verbs[i].run == on_done || verbs[i].run == on_failed))
-                end_live(c, slot, m);
-            return;
-        }
-        if (verbs[i].on_job) {
-            json_get_string(m->header, "", "job", &ident, NULL);
-            json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
-            if (s->state != SLOT_BUSY || s->job == NULL || s->finishing || s->attempt != attempt
-                || ident_number(c->settings.secret, ident) != s->job->id) {
-                core_log(c, "level=info event=late slot=%d verb=%s", slot, m->verb);
-                return;
-            }
-        }
-        verbs[i].run(c, slot, m, body);
+        if (verbs[i].on_job && !is_current(c, s, m))
+            tell_late(c, slot, m->verb);
+        else if (!verbs[i].on_job || s->live == NULL)
+            verbs[i].run(c, slot, m, e->body);
+        else if (verbs[i].ends)
+            end_live(c, slot, m);
         return;
     }
     bad_worker(c, slot, "an unknown verb");

@@ -1,5 +1,6 @@
 /* error.c - see error.h */
 #include "modal/error.h"
+#include "modal/utf8.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -38,13 +39,27 @@ static const struct {
     [MODAL_INTERNAL]       = { "internal", 1 },
 };
 
+/* A text of LENGTH bytes that was cut at ROOM ends with a whole character. */
+static void end_whole(char *text, int length, size_t room)
+{
+    char *end, *last;
+
+    if (length < 0 || (size_t)length < room)
+        return;
+    end = last = text + strlen(text);
+    while (last > text && ((unsigned char)last[-1] & 0xc0) == 0x80)
+        last--;
+    if (last > text && utf8_length(last - 1, end) == 0)
+        last[-1] = 0;
+}
+
 static void fill(struct modal_error *err, enum modal_status status, const char *field, const char *format, va_list args)
 {
     if (err == NULL)
         return;
     err->status = status;
-    snprintf(err->field, sizeof err->field, "%s", field);
-    vsnprintf(err->message, sizeof err->message, format, args);
+    end_whole(err->field, snprintf(err->field, sizeof err->field, "%s", field), sizeof err->field);
+    end_whole(err->message, vsnprintf(err->message, sizeof err->message, format, args), sizeof err->message);
 }
 
 enum modal_status modal_fail(struct modal_error *err, enum modal_status status, const char *format, ...)

@@ -12,6 +12,7 @@ enum {
     WIRE_WORKER_HEADER_MOST = 1048576,   /* between daemon and worker: RUN joins the headers of UPLOAD and SUBMIT */
     WIRE_BODY_MOST       = 1048576,           /* one body frame */
     WIRE_ID_MOST         = 64,
+    WIRE_PARTS_MOST      = 4,                 /* of a worker, without their GO */
     WIRE_KEY_MOST        = 128,
     WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body */
     WIRE_JOBS_MOST       = 256,               /* in SUBMITS */

@@ -20,7 +20,7 @@
 #include "wire/request.h"
 #include "worker/windows.h"
 
-enum { PARTS_MOST = 4, PROGRESS_MS = 100 };
+enum { PROGRESS_MS = 100 };
 
 /* One RUN. */
 struct run {
@@ -239,7 +239,7 @@ static enum modal_status send_parts(struct run *run, const char *part, const voi
 
     for (size_t at = 0; rc == MODAL_OK && at < length; at += WIRE_BODY_MOST) {
         cJSON *header;
-        while (rc == MODAL_OK && run->waiting >= PARTS_MOST)
+        while (rc == MODAL_OK && run->waiting >= WIRE_PARTS_MOST)
             rc = wait_go(run, err);
         if (rc != MODAL_OK)
             break;

@@ -2,6 +2,8 @@
 """A worker for tests of the daemon: it speaks section 13 of PROTOCOL.md and does what the job's options say.
 
 {"sleep": s}, {"die": true | signal}, {"say": text on stderr}, {"document": bytes}, {"signals": samples}, {"late": true}: answers for the attempt before.
+{"send": [[verb, members, [bytes of each body frame]], ...]}: just that, of the current job and attempt, in place of an answer; then READY.
+In the members {"text": t, "times": n} stands for a long text.
 """
 import argparse
 import json
@@ -12,6 +14,12 @@ import threading
 import time
 
 import zmq
+
+
+def grown(value):
+    if isinstance(value, dict) and set(value) == {"text", "times"}:
+        return value["text"] * value["times"]
+    return {k: grown(v) for k, v in value.items()} if isinstance(value, dict) else value
 
 
 def main():
@@ -70,7 +78,10 @@ def main():
         if o.get("die"):
             os.kill(os.getpid(), signal.SIGKILL if o["die"] is True else o["die"])
             time.sleep(10)
-        if "fail" in o:
+        if "send" in o:
+            for verb, members, bodies in o["send"]:
+                say(verb, [b"A" * n for n in bodies], **{**job, **grown(members)})
+        elif "fail" in o:
             say("FAILED", cpu_s=0.01, error={"code": o["fail"], "message": "as asked", "field": "options.fail"}, **job)
         else:
             if "signals" in o:

@@ -264,6 +264,41 @@ struct actions *core_loaded(struct core *c, struct moment now)
 
 /* ---- after a commit --------------------------------------------------------------------------------------------- */
 
+/* Something was refused for want of BYTES of disk.  The log tells the edges, the metrics the state in between. */
+static void want_room(struct core *c, uint64_t bytes)
+{
+    c->room_found = false;
+    c->room_wanted = bytes > c->room_wanted ? bytes : c->room_wanted;
+    if (c->storage_full)
+        return;
+    c->storage_full = true;
+    core_log(c, "level=warning event=storage_full needed=%llu message=\"submissions are refused for want of disk\"",
+             (unsigned long long)bytes);
+    core_timer(c, c->now.mono_ns + SECOND, TIMER_ROOM, 0, 0);
+}
+
+static void ask_for_room(struct core *c)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = TASK_ROOM;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+static void room_told(struct core *c, const struct task *task)
+{
+    bool enough = task->status == MODAL_OK && task->total >= c->room_wanted;
+
+    if (!enough && !c->room_found) {
+        core_timer(c, c->now.mono_ns + SECOND, TIMER_ROOM, 0, 0);
+        return;
+    }
+    c->storage_full = c->room_found = false;
+    c->room_wanted = 0;
+    core_log(c, "level=notice event=storage_room free=%llu", (unsigned long long)task->total);
+}
+
 /* A result for which there was no room: the job, decided done, failed; who asked about it is told so. */
 static void result_refused(struct core *c, struct transaction *t, struct job *job)
 {
@@ -292,14 +327,13 @@ static void refused(struct core *c, struct transaction *t)
 {
     struct job *job = NULL;
 
-    c->storage_full = true;
+    want_room(c, RESERVE_LAST + RESERVE_LAST / 4);     /* then the ledger's thread has its reserve back */
     for (struct after *after = t->after; after != NULL; after = after->next)
         if (after->type == AFTER_SHOW && after->to == JOB_DONE) {
             result_refused(c, t, after->job);
             return;
         }
 
-    c->storage_full = true;
     c->storage_full_until = c->now.mono_ns + SECOND;
     for (struct after *after = t->after; after != NULL; after = after->next) {
         if (after->type == AFTER_STREAM)
@@ -407,7 +441,8 @@ static void one_committed(struct core *c, struct transaction *t)
     if (t->status != MODAL_OK)
         refused(c, t);
     else {
-        c->storage_full = false;
+        c->storage_full_until = 0;
+        c->room_found |= t->refusable == FIRST_REFUSED;
         for (struct after *after = t->after; after != NULL; after = after->next)
             follow(c, after, t);
     }
@@ -423,9 +458,48 @@ static void committed(struct core *c, struct transaction *list)
     }
 }
 
+static uint64_t bytes_of(const struct task *task)
+{
+    return task->type == TASK_RESULT_PUT ? task->text->size
+         : task->type == TASK_BEGIN || task->type == TASK_STREAM_SEAL ? input_bytes(&task->shape) : 0;
+}
+
+/* An input larger than what is free, on a disk with room for others, makes no full disk. */
+static void judge_room(struct core *c, const struct task *task)
+{
+    uint64_t bytes = bytes_of(task);
+
+    if (task->status == MODAL_STORAGE_FULL && task->total < RESERVE_BYTES)
+        want_room(c, bytes < RESERVE_BYTES ? bytes : RESERVE_BYTES);
+    else if (task->status == MODAL_OK && task->type == TASK_BEGIN)
+        c->room_found = true;
+}
+
+/* Where things lie is for the log; a client is told what is the matter. */
+static void tell_failure(struct core *c, struct task *task)
+{
+    size_t length = strlen(c->settings.dir);
+    uint64_t bytes = bytes_of(task);
+    char *at;
+
+    if (task->status == MODAL_CORRUPT || task->status == MODAL_IO)
+        core_log(c, "level=error event=task code=%s id=%lld message=\"%s\"", modal_status_code(task->status), (long long)task->id,
+                 task->err.message);
+    if (task->status == MODAL_STORAGE_FULL)
+        modal_fail(&task->err, MODAL_STORAGE_FULL, bytes == 0 ? "the disk is full" : "the disk is full: there is no room "
+                   "for %llu bytes", (unsigned long long)bytes);
+    while (length > 0 && (at = strstr(task->err.message, c->settings.dir)) != NULL) {
+        at[0] = '.';                               /* ./spool/7.part */
+        memmove(at + 1, at + length, strlen(at + length) + 1);
+    }
+}
+
 static void task_done(struct core *c, struct task *task)
 {
     c->tasks--;
+    judge_room(c, task);
+    if (task->status != MODAL_OK)
+        tell_failure(c, task);
     if (task->type == TASK_WRITE)
         histogram_add(&c->write_seconds, histogram_seconds, (double)task->took_ns / 1e9);
     switch (task->type) {
@@ -449,6 +523,9 @@ static void task_done(struct core *c, struct task *task)
         break;
     case TASK_READ_EVENTS:
         events_task_done(c, task);
+        break;
+    case TASK_ROOM:
+        room_told(c, task);
         break;
     default:
         if (task->after->text == NULL)             /* nobody asked: a worker waits for it */
@@ -483,6 +560,7 @@ static void run_timers(struct core *c)
     while ((least = heap_least(&c->timers)) != NULL && least->key <= c->now.mono_ns) {
         struct heap_item item = heap_pop(&c->timers);
         switch ((enum timer)item.what) {
+        case TIMER_ROOM:   ask_for_room(c); break;
         case TIMER_WAIT:   wait_timeout(c, (uint64_t)item.order); break;
         case TIMER_HOUSEKEEPING: housekeeping(c); break;
         case TIMER_RETAIN: c->retaining = false; jobs_retain(c); break;

@@ -10,12 +10,16 @@
 #include "broker/blob.h"
 #include "store/ledger.h"
 #include "store/spool.h"
+#include "store/sums.h"
 #include "wire/request.h"
 
 struct moment {
     int64_t mono_ns;              /* for leases and limits */
     int64_t utc_ns;               /* for display, and what outlives a restart */
 };
+
+/* Of disk, kept for results and edges, and for edges and deletes, when it is full. */
+enum { RESERVE_BYTES = 16 << 20, RESERVE_LAST = 4 << 20 };
 
 /* ---- what it is told: settings --------------------------------------------------------------------------------- */
 
@@ -79,6 +83,7 @@ enum task_type {
     TASK_STREAM_SEAL,                     /* the samples of an epoch into one batch: begin, write, sync, seal */
     TASK_SAMPLES_COMPARE,                 /* samples of an epoch with those of a chunk */
     TASK_REMOVE_SAMPLES,
+    TASK_ROOM,                            /* how much of the disk is free */
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
 };
 
@@ -91,13 +96,16 @@ struct task {
     uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most */
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
     struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
-    uint64_t total;                       /* out: the whole size */
+    uint64_t total;                       /* out: the whole size; of ROOM, and of all that MODAL_STORAGE_FULL ended: bytes free */
     uint32_t crcs[64];                    /* WRITE: of each chunk */
     uint8_t sha256[32];                   /* SEAL: out */
-    uint32_t crc;                         /* SEAL: out */
+    uint32_t crc;                         /* SEAL, STREAM_SEAL: out; READ_SPOOL: in */
     struct result_record record;          /* RESULT_PUT: out */
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
-    int64_t stream; uint64_t epoch, begin;    /* STREAM_SEAL, SAMPLES_COMPARE: in; begin: the index of the batch's, the chunk's first sample */
+    int64_t stream; uint64_t epoch;       /* STREAM_SEAL, SAMPLES_COMPARE: in */
+    uint64_t begin;                       /* of the batch's, the chunk's first sample its index; READ_SPOOL: of the data its place in
+                                             the file (total: its bytes, crc: its checksum) */
+    struct sums sums;                     /* STREAM_SEAL, READ_SPOOL: out, of its parts; none where the ledger has them */
     bool differs;                         /* SAMPLES_COMPARE: out: samples that are there are not those of the chunk */
     enum modal_status status;             /* out */
     int64_t took_ns;                      /* out */

@@ -33,8 +33,6 @@ void ledger_thread_ping(struct ledger_thread *thread);
 /* Finish what it has, end, and free; the ledger stays open. */
 void ledger_thread_stop(struct ledger_thread *thread);
 
-enum { RESERVE_BYTES = 16 << 20, RESERVE_LAST = 4 << 20 };     /* of disk, kept for results and edges, and for edges and deletes, when it is full */
-
 /* The spool's threads: tasks in any order. */
 struct spool_threads;
 struct spool_threads *spool_threads_start(const char *dir, int count, struct done_queue *done);

@@ -281,6 +281,7 @@ static void on_result(struct core *c, const struct event *e, const struct wire_r
     struct reply reply = reply_to(e, r);
     const char *part = wire_parts[r->result.part];
     const struct input *input;
+    struct task *task;
 
     if (job == NULL)
         return;
@@ -305,10 +306,26 @@ static void on_result(struct core *c, const struct event *e, const struct wire_r
     else if (input->inline_data)
         read_for(c, &reply, job, TASK_READ_INPUT, input->id, r->result.offset, r->result.length, part);
     else {
-        read_for(c, &reply, job, TASK_READ_SPOOL, input->id, input->offset + r->result.offset,
-                 r->result.offset >= input->bytes ? 0 : r->result.length < input->bytes - r->result.offset ? r->result.length : input->bytes - r->result.offset, part);
-        c->out.items[c->out.count - 1].task->total = input->bytes;
+        read_for(c, &reply, job, TASK_READ_SPOOL, input->id, r->result.offset, r->result.length, part);
+        task = c->out.items[c->out.count - 1].task;
+        task->begin = input->offset;
+        task->total = input->bytes;
+        task->crc = input->crc;
     }
+}
+
+/* The checksums of an input's parts, which it came without: the next who asks need not read all of it. */
+static void keep_sums(struct core *c, const struct task *task)
+{
+    const struct input *input = input_by_id(c, task->id);
+    struct transaction *t;
+
+    if (task->sums.count == 0 || input == NULL || input->going)
+        return;
+    t = transaction_new();
+    t->refusable = FIRST_REFUSED;
+    transaction_add_sums(t, task->id, &task->sums);
+    core_commit(c, t);
 }
 
 /* Bytes that were read for somebody: RESULT's, or a wait's document. */
@@ -319,6 +336,8 @@ void read_task_done(struct core *c, struct task *task)
     cJSON *header;
     char ident[9];
 
+    if (task->type == TASK_READ_SPOOL)
+        keep_sums(c, task);
     if (job == NULL) {
         answer_fail(c, &after->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
         return;
@@ -335,7 +354,7 @@ void read_task_done(struct core *c, struct task *task)
     job_ident(c, job, ident);
     cJSON_AddStringToObject(header, "job", ident);
     cJSON_AddStringToObject(header, "part", after->text);
-    cJSON_AddNumberToObject(header, "offset", (double)(task->type == TASK_READ_SPOOL ? task->offset - (strcmp(after->text, "input") == 0 ? job->input->offset : job->output->offset) : task->offset));
+    cJSON_AddNumberToObject(header, "offset", (double)task->offset);
     cJSON_AddNumberToObject(header, "bytes", (double)task->text->size);
     cJSON_AddNumberToObject(header, "total", (double)task->total);
     if (strcmp(after->text, "batch") == 0 && job->output != NULL)

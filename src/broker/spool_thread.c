@@ -8,10 +8,12 @@
 #include "modal/crc32c.h"
 #include "store/file.h"
 #include "store/samples.h"
+#include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -67,7 +69,7 @@ static enum modal_status resume(const char *dir, struct ledger_reader *reader, s
 
     upload_close(task->upload);                    /* one whose last write failed */
     task->upload = NULL;
-    rc = ledger_read_chunks(reader, task->id, keep_row, &rows, &task->err);
+    rc = ledger_read_chunks(reader, task->id, 0, UINT64_MAX, keep_row, &rows, &task->err);
     if (rc == MODAL_OK)
         rc = upload_resume(dir, task->id, &task->shape, rows.items, rows.count, &task->upload, &task->err);
     free(rows.items);
@@ -296,25 +298,16 @@ static enum modal_status read_row(struct ledger_reader *reader, struct task *tas
     return rc == MODAL_OK ? cut(task, data, length) : rc;
 }
 
-static enum modal_status read_spool(const char *dir, struct task *task)
+/* A part of a sealed input, held against its checksums. */
+static enum modal_status read_spool(const char *dir, struct ledger_reader *reader, struct task *task)
 {
-    char path[4096], *data = malloc(task->length + 1);
+    const struct sealed_input input = { task->id, task->begin, task->total, task->crc };
+    char *data = NULL;
     size_t got = 0;
-    int fd = -1;
-    enum modal_status rc;
+    enum modal_status rc = sums_read(dir, reader, &input, task->offset, task->length, &data, &got, &task->sums, &task->err);
 
-    if (data == NULL)
-        return modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
-    spool_path(path, dir, task->id);
-    rc = file_open(path, O_RDONLY, 0, &fd, &task->err);
-    if (rc == MODAL_OK && task->length > 0)
-        rc = file_read(fd, data, task->length, task->offset, &got, &task->err);
-    if (fd >= 0)
-        close(fd);
-    if (rc != MODAL_OK) {
-        free(data);
+    if (rc != MODAL_OK)
         return rc;
-    }
     task->text = blob_take(data, got);
     return task->text == NULL ? modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory") : MODAL_OK;
 }
@@ -330,6 +323,16 @@ static enum modal_status keep_event(void *context, const struct event_record *r)
     rows[task->event_count++] = (struct event_row) { .number = r->number, .ns = r->ns, .job = r->job, .user = r->user ? strdup(r->user) : NULL,
                                                     .topic = r->topic ? strdup(r->topic) : NULL, .text = strdup(r->text) };
     return rows[task->event_count - 1].text == NULL ? MODAL_NO_MEMORY : MODAL_OK;
+}
+
+static enum modal_status find_room(const char *dir, struct task *task)
+{
+    struct statvfs known;
+
+    if (statvfs(dir, &known) != 0)
+        return modal_fail(&task->err, MODAL_IO, "%s: %s", dir, strerror(errno));
+    task->total = (uint64_t)known.f_bavail * known.f_frsize;
+    return MODAL_OK;
 }
 
 static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *reader, struct task *task)
@@ -350,7 +353,8 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);
     case TASK_READ_RESULT: case TASK_READ_STDERR: case TASK_READ_INPUT: return read_row(reader, task);
-    case TASK_READ_SPOOL:    return read_spool(dir, task);
+    case TASK_READ_SPOOL:    return read_spool(dir, reader, task);
+    case TASK_ROOM:          return find_room(dir, task);
     case TASK_READ_EVENTS:
         return ledger_read_events(reader, (int64_t)task->offset, task->user, (int)task->length, keep_event, task, &task->err);
     }
@@ -410,6 +414,8 @@ static void *run(void *context)
         }
         clock_gettime(CLOCK_MONOTONIC, &begun);
         task->status = do_task(s, reader, task);
+        if (task->status == MODAL_STORAGE_FULL)
+            find_room(s->dir, task);
         clock_gettime(CLOCK_MONOTONIC, &ended);
         task->took_ns = (ended.tv_sec - begun.tv_sec) * INT64_C(1000000000) + ended.tv_nsec - begun.tv_nsec;
         if (is_fatal(task))

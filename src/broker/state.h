@@ -215,7 +215,7 @@ struct subscription {
     bool gone;
 };
 
-enum timer { TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE, TIMER_SPAWN, TIMER_HOUSEKEEPING, TIMER_RETAIN };
+enum timer { TIMER_ROOM, TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE, TIMER_SPAWN, TIMER_HOUSEKEEPING, TIMER_RETAIN };
 
 enum { SLOTS_MOST = 256, RING = 1024 };
 
@@ -254,7 +254,9 @@ struct core {
     int64_t in_flight;                    /* bytes of chunks, all uploads */
     int64_t uncommitted, tasks;
     bool draining, terminating, stopped, storage_full;
-    int64_t storage_full_until, hold_until;   /* hold_until: no job starts, for want of disk for its result */
+    int64_t storage_full_until, hold_until;   /* nothing is tried until then; no job starts, for want of disk for its result */
+    uint64_t room_wanted;                 /* bytes free that end storage_full */
+    bool room_found;                      /* something was stored since the latest refusal */
     int64_t rejects[MODAL_STATUS_COUNT], replies, deaths, commits, committed_changes, attempts, leases_lost, bytes_in, bytes_out;
     struct histogram submit_seconds, commit_seconds, commit_transactions, write_seconds;
     double replay_s;
@@ -288,6 +290,7 @@ void arena_free(struct arena *arena);
 struct transaction *transaction_new(void);
 struct ledger_change *transaction_add(struct transaction *t, enum ledger_verb verb);
 const char *transaction_text(struct transaction *t, const char *text);
+void transaction_add_sums(struct transaction *t, int64_t input, const struct sums *sums);      /* as rows of its chunks */
 void transaction_keep(struct transaction *t, struct blob *blob);
 struct after *transaction_after(struct transaction *t, enum after_type type);
 void transaction_join(struct transaction *t, struct after *after);

@@ -192,7 +192,7 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
 
 static bool is_full(const struct core *c)
 {
-    return c->storage_full && c->now.mono_ns < c->storage_full_until;
+    return c->now.mono_ns < c->storage_full_until;
 }
 
 static void say_full(struct core *c, const struct reply *reply)

@@ -40,6 +40,15 @@ void transaction_keep(struct transaction *t, struct blob *blob)
     abort();                                 /* no transaction has more bodies: a bug */
 }
 
+void transaction_add_sums(struct transaction *t, int64_t input, const struct sums *sums)
+{
+    for (size_t i = 0; i < sums->count; i++) {
+        struct ledger_change *change = transaction_add(t, LEDGER_CHUNK_PUT);
+        change->input_id = input;
+        change->chunk = sums->items[i];
+    }
+}
+
 struct after *after_new(enum after_type type, const struct reply *reply)
 {
     struct after *after = grab(sizeof *after);
@@ -112,6 +121,7 @@ void task_free(struct task *task)
         free(task->events[i].text);
     }
     free(task->events);
+    free(task->sums.items);
     blob_drop(task->text);
     after_free(task->after);
     free(task);

@@ -125,7 +125,7 @@ static void check_file(struct check *check, const struct input_record *input)
             return;
         }
     }
-    if (ledger_read_chunks(check->reader, input->id, check_chunk, check, &err) != MODAL_OK)
+    if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check, &err) != MODAL_OK)
         say(check, "input %" PRId64 ": its chunks: %s", input->id, err.message);
     if (input->state == INPUT_SEALED && check->report->problems == before && sum(check, input->offset, input_bytes(&input->shape), &crc) && crc != input->crc)
         say(check, "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64 " bytes) is %08x, not %08x", input->id, path,

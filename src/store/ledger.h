@@ -25,6 +25,7 @@
 enum {
     LEDGER_SCHEMA = 2,                        /* the schema this code writes */
     LEDGER_INLINE_MOST = 64 * 1024,           /* an input's data up to this lives in its row */
+    LEDGER_CHUNK_MOST = 1024 * 1024,          /* bytes of a chunk_record */
     LEDGER_RESULT_INLINE_MOST = 256 * 1024,   /* a result's text up to this lives in its row */
     LEDGER_RESULT_MOST = 256 * 1024 * 1024,
 };
@@ -207,8 +208,8 @@ enum modal_status ledger_read_input(struct ledger_reader *reader, int64_t input,
 enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after, const char *user, int most,
                                      enum modal_status (*event)(void *context, const struct event_record *), void *context,
                                      struct modal_error *err);
-/* The chunks of an input, by ascending offset. */
-enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input,
+/* The chunks of an input that have bytes in [FROM, TO), by ascending offset. */
+enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from, uint64_t to,
                                      enum modal_status (*chunk)(void *context, const struct chunk_record *), void *context,
                                      struct modal_error *err);
 /* The segments of a stream, by ascending offset. */

@@ -191,14 +191,21 @@ enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after
     return rc;
 }
 
-enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input,
+enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from, uint64_t to,
                                      enum modal_status (*chunk)(void *context, const struct chunk_record *), void *context,
                                      struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    enum modal_status rc = ask(reader, "SELECT offset, length, crc FROM chunks WHERE input=?1 ORDER BY offset", input, &row, err);
+    int64_t first = (int64_t)from, end = to < INT64_MAX ? (int64_t)to : INT64_MAX;
+    enum modal_status rc = ask(reader, "SELECT offset, length, crc FROM chunks WHERE input=?1 AND offset>?2 AND offset<?3"
+                                       " AND offset+length>?4 ORDER BY offset", input, &row, err);
     int code = SQLITE_DONE;
 
+    if (rc == MODAL_OK) {
+        sqlite3_bind_int64(row, 2, first - LEDGER_CHUNK_MOST);
+        sqlite3_bind_int64(row, 3, end);
+        sqlite3_bind_int64(row, 4, first);
+    }
     while (rc == MODAL_OK && (code = sqlite3_step(row)) == SQLITE_ROW) {
         struct chunk_record record = { (uint64_t)sqlite3_column_int64(row, 0), (uint64_t)sqlite3_column_int64(row, 1),
                                        (uint32_t)sqlite3_column_int64(row, 2) };

@@ -2,6 +2,7 @@
 import contextlib
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import time
@@ -104,3 +105,53 @@ def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
         assert submit(c, key="after").ok
         assert d.stop() == 0
     print(f"\nP8: a stream and an upload over a full disk: {sent} samples and {size} bytes, all there")
+
+
+def told_full(client):
+    gauge = re.search(r"^modald_storage_full ([01])$", client.ask("METRICS").body[0].decode(), re.M)
+    stats = client.ask("STATS")["storage_full"]
+    assert bool(int(gauge[1])) == stats
+    return stats
+
+
+def edges(daemon):
+    return [line.split("event=")[1].split()[0] for line in daemon.text().splitlines() if "event=storage_" in line]
+
+
+def begin(client, size):
+    return client.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1.0)
+
+
+def test_the_gauge_and_the_log_say_that_uploads_are_refused_for_want_of_disk_and_that_it_is_over():
+    """Disk that uploads have filled; the file's owner takes it away, and nobody needs to ask for anything."""
+    with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
+        c = d.client()
+        assert not told_full(c) and edges(d) == []
+        with ballast(disk):
+            for _ in range(50):
+                reply = begin(c, 4 << 20)
+                assert reply.code == "storage_full" and reply["error"]["detail"]["retry_after_s"] > 0, reply
+                assert reply["error"]["message"] == "the disk is full: there is no room for 4194304 bytes"
+                assert told_full(c)
+            assert edges(d) == ["storage_full"], "one line at the edge, however many are refused"
+        until(lambda: not told_full(c), "the gauge stays")
+        assert edges(d) == ["storage_full", "storage_room"] and begin(c, 4 << 20).ok
+
+
+def test_the_gauge_is_1_while_the_ledger_refuses_submissions():
+    with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
+        c, n = d.client(), 0
+        with ballast(disk):
+            while n < 40000 and (reply := submit(c, options={"n": n})).ok:
+                n += 1
+            assert reply.code == "storage_full" and told_full(c) and edges(d)[-1] == "storage_full"
+            assert str(disk) not in reply["error"]["message"]
+        until(lambda: not told_full(c), "the gauge stays")
+        assert edges(d)[-1] == "storage_room" and len(edges(d)) <= 8
+        until(lambda: submit(c, options={"n": -1}).ok, "submissions are refused")
+
+
+def test_an_input_larger_than_a_disk_with_room_is_refused_without_an_alarm():
+    with small_disk("size=64m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
+        c = d.client()
+        assert begin(c, 1 << 30).code == "storage_full" and not told_full(c) and edges(d) == [] and begin(c, 1 << 20).ok

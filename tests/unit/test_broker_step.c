@@ -808,6 +808,8 @@ static void do_task(struct task *t)
         modal_fail(&t->err, t->status, "bad luck");
     else if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT || t->type == TASK_READ_STDERR)
         t->text = blob_copy("0123456789abcdef", 16);
+    else if (t->type == TASK_ROOM)
+        t->total = w->full ? 0 : 1 << 30;
     else if (t->type == TASK_BEGIN)
         t->upload = (void *)&handle;
     else if (t->type == TASK_SEAL)

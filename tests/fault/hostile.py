@@ -7,6 +7,7 @@ import contextlib
 import os
 import random
 import socket
+import subprocess
 import sys
 import time
 
@@ -52,7 +53,7 @@ def silent(endpoint, count=100):
             one.settimeout(5)
             one.connect((host, int(port)))
             kept.append(one)
-    print("connected", flush=True)
+    print("at work", flush=True)
     time.sleep(3600)
 
 
@@ -114,7 +115,29 @@ def malformed(endpoint):
             peer.recv_multipart()
 
 
+@contextlib.contextmanager
+def attack(probe, daemon):
+    """The probe, at work on DAEMON while the body runs."""
+    process = subprocess.Popen([sys.executable, __file__, probe, daemon.endpoint.removeprefix("tcp://")], stdout=subprocess.PIPE)
+    try:
+        process.stdout.readline()
+        assert process.poll() is None
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
 PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, taken, keyless, deaf, malformed)}
 
 if __name__ == "__main__":
+    if sys.argv[1] != "silent":                   # which says so once it has all its connections
+        print("at work", flush=True)
     PROBES[sys.argv[1]](sys.argv[2])

@@ -10,7 +10,7 @@ import time
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 from small_disk import small_disk  # noqa: E402
-from wire import BUILD, Daemon, crc32c, identity, submit  # noqa: E402
+from wire import BUILD, Daemon, crc32c, identity, submit, until  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 LOOP = BUILD / "examples" / "example_loop"
@@ -31,13 +31,6 @@ def ballast(folder):
         path.unlink()
 
 
-def until(true, what):
-    end = time.monotonic() + PATIENCE
-    while not true():
-        assert time.monotonic() < end, what
-        time.sleep(0.05)
-
-
 def chunk(client, upload, at):
     return client.ask("UPLOAD", [PIECE], op="chunk", upload=upload, offset=at, crc32c=crc32c(PIECE))
 
@@ -49,7 +42,7 @@ def push(client, stream, first, count=2048):
 
 def host_env(daemon, folder):
     kept = {k: v for k, v in os.environ.items() if not k.startswith("MODALD_")}
-    return {**kept, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(folder), "MODALD_CLOSE_WAIT": "60"}
+    return {**kept, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(folder), "MODALD_CLOSE_WAIT": "120"}
 
 
 def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
@@ -57,9 +50,9 @@ def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
     plain = subprocess.run([str(LOOP), "host", str(STEPS), "2"], capture_output=True, check=True, env={"PATH": os.environ["PATH"]}).stdout
     size = 16 * len(PIECE)
     with small_disk("size=48m") as disk, Daemon(folder=disk, config=FAKE, workers=1) as d:
-        c = d.client(timeout_s=20)
+        c = d.client()
         kept = submit(c, key="kept")
-        assert c.ask("WAIT", job=kept["job"], timeout_s=30)["state"] == "done"
+        assert c.ask("WAIT", job=kept["job"], timeout_s=100)["state"] == "done"
         upload = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1.0)["upload"]
         assert chunk(c, upload, 0)["present"] == len(PIECE)
         mine = c.ask("STREAM", op="open", name="mine", channels=2, dt=DT)["stream"]

@@ -2,7 +2,6 @@
 import os
 import pathlib
 import shutil
-import statistics
 import subprocess
 import sys
 import threading
@@ -13,36 +12,18 @@ import pytest
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
-from wire import BUILD, Daemon, crc32c, submit  # noqa: E402
+from wire import BUILD, Daemon, crc32c, submit, until  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 CLOCK = BUILD / "fault" / "libclock.so"
 
 
-def until(predicate, seconds=20):
-    end = time.monotonic() + seconds
-    while not predicate():
-        assert time.monotonic() < end, "it did not become true"
-        time.sleep(0.01)
-
-
-def answered_ms(client, count=100):
-    """How long each of COUNT questions that memory can answer took, ascending."""
-    out = []
-    for _ in range(count):
-        begin = time.perf_counter()
-        assert client.ask("STATS").ok
-        out.append((time.perf_counter() - begin) * 1e3)
-        time.sleep(0.005)
-    return sorted(out)
-
-
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
-def test_a_disk_of_300_ms_a_sync_delays_only_what_needs_it(tmp_path):
-    """Reads are answered within 50 ms, no lease is lost, and each acknowledgement still waits for its sync."""
-    wrap = ["strace", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null", "-e", "trace=fdatasync,fsync", "-e", "inject=fdatasync,fsync:delay_enter=300000"]
-    with Daemon(folder=tmp_path, config=FAKE + "lease_s = 1.5\n", wrap=wrap) as d:
-        writer, reader, acked, stop = d.client(timeout_s=60), d.client(timeout_s=60), [], threading.Event()
+def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
+    """A second a sync: of the questions that memory answers a hundred fit between few syncs, no lease is lost, and each acknowledgement still waits for its sync."""
+    wrap = ["strace", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null", "-e", "trace=fdatasync,fsync", "-e", "inject=fdatasync,fsync:delay_enter=1000000"]
+    with Daemon(folder=tmp_path, config=FAKE + "lease_s = 10\n", wrap=wrap) as d:
+        writer, reader, acked, stop = d.client(), d.client(), [], threading.Event()
 
         def submits():
             while not stop.is_set():
@@ -54,12 +35,15 @@ def test_a_disk_of_300_ms_a_sync_delays_only_what_needs_it(tmp_path):
         thread = threading.Thread(target=submits, daemon=True)
         thread.start()
         until(lambda: acked)
-        read = answered_ms(reader)
+        before = len(acked)
+        for _ in range(100):
+            assert reader.ask("STATS").ok
+        meanwhile = len(acked) - before
         stop.set()
-        thread.join(60)
+        thread.join(120)
         assert "event=lease" not in d.text()
-        print(f"\nF8: 300 ms a sync: reads {statistics.median(read):.2f} ms, 95 of 100 within {read[94]:.1f} ms; 20 submissions acknowledged in {statistics.median(acked):.2f} s")
-        assert read[94] < 50 and min(acked) > 0.3
+        print(f"\nF8: 1 s a sync: 100 reads while {meanwhile} times 20 submissions were acknowledged, each time after {min(acked):.2f} s or more")
+        assert meanwhile < 25 and min(acked) > 1     # a read that waited for a sync would see one of these a read
 
 
 def descriptors(d):
@@ -70,13 +54,13 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
     """The limit is set to what is open: no connection, no upload, no new worker, but answers, and jobs of the warm worker; a push waits."""
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
-        assert c.ask("WAIT", job=submit(c)["job"], timeout_s=20)["state"] == "done"
+        assert c.ask("WAIT", job=submit(c)["job"], timeout_s=100)["state"] == "done"
         begin = dict(content="batch", samples=100000, channels=1, dt=1)
         stream, rows = c.ask("STREAM", op="open", name="patient", channels=1, dt=1)["stream"], bytes(80)
         most = int(subprocess.run(["prlimit", "--pid", str(d.pid), "--nofile", "--noheadings", "--raw", "-o", "SOFT"], capture_output=True, text=True, check=True).stdout)
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={descriptors(d)}:"], check=True)
         served = submit(c, phase=0.25)
-        assert c.ask("WAIT", job=served["job"], timeout_s=20)["state"] == "done"
+        assert c.ask("WAIT", job=served["job"], timeout_s=100)["state"] == "done"
         refused = c.ask("UPLOAD", op="begin", key="large", **begin)
         assert refused.code in ("busy", "storage_full"), refused
         os.kill(d.children()[0], 9)
@@ -89,48 +73,55 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
         assert d.process.poll() is None and c.ask("STATS").ok
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={most}:"], check=True)
         assert newcomer.answer(asked).ok and c.answer(pushed)["next"] == 10
-        assert c.ask("WAIT", job=queued["job"], timeout_s=30)["state"] == "done"
+        assert c.ask("WAIT", job=queued["job"], timeout_s=100)["state"] == "done"
         assert c.ask("UPLOAD", op="begin", key="large", **begin).ok
         print("\nF9: no descriptor left: 0 jobs lost, all served again afterwards")
 
 
 @pytest.mark.skipif(sanitized.SANITIZED, reason="a preloaded library comes before the sanitizer's")
 def test_a_clock_that_jumps_neither_ends_nor_prolongs_a_lease_a_limit_or_a_wait(tmp_path):
-    """P10: an hour and a day forwards and back, while a job runs, one waits for its deadline, and a client waits."""
+    """P10: a day and an hour back and forwards, while a job runs, two wait for their deadlines, and a client waits."""
     step = tmp_path / "step"
     step.write_text("0")
-    with Daemon(folder=tmp_path, config=FAKE + "lease_s = 1.5\n", env={"LD_PRELOAD": str(CLOCK), "CLOCK_STEP": str(step)}) as d:
-        c = d.client()
-        began = submit(c, options={"sleep": 4}, run_limit_s=30)["job"]
+    with Daemon(folder=tmp_path, config=FAKE + "lease_s = 10\n", env={"LD_PRELOAD": str(CLOCK), "CLOCK_STEP": str(step)}) as d:
+        c, gate = d.client(), d.gate()
+        began = submit(c, options=gate.options, run_limit_s=3000)["job"]
         until(lambda: c.ask("STATUS", job=began)["state"] == "running")
-        late = submit(c, options={"say": "too late"}, deadline_s=2)["job"]
-        begin = time.monotonic()
+        patient = submit(c, options={"say": "in time"}, deadline_s=3000)["job"]
+        soon = submit(c, options={"say": "too late"}, deadline_s=2)["job"]
+        step.write_text("-86400      ")                  # by this clock the rest of all limits is a day longer
+        assert c.ask("WAIT", job=soon, timeout_s=100)["error"]["code"] == "deadline"
+        assert c.ask("WAIT", job=began, timeout_s=0.5)["state"] == "running"
         for seconds in (3600, -3600, 86400, -86400, 0):
-            step.write_text(f"{seconds}      ")
-            now = c.ask("STATUS", job=began)
-            assert now["state"] == "running" and now["attempts"] == 1
-            time.sleep(0.1)
-        asked = c.ask("WAIT", job=began, timeout_s=0.5)
-        assert asked["state"] == "running" and time.monotonic() - begin < 2
-        ended = c.ask("WAIT", job=late, timeout_s=20)
-        assert ended["error"]["code"] == "deadline" and 1.5 < time.monotonic() - begin < 3.8
-        done = c.ask("WAIT", job=began, timeout_s=20)
-        assert done["state"] == "done" and done["attempts"] == 1 and "event=lease" not in d.text()
-        print("\nP10: 5 jumps of the clock, 0 violations")
+            step.write_text(f"{seconds}      ")          # and by this one long over
+            for job, state, attempts in ((began, "running", 1), (patient, "queued", 0)):
+                now = c.ask("STATUS", job=job)
+                assert (now["state"], now["attempts"]) == (state, attempts)
+            assert c.ask("WAIT", job=began, timeout_s=0.1)["state"] == "running"
+        gate.open()
+        for job in (began, patient):
+            done = c.ask("WAIT", job=job, timeout_s=100)
+            assert done["state"] == "done" and done["attempts"] == 1 and "event=lease" not in d.text()
+        print("\nP10: 6 jumps of the clock, 0 violations")
 
 
 def test_leases_hold_while_four_spinners_have_the_processors():
-    """F22: at nice 0 against workers at nice 10; the daemon answers, and the worker's heartbeats come through."""
-    with Daemon(config=FAKE + "lease_s = 3\n", workers=1) as d:
-        c = d.client()
+    """F22: at nice 0 against workers at nice 10; the daemon answers, and the worker's heartbeats come through: two leases' time and more."""
+    lease_s = 8
+    with Daemon(config=FAKE + f"lease_s = {lease_s}\n", workers=1) as d:
+        c, gate = d.client(), d.gate()
         spinners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
         try:
-            job = submit(c, options={"sleep": 5})["job"]
-            took = answered_ms(c, 200)
-            done = c.ask("WAIT", job=job, timeout_s=60)
+            job = submit(c, options=gate.options)["job"]
+            until(lambda: c.ask("STATUS", job=job)["state"] == "running")
+            end = time.monotonic() + 2.5 * lease_s
+            while time.monotonic() < end:
+                assert c.ask("STATS").ok
+                time.sleep(0.1)
+            gate.open()
+            done = c.ask("WAIT", job=job, timeout_s=100)
         finally:
             for one in spinners:
                 one.kill()
                 one.wait()
-        print(f"\nF22: 4 spinners: answers {statistics.median(took):.2f} ms, 95 % within {took[189]:.1f} ms")
         assert done["state"] == "done" and done["attempts"] == 1 and "event=lease" not in d.text()

@@ -46,7 +46,7 @@ def use(client, acks):
 
 
 def check(daemon, acks):
-    client = daemon.client(timeout_s=20)
+    client = daemon.client()
     lost = [key for key, job in acks.items() if client.ask("STATUS", job=f"key:{key}").get("job") != job]
     client.close()
     assert not lost, f"lost after a failed allocation: {lost}"
@@ -106,7 +106,7 @@ def test_the_nth_allocation_of_the_daemon_fails_and_nothing_acknowledged_is_lost
                 check(d, acks)
     with Daemon(folder, config=FAKE) as d:
         check(d, acks)
-        assert use(d.client(timeout_s=20), acks)
+        assert use(d.client(), acks)
     with capsys.disabled():
         print(f"\nP6: allocation n of the daemon fails: {tried} of {most} tried, {reached} reached, {unstarted} did not start, {ended} ended, "
               f"{len(acks)} acknowledged, 0 lost")
@@ -124,7 +124,7 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
         wrapper.write_text(f"#!/bin/sh\nMALLOC_FAIL={n} MALLOC_PROGRAM=modald-worker MALLOC_MARK={mark} LD_PRELOAD={SHIM} exec {BUILD}/bin/modald-worker \"$@\"\n")
         wrapper.chmod(0o755)
         with Daemon(workers=1, config=f"worker_path = {wrapper}\nsandbox = off\n") as d:
-            client = d.client(timeout_s=20)
+            client = d.client()
             job = submit(client, key="one", max_attempts=1)["job"]
             doc = client.ask("WAIT", job=job, timeout_s=15)
             if doc["state"] in ("queued", "running"):            # the worker fails before it is ready, each time anew

@@ -38,7 +38,7 @@ def write(folder, acks, *wrapper, preload=None, **environment):
     if preload:       # only the scenario itself is recorded
         wrapper = (*wrapper, "env", f"LD_PRELOAD={preload}")
     done = subprocess.run(["sh", "-c", 'acks=$1; shift; exec "$@" 9>"$acks"', "sh", acks, *wrapper, SCENARIO, "write", folder],
-                          env={**os.environ, **environment}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=60)
+                          env={**os.environ, **environment}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=300)
     return done.returncode, done.stderr.decode()
 
 

@@ -35,7 +35,7 @@ def identify(folder, signals, names, dt, period, *options):
     args = [str(MODALCTL), "--local", "--json", "identify", str(path)]
     for option in options:
         args += ["-o", option]
-    done = subprocess.run(args, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(args, capture_output=True, text=True, timeout=600)
     result = json.loads(done.stdout)
     assert done.returncode == 0, result
     return result

@@ -28,7 +28,7 @@ def run(path, *options):
     args = [str(MODALCTL), "--local", "--json", "identify", str(path)]
     for option in options:
         args += ["-o", option]
-    done = subprocess.run(args, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(args, capture_output=True, text=True, timeout=600)
     return done.returncode, json.loads(done.stdout)
 
 

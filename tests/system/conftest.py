@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 import numpy as np
@@ -168,6 +169,23 @@ def ctl():
                               timeout=timeout, env=environment(**(env or {})), input=stdin)
         return Said(done, one)
     return run
+
+
+def watched(daemon, *words, until):
+    """What `modalctl watch WORDS` has said when UNTIL of its lines is true; it would go on for ever."""
+    run = subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "watch", *map(str, words)], stdout=subprocess.PIPE,
+                           text=True, env=environment())
+    patience = threading.Timer(PATIENCE, run.kill)
+    patience.start()
+    lines = []
+    while not until(lines):
+        line = run.stdout.readline()
+        assert line, f"{lines} and then no more"
+        lines.append(json.loads(line))
+    patience.cancel()
+    run.kill()
+    run.communicate()
+    return lines
 
 
 def decay(samples=400, dt=0.05, modes=((2.3, 0.005, 1.0), (1.0, 0.01, 0.7)), channels=2):

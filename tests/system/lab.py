@@ -1,11 +1,10 @@
 """A daemon with keys, and clients by name: for tests of who may what."""
 import pathlib
 import signal
-import time
 
 import zmq
 
-from wire import Client, Daemon
+from wire import PATIENCE_S, Client, Daemon, until
 
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
@@ -33,14 +32,11 @@ class Lab:
         lines = [f"{self.pairs[n][0].decode()} {rest}\n" for n, rest in self.users.items() if n not in leave_out]
         self.write(self.folder / "keys", "# public key, user, role, limits\n" + "".join(lines))
 
-    def client(self, name, timeout_s=20, server=None, pair=None):
+    def client(self, name, timeout_s=PATIENCE_S, server=None, pair=None):
         public, secret = pair or self.pairs[name]
         return Client(self.daemon.endpoint, timeout_s=timeout_s, keys=(server or self.server[0], public, secret))
 
     def reload(self):
         before = self.daemon.text().count("event=reload ")
         self.daemon.process.send_signal(signal.SIGHUP)
-        end = time.monotonic() + 10
-        while self.daemon.text().count("event=reload ") == before:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: self.daemon.text().count("event=reload ") > before, "the daemon did not reload")

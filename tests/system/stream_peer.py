@@ -103,6 +103,6 @@ class Peer:
         kept = self.streams[name][epoch]
         return np.frombuffer(b"".join(kept.rows[i] for i in sorted(kept.rows)), dtype="<f8").reshape(-1, kept.channels)
 
-    def wait(self, true, seconds=60):
+    def wait(self, true, seconds=120):
         with self.changed:
             assert self.changed.wait_for(true, seconds)

@@ -35,7 +35,7 @@ def column(p, steps, folder):
 
 def verdicts(daemon, name, y):
     """Of each window, in order; every one is waited for."""
-    c, said = daemon.client(timeout_s=60), []
+    c, said = daemon.client(), []
     subscription = c.ask("EVENTS", stream=name)["subscription"]
     s = c.ask("STREAM", op="open", name=name, channels=2, dt=DT, window={"samples": WINDOW, "hop": HOP})["stream"]
     for at in range(0, len(y), HOP):

@@ -12,49 +12,43 @@ import time
 
 import pytest
 
-from wire import BUILD, Client, Daemon, crc32c, identity, submit
+from wire import BUILD, PATIENCE_S, Client, Daemon, crc32c, identity, submit, until, woken
 
 HERE = pathlib.Path(__file__).parent
 FAKE = f"worker_path = {HERE / 'fake_worker.py'}\n"
 MODALD = str(BUILD / "bin" / "modald")
 
 
-def until(predicate, seconds=15):
-    end = time.monotonic() + seconds
-    while not predicate():
-        assert time.monotonic() < end, "it did not become true"
-        time.sleep(0.01)
-
-
 def run(*arguments, **more):
-    return subprocess.run([MODALD, *arguments], capture_output=True, text=True, timeout=30, **more)
+    return subprocess.run([MODALD, *arguments], capture_output=True, text=True, timeout=PATIENCE_S, **more)
 
 
 def test_the_service_manager_hears_ready_watchdog_reload_and_stopping(tmp_path):
     heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     heard.bind(str(tmp_path / "notify"))
-    heard.settimeout(10)
+    heard.settimeout(PATIENCE_S)
     env = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
     with Daemon(folder=tmp_path, config=FAKE, env=env) as d:
         assert heard.recv(200).startswith(b"READY=1")
         assert [heard.recv(200) for _ in range(3)] == [b"WATCHDOG=1"] * 3
         d.process.send_signal(signal.SIGHUP)
-        said = [heard.recv(200) for _ in range(12)]
-        assert b"RELOADING=1" in said and b"READY=1" in said[said.index(b"RELOADING=1"):]
+        until(lambda: heard.recv(200) == b"RELOADING=1")
+        until(lambda: heard.recv(200) == b"READY=1")
         d.process.send_signal(signal.SIGTERM)
         until(lambda: heard.recv(200).startswith(b"STOPPING=1"))
 
 
 def test_a_worker_that_falls_silent_loses_its_lease_and_the_job_runs_elsewhere():
-    with Daemon(config=FAKE + "lease_s = 1.5\n", workers=2) as d:
-        c = d.client()
-        job = submit(c, options={"sleep": 3, "say": "hang"})["job"]
+    with Daemon(config=FAKE + "lease_s = 5\n", workers=2) as d:
+        c, gate = d.client(), d.gate()
+        job = submit(c, options=gate.options)["job"]
         until(lambda: c.ask("STATUS", job=job)["state"] == "running")
-        time.sleep(0.3)
         before = d.children()
         for pid in before:
             os.kill(pid, signal.SIGSTOP)
-        done = c.ask("WAIT", job=job, timeout_s=30)
+        until(lambda: c.ask("STATUS", job=job)["attempts"] == 2, "the lease is not lost")
+        gate.open()
+        done = c.ask("WAIT", job=job, timeout_s=100)
         assert done["state"] == "done" and done["attempts"] == 2
         assert not set(before) & set(d.children())
         assert "event=lease" in d.text()
@@ -66,18 +60,18 @@ def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
     script.chmod(0o755)
     with Daemon(config=f"worker_path = {script}\n", workers=1) as d:
         c = d.client()
-        job = submit(c, options={"sleep": 60})["job"]
+        job = submit(c, options=d.gate().options)["job"]
         until(lambda: c.ask("STATUS", job=job)["state"] == "running")
         child = int((tmp_path / "child").read_text())
         os.kill(child, 0)
         assert c.ask("CANCEL", job=job)["state"] == "cancelled"
-        until(lambda: not pathlib.Path(f"/proc/{child}").exists() or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2], 5)
+        until(lambda: not pathlib.Path(f"/proc/{child}").exists() or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2])
 
 
 def test_a_workers_last_words_are_one_line_of_the_log():
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
-        assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=30)["state"] == "dead"
+        assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=100)["state"] == "dead"
         lines = [line for line in d.text().splitlines() if "event=worker_exit" in line]
         assert len(lines) == 3 and all("status=9 said=\"the 'end' level=forged" in line for line in lines)
 
@@ -86,7 +80,7 @@ def test_the_metrics_file_is_written_whole(tmp_path):
     file = tmp_path / "modald.prom"
     with Daemon(config=FAKE + f"metrics_file = {file}\nmetrics_s = 0.2\n", workers=1) as d:
         c = d.client()
-        c.ask("WAIT", job=submit(c)["job"], timeout_s=15)
+        c.ask("WAIT", job=submit(c)["job"], timeout_s=100)
         until(lambda: file.exists() and 'modald_jobs{state="done"} 1' in file.read_text())
         for line in file.read_text().splitlines():
             assert line.startswith("# ") or re.fullmatch(r'[a-z_]+(\{[a-z]+="[^"]*"\})? -?[0-9.e+-]+', line), line
@@ -146,7 +140,7 @@ def test_the_default_endpoint_works_without_root(tmp_path):
         assert endpoint.stat().st_mode & 0o777 == 0o600
     finally:
         process.terminate()
-        assert process.wait(20) == 0
+        assert process.wait(PATIENCE_S) == 0
 
 
 def test_a_data_folder_with_a_long_path_works():
@@ -156,7 +150,7 @@ def test_a_data_folder_with_a_long_path_works():
         deep.mkdir(parents=True)
         with Daemon(folder=deep, config=FAKE, endpoint=f"ipc://{top}/s.ipc") as d:
             c = d.client()
-            assert c.ask("WAIT", job=submit(c)["job"], timeout_s=15)["state"] == "done"
+            assert c.ask("WAIT", job=submit(c)["job"], timeout_s=100)["state"] == "done"
 
 
 def test_an_endpoint_where_another_daemon_listens_is_refused(tmp_path):
@@ -171,7 +165,7 @@ def test_a_workers_process_is_replaced_after_its_share_of_jobs_and_none_is_lost(
         c, pids = d.client(), set()
         for i in range(8):
             job = submit(c, options={"say": f"n{i}"})["job"]
-            done = c.ask("WAIT", job=job, timeout_s=15)
+            done = c.ask("WAIT", job=job, timeout_s=100)
             assert (done["state"], done["attempts"]) == ("done", 1)
             pids |= set(d.children())
         assert len(pids) >= 3 and "event=worker_exit" not in d.text()
@@ -187,7 +181,7 @@ def test_the_daemon_has_at_most_30_mb_at_rest_and_again_after_load():
     """Load: 3,000 jobs with inputs of their own and 64 MB of chunks; a moment later all but what must be known of the jobs is given back."""
     with Daemon(config=FAKE, workers=0) as d:
         assert resident_mb(d.pid) <= 30
-        c, piece = d.client(timeout_s=60), os.urandom(262144)
+        c, piece = d.client(), os.urandom(262144)
         check = crc32c(piece)
         upload = c.ask("UPLOAD", op="begin", content="batch", samples=len(piece) * 256 // 8, channels=1, dt=1)["upload"]
         for first in range(0, 256, 16):
@@ -229,16 +223,15 @@ def test_files_without_a_row_go_at_the_next_start_and_files_with_one_stay():
         assert c.ask("SUBMIT", kind="identify", input={"sha256": kept}).ok
 
 
-def test_an_idle_daemon_takes_no_more_than_a_thousandth_of_a_core():
+def test_an_idle_daemon_wakes_for_its_workers_heartbeats_and_little_else():
+    """A beat a second of its worker wakes a thread or two of libzmq's and the loop; at 50 us a wake, 20 a second are a thousandth of a core."""
     with Daemon(config=FAKE, workers=1) as d:
-        def ticks():
-            fields = pathlib.Path(f"/proc/{d.pid}/stat").read_text().rsplit(")", 1)[1].split()
-            return int(fields[11]) + int(fields[12])
+        c = d.client()
+        until(lambda: c.ask("STATS")["workers"]["alive"] == 1)
         time.sleep(1)
-        before, begin = ticks(), time.monotonic()
+        before, begin = woken(d.pid), time.monotonic()
         time.sleep(10)
-        used_s = (ticks() - before) / os.sysconf("SC_CLK_TCK")
-        assert used_s <= 0.001 * (time.monotonic() - begin) + 0.01      # one tick is 10 ms
+        assert woken(d.pid) - before <= 20 * (time.monotonic() - begin)
 
 
 def test_a_job_whose_names_and_options_fill_two_headers_reaches_its_worker():
@@ -246,12 +239,12 @@ def test_a_job_whose_names_and_options_fill_two_headers_reaches_its_worker():
     names = ["n" * 50 + str(k) for k in range(1000)]
     data = struct.pack("<40000d", *[math.exp(-0.01 * i) * math.sin(0.1 * i * (k % 7 + 1)) for i in range(40) for k in range(1000)])
     with Daemon(workers=1) as d:
-        client = d.client(timeout_s=60)
+        client = d.client()
         upload = client.ask("UPLOAD", op="begin", content="batch", samples=40, channels=1000, dt=0.1, names=names)["upload"]
         for at in range(0, len(data), 262144):
             part = data[at:at + 262144]
             assert client.ask("UPLOAD", [part], op="chunk", upload=upload, offset=at, crc32c=crc32c(part)).ok
         assert client.ask("UPLOAD", op="seal", upload=upload, sha256=identity(40, 1000, 0.1, data, names=names)).ok
         job = client.ask("SUBMIT", kind="identify", options={"misspelt": "x" * 60000}, input={"upload": upload})["job"]
-        ended = client.ask("WAIT", job=job, timeout_s=60)
+        ended = client.ask("WAIT", job=job, timeout_s=100)
         assert (ended["state"], ended["error"]["code"], ended["error"]["field"], ended["attempts"]) == ("failed", "bad_input", "misspelt", 1)

@@ -17,7 +17,7 @@ SCENARIO = BUILD / "fault" / "store_scenario"
 
 
 def ctl(*arguments):
-    done = subprocess.run([BUILD / "bin" / "modalctl", "--json", *arguments], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([BUILD / "bin" / "modalctl", "--json", *arguments], capture_output=True, text=True, timeout=300)
     return done.returncode, [json.loads(line) for line in done.stdout.splitlines()]
 
 
@@ -103,16 +103,16 @@ def test_ledger_and_spool_are_at_most_1_2_of_the_live_bytes_after_retention(tmp_
     """Issue 6, line 5, for a small folder too: a second after the last change the log is emptied and freed pages are given back."""
     fake = pathlib.Path(__file__).resolve().parent / "fake_worker.py"
     with Daemon(tmp_path, config=f"worker_path = {fake}\ninput_age_s = 1\nevents_kept = 1024\n") as d:
-        c = d.client(timeout_s=60)
+        c = d.client()
         jobs = []
         for i in range(300):
             data, described = ring_down(samples=1000, phase=i * 1e-3)
             jobs.append(c.ask("SUBMIT", [data], kind="identify", input=described, options={"document": 3000})["job"])
         for job in jobs:
-            assert c.ask("WAIT", job=job, timeout_s=60)["state"] == "done"
+            assert c.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
         for job in jobs[:200]:
             assert c.ask("DELETE", job=job).ok
-        log, end = tmp_path / "data" / "ledger.db-wal", time.monotonic() + 30
+        log, end = tmp_path / "data" / "ledger.db-wal", time.monotonic() + 120
         while log.stat().st_size > 0:
             assert time.monotonic() < end, "the log is never emptied"
             time.sleep(0.05)
@@ -136,7 +136,7 @@ def test_an_answer_from_an_earlier_result_is_sound_though_the_earlier_job_is_del
     with Daemon(folder=tmp_path, config=f"worker_path = {fake}\n") as d:
         c = d.client()
         first = submit(c, options={"say": "once"})["job"]
-        assert c.ask("WAIT", job=first, timeout_s=15)["state"] == "done"
+        assert c.ask("WAIT", job=first, timeout_s=100)["state"] == "done"
         assert submit(c, options={"say": "once"})["cached"] is True and c.ask("DELETE", job=first).ok
         assert d.stop() == 0
     status, [report] = ctl("fsck", str(tmp_path / "data"))

@@ -10,9 +10,10 @@ import zmq
 
 from conftest import BUILD, PATIENCE, environment
 from lab import Lab
-from wire import Client, crc32c, identity, ring_down, submit
+from wire import PATIENCE_S, Client, crc32c, identity, ring_down, submit, until
 
 pytestmark = pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
+FAILED = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 
 
 @pytest.fixture()
@@ -27,14 +28,15 @@ def lab(tmp_path):
         one.daemon.__exit__()
 
 
-def silent(client):
-    try:
-        client.ask("HELLO")
-        return False
-    except zmq.Again:
-        return True
-    finally:
-        client.close()
+def turned_away(client):
+    """Its handshake fails, and no answer came: no wait could tell so much."""
+    monitor = client.socket.get_monitor_socket(FAILED)
+    client.send("HELLO")
+    assert monitor.poll(1000 * PATIENCE_S), "no handshake failed"
+    answered = client.socket.poll(0)
+    client.socket.disable_monitor()
+    client.close()
+    return not answered
 
 
 def test_a_key_is_a_user_with_a_role(lab):
@@ -46,9 +48,9 @@ def test_a_key_is_a_user_with_a_role(lab):
 
 def test_wrong_missing_and_foreign_keys_get_no_answer(lab):
     it = lab({"ann": "ann submit"})
-    assert silent(it.client("ann", timeout_s=0.7, pair=zmq.curve_keypair()))
-    assert silent(it.client("ann", timeout_s=0.7, server=zmq.curve_keypair()[0]))
-    assert silent(Client(it.daemon.endpoint, timeout_s=0.7))
+    assert turned_away(it.client("ann", pair=zmq.curve_keypair()))
+    assert turned_away(it.client("ann", server=zmq.curve_keypair()[0]))
+    assert turned_away(Client(it.daemon.endpoint))
     assert it.client("ann").ask("HELLO").ok
 
 
@@ -65,7 +67,7 @@ def test_no_user_can_tell_whether_anothers_job_exists(lab):
     it = lab({"ann": "ann submit", "ben": "ben submit", "eva": "eva admin"})
     ann, ben = it.client("ann"), it.client("ben")
     job = submit(ann, key="mine")["job"]
-    assert ann.ask("WAIT", job=job, timeout_s=15)["state"] == "done"
+    assert ann.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
     for verb in ("STATUS", "WAIT", "RESULT", "CANCEL", "RETRY", "DELETE"):
         theirs, nobodys = ben.ask(verb, job=job), ben.ask(verb, job="00000000")
         assert theirs.header["error"] == nobodys.header["error"]
@@ -76,7 +78,7 @@ def test_no_user_can_tell_whether_anothers_job_exists(lab):
     same = submit(ben, key="mine")
     assert same["job"] != job and same["duplicate"] is False and "cached" not in same.header
     ben.ask("EVENTS", **{"from": 1})
-    ben.ask("WAIT", job=same["job"], timeout_s=15)
+    ben.ask("WAIT", job=same["job"], timeout_s=100)
     assert all(e["job"] == same["job"] for e in ben.early if e.verb == "EVENT")
 
 
@@ -88,7 +90,7 @@ def test_a_revoked_key_is_denied_from_the_reload_on(lab):
     it.reload()
     assert ben.ask("HELLO").code == "denied"
     assert ann.ask("HELLO").ok
-    assert silent(it.client("ben", timeout_s=0.7))
+    assert turned_away(it.client("ben"))
 
 
 @pytest.mark.parametrize("file", ["server.key", "keys"])
@@ -103,10 +105,8 @@ def test_a_key_file_that_others_can_read_is_refused(lab, file, tmp_path):
 def test_limits_answer_quota_exactly_with_what_is_used(lab):
     it = lab({"ann": "ann submit queued=3 bytes=100k"})
     c = it.client("ann")
-    submit(c, options={"sleep": 5})
-    end = time.monotonic() + 10
-    while c.ask("WHOAMI")["used"]["running"] < 1:
-        assert time.monotonic() < end
+    submit(c, options=it.daemon.gate().options)
+    until(lambda: c.ask("WHOAMI")["used"]["running"] == 1)
     codes = [submit(c, options={"say": f"q{i}"}) for i in range(5)]
     assert [r.code for r in codes] == [None, None, None, "quota", "quota"]
     detail = codes[-1]["error"]["detail"]
@@ -124,11 +124,14 @@ def random_input(samples, seed):
 
 def test_at_the_limit_there_is_room_and_one_byte_or_job_beyond_it_none(lab):
     it = lab({"ann": "ann submit running=2", "ben": "ben submit bytes=10000"}, workers=5)
-    c, most = it.client("ann"), 0
-    jobs = [submit(c, options={"sleep": 0.2, "say": f"r{i}"}, phase=i)["job"] for i in range(6)]
+    c, gate, most = it.client("ann"), it.daemon.gate(), 0
+    jobs = [submit(c, options=gate.options, phase=i)["job"] for i in range(6)]
+    until(lambda: c.ask("WHOAMI")["used"]["running"] == 2)
+    until(lambda: c.ask("STATS")["workers"]["alive"] == 5, "three workers have nothing to do")
+    gate.open()
     while c.ask("STATUS", job=jobs[-1])["state"] != "done":
         most = max(most, c.ask("WHOAMI")["used"]["running"])
-    assert most == 2
+    assert most <= 2
     c = it.client("ben")
     for samples, code in ((1251, "quota"), (1250, None), (1, "quota")):
         data, described = random_input(samples, samples)
@@ -136,10 +139,11 @@ def test_at_the_limit_there_is_room_and_one_byte_or_job_beyond_it_none(lab):
 
 
 def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):
-    """At 1 MB/s no more than a burst of 1 MiB and a megabyte a second get in, whichever way; what is refused says when to come again."""
-    it = lab({"ann": "ann submit upload_bytes_s=1000000"})
+    """At 0.5 MB/s no more than a burst of 1 MiB and half a megabyte a second get in, whichever way; what is refused says when to come again."""
+    it = lab({"ann": "ann submit upload_bytes_s=500000"})
     c = it.client("ann")
-    data = np.random.default_rng(5).bytes(2400000)
+    parts = [np.random.default_rng(i).bytes(80000) for i in range(10)]
+    checked = [(part, crc32c(part)) for part in parts]
     upload = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1.0)["upload"]
     stream = c.ask("STREAM", op="open", name="s", channels=1, dt=0.1)["stream"]
     begin, refused = time.monotonic(), 0
@@ -150,15 +154,14 @@ def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):
             assert reply.code == "quota" and reply["error"]["detail"]["limit"] == "upload_bytes_s"
             refused += 1
             time.sleep(reply["error"]["detail"]["retry_after_s"])
-    for i in range(10):
-        part = data[80000 * i:80000 * (i + 1)]
-        insist("UPLOAD", part, op="chunk", upload=upload, offset=80000 * i, crc32c=crc32c(part))
-        insist("STREAM", part, op="push", stream=stream, epoch=0, first=10000 * i, count=10000, crc32c=crc32c(part))
+    for i, (part, check) in enumerate(checked):
+        insist("UPLOAD", part, op="chunk", upload=upload, offset=80000 * i, crc32c=check)
+        insist("STREAM", part, op="push", stream=stream, epoch=0, first=10000 * i, count=10000, crc32c=check)
         for seed in (2 * i, 2 * i + 1):
             small, described = random_input(5000, seed)
             insist("SUBMIT", small, kind="identify", input=described, options={"say": "x"})
     took = time.monotonic() - begin
-    assert took >= (2400000 - 1048576) / 1e6 - 0.01 and 0 < refused < 200
+    assert took >= (2400000 - 1048576) / 0.5e6 - 0.01 and 0 < refused < 200
 
 
 def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):
@@ -167,7 +170,7 @@ def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):
     public, secret = (key.decode() for key in it.pairs["ann"])
     it.write(tmp_path / "mine", f'public-key = "{public}"\nsecret-key = "{secret}"\nserver-key = "{it.server[0].decode()}"\n')
     done = subprocess.run([str(BUILD / "examples" / "example_loop"), "fast", "200000"], capture_output=True, timeout=PATIENCE,
-                          env=environment(MODALD_URL=it.daemon.endpoint, MODALD_KEYFILE=tmp_path / "mine", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+                          env=environment(MODALD_URL=it.daemon.endpoint, MODALD_KEYFILE=tmp_path / "mine", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT=PATIENCE))
     assert done.returncode == 0 and done.stderr == b""
     c = it.client("ann")
     assert c.ask("SUBMIT", kind="identify", input={"sha256": identity(200000, 2, 1e-3, done.stdout)}).ok
@@ -209,19 +212,17 @@ def test_a_revoked_key_s_waits_and_subscriptions_end_with_denied_at_the_reload(l
     ben, ann, eva = it.client("ben"), it.client("ann"), it.client("eva")
     subscription = ben.ask("EVENTS")["id"]
     ann.ask("EVENTS")
-    job = submit(ben, options={"sleep": 1.0, "say": "b"})["job"]
-    while ben.ask("STATUS", job=job)["state"] != "running":
-        pass
-    wait = ben.send("WAIT", job=job, timeout_s=20)
+    gate = it.daemon.gate()
+    job = submit(ben, options=gate.options)["job"]
+    until(lambda: ben.ask("STATUS", job=job)["state"] == "running")
+    wait = ben.send("WAIT", job=job, timeout_s=100)
     assert ben.ask("WHOAMI").ok                       # the wait is there
     drained(ben)
     it.write_keys(leave_out=("ben",))
     it.reload()
-    assert eva.ask("WAIT", job=job, timeout_s=20).code == "not_found" and submit(ann)["state"] in ("queued", "running", "done")
-    end = time.monotonic() + 20
-    while "to=done" not in it.daemon.text():
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    assert eva.ask("WAIT", job=job, timeout_s=100).code == "not_found" and submit(ann)["state"] in ("queued", "running", "done")
+    gate.open()
+    until(lambda: "to=done" in it.daemon.text())
     assert ann.ask("WHOAMI").ok and ben.ask("WHOAMI").code == "denied"
     got = drained(ben)
     assert sorted((g.verb, g["id"], g["error"]["code"]) for g in got) == sorted([("ERROR", wait, "denied"), ("ERROR", subscription, "denied")])
@@ -239,14 +240,14 @@ def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):
     c = it.client("ann")
     for i in range(2):
         job = submit(c, options={"say": f"r{i}"})["job"]
-        assert c.ask("WAIT", job=job, timeout_s=15)["state"] == "done"
+        assert c.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
     assert c.ask("DELETE", job=job).ok
     it.daemon.stop()
     it.daemon.start()
     c = it.client("ann")
     used = c.ask("WHOAMI")["used"]["cpu_s_day"]
     job = submit(c, options={"say": "r2"})["job"]
-    assert c.ask("WAIT", job=job, timeout_s=15)["state"] == "done"
+    assert c.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
     refused = submit(c, options={"say": "r3"})
     if time.gmtime().tm_yday == before:                # at midnight the count begins anew, rightly
         assert abs(used - 0.02) < 1e-9
@@ -256,17 +257,17 @@ def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):
 def test_a_user_with_10_jobs_waits_no_longer_than_his_fair_share(lab):
     """One queues 10,000 jobs, then another 10: with equal weights the 10 are done when about 20 of all have run since."""
     it = lab({"ann": "ann submit", "ben": "ben submit"})
-    ann, ben = it.client("ann", timeout_s=60), it.client("ben", timeout_s=60)
+    ann, ben = it.client("ann"), it.client("ben")
     data, described = ring_down()
     for first in range(0, 10000, 500):                # pipelined: as many as may wait for an answer on one connection
         asked = [ann.send("SUBMIT", [data], kind="identify", options={"sleep": 0.01, "say": f"a{i}"}, input=described) for i in range(first, first + 500)]
         assert all(ann.answer(number).ok for number in asked)
     mine = [submit(ben, options={"sleep": 0.01, "say": f"b{i}"})["job"] for i in range(10)]
-    before, begin = ann.ask("STATS")["jobs"]["done"], time.monotonic()
-    for job in mine:
-        assert ben.ask("WAIT", job=job, timeout_s=60)["state"] == "done"
-    meanwhile = ann.ask("STATS")["jobs"]["done"] - before
-    print(f"\nfair share: 10 jobs of the second user done after {time.monotonic() - begin:.2f} s, while the first had {meanwhile} of his 10000")
+    ended = [ben.ask("WAIT", job=job, timeout_s=100) for job in mine]
+    assert all(doc["state"] == "done" for doc in ended)
+    begin, end = max(doc["submitted"] for doc in ended), max(doc["started"] for doc in ended)
+    meanwhile = sum(begin < doc["started"] < end for doc in json.loads(ann.ask("LIST", state="done", limit=1000).body[0])["jobs"])
+    print(f"\nfair share: the last of the second user's 10 jobs started {end - begin:.2f} s after it came, while {meanwhile} of the first's 10000 did")
     assert meanwhile <= 25                            # 10 by the shares, and what one quantum and the waiting let through
 
 
@@ -281,10 +282,7 @@ def test_who_comes_with_a_key_of_no_list_is_in_the_audit_log_once_a_second_at_mo
     it.write_keys(leave_out=("ben",))
     it.reload()
     assert {ben.ask("LIST").code for _ in range(50)} == {"denied"}
-    end = time.monotonic() + 20
-    while "what=refused keys" not in it.daemon.text():
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    until(lambda: "what=refused keys" in it.daemon.text())
     for one in strangers:
         one.close()
     lines, most = it.daemon.text().splitlines(), time.monotonic() - begin + 1

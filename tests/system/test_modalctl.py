@@ -6,7 +6,7 @@ import subprocess
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, SLOW_WORDS, TOP, decay, environment, write_batch
+from conftest import BUILD, PATIENCE, SLOW_WORDS, TOP, decay, environment, write_batch
 
 import modald
 
@@ -34,7 +34,7 @@ def test_the_four_ways_give_the_same_numbers_to_the_last_bit(which, ctl, daemon,
     served = ctl("identify", path, "-o", "rank.fixed=4", "shapes=true", server=daemon).document
     python = client.identify(read, options={"rank.fixed": 4, "shapes": True}, fresh=True)
     raw = subprocess.run([str(BUILD / "examples" / "example_identify"), str(read.signals.shape[1]), repr(read.dt), '{"rank.fixed":4,"shapes":true}'],
-                         input=read.signals.tobytes(), capture_output=True, env=environment(MODALD_URL=daemon.endpoint), timeout=60)
+                         input=read.signals.tobytes(), capture_output=True, env=environment(MODALD_URL=daemon.endpoint), timeout=PATIENCE)
     assert raw.returncode == 0, raw.stderr
     inc = json.loads(raw.stdout)
     assert numbers(local) == numbers(served) == numbers(python)
@@ -166,7 +166,7 @@ def test_bad_input_names_its_field(name, options, field, ctl, daemon, tmp_path):
 
 
 def piped(path, name):
-    done = subprocess.run(f"cat {path} | {BUILD}/bin/modalctl --local --json identify {name}", shell=True, capture_output=True, timeout=60, env=environment())
+    done = subprocess.run(f"cat {path} | {BUILD}/bin/modalctl --local --json identify {name}", shell=True, capture_output=True, timeout=PATIENCE, env=environment())
     return done.returncode, json.loads(done.stdout)
 
 

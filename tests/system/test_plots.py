@@ -6,8 +6,8 @@ import xml.etree.ElementTree as tree
 import numpy as np
 import pytest
 
-from conftest import BUILD, decay, write_batch
-from wire import Daemon, crc32c
+from conftest import BUILD, decay, watched, write_batch
+from wire import Daemon, crc32c, until
 
 SVG = "{http://www.w3.org/2000/svg}"
 DUFFING = {"structure": {"type": "chain", "masses": [1], "springs": [1, 0], "dampers": [0.1, 0]},
@@ -88,10 +88,20 @@ def test_python_draws_them_too(ctl, scene, tmp_path):
         assert (tmp_path / "a.png").stat().st_size > 5000
 
 
+def pictured(daemon, path, windows, dots):
+    """Watch until all windows have come and the picture, which is replaced whole, has so many dots."""
+    def complete(lines):
+        if len(lines) < windows:
+            return False
+        until(lambda: path.exists() and len(drawn(path)[1]) == dots)
+        return True
+    watched(daemon, "seen", "--after", "0", "--plot", path, until=complete)
+
+
 def test_a_watched_stream_has_a_picture_of_frequency_and_damping_window_by_window(ctl, tmp_path):
     """0.3 Hz at zeta 0.01, 600 samples: five windows of 200 every 100, a dot in each panel for each; then an epoch from 590 on, of two windows."""
     with Daemon(workers=1) as d:
-        c, t = d.client(timeout_s=60), np.arange(600) * 0.1
+        c, t = d.client(), np.arange(600) * 0.1
         y = (np.exp(-0.01 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t)).reshape(-1, 1)
         c.ask("EVENTS", stream="seen")
         s = c.ask("STREAM", op="open", name="seen", channels=1, dt=0.1, window={"samples": 200, "hop": 100, "options": {"rank.fixed": 2}})["stream"]
@@ -101,12 +111,12 @@ def test_a_watched_stream_has_a_picture_of_frequency_and_damping_window_by_windo
             assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=100, crc32c=crc32c(data)).ok
             while at >= 100 and told < at // 100:
                 told += (c.early.pop(0) if c.early else c.receive()).verb == "EVENT"
-        ctl("watch", "seen", "--after", "0", "--timeout", "3", "--plot", tmp_path / "a.svg", server=d.endpoint, one=False)
+        pictured(d, tmp_path / "a.svg", 5, 10)
         for at, count in ((0, 200), (200, 100)):
             data = (2 * y[at:at + count]).tobytes()
             assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=590 + at, count=count, crc32c=crc32c(data))["epoch"] == 1
             assert (c.early.pop(0) if c.early else c.receive()).header["epoch"] == 1
-        ctl("watch", "seen", "--after", "0", "--timeout", "3", "--plot", tmp_path / "anew.svg", server=d.endpoint, one=False)
+        pictured(d, tmp_path / "anew.svg", 7, 4)
     root, dots, _, words = drawn(tmp_path / "a.svg")
     assert len(dots) == 10 and "frequency, Hz" in words and "damping ratio" in words and "seen" in words
     assert len(drawn(tmp_path / "anew.svg")[1]) == 4

@@ -9,9 +9,10 @@ import time
 
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, SLOW, environment, write_batch
+from conftest import BUILD, PATIENCE, SLOW, environment, watched, write_batch
 
 import modald
+import wire
 
 
 SOME = {"rows": 1900, "columns": 2000, "rank.fixed": 60, "refine": False}     # about a second of one processor
@@ -29,14 +30,16 @@ def slow_job(client, path, **more):
     return client.submit("identify", modald.Batch.read(path), SLOW, fresh=True, **more)
 
 
-def test_cancel_of_a_running_job_is_final_in_under_two_seconds(client, daemon, slow_batch):
-    job = slow_job(client, slow_batch)
-    until(client, "running", job.id)
-    start = time.monotonic()
-    assert job.cancel().state == "cancelled"
-    assert job.wait(10).state == "cancelled" and time.monotonic() - start < 2
-    with pytest.raises(modald.Error) as why:
-        client.result(job.id)
+def test_cancel_of_a_running_job_is_final_and_its_worker_goes(own_daemon, slow_batch):
+    daemon = own_daemon(workers=1)
+    with daemon.client() as client:
+        job = slow_job(client, slow_batch)
+        until(client, "running", job.id)
+        before = set(daemon.workers_now())
+        assert job.cancel().state == "cancelled" and job.wait(PATIENCE).state == "cancelled"
+        wire.until(lambda: not before & set(daemon.workers_now()), "the worker lives on")
+        with pytest.raises(modald.Error) as why:
+            client.result(job.id)
     assert why.value.code == "cancelled"
 
 
@@ -52,13 +55,10 @@ def test_cancel_of_a_queued_job_never_starts_it(own_daemon, slow_batch, batch):
         assert waiting.status().document["attempts"] == 0
 
 
-def test_a_passed_run_limit_ends_the_attempt_in_under_two_seconds(client, slow_batch):
+def test_a_passed_run_limit_ends_the_attempt(client, slow_batch):
     job = slow_job(client, slow_batch, run_limit=0.5)
-    until(client, "running", job.id)
-    start = time.monotonic()
-    job.wait(20)
-    assert job.state == "failed" and job.document["error"]["code"] == "run_limit"
-    assert time.monotonic() - start < 0.5 + 2
+    job.wait(PATIENCE)
+    assert job.state == "failed" and job.document["error"]["code"] == "run_limit" and job.document["attempts"] == 1
 
 
 def test_a_deadline_ends_a_job_that_waits(own_daemon, slow_batch, batch):
@@ -66,7 +66,7 @@ def test_a_deadline_ends_a_job_that_waits(own_daemon, slow_batch, batch):
         busy = slow_job(client, slow_batch)
         until(client, "running", busy.id)
         job = client.submit("identify", modald.Batch.read(batch), deadline=0.3)
-        assert job.wait(10).state == "failed" and job.document["error"]["code"] == "deadline" and job.document["attempts"] == 0
+        assert job.wait(PATIENCE).state == "failed" and job.document["error"]["code"] == "deadline" and job.document["attempts"] == 0
         busy.cancel()
 
 
@@ -78,7 +78,7 @@ def test_higher_priority_starts_first(own_daemon, slow_batch, batch):
         low, high = (client.submit("identify", read, {"rank.fixed": 2 + i}, priority=p) for i, p in enumerate((50, 200)))
         assert high.status().document["position"] == 0 and low.status().document["position"] == 1
         busy.cancel()
-        assert low.wait(30).document["started"] >= high.wait(30).document["finished"]
+        assert low.wait(PATIENCE).document["started"] >= high.wait(PATIENCE).document["finished"]
 
 
 def test_a_job_whose_worker_is_killed_completes_on_another(own_daemon, slow_batch):
@@ -191,13 +191,15 @@ def test_10000_jobs_are_each_there_once_though_their_submission_is_killed_and_re
     path, dice, count = tmp_path / "list.jsonl", random.Random(11), 10000
     path.write_text("".join(json.dumps({"kind": "identify", "file": batch, "options": {"rank.fixed": 4}}) + "\n" for _ in range(count)))
     words = [str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "submit", "--from", str(path), "--resume"]
-    killed = 0
+    killed, journal = 0, pathlib.Path(f"{path}.accepted")
     for _ in range(KILLS):
+        had = journal.stat().st_size if journal.exists() else 0
         with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment()) as run:
-            time.sleep(dice.uniform(0.01, 0.25))
+            wire.until(lambda had=had, run=run: run.poll() is not None or journal.exists() and journal.stat().st_size > had)
+            time.sleep(dice.uniform(0, 0.2))
             killed += run.poll() is None
             run.kill()
-    before = sum(1 for _ in open(f"{path}.accepted"))
+    before = sum(1 for _ in open(journal))
     last = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=PATIENCE)
     assert last.returncode == 0 and killed > 0, last.stderr
     told = [json.loads(line)["line"] for line in last.stdout.splitlines()]
@@ -263,8 +265,8 @@ def test_a_pushed_file_gives_live_modes_and_its_stream_can_be_watched_by_name(da
     said = ctl("stream", path, "--name", "watched-run", "--window", "200", "--hop", "100", server=daemon, one=False)
     assert said.status == 0 and said.lines[-1]["acknowledged"] == 1000
     assert said.lines[-2]["sample"] == 999 and abs(said.lines[-2]["frequency_hz"] - np.hypot(np.pi, 0.05) / (2 * np.pi)) < 1e-9
-    said = ctl("watch", "watched-run", "--timeout", "1", server=daemon, one=False)
-    assert {line["stream"] for line in said.lines if "stream" in line} == {"watched-run"} and said.lines[0]["event"] == "modes"
+    lines = watched(daemon, "watched-run", until=lambda lines: lines)
+    assert {line["stream"] for line in lines if "stream" in line} == {"watched-run"} and lines[0]["event"] == "modes"
 
 
 def test_a_worker_that_gave_signals_takes_the_next_job(own_daemon):

@@ -2,7 +2,9 @@
 import json
 import os
 import pathlib
+import re
 import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -16,6 +18,7 @@ from stream_peer import Peer
 import modald
 
 EXAMPLES = BUILD / "examples"
+MARKED = 20000              # pushes of bench_stream --marked
 
 # Python cannot load a library that needs the sanitizers' runtime first.
 in_python = pytest.mark.skipif(b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes(), reason="a sanitized library does not load into Python")
@@ -152,6 +155,7 @@ def test_a_spill_file_of_another_byte_order_is_refused(peer, ctl, tmp_path):
 def test_a_forked_child_leaves_its_parents_stream_alone(peer, url, tmp_path, monkeypatch):
     """The ring lies in a file that both have mapped: what the child pushes and closes must not be in the record."""
     monkeypatch.setenv("MODALD_RING_FILE", str(tmp_path / "ring-%s"))
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", str(10 * PATIENCE))
     rows = np.random.default_rng(8).standard_normal((400, 2))
     peer.event = {"stability": {"stable": True}, "modes": [{"frequency_hz": 2.5, "damping_ratio": 0.03}]}
     with modald.stream("forks", 2, 0.01) as s:
@@ -161,12 +165,12 @@ def test_a_forked_child_leaves_its_parents_stream_alone(peer, url, tmp_path, mon
             assert time.monotonic() < end
         child = os.fork()
         if child == 0:
-            before = time.monotonic()
+            signal.alarm(PATIENCE)                   # its close waits for nobody: a parent's would, for ten times as long
             s.push(np.full((50, 2), 7.0))
             if s.verdict != "unknown" or s.estimate is not None:
                 os._exit(5)
             s.close()
-            os._exit(3 if time.monotonic() - before < 0.5 else 4)
+            os._exit(3)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
         s.push(rows[200:])
     assert np.array_equal(peer.record("forks"), rows)
@@ -176,7 +180,7 @@ def test_what_the_ring_cannot_hold_waits_in_a_file_in_its_order(peer, tmp_path):
     """120,000 samples of 32 bytes in a ring of 4 MiB: none can be dropped, more than half the ring is spilled."""
     peer.stop()
     with open(tmp_path / "log", "wb") as out, subprocess.Popen([str(EXAMPLES / "example_loop"), "rig9", "120000"], stdout=out, stderr=subprocess.PIPE,
-                          env=environment(MODALD_URL=peer.endpoint, MODALD_RING=4194304, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")) as run:
+                          env=environment(MODALD_URL=peer.endpoint, MODALD_RING=4194304, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120")) as run:
         end = time.monotonic() + PATIENCE
         while not list(tmp_path.glob("modald-rig9-*.spill")):
             assert time.monotonic() < end and run.poll() is None
@@ -195,7 +199,7 @@ def test_past_ring_and_spill_samples_are_a_counted_gap(peer):
 def test_the_server_may_come_and_go(peer, tmp_path):
     """Twenty losses of the connection in a run of a few seconds: gaps 0, the record the run's own log."""
     with subprocess.Popen([str(EXAMPLES / "example_loop"), "long", "40000", "2", "0.00005"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                          env=environment(MODALD_URL=peer.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")) as run:
+                          env=environment(MODALD_URL=peer.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120")) as run:
         import threading
         log = []
         reader = threading.Thread(target=lambda: log.append(run.stdout.read()))
@@ -231,7 +235,7 @@ def test_push_makes_no_system_call(peer, tmp_path):
     bench = BUILD / "bench" / "bench_stream"
     trace = tmp_path / "trace"
     subprocess.run(["strace", "-o", str(trace), str(bench), "--marked"], check=True, capture_output=True, timeout=PATIENCE,
-                   env=environment(MODALD_URL=peer.endpoint, MODALD_CLOSE_WAIT="10"))
+                   env=environment(MODALD_URL=peer.endpoint, MODALD_CLOSE_WAIT="120"))
     text = trace.read_text()
     between = text[text.index("BEGIN"):text.index("END", text.index("BEGIN"))].splitlines()[1:-1]
     calls = [line for line in between if not line.startswith("---")]
@@ -240,18 +244,14 @@ def test_push_makes_no_system_call(peer, tmp_path):
 
 @pytest.mark.skipif("asan" in BUILD.name, reason="the cost of a sanitizer")
 @pytest.mark.parametrize("ring", [None, "ring-%s"])
-def test_push_costs_under_100_ns_in_99_of_100_and_under_a_tenth_of_a_step_of_1_us(ring, peer, tmp_path):
-    """Beside a server that takes what is sent.  The best of three runs: a machine that does something else costs more, never less."""
-    best = {}
-    for _ in range(3):
-        env = environment(MODALD_URL=peer.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="20", **({"MODALD_RING_FILE": tmp_path / ring} if ring else {}))
-        done = subprocess.run([str(BUILD / "bench" / "bench_stream")], capture_output=True, text=True, timeout=PATIENCE, env=env)
-        for figure in map(json.loads, done.stdout.splitlines()):
-            best[figure["case"]] = min(best.get(figure["case"], 1e9), figure["value"])
-        for file in tmp_path.glob("ring-*"):
-            file.unlink()
-        assert done.returncode == 0, done.stderr
-    assert best["push_p99 8 channels"] < 100 and best["push_p99 1 channels"] < 100 and best["step_1us 8 channels"] < 100, best
+def test_a_push_of_eight_channels_is_under_300_instructions(ring, peer, tmp_path):
+    """100 ns, which tests/bench measures, at an instruction a cycle of 3 GHz.  With all that it calls; the same on the busiest machine."""
+    counts = tmp_path / "counts"
+    env = environment(MODALD_URL=peer.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120", **({"MODALD_RING_FILE": tmp_path / ring} if ring else {}))
+    subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={counts}", "--toggle-collect=modald_push", str(BUILD / "bench" / "bench_stream"), "--marked"],
+                   check=True, capture_output=True, timeout=PATIENCE, env=env)
+    total = int(re.search(r"^totals: (\d+)$", counts.read_text(), re.MULTILINE)[1])
+    assert 20 * MARKED < total < 300 * MARKED
 
 
 @pytest.mark.parametrize("example", ["example_loop", "example_loop_fortran"])
@@ -285,7 +285,7 @@ def test_fortran_pushes_what_it_computes(peer):
 @pytest.fixture
 def url(peer, monkeypatch):
     monkeypatch.setenv("MODALD_URL", peer.endpoint)
-    monkeypatch.setenv("MODALD_CLOSE_WAIT", "20")
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "120")
     return peer.endpoint
 
 

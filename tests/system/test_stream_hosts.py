@@ -77,7 +77,7 @@ def test_a_host_that_lives_dangerously_runs_as_without_a_stream(habit, daemon, g
     tmp_path.chmod(0o777)
     nobody, rings = f"ipc://{tmp_path}/nobody", tmp_path / "ring-%s"
     plain, absent, live, ring = (begin(habit, tmp_path, german, **env) for env in (
-        {}, {"MODALD_URL": nobody}, {"MODALD_URL": daemon.endpoint, "MODALD_CLOSE_WAIT": "20"}, {"MODALD_URL": nobody, "MODALD_RING_FILE": rings}))
+        {}, {"MODALD_URL": nobody}, {"MODALD_URL": daemon.endpoint, "MODALD_CLOSE_WAIT": "120"}, {"MODALD_URL": nobody, "MODALD_RING_FILE": rings}))
     status, out = end(plain)
     assert status == 7 and (len(out) >= 16 * STEPS or habit == "opens and closes")
     if b"no such language here" in out:
@@ -94,7 +94,7 @@ def test_a_host_that_lives_dangerously_runs_as_without_a_stream(habit, daemon, g
 
 
 def is_sealed_under(daemon, sha256):
-    c = daemon.client(timeout_s=60)
+    c = daemon.client()
     try:
         return c.ask("SUBMIT", kind="identify", input={"sha256": sha256}).ok
     finally:
@@ -157,7 +157,7 @@ def test_a_ring_file_has_one_stream_at_a_time(daemon, german, tmp_path):
 
 def test_a_run_is_told_that_another_pushes_under_its_name(daemon, german, tmp_path):
     words = [str(HOSTS), "plain", "3000", "0.0005"]
-    env = environment(MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="20")
+    env = environment(MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120")
     log = subprocess.run(words[:3], capture_output=True, env=environment(), timeout=PATIENCE).stdout
     host = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env)
     other = daemon.client()

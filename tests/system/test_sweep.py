@@ -175,6 +175,7 @@ def test_cancel_ends_the_sweep_and_another_goes_on_from_there(ctl, own_daemon, t
 def test_a_passed_timeout_is_5_and_leaves_the_jobs(ctl, own_daemon, tmp_path):
     daemon, path = own_daemon(workers=1), write(tmp_path, strutt(32, elements=2, tolerance=1e-9))
     with daemon.client() as client:
+        assert ctl("sweep", path, server=daemon).status == 0
         assert ctl("sweep", path, "--wait", "--timeout", "0.5", server=daemon).status == 5
         assert jobs(client, state="queued") and not jobs(client, state="cancelled")
         assert ctl("sweep", path, "--cancel", server=daemon).status == 0

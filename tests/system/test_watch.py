@@ -3,6 +3,8 @@ import re
 
 import numpy as np
 import pytest
+import wire
+from conftest import watched
 from wire import Daemon, crc32c
 
 WINDOW, DT, HZ = 200, 0.1, 0.5
@@ -28,7 +30,7 @@ def changing():
     """A daemon that has seen 0.5 Hz with zeta 0.02 for three windows, then 0.005, noise 1e-5; a gap of 50 samples before the fifth."""
     rng, t, first = np.random.default_rng(3), DT * np.arange(WINDOW), 0
     with Daemon(workers=1) as d:
-        c = d.client(timeout_s=60)
+        c = d.client()
         c.ask("EVENTS", stream="changing")
         s = c.ask("STREAM", op="open", name="changing", channels=1, dt=DT, window={"samples": WINDOW, "hop": WINDOW, "options": {"rank.fixed": 2}})["stream"]
         for k in range(5):
@@ -42,17 +44,27 @@ def changing():
         c.close()
 
 
-def test_a_watcher_sees_damping_fall_and_the_gaps_and_the_lag_of_each_window(ctl, changing):
-    said = ctl("watch", "changing", "--timeout", "3", server=changing.endpoint, one=False)
-    lines = [line for line in said.lines if line.get("event") == "modes"]
+def five_windows(changing, *words, until=lambda: True):
+    def modes(lines):
+        return [line for line in lines if line.get("event") == "modes"]
+    return modes(watched(changing, "changing", *words, until=lambda lines: len(modes(lines)) == 5 and until()))
+
+
+def test_a_watcher_sees_damping_fall_and_the_gaps_and_the_lag_of_each_window(changing):
+    lines = five_windows(changing)
     assert [line["modes"][0]["trend"] for line in lines] == ["new", "steady", "steady", "falling", "steady"]
     assert [line["gaps"] for line in lines] == [{"count": 0, "samples": 0}] * 4 + [{"count": 1, "samples": 50}]
     assert all(line["lag"] == {"samples": 0, "bytes": 0} for line in lines)
 
 
-def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(ctl, changing, tmp_path):
-    said = ctl("watch", "changing", "--timeout", "3", "--prometheus", tmp_path / "a.prom", server=changing.endpoint, one=False)
-    last, told = gauges(tmp_path / "a.prom"), [line for line in said.lines if line.get("event") == "modes"][-1]
+def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(changing, tmp_path):
+    file = tmp_path / "a.prom"
+
+    def written():
+        wire.until(lambda: file.exists() and gauges(file)["last_sample", None] == 1049)
+        return True
+    told = five_windows(changing, "--prometheus", file, until=written)[-1]
+    last = gauges(file)
     assert last["damping_ratio", "0"] == told["modes"][0]["damping_ratio"] and abs(last["damping_ratio", "0"] - 0.005) < 1e-5
     assert last["frequency_std_hertz", "0"] == told["modes"][0]["std"]["frequency_hz"]
     assert (last["verdict", None], last["last_sample", None], last["gaps", None], last["gap_samples", None], last["lag_samples", None]) == (1, 1049, 1, 50, 0)

@@ -3,6 +3,7 @@ import hashlib
 import json
 import os
 import pathlib
+import re
 import signal
 import struct
 import subprocess
@@ -15,6 +16,15 @@ import sanitized
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 VERSION = b"MODALD1"
+PATIENCE_S = 120        # for what must come: a machine that does something else makes it later, and only its absence is a failure
+
+
+def until(predicate, what="it did not become true"):
+    """Wait for what must come."""
+    end = time.monotonic() + PATIENCE_S
+    while not predicate():
+        assert time.monotonic() < end, what
+        time.sleep(0.01)
 
 
 def crc32c(data):
@@ -69,8 +79,14 @@ class Reply:
         return f"{self.verb} {self.header}"
 
 
+def woken(pid):
+    """How often its threads have gone to sleep."""
+    status = [(task / "status").read_text() for task in pathlib.Path(f"/proc/{pid}/task").iterdir()]
+    return sum(int(re.search(r"^voluntary_ctxt_switches:\s*(\d+)", text, re.MULTILINE)[1]) for text in status)
+
+
 class Client:
-    def __init__(self, endpoint, timeout_s=20, keys=None, identity=None):
+    def __init__(self, endpoint, timeout_s=PATIENCE_S, keys=None, identity=None):
         self.context = zmq.Context.instance()
         self.socket = self.context.socket(zmq.DEALER)
         self.socket.linger = 0
@@ -112,6 +128,16 @@ class Client:
         self.socket.close()
 
 
+class Gate:
+    """Jobs of fake_worker.py with its options run until it is opened: no job is over before a test has looked, on the slowest machine."""
+
+    def __init__(self, path):
+        self.path, self.options = path, {"until": str(path)}
+
+    def open(self):
+        self.path.touch()
+
+
 class Daemon:
     def __init__(self, folder=None, workers=1, config="", endpoint=None, wrap=(), env=None, build=None):
         self.own = tempfile.TemporaryDirectory(prefix="md") if folder is None else None
@@ -121,8 +147,12 @@ class Daemon:
         self.config.write_text(config)
         self.workers, self.wrap, self.env, self.build = workers, list(wrap), env, pathlib.Path(build or BUILD)
         self.log_path = self.folder / "log"
-        self.process = None
+        self.process, self.gates = None, 0
         self.start()
+
+    def gate(self):
+        self.gates += 1
+        return Gate(self.folder / f"gate{self.gates}")
 
     def start(self, ready=True):
         self.log = open(self.log_path, "ab")
@@ -130,7 +160,7 @@ class Daemon:
         command = [*self.wrap, str(self.build / "bin" / "modald"), "--data", str(self.folder / "data"), "--bind", self.endpoint,
                    "--workers", str(self.workers), "--config", str(self.config)]
         self.process = subprocess.Popen(command, stderr=self.log, stdin=subprocess.DEVNULL, env={**os.environ, **(self.env or {})})
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + PATIENCE_S
         while ready:
             if b"event=ready" in self.log_path.read_bytes()[mark:]:
                 break
@@ -153,10 +183,10 @@ class Daemon:
 
     def kill(self):
         self.process.send_signal(signal.SIGKILL)
-        self.process.wait(30)
+        self.process.wait(PATIENCE_S)
         self.log.close()
 
-    def stop(self, number=signal.SIGTERM, timeout_s=60):
+    def stop(self, number=signal.SIGTERM, timeout_s=PATIENCE_S):
         if self.process.poll() is None:
             self.process.send_signal(number)
         status = self.process.wait(timeout_s)
@@ -184,7 +214,7 @@ class Daemon:
             self.end_wrapped()
         if self.process.poll() is None:
             self.process.kill()
-            self.process.wait(30)
+            self.process.wait(PATIENCE_S)
         if not self.log.closed:
             self.log.close()
         sanitized.hear(self.text())

@@ -391,6 +391,8 @@ static void removed(struct core *c, struct after *after)
 
 static void gone(struct core *c, struct input *input)
 {
+    if (input->filling != NULL)
+        upload_gone(c, input);
     if (!input->inline_data) {
         struct task *task = grab(sizeof *task);
         task->type = TASK_REMOVE_INPUT;
@@ -503,14 +505,10 @@ static void task_done(struct core *c, struct task *task)
     if (task->type == TASK_WRITE)
         histogram_add(&c->write_seconds, histogram_seconds, (double)task->took_ns / 1e9);
     switch (task->type) {
-    case TASK_BEGIN: case TASK_RESUME: case TASK_WRITE: case TASK_SEAL: case TASK_ABORT: case TASK_CLOSE:
+    case TASK_BEGIN: case TASK_RESUME: case TASK_WRITE: case TASK_SEAL: case TASK_CLOSE:
         upload_task_done(c, task);
         break;
-    case TASK_REMOVE_INPUT:
-        if (task->owner != NULL)
-            upload_task_done(c, task);
-        break;
-    case TASK_REMOVE_RESULT: case TASK_REMOVE_SAMPLES:
+    case TASK_REMOVE_INPUT: case TASK_REMOVE_RESULT: case TASK_REMOVE_SAMPLES:
         break;
     case TASK_STREAM_SEAL:
         stream_sealed(c, task);

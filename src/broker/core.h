@@ -79,7 +79,8 @@ struct transaction {
 };
 
 enum task_type {
-    TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_ABORT, TASK_CLOSE, TASK_REMOVE_INPUT,   /* on an upload, one at a time */
+    TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_CLOSE,   /* on an upload, one at a time */
+    TASK_REMOVE_INPUT,
     TASK_STREAM_SEAL,                     /* the samples of an epoch into one batch: begin, write, sync, seal */
     TASK_SAMPLES_COMPARE,                 /* samples of an epoch with those of a chunk */
     TASK_REMOVE_SAMPLES,

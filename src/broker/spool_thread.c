@@ -160,13 +160,6 @@ static enum modal_status seal(struct task *task)
     return rc;
 }
 
-static enum modal_status drop(const char *dir, struct task *task)
-{
-    upload_close(task->upload);
-    task->upload = NULL;
-    return spool_remove(dir, task->id, &task->err);
-}
-
 /* A stream's segments, one after the other; `at`: the end of what is in the batch. */
 struct reading { struct task *task; int fd; uint64_t at; char *block; };
 
@@ -345,7 +338,6 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_WRITE:         return write_chunks(s, task);
     case TASK_SEAL:          return seal(task);
     case TASK_STREAM_SEAL:   return seal_stream(dir, reader, task);
-    case TASK_ABORT:         return drop(dir, task);
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
     case TASK_SAMPLES_COMPARE: return read_segments(dir, reader, task, compare_segment);

@@ -76,6 +76,8 @@ struct filling {
     uint32_t crcs[64];                    /* of `chunks` */
     struct after *askers;                 /* who began again, told once it is quiet */
     struct after *seal;                   /* who asked to seal */
+    struct after *aborters;               /* who are told when it is gone */
+    bool wrong; uint8_t found[32];        /* it goes for its bytes have this SHA-256 */
     struct after *writers[64];            /* who to tell of `chunks`, one each; NULL for a worker's */
     bool sealing, aborting, broken;
     int64_t touched_ns;
@@ -384,6 +386,7 @@ int64_t core_window(const struct core *c);
 void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply);   /* within his rate? else answered */
 void upload_task_done(struct core *c, struct task *task);
+void upload_gone(struct core *c, struct input *input);     /* its row is gone: who waits for that is told */
 void upload_after(struct core *c, struct after *after, enum modal_status status);
 void upload_quiet(struct core *c, struct input *input);
 struct input *output_begin(struct core *c, struct user *user, const struct wire_input *w, int slot);

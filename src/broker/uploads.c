@@ -31,6 +31,7 @@ void filling_free(struct filling *f)
     }
     after_free(f->askers);
     after_free(f->seal);
+    after_free(f->aborters);
     free(f->key);
     free(f);
 }
@@ -111,6 +112,26 @@ static uint64_t waiting(const struct filling *f)
     return bytes;
 }
 
+static void drop_open(struct user *user, const struct input *input)
+{
+    for (int i = 0; i < user->open_count; i++)
+        if (user->open[i] == input) {
+            user->open[i] = user->open[--user->open_count];
+            return;
+        }
+}
+
+/* Its row goes, and once that is committed its file, as nobody may be told `gone` of what a crash would bring back. */
+static void leave(struct core *c, struct input *input)
+{
+    drop_open(input->user, input);
+    if (input->filling->upload != NULL)
+        run(c, input, TASK_CLOSE);
+    input->filling->upload = NULL;
+    input->filling->busy = true;                   /* nothing more starts */
+    input_remove(c, input);
+}
+
 /* Whatever the upload has to do next, once nothing is under way. */
 void upload_quiet(struct core *c, struct input *input)
 {
@@ -119,7 +140,7 @@ void upload_quiet(struct core *c, struct input *input)
     if (f == NULL || f->busy || !input->committed || input->state == INPUT_SEALED)
         return;
     if (f->aborting) {
-        run(c, input, f->upload != NULL ? TASK_ABORT : TASK_REMOVE_INPUT);
+        leave(c, input);
         return;
     }
     if ((f->upload == NULL || f->broken) && (f->count > 0 || f->seal != NULL || f->sealing)) {
@@ -218,12 +239,8 @@ static void sealed(struct core *c, struct input *input, struct task *task)
     if (f->aborting)
         return;
     if (task->status == MODAL_OK && f->slot < 0 && memcmp(task->sha256, f->wanted, 32) != 0) {
-        char hex[65];
-        cJSON *detail = cJSON_CreateObject();
-        identity_hex(task->sha256, hex);
-        cJSON_AddStringToObject(detail, "found", hex);
-        answer_fail(c, &f->seal->reply, MODAL_BAD_INPUT, "sha256", detail, "the bytes have another SHA-256; begin again");
-        f->aborting = true;
+        f->aborting = f->wrong = true;             /* told when it is gone */
+        memcpy(f->found, task->sha256, 32);
         return;
     }
     if (task->status != MODAL_OK) {
@@ -248,15 +265,6 @@ static void sealed(struct core *c, struct input *input, struct task *task)
     transaction_join(t, f->seal);
     f->seal = NULL;
     core_commit(c, t);
-}
-
-static void drop_open(struct user *user, const struct input *input)
-{
-    for (int i = 0; i < user->open_count; i++)
-        if (user->open[i] == input) {
-            user->open[i] = user->open[--user->open_count];
-            return;
-        }
 }
 
 static void add_open(struct user *user, struct input *input)
@@ -328,13 +336,7 @@ void upload_task_done(struct core *c, struct task *task)
     case TASK_BEGIN:  begun(c, input, task); return;
     case TASK_RESUME: resumed(c, input, task); break;
     case TASK_WRITE:  written(c, input, task); break;
-    case TASK_SEAL:   sealed(c, input, task); break;
-    default:                                       /* ABORT, REMOVE_INPUT */
-        f->upload = NULL;
-        drop_open(input->user, input);
-        f->busy = true;                            /* nothing more starts */
-        input_remove(c, input);
-        return;
+    default:          sealed(c, input, task); break;
     }
     upload_quiet(c, input);
 }
@@ -392,6 +394,43 @@ void upload_after(struct core *c, struct after *after, enum modal_status status)
         return;
     }
     upload_quiet(c, input);
+}
+
+static void say_gone(struct core *c, const struct input *input, const struct reply *reply)
+{
+    cJSON *header = answer_new(reply);
+    char ident[9];
+
+    input_ident(c, input, ident);
+    cJSON_AddStringToObject(header, "upload", ident);
+    cJSON_AddStringToObject(header, "state", "gone");
+    answer_send(c, reply, header, NULL);
+}
+
+static void say_wrong(struct core *c, const struct filling *f, const struct reply *reply)
+{
+    cJSON *detail = cJSON_CreateObject();
+    char hex[65];
+
+    identity_hex(f->found, hex);
+    cJSON_AddStringToObject(detail, "found", hex);
+    answer_fail(c, reply, MODAL_BAD_INPUT, "sha256", detail, "the bytes have another SHA-256; begin again");
+}
+
+void upload_gone(struct core *c, struct input *input)
+{
+    const struct filling *f = input->filling;
+    const struct after *after;
+
+    for (after = f->aborters; after != NULL; after = after->next)
+        say_gone(c, input, &after->reply);
+    for (after = f->seal; after != NULL; after = after->next)
+        if (f->wrong)
+            say_wrong(c, f, &after->reply);
+        else
+            answer_fail(c, &after->reply, MODAL_NOT_FOUND, "upload", NULL, "the upload was aborted");
+    for (after = f->askers; after != NULL; after = after->next)
+        answer_fail(c, &after->reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "the upload was aborted; begin again");
 }
 
 /* ---- requests --------------------------------------------------------------------------------------------------- */
@@ -575,7 +614,6 @@ static void seal(struct core *c, const struct event *e, const struct wire_reques
 static void drop_upload(struct core *c, const struct event *e, const struct wire_request *r, struct input *input)
 {
     struct reply reply = reply_to(e, r);
-    cJSON *header;
 
     if (input->filling == NULL) {
         answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed; it goes when no job names it");
@@ -583,10 +621,7 @@ static void drop_upload(struct core *c, const struct event *e, const struct wire
     }
     take_back(c, input, input->filling->accepted - waiting(input->filling));
     input->filling->aborting = true;
-    header = answer_new(&reply);
-    cJSON_AddStringToObject(header, "upload", r->upload.upload);
-    cJSON_AddStringToObject(header, "state", "gone");
-    answer_send(c, &reply, header, NULL);
+    after_append(&input->filling->aborters, after_new(AFTER_GONE, &reply));
     upload_quiet(c, input);
 }
 

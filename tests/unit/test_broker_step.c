@@ -72,9 +72,9 @@ struct world {
     bool expired[2][KEYS];
     struct upload_view uploads[2][UPLOADS];
     struct stream_view streams[2][STREAMS];
-    long sealed, closed;
+    long sealed, closed, told_gone;
     int64_t request;
-    struct { int user, key, variant, together; bool used, push; uint64_t offset, twist; } asked[1 << 12];
+    struct { int user, key, variant, together; bool used, push; uint64_t offset, twist; char ident[9]; } asked[1 << 12];
     bool full;
     long states, violations[11];
     bool verbose;
@@ -87,7 +87,7 @@ static double sample_of(uint64_t index, uint64_t twist)
     return (double)index + 1000.0 * (double)twist;
 }
 
-static long total_states, total_restarts, total_violations[11];
+static long total_states, total_restarts, total_gone, total_violations[11];
 
 static uint32_t roll(uint32_t below)
 {
@@ -291,6 +291,26 @@ static void hash_of(uint64_t samples, uint8_t sha256[32])
     memset(sha256, (int)(samples & 255), 32);
 }
 
+static bool has_input_row(int64_t id)
+{
+    for (int i = 0; i < w->input_count; i++)
+        if (w->inputs[i].id == id && !w->inputs[i].gone)
+            return true;
+    return false;
+}
+
+/* A crash must not bring back what somebody was told is gone: aborted, or of another SHA-256 than was said. */
+static void told_gone(const cJSON *header, const char *ident)
+{
+    const cJSON *error = cJSON_GetObjectItem(header, "error"), *detail = cJSON_GetObjectItem(error, "detail");
+    const cJSON *state = cJSON_GetObjectItem(header, "state");
+    bool gone = cJSON_HasObjectItem(detail, "found") || (state != NULL && strcmp(state->valuestring, "gone") == 0);
+
+    if (gone && has_input_row(ident_number(~w->settings.secret, ident)))
+        violate(5, "an upload is told to be gone while its row is there");
+    w->told_gone += gone;
+}
+
 /* What an answer to UPLOAD says must not be less than what an earlier one said. */
 static void told_upload(const struct action *a, const cJSON *header, int user, int key, uint64_t offset)
 {
@@ -449,6 +469,7 @@ static void told(const struct action *a)
     if (verb != NULL && strcmp(verb->valuestring, "UPLOAD") == 0 && cJSON_IsNumber(id)) {
         int n = (int)id->valuedouble & 4095;
         told_upload(a, header, w->asked[n].user, w->asked[n].key, w->asked[n].offset);
+        told_gone(header, w->asked[n].ident);
     }
     if (verb != NULL && strcmp(verb->valuestring, "STREAM") == 0 && cJSON_IsNumber(id)) {
         int n = (int)id->valuedouble & 4095;
@@ -599,13 +620,14 @@ static void ask_upload(int user, int key, const char *op, uint64_t offset)
     w->asked[n].user = user;
     w->asked[n].key = key;
     w->asked[n].offset = offset;
-    hash_of(samples, sha256);
+    memcpy(w->asked[n].ident, v->ident, sizeof v->ident);
+    hash_of(strcmp(op, "spoil") == 0 ? samples + 1 : samples, sha256);
     identity_hex(sha256, hex);
     if (strcmp(op, "begin") == 0)
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"begin\",\"key\":\"u%d\",\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":1}", n, key, (int)samples);
     else if (strcmp(op, "chunk") == 0)
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"chunk\",\"upload\":\"%s\",\"offset\":%d,\"crc32c\":%u}", n, v->ident, (int)offset, crc32c(0, body, CHUNK));
-    else if (strcmp(op, "seal") == 0)
+    else if (strcmp(op, "seal") == 0 || strcmp(op, "spoil") == 0)
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"seal\",\"upload\":\"%s\",\"sha256\":\"%s\"}", n, v->ident, hex);
     else
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"abort\",\"upload\":\"%s\"}", n, v->ident);
@@ -625,7 +647,9 @@ static void upload_something(int user, int key, bool aborts)
     else if (v->sent < 8 * upload_samples(user, key)) {
         v->sent += CHUNK;
         ask_upload(user, key, "chunk", v->sent - CHUNK);
-    } else
+    } else if (aborts && roll(8) == 0)
+        ask_upload(user, key, "spoil", 0);         /* the seal of other bytes */
+    else
         ask_upload(user, key, "seal", 0);
 }
 
@@ -819,7 +843,9 @@ static void do_task(struct task *t)
         hash_of((uint64_t)t->id, t->sha256);
     } else if (t->type == TASK_SAMPLES_COMPARE)
         compare_samples(t);
-    else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
+    else if (t->type == TASK_REMOVE_INPUT && has_input_row(t->id))
+        violate(5, "the file of an input goes before its row");
+    else if (t->type == TASK_CLOSE)
         t->upload = NULL;
     if (t->type == TASK_RESUME) {
         t->upload = t->status == MODAL_OK ? (void *)&handle : NULL;
@@ -1091,6 +1117,7 @@ static void close_world(void)
     drop_all();
     end_core();
     total_states += w->states;
+    total_gone += w->told_gone;
     for (int p = 0; p < 11; p++)
         total_violations[p] += w->violations[p];
     free(w);
@@ -1124,6 +1151,7 @@ TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
         violations += total_violations[p];
     }
     CHECK(violations == 0);
+    CHECK(one != NULL || seeds < 100 || total_gone > 0);       /* uploads were aborted, or refused for their hash */
 }
 
 static void submit_key(int key)

@@ -1,0 +1,30 @@
+/* sparse_lu.h - LU factors of square sparse matrices of one structure, real or complex */
+#ifndef MODAL_SPARSE_LU_H
+#define MODAL_SPARSE_LU_H
+#include <stdbool.h>
+#include "modal/error.h"
+
+struct sparse_lu;
+
+/*
+ * For matrices of order N whose column j has its rows at index[start[j]] .. index[start[j+1] - 1],
+ * ascending: the structure is copied, and analysed at the first factorization.  OF_COMPLEX:
+ * values are double complex.  Fails with MODAL_NO_MEMORY.
+ */
+enum modal_status sparse_lu_new(int n, const int *start, const int *index, bool of_complex,
+                                struct sparse_lu **out, struct modal_error *err);
+void sparse_lu_free(struct sparse_lu *f);
+
+/*
+ * Factor VALUE, in the order of the structure, borrowed until the next factorization
+ * (sparse_lu_solve reads it).  False where it is singular to rounding, not finite, or memory ran
+ * out; then nothing is factored.
+ */
+bool sparse_lu_factor(struct sparse_lu *f, const void *value);
+/* x of A x = b, n entries each, not overlapping. */
+void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x);
+/* Sign of the real determinant: -1 or 1. */
+int sparse_lu_sign(struct sparse_lu *f);
+/* Floating-point operations of the last factorization. */
+double sparse_lu_work(const struct sparse_lu *f);
+#endif

@@ -743,14 +743,15 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
     }
 }
 
-static void add_block(const struct aft *w, double sign, int row, int column, double *J, int ld)
+static void add_block(const struct aft *w, double sign, int row, int column,
+                      const struct aft_target *into)
 {
     int n = 2 * w->HJ + 1;
 
     if (row < 0 || column < 0)
         return;
     for (int c = 0; c < n; c++) {
-        double *out = J + (size_t)(column * n + c) * (size_t)ld + row * n;
+        double *out = into->column(into->context, row, column, c);
         const double *in = w->block + (size_t)c * (size_t)n;
 
         for (int r = 0; r < n; r++)
@@ -758,7 +759,8 @@ static void add_block(const struct aft *w, double sign, int row, int column, dou
     }
 }
 
-enum modal_status aft_add_derivative(struct aft *w, double *J, int ld, struct modal_error *err)
+enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
+                                     struct modal_error *err)
 {
     size_t stride = 2 * (size_t)w->H + 1;
     enum modal_status rc = MODAL_OK;
@@ -777,10 +779,10 @@ enum modal_status aft_add_derivative(struct aft *w, double *J, int ld, struct mo
 
                 gain_block(w, a->gain + at, a->damp + at);
                 level_blocks(w, a, i, j);
-                add_block(w, 1, a->place[i], a->place[j], J, ld);
-                add_block(w, -1, a->place[i], a->to[j], J, ld);
-                add_block(w, -1, a->to[i], a->place[j], J, ld);
-                add_block(w, 1, a->to[i], a->to[j], J, ld);
+                add_block(w, 1, a->place[i], a->place[j], into);
+                add_block(w, -1, a->place[i], a->to[j], into);
+                add_block(w, -1, a->to[i], a->place[j], into);
+                add_block(w, 1, a->to[i], a->to[j], into);
             }
     }
     return rc;

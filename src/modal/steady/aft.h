@@ -29,8 +29,14 @@ void aft_free(struct aft *w);
 enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F, struct modal_error *err);
 /* Derivatives from here on are of harmonics 0 .. HJ <= H alone, of order q (2 HJ + 1). */
 void aft_set_order(struct aft *w, int HJ);
-/* dF/du of the last aft_force, added once into J, order q (2 HJ + 1), by columns with leading dimension ld. */
-enum modal_status aft_add_derivative(struct aft *w, double *J, int ld, struct modal_error *err);
+/* Where a derivative lies: column C of the block of retained dofs (i, j), 2 HJ + 1 rows. */
+struct aft_target {
+    double *(*column)(void *context, int i, int j, int c);
+    void *context;
+};
+/* dF/du of the last aft_force, added once into INTO. */
+enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
+                                     struct modal_error *err);
 
 int aft_samples(const struct aft *w);
 long aft_transforms(const struct aft *w);

@@ -184,7 +184,7 @@ enum modal_status backbone_new(const struct program *p, int mode, int H, int N, 
     if (rc == MODAL_OK)
         rc = linear_mode(b, mode, err);
     if (rc == MODAL_OK)
-        rc = condense_new(p, true, &b->c, err);
+        rc = condense_new(p, CONDENSE_NONE, &b->c, err);
     if (rc == MODAL_OK)
         rc = balance_new(p, b->c, H, N > 0 ? N : samples(p, H), true, &b->b, err);
     if (rc != MODAL_OK) {

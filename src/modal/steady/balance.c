@@ -18,28 +18,38 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
                               struct modal_error *err)
 {
     struct balance *b = calloc(1, sizeof *b);
+    const struct pattern *pattern = condense_pattern(c);
     size_t q = (size_t)condense_kept(c), K = (size_t)H + 1, order = q * (2 * (size_t)H + 1);
+    size_t entries = (size_t)pattern_entries(pattern) * K;
     enum modal_status rc = MODAL_OK;
 
     if (b == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory");
-    *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order, .level = 1, .HJ = H, .small = (int)order };
-    if (q * q * K > ENTRIES_MOST) {
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics have %zu dynamic stiffnesses; the most is %d", b->q, H, q * q * K, ENTRIES_MOST);
+    *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order,
+                            .pattern = pattern, .level = 1, .HJ = H, .small = (int)order };
+    if (entries > ENTRIES_MOST) {
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                              "%d nonlinear dofs at %d harmonics have %zu dynamic "
+                              "stiffnesses; the most is %d", b->q, H, entries, ENTRIES_MOST);
         goto out;
     }
-    b->S = calloc(q * q * K + 1, sizeof *b->S);
+    b->S = calloc(entries + 1, sizeof *b->S);
     b->load = calloc(q * K + 1, sizeof *b->load);
     b->F = calloc(q * K + 1, sizeof *b->F);
     b->R = calloc(order + 1, sizeof *b->R);
     b->row = calloc(order + 1, sizeof *b->row);
     b->gather = calloc(order + 1, sizeof *b->gather);
+    b->sum = calloc(q + 1, sizeof *b->sum);
     b->pivot = calloc(order + 1, sizeof *b->pivot);
-    if (b->S == NULL || b->load == NULL || b->F == NULL || b->R == NULL || b->row == NULL || b->gather == NULL || b->pivot == NULL) {
+    if (b->S == NULL || b->load == NULL || b->F == NULL || b->R == NULL || b->row == NULL
+        || b->gather == NULL || b->sum == NULL
+        || b->pivot == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for %zu unknowns", order);
         goto out;
     }
     rc = aft_new(p, condense_place(c), b->q, H, N, located, &b->aft, err);
+    if (rc == MODAL_OK)
+        rc = stiffness_new(pattern, H, &b->stiffness, err);
 out:
     if (rc != MODAL_OK) {
         balance_free(b);
@@ -54,12 +64,15 @@ void balance_free(struct balance *b)
     if (b == NULL)
         return;
     aft_free(b->aft);
+    stiffness_free(b->stiffness);
+    blocks_free(b->blocks);
     free(b->S);
     free(b->load);
     free(b->F);
     free(b->R);
     free(b->J);
     free(b->row);
+    free(b->sum);
     free(b->gather);
     free(b->pivot);
     free(b);
@@ -70,6 +83,7 @@ enum modal_status balance_set(struct balance *b, double omega, double level, str
     b->omega = omega;
     b->level = level;
     b->factored = false;
+    stiffness_set(b->stiffness, b->S);
     return condense_at(b->c, omega, level, b->H, b->S, b->load, err);
 }
 
@@ -137,10 +151,27 @@ static void periodic_force(struct balance *b, double complex G, int kappa, int t
     }
 }
 
-static void add_complex(struct balance *b, int i, int k, int j, int l, double complex T, double complex Hc)
+static inline double *column_at(struct balance *b, int i, int j, int c)
 {
     int n = 2 * b->HJ + 1;
-    double *re = b->J + (size_t)(j * n + (l > 0 ? 2 * l - 1 : 0)) * (size_t)b->small + i * n, *im = re + b->small;
+
+    if (!b->pattern->full)
+        return blocks_column(b->blocks, i, j, c);
+    return b->J + (size_t)(j * n + c) * (size_t)b->small + i * n;
+}
+
+double *balance_column(struct balance *b, int i, int j, int c) { return column_at(b, i, j, c); }
+
+static double *column_of(void *context, int i, int j, int c)
+{
+    return column_at(context, i, j, c);
+}
+
+static void add_complex(struct balance *b, int i, int k, int j, int l, double complex T,
+                        double complex Hc)
+{
+    double *re = column_at(b, i, j, l > 0 ? 2 * l - 1 : 0);
+    double *im = l > 0 ? column_at(b, i, j, 2 * l) : NULL;
     double Tr = creal(T), Ti = cimag(T), Hr = creal(Hc), Hi = cimag(Hc);
 
     if (k == 0) {
@@ -202,19 +233,16 @@ static void linear_residual(struct balance *b, const double complex *X)
 {
     int q = b->q, K = b->H + 1, n = 2 * b->H + 1;
 
-    for (int i = 0; i < q; i++)
-        for (int k = 0; k < K; k++) {
-            double complex r = b->F[i * K + k] - b->load[k * q + i];
-
-            for (int j = 0; j < q; j++)
-                r += b->S[(k * q + j) * q + i] * X[j * K + k];
-            if (k == 0)
-                b->R[i * n] = creal(r);
-            else {
-                b->R[i * n + 2 * k - 1] = creal(r);
-                b->R[i * n + 2 * k] = cimag(r);
-            }
+    for (int k = 0; k < K; k++) {
+        for (int i = 0; i < q; i++)
+            b->sum[i] = b->F[i * K + k] - b->load[k * q + i];
+        stiffness_multiply_add(b->pattern, b->S, k, X + k, K, b->sum);
+        for (int i = 0; i < q; i++) {
+            b->R[i * n + (k > 0 ? 2 * k - 1 : 0)] = creal(b->sum[i]);
+            if (k > 0)
+                b->R[i * n + 2 * k] = cimag(b->sum[i]);
         }
+    }
 }
 
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err)
@@ -228,24 +256,53 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
     return derivative ? balance_derivative(b, err) : MODAL_OK;
 }
 
+/* Room for the derivative of harmonics 0 .. HJ, all 0. */
+static enum modal_status clear_derivative(struct balance *b, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (b->pattern->full && b->order > ORDER_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                                "%d nonlinear dofs at %d harmonics are %d unknowns; the most "
+                                "is %d", b->q, b->H, b->order, ORDER_MOST);
+    if (b->pattern->full && b->J == NULL)
+        b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J);
+    if (b->pattern->full && b->J == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
+    if (b->pattern->full) {
+        memset(b->J, 0, (size_t)b->small * (size_t)b->small * sizeof *b->J);
+        return MODAL_OK;
+    }
+    if (b->blocks != NULL && blocks_harmonics(b->blocks) != b->HJ) {
+        blocks_free(b->blocks);
+        b->blocks = NULL;
+    }
+    if (b->blocks == NULL)
+        rc = blocks_new(b->pattern, b->HJ, false, &b->blocks, err);
+    if (rc == MODAL_OK)
+        blocks_clear(b->blocks);
+    return rc;
+}
+
 enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
 {
-    enum modal_status rc;
+    const struct pattern *p = b->pattern;
+    const struct aft_target into = { column_of, b };
+    enum modal_status rc = clear_derivative(b, err);
 
-    if (b->order > ORDER_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d nonlinear dofs at %d harmonics are %d unknowns; the most is %d", b->q, b->H, b->order, ORDER_MOST);
-    if (b->J == NULL && (b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J)) == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
-    memset(b->J, 0, (size_t)b->small * (size_t)b->small * sizeof *b->J);
     b->factored = false;
-    rc = aft_add_derivative(b->aft, b->J, b->small, err);
+    if (rc == MODAL_OK)
+        rc = aft_add_derivative(b->aft, &into, err);
     if (rc != MODAL_OK)
         return rc;
     each_periodic(b, NULL);
-    for (int k = 0; k <= b->HJ; k++)
+    for (int k = 0; k <= b->HJ; k++) {
+        const double complex *S = b->S + (size_t)k * (size_t)pattern_entries(p);
+
         for (int j = 0; j < b->q; j++)
-            for (int i = 0; i < b->q; i++)
-                add_complex(b, i, k, j, k, b->S[(k * b->q + j) * b->q + i], 0);
+            for (int e = p->start[j]; e < p->start[j + 1]; e++)
+                add_complex(b, p->index[e], k, j, k, S[e], 0);
+    }
     return MODAL_OK;
 }
 
@@ -321,6 +378,8 @@ bool balance_factor(struct balance *b, int *sign)
     int n = b->small, s = 1;
     double most = 0, least = HUGE_VAL;
 
+    if (!b->pattern->full)
+        return b->factored = blocks_factor(b->blocks, sign);
     b->factored = false;
     if (!scale_rows(b))
         return false;
@@ -343,20 +402,43 @@ bool balance_factor(struct balance *b, int *sign)
 
 void balance_set_order(struct balance *b, int HJ)
 {
-    b->HJ = b->q == 1 ? HJ : b->H;
-    b->small = b->q * (2 * b->HJ + 1);
+    b->HJ = HJ;
+    b->small = b->q * (2 * HJ + 1);
     b->factored = false;
-    aft_set_order(b->aft, b->HJ);
+    aft_set_order(b->aft, HJ);
 }
 
-static void solve_tail(const struct balance *b, double *y)
+/* Harmonics past HJ of y, by S_k. */
+static void solve_tail(struct balance *b, double *y)
 {
-    for (int k = b->HJ + 1; k <= b->H; k++) {
-        double complex x = CMPLX(y[2 * k - 1], y[2 * k]) / b->S[k];
+    int n = 2 * b->H + 1;
 
-        y[2 * k - 1] = creal(x);
-        y[2 * k] = cimag(x);
+    for (int k = b->HJ + 1; k <= b->H; k++) {
+        for (int i = 0; i < b->q; i++)
+            b->sum[i] = CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]);
+        stiffness_solve(b->stiffness, k, b->sum);
+        for (int i = 0; i < b->q; i++) {
+            y[i * n + 2 * k - 1] = creal(b->sum[i]);
+            y[i * n + 2 * k] = cimag(b->sum[i]);
+        }
     }
+}
+
+/* The rows of y that the derivative has into b->gather, and back. */
+static void gather(struct balance *b, const double *y)
+{
+    int n = 2 * b->H + 1, m = 2 * b->HJ + 1;
+
+    for (int i = 0; i < b->q; i++)
+        memcpy(b->gather + i * m, y + i * n, (size_t)m * sizeof *y);
+}
+
+static void scatter(const struct balance *b, double *y)
+{
+    int n = 2 * b->H + 1, m = 2 * b->HJ + 1;
+
+    for (int i = 0; i < b->q; i++)
+        memcpy(y + i * n, b->gather + i * m, (size_t)m * sizeof *y);
 }
 
 void balance_solve(struct balance *b, double *y, int columns)
@@ -364,14 +446,18 @@ void balance_solve(struct balance *b, double *y, int columns)
     for (int j = 0; j < columns; j++) {
         double *column = y + (size_t)j * (size_t)b->order;
 
-        for (int i = 0; i < b->small; i++)
-            b->gather[i] = column[i] * b->row[i];
-        if (b->small <= SMALL_ORDER)
+        gather(b, column);
+        for (int i = 0; b->pattern->full && i < b->small; i++)
+            b->gather[i] *= b->row[i];
+        if (!b->pattern->full)
+            blocks_solve(b->blocks, b->gather);
+        else if (b->small <= SMALL_ORDER)
             solve_small(b->small, b->J, b->pivot, b->gather);
         else
             LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot, b->gather, b->small);
-        memcpy(column, b->gather, (size_t)b->small * sizeof *column);
-        solve_tail(b, column);
+        scatter(b, column);
+        if (b->HJ < b->H)
+            solve_tail(b, column);
     }
 }
 
@@ -407,7 +493,7 @@ double balance_relative(const struct balance *b, const double *step, const doubl
     return worst;
 }
 
-double balance_relative_residual(const struct balance *b, const double complex *X)
+double balance_relative_residual(struct balance *b, const double complex *X)
 {
     int K = b->H + 1, q = b->q;
     double scale = 0, most = 0;
@@ -415,13 +501,10 @@ double balance_relative_residual(const struct balance *b, const double complex *
     for (int i = 0; i < b->order; i++)
         most = fmax(most, fabs(b->R[i]));
     scale = larger(scale_of(b->load, q * K), scale_of(b->F, q * K));
-    for (int i = 0; i < q; i++)
-        for (int k = 0; k < K; k++) {
-            double complex sx = 0;
-
-            for (int j = 0; j < q; j++)
-                sx += b->S[(k * q + j) * q + i] * X[j * K + k];
-            scale = larger(scale, scale_of(&sx, 1));
-        }
+    for (int k = 0; k < K; k++) {
+        memset(b->sum, 0, (size_t)q * sizeof *b->sum);
+        stiffness_multiply_add(b->pattern, b->S, k, X + k, K, b->sum);
+        scale = larger(scale, scale_of(b->sum, q));
+    }
     return scale > 0 ? most / scale : most;
 }

@@ -7,7 +7,9 @@
 #ifndef MODAL_BALANCE_H
 #define MODAL_BALANCE_H
 #include "modal/steady/aft.h"
+#include "modal/steady/blocks.h"
 #include "modal/steady/condense.h"
+#include "modal/steady/stiffness.h"
 
 struct balance {
     const struct program *p;
@@ -15,12 +17,16 @@ struct balance {
     struct aft *aft;
     int q, H, order;                 /* order = q (2H + 1) */
     double omega, level;
+    const struct pattern *pattern;   /* of S */
     double complex *S, *load;        /* as condense_at gives them */
+    struct stiffness *stiffness;     /* S_k factored, those that were asked for */
     double complex *F;               /* F + T of the last residual, [i (H+1) + k] */
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
+    struct blocks *blocks;           /* the derivative, where the pattern is not full: no J then */
     int *pivot;
     int HJ, small;                   /* J is of harmonics 0 .. HJ, order `small`; past HJ balance_solve takes S_k alone */
     double *gather;
+    double complex *sum;             /* q */
     bool factored;
 };
 
@@ -33,16 +39,21 @@ void balance_free(struct balance *b);
 enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err);
 /* Another level at the same frequency: loads only. */
 void balance_set_level(struct balance *b, double level);
-/* b->R of X, of any order; with DERIVATIVE b->J too, not yet factored: MODAL_TOO_LARGE past 12000 unknowns. */
+/* b->R of X, of any order; with DERIVATIVE b->J or b->blocks too, not yet factored:
+ * MODAL_TOO_LARGE past 12000 unknowns of a full pattern. */
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
 /* b->J at the X of the last residual, which had none yet. */
 enum modal_status balance_derivative(struct balance *b, struct modal_error *err);
 /*
- * Keep harmonics past HJ out of J: their rows are solved with S_k, as in [CG89] (7), exact but for the laws' slope over |S_k|.
- * Only for one kept dof; HJ = H undoes it.
+ * Keep harmonics past HJ out of the derivative: their rows are solved with S_k, as in [CG89] (7),
+ * exact but for the laws' slope over |S_k|.  HJ = H undoes it.
  */
 void balance_set_order(struct balance *b, int HJ);
-/* Factor b->J, rows scaled; false where it is singular to rounding.  The sign of its determinant into *SIGN (may be NULL). */
+/* Column C of block (i, j) of the derivative: entry r at [r]; of those that are there, see
+ * blocks.h. */
+double *balance_column(struct balance *b, int i, int j, int c);
+/* Factor the derivative, rows scaled; false where it is singular to rounding.  The sign of its
+ * determinant into *SIGN (may be NULL). */
 bool balance_factor(struct balance *b, int *sign);
 /* y <- J^-1 y, order entries, `columns` columns. */
 void balance_solve(struct balance *b, double *y, int columns);
@@ -53,6 +64,6 @@ void balance_unpack(const struct balance *b, const double *u, double complex *X)
 /* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below 1e-12 of the largest count as that. */
 double balance_relative(const struct balance *b, const double *step, const double complex *X);
 /* max |R_k| over max(|p_k|, |S_k X_k|, |F_k|): a relative residual. */
-double balance_relative_residual(const struct balance *b, const double complex *X);
+double balance_relative_residual(struct balance *b, const double complex *X);
 
 #endif

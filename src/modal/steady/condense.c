@@ -35,6 +35,7 @@ static const size_t KEEP_MOST = (size_t)1 << 27; /* complex numbers kept for rec
 struct condense {
     const struct program *p;
     int n, q, r, order;              /* dofs, kept, linear; order = r + n_linear */
+    struct pattern *pattern;         /* of S */
     int *place, *kept, *spot;        /* spot[dof]: row among the linear ones, or -1 */
     int lower, upper, ld;            /* band of L_rr; ld = 2 lower + upper + 1 */
     double complex *band, *right;    /* right: order x (q+1) */
@@ -65,24 +66,42 @@ static void mark(const struct sparse *a, int *place)
             place[i] = place[a->index[e]] = 1;
 }
 
-static void choose_kept(struct condense *c, bool keep_all)
+/* The dofs of laws and of periodic matrices are not 0 in PLACE, which was. */
+static void mark_nonlinear(const struct program *p, int *place)
+{
+    for (int l = 0; l < p->laws; l++)
+        for (int j = 0; j < p->law[l].kind->inputs; j++) {
+            if (p->law[l].dof[j] >= 0)
+                place[p->law[l].dof[j]] = 1;
+            if (p->law[l].to[j] >= 0)
+                place[p->law[l].to[j]] = 1;
+        }
+    for (int h = 0; h < p->harmonics; h++)
+        for (int t = 0; t < 3; t++) {
+            mark(&p->harmonic[h].cosine[t], place);
+            mark(&p->harmonic[h].sine[t], place);
+        }
+}
+
+int condense_nonlinear(const struct program *p)
+{
+    int *place = calloc((size_t)p->n + 1, sizeof *place), count = 0;
+
+    if (place != NULL)
+        mark_nonlinear(p, place);
+    for (int i = 0; place != NULL && i < p->n; i++)
+        count += place[i];
+    free(place);
+    return count;
+}
+
+static void choose_kept(struct condense *c, enum condense_keep which)
 {
     const struct program *p = c->p;
 
     for (int i = 0; i < c->n; i++)
-        c->place[i] = keep_all;
-    for (int l = 0; l < p->laws; l++)
-        for (int j = 0; j < p->law[l].kind->inputs; j++) {
-            if (p->law[l].dof[j] >= 0)
-                c->place[p->law[l].dof[j]] = 1;
-            if (p->law[l].to[j] >= 0)
-                c->place[p->law[l].to[j]] = 1;
-        }
-    for (int h = 0; h < p->harmonics; h++)
-        for (int t = 0; t < 3; t++) {
-            mark(&p->harmonic[h].cosine[t], c->place);
-            mark(&p->harmonic[h].sine[t], c->place);
-        }
+        c->place[i] = which != CONDENSE_LINEAR;
+    mark_nonlinear(p, c->place);
     c->q = c->r = 0;
     for (int i = 0; i < c->n; i++) {
         bool keep = c->place[i] != 0;
@@ -172,7 +191,8 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
     return rc;
 }
 
-enum modal_status condense_new(const struct program *p, bool keep_all, struct condense **out, struct modal_error *err)
+enum modal_status condense_new(const struct program *p, enum condense_keep keep,
+                               struct condense **out, struct modal_error *err)
 {
     struct condense *c;
     enum modal_status rc;
@@ -194,7 +214,7 @@ enum modal_status condense_new(const struct program *p, bool keep_all, struct co
         condense_free(c);
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", p->n);
     }
-    choose_kept(c, keep_all);
+    choose_kept(c, keep);
     band_of(c);
     c->band = calloc((size_t)c->ld * (size_t)c->order + 1, sizeof *c->band);
     c->right = calloc((size_t)c->order * ((size_t)c->q + 1) + 1, sizeof *c->right);
@@ -203,6 +223,8 @@ enum modal_status condense_new(const struct program *p, bool keep_all, struct co
     c->load = calloc(4 * (size_t)p->loads + 1, sizeof *c->load);
     rc = c->load == NULL || c->band == NULL || c->right == NULL || c->pivot == NULL || c->size == NULL
        ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld, c->order) : read_loads(c, err);
+    if (rc == MODAL_OK)
+        rc = pattern_new(p, c->place, c->q, keep != CONDENSE_SPARSE, &c->pattern, err);
     if (rc != MODAL_OK) {
         condense_free(c);
         return rc;
@@ -215,6 +237,7 @@ void condense_free(struct condense *c)
 {
     if (c == NULL)
         return;
+    pattern_free(c->pattern);
     free(c->place);
     free(c->kept);
     free(c->spot);
@@ -237,6 +260,7 @@ void condense_set_level(struct condense *c, double level) { c->level = level; }
 int condense_kept(const struct condense *c) { return c->q; }
 const int *condense_dofs(const struct condense *c) { return c->kept; }
 const int *condense_place(const struct condense *c) { return c->place; }
+const struct pattern *condense_pattern(const struct condense *c) { return c->pattern; }
 int condense_highest_load(const struct condense *c) { return c->highest; }
 
 static void set_band(struct condense *c, int i, int j, double complex value)
@@ -252,7 +276,7 @@ static void place_entry(struct condense *c, int i, int j, double complex value, 
     else if (c->spot[i] >= 0)
         c->right[(size_t)c->place[j] * (size_t)c->order + (size_t)c->spot[i]] += value;
     else if (c->place[j] >= 0)
-        S[c->place[j] * c->q + c->place[i]] += value;
+        S[pattern_find(c->pattern, c->place[i], c->place[j])] += value;
 }
 
 static double complex factor_of(int t, double s)
@@ -499,7 +523,7 @@ static enum modal_status keep_room(struct condense *c, int H, struct modal_error
 enum modal_status condense_at(struct condense *c, double omega, double level, int H, double complex *S, double complex *p,
                               struct modal_error *err)
 {
-    size_t q = (size_t)c->q;
+    size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     int m;
     enum modal_status rc = turns_a_period(c, omega, &m, err);
 
@@ -509,24 +533,24 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     c->level = level;
     c->H = H;
     c->solved = !c->reduced;
-    memset(S, 0, q * q * ((size_t)H + 1) * sizeof *S);
+    memset(S, 0, entries * ((size_t)H + 1) * sizeof *S);
     memset(p, 0, q * ((size_t)H + 1) * sizeof *p);
     if (c->reduced)
         reduced_at(c, H, S, p);
     for (int k = 0; rc == MODAL_OK && !c->reduced && k <= H; k++)
-        rc = factor_at(c, k, k * omega, S + (size_t)k * q * q, p + (size_t)k * q, err);
+        rc = factor_at(c, k, k * c->omega, S + (size_t)k * entries, p + (size_t)k * q, err);
     return rc;
 }
 
 /* The solutions that recovery needs, which a reduced condense_at did not make. */
 static enum modal_status solve_for_recovery(struct condense *c, struct modal_error *err)
 {
-    size_t q = (size_t)c->q;
-    double complex *S = calloc(q * q + q + 1, sizeof *S);
+    size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
+    double complex *S = calloc(entries + q + 1, sizeof *S);
     enum modal_status rc = S == NULL ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory") : keep_room(c, c->H, err);
 
     for (int k = 0; rc == MODAL_OK && k <= c->H; k++)
-        rc = factor_at(c, k, k * c->omega, S, S + q * q, err);
+        rc = factor_at(c, k, k * c->omega, S, S + entries, err);
     c->solved = rc == MODAL_OK;
     free(S);
     return rc;

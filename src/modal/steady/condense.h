@@ -15,15 +15,26 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "modal/scene/program.h"
+#include "modal/steady/pattern.h"
 
 struct condense;
 
+/* The dofs of laws and of periodic matrices; 0 too where there is no memory to count them. */
+int condense_nonlinear(const struct program *p);
+
+/* Which dofs are kept: those of laws and periodic matrices; every dof; every dof, with the
+ * program's own structure. */
+enum condense_keep { CONDENSE_LINEAR, CONDENSE_NONE, CONDENSE_SPARSE };
+
 /*
- * Which dofs are kept follows from P (borrowed); KEEP_ALL: every dof.  Fails with MODAL_BAD_INPUT for a load that is
+ * Of P (borrowed); CONDENSE_SPARSE asks that it has no linear states, and of its S the pattern is
+ * not
+ * full.  Fails with MODAL_BAD_INPUT for a load that is
  * not harmonic (err->field "excitation") or, fixed in space, not periodic on axes that turn ("excitation[i].frame"; at every
  * omega of condense_at too), MODAL_TOO_LARGE, MODAL_NO_MEMORY.
  */
-enum modal_status condense_new(const struct program *p, bool keep_all, struct condense **out, struct modal_error *err);
+enum modal_status condense_new(const struct program *p, enum condense_keep keep,
+                               struct condense **out, struct modal_error *err);
 void condense_free(struct condense *c);
 
 /*
@@ -36,10 +47,12 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
 int condense_kept(const struct condense *c);                /* q */
 const int *condense_dofs(const struct condense *c);         /* the q kept dofs, ascending */
 const int *condense_place(const struct condense *c);        /* n: index among the kept, or -1 */
+const struct pattern *condense_pattern(const struct condense *c);   /* of S */
 int condense_highest_load(const struct condense *c);        /* largest k excited; 0: none or a mean load only */
 
 /*
- * S[(k q + j) q + i] and p[k q + i], k = 0 .. H, at OMEGA; loads are scaled by LEVEL.
+ * S[k entries + e], e an entry of the pattern (full: S[(k q + j) q + i]), and p[k q + i], k = 0
+ * .. H, at OMEGA; loads are scaled by LEVEL.
  * Fails with MODAL_NO_CONVERGENCE where L_rr is singular to rounding: the text says at which harmonic.
  */
 enum modal_status condense_at(struct condense *c, double omega, double level, int H, double complex *S, double complex *p,

@@ -46,37 +46,17 @@ static double overall_step(const struct balance *b, const double *step, const do
     return scale > 0 ? most / scale : HUGE_VAL;
 }
 
-/* LU of each S_k, in place of a copy; false where one is singular. */
-static bool factor_stiffness(const struct balance *b, double complex *LU, int *pivot)
-{
-    int q = b->q;
-
-    memcpy(LU, b->S, (size_t)q * (size_t)q * ((size_t)b->H + 1) * sizeof *LU);
-    for (int k = 0; k <= b->H; k++) {
-        double complex *S = LU + (size_t)k * (size_t)q * (size_t)q;
-        double scale = 0, least = HUGE_VAL;
-
-        for (int i = 0; i < q * q; i++)
-            scale = fmax(scale, cabs(S[i]));
-        if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, q, q, S, q, pivot + k * q) != 0)
-            return false;
-        for (int i = 0; i < q; i++)
-            least = fmin(least, cabs(S[i * q + i]));
-        if (!(least > 16 * DBL_EPSILON * scale))
-            return false;
-    }
-    return true;
-}
-
-static void direct_step(struct balance *b, const double complex *LU, const int *pivot, double relaxation, double complex *X,
-                        double complex *rhs, double *step)
+/* *OK false: some S_k is singular. */
+static void direct_step(struct balance *b, double relaxation, double complex *X,
+                        double complex *rhs, double *step, bool *ok)
 {
     int q = b->q, K = b->H + 1, n = 2 * b->H + 1;
 
     for (int k = 0; k < K; k++) {
         for (int i = 0; i < q; i++)
             rhs[i] = b->load[k * q + i] - b->F[i * K + k];
-        LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', q, 1, LU + (size_t)k * (size_t)q * (size_t)q, q, pivot + k * q, rhs, q);
+        if (!(*ok = stiffness_solve(b->stiffness, k, rhs)))
+            return;
         for (int i = 0; i < q; i++) {
             double complex change = relaxation * (rhs[i] - X[i * K + k]);
 
@@ -89,28 +69,25 @@ static void direct_step(struct balance *b, const double complex *LU, const int *
 }
 
 struct direct_work {
-    double complex *LU, *rhs, *best;  /* S_k factored; q; the X of the least step */
+    double complex *rhs, *best;       /* q; the X of the least step */
     double *step;
-    int *pivot;
 };
 
 static void direct_done(struct direct_work *w)
 {
-    free(w->LU);
     free(w->rhs);
     free(w->best);
     free(w->step);
-    free(w->pivot);
 }
 
 static enum modal_status direct_init(struct direct_work *w, const struct balance *b, struct modal_error *err)
 {
     size_t q = (size_t)b->q, K = (size_t)b->H + 1;
 
-    *w = (struct direct_work) { malloc((q * q * K + 1) * sizeof(double complex)), malloc((q + 1) * sizeof(double complex)),
-                                malloc((q * K + 1) * sizeof(double complex)), malloc(((size_t)b->order + 1) * sizeof(double)),
-                                malloc((q * K + 1) * sizeof(int)) };
-    if (w->LU == NULL || w->rhs == NULL || w->best == NULL || w->step == NULL || w->pivot == NULL)
+    w->rhs = malloc((q + 1) * sizeof *w->rhs);
+    w->best = malloc((q * K + 1) * sizeof *w->best);
+    w->step = malloc(((size_t)b->order + 1) * sizeof *w->step);
+    if (w->rhs == NULL || w->best == NULL || w->step == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "direct iteration: no memory");
     return MODAL_OK;
 }
@@ -122,6 +99,7 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
     size_t size = (size_t)b->q * ((size_t)b->H + 1) * sizeof *X;
     double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, least = HUGE_VAL;
     int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
+    bool ok = true;
     enum modal_status rc = MODAL_OK;
 
     memcpy(w->best, X, size);
@@ -129,7 +107,11 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
         rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : balance_residual(b, X, false, err);
         if (rc != MODAL_OK)
             break;
-        direct_step(b, w->LU, w->pivot, opt->relaxation > 0 ? opt->relaxation : 1, X, w->rhs, w->step);
+        direct_step(b, opt->relaxation > 0 ? opt->relaxation : 1, X, w->rhs, w->step, &ok);
+        if (!ok) {
+            report->reason = "the linear part is singular at a harmonic, so direct iteration does not apply";
+            break;
+        }
         report->iterations++;
         report->step = norm_relative(b, w->step, X);
         report->converged = report->step <= tolerance;
@@ -151,13 +133,10 @@ enum modal_status iterate_direct(struct balance *b, const struct iterate_options
     enum modal_status rc = direct_init(&w, b, err);
 
     *report = (struct iterate_report) { .reason = "direct iteration did not settle" };
-    if (rc == MODAL_OK && !factor_stiffness(b, w.LU, w.pivot))
-        report->reason = "the linear part is singular at a harmonic, so direct iteration does not apply";
-    else if (rc == MODAL_OK) {
+    if (rc == MODAL_OK)
         rc = repeat_direct(b, opt, &w, X, report, err);
-        if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
-            report->residual = balance_relative_residual(b, X);
-    }
+    if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
+        report->residual = balance_relative_residual(b, X);
     direct_done(&w);
     return rc;
 }
@@ -223,52 +202,71 @@ static enum modal_status difference_derivative(struct balance *b, double complex
     return rc;
 }
 
-/* Rows and columns of insignificant harmonics: keep only their own S_kk block, so that they move by (7). */
-static void cut_off(struct balance *b, double cutoff, const double complex *X)
+/* Rows of insignificant harmonics of dof i, `cut` of them: only their own S_kk is kept. */
+static void cut_rows(struct balance *b, int i, int j, double complex S[], const bool *cut)
 {
-    int n = 2 * b->H + 1, K = b->H + 1, q = b->q;
+    int n = 2 * b->H + 1;
 
-    for (int i = 0; i < q; i++) {
+    for (int c = 0; c < n; c++) {
+        double *column = balance_column(b, i, j, c);
+        int k = (c + 1) / 2;
+
+        for (int r = 1; r < n; r++) {
+            bool row_real = r % 2 == 1, column_real = c % 2 == 1, there = (r + 1) / 2 == k;
+
+            if (cut[r] && (there || b->pattern->mixes[pattern_find(b->pattern, i, j)]))
+                column[r] = !there ? 0 : row_real == column_real ? creal(S[k])
+                          : row_real ? -cimag(S[k]) : cimag(S[k]);
+        }
+    }
+}
+
+/* Insignificant harmonics move by (7). */
+static void cut_off(struct balance *b, double cutoff, const double complex *X, bool *cut,
+                    double complex *S)
+{
+    int n = 2 * b->H + 1, K = b->H + 1, entries = pattern_entries(b->pattern);
+
+    for (int i = 0; i < b->q; i++) {
         double most = 0;
 
         for (int k = 0; k < K; k++)
             most = fmax(most, cabs(X[i * K + k]));
-        for (int r = 0; r < n; r++) {
-            int k = (r + 1) / 2;
-
-            if (cabs(X[i * K + k]) >= cutoff * most || k == 0)
-                continue;
-            for (int j = 0; j < q; j++)
-                for (int c = 0; c < n; c++) {
-                    double *low = &b->J[(size_t)(j * n + c) * (size_t)b->order + (size_t)(i * n + r)];
-                    double complex S = b->S[(k * q + j) * q + i];
-                    bool row_real = r % 2 == 1, column_real = c % 2 == 1;
-
-                    *low = (c + 1) / 2 != k ? 0 : row_real == column_real ? creal(S) : row_real ? -cimag(S) : cimag(S);
-                }
-        }
+        for (int r = 1; r < n; r++)
+            cut[i * n + r] = cabs(X[i * K + (r + 1) / 2]) < cutoff * most;
     }
+    for (int j = 0; j < b->q; j++)
+        for (int e = b->pattern->start[j]; e < b->pattern->start[j + 1]; e++) {
+            int i = b->pattern->index[e];
+
+            for (int k = 0; k < K; k++)
+                S[k] = b->S[(size_t)k * (size_t)entries + (size_t)e];
+            cut_rows(b, i, j, S, cut + i * n);
+        }
 }
 
 /* A singular derivative gets a little stiffness, which only delays convergence. */
 static bool factor_somehow(struct balance *b, double *kept)
 {
     size_t size = (size_t)b->small * (size_t)b->small;
+    bool full = b->pattern->full;
 
-    memcpy(kept, b->J, size * sizeof *kept);
+    if (full)
+        memcpy(kept, b->J, size * sizeof *kept);
     if (balance_factor(b, NULL))
         return true;
     for (double mu = 1e-6; mu < 2; mu *= 1e3) {
         double most = 0;
 
-        memcpy(b->J, kept, size * sizeof *kept);
-        for (size_t i = 0; i < size; i++)
+        for (size_t i = 0; full && i < size; i++)
             most = fmax(most, fabs(kept[i]));
-        if (!isfinite(most) || most == 0)
+        if (full && (!isfinite(most) || most == 0))
             return false;
-        for (int i = 0; i < b->small; i++)
+        if (full)
+            memcpy(b->J, kept, size * sizeof *kept);
+        for (int i = 0; full && i < b->small; i++)
             b->J[(size_t)i * ((size_t)b->small + 1)] += mu * most;
-        if (balance_factor(b, NULL))
+        if (full ? balance_factor(b, NULL) : blocks_factor_stiffened(b->blocks, mu))
             return true;
     }
     return false;
@@ -277,6 +275,7 @@ static bool factor_somehow(struct balance *b, double *kept)
 struct newton_work {
     double *step, *trial_step, *u, *kept, *scratch;
     double complex *trial;
+    bool *cut;
 };
 
 static void take(const struct balance *b, const double *u, double lambda, const double *step, double *scratch, double complex *X)
@@ -324,9 +323,10 @@ static int matrix_order(const struct balance *b, const struct iterate_options *o
     double slope = opt->slope > 0 ? opt->slope : aft_slope(b->aft);
     int HJ = b->H;
 
-    if (b->q != 1 || b->order < ORDER_TAIL || b->p->harmonics > 0 || opt->by_differences || opt->cutoff > 0)
+    if (b->order < ORDER_TAIL || b->p->harmonics > 0 || opt->by_differences || opt->cutoff > 0)
         return b->H;
-    while (HJ > TAIL_LEAST && cabs(b->S[HJ]) * TAIL_GAIN > slope)
+    slope *= b->q > 1 ? b->pattern->ends : 1;
+    while (HJ > TAIL_LEAST && stiffness_least(b->pattern, b->S, HJ) * TAIL_GAIN > slope)
         HJ--;
     return HJ;
 }
@@ -345,11 +345,12 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
         rc = MODAL_OK;
     HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
     if (rc == MODAL_OK && HJ < 2 * b->H / 3) {
-        double complex *start = malloc(((size_t)b->H + 2) * sizeof *start);
+        size_t size = (size_t)b->q * ((size_t)b->H + 1);
+        double complex *start = malloc((size + 1) * sizeof *start);
 
         if (start == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory");
-        memcpy(start, X, ((size_t)b->H + 1) * sizeof *start);
+        memcpy(start, X, size * sizeof *start);
         balance_set_order(b, HJ);
         rc = newton(b, opt, X, report, err);
         balance_set_order(b, b->H);
@@ -357,7 +358,7 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
             free(start);
             return rc;
         }
-        memcpy(X, start, ((size_t)b->H + 1) * sizeof *start);
+        memcpy(X, start, size * sizeof *start);
         free(start);
     }
     return rc == MODAL_OK ? newton(b, opt, X, report, err) : rc;
@@ -401,16 +402,18 @@ static void work_done(struct newton_work *w)
     free(w->kept);
     free(w->scratch);
     free(w->trial);
+    free(w->cut);
 }
 
 static enum modal_status work_init(struct newton_work *w, const struct balance *b, struct modal_error *err)
 {
-    size_t n = (size_t)b->order, small = (size_t)b->small * (size_t)b->small;
+    size_t n = (size_t)b->order, small = b->pattern->full ? (size_t)b->small * (size_t)b->small : 0;
 
     *w = (struct newton_work) { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
                                 malloc((small + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
-                                malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)) };
-    if (w->step == NULL || w->trial_step == NULL || w->u == NULL || w->kept == NULL || w->scratch == NULL || w->trial == NULL)
+                                malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)), malloc(n + 1) };
+    if (w->step == NULL || w->trial_step == NULL || w->u == NULL || w->kept == NULL
+        || w->scratch == NULL || w->trial == NULL || w->cut == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
     return MODAL_OK;
 }
@@ -436,7 +439,7 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
         return rc;
     report->residual = balance_relative_residual(b, X);
     if (opt->cutoff > 0)
-        cut_off(b, opt->cutoff, X);
+        cut_off(b, opt->cutoff, X, w->cut, w->trial);
     if (known != SLOPE && !factor_somehow(b, w->kept)) {
         report->reason = "the derivative is singular";
         return MODAL_OK;

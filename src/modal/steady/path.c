@@ -34,6 +34,7 @@ struct path {
     int orientation;
     double *w, *R, *Rl, *B, *x;      /* trial u; residual; dR/dlambda; (1); right-hand side */
     int *pivot;
+    struct blocks *border;           /* (1) in place of B, where the derivative is of blocks */
     double complex *X;
     struct path_report *report;
     int corrections;
@@ -50,12 +51,14 @@ static void path_done(struct path *p)
     free(p->B);
     free(p->x);
     free(p->pivot);
+    blocks_free(p->border);
     free(p->X);
 }
 
 static enum modal_status path_init(struct path *p, struct modal_error *err)
 {
     size_t n = (size_t)p->n + 2;
+    bool full = p->b->pattern->full;
 
     p->u = calloc(n, sizeof *p->u);
     p->t = calloc(n, sizeof *p->t);
@@ -63,14 +66,15 @@ static enum modal_status path_init(struct path *p, struct modal_error *err)
     p->w = calloc(n, sizeof *p->w);
     p->R = calloc(n, sizeof *p->R);
     p->Rl = calloc(n, sizeof *p->Rl);
-    p->B = calloc(n * n, sizeof *p->B);
+    p->B = full ? calloc(n * n, sizeof *p->B) : NULL;
     p->x = calloc(n, sizeof *p->x);
     p->pivot = calloc(n, sizeof *p->pivot);
     p->X = calloc(n, sizeof *p->X);
-    if (p->u == NULL || p->t == NULL || p->old_t == NULL || p->w == NULL || p->R == NULL || p->Rl == NULL || p->B == NULL
+    if (p->u == NULL || p->t == NULL || p->old_t == NULL || p->w == NULL || p->R == NULL
+        || p->Rl == NULL || (full && p->B == NULL)
         || p->x == NULL || p->pivot == NULL || p->X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "path: no memory for %d unknowns", p->n);
-    return MODAL_OK;
+    return full ? MODAL_OK : blocks_new(p->b->pattern, p->b->H, true, &p->border, err);
 }
 
 /* Residual (and derivative) of u at lambda, into p->b. */
@@ -98,10 +102,37 @@ static enum modal_status slope(struct path *p, const double *u, double lambda, s
     return rc;
 }
 
-/* (1), rows scaled; factored.  The sign of its determinant into *SIGN; false where singular. */
+/* (1) of blocks, whose rows are scaled as they are factored. */
+static bool bordered_blocks(struct path *p, const double *t, double *row, int *sign)
+{
+    for (int i = 0; i < p->n; i++) {
+        p->x[i] = p->Rl[i] * p->span;
+        row[i] = 1;
+    }
+    row[p->n] = 1;
+    blocks_set_border(p->border, p->b->blocks, p->size, p->x, t, t[p->n]);
+    return blocks_factor(p->border, sign);
+}
+
+/* p->x <- its solution with (1). */
+static void solve_bordered(struct path *p)
+{
+    int m = p->n + 1;
+
+    if (p->border != NULL)
+        blocks_solve(p->border, p->x);
+    else
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', m, 1, p->B, m, p->pivot, p->x, m);
+}
+
+/* (1), rows scaled; factored.  The sign of its determinant into *SIGN; false where singular. 
+ * p->x is undefined then. */
 static bool bordered(struct path *p, const double *t, double *row, int *sign)
 {
     int n = p->n, m = n + 1, s = 1;
+
+    if (p->border != NULL)
+        return bordered_blocks(p, t, row, sign);
 
     for (int i = 0; i < n; i++)
         row[i] = fabs(p->Rl[i]) * p->span;
@@ -167,7 +198,7 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
             plane += t[e] * (p->w[e] - w0[e]) / p->size;
         }
         p->x[n] = -plane;
-        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', m, 1, p->B, m, p->pivot, p->x, m);
+        solve_bordered(p);
         step = norm(p->x, m);
         if (!isfinite(step) || (i > 1 && step > 2 * last) || step > 1)
             break;
@@ -184,7 +215,7 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
     if (rc == MODAL_OK && *ok) {
         memset(p->x, 0, (size_t)m * sizeof *p->x);
         p->x[n] = 1;
-        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', m, 1, p->B, m, p->pivot, p->x, m);
+        solve_bordered(p);
         double length = norm(p->x, m);
         for (int e = 0; e < m; e++)
             p->x[e] /= length;
@@ -314,7 +345,10 @@ static enum modal_status first_tangent(struct path *p, bool *ok, struct modal_er
     memset(p->t, 0, ((size_t)p->n + 1) * sizeof *p->t);
     p->t[p->n] = 1;
     if (rc == MODAL_OK && bordered(p, p->t, row, &p->orientation)) {
-        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', p->n + 1, 1, p->B, p->n + 1, p->pivot, p->t, p->n + 1);
+        memset(p->x, 0, ((size_t)p->n + 1) * sizeof *p->x);
+        p->x[p->n] = 1;
+        solve_bordered(p);
+        memcpy(p->t, p->x, ((size_t)p->n + 1) * sizeof *p->t);
         length = norm(p->t, p->n + 1) * (p->problem->to >= p->problem->from ? 1 : -1);
         *ok = isfinite(length) && length != 0;
         for (int i = 0; *ok && i <= p->n; i++)

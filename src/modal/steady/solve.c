@@ -29,8 +29,12 @@
 #include "modal/steady/march.h"
 #include "modal/steady/solutions.h"
 
-enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17, LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048, H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5, FAILED_MOST = 2, ORDER_FAILED = 600 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6, ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5;
+enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17,
+       LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048,
+       H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5, SPARSE_LEAST = 10, SPARSE_LINEAR = 100,
+       FAILED_MOST = 2, ORDER_FAILED = 600 };
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6,
+    ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5, ON_THE_WAY = 1e-3;
 
 struct steady {
     const struct program *p;
@@ -109,6 +113,21 @@ static enum modal_status check_options(const struct steady *s, struct modal_erro
     return MODAL_OK;
 }
 
+/* Whether KEPT dofs that iterate are too many for a full matrix of them, and not so few that the
+ * others are better taken out. */
+static bool sparse_pays(const struct program *p, const struct steady_options *opt, int kept)
+{
+    return p->n_linear == 0 && !opt->by_differences && kept >= SPARSE_LEAST
+        && p->n <= SPARSE_LINEAR * kept;
+}
+
+static enum condense_keep structure(const struct program *p, const struct steady_options *opt)
+{
+    int kept = condense_nonlinear(p);
+
+    return sparse_pays(p, opt, kept) ? CONDENSE_SPARSE : CONDENSE_LINEAR;
+}
+
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err)
 {
     struct steady *s = calloc(1, sizeof *s);
@@ -119,7 +138,7 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
     s->p = p;
     s->opt = *opt;
     classify(s);
-    rc = condense_new(p, false, &s->c, err);
+    rc = condense_new(p, structure(p, opt), &s->c, err);
     if (rc == MODAL_OK)
         rc = check_options(s, err);
     if (rc != MODAL_OK) {
@@ -231,20 +250,15 @@ static enum modal_status try_direct(struct steady *s, struct balance *b, double 
 static void laws_left_out(const struct balance *b, double complex *X)
 {
     int q = b->q, K = b->H + 1;
-    double complex *A = malloc(((size_t)q * (size_t)q + (size_t)q) * sizeof *A);
-    int *pivot = malloc((size_t)q * sizeof *pivot);
+    double complex *rhs = malloc(((size_t)q + 1) * sizeof *rhs);
 
-    for (int k = 0; A != NULL && pivot != NULL && k < K; k++) {
-        double complex *rhs = A + q * q;
-
-        memcpy(A, b->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
+    for (int k = 0; rhs != NULL && k < K; k++) {
         memcpy(rhs, b->load + k * q, (size_t)q * sizeof *rhs);
-        if (LAPACKE_zgesv_work(LAPACK_COL_MAJOR, q, 1, A, q, pivot, rhs, q) == 0)
+        if (stiffness_solve(b->stiffness, k, rhs))
             for (int i = 0; i < q; i++)
                 X[i * K + k] = isfinite(cabs(rhs[i])) ? rhs[i] : 0;
     }
-    free(A);
-    free(pivot);
+    free(rhs);
 }
 
 /* Whether X lies further from GOOD than a motion in proportion to its load would, three times over: another branch. */
@@ -279,8 +293,10 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
             laws_left_out(b, X);
     }
     for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
-        rc = balance_set(b, b->omega, exp(at), err);
-        if (rc != MODAL_OK || (rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
+        balance_set_level(b, exp(at));
+        opt.rough = at != 0 && !b->pattern->full;
+        opt.tolerance = opt.rough ? ON_THE_WAY : s->opt.tolerance;
+        if ((rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
             break;
         point->iterations += r.iterations;
         if (r.converged && !isnan(level_done) && leaps(X, good, size, at - level_done))
@@ -344,7 +360,9 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     low.converged = false;
     low.residual = -1;
-    rc = along_levels(s, b, X, &low, err);
+    rc = b->pattern->full ? MODAL_OK : ramp(s, b, LEVEL_LOW, X, &low, err);
+    if (rc == MODAL_OK && !low.converged)
+        rc = along_levels(s, b, X, &low, err);
     if (rc == MODAL_OK && low.converged) {
         memcpy(point->X, low.X, size * sizeof *low.X);
         free(low.X);
@@ -620,25 +638,18 @@ static void widen_motion(const double complex *X, int q, int H, int H2, double c
 static enum modal_status tail_of(const struct balance *wide, int H, double complex *E, struct modal_error *err)
 {
     int q = wide->q, K = wide->H + 1;
-    double complex *A = malloc(((size_t)q * (size_t)q + (size_t)q + 1) * sizeof *A);
-    int *pivot = malloc(((size_t)q + 1) * sizeof *pivot);
+    double complex *rhs = malloc(((size_t)q + 1) * sizeof *rhs);
 
-    for (int k = H + 1; A != NULL && pivot != NULL && k < K; k++) {
-        double complex *rhs = A + q * q;
-
-        memcpy(A, wide->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
+    if (rhs == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
+    for (int k = H + 1; k < K; k++) {
         for (int i = 0; i < q; i++)
             rhs[i] = wide->load[k * q + i] - wide->F[i * K + k];
-        if (LAPACKE_zgesv_work(LAPACK_COL_MAJOR, q, 1, A, q, pivot, rhs, q) == 0)
+        if (stiffness_solve(wide->stiffness, k, rhs))
             for (int i = 0; i < q; i++)
                 E[i * K + k] = rhs[i];
     }
-    free(pivot);
-    if (A == NULL || pivot == NULL) {
-        free(A);
-        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
-    }
-    free(A);
+    free(rhs);
     return MODAL_OK;
 }
 
@@ -820,7 +831,8 @@ static enum modal_status sharpen(struct steady *s, struct balance *b, struct ste
 {
     int H = point->H, least = H < SHARP / 8 ? SHARP / 4 : 2 * H, H2 = 4 * least, q = point->q, K2 = H2 + 1;
     size_t size = (size_t)q * (size_t)K2 + 1;
-    double complex *E = calloc(size, sizeof *E), *low = calloc(size, sizeof *low), *S = calloc((size_t)q * size, sizeof *S);
+    double complex *E = calloc(size, sizeof *E), *low = calloc(size, sizeof *low);
+    double complex *S = calloc((size_t)pattern_entries(b->pattern) * (size_t)K2 + 1, sizeof *S);
     double complex *load = calloc(size, sizeof *load), *R = calloc(3 * (size_t)q * ((size_t)H + 1) + 1, sizeof *R);
     size_t part = (size_t)q * ((size_t)H + 1);
     bool done = true;
@@ -1271,7 +1283,8 @@ static void add_forces(const struct steady *s, const struct cycle *c, int i, dou
     }
 }
 
-static enum modal_status residual_of_cycle(const struct steady *s, const struct balance *b, const struct cycle *c, struct orbit_grid *g,
+static enum modal_status residual_of_cycle(const struct steady *s, struct balance *b,
+                                           const struct cycle *c, struct orbit_grid *g,
                                            struct steady_point *point, struct modal_error *err)
 {
     int q = b->q, K = b->H + 1;
@@ -1283,10 +1296,10 @@ static enum modal_status residual_of_cycle(const struct steady *s, const struct 
         double load = 0;
 
         for (int k = 0; k < K; k++) {
-            G[k] = -b->load[k * q + i];
-            load += cabs(G[k]);
-            for (int j = 0; j < q; j++)
-                G[k] += b->S[(k * q + j) * q + i] * point->X[j * K + k];
+            memset(b->sum, 0, (size_t)q * sizeof *b->sum);
+            stiffness_multiply_add(b->pattern, b->S, k, point->X + k, K, b->sum);
+            G[k] = b->sum[i] - b->load[k * q + i];
+            load += cabs(b->load[k * q + i]);
         }
         orbit_synthesize(g, b->H, G, 0, r);
         add_forces(s, c, i, r);                                                    /* (3) */
@@ -1392,7 +1405,8 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
 static enum modal_status keep_all(struct steady *s, struct modal_error *err)
 {
     struct condense *all;
-    enum modal_status rc = condense_new(s->p, true, &all, err);
+    bool sparse = sparse_pays(s->p, &s->opt, s->p->n);
+    enum modal_status rc = condense_new(s->p, sparse ? CONDENSE_SPARSE : CONDENSE_NONE, &all, err);
 
     if (rc != MODAL_OK)
         return rc;

@@ -1,0 +1,205 @@
+/* blocks.c - see blocks.h: by columns of single numbers, dof by dof, factored by sparse_lu.h */
+#include "modal/steady/blocks.h"
+#include <limits.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/sparse_lu.h"
+
+struct blocks {
+    const struct pattern *pattern;
+    int HJ, m, order;             /* order = q m, or one more */
+    bool bordered;
+    int *start, *index;           /* by columns */
+    int *full, *thin;             /* per entry of the pattern: blocks of either kind above it in its column */
+    double *value, *stiffened, *scratch;
+    struct sparse_lu *lu;
+    double work;
+};
+
+/* Rows of a thin block in column c. */
+static int thin_rows(int c) { return c == 0 ? 1 : 2; }
+static int thin_first(int c) { return c == 0 ? 0 : 2 * ((c + 1) / 2) - 1; }
+
+static void count_above(struct blocks *b)
+{
+    const struct pattern *p = b->pattern;
+
+    for (int j = 0; j < p->q; j++) {
+        int full = 0, thin = 0;
+
+        for (int e = p->start[j]; e < p->start[j + 1]; e++) {
+            b->full[e] = full;
+            b->thin[e] = thin;
+            full += p->mixes[e];
+            thin += !p->mixes[e];
+        }
+    }
+}
+
+static size_t count_entries(const struct pattern *p, int m, bool bordered)
+{
+    size_t total = 0;
+
+    for (int e = 0; e < pattern_entries(p); e++)
+        total += p->mixes[e] ? (size_t)m * (size_t)m : 2 * (size_t)m - 1;
+    return total + (bordered ? 2 * (size_t)p->q * (size_t)m + 1 : 0);
+}
+
+static void fill_structure(struct blocks *b)
+{
+    const struct pattern *p = b->pattern;
+    int at = 0;
+
+    for (int j = 0; j < p->q; j++)
+        for (int c = 0; c < b->m; c++) {
+            b->start[j * b->m + c] = at;
+            for (int e = p->start[j]; e < p->start[j + 1]; e++) {
+                int rows = p->mixes[e] ? b->m : thin_rows(c);
+                int first = p->index[e] * b->m + (p->mixes[e] ? 0 : thin_first(c));
+
+                for (int r = 0; r < rows; r++)
+                    b->index[at++] = first + r;
+            }
+            if (b->bordered)
+                b->index[at++] = b->order - 1;
+        }
+    for (int i = 0; b->bordered && i < b->order; i++) {
+        b->start[b->order - 1] = i == 0 ? at : b->start[b->order - 1];
+        b->index[at++] = i;
+    }
+    b->start[b->order] = at;
+}
+
+enum modal_status blocks_new(const struct pattern *pattern, int HJ, bool bordered,
+                             struct blocks **out, struct modal_error *err)
+{
+    struct blocks *b = calloc(1, sizeof *b);
+    int m = 2 * HJ + 1;
+    size_t pairs = (size_t)pattern_entries(pattern);
+    size_t entries = count_entries(pattern, m, bordered);
+    size_t order = (size_t)pattern->q * (size_t)m + bordered;
+    enum modal_status rc = MODAL_OK;
+
+    if (b == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "blocks: no memory");
+    if (entries > INT_MAX / 2) {
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                              "%d nonlinear dofs at %d harmonics have a derivative of %zu entries; "
+                              "the most is %d", pattern->q, HJ, entries, INT_MAX / 2);
+        goto out;
+    }
+    *b = (struct blocks) { .pattern = pattern, .HJ = HJ, .m = m, .order = (int)order,
+                           .bordered = bordered };
+    b->start = malloc((order + 1) * sizeof *b->start);
+    b->index = malloc((entries + 1) * sizeof *b->index);
+    b->full = malloc((pairs + 1) * sizeof *b->full);
+    b->thin = malloc((pairs + 1) * sizeof *b->thin);
+    b->value = malloc((entries + 1) * sizeof *b->value);
+    b->scratch = malloc((order + 1) * sizeof *b->scratch);
+    if (b->start == NULL || b->index == NULL || b->full == NULL || b->thin == NULL
+        || b->value == NULL || b->scratch == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "blocks: no memory for %zu entries", entries);
+        goto out;
+    }
+    count_above(b);
+    fill_structure(b);
+    rc = sparse_lu_new(b->order, b->start, b->index, false, &b->lu, err);
+out:
+    if (rc != MODAL_OK) {
+        blocks_free(b);
+        return rc;
+    }
+    *out = b;
+    return MODAL_OK;
+}
+
+void blocks_free(struct blocks *b)
+{
+    if (b == NULL)
+        return;
+    free(b->start);
+    free(b->index);
+    free(b->full);
+    free(b->thin);
+    free(b->value);
+    free(b->stiffened);
+    free(b->scratch);
+    sparse_lu_free(b->lu);
+    free(b);
+}
+
+int blocks_harmonics(const struct blocks *b) { return b->HJ; }
+double blocks_work(const struct blocks *b) { return b->work; }
+
+void blocks_clear(struct blocks *b)
+{
+    memset(b->value, 0, (size_t)b->start[b->order] * sizeof *b->value);
+}
+
+double *blocks_column(struct blocks *b, int i, int j, int c)
+{
+    int e = pattern_find(b->pattern, i, j);
+    int above = b->full[e] * b->m + b->thin[e] * thin_rows(c);
+    double *at = b->value + b->start[j * b->m + c] + above;
+
+    return b->pattern->mixes[e] ? at : at - thin_first(c);
+}
+
+void blocks_set_border(struct blocks *b, const struct blocks *a, double scale, const double *column,
+                       const double *row, double corner)
+{
+    int n = b->order - 1;
+
+    for (int j = 0; j < n; j++) {
+        int count = a->start[j + 1] - a->start[j];
+
+        for (int e = 0; e < count; e++)
+            b->value[b->start[j] + e] = scale * a->value[a->start[j] + e];
+        b->value[b->start[j] + count] = row[j];
+    }
+    memcpy(b->value + b->start[n], column, (size_t)n * sizeof *column);
+    b->value[b->start[n] + n] = corner;
+}
+
+static bool factor(struct blocks *b, const double *value)
+{
+    bool ok = sparse_lu_factor(b->lu, value);
+
+    b->work += sparse_lu_work(b->lu);
+    return ok;
+}
+
+bool blocks_factor(struct blocks *b, int *sign)
+{
+    if (!factor(b, b->value))
+        return false;
+    if (sign != NULL)
+        *sign = sparse_lu_sign(b->lu);
+    return true;
+}
+
+bool blocks_factor_stiffened(struct blocks *b, double mu)
+{
+    size_t entries = (size_t)b->start[b->order];
+    double most = 0;
+
+    if (b->stiffened == NULL)
+        b->stiffened = malloc((entries + 1) * sizeof *b->stiffened);
+    if (b->stiffened == NULL)
+        return false;
+    for (size_t e = 0; e < entries; e++)
+        most = fmax(most, fabs(b->value[e]));
+    memcpy(b->stiffened, b->value, entries * sizeof *b->value);
+    for (int j = 0; j < b->order; j++)
+        for (int e = b->start[j]; e < b->start[j + 1]; e++)
+            if (b->index[e] == j)
+                b->stiffened[e] += mu * most;
+    return isfinite(most) && most > 0 && factor(b, b->stiffened);
+}
+
+void blocks_solve(struct blocks *b, double *y)
+{
+    memcpy(b->scratch, y, (size_t)b->order * sizeof *y);
+    sparse_lu_solve(b->lu, b->scratch, y);
+}

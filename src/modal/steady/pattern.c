@@ -1,0 +1,178 @@
+/* pattern.c - see pattern.h */
+#include "modal/steady/pattern.h"
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* column << 33 | row << 1 | does not mix: sorted, the mixing one of a place comes first. */
+struct pairs {
+    uint64_t *list;
+    size_t count;
+};
+
+static void add_pair(struct pairs *p, int i, int j, bool mixes)
+{
+    if (i < 0 || j < 0)
+        return;
+    if (p->list != NULL)
+        p->list[p->count] = (uint64_t)j << 33 | (uint64_t)i << 1 | !mixes;
+    p->count++;
+}
+
+static void add_matrix(struct pairs *p, const struct sparse *a, const int *place, bool mixes)
+{
+    for (int i = 0; a->start != NULL && i < a->m; i++)
+        for (int e = a->start[i]; e < a->start[i + 1]; e++)
+            add_pair(p, place[i], place[a->index[e]], mixes);
+}
+
+static void add_law(struct pairs *p, const struct law *law, const int *place)
+{
+    int at[2 * LAW_INPUTS_MOST], count = 0;
+
+    for (int j = 0; j < law->kind->inputs; j++) {
+        at[count++] = law->dof[j] >= 0 ? place[law->dof[j]] : -1;
+        at[count++] = law->to[j] >= 0 ? place[law->to[j]] : -1;
+    }
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++)
+            add_pair(p, at[i], at[j], true);
+}
+
+/* All pairs of the program; only counted where there is no list yet. */
+static void add_program(struct pairs *s, const struct program *p, const int *place, int q)
+{
+    s->count = 0;
+    for (int i = 0; i < q; i++)
+        add_pair(s, i, i, false);
+    for (int t = 0; t < 3; t++)
+        add_matrix(s, &p->constant[t], place, false);
+    for (int h = 0; h < p->harmonics; h++)
+        for (int t = 0; t < 3; t++) {
+            add_matrix(s, &p->harmonic[h].cosine[t], place, true);
+            add_matrix(s, &p->harmonic[h].sine[t], place, true);
+        }
+    for (int l = 0; l < p->laws; l++)
+        add_law(s, &p->law[l], place);
+}
+
+static int by_value(const void *a, const void *b)
+{
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+    return (x > y) - (x < y);
+}
+
+static void fill_sparse(struct pattern *s, struct pairs *pairs)
+{
+    int entries = 0;
+
+    qsort(pairs->list, pairs->count, sizeof *pairs->list, by_value);
+    for (size_t e = 0; e < pairs->count; e++) {
+        uint64_t pair = pairs->list[e];
+
+        if (e > 0 && pair >> 1 == pairs->list[e - 1] >> 1)
+            continue;
+        s->index[entries] = (int)(pair >> 1 & 0xffffffff);
+        s->mixes[entries++] = !(pair & 1);
+        s->start[(pair >> 33) + 1] = entries;
+    }
+}
+
+static void fill_full(struct pattern *s)
+{
+    int q = s->q;
+
+    for (int j = 0; j < q; j++) {
+        s->start[j + 1] = (j + 1) * q;
+        for (int i = 0; i < q; i++) {
+            s->index[j * q + i] = i;
+            s->mixes[j * q + i] = true;
+        }
+    }
+}
+
+static int most_ends(const struct program *p, const int *place, int *count)
+{
+    int most = 0;
+
+    for (int l = 0; l < p->laws; l++) {
+        const struct law *law = &p->law[l];
+        int at[2 * LAW_INPUTS_MOST], ends = 0;
+
+        for (int j = 0; j < 2 * law->kind->inputs; j++) {
+            int dof = j % 2 == 0 ? law->dof[j / 2] : law->to[j / 2];
+
+            if (dof >= 0)
+                at[ends++] = place[dof];
+        }
+        for (int j = 0; j < ends; j++)
+            if ((count[at[j]] += ends) > most)
+                most = count[at[j]];
+    }
+    return most;
+}
+
+enum modal_status pattern_new(const struct program *p, const int *place, int q, bool full,
+                              struct pattern **out, struct modal_error *err)
+{
+    struct pattern *s = calloc(1, sizeof *s);
+    struct pairs pairs = { 0 };
+    int *count = calloc((size_t)q + 1, sizeof *count);
+    size_t entries;
+    enum modal_status rc = MODAL_OK;
+
+    if (!full)
+        add_program(&pairs, p, place, q);
+    entries = full ? (size_t)q * (size_t)q : pairs.count;
+    if (s != NULL) {
+        *s = (struct pattern) { .q = q, .full = full };
+        s->start = calloc((size_t)q + 1, sizeof *s->start);
+        s->index = malloc((entries + 1) * sizeof *s->index);
+        s->mixes = malloc((entries + 1) * sizeof *s->mixes);
+        pairs.list = full ? NULL : malloc((entries + 1) * sizeof *pairs.list);
+    }
+    if (s == NULL || count == NULL || s->start == NULL || s->index == NULL || s->mixes == NULL
+        || (!full && pairs.list == NULL)) {
+        pattern_free(s);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "pattern: no memory for %zu entries", entries);
+    } else {
+        if (!full)
+            add_program(&pairs, p, place, q);
+        full ? fill_full(s) : fill_sparse(s, &pairs);
+        s->ends = most_ends(p, place, count);
+        *out = s;
+    }
+    free(pairs.list);
+    free(count);
+    return rc;
+}
+
+void pattern_free(struct pattern *s)
+{
+    if (s == NULL)
+        return;
+    free(s->start);
+    free(s->index);
+    free(s->mixes);
+    free(s);
+}
+
+int pattern_entries(const struct pattern *s) { return s->start[s->q]; }
+
+int pattern_find(const struct pattern *s, int i, int j)
+{
+    int low = s->start[j], high = s->start[j + 1] - 1;
+
+    if (s->full)
+        return j * s->q + i;
+    while (low < high) {
+        int middle = (low + high) / 2;
+
+        if (s->index[middle] < i)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}

@@ -1,0 +1,111 @@
+"""Steady states with a law at each of many dofs: the equations of motion hold, by forces sampled and transformed here, in numpy."""
+import json
+import os
+import pathlib
+import subprocess
+
+import numpy
+import pytest
+
+TOP = pathlib.Path(__file__).resolve().parents[2]
+CTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "modalctl"
+pytestmark = pytest.mark.skipif(not CTL.exists(), reason=f"no {CTL}: build first")
+
+OMEGA, LOAD = 0.3, 0.5
+LAWS = {"friction": {"type": "friction", "stiffness": 0.3, "limit": 0.05},
+        "cubic": {"type": "cubic_spring", "coefficient": 0.1},
+        "gap": {"type": "gap", "stiffness": 1.0, "clearance": 0.3}}
+
+
+def run(tmp_path, scene, *args):
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps(scene))
+    done = subprocess.run([CTL, "--local", "--json", "steady", path, "-o", "stability=false", *args], capture_output=True, text=True,
+                          timeout=300)
+    assert done.returncode == 0, done.stdout[:400] + done.stderr[:400]
+    return json.loads(done.stdout)
+
+
+def scene_of(K, C, law, harmonics=7, loaded=0):
+    n = len(K)
+    return {"structure": {"type": "matrices", "M": numpy.eye(n).tolist(), "C": C.tolist(), "K": K.tolist()}, "omega": OMEGA,
+            "effects": [{**LAWS[law], "dof": f"x{i + 1}"} for i in range(n)],
+            "excitation": [{"dof": f"x{loaded + 1}", "k": 1, "cos": LOAD}], "steady": {"harmonics": harmonics}}
+
+
+def chain(n):
+    return 2 * numpy.eye(n) - numpy.eye(n, k=1) - numpy.eye(n, k=-1)
+
+
+def force(law, x):
+    """Of displacements x, a dof a row, over one period; a slider's place is what two periods leave of it."""
+    if law == "cubic":
+        return 0.1 * x**3
+    if law == "gap":
+        return numpy.maximum(x - 0.3, 0)
+    f, z, reach = numpy.empty_like(x), numpy.zeros(len(x)), 0.05 / 0.3
+    for j in list(range(x.shape[1])) * 2:
+        z = numpy.clip(z, x[:, j] - reach, x[:, j] + reach)
+        f[:, j] = 0.3 * (x[:, j] - z)
+    return f
+
+
+def residual(answer, K, C, law, loaded=0, samples=1 << 14):
+    """The largest harmonic of what is left of the equation of motion, over the largest of the forces that act."""
+    n, k = len(K), numpy.array(answer["harmonics"][0]["k"])
+    X = numpy.zeros((n, len(k)), complex)
+    for motion in answer["harmonics"]:
+        X[int(motion["dof"][1:]) - 1] = numpy.array(motion["re"]) + 1j * numpy.array(motion["im"])
+    rotation = numpy.exp(2j * numpy.pi * numpy.outer(k, numpy.arange(samples)) / samples)
+    F = numpy.fft.rfft(force(law, (X @ rotation).real), axis=1)[:, :len(k)] / samples
+    F[:, 1:] *= 2
+    P = numpy.zeros_like(F)
+    P[loaded, 1] = LOAD
+    left = K @ X + 1j * OMEGA * k * (C @ X) - (OMEGA * k) ** 2 * X + F - P
+    return abs(left).max() / max(abs(F).max(), LOAD)
+
+
+def close(law, samples=1 << 14):
+    """What sampling here leaves: an event between two samples moves a harmonic by the square of a step at most."""
+    return 1e-13 if law == "cubic" else (2 * numpy.pi / samples) ** 2
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_chain_of_sixty_laws_is_in_balance_and_so_is_the_same_chain_badly_numbered(tmp_path, law):
+    K = chain(60)
+    C = 0.03 * K + 0.05 * numpy.eye(60)
+    answer = run(tmp_path, scene_of(K, C, law))
+    assert answer["converged"] and residual(answer, K, C, law) < close(law)
+    order = numpy.random.default_rng(7).permutation(60)
+    mixed = numpy.ix_(order, order)
+    loaded = int(numpy.flatnonzero(order == 0)[0])
+    other = run(tmp_path, scene_of(K[mixed], C[mixed], law, loaded=loaded))
+    assert other["converged"] and residual(other, K[mixed], C[mixed], law, loaded) < close(law)
+    first = [abs(complex(m["re"][1], m["im"][1])) for m in answer["harmonics"]]
+    again = [abs(complex(m["re"][1], m["im"][1])) for m in other["harmonics"]]
+    assert numpy.allclose([first[i] for i in order], again, rtol=1e-8, atol=1e-10)
+
+
+def test_a_membrane_with_a_contact_at_every_node_is_in_balance(tmp_path):
+    side = 9
+    K = numpy.kron(chain(side), numpy.eye(side)) + numpy.kron(numpy.eye(side), chain(side))
+    C = 0.02 * K + 0.05 * numpy.eye(side**2)
+    middle = side**2 // 2
+    answer = run(tmp_path, scene_of(K, C, "gap", loaded=middle))
+    assert answer["converged"] and residual(answer, K, C, "gap", middle) < close("gap")
+
+
+def test_springs_that_push_back_less_than_they_are_pushed_leave_the_balance_as_good(tmp_path):
+    K = chain(40) + 0.2 * numpy.eye(40, k=1) - 0.1 * numpy.eye(40, k=-2)      # not symmetric, nor is its pattern
+    C = 0.03 * chain(40) + 0.1 * numpy.eye(40)
+    answer = run(tmp_path, scene_of(K, C, "friction"))
+    assert answer["converged"] and residual(answer, K, C, "friction") < close("friction")
+
+
+def test_a_thousand_sliders_are_in_balance(tmp_path):
+    n = 1000
+    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1), "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
+             "effects": [{**LAWS["friction"], "dof": f"x{i + 1}"} for i in range(n)],
+             "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"harmonics": 7}}
+    answer = run(tmp_path, scene)
+    assert answer["converged"] and residual(answer, chain(n), 0.03 * chain(n), "friction", samples=1 << 12) < close("friction", 1 << 12)

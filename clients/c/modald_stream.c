@@ -28,6 +28,16 @@
  * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all of libzmq's and the spill
  * file's in it: the host may close every number it finds, run out of them, and count on the next.  It is given no signals, reads no
  * environment and no locale, and a closed stream's handle stays what it is, so that a push after it does nothing.
+ *
+ * No server ends the host.  libzmq 4.3.4 has two assertions that a peer can reach from outside:
+ *   !_io_error   input had stopped (the pipe to us was full, or is being closed), the peer hung up,
+ *                and then something is to be written: a heartbeat of our own, or the PONG to a PING
+ *                that still lay in the buffer when input went on.
+ *   !_more       the pipe was taken away between two frames of a message.
+ * So input never stops (ZMQ_RCVHWM 0), and no heartbeat is ours: the kernel's keepalive, and a
+ * question that stays unanswered, find a connection that is dead.  The pipe is never taken away (no
+ * ZMQ_IMMEDIATE): a connection that is lost ends its socket instead, and the next has one of its
+ * own.  What bounds the memory is here, too: a server that says more than we take is hung up on.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE          /* where the host's build does not say it */
@@ -69,9 +79,14 @@ enum {
     DESCRIPTORS = 32,                /* that libzmq may need: it ends the process where it gets none */
     NARROW_MOST = 64,                /* channels copied one by one */
     CLOSED_KEPT = 256,               /* handles */
+    HEARD_MOST = 1048576,            /* bytes of a frame that comes: proto/PROTOCOL.md, section 2 */
+    BACKLOG_MOST = 4194304,          /* bytes in a turn; kernel and daemon keep less: 64 messages */
+    MESSAGE_COST = 64,               /* of a frame in libzmq's pipe, beside its bytes */
     SENDER_STACK = 262144,
 };
 static const char version[] = "MODALD1";
+static const double pause_least = 0.05, pause_most = 1;   /* s between links; doubled until one is good */
+static const double answer_patience = 10;                /* s: then the link is as good as lost */
 static const char spill_magic[8] = "MDSPILL1", ring_magic[8] = "MDRING01";
 
 /* ------------------------------------------------------------------ CRC-32C */
@@ -190,6 +205,8 @@ struct spill_head { uint64_t first, count; uint32_t crc, zero; };
 
 struct point { double t; double *y; };
 
+enum { KEYS = 3, KEY_SIGNS = 40 };
+
 struct modald_stream {
     /* written at open only: both threads have this line */
     _Alignas(LINE) struct ring_page *page;
@@ -225,9 +242,14 @@ struct modald_stream {
     sem_t begun;                             /* the sender has a table of its own */
 
     /* the sender's */
-    void *context, *socket, *monitor;
-    bool ready, opened, opening, closing, closed;
-    int64_t next_id, open_id, close_id;
+    void *context, *socket, *monitor;        /* socket NULL: between two links */
+    char keys[KEYS][KEY_SIGNS + 1];          /* "": none */
+    unsigned links;                          /* begun so far */
+    bool ready, lost, opened, opening, closing, closed;
+    double begin_at, pause;                  /* when the next link begins; after which pause */
+    double quiet_until;                      /* nothing is asked before: the daemon said so */
+    int64_t next_id, first_id;               /* first_id: what was asked before counts no more */
+    int64_t open_id, close_id;
     double asked_at;
     char stream[128];
     uint64_t epoch, went_on;                 /* went_on: the index behind the last sample acknowledged */
@@ -294,6 +316,8 @@ static void tell(const char *name, const char *what)
     sigset_t pipe, before, pending;
     int n = snprintf(text, sizeof text, "modald: %s%s%s%.700s\n", name ? "stream " : "", name ? name : "", name ? ": " : "", what);
 
+    for (int i = 0; i < n - 1; i++)                     /* a server's words, too */
+        text[i] = (unsigned char)text[i] < 0x20 || text[i] == 0x7f ? '?' : text[i];
     sigemptyset(&pipe);
     sigaddset(&pipe, SIGPIPE);
     sigpending(&pending);
@@ -502,24 +526,127 @@ static void add_string(char *text, size_t size, const char *string)
     add(text, size, "\"");
 }
 
-/* What follows "KEY": in TEXT, from FROM on; NULL: nothing does. */
-static const char *find(const char *from, const char *key)
-{
-    char pattern[64];
-    const char *at;
+/* JSON is read where it lies, up to its 0.  A P below is where a value begins; NULL: there is none,
+ * and none is in it. */
 
-    snprintf(pattern, sizeof pattern, "\"%s\":", key);
-    at = from ? strstr(from, pattern) : NULL;
-    return at ? at + strlen(pattern) + strspn(at + strlen(pattern), " ") : NULL;
+static const char *skip_space(const char *p)
+{
+    return p + strspn(p, " \t\r\n");
 }
 
-static double find_number(const char *from, const char *key, double otherwise)
+/* Behind the string at P; NULL: it does not end. */
+static const char *skip_string(const char *p)
 {
-    const char *at = find(from, key);
-    char *end;
-    double value = at ? strtod(at, &end) : 0;
+    for (p++; *p != '"'; p++)
+        if (*p == 0 || (*p == '\\' && *++p == 0))
+            return NULL;
+    return p + 1;
+}
 
-    return at && end != at ? value : otherwise;
+/* Behind the value at P; NULL: it does not end.  Brackets are counted: none are too many. */
+static const char *skip_value(const char *p)
+{
+    static const char marks[] = "\"{}[],: \t\r\n";
+    size_t depth = 0, length;
+
+    do {
+        length = strcspn(p, marks);
+        if (length == 0 && (*p == 0 || (depth == 0 && strchr("}],: \t\r\n", *p) != NULL)))
+            return NULL;
+        depth += *p == '{' || *p == '[';
+        depth -= *p == '}' || *p == ']';
+        p = *p == '"' ? skip_string(p) : p + (length > 0 ? length : 1);
+    } while (p != NULL && depth > 0);
+    return p;
+}
+
+/* The value of KEY, which is written as it is, in the object at P. */
+static const char *member(const char *p, const char *key)
+{
+    size_t length = strlen(key);
+
+    if (p == NULL || *p != '{')
+        return NULL;
+    for (p = skip_space(p + 1); *p == '"'; p = skip_space(p + 1)) {
+        const char *name = p + 1, *end = skip_string(p);
+        if (end == NULL || *(p = skip_space(end)) != ':')
+            return NULL;
+        p = skip_space(p + 1);
+        if ((size_t)(end - 1 - name) == length && memcmp(name, key, length) == 0)
+            return p;
+        p = skip_value(p);
+        if (p == NULL || *(p = skip_space(p)) != ',')
+            return NULL;
+    }
+    return NULL;
+}
+
+static const char *first_element(const char *p)
+{
+    p = p != NULL && *p == '[' ? skip_space(p + 1) : NULL;
+    return p != NULL && *p != ']' ? p : NULL;
+}
+
+/* The element behind the one at P. */
+static const char *next_element(const char *p)
+{
+    p = skip_value(p);
+    p = p != NULL ? skip_space(p) : NULL;
+    return p != NULL && *p == ',' ? skip_space(p + 1) : NULL;
+}
+
+/* The number at P; OTHERWISE where there is none that a double holds. */
+static double number_at(const char *p, double otherwise)
+{
+    size_t length = p != NULL ? strcspn(p, ",]} \t\r\n") : 0;
+    double value;
+
+    if (length == 0 || strspn(p, "0123456789+-.eE") < length
+        || (*p != '-' && (*p < '0' || *p > '9')))
+        return otherwise;                               /* strtod also knows nan, infinity, 0x1p4 */
+    value = strtod(p, NULL);
+    return isfinite(value) ? value : otherwise;
+}
+
+/* The same for a count of things. */
+static uint64_t count_at(const char *p, uint64_t otherwise)
+{
+    double value = number_at(p, -1);
+    bool good = value >= 0 && value <= 9007199254740992.0 && value == floor(value);
+
+    return good ? (uint64_t)value : otherwise;
+}
+
+/* Is it the string TEXT, which JSON writes as it is? */
+static bool is_text(const char *p, const char *text)
+{
+    size_t length = strlen(text);
+
+    return p != NULL && *p == '"' && strncmp(p + 1, text, length) == 0 && p[1 + length] == '"';
+}
+
+/* What add_string made of a string of fewer than SIZE bytes, into OUT; false, and OUT is "": it is
+ * no such string. */
+static bool read_string(const char *p, char *out, size_t size)
+{
+    size_t used = 0;
+    unsigned code;
+
+    out[0] = 0;
+    if (p == NULL || *p != '"')
+        return false;
+    for (p++; *p != '"' && *p != 0 && used + 1 < size; p++)
+        if (*p != '\\')
+            out[used++] = *p;
+        else if (p[1] == '"' || p[1] == '\\')
+            out[used++] = *++p;
+        else if (strspn(p + 1, "u0123456789abcdefABCDEF") >= 5
+                 && sscanf(p + 1, "u00%2x", &code) == 1 && code > 0 && code < 0x20)
+            out[used++] = (char)code, p += 5;
+        else
+            break;
+    out[*p == '"' ? used : 0] = 0;
+    return *p == '"';
 }
 
 /* ------------------------------------------------------------------ spill file */
@@ -1002,6 +1129,7 @@ static void send_frames(modald_stream *s)
 static void forget_link(modald_stream *s)
 {
     s->opened = s->opening = s->closing = false;
+    s->first_id = s->next_id + 1;
     s->flying = 0;
     s->events_id = 0;
     for (int i = 0; i < s->frames; i++)
@@ -1023,8 +1151,7 @@ static void listen(modald_stream *s)
             forget_link(s);
             s->ready = true;
         } else if (event == ZMQ_EVENT_DISCONNECTED) {
-            s->ready = false;
-            forget_link(s);
+            s->lost = true;
         } else if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) {
             say(s, "the daemon refused our key; the run goes on without it");
         }
@@ -1061,15 +1188,15 @@ static void set_epoch(modald_stream *s, uint64_t epoch)
 
 static void take_reply(modald_stream *s, const char *header)
 {
-    int64_t id = (int64_t)find_number(header, "id", 0);
-    const char *stream = find(header, "stream");
+    int64_t id = (int64_t)count_at(member(header, "id"), 0);
 
-    s->credit = (size_t)find_number(header, "credit", (double)s->credit);
-    if (id == s->open_id && s->opening && stream != NULL && *stream == '"') {
-        snprintf(s->stream, sizeof s->stream, "%.*s", (int)strcspn(stream + 1, "\""), stream + 1);
-        set_epoch(s, (uint64_t)find_number(header, "epoch", 0));
+    s->credit = (size_t)count_at(member(header, "credit"), s->credit);
+    if (id == s->open_id && s->opening
+        && read_string(member(header, "stream"), s->stream, sizeof s->stream)) {
+        set_epoch(s, count_at(member(header, "epoch"), 0));
         s->opened = true;
         s->opening = false;
+        s->pause = pause_least;
     } else if (id == s->close_id && s->closing) {
         s->closed = true;
     }
@@ -1080,7 +1207,7 @@ static void take_reply(modald_stream *s, const char *header)
             continue;
         f->acknowledged = true;
         s->flying -= s->flying >= length ? length : s->flying;
-        uint64_t epoch = (uint64_t)find_number(header, "epoch", (double)s->epoch);
+        uint64_t epoch = count_at(member(header, "epoch"), s->epoch);
         if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)       /* and we did not go back */
             say(s, "another run pushes to a stream of this name; each begins the record anew");
         s->went_on = f->first + f->count;
@@ -1093,23 +1220,28 @@ static void take_reply(modald_stream *s, const char *header)
  * host. */
 static void take_error(modald_stream *s, const char *header)
 {
-    static const char *const passing[] = { "\"busy\"", "\"quota\"", "\"storage_full\"", "\"draining\"", "\"not_found\"" };
-    const char *code = find(find(header, "error"), "code"), *message = find(header, "message");
-    int64_t id = (int64_t)find_number(header, "id", 0);
-    char text[256];
+    static const char *const passing[] = {
+        "busy", "quota", "storage_full", "draining", "not_found"
+    };
+    const char *error = member(header, "error"), *code = member(error, "code");
+    int64_t id = (int64_t)count_at(member(header, "id"), 0);
+    char text[256], message[200];
     bool passes;
 
-    if (id != 0 && id == s->events_id)
-        return;                                     /* no live results: the record goes on */
-    passes = s->opened && code != NULL && strncmp(code, "\"conflict\"", 10) == 0;
-    for (size_t i = 0; code != NULL && i < sizeof passing / sizeof passing[0]; i++)
-        passes |= strncmp(code, passing[i], strlen(passing[i])) == 0;
+    if (id != 0 && (id == s->events_id || id < s->first_id))
+        return;                                     /* no live results; or it counts no more */
+    passes = s->opened && is_text(code, "conflict");
+    for (size_t i = 0; i < sizeof passing / sizeof passing[0]; i++)
+        passes |= is_text(code, passing[i]);
     if (passes) {
-        rest(fmin(fmax(find_number(header, "retry_after_s", 0.5), 0.05), 0.5));
+        double after = number_at(member(member(error, "detail"), "retry_after_s"), 0.5);
+        s->quiet_until = now() + fmin(fmax(after, 0.05), 0.5);
         forget_link(s);                             /* open again: what was taken is known then */
         return;
     }
-    snprintf(text, sizeof text, "the daemon refused it (%.200s); the run goes on without it", message ? message : header);
+    if (!read_string(member(error, "message"), message, sizeof message))
+        snprintf(message, sizeof message, "%.150s", header);
+    snprintf(text, sizeof text, "the daemon refused it (%s); the run goes on without it", message);
     say(s, text);
     s->refused = true;
 }
@@ -1117,30 +1249,37 @@ static void take_error(modald_stream *s, const char *header)
 /* Does a live result rest on samples of this run?  Another of the same name, or this one before it was taken up again, may be told late. */
 static bool is_ours(const modald_stream *s, const char *header)
 {
-    const char *of = find(header, "stream_id");
-    size_t length = strlen(s->stream);
+    const char *of = member(header, "stream_id");
 
-    return (of == NULL || (strncmp(of + 1, s->stream, length) == 0 && of[1 + length] == '"'))
-        && (uint64_t)find_number(header, "epoch", (double)s->epoch) == s->epoch;
+    return (of == NULL || is_text(of, s->stream))
+        && count_at(member(header, "epoch"), s->epoch) == s->epoch;
+}
+
+static struct modald_estimate estimate_of(const char *mode, double sample)
+{
+    const char *std = member(mode, "std");
+
+    return (struct modald_estimate) {
+        .frequency_hz = number_at(member(mode, "frequency_hz"), 0),
+        .frequency_std = number_at(member(std, "frequency_hz"), -1),
+        .damping_ratio = number_at(member(mode, "damping_ratio"), HUGE_VAL),
+        .damping_std = number_at(member(std, "damping_ratio"), -1),
+        .sample = sample,
+    };
 }
 
 /* The least damped mode, and whether all is stable, of a live result. */
 static void take_event(modald_stream *s, const char *header)
 {
-    const char *stable = find(find(header, "stability"), "stable"), *at = find(header, "modes");
+    const char *stable = member(member(header, "stability"), "stable");
+    const char *mode = first_element(member(header, "modes"));
     struct modald_estimate best = { .damping_ratio = HUGE_VAL };
+    double sample = number_at(member(header, "last"), number_at(member(header, "to"), -1));
 
     if (stable == NULL || !is_ours(s, header))
         return;
-    while ((at = find(at, "frequency_hz")) != NULL) {
-        struct modald_estimate e = { .frequency_hz = strtod(at, NULL), .damping_ratio = find_number(at, "damping_ratio", HUGE_VAL),
-                                     .frequency_std = -1, .damping_std = -1, .sample = find_number(header, "last", find_number(header, "to", -1)) };
-        const char *std = find(at, "std"), *next = find(at, "frequency_hz");
-        if (std != NULL && next != NULL && next > std) {            /* the std of this mode, its keys the same */
-            e.frequency_std = find_number(std, "frequency_hz", -1);
-            e.damping_std = find_number(std, "damping_ratio", -1);
-            at = next;
-        }
+    for (; mode != NULL; mode = next_element(mode)) {
+        struct modald_estimate e = estimate_of(mode, sample);
         if (e.damping_ratio < best.damping_ratio)
             best = e;
     }
@@ -1149,54 +1288,66 @@ static void take_event(modald_stream *s, const char *header)
         s->estimate = best;
         atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_release);
     }
-    atomic_store(&s->verdict, *stable == 't' ? MODALD_STABLE : *stable == 'f' ? MODALD_UNSTABLE : MODALD_UNDECIDED);
+    bool yes = strncmp(stable, "true", 4) == 0, no = strncmp(stable, "false", 5) == 0;
+    atomic_store(&s->verdict, yes ? MODALD_STABLE : no ? MODALD_UNSTABLE : MODALD_UNDECIDED);
 }
 
-/* One message, if there is one. */
-static bool receive(modald_stream *s)
+/* A message of KIND, its header as text that is ours to read. */
+static void take_message(modald_stream *s, const char *kind, const char *header)
 {
     static const struct { const char *kind; void (*take)(modald_stream *, const char *); } kinds[] = {
         { "REPLY", take_reply }, { "ERROR", take_error }, { "EVENT", take_event },
     };
+
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (strcmp(kind, kinds[i].kind) == 0)
+            kinds[i].take(s, skip_space(header));
+}
+
+/* One message: what it cost; 0: there is none. */
+static size_t receive(modald_stream *s)
+{
     char kind[8] = "", *header = NULL;
-    bool more = true, came = false;
+    size_t cost = 0;
+    bool more = true;
     zmq_msg_t part;
 
     zmq_msg_init(&part);
-    for (int i = 0; more && zmq_msg_recv(&part, s->socket, ZMQ_DONTWAIT) >= 0; i++) {
+    for (int i = 0; more && cost <= BACKLOG_MOST; i++) {
+        if (zmq_msg_recv(&part, s->socket, ZMQ_DONTWAIT) < 0)
+            break;
+        size_t size = zmq_msg_size(&part);
         more = zmq_msg_more(&part);
-        came = true;
-        if (i == 1)
-            snprintf(kind, sizeof kind, "%.*s", (int)(zmq_msg_size(&part) < 7 ? zmq_msg_size(&part) : 7), (const char *)zmq_msg_data(&part));
+        cost += MESSAGE_COST + size;
+        if (i == 1 && size < sizeof kind)
+            memcpy(kind, zmq_msg_data(&part), size);
         if (i == 2)
-            header = strndup(zmq_msg_data(&part), zmq_msg_size(&part));
+            header = strndup(zmq_msg_data(&part), size);
     }
     zmq_msg_close(&part);
-    for (size_t i = 0; header != NULL && i < sizeof kinds / sizeof kinds[0]; i++)
-        if (strcmp(kind, kinds[i].kind) == 0)
-            kinds[i].take(s, header);
+    if (header != NULL)
+        take_message(s, kind, header);
     free(header);
-    return came;
+    return cost;
 }
 
 /* ------------------------------------------------------------------ the sender's thread */
 
 /* A key file as modalctl keygen writes it: NAME = "40 signs". */
-static bool set_key(modald_stream *s, const char *text, const char *name, int option)
+static bool read_key(char key[KEY_SIGNS + 1], const char *text, const char *name)
 {
     const char *at = strstr(text, name), *quote = at ? strchr(at, '"') : NULL;
-    char key[41] = "";
 
-    if (quote == NULL || strcspn(quote + 1, "\"") != 40)
+    if (quote == NULL || strcspn(quote + 1, "\"") != KEY_SIGNS)
         return false;
-    memcpy(key, quote + 1, 40);
-    bool good = zmq_setsockopt(s->socket, option, key, sizeof key) == 0;
-    explicit_bzero(key, sizeof key);
-    return good;
+    memcpy(key, quote + 1, KEY_SIGNS);
+    return true;
 }
 
-static bool set_keys(modald_stream *s)
+/* Once, at the start: a host may give up the right to read them. */
+static bool read_keys(modald_stream *s)
 {
+    static const char *const names[KEYS] = { "public-key", "secret-key", "server-key" };
     char text[1024] = "";
     struct stat st;
     int fd;
@@ -1205,9 +1356,10 @@ static bool set_keys(modald_stream *s)
     if (s->keyfile == NULL)
         return true;
     fd = open(s->keyfile, O_RDONLY | O_CLOEXEC);
-    good = fd >= 0 && fstat(fd, &st) == 0 && (st.st_mode & 077) == 0 && read(fd, text, sizeof text - 1) > 0
-        && set_key(s, text, "public-key", ZMQ_CURVE_PUBLICKEY) && set_key(s, text, "secret-key", ZMQ_CURVE_SECRETKEY)
-        && set_key(s, text, "server-key", ZMQ_CURVE_SERVERKEY);
+    good = fd >= 0 && fstat(fd, &st) == 0 && (st.st_mode & 077) == 0
+        && read(fd, text, sizeof text - 1) > 0;
+    for (int i = 0; good && i < KEYS; i++)
+        good = read_key(s->keys[i], text, names[i]);
     explicit_bzero(text, sizeof text);
     if (fd >= 0)
         close(fd);
@@ -1241,34 +1393,42 @@ static bool may_begin(void)
     return made == 2 && opened == DESCRIPTORS;
 }
 
-static bool connect_socket(modald_stream *s)
+static bool set_options(const modald_stream *s)
 {
     static const struct { int name, value; } options[] = {
-        { ZMQ_LINGER, 0 }, { ZMQ_IMMEDIATE, 1 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
-        { ZMQ_HEARTBEAT_IVL, 5000 }, { ZMQ_HEARTBEAT_TIMEOUT, 15000 }, { ZMQ_SNDHWM, 64 }, { ZMQ_RCVHWM, 256 },
+        { ZMQ_LINGER, 0 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
+        { ZMQ_SNDHWM, 64 }, { ZMQ_RCVHWM, 0 },
+        { ZMQ_TCP_KEEPALIVE, 1 }, { ZMQ_TCP_KEEPALIVE_IDLE, 5 },
+        { ZMQ_TCP_KEEPALIVE_INTVL, 5 }, { ZMQ_TCP_KEEPALIVE_CNT, 2 }, { ZMQ_TCP_MAXRT, 15000 },
     };
-    static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH;
-    char name[64];
+    static const int keys[KEYS] = { ZMQ_CURVE_PUBLICKEY, ZMQ_CURVE_SECRETKEY, ZMQ_CURVE_SERVERKEY };
+    const size_t value = sizeof options[0].value;
+    int64_t most = HEARD_MOST;
+    bool good = zmq_setsockopt(s->socket, ZMQ_MAXMSGSIZE, &most, sizeof most) == 0;
 
-    if (!may_begin())
-        return false;
-    snprintf(name, sizeof name, "inproc://modald-%p", (void *)s);
-    s->context = zmq_ctx_new();
-    s->socket = s->context ? zmq_socket(s->context, ZMQ_DEALER) : NULL;
-    s->monitor = s->context ? zmq_socket(s->context, ZMQ_PAIR) : NULL;
-    if (s->socket == NULL || s->monitor == NULL)
-        return false;
     for (size_t i = 0; i < sizeof options / sizeof options[0]; i++)
-        zmq_setsockopt(s->socket, options[i].name, &options[i].value, sizeof options[i].value);
-    zmq_setsockopt(s->monitor, ZMQ_LINGER, &(int) { 0 }, sizeof(int));
-    if (!set_keys(s)) {
-        say(s, "the key file is not one of mode 0600 with three keys; the run goes on without modald");
-        return false;
-    }
-    return zmq_socket_monitor(s->socket, name, events) == 0 && zmq_connect(s->monitor, name) == 0 && zmq_connect(s->socket, s->url) == 0;
+        good &= zmq_setsockopt(s->socket, options[i].name, &options[i].value, value) == 0;
+    for (int i = 0; i < KEYS && s->keys[i][0] != 0; i++)
+        good &= zmq_setsockopt(s->socket, keys[i], s->keys[i], sizeof s->keys[i]) == 0;
+    return good;
 }
 
-static void close_socket(modald_stream *s)
+/* The socket's own account of its connection; it must never wait for us. */
+static bool open_monitor(modald_stream *s)
+{
+    static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED
+                            | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH, none = 0;
+    char name[64];
+
+    snprintf(name, sizeof name, "inproc://modald-%u", ++s->links);
+    s->monitor = zmq_socket(s->context, ZMQ_PAIR);
+    return s->monitor != NULL && zmq_socket_monitor(s->socket, name, events) == 0
+        && zmq_setsockopt(s->monitor, ZMQ_LINGER, &none, sizeof none) == 0
+        && zmq_setsockopt(s->monitor, ZMQ_RCVHWM, &none, sizeof none) == 0
+        && zmq_connect(s->monitor, name) == 0;
+}
+
+static void close_link(modald_stream *s)
 {
     if (s->socket != NULL) {
         zmq_socket_monitor(s->socket, NULL, 0);
@@ -1276,8 +1436,66 @@ static void close_socket(modald_stream *s)
     }
     if (s->monitor != NULL)
         zmq_close(s->monitor);
+    s->socket = s->monitor = NULL;
+    s->ready = s->lost = false;
+}
+
+static bool open_link(modald_stream *s)
+{
+    s->socket = zmq_socket(s->context, ZMQ_DEALER);
+    if (s->socket != NULL && set_options(s) && open_monitor(s)
+        && zmq_connect(s->socket, s->url) == 0)
+        return true;
+    close_link(s);
+    s->begin_at = now() + pause_most;
+    return false;
+}
+
+/* Nothing more is said or heard on this link; the next begins after a pause. */
+static void drop_link(modald_stream *s)
+{
+    forget_link(s);
+    close_link(s);
+    s->begin_at = now() + s->pause;
+    s->pause = fmin(2 * s->pause, pause_most);
+}
+
+static bool connect_socket(modald_stream *s)
+{
+    if (!read_keys(s)) {
+        say(s, "the key file is not one of mode 0600 with three keys; "
+               "the run goes on without modald");
+        return false;
+    }
+    s->pause = pause_least;
+    s->context = may_begin() ? zmq_ctx_new() : NULL;
+    return s->context != NULL && open_link(s);
+}
+
+static void close_socket(modald_stream *s)
+{
+    close_link(s);
     if (s->context != NULL)
         zmq_ctx_term(s->context);
+    s->context = NULL;
+    explicit_bzero(s->keys, sizeof s->keys);
+}
+
+/* What came in.  True: something did. */
+static bool hear(modald_stream *s)
+{
+    size_t taken = 0, cost = 1;
+
+    if (s->socket == NULL && (now() < s->begin_at || !open_link(s)))
+        return false;
+    listen(s);
+    for (; cost > 0 && taken <= BACKLOG_MOST; taken += cost)
+        cost = receive(s);
+    if (taken > BACKLOG_MOST)
+        s->pause = pause_most;
+    if (s->lost || taken > BACKLOG_MOST)
+        drop_link(s);
+    return taken > 0;
 }
 
 /* Is everything that was pushed acknowledged? */
@@ -1290,11 +1508,8 @@ static bool drained(const modald_stream *s)
 static bool turn(modald_stream *s, bool flush)
 {
     uint64_t before = s->taken;
-    bool moved = false;
+    bool moved = hear(s);
 
-    listen(s);
-    while (receive(s))
-        moved = true;
     if (s->refused) {                                   /* nobody wants them: the ring stays empty */
         release(s, s->taken = atomic_load(&s->page->head));
         return false;
@@ -1304,13 +1519,13 @@ static bool turn(modald_stream *s, bool flush)
         finish_build(s);
     spill_if_needed(s, false);
     fill_window(s);
-    if (s->ready && !s->opened && !s->opening && (s->frames > 0 || flush))
+    if (s->ready && !s->opened && !s->opening && (s->frames > 0 || flush)
+        && now() >= s->quiet_until)
         send_open(s);
     if (s->opened)
         send_frames(s);
-    if (s->opening || s->flying > 0)
-        if (now() > s->asked_at + 10)                   /* an answer was lost: ask again */
-            forget_link(s);
+    if ((s->opening || s->flying > 0) && now() > s->asked_at + answer_patience)
+        drop_link(s);
     return moved || s->taken != before;
 }
 
@@ -1834,12 +2049,13 @@ static modald_stream *from_spill(int fd, const char *url, char *message, size_t 
     }
     if (text != NULL && pread(fd, &length, sizeof length, sizeof spill_magic) == (ssize_t)sizeof length && length <= HEADER_MOST
         && pread(fd, text, length, sizeof spill_magic + sizeof length) == (ssize_t)length) {
-        const char *at = find(text, "name");
-        double channels = find_number(text, "channels", 0), dt = find_number(text, "dt", 0);
-        if (at != NULL && channels >= 1 && channels <= CHANNELS_MOST && dt > 0) {
-            snprintf(name, sizeof name, "%.*s", (int)strcspn(at + 1, "\""), at + 1);
+        text[0] = '{';                                  /* as the message has an id before it */
+        uint64_t channels = count_at(member(text, "channels"), 0);
+        double dt = number_at(member(text, "dt"), 0);
+        if (channels >= 1 && channels <= CHANNELS_MOST && dt > 0
+            && read_string(member(text, "name"), name, sizeof name) && name[0] != 0)
             s = stream_new(name, (int)channels, dt, url, 4096, NULL);
-        }
+        text[0] = ',';
     }
     if (s == NULL) {
         snprintf(message, size, "its head cannot be read");

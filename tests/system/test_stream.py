@@ -321,7 +321,8 @@ def test_what_is_said_of_another_run_of_that_name_or_another_epoch_is_no_verdict
             at = s.report.pushed
             s.push([[1.0], [2.0]])
             acknowledged(s, at + 2)
-            peer.event = None
+            with peer.changed:                           # the event is on its way
+                peer.event = None
             s.push([[3.0]])
             acknowledged(s, at + 3)
             assert s.verdict == said

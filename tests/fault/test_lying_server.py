@@ -1,0 +1,141 @@
+"""No server ends a simulation, and none takes its memory: neither one that lies (lying_server.py) nor an honest one that is killed while it speaks.
+
+The host (hosts.c) runs for longer than any heartbeat of the library's, and its output and exit status are those of a run without a stream.
+MODALD_HOST_KILLS: how often the honest server is killed (12; 200 with MODALD_LONG=1).
+"""
+import contextlib
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "system"))
+import lying_server  # noqa: E402
+import sanitized  # noqa: E402
+from conftest import BUILD, PATIENCE, environment  # noqa: E402
+
+HOSTS = pathlib.Path(os.environ.get("MODALD_HOSTS", BUILD / "fault" / "hosts"))
+KILLS = int(os.environ.get("MODALD_HOST_KILLS", "200" if os.environ.get("MODALD_LONG") == "1" else "12"))
+STEPS, PACE = 16000, 0.0004                     # 7 s or more: the hang-up that a heartbeat of 5 s finds
+TOGETHER = 8                                    # hosts
+
+
+class Host:
+    """One run; what it writes goes to files, so that nobody makes it wait."""
+
+    def __init__(self, folder, steps=STEPS, pace=PACE, **env):
+        self.out, self.err = tempfile.TemporaryFile(dir=folder), tempfile.TemporaryFile(dir=folder)
+        self.process = subprocess.Popen([str(HOSTS), "plain", str(steps), str(pace)], stdout=self.out, stderr=self.err,
+                                        env=environment(MODALD_SPILL=folder, MODALD_CLOSE_WAIT="0.5", MODALD_WINDOW="64", **env))
+        self.most_mb = 0
+
+    def runs(self):
+        """Is it still there?  The most memory it had is kept."""
+        with contextlib.suppress(OSError):
+            with open(f"/proc/{self.process.pid}/status") as f:
+                self.most_mb = max([self.most_mb, *(int(line.split()[1]) / 1024 for line in f if line.startswith("VmHWM"))])
+        return self.process.poll() is None
+
+    def end(self):
+        """What it wrote, how it ended, and what was said."""
+        try:
+            self.process.wait(timeout=PATIENCE)
+        finally:
+            self.process.kill()
+            self.process.wait()
+        for file in (self.out, self.err):
+            file.seek(0)
+        err = self.err.read().decode(errors="replace")
+        sanitized.hear(err)
+        return self.out.read(), self.process.returncode, err
+
+
+def plain_run(folder, steps):
+    return Host(folder, steps, 0).end()[:2]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return plain_run(tmp_path_factory.mktemp("plain"), STEPS)
+
+
+@pytest.fixture(scope="module")
+def ends(tmp_path_factory):
+    """Of each trick: how often it was played, and the host's end.  All at once, for each takes its time."""
+    folder = tmp_path_factory.mktemp("tricks")
+    servers = {trick: lying_server.Server(folder / str(i), trick) for i, trick in enumerate(lying_server.TRICKS)}
+    hosts = {trick: Host(folder, MODALD_URL=server.url) for trick, server in servers.items()}
+    out = {trick: host.end() for trick, host in hosts.items()}
+    for server in servers.values():
+        server.stop()
+    return {trick: (servers[trick].played, *out[trick]) for trick in servers}
+
+
+@pytest.mark.parametrize("trick", lying_server.TRICKS, ids=lambda trick: trick.__name__)
+def test_no_lie_of_a_server_is_seen_in_the_host(trick, ends, plain):
+    played, out, status, err = ends[trick]
+    assert played > 0
+    assert (out, status) == plain, err
+    assert all(line.startswith("modald: ") and line.isprintable() for line in err.splitlines()), err
+
+
+@pytest.mark.parametrize("flood", lying_server.FLOODS, ids=lambda flood: flood.__name__)
+def test_a_server_that_speaks_without_end_costs_the_host_bounded_memory(flood, plain, tmp_path):
+    """4 MiB is what is taken of a link before it is hung up on; libzmq may read a few times as fast as we do.  Without a bound: 2.3 GB."""
+    server = lying_server.Server(tmp_path / "flood", flood)
+    host = Host(tmp_path, MODALD_URL=server.url)
+    while host.runs():
+        time.sleep(0.01)
+    out, status, err = host.end()
+    server.stop()
+    print(f"{flood.__name__}: {server.played} blocks, the host had {host.most_mb:.0f} MB at most")
+    assert server.played > 20 and (out, status) == plain, err
+    assert host.most_mb < (2000 if sanitized.SANITIZED else 400)
+
+
+HONEST = f"""
+import json, sys, zmq
+s = zmq.Context().socket(zmq.ROUTER)
+s.setsockopt(zmq.SNDHWM, 64), s.setsockopt(zmq.ROUTER_MANDATORY, 1), s.bind(sys.argv[1])
+hosts = set()
+
+def send(peer, kind, header):
+    try:
+        s.send_multipart([peer, b"MODALD1", kind, header], zmq.NOBLOCK)
+    except zmq.Again:
+        pass
+    except zmq.ZMQError:
+        hosts.discard(peer)
+
+while True:
+    while s.poll(0):
+        peer, _, _, header, *_ = s.recv_multipart()
+        hosts.add(peer)
+        asked = json.loads(header)
+        send(peer, b"REPLY", json.dumps({{"id": asked["id"], "verb": "STREAM", "stream": "abcd1234", "name": "plain", "epoch": 0,
+                                          "next": asked.get("first", 0) + asked.get("count", 0), "credit": 1000000}}).encode())
+    for peer in list(hosts):
+        send(peer, b"EVENT", {lying_server.EVENT!r})
+"""
+
+
+def test_hosts_outlive_an_honest_server_killed_in_the_midst_of_its_live_results(tmp_path):
+    """Each kill cuts a flood of whole messages at some byte of some frame, for eight hosts at once."""
+    url, kills, steps = f"ipc://{tmp_path}/honest", 0, 3000 * KILLS        # of a second and a half each
+    plain = plain_run(tmp_path, steps)
+    hosts = [Host(tmp_path, steps, MODALD_URL=url) for _ in range(TOGETHER)]
+    while all(host.runs() for host in hosts):
+        server = subprocess.Popen([sys.executable, "-c", HONEST, url])
+        time.sleep(0.5 + 0.02 * (kills % 7))
+        server.kill()
+        server.wait()
+        kills += 1
+    ends = [host.end() for host in hosts]
+    print(f"{kills} kills, {TOGETHER} hosts")
+    assert [end[:2] == plain for end in ends] == [True] * TOGETHER, [end[1:] for end in ends]
+    assert kills >= KILLS // 2

@@ -104,6 +104,8 @@ struct task {
     struct result_record record;          /* RESULT_PUT: out */
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
     int64_t stream; uint64_t epoch;       /* STREAM_SEAL, SAMPLES_COMPARE: in */
+    uint64_t missing;                     /* STREAM_SEAL: bytes of its gaps, in */
+    uint64_t written, next_segment;       /* STREAM_SEAL, between two slices: bytes of the batch, offset of what comes next */
     uint64_t begin;                       /* of the batch's, the chunk's first sample its index; READ_SPOOL: of the data its place in
                                              the file (total: its bytes, crc: its checksum) */
     struct sums sums;                     /* STREAM_SEAL, READ_SPOOL: out, of its parts; none where the ledger has them */

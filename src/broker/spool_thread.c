@@ -3,6 +3,9 @@
  *
  * Chunks are hashed by another thread while one writes and syncs them: a thread that has chunks offers their hashing, any idle
  * thread takes it, and where none did the first does it itself while the disk is busy.
+ *
+ * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal writes as much as a stream
+ * may be long, and neither another's chunk nor another's short stream waits for the end of that.
  */
 #include "broker/queue.h"
 #include "modal/crc32c.h"
@@ -17,7 +20,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { THREADS_MOST = 16 };
+enum { THREADS_MOST = 16, SLICE_BYTES = 8 << 20 /* of a seal, written and synced at once */ };
 
 /* Chunks to be hashed, on the stack of the thread that writes them. */
 struct hashing {
@@ -37,6 +40,9 @@ struct spool_threads {
     pthread_cond_t more, hashed;
     struct hashing *offers;
     struct task *first, **end;
+    pthread_t sealer;
+    pthread_cond_t sealable;
+    struct task *seals, **seals_end;
     bool stop;
     const char *dir;
     struct done_queue *done;
@@ -160,80 +166,127 @@ static enum modal_status seal(struct task *task)
     return rc;
 }
 
-/* A stream's segments, one after the other; `at`: the end of what is in the batch. */
-struct reading { struct task *task; int fd; uint64_t at; char *block; };
+/* A stream's segments, one after the other; LEFT: bytes that this slice of a seal may yet write. */
+struct reading { struct task *task; int fd; uint64_t left; bool more; char *block; };
 
 static enum modal_status append(struct reading *s, const void *data, size_t length, uint32_t crc)
 {
+    struct task *task = s->task;
     struct upload_part part = { data, length, crc };
-    enum modal_status rc = upload_write(s->task->upload, s->at, &part, 1, &s->task->err);
+    enum modal_status rc = upload_write(task->upload, task->written, &part, 1, &task->err);
 
-    s->at += length;
-    return rc == MODAL_OK ? upload_hash(s->task->upload, &part, 1, &s->task->err) : rc;
+    if (rc == MODAL_OK)
+        rc = upload_hash(task->upload, &part, 1, &task->err);
+    if (rc == MODAL_OK)
+        rc = sums_add(&task->sums, length, crc, &task->err);
+    task->written += length;
+    s->left -= length < s->left ? length : s->left;
+    return rc;
 }
 
-/* Samples that never came are NaN, which no job takes for data. */
+/* Samples that never came are NaN, which no job takes for data: BYTES of them, as far as the slice goes. */
 static enum modal_status append_gap(struct reading *s, uint64_t bytes)
 {
     double nan[4096];
+    uint32_t crc;
     enum modal_status rc = MODAL_OK;
 
+    if (bytes == 0)
+        return MODAL_OK;
     for (size_t i = 0; i < sizeof nan / sizeof *nan; i++)
         nan[i] = NAN;
-    while (rc == MODAL_OK && bytes > 0) {
+    crc = crc32c(0, nan, sizeof nan);
+    while (rc == MODAL_OK && bytes > 0 && s->left > 0) {
         size_t part = bytes < sizeof nan ? (size_t)bytes : sizeof nan;
-        rc = append(s, nan, part, crc32c(0, nan, part));
+        rc = append(s, nan, part, part == sizeof nan ? crc : crc32c(0, nan, part));
         bytes -= part;
     }
     return rc;
 }
 
-/* One segment, if it is of the epoch, behind those before. */
+/* One segment, if it is of the epoch, behind those before and what is missing between; MODAL_BUSY: the slice is over. */
 static enum modal_status add_segment(void *context, const struct segment_record *segment)
 {
     struct reading *s = context;
     struct task *task = s->task;
     uint64_t place = (segment->first - task->begin) * 8 * task->shape.channels;
-    enum modal_status rc;
+    bool ours = segment->epoch == task->epoch;
+    enum modal_status rc = MODAL_OK;
 
-    if (segment->epoch != task->epoch)
-        return MODAL_OK;
-    if (segment->length != segment->count * 8 * task->shape.channels || segment->length > WIRE_CHUNK_MOST || place < s->at)
-        return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples from %llu on", (long long)task->stream,
-                          (unsigned long long)segment->length, (unsigned long long)segment->count, (unsigned long long)segment->first);
-    rc = append_gap(s, place - s->at);
-    if (rc == MODAL_OK)
+    if (ours && (segment->length != segment->count * 8 * task->shape.channels || segment->length > WIRE_CHUNK_MOST
+                 || place < task->written))
+        return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples from %llu on",
+                          (long long)task->stream, (unsigned long long)segment->length, (unsigned long long)segment->count,
+                          (unsigned long long)segment->first);
+    if (ours)
+        rc = append_gap(s, place - task->written);
+    s->more = rc == MODAL_OK && s->left == 0;
+    if (s->more)
+        return MODAL_BUSY;
+    if (rc == MODAL_OK && ours)
         rc = samples_get(s->fd, segment, s->block, &task->err);
-    return rc == MODAL_OK ? append(s, s->block, segment->length, segment->crc) : rc;
-}
-
-/* Each segment of the task's stream to VISIT, with the stream's file open. */
-static enum modal_status read_segments(const char *dir, struct ledger_reader *reader, struct task *task,
-                                       enum modal_status (*visit)(void *context, const struct segment_record *))
-{
-    struct reading r = { .task = task, .fd = -1, .block = malloc(WIRE_CHUNK_MOST) };
-    char path[4200];
-    enum modal_status rc = r.block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
-
-    samples_path(path, dir, task->stream);
-    if (rc == MODAL_OK)
-        rc = file_open(path, O_RDONLY, 0, &r.fd, &task->err);
-    if (rc == MODAL_OK)
-        rc = ledger_read_segments(reader, task->stream, visit, &r, &task->err);
-    if (r.fd >= 0)
-        close(r.fd);
-    free(r.block);
+    if (rc == MODAL_OK && ours)
+        rc = append(s, s->block, segment->length, segment->crc);
+    task->next_segment = segment->offset + segment->length;
     return rc;
 }
 
-static enum modal_status seal_stream(const char *dir, struct ledger_reader *reader, struct task *task)
+/* The segments of R's stream from its file's offset FROM on to VISIT, with the file open. */
+static enum modal_status read_segments(const char *dir, struct ledger_reader *reader, struct reading *r, uint64_t from,
+                                       enum modal_status (*visit)(void *context, const struct segment_record *))
 {
-    enum modal_status rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
+    struct task *task = r->task;
+    char path[4200];
+    enum modal_status rc;
+
+    r->fd = -1;
+    r->block = malloc(WIRE_CHUNK_MOST);
+    rc = r->block != NULL ? MODAL_OK : modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
+    samples_path(path, dir, task->stream);
+    if (rc == MODAL_OK)
+        rc = file_open(path, O_RDONLY, 0, &r->fd, &task->err);
+    if (rc == MODAL_OK)
+        rc = ledger_read_segments(reader, task->stream, from, visit, r, &task->err);
+    if (r->fd >= 0)
+        close(r->fd);
+    free(r->block);
+    return rc;
+}
+
+static enum modal_status find_room(const char *dir, struct task *task)
+{
+    struct statvfs known;
+
+    if (statvfs(dir, &known) != 0)
+        return modal_fail(&task->err, MODAL_IO, "%s: %s", dir, strerror(errno));
+    task->total = (uint64_t)known.f_bavail * known.f_frsize;
+    return MODAL_OK;
+}
+
+/* What was sent is on this disk already; what gaps take besides must leave room for the ledger, as the reserve does. */
+static enum modal_status begin_seal(const char *dir, struct task *task)
+{
+    uint64_t bytes = input_bytes(&task->shape), beside = task->missing < RESERVE_BYTES / 4 ? task->missing : RESERVE_BYTES / 4;
+    enum modal_status rc = find_room(dir, task);
+
+    if (rc == MODAL_OK && task->total < bytes + beside)
+        rc = modal_fail(&task->err, MODAL_STORAGE_FULL, "no room for a batch of %llu bytes", (unsigned long long)bytes);
+    return rc == MODAL_OK ? upload_begin(dir, task->id, &task->shape, &task->upload, &task->err) : rc;
+}
+
+/* Some more of a stream's batch, synced; *MORE: there is more to do. */
+static enum modal_status seal_slice(const char *dir, struct ledger_reader *reader, struct task *task, bool *more)
+{
+    struct reading r = { .task = task, .left = SLICE_BYTES };
+    enum modal_status rc = task->upload != NULL ? MODAL_OK : begin_seal(dir, task);
 
     if (rc == MODAL_OK)
-        rc = read_segments(dir, reader, task, add_segment);
-    if (rc == MODAL_OK)
+        rc = read_segments(dir, reader, &r, task->next_segment, add_segment);
+    if (r.more || rc == MODAL_OK)
         rc = upload_sync(task->upload, &task->err);
+    *more = r.more && rc == MODAL_OK;
+    if (*more)
+        return rc;
     if (rc == MODAL_OK)
         rc = seal(task);
     upload_close(task->upload);
@@ -262,6 +315,13 @@ static enum modal_status compare_segment(void *context, const struct segment_rec
     task->differs = rc == MODAL_OK && memcmp(r->block + (from - segment->first) * size, (const char *)task->chunks[0]->data + (from - task->begin) * size,
                                              (to - from) * size) != 0;
     return rc;
+}
+
+static enum modal_status compare_samples(const char *dir, struct ledger_reader *reader, struct task *task)
+{
+    struct reading r = { .task = task };
+
+    return read_segments(dir, reader, &r, 0, compare_segment);
 }
 
 /* The part [offset, offset + length) of DATA, which is freed. */
@@ -318,16 +378,6 @@ static enum modal_status keep_event(void *context, const struct event_record *r)
     return rows[task->event_count - 1].text == NULL ? MODAL_NO_MEMORY : MODAL_OK;
 }
 
-static enum modal_status find_room(const char *dir, struct task *task)
-{
-    struct statvfs known;
-
-    if (statvfs(dir, &known) != 0)
-        return modal_fail(&task->err, MODAL_IO, "%s: %s", dir, strerror(errno));
-    task->total = (uint64_t)known.f_bavail * known.f_frsize;
-    return MODAL_OK;
-}
-
 static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *reader, struct task *task)
 {
     const char *dir = s->dir;
@@ -337,10 +387,10 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_RESUME:        return resume(dir, reader, task);
     case TASK_WRITE:         return write_chunks(s, task);
     case TASK_SEAL:          return seal(task);
-    case TASK_STREAM_SEAL:   return seal_stream(dir, reader, task);
+    case TASK_STREAM_SEAL:   break;                /* by the sealer, in slices */
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
-    case TASK_SAMPLES_COMPARE: return read_segments(dir, reader, task, compare_segment);
+    case TASK_SAMPLES_COMPARE: return compare_samples(dir, reader, task);
     case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
     case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);
@@ -386,13 +436,27 @@ static struct task *take(struct spool_threads *s, struct hashing **offered)
     return task;
 }
 
+/* The task is the loop's again. */
+static void give_back(struct spool_threads *s, struct task *task, const struct timespec *begun)
+{
+    struct timespec ended;
+
+    clock_gettime(CLOCK_MONOTONIC, &ended);
+    if (task->status == MODAL_STORAGE_FULL)
+        find_room(s->dir, task);
+    task->took_ns += (ended.tv_sec - begun->tv_sec) * INT64_C(1000000000) + ended.tv_nsec - begun->tv_nsec;
+    if (is_fatal(task))
+        done_fatal(s->done, &task->err);
+    done_task(s->done, task);
+}
+
 static void *run(void *context)
 {
     struct spool_threads *s = context;
     struct ledger_reader *reader = NULL;
     struct modal_error err;
     struct hashing *offered;
-    struct timespec begun, ended;
+    struct timespec begun;
     struct task *task;
 
     if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
@@ -406,13 +470,60 @@ static void *run(void *context)
         }
         clock_gettime(CLOCK_MONOTONIC, &begun);
         task->status = do_task(s, reader, task);
-        if (task->status == MODAL_STORAGE_FULL)
-            find_room(s->dir, task);
-        clock_gettime(CLOCK_MONOTONIC, &ended);
-        task->took_ns = (ended.tv_sec - begun.tv_sec) * INT64_C(1000000000) + ended.tv_nsec - begun.tv_nsec;
-        if (is_fatal(task))
-            done_fatal(s->done, &task->err);
-        done_task(s->done, task);
+        give_back(s, task, &begun);
+    }
+    ledger_reader_close(reader);
+    return NULL;
+}
+
+static void put_seal(struct spool_threads *s, struct task *task)
+{
+    task->next = NULL;
+    *s->seals_end = task;
+    s->seals_end = &task->next;
+}
+
+/* The seal whose turn it is; NULL: stop, and what is not sealed is sealed after the next start. */
+static struct task *take_seal(struct spool_threads *s)
+{
+    struct task *task;
+
+    pthread_mutex_lock(&s->mutex);
+    while (s->seals == NULL && !s->stop)
+        pthread_cond_wait(&s->sealable, &s->mutex);
+    task = s->stop ? NULL : s->seals;
+    if (task != NULL) {
+        s->seals = task->next;
+        if (s->seals == NULL)
+            s->seals_end = &s->seals;
+    }
+    pthread_mutex_unlock(&s->mutex);
+    return task;
+}
+
+static void *run_seals(void *context)
+{
+    struct spool_threads *s = context;
+    struct ledger_reader *reader = NULL;
+    struct modal_error err;
+    struct timespec begun;
+    struct task *task;
+    bool more;
+
+    if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
+        done_fatal(s->done, &err);
+        return NULL;
+    }
+    while ((task = take_seal(s)) != NULL) {
+        clock_gettime(CLOCK_MONOTONIC, &begun);
+        task->status = seal_slice(s->dir, reader, task, &more);
+        if (!more) {
+            give_back(s, task, &begun);
+            continue;
+        }
+        pthread_mutex_lock(&s->mutex);
+        put_seal(s, task);
+        pthread_mutex_unlock(&s->mutex);
     }
     ledger_reader_close(reader);
     return NULL;
@@ -427,14 +538,20 @@ struct spool_threads *spool_threads_start(const char *dir, int count, struct don
     pthread_mutex_init(&s->mutex, NULL);
     pthread_cond_init(&s->more, NULL);
     pthread_cond_init(&s->hashed, NULL);
+    pthread_cond_init(&s->sealable, NULL);
     s->end = &s->first;
+    s->seals_end = &s->seals;
     s->dir = dir;
     s->done = done;
+    if (pthread_create(&s->sealer, NULL, run_seals, s) != 0) {
+        free(s);
+        return NULL;
+    }
     for (int i = 0; i < count && i < THREADS_MOST; i++)
         if (pthread_create(&s->threads[s->count], NULL, run, s) == 0)
             s->count++;
     if (s->count == 0) {
-        free(s);
+        spool_threads_stop(s);
         return NULL;
     }
     return s;
@@ -444,24 +561,39 @@ void spool_threads_put(struct spool_threads *s, struct task *task)
 {
     task->next = NULL;
     pthread_mutex_lock(&s->mutex);
-    *s->end = task;
-    s->end = &task->next;
-    pthread_cond_signal(&s->more);
+    if (task->type == TASK_STREAM_SEAL) {
+        put_seal(s, task);
+        pthread_cond_signal(&s->sealable);
+    } else {
+        *s->end = task;
+        s->end = &task->next;
+        pthread_cond_signal(&s->more);
+    }
     pthread_mutex_unlock(&s->mutex);
 }
 
 void spool_threads_stop(struct spool_threads *s)
 {
+    struct task *task;
+
     if (s == NULL)
         return;
     pthread_mutex_lock(&s->mutex);
     s->stop = true;
     pthread_cond_broadcast(&s->more);
+    pthread_cond_broadcast(&s->sealable);
     pthread_mutex_unlock(&s->mutex);
     for (int i = 0; i < s->count; i++)
         pthread_join(s->threads[i], NULL);
+    pthread_join(s->sealer, NULL);
+    while ((task = s->seals) != NULL) {            /* their files are orphans, which the next start removes */
+        s->seals = task->next;
+        upload_close(task->upload);
+        task_free(task);
+    }
     pthread_cond_destroy(&s->more);
     pthread_cond_destroy(&s->hashed);
+    pthread_cond_destroy(&s->sealable);
     pthread_mutex_destroy(&s->mutex);
     free(s);
 }

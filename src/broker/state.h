@@ -111,6 +111,7 @@ struct stream {
     struct segment *segments; size_t segment_count, segment_room;       /* of all epochs, as they came */
     uint64_t bytes;                       /* of all segments: the end of its file */
     uint64_t (*gaps)[2]; size_t gap_count;
+    uint64_t missing;                     /* bytes of its gaps, which its user is charged like samples */
     uint32_t *crcs; uint64_t crc_first, crc_count, crc_room;      /* of each sample from `crc_first` on; 0: not known */
     struct push *held, **held_end;        /* in their order; a task compares the first */
     bool comparing;
@@ -385,6 +386,7 @@ enum modal_status input_shape_of(const struct wire_input *w, struct input_shape 
 int64_t core_window(const struct core *c);
 void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply);   /* within his rate? else answered */
+void upload_owes(struct user *user, uint64_t bytes);     /* of his rate, for what comes without having been sent */
 void upload_task_done(struct core *c, struct task *task);
 void upload_gone(struct core *c, struct input *input);     /* its row is gone: who waits for that is told */
 void upload_after(struct core *c, struct after *after, enum modal_status status);

@@ -13,6 +13,7 @@
 #include <string.h>
 
 enum { STREAMS_MOST = 256, CHANNELS_MOST = 8192, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256, SUMS_MOST = 1 << 16 /* samples */ };
+#define GAP_BYTES (UINT64_C(64) << 20)   /* of an epoch's gaps, however short it is */
 
 static uint64_t sample_bytes(const struct stream *s)
 {
@@ -326,11 +327,52 @@ static bool gap_too_long(const struct core *c, const struct stream *s, uint64_t 
     return s->segment_count > 0 && first > s->next && (double)(first + count - s->begin) * (double)sample_bytes(s) > (double)c->settings.input_bytes;
 }
 
+/* In the batch it is NaN, and takes as much room as samples: its user is charged for it. */
 static void add_gap(struct stream *s, uint64_t from, uint64_t to)
 {
+    uint64_t bytes = (to - from) * sample_bytes(s);
+
     s->gaps = regrab(s->gaps, (s->gap_count + 1) * sizeof *s->gaps);
     s->gaps[s->gap_count][0] = from;
     s->gaps[s->gap_count++][1] = to;
+    s->missing += bytes;
+    s->user->bytes += (int64_t)bytes;
+}
+
+static void drop_gaps(struct stream *s)
+{
+    s->user->bytes -= (int64_t)s->missing;
+    s->missing = 0;
+    s->gap_count = 0;
+}
+
+/* The end of what came, those samples that are held included. */
+static uint64_t reach(const struct stream *s)
+{
+    uint64_t end = s->next;
+
+    for (const struct push *p = s->held; p != NULL; p = p->next)
+        end = p->first + p->count > end ? p->first + p->count : end;
+    return end;
+}
+
+/* Bytes of the gap that samples from FIRST on leave. */
+static uint64_t gap_before(const struct stream *s, uint64_t first)
+{
+    uint64_t end = reach(s);
+
+    return s->segment_count > 0 && first > end ? (first - end) * sample_bytes(s) : 0;
+}
+
+/* What all gaps of an epoch may take.  Where users have keys, who sent little may not make the daemon write much; without
+ * keys there is one user, and the disk is his. */
+static uint64_t gaps_most(const struct core *c, const struct stream *s)
+{
+    uint64_t sent = (reach(s) - s->begin) * sample_bytes(s) - s->missing;
+
+    if (s->user->account->key[0] == 0)
+        return (uint64_t)c->settings.input_bytes;
+    return sent > GAP_BYTES ? sent : GAP_BYTES;
 }
 
 static void add_segment(struct stream *s, uint64_t epoch, uint64_t first, uint64_t count)
@@ -386,7 +428,7 @@ static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct t
     s->epoch++;
     s->begin = s->next = s->run_from = first;
     s->crc_count = 0;
-    s->gap_count = 0;
+    drop_gaps(s);
     s->next_window = 0;
     s->at_slot = -1;
     alarms_reset(s->alarms);
@@ -405,8 +447,9 @@ static void refuse_behind(struct core *c, struct stream *s, bool full, const str
                     (unsigned long long)s->next);
 }
 
-/* Within the credit and the user's limits?  Else it is answered, and what is behind it waits. */
-static bool may_push(struct core *c, struct stream *s, size_t size, const struct reply *reply)
+/* Within the credit and the user's limits?  Else it is answered, and what is behind it waits.  A gap is paid for like the
+ * samples that it stands for, but never waits for a rate that would let as many bytes pass only later. */
+static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap, const struct reply *reply)
 {
     bool good = false;
 
@@ -414,7 +457,9 @@ static bool may_push(struct core *c, struct stream *s, size_t size, const struct
         c->credit_stalls++;
         answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
     } else
-        good = !user_quota(c, s->user, reply, 0, (int64_t)size) && upload_allows(c, s->user, size, reply);
+        good = !user_quota(c, s->user, reply, 0, (int64_t)(size + gap)) && upload_allows(c, s->user, size, reply);
+    if (good)
+        upload_owes(s->user, gap);
     s->resumes = s->slowed = !good;
     return good;
 }
@@ -552,6 +597,20 @@ static void take_push(struct core *c, struct stream *s, struct push *p)
     go_on(c, s);
 }
 
+/* true: answered; what is behind it would leave a longer gap, and is refused alike. */
+static bool gaps_too_large(struct core *c, const struct stream *s, const struct push *p)
+{
+    uint64_t gap = gap_before(s, p->first), most = gaps_most(c, s);
+
+    if (gap == 0 || s->missing + gap <= most)
+        return false;
+    answer_fail(c, &p->reply, MODAL_TOO_LARGE, "first", answer_number("expected", (double)reach(s)),
+                "samples %llu to %llu would be missing, with earlier gaps %llu bytes; accepted: %llu bytes of gaps (%llu, or as "
+                "many as the samples that are here)", (unsigned long long)reach(s), (unsigned long long)(p->first - 1),
+                (unsigned long long)(s->missing + gap), (unsigned long long)most, (unsigned long long)GAP_BYTES);
+    return true;
+}
+
 static void on_push(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
 {
     struct push push = { .reply = reply_to(e, r), .first = r->stream.first, .count = r->stream.count, .crc = r->stream.crc32c, .body = e->body[0] };
@@ -573,7 +632,7 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
         answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
     else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
         refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), reply);
-    else if (may_push(c, s, size, reply))
+    else if (!gaps_too_large(c, s, &push) && may_push(c, s, size, gap_before(s, push.first), reply))
         take_push(c, s, &push);
 }
 
@@ -603,6 +662,7 @@ static void seal(struct core *c, struct stream *s)
     task->stream = s->id;
     task->epoch = s->epoch;
     task->begin = s->begin;
+    task->missing = s->missing;
     c->tasks++;
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
@@ -621,7 +681,8 @@ static void end_segments(struct stream *s, struct transaction *t)
 
     if (s->segment_count > 0)
         transaction_add(t, LEDGER_SEGMENTS_DELETE)->id = s->id;
-    s->user->bytes -= (int64_t)s->bytes;
+    s->user->bytes -= (int64_t)(s->bytes + s->missing);
+    s->missing = 0;
     s->segment_count = 0;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
     transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
@@ -634,7 +695,7 @@ void stream_sealed(struct core *c, struct task *task)
 
     if (task->status != MODAL_OK) {
         for (struct after *after = s->askers; after != NULL; after = after->next)
-            answer_error(c, &after->reply, &task->err, NULL);
+            answer_error(c, &after->reply, &task->err, answer_number("retry_after_s", 5));
         after_free(s->askers);
         s->askers = NULL;
         s->closing = false;
@@ -648,6 +709,7 @@ void stream_sealed(struct core *c, struct task *task)
     s->sealed->offset = task->offset;
     t = transaction_new();
     input_record_fill(s->sealed, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
+    transaction_add_sums(t, s->sealed->id, &task->sums);
     end_segments(s, t);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         after->stream = s, after->value = -1;
@@ -847,7 +909,7 @@ static void measure(struct stream *s)
 {
     bool any = false;
 
-    s->gap_count = 0;
+    drop_gaps(s);
     s->begin = s->next = 0;
     for (size_t i = 0; i < s->segment_count; i++) {
         const struct segment *one = &s->segments[i];

@@ -551,6 +551,12 @@ bool upload_allows(struct core *c, struct user *user, size_t size, const struct 
     return false;
 }
 
+void upload_owes(struct user *user, uint64_t bytes)
+{
+    if (user->account->most.upload_bytes_s > 0)
+        user->upload_level += (double)bytes;
+}
+
 static void chunk(struct core *c, const struct event *e, const struct wire_request *r, struct input *input)
 {
     struct reply reply = reply_to(e, r);

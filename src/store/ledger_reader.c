@@ -217,14 +217,17 @@ enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input
     return rc;
 }
 
-enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream,
+enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream, uint64_t offset,
                                        enum modal_status (*segment)(void *context, const struct segment_record *), void *context,
                                        struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    enum modal_status rc = ask(reader, "SELECT " LEDGER_SEGMENT_COLUMNS " FROM segments WHERE stream=?1 ORDER BY offset", stream, &row, err);
+    enum modal_status rc = ask(reader, "SELECT " LEDGER_SEGMENT_COLUMNS " FROM segments WHERE stream=?1 AND offset>=?2"
+                                       " ORDER BY offset", stream, &row, err);
     int code = SQLITE_DONE;
 
+    if (rc == MODAL_OK)
+        sqlite3_bind_int64(row, 2, (int64_t)offset);
     while (rc == MODAL_OK && (code = sqlite3_step(row)) == SQLITE_ROW) {
         struct segment_record record = ledger_segment_of(row);
         rc = segment(context, &record);

@@ -6,6 +6,7 @@ import struct
 
 import pytest
 
+from lab import Lab
 from wire import Daemon, crc32c, identity
 
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
@@ -248,6 +249,94 @@ def test_a_gap_costs_no_memory_and_none_makes_a_batch_that_no_input_may_be():
         with open(f"/proc/{d.pid}/status") as f:
             peak_kb = next(int(line.split()[1]) for line in f if line.startswith("VmHWM"))
         assert peak_kb < 60000
+
+
+def one(client, stream, first, value=1.5):
+    return push(client, stream, 0, first, struct.pack("<d", value), channels=1)
+
+
+def gap_lab(tmp_path, limits):
+    """A daemon with keys, where users are apart; `ann` has LIMITS."""
+    return Lab(tmp_path, {"ann": f"ann submit {limits}", "bob": "bob submit"}, workers=0)
+
+
+def test_a_gap_is_paid_for_like_the_samples_it_stands_for_and_stays_so_over_a_restart(tmp_path):
+    lab = gap_lab(tmp_path, "bytes=1M")
+    with lab.daemon as d:
+        c = lab.client("ann")
+        s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.1)["stream"]
+        assert one(c, s, 0).ok
+        refused = one(c, s, 1 << 17)
+        assert refused.code == "quota" and refused["error"]["detail"]["limit"] == "bytes", refused
+        assert one(c, s, 1).ok and one(c, s, 100001).ok
+        assert c.ask("WHOAMI")["used"]["bytes"] == 8 * 100002
+        d.kill()
+        d.start()
+        c = lab.client("ann")
+        assert c.ask("WHOAMI")["used"]["bytes"] == 8 * 100002 and one(c, s, 1 << 18).code == "quota"
+        assert c.ask("STREAM", op="open", name="gap", channels=1, dt=0.1)["next"] == 100002
+        closed = c.ask("STREAM", op="close", stream=s)
+        assert closed["samples"] == 100002 and closed["gaps"] == [[2, 100001]]
+        assert c.ask("WHOAMI")["used"]["bytes"] == 8 * 100002
+        assert sum(path.stat().st_size for path in (d.folder / "data" / "spool").iterdir()) < 1 << 20
+
+
+def test_an_epoch_that_is_given_up_gives_back_what_its_gaps_cost(tmp_path):
+    lab = gap_lab(tmp_path, "bytes=1M")
+    with lab.daemon:
+        c = lab.client("ann")
+        s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.1)["stream"]
+        assert one(c, s, 0).ok and one(c, s, 100000).ok
+        again = one(c, s, 0, value=7.25)
+        assert again.ok and again["epoch"] == 1 and c.ask("WHOAMI")["used"]["bytes"] == 3 * 8
+
+
+def test_gaps_are_at_most_64_mib_or_as_long_as_what_was_sent_where_users_have_keys(tmp_path):
+    lab = gap_lab(tmp_path, "")
+    with lab.daemon:
+        c, most = lab.client("ann"), (64 << 20) // 65536
+        s = c.ask("STREAM", op="open", name="gap", channels=8192, dt=0.1)["stream"]
+        sample = bytes(65536)
+
+        def at(first):
+            return push(c, s, 0, first, sample, channels=8192)
+        assert at(0).ok
+        over = at(1 + most + 1)
+        assert over.code == "too_large" and over["error"]["field"] == "first" and over["error"]["detail"]["expected"] == 1, over
+        assert f"samples 1 to {most + 1} would be missing" in over["error"]["message"] and "67108864" in over["error"]["message"]
+        assert at(1).ok and at(2 + most).ok, "the limit itself"
+        assert at(2 + most + 2).code == "too_large", "the sum of all counts"
+        assert at(3 + most).ok and c.ask("STREAM", op="close", stream=s)["samples"] == most + 4
+
+
+def test_a_gap_counts_for_the_rate_of_uploads_but_waits_for_none(tmp_path):
+    """As many bytes as it stands for would take two seconds at 4 MiB a second: the gap passes at once, what comes next does not."""
+    lab = gap_lab(tmp_path, "upload_bytes_s=4M")
+    with lab.daemon:
+        c = lab.client("ann")
+        s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.1)["stream"]
+        assert one(c, s, 0).ok and one(c, s, 3 << 20).ok
+        later = one(c, s, (3 << 20) + 1)
+        assert later.code == "quota" and later["error"]["detail"]["limit"] == "upload_bytes_s" and later["error"]["detail"]["retry_after_s"] > 3, later
+
+
+def test_samples_that_wait_to_be_compared_are_no_gap(tmp_path):
+    """A run taken up from its beginning after a restart, in one go: 100 kB is all it has ever taken of its 128."""
+    lab = gap_lab(tmp_path, "bytes=128k")
+    with lab.daemon as d:
+        c = lab.client("ann")
+        s = c.ask("STREAM", op="open", name="run", channels=1, dt=0.1)["stream"]
+        parts = [rows(1000 * k, 1000, channels=1) for k in range(13)]
+        for k in range(6):
+            assert push(c, s, 0, 1000 * k, parts[k], channels=1).ok
+        d.kill()
+        d.start()
+        c = lab.client("ann")
+        sent = [c.send("STREAM", [part], op="push", stream=s, epoch=0, first=1000 * k, count=1000, crc32c=crc32c(part)) for k, part in enumerate(parts)]
+        for number in sent:
+            assert c.answer(number).ok
+        closed = c.ask("STREAM", op="close", stream=s)
+        assert closed["gaps"] == [] and closed["samples"] == 13000
 
 
 def test_many_gaps_are_counted_and_the_first_told_so_that_answers_and_jobs_fit_a_header(client):

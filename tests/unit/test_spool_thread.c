@@ -1,0 +1,159 @@
+/* test_spool_thread.c - the spool's threads: in which order they give tasks back while streams with long gaps are sealed */
+#include "check.h"
+#include <poll.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include "broker/queue.h"
+#include "modal/crc32c.h"
+#include "store/samples.h"
+
+enum { STREAMS = 4, GAP = 4 << 20 /* samples, 32 MiB */, SHORT = STREAMS };
+
+static char dir[64];
+static struct done_queue done;
+static struct spool_threads *threads;
+static struct ledger *ledger;
+
+/* STREAMS streams of a sample, a gap and a sample, and a short one without a gap, in a ledger of their own. */
+static void start(void)
+{
+    static const double x[2] = { 2.5, -3.75 };
+    struct ledger_change changes[2 * (STREAMS + 1)];
+    int n = 0;
+
+    snprintf(dir, sizeof dir, "/tmp/modald-test-XXXXXX");
+    CHECK(mkdtemp(dir) != NULL && ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    for (int s = 0; s <= STREAMS; s++)
+        for (int i = 0; i < 2; i++)
+            changes[n++] = (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT, .segment = { .stream = s + 1,
+                .first = i == 0 ? 0 : s == SHORT ? 1 : GAP + 1, .count = 1, .offset = 8 * (uint64_t)i, .length = 8,
+                .crc = crc32c(0, &x[i], 8), .data = &x[i] } };
+    CHECK(ledger_commit(ledger, changes, (size_t)n, NULL) == MODAL_OK);
+    CHECK(done_open(&done));
+    threads = spool_threads_start(dir, 1, &done);
+    CHECK(threads != NULL);
+}
+
+static void stop(void)
+{
+    char command[96];
+
+    spool_threads_stop(threads);
+    done_close(&done);
+    ledger_close(ledger);
+    snprintf(command, sizeof command, "rm -r %s", dir);
+    CHECK(system(command) == 0);
+}
+
+static void put_seal(int stream)
+{
+    struct task *task = calloc(1, sizeof *task);
+
+    task->type = TASK_STREAM_SEAL;
+    task->id = 100 + stream;
+    task->stream = stream + 1;
+    task->missing = stream == SHORT ? 0 : 8 * (uint64_t)GAP;
+    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = stream == SHORT ? 2 : GAP + 2, .channels = 1, .dt = 0.5 };
+    spool_threads_put(threads, task);
+}
+
+static void put_begin(int64_t id)
+{
+    struct task *task = calloc(1, sizeof *task);
+
+    task->type = TASK_BEGIN;
+    task->id = id;
+    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = 100, .channels = 1, .dt = 0.5 };
+    spool_threads_put(threads, task);
+}
+
+/* The ids of the next COUNT tasks that come back, all of them done. */
+static void take(int count, int64_t *ids)
+{
+    struct transaction *transactions;
+    struct task *tasks = NULL, *task;
+    bool pinged, fatal;
+
+    for (int n = 0; n < count;) {
+        struct pollfd wake = { .fd = done.wake, .events = POLLIN };
+        CHECK(poll(&wake, 1, 60000) == 1);
+        done_take(&done, &transactions, &tasks, &pinged, &fatal);
+        CHECK(!fatal);
+        while ((task = tasks) != NULL) {
+            tasks = task->next;
+            CHECK(task->status == MODAL_OK && n < count);
+            ids[n++] = task->id;
+            if (task->type == TASK_STREAM_SEAL) {
+                uint64_t end = 0;
+                for (size_t i = 0; i < task->sums.count; i++) {
+                    CHECK(task->sums.items[i].offset == end && task->sums.items[i].length <= LEDGER_CHUNK_MOST);
+                    end += task->sums.items[i].length;
+                }
+                CHECK(end == 8 * task->shape.samples);
+            } else
+                upload_close(task->upload);
+            task_free(task);
+        }
+    }
+}
+
+/* One thread for all other tasks: on the code of before it sealed one stream after the other, and then began the uploads. */
+TEST(uploads_begin_and_a_short_stream_is_sealed_while_long_gaps_of_others_are_written)
+{
+    int64_t ids[STREAMS + 3];
+
+    start();
+    for (int s = 0; s < STREAMS; s++)
+        put_seal(s);
+    put_begin(7);
+    put_begin(8);
+    put_seal(SHORT);
+    take(STREAMS + 3, ids);
+    for (int i = 0; i < 3; i++)
+        CHECK(ids[i] == 7 || ids[i] == 8 || ids[i] == 100 + SHORT);
+    stop();
+}
+
+TEST(an_end_waits_for_one_slice_and_not_for_the_seals)
+{
+    char path[128];
+    struct stat known;
+    int64_t first;
+
+    start();
+    for (int s = 0; s < STREAMS; s++)
+        put_seal(s);
+    put_seal(SHORT);
+    take(1, &first);                               /* by then each of the others has had its first slice, of four or more */
+    CHECK(first == 100 + SHORT);
+    spool_threads_stop(threads);
+    for (int s = 0; s < STREAMS; s++) {
+        snprintf(path, sizeof path, "%s/spool/%d.h5", dir, 100 + s);
+        CHECK(stat(path, &known) != 0);            /* not sealed: its .part is an orphan, which the next start removes */
+    }
+    threads = NULL;
+    stop();
+}
+
+TEST(a_seal_with_gaps_leaves_room_on_the_disk_for_the_ledger)
+{
+    struct task *tasks = NULL, *task = calloc(1, sizeof *task);
+    struct transaction *transactions;
+    bool pinged, fatal;
+
+    start();
+    task->type = TASK_STREAM_SEAL;
+    task->id = 100;
+    task->stream = 1;
+    task->missing = UINT64_C(1) << 60;             /* more than any disk has */
+    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = (UINT64_C(1) << 57) + 2, .channels = 1, .dt = 0.5 };
+    spool_threads_put(threads, task);
+    while (tasks == NULL) {
+        struct pollfd wake = { .fd = done.wake, .events = POLLIN };
+        CHECK(poll(&wake, 1, 60000) == 1);
+        done_take(&done, &transactions, &tasks, &pinged, &fatal);
+    }
+    CHECK(tasks->status == MODAL_STORAGE_FULL && tasks->total > 0 && tasks->upload == NULL);
+    task_free(tasks);
+    stop();
+}

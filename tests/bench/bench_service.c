@@ -15,7 +15,8 @@
  *   idle      CPU share and memory of a daemon that does nothing
  *   restart   from the start of a daemon with 100,000 jobs and MODALD_BENCH_GB (1) of batches to its first answer
  *
- * Rounds of ours and the peers' alternate; the medians are compared.  Every answer is checked before a time counts.
+ * Rounds of ours and the peers' alternate; the medians are compared.  Every answer is checked before a time counts.  `bench_service PART alone`
+ * leaves the peers' rounds out, so that what it and its daemon take of the processor is the service's: for tests/bench/compare.
  */
 #include <fcntl.h>
 #include <math.h>
@@ -46,6 +47,7 @@ enum { ROUNDS = 5, SUBMITS = 2000, IN_FLIGHT = 64, EACH = 16, CHUNK = 262144, UP
 static char folder[] = "/tmp/modald-bench-XXXXXX";
 static char endpoint[256], binaries[512];
 static void *context;
+static int alone;
 
 static void die(const char *what)
 {
@@ -97,6 +99,8 @@ static pid_t start(char *const argv[])
 
 static void stop(pid_t pid)
 {
+    if (pid < 0)
+        return;
     kill(pid, SIGTERM);
     waitpid(pid, NULL, 0);
 }
@@ -412,6 +416,8 @@ static double raw_submit_round(struct raw_peer *peer)
     char header[512];
     int sent = 0, got = 0;
 
+    if (alone)
+        return 1;
     while (got < SUBMITS) {
         while (sent < SUBMITS && sent - got < IN_FLIGHT) {
             submit_header(header, sizeof header, sent++, "");
@@ -443,6 +449,8 @@ static pid_t beanstalkd_start(int *port)
     char data[160], number[16];
 
     *port = free_port();
+    if (alone)
+        return -1;
     snprintf(number, sizeof number, "%d", *port);
     snprintf(data, sizeof data, "%s/beanstalkd", folder);
     mkdir(data, 0700);
@@ -471,6 +479,8 @@ static double beanstalkd_round(int port, int each_puts)
     int waits[IN_FLIGHT], n_puts = 0, sent = 0, got = 0;
     struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
 
+    if (alone)
+        return 1;
     for (int i = 0; i < each_puts; i++) {
         n_puts += snprintf(puts + n_puts, sizeof puts - (size_t)n_puts, "put 100 0 60 %d\r\n", (int)(SAMPLES * sizeof(double)));
         memset(puts + n_puts, 'x', SAMPLES * sizeof(double));
@@ -754,6 +764,9 @@ static void bench_upload(void)
     for (int r = 0; r < ROUNDS; r++) {
         double from = now();
         ours[r] = upload_round(socket, data, r);
+        raw[r] = disk[r] = hash[r] = cpu[r] = 1;
+        if (alone)
+            continue;
         from = now();
         send_chunks(peer.socket, "u", data, 16 * CHUNK);
         raw[r] = UPLOAD_CHUNKS * (double)CHUNK / 1e6 / (now() - from);
@@ -800,7 +813,9 @@ static void bench_round_trip(void)
         if (strcmp(text_of(doc, "state"), "done") != 0)
             die("the smallest job is not done");
         cJSON_Delete(doc);
-        ours[i] = now() - from;
+        ours[i] = local[i] = now() - from;
+        if (alone)
+            continue;
 
         struct batch batch = { .samples = SAMPLES, .channels = 1, .signals = body, .dt = 0.1 };
         cJSON *options = cJSON_CreateObject();
@@ -888,12 +903,13 @@ static const struct { const char *name; void (*run)(void); } parts[] = {
     { "submits", bench_submits }, { "encrypted", bench_encrypted }, { "disk", bench_disk }, { "cached", bench_cached }, { "upload", bench_upload }, { "round", bench_round_trip }, { "idle", bench_idle }, { "restart", bench_restart },
 };
 
-/* bench_service [PART]: all parts, or one. */
+/* bench_service [PART [alone]]: all parts, or one. */
 int main(int argc, char **argv)
 {
     const char *build = getenv("MODALD_BUILD");
 
     snprintf(binaries, sizeof binaries, "%s", build ? build : "build");
+    alone = argc > 2 && strcmp(argv[2], "alone") == 0;
     if (mkdtemp(folder) == NULL || (context = zmq_ctx_new()) == NULL)
         die("no temporary folder");
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)

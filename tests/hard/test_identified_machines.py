@@ -34,13 +34,19 @@ def table(name):
         return list(csv.DictReader(f))
 
 
+def spread(std):
+    """A standard error that the answer leaves open, as that of a mode gone within a period may be, bounds nothing."""
+    parts = (std or {}).get("exponent") or [None]
+    return math.inf if None in parts else math.hypot(*parts)
+
+
 def compared(tmp_path, scene, *options):
     """floquet's result, identified (exponent, standard error) pairs, and the whole identification."""
     path, batch = tmp_path / "scene.json", tmp_path / "batch.h5"
     path.write_text(json.dumps(scene))
     local("simulate", path, "-O", batch)
     found = local("identify", batch, *sum((["-o", o] for o in options), []))
-    return local("floquet", path, "-o", "hill=false"), [(complex(*m["exponent"]), math.hypot(*m["std"]["exponent"])) for m in found["modes"]], found
+    return local("floquet", path, "-o", "hill=false"), [(complex(*m["exponent"]), spread(m["std"])) for m in found["modes"]], found
 
 
 def folded(exponent, speed):

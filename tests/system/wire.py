@@ -204,8 +204,10 @@ class Daemon:
         """A daemon under strace outlives strace: end it by the pid in its lock."""
         try:
             pid = int((self.folder / "data" / "LOCK").read_text())
-            if b"modald" in pathlib.Path(f"/proc/{pid}/cmdline").read_bytes():
+            command = pathlib.Path(f"/proc/{pid}/cmdline")
+            if b"modald" in command.read_bytes():
                 os.kill(pid, signal.SIGKILL)
+                until(lambda: b"modald" not in command.read_bytes(), f"process {pid} cannot be ended")
         except (OSError, ValueError):
             pass
 

@@ -20,6 +20,7 @@ static const char *verdict(const cJSON *event)
     return cJSON_IsTrue(stable) ? "stable" : cJSON_IsFalse(stable) ? "unstable" : cJSON_IsNull(stable) ? "undecided" : "-";
 }
 
+/* Errors that a window did not give are NaN: then nothing is said of the damping. */
 static const char *trend(const struct live_modes *before, double hertz, double hertz_std, double zeta, double zeta_std)
 {
     int near = -1;
@@ -27,9 +28,14 @@ static const char *trend(const struct live_modes *before, double hertz, double h
     for (int i = 0; i < before->count; i++)
         if (near < 0 || fabs(before->mode[i].hertz - hertz) < fabs(before->mode[near].hertz - hertz))
             near = i;
-    if (near < 0 || !(fabs(before->mode[near].hertz - hertz) <= ERRORS * (hertz_std + before->mode[near].hertz_std) + 0.05 * hertz))
+    if (near < 0)
+        return "new";
+    double errors = fmax(hertz_std, 0) + fmax(before->mode[near].hertz_std, 0);    /* NaN: 0 */
+    if (!(fabs(before->mode[near].hertz - hertz) <= ERRORS * errors + 0.05 * hertz))
         return "new";
     double moved = zeta - before->mode[near].zeta, bar = ERRORS * (zeta_std + before->mode[near].zeta_std);
+    if (isnan(bar))
+        return "unknown";
     return moved > bar ? "rising" : moved < -bar ? "falling" : "steady";
 }
 
@@ -44,7 +50,8 @@ void live_modes_trend(struct live_modes *modes, cJSON *event)
         modes->count = 0;
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         double hertz = field_number(mode, "frequency_hz", NAN), zeta = field_number(mode, "damping_ratio", NAN);
-        double hertz_std = field_number(get(mode, "std"), "frequency_hz", 0), zeta_std = field_number(get(mode, "std"), "damping_ratio", 0);
+        double hertz_std = field_number(get(mode, "std"), "frequency_hz", NAN);
+        double zeta_std = field_number(get(mode, "std"), "damping_ratio", NAN);
         cJSON_AddStringToObject(mode, "trend", trend(modes, hertz, hertz_std, zeta, zeta_std));
         if (now.count < LIVE_MODES && isfinite(hertz) && isfinite(zeta)) {
             now.mode[now.count].hertz = hertz, now.mode[now.count].hertz_std = hertz_std;
@@ -52,6 +59,14 @@ void live_modes_trend(struct live_modes *modes, cJSON *event)
         }
     }
     *modes = now;
+}
+
+static void show_error(double std)
+{
+    if (isfinite(std))
+        printf(" +- %.1e", std);
+    else
+        printf(" +- -");
 }
 
 void live_modes_show(const cJSON *event)
@@ -62,8 +77,11 @@ void live_modes_show(const cJSON *event)
         printf(" to %-9.0f %-9s", field_number(event, "to", NAN), verdict(event));
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         const cJSON *std = get(mode, "std");
-        printf("  %.6g Hz +- %.1e  zeta %.5g +- %.1e %s", field_number(mode, "frequency_hz", NAN), field_number(std, "frequency_hz", NAN),
-               field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN), field_word(mode, "trend", ""));
+        printf("  %.6g Hz", field_number(mode, "frequency_hz", NAN));
+        show_error(field_number(std, "frequency_hz", NAN));
+        printf("  zeta %.5g", field_number(mode, "damping_ratio", NAN));
+        show_error(field_number(std, "damping_ratio", NAN));
+        printf(" %s", field_word(mode, "trend", ""));
     }
     if (field_number(lag, "samples", 0) > 0)
         printf("  lag %.0f samples, %.0f B", field_number(lag, "samples", 0), field_number(lag, "bytes", 0));

@@ -3,6 +3,7 @@
  * The trend of a mode is that of its damping ratio zeta since the window before, in which its frequency f is the nearest one:
  *
  *     falling, rising   |zeta - zeta'| > 3 (s + s')                  steady   within that
+ *     unknown           one of the two windows gives no s: no fit that converged, or no free decay
  *     new               no mode there within 3 (s_f + s_f') + 5 % of f, or an epoch's first window
  *
  * with s the standard errors.  Their sum, not the root of their squares: samples that two windows share are at the end of one and at the start of the

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include "ctl/args.h"
 #include "ctl/csv.h"
+#include "ctl/live_modes.h"
 #include "ctl/option.h"
 
 static const cJSON *option_of(cJSON *options, const char *text, const char *key)
@@ -189,5 +190,29 @@ TEST(text_without_numbers_is_no_batch)
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         struct signals s;
         CHECK(read_csv(wrong[i], 0, &s, NULL) == MODAL_BAD_INPUT);
+    }
+}
+
+/* Two windows 30 % apart in damping; the second's errors are known, or null as of a fit that did not converge. */
+TEST(without_errors_a_window_has_no_trend)
+{
+    static const char *const of[] = { "\"frequency_hz\":1e-3,\"damping_ratio\":1e-4", "\"frequency_hz\":null,\"damping_ratio\":null" };
+    static const char *const expected[] = { "rising", "unknown" };
+
+    for (int i = 0; i < 2; i++) {
+        static struct live_modes modes;
+        char text[2][256];
+
+        modes = (struct live_modes) { .count = 0 };
+        for (int k = 0; k < 2; k++) {
+            snprintf(text[k], sizeof text[k], "{\"modes\":[{\"frequency_hz\":2,\"damping_ratio\":%g,\"std\":{%s}}]}",
+                     0.01 + 0.003 * k, of[i * k]);
+            cJSON *event = cJSON_Parse(text[k]);
+            live_modes_trend(&modes, event);
+            const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(event, "modes"), 0);
+            const char *trend = cJSON_GetObjectItemCaseSensitive(mode, "trend")->valuestring;
+            CHECK_STRING(trend, k == 0 ? "new" : expected[i]);
+            cJSON_Delete(event);
+        }
     }
 }

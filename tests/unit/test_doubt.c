@@ -188,9 +188,8 @@ TEST(a_system_that_changes_in_mid_record_is_called_so)
 }
 
 /* x'' + 2 zeta w x' + w^2 x = white noise, stepped exactly enough for the purpose. */
-TEST(a_driven_response_is_not_a_free_decay)
+static void shaken(void)
 {
-    struct batch b = batch_of(4000, 1, 0.02);
     struct random r = { 5 };
     double p = 0, v = 0, w = 2 * M_PI * 2.2;
 
@@ -201,7 +200,68 @@ TEST(a_driven_response_is_not_a_free_decay)
         }
         x[k] = p;
     }
+}
+
+TEST(a_driven_response_is_not_a_free_decay)
+{
+    struct batch b = batch_of(4000, 1, 0.02);
+
+    shaken();
     CHECK(finds(&b, "not_free_decay"));
+}
+
+static bool withheld(const struct identify_result *r)
+{
+    bool all = r->verdict == VERDICT_UNDECIDED && r->decides == -1 && isnan(r->margin_std);
+
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        all &= isnan(m->std_re) && isnan(m->std_im) && isnan(m->std_frequency_hz) && isnan(m->std_damping_ratio);
+        all &= isnan(m->std_multiplier) && isnan(m->bar) && isfinite(creal(m->exponent));
+    }
+    return all;
+}
+
+TEST(of_a_driven_response_neither_errors_nor_a_verdict_are_given)
+{
+    struct batch b = batch_of(4000, 1, 0.02);
+
+    shaken();
+    for (int order = 0; order <= 6; order += 2) {
+        struct identify_options opt = { .rank = { .rule = order > 0 ? RANK_FIXED : RANK_AUTO, .fixed = order } };
+        struct identify_result r;
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count > 0 && has(&r, "not_free_decay") && withheld(&r));
+        identify_result_done(&r);
+    }
+}
+
+/* A blow after three seconds of quiet is no sum of exponentials: whatever orders are tried, few of their fits come to a
+ * least, and where the chosen one did not nothing is claimed.  From the blow on all is known. */
+TEST(where_a_fit_did_not_converge_neither_errors_nor_a_verdict_are_given)
+{
+    struct batch b = batch_of(2000, 1, 0.02);
+    struct identify_options opt = { 0 };
+    struct identify_result r;
+    int failed = 0;
+
+    for (int seed = 1; seed <= 8; seed++) {
+        struct random rng = { (unsigned)seed };
+        for (int k = 0; k < 2000; k++) {
+            double t = k * 0.02 - 3;
+            double hit = exp(-0.08 * t) * sin(7.54 * t) + exp(-0.35 * t) * sin(23.2 * t);
+            x[k] = (t >= 0 ? hit : 0) + 3e-3 * random_normal(&rng);
+        }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        failed += has(&r, "not_converged");
+        CHECK(!has(&r, "not_converged") || withheld(&r));
+        identify_result_done(&r);
+    }
+    CHECK(failed > 0);
+    opt.window[0] = 3, opt.window[1] = 39;
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == 2 && r.verdict == VERDICT_STABLE && r.modes[0].std_re > 0 && r.margin_std > 0);
+    identify_result_done(&r);
 }
 
 TEST(a_weak_mode_at_twice_the_frequency_and_decay_is_a_harmonic)

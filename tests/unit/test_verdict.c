@@ -1,5 +1,7 @@
 /* Stable, unstable or undecided: what grows is said to grow however weak it begins, and what merely makes up for a wrong model is not. */
 #include "modal/identify/identify.h"
+#include "modal/identify/trend.h"
+#include "modal/identify/verdict.h"
 #include "check.h"
 #include "signals.h"
 
@@ -122,6 +124,27 @@ TEST(a_mode_that_decays_at_two_rates_is_stable_and_one_that_decays_and_grows_is_
         CHECK(r.decides >= 0 && r.decides < r.mode_count);
         identify_result_done(&r);
     }
+}
+
+/* Three times the frequency and the growth of a far stronger mode, and surer of it than that one: the harmonic that a
+ * nonlinearity makes says nothing of its own.  Twice the growth it would have to have, and it is a mode. */
+TEST(a_harmonic_of_a_mode_does_not_decide)
+{
+    struct identify_mode modes[2] = {
+        { .exponent = CMPLX(0.5, 1210), .resolved = CMPLX(0.5, 1210), .multiplier = 1, .energy = 0.99, .std_re = 0.3 },
+        { .exponent = CMPLX(1.5, 3630), .resolved = CMPLX(1.5, 3630), .multiplier = 1, .energy = 0.01, .std_re = 0.1 },
+    };
+    struct identify_result r = { .modes = modes, .mode_count = 2, .dt = 1e-3, .decimation = 1, .freedom = 900 };
+
+    modes[0].growth = modes[1].growth = GROWTH_EXACT;
+    trend_mark_harmonics(&r);
+    verdict_stability(&r, 0.95);
+    CHECK(r.verdict == VERDICT_UNDECIDED && r.decides == 0);
+    modes[1].exponent = modes[1].resolved = CMPLX(3, 3630);
+    modes[1].harmonic = false;
+    trend_mark_harmonics(&r);
+    verdict_stability(&r, 0.95);
+    CHECK(r.verdict == VERDICT_UNSTABLE && r.decides == 1);
 }
 
 /* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that stays does not decay. */

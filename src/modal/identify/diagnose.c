@@ -38,7 +38,9 @@ static void about_rank(struct identify_result *r, const struct diagnose_facts *f
     if (f->work_limit)
         identify_diagnose(r, "order_work_limit", -1, "the search for an order ended where its work was spent: the answer is the best seen, and more or fewer modes may fit better; give `band` or `window` to look at less, or rank.fixed");
     if (!f->converged)
-        identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents are those with the least residual seen, their errors unknown");
+        identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents are those with the "
+                          "least residual seen, their errors unknown, and no verdict is given; give `band` or "
+                          "`window` to look at less, or rank.fixed");
 }
 
 static void about_mode(struct identify_result *r, const struct diagnose_facts *f, int i)

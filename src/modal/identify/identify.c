@@ -1112,7 +1112,8 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
         return MODAL_OK;
     rc = trend_watch(&in, out, &follows, err);
     if (rc == MODAL_OK && follows && p->fit == NULL)
-        rc = merge_crowds(&w->data, out->trend, out->trend_count, in.hertz, p, err);
+        rc = merge_crowds(&w->data, out->trend, out->trend_count, in.hertz, p, &w->facts.converged,
+                          err);
     if (rc == MODAL_OK && follows)
         out->hankel_rank = poles_order(p->lambda, p->count, p->tau);
     return rc;
@@ -1141,6 +1142,18 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
     return MODAL_OK;
 }
 
+/* Where poles nearly coalesce their parts are far larger than their sum, and so is what rounding leaves. */
+static bool at_rounding_of_parts(const struct work *w, const struct identify_result *r)
+{
+    const double ROUNDINGS = 16;
+    double parts = 0;
+
+    for (int i = 0; i < r->mode_count; i++)
+        parts += r->modes[i].amplitude * r->modes[i].amplitude;
+    return w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
+        <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * safe_matrix_norm(w->data.Y);
+}
+
 static enum modal_status conclude(struct work *w, const struct batch *batch, struct identify_result *out, struct modal_error *err)
 {
     double duration = w->data.Y->m * w->tau;
@@ -1148,6 +1161,9 @@ static enum modal_status conclude(struct work *w, const struct batch *batch, str
 
     if (rc != MODAL_OK)
         return rc;
+    w->facts.converged |= at_rounding_of_parts(w, out);
+    if (w->refine && w->shift == 1 && w->rec.period <= 0)
+        trend_mark_harmonics(out);
     verdict_stability(out, duration);
     if ((rc = confirm_growth(w, out, err)) != MODAL_OK)
         return rc;
@@ -1161,6 +1177,8 @@ static enum modal_status conclude(struct work *w, const struct batch *batch, str
     report_grids(w, out);
     if (w->refine && w->shift == 1 && w->rec.period <= 0)
         trend_of_modes(w->X->m * w->rec.step, out);
+    if (!w->facts.converged || out->driven)
+        verdict_withhold(out);
     return MODAL_OK;
 }
 

@@ -95,6 +95,7 @@ struct identify_mode {
     double std_re, std_im;        /* of the exponent */
     double std_multiplier, std_frequency_hz, std_damping_ratio;
     enum growth growth;
+    bool harmonic;                /* of a stronger mode: it has no say in the verdict */
     double bar;                   /* on |multiplier|: the largest of Jacobian, jackknife, backward pair */
     int resolved_k;
     double runner_up;             /* magnitude of the second harmonic over the first; 1: a tie */
@@ -125,6 +126,7 @@ struct identify_result {
     double *offset;               /* per channel in its unit, where a null exponent was found; else NULL */
 
     enum { VERDICT_UNDECIDED, VERDICT_STABLE, VERDICT_UNSTABLE } verdict;
+    bool driven;                                      /* not a free decay: see not_free_decay in trend.h */
     double max_multiplier, margin, margin_std;        /* NAN where there is no mode */
     int decides;                                      /* the mode that the verdict rests on; -1: none */
 

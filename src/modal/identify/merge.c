@@ -131,7 +131,7 @@ static void replace(struct poles *p, const struct refined *fit, const struct cro
 }
 
 enum modal_status merge_crowds(const struct refine_data *data, const struct identify_window *trend, int count, double hertz,
-                               struct poles *p, struct modal_error *err)
+                               struct poles *p, bool *converged, struct modal_error *err)
 {
     struct range r = range_of(trend, count, hertz);
     size_t room = (size_t)p->count + 1;
@@ -159,8 +159,10 @@ enum modal_status merge_crowds(const struct refine_data *data, const struct iden
     if (n == p->count)
         goto out;
     rc = refine_poles(data, lambda, n, fixed, NULL, &fit, err);
-    if (rc == MODAL_OK && fit.end != REFINE_DEGENERATE)
+    if (rc == MODAL_OK && fit.end != REFINE_DEGENERATE) {
         replace(p, &fit, crowds, crowd);
+        *converged |= refined_converged(&fit);
+    }
 out:
     refined_done(&fit);
     free(energy), free(crowd), free(crowds), free(lambda), free(fixed);

@@ -147,6 +147,7 @@ enum modal_status moving_report(struct job *j, struct identify_result *out, stru
     if ((rc = report_modes(j, out, err)) != MODAL_OK || (rc = report_channels(j, out, err)) != MODAL_OK
         || (rc = verdict_clusters(out, facts.record, err)) != MODAL_OK)
         return rc;
+    trend_mark_harmonics(out);
     verdict_stability(out, facts.record);
     diagnose(out, &facts);
     trend_of_modes(facts.record, out);

@@ -21,6 +21,7 @@
 #include "modal/identify/order.h"
 #include "modal/identify/pencil.h"
 #include "modal/identify/synthesis.h"
+#include "modal/identify/verdict.h"
 
 enum { ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
 static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7, WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
@@ -184,19 +185,38 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
 
 enum { GROWING_MOST = 2 };
 static const double GROWS = 3, WEAK = 1e-3;       /* of a standard error; of the energy */
+/* A harmonic of a nonlinearity: energy of its mode's, and of its frequency. */
+static const double HARMONIC_WEAK = 0.05, HARMONIC_NEAR = 5e-3;
 
-/* Poles of FIT that grow beyond GROWS of their errors and are more than WEAK. */
+/* 2 or 3, where LAMBDA lies at so many times the frequency of BASE; else 0. */
+static int multiple_of(double complex lambda, double complex base)
+{
+    double f = cimag(lambda) / cimag(base), n = nearbyint(f);
+
+    return cimag(base) > 0 && (n == 2 || n == 3) && fabs(f - n) < HARMONIC_NEAR * n ? (int)n : 0;
+}
+
+/* Does pole j stand at twice or three times a far stronger one? */
+static bool may_be_harmonic(const struct refined *fit, const double *energy, int j)
+{
+    for (int i = 0; i < fit->poles; i++)
+        if (energy[j] < HARMONIC_WEAK * energy[i] && multiple_of(fit->lambda[j], fit->lambda[i]) > 0)
+            return true;
+    return false;
+}
+
+/* Poles of FIT that grow beyond GROWS of their errors, are more than WEAK, no harmonics, no drift. */
 static int growing(const struct refined *fit, const struct synthesis *f, double tau)
 {
-    double total = 0;
+    double total = 0, energy[IDENTIFY_ORDER_MOST];
     int count = 0;
 
     for (int j = 0; j < fit->poles; j++)
-        total += energy_of(f, j, fit->lambda[j], tau);
+        total += energy[j] = energy_of(f, j, fit->lambda[j], tau);
     for (int j = 0; j < fit->poles; j++) {
-        double std_frequency, std_damping, z = damping_ratio_of(fit->lambda[j]);
-        refined_std(fit, j, tau, &std_frequency, &std_damping, NULL);
-        count += z + GROWS * std_damping < 0 && energy_of(f, j, fit->lambda[j], tau) > WEAK * total;
+        double complex z = fit->lambda[j];
+        bool grows = creal(z) > GROWS * fit->std_re[j] && !verdict_slow(z, tau * f->rows);
+        count += grows && energy[j] > WEAK * total && !may_be_harmonic(fit, energy, j);
     }
     return count;
 }
@@ -334,8 +354,10 @@ static bool is_driven(const struct window *w, int n, double left, struct identif
         well += w[i].left < WELL;
     if (5 * well >= n || left < POOR)
         return false;
-    identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying modes to %g %%: the response is driven, or noise; "
-                      "window a part after the excitation has ended", well, n, 100 * WELL);
+    result->driven = true;
+    identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying modes to %g %%: the "
+                      "response is driven, or noise, of which there are no standard errors and no verdict; window a part "
+                      "after the excitation has ended", well, n, 100 * WELL);
     return true;
 }
 
@@ -366,16 +388,30 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
 
 /* ---- what the modes say ---- */
 
+/* 2 or 3, where B is that harmonic of A: it decays as that power of it, too; else 0. */
+static int harmonic_of(const struct identify_mode *b, const struct identify_mode *a)
+{
+    int n = b->energy > HARMONIC_WEAK * a->energy ? 0 : multiple_of(b->exponent, a->exponent);
+
+    return n > 0 && fabs(creal(b->exponent) / creal(a->exponent) / n - 1) < 0.3 ? n : 0;
+}
+
+void trend_mark_harmonics(struct identify_result *r)
+{
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++)
+            r->modes[j].harmonic |= harmonic_of(&r->modes[j], &r->modes[i]) > 0;
+}
+
 static void look_for_harmonics(struct identify_result *r)
 {
     for (int i = 0; i < r->mode_count; i++)
         for (int j = 0; j < r->mode_count; j++) {
             const struct identify_mode *a = &r->modes[i], *b = &r->modes[j];
-            double f = cimag(b->exponent) / cimag(a->exponent), n = nearbyint(f), decay = creal(b->exponent) / creal(a->exponent);
-            if (cimag(a->exponent) <= 0 || (n != 2 && n != 3) || b->energy > 0.05 * a->energy)
-                continue;
-            if (fabs(f - n) < 5e-3 * n && fabs(decay / n - 1) < 0.3)
-                identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %g times %.5g Hz and decays as its power: a harmonic of that mode (nonlinearity), not a mode",
+            int n = harmonic_of(b, a);
+            if (n > 0)
+                identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %d times %.5g Hz and decays as its "
+                                  "power: a harmonic of that mode (nonlinearity), not a mode",
                                   cimag(b->exponent) / (2 * M_PI), n, cimag(a->exponent) / (2 * M_PI));
         }
 }

@@ -32,12 +32,17 @@ struct trend_input {
 enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err);
 
 /*
- * Do parts of the record show growth for themselves?  Eighths, quarters and halves are identified on their own; a part says so where what its fit leaves is
- * white, and one or two of its poles grow by three of their own standard errors; two parts of a size must say so.  A motion set off anew within the
- * record (an impact, a load that changes) grows in the fit to the whole, and in a part at most where it falls into the end of it.
+ * Do parts of the record show growth for themselves?  Eighths, quarters and halves are identified on their own;
+ * a part says so where what its fit leaves is white, and one or two of its poles grow by three of their own
+ * standard errors; two parts of a size must say so.  What may be a harmonic of a stronger pole does not count: it
+ * grows where that one does.  A motion set off anew within the record (an impact, a load that changes) grows in
+ * the fit to the whole, and in a part at most where it falls into the end of it.
  * *SHOWN is true, too, where the record is too short to be parted.  Fails as trend_watch.
  */
 enum modal_status trend_growth(const struct trend_input *in, bool *shown, struct modal_error *err);
+
+/* Mark the modes that are harmonics of others, before a verdict; not for periodic systems. */
+void trend_mark_harmonics(struct identify_result *result);
 
 /*
  * From the modes of RESULT alone, of a record of so many seconds; not for periodic systems:

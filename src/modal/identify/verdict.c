@@ -78,6 +78,11 @@ static bool overshadowed(const struct identify_result *r, int i, double duration
     return false;
 }
 
+bool verdict_slow(double complex lambda, double seconds)
+{
+    return cabs(lambda) * seconds < SLOW && creal(lambda) * seconds < RISE;
+}
+
 /* Is growth beyond its error believed?  What makes up for something that the model lacks has little energy, or is slower than the record. */
 static bool believed(const struct identify_result *r, int i, double duration)
 {
@@ -95,7 +100,7 @@ static bool believed(const struct identify_result *r, int i, double duration)
 
 static bool spurious(const struct identify_mode *m)
 {
-    return m->energy < VERDICT_WEAK && m->persistence < PERSISTENT;
+    return m->harmonic || (m->energy < VERDICT_WEAK && m->persistence < PERSISTENT);
 }
 
 /* The mode's own say; unknown persistence (NAN) counts as full. */
@@ -149,6 +154,18 @@ void verdict_stability(struct identify_result *r, double duration)
         most = rank[says], by = at;
         r->verdict = says;
         r->decides = i;
+    }
+}
+
+void verdict_withhold(struct identify_result *r)
+{
+    r->verdict = VERDICT_UNDECIDED;
+    r->decides = -1;
+    r->margin_std = NAN;
+    for (int i = 0; i < r->mode_count; i++) {
+        struct identify_mode *m = &r->modes[i];
+        m->std_re = m->std_im = m->std_multiplier = m->bar = NAN;
+        m->std_frequency_hz = m->std_damping_ratio = NAN;
     }
 }
 

@@ -743,10 +743,25 @@ static void warn_of_others(const char *folder)
     free(line);
 }
 
+/* Identifiers are mixed by the ledger's id; what HELLO tells of it is a way that does not lead back, or a client could
+ * number his jobs and so count others'. */
+static void name_store(struct settings *s, const char *ledger_id)
+{
+    char text[64];
+    uint8_t digest[32];
+    int length = snprintf(text, sizeof text, "modald/store/1 %s", ledger_id);
+
+    identity_sha256(ledger_id, strlen(ledger_id), digest, NULL);
+    memcpy(&s->secret, digest, sizeof s->secret);
+    identity_sha256(text, (size_t)length, digest, NULL);
+    for (size_t i = 0; i < 16; i++)
+        snprintf(s->store_id + 2 * i, 3, "%02x", digest[i]);
+}
+
 static enum modal_status open_store(struct daemon *d, struct modal_error *err)
 {
     struct settings *s = &d->config->settings;
-    uint8_t digest[32], start[8];
+    uint8_t start[8];
     char *path;
     enum modal_status rc = ledger_open(d->config->data, &d->ledger, err);
 
@@ -759,9 +774,7 @@ static enum modal_status open_store(struct daemon *d, struct modal_error *err)
     snprintf(s->dir, sizeof s->dir, "%s", path);
     free(path);
     warn_of_others(s->dir);
-    snprintf(s->store_id, sizeof s->store_id, "%s", ledger_store_id(d->ledger));
-    identity_sha256(s->store_id, strlen(s->store_id), digest, NULL);
-    memcpy(&s->secret, digest, sizeof s->secret);
+    name_store(s, ledger_store_id(d->ledger));
     if (getrandom(start, sizeof start, 0) != sizeof start)
         return modal_fail(err, MODAL_IO, "getrandom: %s", strerror(errno));
     for (size_t i = 0; i < sizeof start; i++)

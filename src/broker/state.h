@@ -214,6 +214,7 @@ struct subscription {
     int64_t next_event;                   /* the number it has not seen */
     int64_t job;                          /* 0: all */
     char *stream;
+    unsigned kinds;                       /* bits of wire_events; 0: all */
     bool reading;                         /* a TASK_READ_EVENTS is under way */
     bool gone;
 };

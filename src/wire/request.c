@@ -482,6 +482,30 @@ static enum modal_status read_list(const struct wire_message *m, struct wire_req
     return rc;
 }
 
+const char *const wire_events[] = { "state", "progress", "modes", "alarm", NULL };
+
+/* The events that are wanted, as bits; none named: all. */
+static enum modal_status read_kinds(const cJSON *list, unsigned *out, struct modal_error *err)
+{
+    const cJSON *item;
+
+    *out = 0;
+    if (list == NULL)
+        return MODAL_OK;
+    cJSON_ArrayForEach(item, list) {
+        unsigned n = 0;
+        while (wire_events[n] != NULL && (!cJSON_IsString(item) || strcmp(wire_events[n], item->valuestring) != 0))
+            n++;
+        if (wire_events[n] == NULL)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "kinds", "kinds has \"%.40s\"; accepted: state, progress, modes, alarm",
+                                    cJSON_IsString(item) ? item->valuestring : "what is no text");
+        *out |= 1u << n;
+    }
+    if (!cJSON_IsArray(list) || *out == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "kinds", "kinds must be a list of one or more of state, progress, modes, alarm");
+    return MODAL_OK;
+}
+
 static enum modal_status read_events(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
 {
     static const char *const ops[] = { "subscribe", "cancel", NULL };
@@ -496,6 +520,8 @@ static enum modal_status read_events(const struct wire_message *m, struct wire_r
         rc = get_integer(m->header, "", "from", 0, WIRE_INTEGER_MOST, false, &out->events.from, err);
     if (rc == MODAL_OK)
         rc = get_text(m->header, "", "stream", 1, WIRE_KEY_MOST, &out->events.stream, err);
+    if (rc == MODAL_OK)
+        rc = read_kinds(json_member(m->header, "kinds"), &out->events.kinds, err);
     if (rc == MODAL_OK && json_member(m->header, "job") != NULL)
         rc = read_job(m->header, out, err);
     return rc;
@@ -571,7 +597,7 @@ static const struct row {
     [WIRE_RETRY]   = { "RETRY",   WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_DELETE]  = { "DELETE",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_LIST]    = { "LIST",    WIRE_ROLE_READ,   read_list,     false, { "id", "state", "kind", "limit", "after" } },
-    [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false, { "id", "op", "from", "job", "stream", "subscription" } },
+    [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false, { "id", "op", "from", "job", "stream", "kinds", "subscription" } },
     [WIRE_STATS]   = { "STATS",   WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_METRICS] = { "METRICS", WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_WHOAMI]  = { "WHOAMI",  WIRE_ROLE_READ,   read_nothing,  false, { "id" } },

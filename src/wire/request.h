@@ -17,6 +17,7 @@ enum wire_part { WIRE_DOCUMENT, WIRE_SIGNALS, WIRE_INPUT, WIRE_STDERR };
 
 /* The words, in the order of the enums; NULL ends each. */
 extern const char *const wire_contents[];   /* batch, scene */
+extern const char *const wire_events[];     /* what an EVENT may be: "state", "progress", ...; ended by NULL */
 extern const char *const wire_parts[];      /* document, batch, input, stderr */
 extern const char *const wire_states[];     /* queued, running, done, failed, cancelled, dead */
 extern const char *const wire_roles[];      /* none, read, submit, admin, worker */
@@ -69,6 +70,7 @@ struct wire_request {
             bool replay;
             uint64_t from;
             const char *stream, *subscription;
+            unsigned kinds;           /* bits of wire_events; 0: all */
         } events;
         struct {
             enum { WIRE_OPEN, WIRE_PUSH, WIRE_CLOSE } op;

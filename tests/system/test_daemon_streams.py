@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from lab import Lab
-from wire import Daemon, crc32c, identity
+from wire import Daemon, crc32c, identity, submit
 
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
@@ -436,3 +436,26 @@ def test_alarm_rules_that_are_none_are_refused_by_name(client):
     assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping"
     bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping_below": 7}})
     assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping_below"
+
+
+def test_a_subscriber_is_told_the_kinds_of_events_that_it_asked_for_live_and_in_replay(tmp_path):
+    with Daemon(folder=tmp_path, workers=1) as d:
+        c, ears = d.client(), {kinds: d.client() for kinds in ((), ("modes",), ("state", "alarm"))}
+
+        def hear(client, kinds, **more):
+            assert client.ask("EVENTS", **({"kinds": list(kinds)} if kinds else {}), **more).ok
+
+        for kinds, ear in ears.items():
+            hear(ear, kinds)
+        s = c.ask("STREAM", op="open", name="live", channels=1, dt=0.05, window={"samples": 100})["stream"]
+        data = struct.pack("<100d", *(math.exp(-0.02 * k) * math.cos(0.4 * k) for k in range(100)))
+        assert push(c, s, 0, 0, data, channels=1).ok
+        assert ears["modes",].receive()["event"] == "modes"
+        c.ask("WAIT", job=submit(c)["job"], timeout_s=20)
+        told = [ears["state", "alarm"].receive() for _ in range(3)]
+        assert [t["event"] for t in told] == ["state"] * 3 and [t["state"] for t in told] == ["queued", "running", "done"]
+        numbered = [t for t in (ears[()].receive() for _ in range(4)) if "number" in t.header]
+        assert [t["event"] for t in numbered] == ["modes", "state", "state", "state"]
+        again = d.client()
+        hear(again, ("state",), **{"from": 1})
+        assert [again.receive()["state"] for _ in range(3)] == ["queued", "running", "done"]

@@ -1,10 +1,13 @@
 """modalctl fsck, dump and backup on a data folder."""
+import contextlib
 import fcntl
 import glob
+import hashlib
 import json
 import os
 import pathlib
 import random
+import shutil
 import sqlite3
 import subprocess
 import time
@@ -180,3 +183,19 @@ def test_a_ledger_that_an_earlier_version_made_for_all_to_read_is_closed_to_them
             (data / name).chmod(0o644)
         daemon.start()
         assert open_to_others(data) == {} and "event=data_open" not in daemon.text()
+
+
+def test_what_hello_and_the_host_tell_of_a_store_is_not_the_id_that_numbers_its_jobs(tmp_path):
+    """Identifiers are mixed by a hash of the ledger's id: who has the id can number his jobs, and so count others'."""
+    with Daemon(folder=tmp_path, workers=0) as daemon:
+        told = daemon.client().ask("HELLO")["store"]
+        names = pathlib.Path("/proc/net/unix").read_text()
+        assert daemon.stop() == 0
+        for file in (tmp_path / "data").glob("ledger.db*"):
+            shutil.copy(file, tmp_path)
+        with contextlib.closing(sqlite3.connect(tmp_path / "ledger.db")) as ledger:
+            [[own]] = ledger.execute("SELECT value FROM about WHERE name='store'")
+        assert len(own) == len(told) == 32 and own != told and own not in names
+        assert hashlib.sha256(own.encode()).hexdigest()[:32] != told
+        daemon.start()
+        assert daemon.client().ask("HELLO")["store"] == told

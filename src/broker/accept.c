@@ -6,12 +6,16 @@
  * connection waits (libzmq 4.3.4, ipc_listener.cpp and tcp_listener.cpp): hence the nap, which those who are connected hardly
  * notice and a core does.  A function of the program comes before the C library's of the same name, for the libraries too:
  * accept4 and close, both called by libzmq for each connection.
+ *
+ * libzmq says of a message by which descriptor it came, and to nobody that a connection has ended: close does.  A number that
+ * was given out again meanwhile would name another connection, so that it is kept until the loop has taken what is left.
  */
 #include "broker/accept.h"
+#include "broker/intake.h"
 #include <errno.h>
 #include <stdatomic.h>
-#include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
@@ -20,10 +24,17 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { TRACKED = 65536, OWN = 128 };         /* descriptors whose connections are counted; those kept for ourselves */
+enum { OWN = 128 };                             /* descriptors kept for ourselves */
+enum { NONE = -1 };
 
-static _Atomic unsigned char counted[TRACKED];
-static atomic_int open_now, most_open;
+/* What a descriptor is.  ENDED: its connection is shut down, and its number held until the loop is done with it. */
+enum { OTHER, CLIENT, WORKER, ENDED_CLIENT, ENDED_WORKER };
+
+static _Atomic unsigned char kinds[CONNECTIONS_TRACKED];
+static atomic_int next_ended[CONNECTIONS_TRACKED];
+static atomic_int last_ended = NONE;         /* a list through next_ended, to which any thread adds */
+static int taken_up = NONE;                  /* the loop's part of it */
+static atomic_int open_now, most_open, wake_fd = NONE;
 static atomic_long refused;
 
 int accept_default(void)
@@ -32,7 +43,7 @@ int accept_default(void)
     long most;
 
     getrlimit(RLIMIT_NOFILE, &limit);
-    most = limit.rlim_cur > TRACKED ? TRACKED : (long)limit.rlim_cur;
+    most = limit.rlim_cur > CONNECTIONS_TRACKED ? CONNECTIONS_TRACKED : (long)limit.rlim_cur;
     return (int)(most > 2 * OWN ? most - OWN : most > 1 ? most / 2 : 1);
 }
 
@@ -41,6 +52,11 @@ void accept_most(int most)
     int room = accept_default();
 
     atomic_store(&most_open, most > 0 && most < room ? most : room);
+}
+
+void accept_wake(int wake)
+{
+    atomic_store(&wake_fd, wake);
 }
 
 int accept_open(void)
@@ -75,27 +91,79 @@ static int broken_off(void)
     return -1;
 }
 
+/* FD is closed and the connection refused. */
+static int refuse(int fd)
+{
+    syscall(SYS_close, fd);
+    atomic_fetch_add(&refused, 1);
+    return broken_off();
+}
+
 int accept4(int fd, struct sockaddr *restrict address, socklen_t *restrict length, int flags)
 {
     int most = atomic_load(&most_open), out = (int)syscall(SYS_accept4, fd, address, length, flags);
+    bool worker;
 
     if (out < 0)
         return errno == EMFILE ? broken_off() : out;
-    if (most == 0 || out >= TRACKED || for_workers(fd))
+    if (most == 0)
         return out;
-    if (atomic_load(&open_now) >= most) {
-        syscall(SYS_close, out);
-        atomic_fetch_add(&refused, 1);
-        return broken_off();
-    }
-    counted[out] = 1;
-    atomic_fetch_add(&open_now, 1);
+    worker = for_workers(fd);
+    if (out >= CONNECTIONS_TRACKED || (!worker && atomic_load(&open_now) >= most))
+        return refuse(out);
+    intake_begin(out);
+    atomic_store(&kinds[out], worker ? WORKER : CLIENT);
+    if (!worker)
+        atomic_fetch_add(&open_now, 1);
     return out;
+}
+
+/* To the list of the ended; the loop is woken for the first alone. */
+static void note_ended(int fd)
+{
+    uint64_t one = 1;
+    int last = atomic_load(&last_ended), wake = atomic_load(&wake_fd);
+
+    do
+        atomic_store(&next_ended[fd], last);
+    while (!atomic_compare_exchange_weak(&last_ended, &last, fd));
+    if (last == NONE && wake >= 0 && write(wake, &one, sizeof one) < 0)
+        return;                                  /* it is readable already */
 }
 
 int close(int fd)
 {
-    if (fd >= 0 && fd < TRACKED && atomic_exchange(&counted[fd], 0) != 0)
+    unsigned char kind = fd >= 0 && fd < CONNECTIONS_TRACKED ? atomic_load(&kinds[fd]) : OTHER;
+
+    if (kind != CLIENT && kind != WORKER)
+        return (int)syscall(SYS_close, fd);
+    shutdown(fd, SHUT_RDWR);
+    atomic_store(&kinds[fd], kind == CLIENT ? ENDED_CLIENT : ENDED_WORKER);
+    note_ended(fd);
+    return 0;
+}
+
+bool accept_ended(void)
+{
+    if (taken_up == NONE)
+        taken_up = atomic_exchange(&last_ended, NONE);
+    return taken_up != NONE;
+}
+
+int accept_next(void)
+{
+    int fd = taken_up;
+
+    if (fd != NONE)
+        taken_up = atomic_load(&next_ended[fd]);
+    return fd;
+}
+
+void accept_free(int fd)
+{
+    unsigned char kind = atomic_exchange(&kinds[fd], OTHER);
+
+    syscall(SYS_close, fd);
+    if (kind == ENDED_CLIENT)
         atomic_fetch_sub(&open_now, 1);
-    return (int)syscall(SYS_close, fd);
 }

@@ -610,7 +610,11 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     c->now = now;
     switch (e->type) {
     case EVENT_REQUEST:    request_handle(c, e); break;
-    case EVENT_PEER_FULL: case EVENT_PEER_READY: case EVENT_PEER_GONE: events_peer(c, e->peer, e->type); break;
+    case EVENT_PEER_FULL: case EVENT_PEER_READY: events_peer(c, e->peer, e->type); break;
+    case EVENT_PEER_GONE:
+        events_peer(c, e->peer, e->type);
+        waits_gone(c, e->peer);
+        break;
     case EVENT_COMMITTED:  committed(c, e->transaction); break;
     case EVENT_TASK:       task_done(c, e->task); break;
     case EVENT_WORKER:     worker_message(c, e); break;
@@ -695,6 +699,7 @@ void core_free(struct core *c)
     size_t at = 0;
     struct job *job;
     struct input *input;
+    struct asker *asker;
 
     while ((job = map_next(&c->jobs, &at)) != NULL)
         free_job(job);
@@ -731,6 +736,9 @@ void core_free(struct core *c)
     map_done(&c->users);
     map_done(&c->results);
     map_done(&c->waits);
+    for (at = 0; (asker = map_next(&c->askers, &at)) != NULL;)
+        free(asker);
+    map_done(&c->askers);
     heap_done(&c->timers);
     region_close(&c->region);
     arena_free(c->kinds);

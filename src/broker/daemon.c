@@ -7,6 +7,7 @@
 #include "broker/daemon.h"
 #include "broker/accept.h"
 #include "broker/hangup.h"
+#include "broker/intake.h"
 #include "broker/notify.h"
 #include "broker/peers.h"
 #include "broker/pool.h"
@@ -34,6 +35,7 @@
 #define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
 #define STRANGERS_NS SECOND             /* between two lines on keys that were refused */
 #define ROUND_NS 5000000                /* of one source, whose next message waits for the others' */
+enum { CURVE_COST = 33 };               /* bytes of a frame's box beside its own: name, nonce, flags, authenticator */
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
 struct daemon {
@@ -55,6 +57,7 @@ struct daemon {
     int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
     int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns, next_strangers_ns, flush_wait_ns;
     struct zap_refused strangers;  /* not told yet */
+    uint64_t taken, ended_until;   /* messages; by then all of those whose connections have ended are taken */
 };
 
 static int64_t clock_ns(clockid_t clock)
@@ -138,14 +141,14 @@ static void to_worker(struct daemon *d, struct action *a)
 static void to_client(struct daemon *d, struct action *a)
 {
     struct peer *peer = peers_by_number(&d->clients, a->peer);
-    enum peer_change change = PEER_GONE;
+    enum peer_change change;
 
-    if (peer != NULL)
-        change = peers_send(&d->clients, peer, a->verb, a->header, a->body);
-    else {
+    if (peer == NULL) {                            /* gone, which the core was told */
         free(a->header);
         blob_drop(a->body);
+        return;
     }
+    change = peers_send(&d->clients, peer, a->verb, a->header, a->body);
     if (change != PEER_SAME)
         peer_changed(d, a->peer, change);
 }
@@ -219,34 +222,50 @@ struct received {
     char key[KEY_TEXT];
 };
 
-/* The next message of PEERS' socket; false: none.  Frames over the limit are received and dropped one by one. */
-static bool receive(struct peers *peers, struct received *r, int64_t now_ns)
+/* Whose FRAME is, the first after ROUTING.  libzmq names no descriptor where the other end's address was gone when it was
+ * accepted: who cannot be answered is not heard. */
+static void note_sender(struct peers *peers, struct received *r, zmq_msg_t *routing, zmq_msg_t *frame)
 {
-    zmq_msg_t frame;
-    bool routing = true;
-    int more = 1;
+    const char *user = zmq_msg_gets(frame, "User-Id");
+    int fd = zmq_msg_get(frame, ZMQ_SRCFD);
+
+    if (user != NULL)
+        snprintf(r->key, sizeof r->key, "%s", user);
+    if (fd < 0)
+        return;
+    r->peer = peers_by_routing(peers, zmq_msg_data(routing), zmq_msg_size(routing), fd);
+    intake_taken(fd);
+}
+
+static bool receive_frame(struct peers *peers, zmq_msg_t *frame)
+{
+    zmq_msg_init(frame);
+    if (zmq_msg_recv(frame, peers->socket, ZMQ_DONTWAIT) >= 0)
+        return true;
+    zmq_msg_close(frame);
+    return false;
+}
+
+/* The next message of PEERS' socket; false: none.  Frames over the limit are received and dropped one by one. */
+static bool receive(struct peers *peers, struct received *r)
+{
+    zmq_msg_t routing, frame;
+    bool more;
 
     memset(r, 0, sizeof *r);
-    while (more) {
-        zmq_msg_init(&frame);
-        if (zmq_msg_recv(&frame, peers->socket, ZMQ_DONTWAIT) < 0) {
-            zmq_msg_close(&frame);
-            return false;
-        }
+    if (!receive_frame(peers, &routing))
+        return false;
+    more = zmq_msg_more(&routing);
+    while (more && receive_frame(peers, &frame)) {
+        if (r->count == 0)
+            note_sender(peers, r, &routing, &frame);
         more = zmq_msg_more(&frame);
-        if (routing) {
-            r->peer = peers_by_routing(peers, zmq_msg_data(&frame), zmq_msg_size(&frame), now_ns);
-            routing = false;
-        } else {
-            const char *user = r->count == 0 ? zmq_msg_gets(&frame, "User-Id") : NULL;
-            if (user != NULL)
-                snprintf(r->key, sizeof r->key, "%s", user);
-            if (r->count < FRAMES_TAKEN)
-                r->frames[r->count] = blob_of(&frame);
-            r->count++;
-        }
+        if (r->count < FRAMES_TAKEN)
+            r->frames[r->count] = blob_of(&frame);
+        r->count++;
         zmq_msg_close(&frame);
     }
+    zmq_msg_close(&routing);
     return true;
 }
 
@@ -309,7 +328,8 @@ static bool take_messages(struct daemon *d, struct peers *peers, void (*handle)(
     int64_t now = clock_ns(CLOCK_MONOTONIC);
 
     for (int n = 0; n < ROUND && clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS; n++) {
-        bool got = receive(peers, &r, now);
+        bool got = receive(peers, &r);
+        d->taken++;
         if (got && r.peer != NULL && r.count > 0)
             handle(d, &r);
         release(&r);
@@ -317,6 +337,37 @@ static bool take_messages(struct daemon *d, struct peers *peers, void (*handle)(
             return false;
     }
     return true;                                   /* perhaps more */
+}
+
+/* ---- connections that have ended -------------------------------------------------------------------------------- */
+
+/* Whether there are connections that ended before now. */
+static bool note_ended(struct daemon *d)
+{
+    if (d->ended_until != 0)
+        return true;
+    if (!accept_ended())
+        return false;
+    d->ended_until = d->taken + (INTAKE_WAITING + 1) * (uint64_t)(accept_open() + SLOTS_MOST);
+    return true;
+}
+
+/* What they had sent is taken: at once where their sockets have nothing more (DRAINED), else once each connection has had its
+ * turns (libzmq takes one message from each in turn).  What they waited for ends, and their descriptors are free. */
+static void forget_ended(struct daemon *d, bool drained)
+{
+    int fd;
+
+    if (!drained && d->taken < d->ended_until)
+        return;
+    d->ended_until = 0;
+    while ((fd = accept_next()) >= 0) {
+        uint64_t number = peers_ended(&d->clients, fd);
+        peers_ended(&d->workers, fd);
+        accept_free(fd);
+        if (number != 0)
+            peer_changed(d, number, PEER_GONE);
+    }
 }
 
 /* ---- threads, children, signals --------------------------------------------------------------------------------- */
@@ -487,7 +538,6 @@ static void on_time(struct daemon *d)
         log_line("level=notice event=stop reason=\"drain time is over; running jobs start again at the next start\"");
         d->stop = true;
     }
-    peers_prune(&d->clients, now - 2 * 3600 * SECOND);
 }
 
 static long wait_ms(const struct daemon *d)
@@ -533,6 +583,22 @@ static int poll_items(const struct daemon *d, zmq_pollitem_t items[POLL_MOST + 1
     return n;
 }
 
+/* Of POLL's items those that are not messages. */
+static void take_others(struct daemon *d, const zmq_pollitem_t *items, const int *slots, int n)
+{
+    if (items[2].revents != 0)
+        take_done(d);
+    if (items[3].revents != 0)
+        take_signals(d);
+    for (int i = 4; i < n; i++)
+        if (items[i].revents != 0) {
+            if (slots[i] < 0)
+                zap_answer(d->zap, d->config->accounts, d->config->account_count, &d->strangers);
+            else
+                pool_read(&d->pool, slots[i]);
+        }
+}
+
 static void loop(struct daemon *d)
 {
     zmq_pollitem_t items[POLL_MOST + 1];
@@ -541,26 +607,20 @@ static void loop(struct daemon *d)
 
     while (!d->stop) {
         int n = poll_items(d, items, slots);
+        bool ended;
 
         fflush(stderr);                            /* one write for all edges of a round */
         if (zmq_poll(items, n, more ? 0 : wait_ms(d)) < 0 && errno != EINTR)
             break;
+        take_others(d, items, slots, n);
+        ended = note_ended(d);                     /* before the messages: what they sent is among these */
         more = false;
-        if (items[2].revents != 0)
-            take_done(d);
-        if (items[3].revents != 0)
-            take_signals(d);
-        for (int i = 4; i < n; i++)
-            if (items[i].revents != 0) {
-                if (slots[i] < 0)
-                    zap_answer(d->zap, d->config->accounts, d->config->account_count, &d->strangers);
-                else
-                    pool_read(&d->pool, slots[i]);
-            }
-        if (!d->stop && items[1].revents != 0)
+        if (!d->stop && (ended || items[1].revents != 0))
             more |= take_messages(d, &d->workers, from_worker);
-        if (!d->stop && items[0].revents != 0)
+        if (!d->stop && (ended || items[0].revents != 0))
             more |= take_messages(d, &d->clients, from_client);
+        if (ended && !d->stop)
+            forget_ended(d, !more);
         if (!d->stop)
             on_time(d);
     }
@@ -577,7 +637,7 @@ static void *router(struct daemon *d)
 {
     void *socket = zmq_socket(d->context, ZMQ_ROUTER);
     int64_t frame = WIRE_BODY_MOST;
-    bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1) && set_int(socket, ZMQ_SNDHWM, 64) && set_int(socket, ZMQ_RCVHWM, 16)
+    bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1) && set_int(socket, ZMQ_SNDHWM, 64) && set_int(socket, ZMQ_RCVHWM, INTAKE_WAITING)
         && set_int(socket, ZMQ_HANDSHAKE_IVL, 3000) && set_int(socket, ZMQ_LINGER, 200) && set_int(socket, ZMQ_HEARTBEAT_IVL, 10000)
         && set_int(socket, ZMQ_HEARTBEAT_TIMEOUT, 20000) && set_int(socket, ZMQ_BACKLOG, 1024)
         && zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) == 0;
@@ -591,6 +651,7 @@ static void *router(struct daemon *d)
 
 static enum modal_status guard_keys(struct daemon *d, struct modal_error *err)
 {
+    int64_t frame = WIRE_BODY_MOST + CURVE_COST;
     char public[41], secret[41];
     enum modal_status rc;
 
@@ -601,7 +662,8 @@ static enum modal_status guard_keys(struct daemon *d, struct modal_error *err)
         return rc;
     d->zap = zap_open(d->context);
     if (d->zap == NULL || !set_int(d->client_socket, ZMQ_CURVE_SERVER, 1) || zmq_setsockopt(d->client_socket, ZMQ_CURVE_SECRETKEY, secret, 40) != 0
-        || zmq_setsockopt(d->client_socket, ZMQ_ZAP_DOMAIN, "modald", 6) != 0)
+        || zmq_setsockopt(d->client_socket, ZMQ_ZAP_DOMAIN, "modald", 6) != 0
+        || zmq_setsockopt(d->client_socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) != 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "server_key", "CURVE cannot be used: %s", zmq_strerror(errno));
     explicit_bzero(secret, sizeof secret);
     return rc;
@@ -854,6 +916,7 @@ static enum modal_status begin(struct daemon *d, struct modal_error *err)
         rc = start_threads(d, err);
     if (rc != MODAL_OK)
         return rc;
+    accept_wake(d->done.wake);
     carry_out_all(d, core_loaded(d->core, moment_now()));
     return bind_all(d, err);
 }

@@ -26,30 +26,35 @@ static bool has_number(const void *value, const void *key)
     return ((const struct peer *)value)->number == *(const uint64_t *)key;
 }
 
+static bool has_fd(const void *value, const void *key)
+{
+    return ((const struct peer *)value)->fd == *(const int *)key;
+}
+
 struct peer *peers_by_number(const struct peers *peers, uint64_t number)
 {
     return map_find(&peers->by_number, map_hash_number(number), has_number, &number);
 }
 
-struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size, int64_t now_ns)
+struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size, int fd)
 {
     struct routing key = { data, size };
     uint64_t hash = map_hash(data, size);
     struct peer *peer = size > ROUTING_MOST ? NULL : map_find(&peers->by_routing, hash, has_routing, &key);
 
-    if (peer == NULL && size <= ROUTING_MOST) {
-        peer = calloc(1, sizeof *peer);
-        if (peer == NULL)
-            return NULL;
-        peer->number = ++peers->next;
-        memcpy(peer->routing, data, size);
-        peer->routing_size = (unsigned char)size;
-        peer->end = &peer->first;
-        if (!map_put(&peers->by_routing, hash, peer) || !map_put(&peers->by_number, map_hash_number(peer->number), peer))
-            abort();
-    }
-    if (peer != NULL)
-        peer->seen_ns = now_ns;
+    if (peer != NULL || size > ROUTING_MOST)
+        return peer;
+    peer = calloc(1, sizeof *peer);
+    if (peer == NULL)
+        return NULL;
+    peer->number = ++peers->next;
+    peer->fd = fd;
+    memcpy(peer->routing, data, size);
+    peer->routing_size = (unsigned char)size;
+    peer->end = &peer->first;
+    if (!map_put(&peers->by_routing, hash, peer) || !map_put(&peers->by_number, map_hash_number(peer->number), peer)
+        || !map_put(&peers->by_fd, map_hash_number((uint64_t)fd), peer))
+        abort();
     return peer;
 }
 
@@ -82,6 +87,7 @@ static void forget(struct peers *peers, struct peer *peer)
         unblock(peers, peer);
     map_remove(&peers->by_routing, map_hash(peer->routing, peer->routing_size), peer);
     map_remove(&peers->by_number, map_hash_number(peer->number), peer);
+    map_remove(&peers->by_fd, map_hash_number((uint64_t)peer->fd), peer);
     free(peer);
 }
 
@@ -205,16 +211,14 @@ bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum pee
     return moved;
 }
 
-void peers_prune(struct peers *peers, int64_t before_ns)
+uint64_t peers_ended(struct peers *peers, int fd)
 {
-    size_t at = 0;
-    struct peer *peer;
+    struct peer *peer = map_find(&peers->by_fd, map_hash_number((uint64_t)fd), has_fd, &fd);
+    uint64_t number = peer == NULL ? 0 : peer->number;
 
-    if (peers->by_number.count < 10000)
-        return;
-    while ((peer = map_next(&peers->by_number, &at)) != NULL)
-        if (peer->first == NULL && peer->seen_ns < before_ns)
-            forget(peers, peer);
+    if (peer != NULL)
+        forget(peers, peer);
+    return number;
 }
 
 void peers_done(struct peers *peers)
@@ -226,4 +230,5 @@ void peers_done(struct peers *peers)
         forget(peers, peer);
     map_done(&peers->by_number);
     map_done(&peers->by_routing);
+    map_done(&peers->by_fd);
 }

@@ -187,14 +187,78 @@ static void answer_wait(struct core *c, struct wait *w)
         read_for(c, &w->reply, job, TASK_READ_RESULT, root->id, 0, WIRE_BODY_MOST, "wait");
 }
 
+static bool is_asker(const void *value, const void *key)
+{
+    return ((const struct asker *)value)->peer == *(const uint64_t *)key;
+}
+
+static struct asker *asker_of(const struct core *c, uint64_t peer)
+{
+    return map_find(&c->askers, map_hash_number(peer), is_asker, &peer);
+}
+
+static void put_asker(struct core *c, struct wait *w)
+{
+    struct asker *asker = asker_of(c, w->reply.peer);
+
+    if (asker == NULL) {
+        asker = grab(sizeof *asker);
+        asker->peer = w->reply.peer;
+        asker->waits = NULL;
+        if (!map_put(&c->askers, map_hash_number(asker->peer), asker))
+            abort();
+    }
+    w->beside = asker->waits;
+    w->beside_link = &asker->waits;
+    if (w->beside != NULL)
+        w->beside->beside_link = &w->beside;
+    asker->waits = w;
+}
+
+static void leave_asker(struct core *c, struct wait *w)
+{
+    struct asker *asker = asker_of(c, w->reply.peer);
+
+    *w->beside_link = w->beside;
+    if (w->beside != NULL)
+        w->beside->beside_link = w->beside_link;
+    if (asker->waits == NULL) {
+        map_remove(&c->askers, map_hash_number(asker->peer), asker);
+        free(asker);
+    }
+}
+
+/* Not the timer of a wait that has ended; number 0 is none's. */
+static bool is_awaited(const void *context, const struct heap_item *item)
+{
+    const struct core *c = context;
+    uint64_t number = (uint64_t)item->order;
+
+    return item->what != TIMER_WAIT || number == 0 || map_find(&c->waits, map_hash_number(number), has_number, &number) != NULL;
+}
+
+/* Its timer stays until it is due, or such are half of all. */
 static void drop_wait(struct core *c, struct wait *w)
 {
     *w->link = w->next;
     if (w->next != NULL)
         w->next->link = w->link;
+    leave_asker(c, w);
     map_remove(&c->waits, map_hash_number(w->number), w);
     w->user->waits--;
     free(w);
+    if (++c->waits_past > WIRE_WAITS_MOST && c->waits_past > c->timers.count / 2) {
+        heap_sift(&c->timers, is_awaited, c);
+        c->waits_past = 0;
+    }
+}
+
+void waits_gone(struct core *c, uint64_t peer)
+{
+    struct asker *asker;
+
+    while ((asker = asker_of(c, peer)) != NULL)
+        drop_wait(c, asker->waits);
 }
 
 void wait_answer(struct core *c, struct job *job)
@@ -223,10 +287,13 @@ void wait_timeout(struct core *c, uint64_t number)
 {
     struct wait *w = map_find(&c->waits, map_hash_number(number), has_number, &number);
 
-    if (w == NULL)
+    if (w == NULL) {
+        c->waits_past -= c->waits_past > 0;
         return;
+    }
     answer_doc(c, &w->reply, w->job, -1, NULL);
     drop_wait(c, w);
+    c->waits_past -= c->waits_past > 0;            /* this timer has run */
 }
 
 static void on_wait(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
@@ -256,6 +323,7 @@ static void on_wait(struct core *c, const struct event *e, const struct wire_req
         w->next->link = &w->next;
     job->waits = w;
     user->waits++;
+    put_asker(c, w);
     if (!map_put(&c->waits, map_hash_number(w->number), w))
         abort();
     core_timer(c, c->now.mono_ns + (int64_t)(r->wait.timeout_s * 1e9), TIMER_WAIT, (int64_t)w->number, 0);

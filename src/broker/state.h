@@ -164,7 +164,18 @@ struct job {
     struct wait *waits;
 };
 
-struct wait { struct wait *next, **link; uint64_t number; struct job *job; struct reply reply; bool result; struct user *user; char key[KEY_TEXT]; };
+struct wait {
+    struct wait *next, **link;            /* of the job's */
+    struct wait *beside, **beside_link;   /* of the connection's */
+    uint64_t number;
+    struct job *job;
+    struct reply reply;
+    bool result;
+    struct user *user;
+    char key[KEY_TEXT];
+};
+
+struct asker { uint64_t peer; struct wait *waits; };   /* a connection that waits for jobs */
 
 struct tombstone { struct user *user; char *key; uint8_t fingerprint[32]; int64_t expired_ns; bool committed; struct tombstone *next; };
 
@@ -234,7 +245,8 @@ struct answers {
 struct core {
     struct settings settings;
     struct account *accounts; size_t account_count;
-    struct map jobs, inputs, users, results, waits;
+    struct map jobs, inputs, users, results, waits, askers;
+    size_t waits_past;                    /* timers of waits that have ended */
     struct tombstone *stones, **stones_end;   /* of all users, in the order in which they were put up */
     struct user **user_list; size_t user_count;
     struct heap timers;
@@ -446,6 +458,7 @@ void streams_retain(struct core *c);
 void request_handle(struct core *c, const struct event *e);
 void wait_answer(struct core *c, struct job *job);
 void wait_timeout(struct core *c, uint64_t number);
+void waits_gone(struct core *c, uint64_t peer);        /* end those of a connection that has ended */
 void waits_revoke(struct core *c);         /* answer those of keys that are admitted no more */
 void read_task_done(struct core *c, struct task *task);
 

@@ -74,7 +74,7 @@ def taken(endpoint):
     while True:
         peer = dealer(endpoint, b"honest")
         with contextlib.suppress(zmq.Again):
-            peer.send_multipart([VERSION, b"DRAIN", b'{"id":1}'])
+            peer.send_multipart([VERSION, b"HELLO", b'{"id":1}'])
         time.sleep(0.02)
         peer.close()
 

@@ -37,7 +37,9 @@ def main():
 
     def beat():
         parent = os.getppid()
-        while os.getppid() == parent != 1:  # a daemon that was killed leaves no worker behind, not even one that was still starting
+        with open(f"/proc/{parent}/comm") as comm:
+            daemon = comm.read() == "modald\n"
+        while daemon and os.getppid() == parent:    # a daemon that was killed leaves no worker behind, not even one that was still starting
             time.sleep(1)
             say("BEAT")
         os._exit(0)

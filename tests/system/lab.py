@@ -10,9 +10,9 @@ FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
 
 class Lab:
-    """USERS: name to `user role limits` as in a keys file; OPTIONS as of Daemon."""
+    """USERS: name to `user role limits` as in a keys file; OPTIONS as of Daemon; more CONFIG may replace the stand-in worker's."""
 
-    def __init__(self, folder, users, **options):
+    def __init__(self, folder, users, config=FAKE, **options):
         self.folder, self.pairs = folder, {}
         self.server = zmq.curve_keypair()
         self.write(folder / "server.key", f'public-key = "{self.server[0].decode()}"\nsecret-key = "{self.server[1].decode()}"\n')
@@ -20,7 +20,7 @@ class Lab:
             self.pairs[name] = zmq.curve_keypair()
         self.users = dict(users)
         self.write_keys()
-        self.config = FAKE + f"server_key = {folder}/server.key\nkeys = {folder}/keys\n"
+        self.config = config + f"server_key = {folder}/server.key\nkeys = {folder}/keys\n"
         self.daemon = Daemon(folder=folder, config=self.config, **options)
 
     @staticmethod

@@ -86,6 +86,7 @@ enum task_type {
     TASK_REMOVE_SAMPLES,
     TASK_ROOM,                            /* how much of the disk is free */
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
+    TASK_OPEN_INPUT,                      /* of a job that starts, for its worker */
 };
 
 struct task {
@@ -110,6 +111,7 @@ struct task {
                                              the file (total: its bytes, crc: its checksum) */
     struct sums sums;                     /* STREAM_SEAL, READ_SPOOL: out, of its parts; none where the ledger has them */
     bool differs;                         /* SAMPLES_COMPARE: out: samples that are there are not those of the chunk */
+    int descriptor;                       /* OPEN_INPUT: out */
     enum modal_status status;             /* out */
     int64_t took_ns;                      /* out */
     struct modal_error err;
@@ -123,6 +125,7 @@ enum action_type {
     ACT_COMMIT,     /* transaction; comes back as EVENT_COMMITTED */
     ACT_TASK,       /* task; comes back as EVENT_TASK */
     ACT_WORKER,     /* slot, verb, header, body: send to the worker */
+    ACT_HAND,       /* slot, descriptor, header (JOB ATTEMPT): to the worker, ahead of its RUN; slot -1: to be closed */
     ACT_SPAWN,      /* slot: start a process; EVENT_EXIT will follow some day */
     ACT_KILL,       /* slot: end its process group now */
     ACT_LOG,        /* header: a logfmt line without its time */
@@ -132,6 +135,7 @@ enum action_type {
 struct action {
     enum action_type type;
     int slot;
+    int descriptor;               /* the taker's */
     uint64_t peer;
     const char *verb;             /* static text */
     char *header;                 /* from malloc, the taker's */

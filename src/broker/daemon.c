@@ -138,6 +138,14 @@ static void to_worker(struct daemon *d, struct action *a)
     peers_send(&d->workers, peer, a->verb, a->header, a->body);
 }
 
+static void hand_over(struct daemon *d, struct action *a)
+{
+    if (a->slot >= 0)
+        pool_hand(&d->pool, a->slot, a->header, a->descriptor);
+    close(a->descriptor);
+    free(a->header);
+}
+
 static void to_client(struct daemon *d, struct action *a)
 {
     struct peer *peer = peers_by_number(&d->clients, a->peer);
@@ -160,6 +168,7 @@ static void carry_out(struct daemon *d, struct action *a)
     case ACT_COMMIT: ledger_thread_put(d->ledger_thread, a->transaction); break;
     case ACT_TASK:   spool_threads_put(d->spool, a->task); break;
     case ACT_WORKER: to_worker(d, a); break;
+    case ACT_HAND:   hand_over(d, a); break;
     case ACT_SPAWN:  spawn(d, a->slot); break;
     case ACT_KILL:   pool_kill(&d->pool, a->slot); break;
     case ACT_LOG:    log_line(a->header); free(a->header); break;
@@ -884,7 +893,7 @@ static enum modal_status start_pool(struct daemon *d, struct modal_error *err)
     const struct config *c = d->config;
 
     for (int slot = 0; slot < SLOTS_MOST; slot++)
-        d->pool.slots[slot].stderr_fd = -1;
+        d->pool.slots[slot].stderr_fd = d->pool.slots[slot].inputs = -1;
     if (c->worker_path[0] != 0)
         snprintf(d->program, sizeof d->program, "%s", c->worker_path);
     else if (!pool_find_program(d->program))

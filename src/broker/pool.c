@@ -7,10 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 extern char **environ;
+
+enum { INPUTS_AT = 3 };         /* in the worker */
 
 /* Environment of a worker: nothing of the daemon's but what the numerics need. */
 static char **worker_environment(void)
@@ -33,7 +36,7 @@ static void free_environment(char **e)
     free(e);
 }
 
-static int start(struct pool *pool, int out_fd, pid_t *pid)
+static int start(struct pool *pool, int out_fd, int inputs, pid_t *pid)
 {
     char memory[32], *argv[16];
     char **environment = worker_environment();
@@ -50,12 +53,14 @@ static int start(struct pool *pool, int out_fd, pid_t *pid)
         argv[argc++] = (char *)"--user", argv[argc++] = (char *)pool->user;
     if (pool->memory > 0)
         argv[argc++] = (char *)"--memory", argv[argc++] = memory;
+    argv[argc++] = (char *)"--inputs";
     argv[argc++] = (char *)"--sandbox", argv[argc++] = (char *)(pool->sandbox ? "on" : "off");
     argv[argc] = NULL;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
     posix_spawn_file_actions_addopen(&actions, 1, "/dev/null", O_WRONLY, 0);
     posix_spawn_file_actions_adddup2(&actions, out_fd, 2);
+    posix_spawn_file_actions_adddup2(&actions, inputs, INPUTS_AT);
     posix_spawnattr_init(&attributes);
     sigemptyset(&none);
     sigfillset(&all);
@@ -70,26 +75,53 @@ static int start(struct pool *pool, int out_fd, pid_t *pid)
     return error;
 }
 
+static void close_end(int *fd)
+{
+    if (*fd >= 0)
+        close(*fd);
+    *fd = -1;
+}
+
 bool pool_spawn(struct pool *pool, int slot)
 {
     struct process *p = &pool->slots[slot];
-    int fds[2], error;
+    int says[2] = { -1, -1 }, inputs[2] = { -1, -1 }, error = 0;
 
     free(p->tail);
-    *p = (struct process) { .stderr_fd = -1 };
-    if (pipe2(fds, O_CLOEXEC) != 0)
-        return false;
-    fcntl(fds[0], F_SETFL, O_NONBLOCK);
-    error = start(pool, fds[1], &p->pid);
-    close(fds[1]);
+    *p = (struct process) { .stderr_fd = -1, .inputs = -1 };
+    if (pipe2(says, O_CLOEXEC) != 0 || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, inputs) != 0)
+        error = errno;
+    if (error == 0) {
+        fcntl(says[0], F_SETFL, O_NONBLOCK);
+        error = start(pool, says[1], inputs[1], &p->pid);
+    }
+    close_end(&says[1]);
+    close_end(&inputs[1]);
     if (error != 0) {
-        close(fds[0]);
+        close_end(&says[0]);
+        close_end(&inputs[0]);
         p->pid = 0;
         errno = error;
         return false;
     }
-    p->stderr_fd = fds[0];
+    p->stderr_fd = says[0];
+    p->inputs = inputs[0];
     return true;
+}
+
+void pool_hand(struct pool *pool, int slot, const char *text, int descriptor)
+{
+    union { char room[CMSG_SPACE(sizeof(int))]; struct cmsghdr align; } control = { { 0 } };
+    struct iovec part = { .iov_base = (void *)(uintptr_t)text, .iov_len = strlen(text) };
+    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control };
+    struct cmsghdr *with = CMSG_FIRSTHDR(&message);
+
+    with->cmsg_level = SOL_SOCKET;
+    with->cmsg_type = SCM_RIGHTS;
+    with->cmsg_len = CMSG_LEN(sizeof descriptor);
+    memcpy(CMSG_DATA(with), &descriptor, sizeof descriptor);
+    while (sendmsg(pool->slots[slot].inputs, &message, MSG_DONTWAIT | MSG_NOSIGNAL) < 0 && errno == EINTR)
+        ;
 }
 
 void pool_kill(struct pool *pool, int slot)
@@ -108,10 +140,12 @@ void pool_kill_all(struct pool *pool)
         struct process *p = &pool->slots[slot];
         if (p->pid > 0)
             waitpid(p->pid, NULL, 0);
-        if (p->pid > 0 && p->stderr_fd >= 0)
-            close(p->stderr_fd);
+        if (p->pid > 0) {
+            close_end(&p->stderr_fd);
+            close_end(&p->inputs);
+        }
         free(p->tail);
-        *p = (struct process) { .stderr_fd = -1 };
+        *p = (struct process) { .stderr_fd = -1, .inputs = -1 };
     }
 }
 
@@ -168,9 +202,8 @@ int pool_reap(struct pool *pool, int *status, const char **text)
             continue;
         kill(-p->pid, SIGKILL);                    /* children it may have left */
         pool_read(pool, slot);
-        if (p->stderr_fd >= 0)
-            close(p->stderr_fd);
-        p->stderr_fd = -1;
+        close_end(&p->stderr_fd);
+        close_end(&p->inputs);
         p->pid = 0;
         p->peer = 0;
         if (p->tail != NULL)

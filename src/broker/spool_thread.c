@@ -365,6 +365,16 @@ static enum modal_status read_spool(const char *dir, struct ledger_reader *reade
     return task->text == NULL ? modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory") : MODAL_OK;
 }
 
+static enum modal_status open_input(const char *dir, struct task *task)
+{
+    char path[4096];
+    enum modal_status rc;
+
+    spool_path(path, dir, task->id);
+    rc = file_open(path, O_RDONLY, 0, &task->descriptor, &task->err);
+    return rc == MODAL_NOT_FOUND ? modal_fail(&task->err, MODAL_CORRUPT, "%s is missing", path) : rc;
+}
+
 static enum modal_status keep_event(void *context, const struct event_record *r)
 {
     struct task *task = context;
@@ -397,6 +407,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_READ_RESULT: case TASK_READ_STDERR: case TASK_READ_INPUT: return read_row(reader, task);
     case TASK_READ_SPOOL:    return read_spool(dir, reader, task);
     case TASK_ROOM:          return find_room(dir, task);
+    case TASK_OPEN_INPUT:    return open_input(dir, task);
     case TASK_READ_EVENTS:
         return ledger_read_events(reader, (int64_t)task->offset, task->user, (int)task->length, keep_event, task, &task->err);
     }

@@ -71,6 +71,23 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
         core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
 }
 
+/* A task that fetches the input of a job whose attempt has begun; job_input_read goes on with it. */
+static void fetch(struct core *c, struct job *job, enum task_type type)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = type;
+    task->id = job->input->id;
+    task->length = WIRE_INLINE_MOST;
+    task->descriptor = -1;
+    task->total = (uint64_t)job->id;
+    task->after = after_new(AFTER_READ, NULL);
+    task->after->value = job->id;
+    task->after->attempts = job->attempts;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
 static void start(struct core *c, struct job *job, int slot)
 {
     struct slot *s = &c->slots[slot];
@@ -87,34 +104,37 @@ static void start(struct core *c, struct job *job, int slot)
     s->jobs++;
     c->attempts++;
     job_move(c, job, JOB_RUNNING, NULL);
-    if (job->input->inline_data && job->input->data == NULL) {
-        struct task *task = grab(sizeof *task);
-        task->type = TASK_READ_INPUT;
-        task->id = job->input->id;
-        task->length = WIRE_INLINE_MOST;
-        task->owner = NULL;
-        task->total = (uint64_t)job->id;
-        task->count = 0;
-        task->after = after_new(AFTER_READ, NULL);
-        task->after->value = job->id;
-        task->after->attempts = job->attempts;
-        c->tasks++;
-        core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    if (!job->input->inline_data || job->input->data == NULL) {
+        fetch(c, job, job->input->inline_data ? TASK_READ_INPUT : TASK_OPEN_INPUT);
         return;
     }
-    run_on(c, job, slot, job->input->inline_data ? job->input->data : NULL);
+    run_on(c, job, slot, job->input->data);
     if (job->input->jobs <= 1)
         input_cache(c, job->input, NULL);          /* no other job waits for it */
     input_trim(c, job->input);
 }
 
-/* The inline data that a started job was waiting for. */
+/* The open file of a job's input, to its worker; SLOT -1: nobody wants it any more. */
+static void hand(struct core *c, const struct job *job, int slot, int descriptor)
+{
+    char ident[9] = "";
+
+    if (slot >= 0)
+        job_ident(c, job, ident);
+    core_act(c, (struct action) { .type = ACT_HAND, .slot = slot, .descriptor = descriptor,
+                                  .header = slot < 0 ? NULL : grab_format("%s %d", ident, job->attempts) });
+}
+
+/* The input that a started job was waiting for: inline data, or an open file. */
 void job_input_read(struct core *c, struct task *task)
 {
     struct job *job = job_by_id(c, task->after->value);
 
-    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts || job->slot < 0)
+    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts || job->slot < 0) {
+        if (task->descriptor >= 0)
+            hand(c, NULL, -1, task->descriptor);
         return;
+    }
     if (task->status != MODAL_OK) {
         int slot = job->slot;
         c->slots[slot].job = NULL;
@@ -123,6 +143,8 @@ void job_input_read(struct core *c, struct task *task)
         job_fail(c, job, JOB_FAILED, &task->err, NULL);
         return;
     }
+    if (task->descriptor >= 0)
+        hand(c, job, job->slot, task->descriptor);
     run_on(c, job, job->slot, task->text);
 }
 

@@ -477,18 +477,21 @@ static uint32_t check_of(const struct mapping *map)
     return crc;
 }
 
-static enum modal_status map_checked(int fd, const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out, struct modal_error *err)
+enum modal_status spool_map_open(int fd, const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out,
+                                 struct modal_error *err)
 {
-    enum modal_status rc = mapping_open(fd, path, offset, length, out, err);
+    struct mapping map;
+    enum modal_status rc = mapping_open(fd, path, offset, length, &map, err);
 
     if (rc != MODAL_OK)
         return rc;
-    madvise(out->base, out->mapped, MADV_SEQUENTIAL);
-    if (check_of(out) != crc) {
-        mapping_close(out);
+    madvise(map.base, map.mapped, MADV_SEQUENTIAL);
+    if (check_of(&map) != crc) {
+        mapping_close(&map);
         return modal_fail(err, MODAL_CORRUPT, "%s is damaged: the checksum of its data is wrong", path);
     }
-    madvise(out->base, out->mapped, MADV_NORMAL);
+    madvise(map.base, map.mapped, MADV_NORMAL);
+    *out = map;
     return MODAL_OK;
 }
 
@@ -498,11 +501,8 @@ enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, 
     enum modal_status rc = file_open(path, O_RDONLY, 0, &fd, err);
 
     if (rc == MODAL_OK) {
-        struct mapping map;
-        rc = map_checked(fd, path, offset, length, crc, &map, err);
+        rc = spool_map_open(fd, path, offset, length, crc, out, err);
         close(fd);
-        if (rc == MODAL_OK)
-            *out = map;
     }
     return rc == MODAL_NOT_FOUND ? modal_fail(err, MODAL_CORRUPT, "%s is missing", path) : rc;
 }

@@ -2,12 +2,13 @@
  * confine.c - a worker shut in; see confine.h
  *
  * A job computes on data a user chose, some of it in a language of the user's own (Lua).  Should that take over the process, it
- * finds: no new sockets, programs, files or mappings that can be executed; nothing to read but its inputs; one
- * connection, on which the daemon believes only what fits the job it gave.
+ * finds: no new sockets, programs, files or mappings that can be executed; nothing to read but the input of
+ * its job, whose descriptor the daemon handed over; nobody to signal or to set limits to; one connection, on which the daemon believes only what fits the job it gave.
  *
  * The filter is a list of what computing, ZeroMQ's threads and glibc need.  Everything else fails with EPERM rather than
  * ending the process, so that a library that only asks in vain goes on; clone3 says ENOSYS, since its flags cannot be
- * seen and glibc then uses clone.
+ * seen and glibc then uses clone; and sched_setscheduler says that it was done, since each thread of ZeroMQ's asks for the scheduling
+ * that it has and aborts where that fails, and some begin only after the walls are up.
  */
 #include "worker/confine.h"
 #include <errno.h>
@@ -44,6 +45,23 @@ static enum modal_status set_limit(int which, rlim_t most, const char *name, str
     return setrlimit((__rlimit_resource_t)which, &limit) == 0 ? MODAL_OK : modal_fail(err, MODAL_IO, "worker: limit of %s: %s", name, strerror(errno));
 }
 
+/* Half of the threads that this user may have: the other half is the daemon's, where both are one user. */
+static enum modal_status limit_threads(struct modal_error *err)
+{
+    struct rlimit limit;
+
+    if (getrlimit(RLIMIT_NPROC, &limit) < 0 || limit.rlim_max == RLIM_INFINITY)
+        return MODAL_OK;
+    return set_limit(RLIMIT_NPROC, limit.rlim_max / 2 + 1, "threads", err);
+}
+
+enum modal_status confine_death(struct modal_error *err)
+{
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) < 0)
+        return modal_fail(err, MODAL_IO, "worker: parent's death: %s", strerror(errno));
+    return MODAL_OK;
+}
+
 enum modal_status confine_limits(const struct confine_options *options, struct modal_error *err)
 {
     enum modal_status rc;
@@ -59,9 +77,9 @@ enum modal_status confine_limits(const struct confine_options *options, struct m
         rc = set_limit(RLIMIT_FSIZE, 0, "file size", err);
     if (rc == MODAL_OK && options->memory > 0)
         rc = set_limit(RLIMIT_AS, options->memory, "memory", err);
-    if (rc == MODAL_OK && options->user == NULL && prctl(PR_SET_PDEATHSIG, SIGKILL) < 0)
-        rc = modal_fail(err, MODAL_IO, "worker: parent's death: %s", strerror(errno));
-    return rc;
+    if (rc == MODAL_OK)
+        rc = limit_threads(err);
+    return rc == MODAL_OK ? confine_death(err) : rc;
 }
 
 /* --- files --- */
@@ -91,7 +109,6 @@ enum modal_status confine_files(const struct confine_options *options, bool *don
     /* glibc and OpenBLAS ask how many processors and how much memory there are */
     static const char *const always[] = { "/proc/self", "/proc/meminfo", "/proc/cpuinfo", "/proc/stat", "/sys/devices/system/cpu", "/usr/lib", "/usr/share/zoneinfo" };
     struct landlock_ruleset_attr handled = { .handled_access_fs = EVERY_FILE_ACCESS };
-    char spool[4200];
     int rules, failed;
 
     *done = false;
@@ -99,11 +116,9 @@ enum modal_status confine_files(const struct confine_options *options, bool *don
         return MODAL_OK;
     rules = (int)syscall(SYS_landlock_create_ruleset, &handled, sizeof handled, 0);
     if (rules < 0)
-        return MODAL_OK;                /* a kernel without it: the other walls stand */
+        return MODAL_OK;                /* a kernel without it: confine_opening */
     for (size_t i = 0; i < sizeof always / sizeof *always; i++)
         allow_reading(rules, always[i]);
-    snprintf(spool, sizeof spool, "%s/spool", options->data);
-    allow_reading(rules, spool);
     failed = prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0 || syscall(SYS_landlock_restrict_self, rules, 0) < 0;
     close(rules);
     if (failed)
@@ -114,32 +129,21 @@ enum modal_status confine_files(const struct confine_options *options, bool *don
 
 /* --- user --- */
 
-/* The spool's files may be read by its group. */
-static gid_t spool_group(const struct confine_options *options, gid_t otherwise)
-{
-    struct stat known;
-
-    return options->data != NULL && stat(options->data, &known) == 0 ? known.st_gid : otherwise;
-}
-
 enum modal_status confine_user(const struct confine_options *options, struct modal_error *err)
 {
     const struct passwd *user;
-    gid_t group;
 
     if (options->user == NULL)
         return MODAL_OK;
     user = getpwnam(options->user);
     if (user == NULL)
         return modal_fail(err, MODAL_NOT_FOUND, "worker: no user %s", options->user);
-    group = spool_group(options, user->pw_gid);
-    if (geteuid() == 0 && (setgroups(0, NULL) < 0 || setresgid(group, group, group) < 0 || setresuid(user->pw_uid, user->pw_uid, user->pw_uid) < 0))
+    if (geteuid() == 0 && (setgroups(0, NULL) < 0 || setresgid(user->pw_gid, user->pw_gid, user->pw_gid) < 0
+                           || setresuid(user->pw_uid, user->pw_uid, user->pw_uid) < 0))
         return modal_fail(err, MODAL_DENIED, "worker: becoming %s: %s", options->user, strerror(errno));
     if (geteuid() != user->pw_uid)
         return modal_fail(err, MODAL_DENIED, "worker: only root can become %s", options->user);
-    if (prctl(PR_SET_PDEATHSIG, SIGKILL) < 0)       /* changing the user has cleared it */
-        return modal_fail(err, MODAL_IO, "worker: parent's death: %s", strerror(errno));
-    return MODAL_OK;
+    return confine_death(err);                      /* changing the user has cleared it */
 }
 
 /* --- system calls --- */
@@ -158,30 +162,84 @@ enum modal_status confine_user(const struct confine_options *options, struct mod
 #endif
 #endif
 
-#if defined(ARCHITECTURE) && !defined(SANITIZED)
+#define CALL(name) { #name, SYS_##name }
+struct call { const char *name; int number; };
 
-static const int free_calls[] = {
+/* Allowed whatever the arguments. */
+static const struct call free_calls[] = {
     /* what is open already */
-    SYS_read, SYS_write, SYS_readv, SYS_writev, SYS_pread64, SYS_lseek, SYS_close, SYS_fstat, SYS_fcntl, SYS_recvmsg, SYS_recvfrom,
-    SYS_sendmsg, SYS_sendto, SYS_getsockopt, SYS_setsockopt, SYS_getsockname, SYS_getpeername, SYS_shutdown, SYS_ppoll, SYS_pselect6,
-    SYS_epoll_pwait, SYS_epoll_ctl, SYS_epoll_create1, SYS_eventfd2,
+    CALL(read), CALL(write), CALL(readv), CALL(writev), CALL(pread64), CALL(lseek), CALL(close), CALL(fstat), CALL(recvfrom),
+    CALL(ppoll), CALL(pselect6), CALL(epoll_pwait), CALL(epoll_ctl), CALL(epoll_create1), CALL(eventfd2),
     /* looking */
-    SYS_newfstatat, SYS_statx, SYS_readlinkat, SYS_faccessat, SYS_getcwd, SYS_uname, SYS_sysinfo, SYS_getrusage, SYS_times, SYS_getpid,
-    SYS_getppid, SYS_gettid, SYS_getuid, SYS_geteuid, SYS_getgid, SYS_getegid, SYS_sched_getaffinity, SYS_getcpu, SYS_getrandom,
-    SYS_prlimit64, SYS_sched_getparam, SYS_sched_getscheduler, SYS_clock_gettime, SYS_clock_getres, SYS_gettimeofday, SYS_getpriority,
+    CALL(uname), CALL(sysinfo), CALL(getrusage), CALL(getpid), CALL(getppid), CALL(gettid), CALL(getuid),
+    CALL(geteuid), CALL(getgid), CALL(getegid), CALL(sched_getaffinity), CALL(sched_getparam), CALL(sched_getscheduler), CALL(getcpu), CALL(getrandom), CALL(clock_gettime),
+    CALL(clock_getres), CALL(gettimeofday),
     /* memory and threads */
-    SYS_munmap, SYS_mremap, SYS_madvise, SYS_brk, SYS_futex, SYS_set_robust_list, SYS_rseq, SYS_membarrier, SYS_sched_yield, SYS_nanosleep,
-    SYS_clock_nanosleep, SYS_rt_sigaction, SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_sigaltstack, SYS_restart_syscall, SYS_exit, SYS_exit_group,
+    CALL(munmap), CALL(mremap), CALL(madvise), CALL(brk), CALL(futex), CALL(set_robust_list), CALL(rseq), CALL(sched_yield),
+    CALL(nanosleep), CALL(clock_nanosleep), CALL(rt_sigaction), CALL(rt_sigprocmask), CALL(rt_sigreturn), CALL(sigaltstack),
+    CALL(restart_syscall), CALL(exit), CALL(exit_group),
 #if defined(__x86_64__)
-    SYS_poll, SYS_select, SYS_epoll_wait, SYS_stat, SYS_lstat, SYS_readlink, SYS_access, SYS_getrlimit, SYS_time,
+    CALL(poll), CALL(select), CALL(epoll_wait), CALL(getrlimit), CALL(time),
 #endif
 };
 
-/* Allowed where (argument & mask) == value. */
-struct checked { int call, argument; uint32_t mask, value; };
-#define WRITING (O_WRONLY | O_RDWR | O_CREAT | O_TRUNC | O_APPEND | (O_TMPFILE & ~O_DIRECTORY))
+/* 32 bits of the arguments, AT so many bytes into them: those of BITS must be IS.  No bits: no check. */
+struct check { int at; uint32_t bits, is; };
+/* Allowed where all checks hold; a call with several rows, where one row does.  WHERE says it to a reader. */
+struct rule { struct call call; struct check checks[3]; const char *where; };
 
-enum { CHECKED_MOST = 8, PROGRAM_MOST = 16 + 2 * (int)(sizeof free_calls / sizeof *free_calls) + 6 * CHECKED_MOST };
+/* The kernel takes descriptors, commands, flags and process numbers as 32 bits: the lower half of an argument. */
+#define ARGUMENT(n, bits, is) { 8 * (n), bits, (uint32_t)(is) }
+#define NO_POINTER(n) ARGUMENT(n, ~0u, 0), { 8 * (n) + 4, ~0u, 0 }
+#define WRITING (O_WRONLY | O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_ASYNC | (O_TMPFILE & ~O_DIRECTORY))
+#define NOT_WRITING "to read: without O_WRONLY, O_RDWR, O_CREAT, O_TRUNC, O_APPEND, O_ASYNC, O_TMPFILE"
+#define A_THREAD (CLONE_VM | CLONE_FS | CLONE_FILES | CLONE_SIGHAND | CLONE_THREAD | CLONE_SYSVSEM | CLONE_SETTLS | CLONE_PARENT_SETTID \
+                  | CLONE_CHILD_CLEARTID)
+
+enum { RULES_MOST = 20, OWN = 0 };
+
+/* The rules for process PID into OUT; their number. */
+static int list_rules(struct rule out[RULES_MOST], uint32_t pid)
+{
+    const struct rule rules[] = {
+        { CALL(openat), { ARGUMENT(2, WRITING, 0) }, NOT_WRITING },
+#if defined(__x86_64__)
+        { CALL(open), { ARGUMENT(1, WRITING, 0) }, NOT_WRITING },
+#endif
+        { CALL(fcntl), { ARGUMENT(1, ~0u, F_GETFD) }, "F_GETFD" },
+        { CALL(fcntl), { ARGUMENT(1, ~0u, F_SETFD) }, "F_SETFD" },
+        { CALL(fcntl), { ARGUMENT(1, ~0u, F_GETFL) }, "F_GETFL" },
+        { CALL(fcntl), { ARGUMENT(1, ~0u, F_SETFL), ARGUMENT(2, O_ASYNC, 0) }, "F_SETFL without O_ASYNC" },
+        { CALL(fcntl), { ARGUMENT(1, ~0u, F_DUPFD_CLOEXEC) }, "F_DUPFD_CLOEXEC" },
+        { CALL(recvmsg), { ARGUMENT(0, ~0u, CONFINE_INPUTS) }, "of descriptor 3, by which inputs come" },
+        { CALL(sendto), { NO_POINTER(4) }, "without an address" },
+        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0) }, "without PROT_EXEC" },
+        { CALL(mprotect), { ARGUMENT(2, PROT_EXEC, 0) }, "without PROT_EXEC" },
+        { CALL(clone), { ARGUMENT(0, ~0u, A_THREAD) }, "a thread of its own, with the flags of pthread_create(3)" },
+        { CALL(tgkill), { ARGUMENT(0, ~0u, pid) }, "of its own threads" },
+        { CALL(prlimit64), { ARGUMENT(0, ~0u, OWN), NO_POINTER(2) }, "to read its own" },
+        { CALL(prlimit64), { ARGUMENT(0, ~0u, pid), NO_POINTER(2) }, "to read its own, by its number" },
+        { CALL(prctl), { ARGUMENT(0, ~0u, PR_SET_NAME) }, "PR_SET_NAME" },
+    };
+
+    memcpy(out, rules, sizeof rules);
+    return sizeof rules / sizeof *rules;
+}
+
+void confine_print(FILE *out)
+{
+    struct rule rules[RULES_MOST];
+    int count = list_rules(rules, OWN);
+
+    for (size_t i = 0; i < sizeof free_calls / sizeof *free_calls; i++)
+        fprintf(out, "%s\n", free_calls[i].name);
+    for (int i = 0; i < count; i++)
+        fprintf(out, "%s: %s\n", rules[i].call.name, rules[i].where);
+}
+
+#if defined(ARCHITECTURE) && !defined(SANITIZED)
+
+enum { PROGRAM_MOST = 16 + 2 * (int)(sizeof free_calls / sizeof *free_calls) + 12 * RULES_MOST };
 
 struct program { struct sock_filter code[PROGRAM_MOST]; unsigned short length; };
 
@@ -190,63 +248,91 @@ static void emit(struct program *program, unsigned short code, uint32_t k, unsig
     program->code[program->length++] = (struct sock_filter) { code, yes, no, k };
 }
 
+static void emit_load(struct program *program, size_t at)
+{
+    emit(program, BPF_LD | BPF_W | BPF_ABS, (uint32_t)at, 0, 0);
+}
+
 static void emit_call(struct program *program, int call, uint32_t answer)
 {
     emit(program, BPF_JMP | BPF_JEQ | BPF_K, (uint32_t)call, 0, 1);
     emit(program, BPF_RET | BPF_K, answer, 0, 0);
 }
 
-static void emit_checked(struct program *program, const struct checked *rule)
+/* Allowed by this row, or on to what comes behind it. */
+static void emit_rule(struct program *program, const struct rule *rule)
 {
-    emit(program, BPF_JMP | BPF_JEQ | BPF_K, (uint32_t)rule->call, 0, 5);
-    emit(program, BPF_LD | BPF_W | BPF_ABS, (uint32_t)(offsetof(struct seccomp_data, args) + 8 * (size_t)rule->argument), 0, 0);
-    emit(program, BPF_ALU | BPF_AND | BPF_K, rule->mask, 0, 0);
-    emit(program, BPF_JMP | BPF_JEQ | BPF_K, rule->value, 0, 1);
+    const int most = sizeof rule->checks / sizeof *rule->checks;
+    unsigned char left = 1;                       /* instructions of the row behind the one emitted, and its answer */
+
+    for (int i = 0; i < most; i++)
+        left += rule->checks[i].bits != 0 ? 3 : 0;
+    emit_load(program, offsetof(struct seccomp_data, nr));
+    emit(program, BPF_JMP | BPF_JEQ | BPF_K, (uint32_t)rule->call.number, 0, left);
+    for (int i = 0; i < most && rule->checks[i].bits != 0; i++) {
+        left -= 3;
+        emit_load(program, offsetof(struct seccomp_data, args) + (size_t)rule->checks[i].at);
+        emit(program, BPF_ALU | BPF_AND | BPF_K, rule->checks[i].bits, 0, 0);
+        emit(program, BPF_JMP | BPF_JEQ | BPF_K, rule->checks[i].is, 0, left);
+    }
     emit(program, BPF_RET | BPF_K, SECCOMP_RET_ALLOW, 0, 0);
-    emit(program, BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM, 0, 0);
 }
 
 static void make_program(struct program *program)
 {
-    const struct checked rules[] = {
-        { SYS_openat, 2, WRITING, 0 },
-        { SYS_mmap, 2, PROT_EXEC, 0 },
-        { SYS_mprotect, 2, PROT_EXEC, 0 },
-        { SYS_clone, 0, CLONE_THREAD, CLONE_THREAD },
-        { SYS_tgkill, 0, ~0u, (uint32_t)getpid() },      /* abort() */
-        { SYS_prctl, 0, ~0u, PR_SET_NAME },
-        { SYS_sched_setscheduler, 1, ~0u, SCHED_OTHER }, /* what ZeroMQ sets on a thread it starts */
-#if defined(__x86_64__)
-        { SYS_open, 1, WRITING, 0 },
-#endif
-    };
+    struct rule rules[RULES_MOST];
+    int count = list_rules(rules, (uint32_t)getpid());
 
     program->length = 0;
-    emit(program, BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, arch), 0, 0);
+    emit_load(program, offsetof(struct seccomp_data, arch));
     emit(program, BPF_JMP | BPF_JEQ | BPF_K, ARCHITECTURE, 1, 0);
     emit(program, BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS, 0, 0);
-    emit(program, BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr), 0, 0);
+    emit_load(program, offsetof(struct seccomp_data, nr));
     for (size_t i = 0; i < sizeof free_calls / sizeof *free_calls; i++)
-        emit_call(program, free_calls[i], SECCOMP_RET_ALLOW);
-    for (size_t i = 0; i < sizeof rules / sizeof *rules; i++)
-        emit_checked(program, &rules[i]);
+        emit_call(program, free_calls[i].number, SECCOMP_RET_ALLOW);
     emit_call(program, SYS_clone3, SECCOMP_RET_ERRNO | ENOSYS);
+    emit_call(program, SYS_sched_setscheduler, SECCOMP_RET_ERRNO | 0);
+    for (int i = 0; i < count; i++)
+        emit_rule(program, &rules[i]);
     emit(program, BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM, 0, 0);
+}
+
+static enum modal_status install(struct program *program, struct modal_error *err)
+{
+    struct sock_fprog filter = { .filter = program->code, .len = program->length };
+
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0)
+        return modal_fail(err, MODAL_IO, "worker: no_new_privs: %s", strerror(errno));
+    if (syscall(SYS_seccomp, SECCOMP_SET_MODE_FILTER, SECCOMP_FILTER_FLAG_TSYNC, &filter) != 0)
+        return modal_fail(err, MODAL_IO, "worker: seccomp: %s", strerror(errno));
+    return MODAL_OK;
 }
 
 enum modal_status confine_calls(bool *done, struct modal_error *err)
 {
     struct program program;
-    struct sock_fprog filter = { .filter = program.code };
+    enum modal_status rc;
 
     make_program(&program);
-    filter.len = program.length;
-    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0)
-        return modal_fail(err, MODAL_IO, "worker: no_new_privs: %s", strerror(errno));
-    if (syscall(SYS_seccomp, SECCOMP_SET_MODE_FILTER, SECCOMP_FILTER_FLAG_TSYNC, &filter) != 0)
-        return modal_fail(err, MODAL_IO, "worker: seccomp: %s", strerror(errno));
-    *done = true;
-    return MODAL_OK;
+    rc = install(&program, err);
+    *done = rc == MODAL_OK;
+    return rc;
+}
+
+enum modal_status confine_opening(bool *done, struct modal_error *err)
+{
+    struct program program = { .length = 0 };
+    enum modal_status rc;
+
+    emit_load(&program, offsetof(struct seccomp_data, nr));
+    emit_call(&program, SYS_openat, SECCOMP_RET_ERRNO | EPERM);
+#if defined(__x86_64__)
+    emit_call(&program, SYS_open, SECCOMP_RET_ERRNO | EPERM);
+#endif
+    emit(&program, BPF_RET | BPF_K, SECCOMP_RET_ALLOW, 0, 0);
+    rc = install(&program, err);
+    *done = rc == MODAL_OK;
+    return rc;
 }
 
 #else
@@ -255,5 +341,10 @@ enum modal_status confine_calls(bool *done, struct modal_error *err)
     (void)err;
     *done = false;
     return MODAL_OK;
+}
+
+enum modal_status confine_opening(bool *done, struct modal_error *err)
+{
+    return confine_calls(done, err);
 }
 #endif

@@ -4,8 +4,9 @@
  *     job's thread --PAIR inproc--> link's thread --DEALER--> daemon
  *
  * A ZeroMQ socket belongs to one thread.  ZMQ_IMMEDIATE makes the DEALER writable only once the connection stands, so that
- * everything that needs socket(2) or connect(2) is over before the worker is confined; it never connects again: a worker whose
- * daemon is gone ends.
+ * everything that needs socket(2) or connect(2) is over before the worker is confined; it never connects again.  A lost connection
+ * is not told by ZeroMQ: that the daemon is gone is told by the descriptor that is watched, and ends the process from this thread,
+ * whatever the job's is doing.
  */
 #include "worker/link.h"
 #include <errno.h>
@@ -24,7 +25,7 @@ struct link {
     void *ours, *theirs;          /* the ends of the pair */
     pthread_t thread;
     bool started;
-    int beat_ms;
+    int beat_ms, watched;
 
     pthread_mutex_t mutex;        /* over what BEAT says */
     char job[WIRE_ID_MOST + 1];
@@ -109,10 +110,12 @@ static void *link_run(void *argument)
     bool alive = true;
 
     while (alive) {
-        zmq_pollitem_t items[2] = { { link->dealer, 0, ZMQ_POLLIN, 0 }, { link->theirs, 0, ZMQ_POLLIN, 0 } };
+        zmq_pollitem_t items[3] = { { link->dealer, 0, ZMQ_POLLIN, 0 }, { link->theirs, 0, ZMQ_POLLIN, 0 }, { NULL, link->watched, ZMQ_POLLERR, 0 } };
         int64_t wait = next - now_ms();
-        if (zmq_poll(items, 2, wait > 0 ? (long)wait : 0) < 0 && errno != EINTR)
+        if (zmq_poll(items, link->watched > 0 ? 3 : 2, wait > 0 ? (long)wait : 0) < 0 && errno != EINTR)
             break;
+        if (items[2].revents != 0)
+            _exit(1);
         if (now_ms() >= next) {
             beat(link);
             next = now_ms() + link->beat_ms;
@@ -176,6 +179,7 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
         return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for a link");
     pthread_mutex_init(&link->mutex, NULL);
     link->beat_ms = options->beat_ms > 0 ? options->beat_ms : 1000;
+    link->watched = options->watched;
     link->context = zmq_ctx_new();
     if (link->context == NULL)
         rc = fail(err, "context");

@@ -1,7 +1,7 @@
 /* main.c - modald-worker: one process, one job at a time: fetch, run, report
  *
- * Started by the daemon with posix_spawn, its stderr a pipe of the daemon's; ends with the daemon, on SIGTERM, and
- * after STOP.  A job is cancelled by killing the process.  Exit status: 0 after STOP, 1 where it could not go on, 2 wrong usage.
+ * Started by the daemon with posix_spawn, its stderr a pipe of the daemon's; ends with the daemon, whatever it is doing, on SIGTERM,
+ * and after STOP.  A job is cancelled by killing the process.  Exit status: 0 after STOP, 1 where it could not go on, 2 wrong usage.
  */
 #include <getopt.h>
 #include <signal.h>
@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include "job/blas_core.h"
 #include "worker/confine.h"
+#include "worker/inputs.h"
 #include "worker/link.h"
 #include "worker/serve.h"
 
@@ -18,17 +19,20 @@ struct arguments {
     struct link_options link;
     struct serve_options serve;
     struct confine_options confine;
+    bool inputs;
 };
 
 static const char usage[] =
-    "usage: modald-worker --connect ENDPOINT [--data DIR] [--user NAME] [--memory BYTES] [--jobs N] [--sandbox on|off]\n"
+    "usage: modald-worker --connect ENDPOINT [--inputs] [--data DIR] [--user NAME] [--memory BYTES] [--jobs N] [--sandbox on|off]\n"
     "\n"
     "  --connect ENDPOINT   the daemon's endpoint for workers\n"
-    "  --data DIR           its data folder: nothing else can be read (with Landlock)\n"
+    "  --inputs             descriptor 3 is a socket of the daemon's, by which inputs come as descriptors\n"
+    "  --data DIR           its data folder: neither it nor other data can be read (with Landlock)\n"
     "  --user NAME          become this user, where started by root\n"
     "  --memory BYTES       address space at most\n"
     "  --jobs N             end after N jobs, for a fresh process\n"
     "  --sandbox on|off     filter system calls (default on)\n"
+    "  --calls              print the system calls that the filter allows\n"
     "  --version\n";
 
 static int wrong(const char *what)
@@ -52,6 +56,7 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
     static const struct option options[] = {
         { "connect", required_argument, NULL, 'c' }, { "data", required_argument, NULL, 'd' },   { "user", required_argument, NULL, 'u' },
         { "memory", required_argument, NULL, 'm' },  { "jobs", required_argument, NULL, 'j' },   { "sandbox", required_argument, NULL, 's' },
+        { "inputs", no_argument, NULL, 'i' },        { "calls", no_argument, NULL, 'C' },
         { "version", no_argument, NULL, 'V' },       { "help", no_argument, NULL, 'h' },         { NULL, 0, NULL, 0 },
     };
     long long value = 0;
@@ -62,6 +67,7 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
         switch (option) {
         case 'c': out->link.endpoint = optarg; break;
         case 'd': out->confine.data = optarg; break;
+        case 'i': out->inputs = true; out->link.watched = CONFINE_INPUTS; break;
         case 'u': out->confine.user = optarg; break;
         case 'm': value = number(optarg); out->confine.memory = (uint64_t)value; break;
         case 'j': value = number(optarg); out->serve.jobs_most = (int)value; break;
@@ -70,6 +76,7 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
                 return wrong("--sandbox is on or off") + 1;
             out->confine.calls = strcmp(optarg, "on") == 0;
             break;
+        case 'C': confine_print(stdout); return 1;
         case 'V': printf("modald-worker %s\n", MODALD_VERSION); return 1;
         case 'h': fputs(usage, stdout); return 1;
         default: fputs(usage, stderr); return 3;
@@ -87,17 +94,21 @@ static enum modal_status work(const struct arguments *arguments, struct modal_er
 {
     const struct confine_options *confine = &arguments->confine;
     struct link *link = NULL;
-    bool done;
+    bool done, walled = false;
     enum modal_status rc = confine_limits(confine, err);
 
+    if (rc == MODAL_OK && arguments->inputs)
+        rc = inputs_open(err);
     if (rc == MODAL_OK && confine->calls && confine->user == NULL)
-        rc = confine_files(confine, &done, err);
+        rc = confine_files(confine, &walled, err);
     if (rc == MODAL_OK)
         rc = link_open(&arguments->link, &link, err);
     if (rc == MODAL_OK)
         rc = confine_user(confine, err);
     if (rc == MODAL_OK && confine->calls && confine->user != NULL)
-        rc = confine_files(confine, &done, err);
+        rc = confine_files(confine, &walled, err);
+    if (rc == MODAL_OK && confine->calls && !walled)
+        rc = confine_opening(&done, err);
     if (rc == MODAL_OK && confine->calls)
         rc = confine_calls(&done, err);
     if (rc == MODAL_OK)
@@ -112,6 +123,11 @@ int main(int argc, char **argv)
     struct modal_error err;
     int wanted;
 
+    /* First of all, and held over the execution of itself: whatever follows, a worker whose daemon ends does so too. */
+    if (confine_death(&err) != MODAL_OK) {
+        fprintf(stderr, "modald-worker: %s\n", err.message);
+        return 1;
+    }
     blas_core_ensure(argv);
     wanted = read_arguments(argc, argv, &arguments);
     if (wanted != 0)

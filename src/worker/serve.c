@@ -18,6 +18,7 @@
 #include "modal/crc32c.h"
 #include "store/spool.h"
 #include "wire/request.h"
+#include "worker/inputs.h"
 #include "worker/windows.h"
 
 enum { PROGRESS_MS = 100 };
@@ -73,12 +74,17 @@ static cJSON *header_of(const struct run *run)
 static enum modal_status take_mapped(struct run *run, const char *file, const void **data, struct modal_error *err)
 {
     double offset = 0, crc = 0;
+    int fd = -1;
     enum modal_status rc = json_need_number(run->input, "input", "offset", 0, WIRE_INTEGER_MOST, &offset, err);
 
     if (rc == MODAL_OK)
         rc = json_need_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc, err);
     if (rc == MODAL_OK)
-        rc = spool_map(file, (uint64_t)offset, run->shape.bytes, (uint32_t)crc, &run->map, err);
+        rc = inputs_take(run->job, run->attempt, &fd, err);
+    if (rc == MODAL_OK)
+        rc = spool_map_open(fd, file, (uint64_t)offset, run->shape.bytes, (uint32_t)crc, &run->map, err);
+    if (fd >= 0)
+        close(fd);
     *data = run->map.data;
     return rc;
 }

@@ -8,8 +8,8 @@ struct serve_options {
 };
 
 /*
- * Say READY, run what comes, until STOP (MODAL_OK) or the link breaks.  An input is mapped from its file, checked against
- * its CRC-32C, or taken from the message.  Every failure of a job, MODAL_CORRUPT of its input among them, is FAILED's error; what
+ * Say READY, run what comes, until STOP (MODAL_OK) or the link breaks.  An input is mapped from the descriptor that came for it
+ * (inputs.h), or taken from the message, and checked against its CRC-32C.  Every failure of a job, MODAL_CORRUPT of its input among them, is FAILED's error; what
  * is returned is the link's.
  */
 enum modal_status serve(struct link *link, const struct serve_options *options, struct modal_error *err);

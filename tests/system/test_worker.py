@@ -5,6 +5,7 @@ import os
 import pathlib
 import shutil
 import signal
+import socket
 import struct
 import subprocess
 import tempfile
@@ -40,8 +41,10 @@ class Daemon:
         self.router.linger = 0
         self.endpoint = f"ipc://{self.dir}/w"
         self.router.bind(self.endpoint)
-        self.process = subprocess.Popen([WORKER, "--connect", self.endpoint, "--data", f"{self.dir}/data", *arguments],
-                                        stderr=subprocess.PIPE)
+        self.inputs, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:                                 # descriptor 3 of the worker, whatever is this process's
+            self.process = subprocess.Popen(["/bin/bash", "-c", 'exec 3<&"$0" && exec "$@"', str(theirs.fileno()), WORKER, "--connect", self.endpoint,
+                                             "--inputs", "--data", f"{self.dir}/data", *arguments], pass_fds=[theirs.fileno()], stderr=subprocess.PIPE)
         self.peer = None
 
     def next(self, *verbs):
@@ -63,6 +66,11 @@ class Daemon:
         while self.router.poll(0):
             out.append(self.router.recv_multipart()[2].decode())
         return out
+
+    def hand(self, job, path, attempt=1):
+        """The file of an input, ahead of its RUN."""
+        with open(path, "rb") as file:
+            socket.send_fds(self.inputs, [f"{job} {attempt}".encode()], [file.fileno()])
 
     def send(self, verb, header, *body):
         self.router.send_multipart([self.peer, VERSION, verb.encode(), json.dumps(header).encode(), *body])
@@ -99,6 +107,7 @@ class Daemon:
         self.process.wait()
         sanitized.hear(self.process.stderr.read().decode(errors="replace"))
         self.process.stderr.close()
+        self.inputs.close()
         self.router.close()
         self.context.term()
         shutil.rmtree(self.dir)
@@ -141,12 +150,47 @@ def test_an_input_that_does_not_match_its_checksum_is_corrupt(daemon):
     path = f"{daemon.dir}/data/spool/1.h5"
     with open(path, "wb") as file:
         file.write(b"\0" * 4096 + struct.pack("<20d", *range(20)))
+    daemon.hand("a", path)
     daemon.run("a", "identify", [0.0] * 20, file=path, offset=4096, crc32c=12345)
     _, header, _ = daemon.next("DONE", "FAILED")
     assert header["error"]["code"] == "corrupt" and path in header["error"]["message"]
     daemon.next("READY")
-    daemon.run("b", "identify", [0.0] * 20, file=path + ".not", offset=4096, crc32c=12345)
+    daemon.hand("b", path)
+    daemon.run("b", "identify", [0.0] * 21, file=path, offset=4096, crc32c=12345)      # the file ends before
     assert daemon.next("DONE", "FAILED")[1]["error"]["code"] == "corrupt"
+
+
+def test_a_worker_takes_the_input_of_its_attempt_and_opens_none_itself(daemon):
+    raw, other = (struct.pack("<20d", *range(first, first + 20)) for first in (0, 1))
+    for name, data in (("1", raw), ("2", other)):
+        pathlib.Path(f"{daemon.dir}/data/spool/{name}.h5").write_bytes(data)
+    daemon.next("READY")
+    daemon.run("a", "identify", [0.0] * 20, file=f"{daemon.dir}/data/spool/1.h5", offset=0, crc32c=crc32c(raw))
+    error = daemon.next("DONE", "FAILED")[1]["error"]
+    assert error["code"] == "io_error" and "handed over no input for attempt 1 of job a" in error["message"]
+    daemon.next("READY")
+    for job, attempt, name in (("a", 1, "2"), ("b", 2, "2"), ("b", 1, "1")):        # those of another job and another attempt first
+        daemon.hand(job, f"{daemon.dir}/data/spool/{name}.h5", attempt)
+    daemon.run("b", "identify", [0.0] * 20, {"rank.fixed": 1}, file="1.h5", offset=0, crc32c=crc32c(raw))
+    verb, header = daemon.next("DONE", "FAILED")[:2]
+    assert verb == "DONE" or header["error"]["code"] != "corrupt", header
+    fds = os.listdir(f"/proc/{daemon.process.pid}/fd")
+    assert not [fd for fd in fds if os.readlink(f"/proc/{daemon.process.pid}/fd/{fd}").endswith(".h5")]
+
+
+def test_a_worker_whose_daemon_is_gone_ends_whatever_it_is_doing(daemon):
+    daemon.next("READY")
+    daemon.run_scene("long", "simulate", {**OSCILLATOR, "time": {"dt": 1e-7, "duration": 300.0}})
+    daemon.inputs.close()                            # its parent, this process, lives
+    assert daemon.process.wait(30) == 1
+
+
+def test_a_worker_whose_parent_is_not_the_maker_of_its_socket_does_not_begin():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        done = subprocess.run(["/bin/bash", "-c", 'exec 3<&"$0"; "$@"; exit $?', str(theirs.fileno()), WORKER, "--connect", "ipc:///nowhere", "--inputs"],
+                              pass_fds=[theirs.fileno()], capture_output=True, text=True, timeout=30)
+    assert done.returncode == 1 and "the daemon has ended" in done.stderr
 
 
 def test_a_run_of_the_wrong_length_is_a_bad_frame(daemon):
@@ -229,6 +273,7 @@ def test_identify_gives_the_same_document_from_a_mapped_file_and_from_the_messag
     found = []
     for more in ({}, {"file": path, "offset": 4104, "crc32c": crc}):
         daemon.next("READY")
+        daemon.hand("a", path)
         daemon.run("a", "identify", samples, {"rank.fixed": 2}, **more)
         verb, header, document, _ = daemon.answer("a")
         assert verb == "DONE" and header["cpu_s"] > 0, header

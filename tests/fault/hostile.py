@@ -4,10 +4,12 @@
 What libzmq does with each is in README.md.
 """
 import contextlib
+import ctypes
 import json
 import os
 import pathlib
 import random
+import signal
 import socket
 import struct
 import subprocess
@@ -262,4 +264,8 @@ PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, t
 if __name__ == "__main__":
     if sys.argv[1] != "silent":                   # which says so once it has all its connections
         print("at work", flush=True)
-    PROBES[sys.argv[1]](sys.argv[2])
+    while True:                                   # libzmq may end a peer of this kind: another takes its place
+        if os.fork() == 0:
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)            # PR_SET_PDEATHSIG
+            PROBES[sys.argv[1]](sys.argv[2])
+        os.wait()

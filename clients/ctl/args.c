@@ -26,6 +26,8 @@ static const struct row {
     { "version",   'V', FLAG,   offsetof(struct args, version),   0, 0,      TAKES_ALWAYS,  "",         "print the version" },
     { "option",    'o', OPTION, 0,                                0, 0,      TAKES_OPTIONS, "KEY=VALUE","an option of the job; numbers, words, true, false, lists a,b" },
     { "dt",        0,   NUMBER, offsetof(struct args, dt),        1e-300, 1e300, TAKES_SIGNALS, "SECONDS", "time between samples, for files that do not say" },
+    { "ignore-time", 0, FLAG,   offsetof(struct args, ignore_time), 0, 0,    TAKES_SIGNALS, "",
+      "rows are --dt apart, whatever the file says of time" },
     { "scale",     0,   NUMBER, offsetof(struct args, scale),     1e-300, 1e300, TAKES_SIGNALS, "FACTOR", "every sample times this (sound files are -1 .. 1)" },
     { "sweep",     0,   TEXT,   offsetof(struct args, sweep),     0, 0,      TAKES_CURVE,   "PATH=A:B:N", "solve at N points from A to B" },
     { "continue",  0,   TEXT,   offsetof(struct args, follow),    0, 0,      TAKES_CURVE,   "PATH=A:B", "follow the curve from A to B around folds" },

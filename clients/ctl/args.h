@@ -14,7 +14,7 @@
 enum {
     TAKES_ALWAYS  = 1 << 0,    /* --server --local --json --keyfile --help --version */
     TAKES_OPTIONS = 1 << 1,    /* -o */
-    TAKES_SIGNALS = 1 << 2,    /* --dt --scale: how a file of signals is read */
+    TAKES_SIGNALS = 1 << 2,    /* --dt --ignore-time --scale: how a file of signals is read */
     TAKES_CURVE   = 1 << 3,    /* --sweep --continue */
     TAKES_OUTPUT  = 1 << 4,    /* -O */
     TAKES_SUBMIT  = 1 << 5,    /* --key --priority --run-limit --deadline */
@@ -34,7 +34,7 @@ enum { ARGS_WORDS_MOST = 16 };
 
 struct args {
     const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep, *follow, *from, *data, *name;
-    bool local, json, help, version, wait, resume, cancel;
+    bool local, json, help, version, wait, resume, cancel, ignore_time;
     double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not given */
     double priority, limit, window, hop;                         /* whole numbers; priority < 0, limit 0: not given */
     cJSON *options;                                         /* from -o, --sweep, --continue; never NULL after args_read */

@@ -3,6 +3,9 @@
  * Time t_k, k = 0 .. n-1, is taken as t_0 + k dt with dt = (t_{n-1} - t_0) / (n - 1); the deviation is
  * max_k |t_k - t_0 - k dt| / dt, in steps.  The file is refused where it passes CSV_UNEVEN_MOST: a sample displaced by
  * a part d of a step is wrong by about omega dt d of its amplitude.
+ *
+ * What is printed to a unit u of its last digit is off by u/2 at most, and dt then by u / 2 / (n - 1).  u is the finest
+ * unit of the last TAIL rows: a printer that drops zeros at the end prints "10" after "9.99".
  */
 #include "csv.h"
 #include <ctype.h>
@@ -14,12 +17,16 @@
 #include <strings.h>
 #include "modal/utf8.h"
 
+enum { TAIL = 10 };
+
 struct table {
     const char *path;
     char separator;             /* ' ': any blanks */
     size_t columns, rows, room; /* room: doubles allocated */
     double *x;
     char **names, **units;      /* columns each, or NULL */
+    size_t watched;             /* the column that may be time */
+    double unit[TAIL];          /* of its last rows: of the last digit printed */
 };
 
 /* Does C stand in LINE, outside of quotes? */
@@ -91,6 +98,16 @@ static bool read_number(char *field, char separator, double *value)
         *letter = 'e';
     *value = strtod(field, &end);
     return end != field && *end == 0 && strpbrk(field, "xX") == NULL;
+}
+
+/* The unit of the last digit of a number as read_number left it: 0.01 for 3.25, 1e-5 for 3.250e-2. */
+static double last_digit(const char *field)
+{
+    const char *point = strchr(field, '.'), *letter = strpbrk(field, "eE");
+    size_t length = strlen(field), end = letter != NULL ? (size_t)(letter - field) : length;
+    size_t decimals = point != NULL ? end - (size_t)(point - field) - 1 : 0;
+
+    return pow(10, (letter != NULL ? strtod(letter + 1, NULL) : 0) - (double)decimals);
 }
 
 /* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts lines from 1, *REMARK is
@@ -168,6 +185,8 @@ static enum modal_status add_row(struct table *table, char *line, size_t number,
         snprintf(said, sizeof said, "%s", field);
         if (!read_number(field, table->separator, &table->x[table->rows * table->columns + column]))
             return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu, column %zu: \"%.60s\" is not a number", table->path, number, column + 1, said);
+        if (column == table->watched)
+            table->unit[table->rows % TAIL] = last_digit(field);
         column++;
     }
     if (column != table->columns)
@@ -211,6 +230,31 @@ static char *read_head(struct table *table, char **rest, size_t *number)
     return line;
 }
 
+/* "t", "time", "Zeit", "Time [s]", "t_s", "time (sec)" */
+static bool names_time(const char *name)
+{
+    static const char *const words[] = { "time", "zeit", "temps", "tiempo", "t" };
+
+    for (size_t i = 0; name != NULL && i < sizeof words / sizeof *words; i++) {
+        size_t n = strlen(words[i]);
+        if (strncasecmp(name, words[i], n) == 0 && !isalnum((unsigned char)name[n]))
+            return true;
+    }
+    return false;
+}
+
+/* The column that is called time; none: the first. */
+static bool find_name(const struct table *table, size_t *column)
+{
+    *column = 0;
+    for (size_t i = 0; table->names != NULL && i < table->columns; i++)
+        if (names_time(table->names[i])) {
+            *column = i;
+            return true;
+        }
+    return false;
+}
+
 static enum modal_status read_table(char *text, struct table *table, struct modal_error *err)
 {
     char *rest = text, *line, *remark;
@@ -224,22 +268,10 @@ static enum modal_status read_table(char *text, struct table *table, struct moda
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no line of numbers; accepted: HDF5, CSV, WAV, FLAC", table->path);
     if (table->columns > SIGNALS_CHANNELS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: %zu columns; at most %d", table->path, table->columns, SIGNALS_CHANNELS_MOST);
+    find_name(table, &table->watched);
     for (; line != NULL && rc == MODAL_OK; line = next_line(&rest, &number, &remark))
         rc = add_row(table, line, number, err);
     return rc;
-}
-
-/* "t", "time", "Zeit", "Time [s]", "t_s", "time (sec)" */
-static bool names_time(const char *name)
-{
-    static const char *const words[] = { "time", "zeit", "temps", "tiempo", "t" };
-
-    for (size_t i = 0; name != NULL && i < sizeof words / sizeof *words; i++) {
-        size_t n = strlen(words[i]);
-        if (strncasecmp(name, words[i], n) == 0 && !isalnum((unsigned char)name[n]))
-            return true;
-    }
-    return false;
 }
 
 /* The first row whose time is not after the one before, or 0. */
@@ -268,33 +300,47 @@ static double deviation_of(const struct table *table, size_t column, double *dt)
     return *dt > 0 ? most : HUGE_VAL;
 }
 
-/* The column of time, or -1. */
-static enum modal_status find_time(const struct table *table, double given_dt, int *column, double *dt, struct modal_error *err)
+static enum modal_status uneven(const struct table *table, const struct signals_options *options, double off,
+                                struct modal_error *err)
 {
-    double off;
+    const char *field = options->dt > 0 ? "dt" : "time";
+    const char *way = options->dt > 0 ? "--ignore-time takes the rows as even" : "or --dt SECONDS with --ignore-time";
+    size_t column = table->watched, back = turns_back(table, column);
 
-    *column = -1;
-    *dt = given_dt;
-    for (size_t i = 0; table->names != NULL && i < table->columns && *column < 0; i++)
-        if (names_time(table->names[i]))
-            *column = (int)i;
-    if (*column < 0) {
-        if (table->names != NULL || given_dt > 0 || table->columns < 2 || deviation_of(table, 0, dt) > CSV_UNEVEN_MOST) {
-            *dt = given_dt;
-            return MODAL_OK;
-        }
-        *column = 0;
+    if (back > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but it does not grow at sample "
+                                "%zu; accepted: even steps forward; %s", table->path, column + 1, back, way);
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but its steps are uneven: a sample is "
+                            "%.3g steps from its place, accepted: %g; resample; %s", table->path, column + 1, off,
+                            CSV_UNEVEN_MOST, way);
+}
+
+/* What the digits of the column leave open of its step; not less than a binary number's own. */
+static double step_off(const struct table *table, double dt)
+{
+    double unit = HUGE_VAL;
+
+    for (size_t i = 0; i < TAIL && i < table->rows; i++)
+        unit = fmin(unit, table->unit[i]);
+    return fmax(unit / 2 / (double)(table->rows - 1), SIGNALS_DT_OFF * dt);
+}
+
+/* The column of time, or -1; what it says of the step. */
+static enum modal_status find_time(const struct table *table, const struct signals_options *options, int *column,
+                                   struct signals *out, struct modal_error *err)
+{
+    size_t at;
+    bool named = find_name(table, &at);
+    double dt, off = deviation_of(table, at, &dt);
+
+    *column = named || (table->names == NULL && table->columns > 1 && off <= CSV_UNEVEN_MOST) ? (int)at : -1;
+    if (*column < 0 || options->ignore_time)
         return MODAL_OK;
-    }
-    if (given_dt > 0)
-        return MODAL_OK;
-    off = deviation_of(table, (size_t)*column, dt);
-    if (!(off <= CSV_UNEVEN_MOST) && turns_back(table, (size_t)*column) > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: column %d is time, but it does not grow at sample %zu; accepted: even steps forward, or --dt",
-                                table->path, *column + 1, turns_back(table, (size_t)*column));
     if (!(off <= CSV_UNEVEN_MOST))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: column %d is time, but its steps are uneven: a sample is %.3g steps from its place, "
-                                "accepted: %g; resample, or say --dt", table->path, *column + 1, off, CSV_UNEVEN_MOST);
+        return uneven(table, options, off, err);
+    out->dt = dt;
+    out->dt_off = step_off(table, dt);
+    out->dt_from = "its column of time";
     return MODAL_OK;
 }
 
@@ -339,14 +385,15 @@ static enum modal_status take_signals(struct table *table, int time, struct sign
     return MODAL_OK;
 }
 
-enum modal_status csv_read(char *text, const char *path, double dt, struct signals *out, struct modal_error *err)
+enum modal_status csv_read(char *text, const char *path, const struct signals_options *options,
+                           struct signals *out, struct modal_error *err)
 {
     struct table table = { .path = path };
     int time = -1;
     enum modal_status rc = read_table(text, &table, err);
 
     if (rc == MODAL_OK)
-        rc = find_time(&table, dt, &time, &out->dt, err);
+        rc = find_time(&table, options, &time, out, err);
     if (rc == MODAL_OK)
         rc = take_signals(&table, time, out, err);
     free_words(table.names, table.columns);

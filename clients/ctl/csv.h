@@ -2,7 +2,7 @@
  *
  * Separators: ';' or tab (decimals then with ',' or '.'), ',', or blanks.  Lines that begin with # or % are passed over.
  * The first line may name the columns, the next may give their units.  A column named t or time is time, and so is
- * an unnamed first column that grows in equal steps while no dt is given.
+ * an unnamed first column that grows in equal steps.
  */
 #ifndef CTL_CSV_H
 #define CTL_CSV_H
@@ -11,7 +11,9 @@
 /* Time is even if no sample is further than this part of a step from its place. */
 #define CSV_UNEVEN_MOST 1e-3
 
-/* TEXT is changed.  PATH is for messages.  DT 0: from the time column; given: the column is only taken out. */
-enum modal_status csv_read(char *text, const char *path, double dt, struct signals *out, struct modal_error *err);
+/* TEXT is changed.  PATH is for messages.  Of OPTIONS only ignore_time and whether there is a dt: with the former a
+ * column of time is only taken out, whatever it holds; with the latter uneven time is refused as field "dt". */
+enum modal_status csv_read(char *text, const char *path, const struct signals_options *options,
+                           struct signals *out, struct modal_error *err);
 
 #endif

@@ -1,6 +1,7 @@
 /* signals.c - see signals.h */
 #include "signals.h"
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -68,7 +69,8 @@ static enum modal_status read_hdf5(const char *path, const struct signals_option
     if (rc != MODAL_OK)
         return rc;
     *out = (struct signals) { .samples = file.batch.samples, .channels = file.batch.channels, .x = file.signals, .map = file.map,
-                              .dt = file.batch.dt, .period = file.batch.period, .names = file.names,
+                              .dt = file.batch.dt, .dt_off = SIGNALS_DT_OFF * file.batch.dt,
+                              .dt_from = "its attribute `dt`", .period = file.batch.period, .names = file.names,
                               .units = file.units, .attributes = file.attributes };
     return MODAL_OK;                                    /* everything the file held has moved */
 }
@@ -89,7 +91,8 @@ static enum file_kind kind_of(const char *head, size_t length)
     return FILE_TEXT;
 }
 
-static enum modal_status read_csv(const char *path, double dt, struct signals *out, struct modal_error *err)
+static enum modal_status read_csv(const char *path, const struct signals_options *options, struct signals *out,
+                                  struct modal_error *err)
 {
     char *text = NULL;
     size_t length = 0;
@@ -100,7 +103,7 @@ static enum modal_status read_csv(const char *path, double dt, struct signals *o
     if (rc == MODAL_OK && memchr(text, 0, length) != NULL)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither HDF5, WAV, FLAC nor text in UTF-8 or Latin-1", path);
     if (rc == MODAL_OK)
-        rc = csv_read(text, path, dt, out, err);
+        rc = csv_read(text, path, options, out, err);
     free(text);
     return rc;
 }
@@ -138,6 +141,25 @@ static enum modal_status look_at(const char *path, enum file_kind *kind, struct 
     return MODAL_OK;
 }
 
+/* The step that was given against the one that the file says; one of them holds. */
+static enum modal_status settle_step(const char *path, const struct signals_options *options, struct signals *read,
+                                     struct modal_error *err)
+{
+    double given = options->dt;
+
+    if (!(given > 0) && options->ignore_time)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --ignore-time needs --dt SECONDS", path);
+    if (!(given > 0) && !(read->dt > 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: no column of time; accepted: one named t or time, or "
+                                "--dt SECONDS", path);
+    if (given > 0 && read->dt > 0 && !options->ignore_time && !(fabs(given - read->dt) <= read->dt_off))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --dt is %.9g s, but %s says %.9g s; accepted: that, "
+                                "or no --dt; --ignore-time takes the rows as --dt apart", path, given, read->dt_from, read->dt);
+    if (given > 0)
+        read->dt = given;
+    return MODAL_OK;
+}
+
 enum modal_status signals_read(const char *path, const struct signals_options *options, struct signals *out,
                                struct modal_error *err)
 {
@@ -147,11 +169,9 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
 
     if (rc == MODAL_OK)
         rc = kind == FILE_HDF5 ? read_hdf5(path, options, &read, err) : kind == FILE_SOUND ? sound_read(path, &read, err)
-           : read_csv(path, options->dt, &read, err);
-    if (rc == MODAL_OK && options->dt > 0)
-        read.dt = options->dt;
-    if (rc == MODAL_OK && !(read.dt > 0))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: no column of time; accepted: one named t or time, or --dt SECONDS", path);
+           : read_csv(path, options, &read, err);
+    if (rc == MODAL_OK)
+        rc = settle_step(path, options, &read, err);
     for (size_t i = 0; rc == MODAL_OK && options->scale > 0 && i < read.samples * read.channels; i++)
         read.x[i] *= options->scale;
     if (rc == MODAL_OK)

@@ -13,25 +13,31 @@
 #define SIGNALS_VALUES_MOST ((size_t)1 << 31)      /* doubles: 16 GB */
 enum { SIGNALS_CHANNELS_MOST = 65536 };
 
+/* Two steps are the same within this part of them, where both are binary numbers. */
+#define SIGNALS_DT_OFF 1e-9
+
 struct signals {
     size_t samples, channels;
     double *x;                  /* sample k of channel s: x[k * channels + s]; NULL where they are mapped */
     struct mapping map;
     double dt, period;          /* s; 0: the file did not say */
+    double dt_off;              /* s: what the digits that say dt leave open */
+    const char *dt_from;        /* what says it: "its column of time" */
     char **names;               /* channels, or NULL */
     char *units;                /* or NULL */
     cJSON *attributes;          /* anything else that the file says: provenance; or NULL */
 };
 
 struct signals_options {
-    double dt;                  /* 0: from the file */
+    double dt;                  /* 0: from the file; else the file must not say another */
+    bool ignore_time;           /* whatever it says: rows are even, dt apart */
     double scale;               /* 0: 1 */
     bool map;                   /* signals beyond the memory limit may be mapped: no scale */
 };
 
 /*
  * Read PATH into *OUT; signals_done frees what it holds.  MODAL_BAD_INPUT: no such file, not one of the kinds,
- * damaged, not numbers, uneven time (with its deviation).  What a batch must be beyond that (length, dt, finite
+ * damaged, not numbers, uneven time (with its deviation), another dt than the one given (field "dt").  What a batch must be beyond that (length, dt, finite
  * values) is identify's to check.
  */
 enum modal_status signals_read(const char *path, const struct signals_options *options, struct signals *out,

@@ -29,6 +29,8 @@ enum modal_status sound_read(const char *path, struct signals *out, struct modal
         out->samples = (size_t)info.frames;
         out->channels = (size_t)info.channels;
         out->dt = 1.0 / info.samplerate;
+        out->dt_off = SIGNALS_DT_OFF * out->dt;
+        out->dt_from = "its sampling rate";
     }
     sf_close(file);
     return rc;

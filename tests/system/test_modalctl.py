@@ -2,6 +2,7 @@
 import json
 import pathlib
 import subprocess
+import wave
 
 import h5py
 import numpy as np
@@ -185,6 +186,51 @@ def test_a_step_that_an_hdf5_file_does_not_say_is_given_by_dt(ctl, tmp_path):
         file.create_dataset("signals", data=decay(400))
     assert ctl("identify", tmp_path / "x.h5").document["error"]["field"] == "dt"
     assert ctl("identify", tmp_path / "x.h5", "--dt", "0.125").document["provenance"]["input"]["dt"] == 0.125
+
+
+@pytest.mark.parametrize("kind", ["text", "bare", "hdf5", "wav"])
+def test_a_step_that_differs_from_the_files_own_is_refused_and_the_files_own_is_not(ctl, tmp_path, kind):
+    """Half a unit of the last digit over 399 steps of 0.01 s, printed to 1e-4: 1.25e-7 s; binary numbers: 1e-9 of the step."""
+    y, path = decay(400), tmp_path / f"x.{kind}"
+    if kind == "hdf5":
+        write_batch(path, y)
+        with h5py.File(path) as file:
+            dt = float(file["signals"].attrs["dt"])
+    elif kind == "wav":
+        dt = 1 / 8000
+        with wave.open(str(path), "wb") as file:
+            file.setparams((1, 2, 8000, 0, "NONE", ""))
+            file.writeframes((20000 * y[:, 0] / abs(y).max()).astype("<i2").tobytes())
+    else:
+        dt = 0.01
+        rows = "".join(f"{k / 100:.4f} {v:.9e}\n" for k, v in enumerate(y[:, 0]))
+        path.write_text(rows if kind == "bare" else "t a\n" + rows)
+    near = 1 + (1e-5 if kind in ("text", "bare") else 5e-10)
+    for given in (dt, dt * near):
+        got = ctl("identify", path, "--dt", f"{given:.17g}")
+        assert got.status == 0 and got.document["provenance"]["input"]["dt"] == given, got.document
+        assert got.document["provenance"]["input"]["channels"] == (2 if kind == "hdf5" else 1)
+    for given in (2 * dt, dt * (1 + 3e-5 if kind in ("text", "bare") else 1 + 2e-9)):
+        got = ctl("identify", path, "--dt", f"{given:.17g}")
+        error = got.document["error"]
+        assert got.status == 2 and error["code"] == "bad_input" and error["field"] == "dt", got.document
+        assert "--dt is" in error["message"] and "says" in error["message"] and "--ignore-time" in error["message"]
+    got = ctl("identify", path, "--dt", f"{2 * dt:.17g}", "--ignore-time")
+    assert got.status == 0 and got.document["provenance"]["input"]["dt"] == 2 * dt
+    assert ctl("identify", path, "--ignore-time").document["error"]["field"] == "dt"
+
+
+def test_a_batch_read_by_python_keeps_its_own_step(client, tmp_path):
+    path = write_batch(tmp_path / "x.h5", decay(400))
+    own = modald.Batch.read(path).dt
+    assert modald.Batch.read(path, dt=own * (1 + 5e-10)).dt == own
+    for refused in (lambda: modald.Batch.read(path, dt=2 * own), lambda: client.identify(modald.Batch.read(path), 2 * own)):
+        with pytest.raises(modald.Error) as caught:
+            refused()
+        assert (caught.value.code, caught.value.field) == ("bad_input", "dt")
+    with h5py.File(tmp_path / "y.h5", "w") as file:
+        file.create_dataset("signals", data=decay(400))
+    assert modald.Batch.read(tmp_path / "y.h5", dt=0.125).dt == 0.125
 
 
 def test_the_stages_of_the_contract_are_in_every_cost(ctl, tmp_path):

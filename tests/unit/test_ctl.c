@@ -91,7 +91,7 @@ static enum modal_status read_csv(const char *text, double dt, struct signals *o
     enum modal_status rc;
 
     *out = (struct signals) { 0 };
-    rc = csv_read(copy, "test.csv", dt, out, err);
+    rc = csv_read(copy, "test.csv", &(struct signals_options) { .dt = dt }, out, err);
     free(copy);
     return rc;
 }
@@ -146,15 +146,47 @@ TEST(names_may_be_latin1_stand_in_a_remark_or_end_in_a_separator)
     }
 }
 
-TEST(without_names_a_growing_first_column_is_time_unless_dt_is_given)
+TEST(without_names_a_growing_first_column_is_time_whether_dt_is_given_or_not)
 {
+    for (int given = 0; given < 2; given++) {
+        struct signals s;
+        CHECK(read_csv("0 4\n0.5 5\n1.0 7\n", given * 0.5, &s, NULL) == MODAL_OK);
+        CHECK(s.channels == 1 && s.names == NULL && s.x[2] == 7);
+        CHECK_NEAR(s.dt, 0.5, 0);
+        signals_done(&s);
+    }
+}
+
+/* Half a unit of the last digit over the span, the finest of the last rows where zeros are dropped. */
+TEST(the_digits_of_time_tell_how_far_dt_may_be_off)
+{
+    static const struct { const char *text; double off; } cases[] = {
+        { "t,y\n0.0000,1\n0.3333,2\n0.6667,1\n1.0000,3\n", 5e-5 / 3 },
+        { "t,y\n0,1\n0.5,2\n1,1\n1.5,3\n2,5\n", 0.05 / 4 },
+        { "t,y\n0e0,1\n2.50e-1,2\n5.00e-1,1\n7.50D-1,3\n", 0.0005 / 3 }, { "t;y\n0,0;1\n0,1;2\n0,2;3\n", 0.05 / 2 },
+        { "t,y\n0.000000000000,1\n0.100000000000,2\n0.200000000000,1\n", 1e-10 },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct signals s;
+        CHECK(read_csv(cases[i].text, 0, &s, NULL) == MODAL_OK);
+        CHECK_NEAR(s.dt_off / cases[i].off, 1, 1e-9);
+        signals_done(&s);
+    }
+}
+
+TEST(uneven_time_is_refused_as_dt_where_that_is_given_and_taken_out_where_it_is_ignored)
+{
+    struct signals_options ignore = { .dt = 1, .ignore_time = true };
+    char text[] = "t,y\n0,1\n1,2\n2.1,3\n3,4\n";
+    struct modal_error err = { 0 };
     struct signals s;
 
-    CHECK(read_csv("0 4\n0.5 5\n1.0 7\n", 0, &s, NULL) == MODAL_OK);
-    CHECK(s.channels == 1 && s.names == NULL);
-    signals_done(&s);
-    CHECK(read_csv("0 4\n0.5 5\n1.0 7\n", 0.125, &s, NULL) == MODAL_OK);
-    CHECK(s.channels == 2);
+    CHECK(read_csv(text, 1, &s, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, "dt");
+    CHECK(strstr(err.message, "--ignore-time takes the rows as even") != NULL);
+    CHECK(csv_read(text, "test.csv", &ignore, &s, NULL) == MODAL_OK);
+    CHECK(s.channels == 1 && s.samples == 4 && s.dt == 0);
     signals_done(&s);
 }
 

@@ -57,6 +57,13 @@ def _one(value: Any) -> Any:
     return value[0] if isinstance(value, list) and len(value) == 1 else value
 
 
+def _same_step(given: float | None, own: float, whose: str) -> float:
+    """The step that a file or batch has; one given beside it must be the same, to 1e-9 of it."""
+    if given is not None and not abs(_seconds(given, "dt") - own) <= 1e-9 * own:
+        raise Error("bad_input", f"dt is {given!r} s, but {whose} says {own!r} s; accepted: that, or no dt", "dt")
+    return own
+
+
 @dataclass
 class Batch:
     """Signals at equal steps, n_samples x n_channels."""
@@ -82,8 +89,8 @@ class Batch:
             raise Error("bad_input", "signals must have one or two dimensions", "signals")
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> "Batch":
-        """A batch of the usual layout from an HDF5 file (needs h5py)."""
+    def read(cls, path: str | os.PathLike[str], dt: float | None = None) -> "Batch":
+        """A batch of the usual layout from an HDF5 file (needs h5py); `dt` where the file does not say, never against it."""
         import h5py
         try:
             file = h5py.File(path)
@@ -94,12 +101,13 @@ class Batch:
                 raise Error("bad_input", f"{path}: no dataset signals", "signals")
             data = file["signals"]
             found = {key: _plain(value) for key, value in {**file.attrs, **data.attrs}.items()}
-            if "dt" not in found:
-                raise Error("bad_input", f"{path}: no attribute dt on signals or the root", "dt")
+            if "dt" not in found and dt is None:
+                raise Error("bad_input", f"{path}: no attribute dt on signals or the root; give dt", "dt")
+            step = _same_step(dt, _seconds(_one(found["dt"]), "dt"), f"{path}: its attribute dt") if "dt" in found else dt
             names = found.pop("channels", None)
             units = found.pop("units", None)
             rest = {key: value for key, value in found.items() if key not in ("dt", "period")}
-            return cls(data[...], _one(found["dt"]), _one(found["period"]) if "period" in found else None,
+            return cls(data[...], step, _one(found["period"]) if "period" in found else None,
                        [str(n) for n in names] if names is not None else None, str(units) if units is not None else None, rest or None)
 
     def description(self) -> Document:
@@ -623,7 +631,9 @@ class Client:
     def identify(self, signals: npt.ArrayLike | Batch, dt: float | None = None, options: Document | None = None, *,
                  period: float | None = None, names: Sequence[str] | None = None, timeout: float | None = None, **limits: Any) -> Document:
         """Modes of signals (n_samples x n_channels at steps of `dt` seconds), or of a Batch."""
-        if not isinstance(signals, Batch):
+        if isinstance(signals, Batch):
+            _same_step(dt, signals.dt, "the batch")
+        else:
             if dt is None:
                 raise Error("bad_input", "dt is needed: seconds between samples", "dt")
             signals = Batch(np.asarray(signals), dt, period, names)

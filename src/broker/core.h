@@ -95,7 +95,7 @@ struct task {
     struct input_shape shape;             /* BEGIN, RESUME: borrowed from the input, which outlives the task */
     struct upload *upload;                /* in and out of the spool functions */
     struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on; SAMPLES_COMPARE: one */
-    uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most */
+    uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most; BEGIN, SEAL: out */
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
     struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
     uint64_t total;                       /* out: the whole size; of ROOM, and of all that MODAL_STORAGE_FULL ended: bytes free */

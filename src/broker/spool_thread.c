@@ -68,6 +68,15 @@ static enum modal_status keep_row(void *context, const struct chunk_record *row)
     return MODAL_OK;
 }
 
+static enum modal_status begin_upload(const char *dir, struct task *task)
+{
+    enum modal_status rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
+
+    if (rc == MODAL_OK)
+        task->offset = upload_offset(task->upload);
+    return rc;
+}
+
 static enum modal_status resume(const char *dir, struct ledger_reader *reader, struct task *task)
 {
     struct rows rows = { NULL, 0, 0 };
@@ -393,7 +402,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     const char *dir = s->dir;
 
     switch (task->type) {
-    case TASK_BEGIN:         return upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
+    case TASK_BEGIN:         return begin_upload(dir, task);
     case TASK_RESUME:        return resume(dir, reader, task);
     case TASK_WRITE:         return write_chunks(s, task);
     case TASK_SEAL:          return seal(task);

@@ -288,6 +288,7 @@ static void begun(struct core *c, struct input *input, struct task *task)
         input_forget(c, input);
         return;
     }
+    input->offset = task->offset;
     t = transaction_new();
     input_record_fill(input, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
     snprintf(name, sizeof name, "%lld", (long long)input->id);

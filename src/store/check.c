@@ -37,6 +37,7 @@ struct check {
     int64_t *inputs;               /* ids seen, ascending */
     size_t input_count, input_room;
     const struct input_record *input;
+    uint64_t place;                /* of its data in its file */
     int fd;                        /* of the input whose chunks are read */
     int64_t *streams;              /* open ones */
     size_t stream_count;
@@ -99,7 +100,7 @@ static bool sum(struct check *check, uint64_t offset, uint64_t length, uint32_t 
 static enum modal_status check_chunk(void *context, const struct chunk_record *chunk)
 {
     struct check *check = context;
-    uint64_t at = check->input->offset + chunk->offset;
+    uint64_t at = check->place + chunk->offset;
     uint32_t crc;
 
     check->report->chunks++;
@@ -125,7 +126,10 @@ static void check_file(struct check *check, const struct input_record *input)
             return;
         }
     }
-    if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check, &err) != MODAL_OK)
+    check->place = input->offset;
+    if (check->place == 0 && spool_offset(path, &input->shape, &check->place, &err) != MODAL_OK)
+        say(check, "input %" PRId64 ": %s", input->id, err.message);     /* of an upload that earlier versions began */
+    else if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check, &err) != MODAL_OK)
         say(check, "input %" PRId64 ": its chunks: %s", input->id, err.message);
     if (input->state == INPUT_SEALED && check->report->problems == before && sum(check, input->offset, input_bytes(&input->shape), &crc) && crc != input->crc)
         say(check, "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64 " bytes) is %08x, not %08x", input->id, path,

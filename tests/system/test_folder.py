@@ -199,3 +199,16 @@ def test_what_hello_and_the_host_tell_of_a_store_is_not_the_id_that_numbers_its_
         assert hashlib.sha256(own.encode()).hexdigest()[:32] != told
         daemon.start()
         assert daemon.client().ask("HELLO")["store"] == told
+
+
+def test_an_upload_under_way_is_no_damage(tmp_path):
+    with Daemon(folder=tmp_path, workers=0) as daemon:
+        client, part = daemon.client(), bytes(range(256)) * 16
+        upload = client.ask("UPLOAD", op="begin", content="batch", samples=1024, channels=1, dt=0.1)["upload"]
+        assert client.ask("UPLOAD", [part], op="chunk", upload=upload, offset=0, crc32c=crc32c(part)).ok
+        status, [report] = ctl("fsck", str(tmp_path / "data"))
+        assert (status, report["problems"], report["chunks"]) == (0, [], 1)
+        file = next((tmp_path / "data" / "spool").glob("*.part"))
+        file.write_bytes(file.read_bytes().replace(part[:300], part[1:301]))
+        status, [report] = ctl("fsck", str(tmp_path / "data"))
+        assert status == 1 and len(report["problems"]) == 1 and "chunk at 0" in report["problems"][0]

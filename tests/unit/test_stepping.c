@@ -328,3 +328,20 @@ TEST(a_force_that_fails_names_itself)
     CHECK(simulate(p, &t, NULL, x, &s, &err) == MODAL_ELEMENT_FAILED);
     program_free(p);
 }
+
+/* Each call keeps 2000 tables of 56 bytes and more; steps enough pass the budget of one, and the stepping ends with its words. */
+TEST(a_force_that_keeps_more_and_more_fails_by_its_limit)
+{
+    const char *text = "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':100},"
+                       "'effects':[{'type':'lua','dof':'x1','source':'local k = {} function force(t, x, v, m) for i = 1, 2000 do k[#k + 1] = {} end return 0 end'}]}";
+    struct program *p = program_text(text);
+    struct scene_time t = { .dt = 0.1, .samples = 1001, .duration = 100 };
+    struct simulate_result s;
+    struct modal_error err;
+    double x[1001];
+
+    CHECK(simulate(p, &t, NULL, x, &s, &err) == MODAL_ELEMENT_FAILED);
+    CHECK_STRING(err.field, "effects[0].source");
+    CHECK(strstr(err.message, "an element has at most 8388608 bytes") != NULL);
+    program_free(p);
+}

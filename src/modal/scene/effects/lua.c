@@ -18,7 +18,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
         rc = modal_fail_field(err, MODAL_TOO_LARGE, where, "%s has %zu bytes; at most %d", where, strlen(source), LAW_SOURCE_MOST);
     if (rc != MODAL_OK)
         return rc;
-    return local_law_add(l, e, law_lua(source, &law, err), at, &law, err);
+    return local_law_add(l, e, law_lua(source, &l->p->lua_bytes, &law, err), at, &law, err);
 }
 
 static const char *const keys[] = { "dof", "to", "source", NULL };

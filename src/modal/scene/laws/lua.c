@@ -7,8 +7,8 @@
  * period, that lives over it.  Each law has a Lua state of its own, so elements share no globals.  Of the libraries only
  * math is open, without random; of the base, what cannot load code or reach outside (see base_kept).
  *
- * Limits: INSTRUCTIONS a call (a hook counts), BYTES a state (the allocator counts); passing one is a failure like any
- * other, named with its line.  Derivatives are central differences, with h = cbrt(eps) max(|d|, scale), scale the largest
+ * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST all states of a program (the
+ * allocator counts both); passing one is a failure like any other, named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps) max(|d|, scale), scale the largest
  * |d| (|v|) seen so far: error of order h^2, about 1e-10 of the force.  A difference must not be remembered, so
  * `memory` is copied before it and put back.
  */
@@ -22,11 +22,13 @@
 #include <string.h>
 #include "modal/scene/law.h"
 
-enum { INSTRUCTIONS = 1000000, BYTES = 8 << 20, HOOK_STEP = 10000, MEMORY_DEPTH = 8 };
+enum { INSTRUCTIONS = 1000000, HOOK_STEP = 10000, MEMORY_DEPTH = 8 };
 
 struct lua_law {
     lua_State *L;
-    size_t used, most;
+    size_t used, *together;
+    bool unlimited;               /* outside a protected call, where a refusal would end the process: a table without entries */
+    enum { NO_LIMIT, OF_ONE, OF_ALL } passed;
     long left;                    /* instructions of this call */
     double scale_d, scale_v;
 };
@@ -41,13 +43,19 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
     if (size == 0) {
         free(block);
         s->used -= old;
+        *s->together -= old;
         return NULL;
     }
-    if (size > old && s->used + (size - old) > s->most)
+    s->passed = s->unlimited || size <= old ? NO_LIMIT
+              : s->used + (size - old) > LAW_LUA_MOST ? OF_ONE
+              : *s->together + (size - old) > LAW_LUA_TOGETHER_MOST ? OF_ALL : NO_LIMIT;
+    if (s->passed != NO_LIMIT)
         return NULL;
     moved = realloc(block, size);
-    if (moved != NULL)
+    if (moved != NULL) {
         s->used += size - old;
+        *s->together += size - old;
+    }
     return moved;
 }
 
@@ -132,18 +140,30 @@ static void copy_table(lua_State *L, int from, int depth)     /* pushes a copy o
 
 static int memory_copy(lua_State *L)               /* name from, name to: in the registry */
 {
-    lua_getfield(L, LUA_REGISTRYINDEX, lua_tostring(L, 1));
+    lua_getfield(L, LUA_REGISTRYINDEX, lua_touserdata(L, 1));
     if (!lua_istable(L, -1))
         lua_newtable(L);
     copy_table(L, lua_gettop(L), 0);
-    lua_setfield(L, LUA_REGISTRYINDEX, lua_tostring(L, 2));
+    lua_setfield(L, LUA_REGISTRYINDEX, lua_touserdata(L, 2));
     return 0;
 }
 
-static enum modal_status failed(struct lua_law *s, enum modal_status status, struct modal_error *err)
+static enum modal_status past_limit(const struct lua_law *s, struct modal_error *err)
+{
+    if (s->passed == NO_LIMIT)
+        return modal_fail_field(err, MODAL_NO_MEMORY, "source", "lua: no memory");
+    if (s->passed == OF_ONE)
+        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: an element has at most %d bytes", LAW_LUA_MOST);
+    return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: all elements of a scene have at most %d bytes together",
+                            LAW_LUA_TOGETHER_MOST);
+}
+
+/* What Lua said when it ended with HOW: the STATUS of an error, or a limit of memory. */
+static enum modal_status failed(struct lua_law *s, int how, enum modal_status status, struct modal_error *err)
 {
     const char *text = lua_tostring(s->L, -1);
-    enum modal_status rc = modal_fail_field(err, status, "source", "lua: %.400s", text ? text : "failed without a message");
+    enum modal_status rc = how == LUA_ERRMEM ? past_limit(s, err)
+                                             : modal_fail_field(err, status, "source", "lua: %.400s", text ? text : "failed without a message");
 
     lua_settop(s->L, 0);
     return rc;
@@ -151,23 +171,29 @@ static enum modal_status failed(struct lua_law *s, enum modal_status status, str
 
 static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to, struct modal_error *err)
 {
+    int how;
+
     s->left = INSTRUCTIONS;
     lua_pushcfunction(s->L, memory_copy);
-    lua_pushstring(s->L, from);
-    lua_pushstring(s->L, to);
-    return lua_pcall(s->L, 2, 0, 0) == LUA_OK ? MODAL_OK : failed(s, MODAL_ELEMENT_FAILED, err);
+    lua_pushlightuserdata(s->L, (void *)(size_t)from);
+    lua_pushlightuserdata(s->L, (void *)(size_t)to);
+    how = lua_pcall(s->L, 2, 0, 0);
+    return how == LUA_OK ? MODAL_OK : failed(s, how, MODAL_ELEMENT_FAILED, err);
 }
 
 static enum modal_status call(struct lua_law *s, double t, double d, double v, double *f, struct modal_error *err)
 {
+    int how;
+
     s->left = INSTRUCTIONS;
     lua_settop(s->L, 0);
     lua_pushcfunction(s->L, call_force);
     lua_pushnumber(s->L, t);
     lua_pushnumber(s->L, d);
     lua_pushnumber(s->L, v);
-    if (lua_pcall(s->L, 3, 1, 0) != LUA_OK)
-        return failed(s, MODAL_ELEMENT_FAILED, err);
+    how = lua_pcall(s->L, 3, 1, 0);
+    if (how != LUA_OK)
+        return failed(s, how, MODAL_ELEMENT_FAILED, err);
     *f = lua_tonumber(s->L, -1);
     lua_settop(s->L, 0);
     if (!isfinite(*f))
@@ -228,9 +254,11 @@ static void lua_restart(const struct law *law)
 {
     struct lua_law *s = law->data;
 
+    s->unlimited = true;
     lua_settop(s->L, 0);
-    lua_newtable(s->L);                 /* a table of no entries: within BYTES, which memory was given back to */
+    lua_newtable(s->L);
     lua_setfield(s->L, LUA_REGISTRYINDEX, "memory");
+    s->unlimited = false;
 }
 
 static bool lua_remembers(const struct law *law)
@@ -238,11 +266,13 @@ static bool lua_remembers(const struct law *law)
     struct lua_law *s = law->data;
     bool any;
 
+    s->unlimited = true;
     lua_settop(s->L, 0);
     lua_getfield(s->L, LUA_REGISTRYINDEX, "memory");
     lua_pushnil(s->L);
     any = !lua_istable(s->L, 1) || lua_next(s->L, 1) != 0;
     lua_settop(s->L, 0);
+    s->unlimited = false;
     return any;
 }
 
@@ -258,28 +288,31 @@ static void lua_free(struct law *law)
 static const struct law_class lua_class = { .name = "lua", .inputs = 1, .reads_velocity = true, .reads_time = true,
                                             .force = lua_force, .restart = lua_restart, .remembers = lua_remembers, .free = lua_free };
 
-enum modal_status law_lua(const char *source, struct law *out, struct modal_error *err)
+enum modal_status law_lua(const char *source, size_t *together, struct law *out, struct modal_error *err)
 {
     struct lua_law *s;
     enum modal_status rc;
+    int how;
 
     if (strlen(source) > LAW_SOURCE_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "source", "lua: %zu bytes; the most is %d", strlen(source), LAW_SOURCE_MOST);
     s = calloc(1, sizeof *s);
-    if (s != NULL) {
-        s->most = BYTES;
-        s->L = lua_newstate(allocate, s);
-    }
-    if (s == NULL || s->L == NULL) {
-        free(s);
+    if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "lua: no memory for a state");
+    s->together = together;
+    s->L = lua_newstate(allocate, s);
+    if (s->L == NULL) {
+        rc = past_limit(s, err);
+        free(s);
+        return rc;
     }
     s->left = INSTRUCTIONS;
     lua_sethook(s->L, count_instructions, LUA_MASKCOUNT, HOOK_STEP);
     lua_pushcfunction(s->L, load_source);
     lua_pushlightuserdata(s->L, (void *)(size_t)source);
-    if (lua_pcall(s->L, 1, 0, 0) != LUA_OK) {
-        rc = failed(s, MODAL_BAD_INPUT, err);
+    how = lua_pcall(s->L, 1, 0, 0);
+    if (how != LUA_OK) {
+        rc = failed(s, how, MODAL_BAD_INPUT, err);
         lua_close(s->L);
         free(s);
         return rc;

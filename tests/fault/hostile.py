@@ -269,3 +269,4 @@ if __name__ == "__main__":
             ctypes.CDLL(None).prctl(1, signal.SIGKILL)            # PR_SET_PDEATHSIG
             PROBES[sys.argv[1]](sys.argv[2])
         os.wait()
+        time.sleep(0.1)

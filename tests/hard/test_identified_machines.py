@@ -1,6 +1,6 @@
 """The paper's machines simulated, identified, and compared with floquet of the same scene, beside what the reference reached from exact samples.
 
-Reads ../shared/reference (or $MODALD_SHARED/reference); skipped where it is absent.  MODALD_BUILD names the build folder.  Bar: 10 x the reference's
+MODALD_BUILD names the build folder.  Bar: 10 x the reference's
 own error at the same point, or what floquet states of its own rounding (`errors`: 6e-8 rad/s where stiff bearings are damped), or three of the
 identification's own error bars beside a near-defective pair.
 """
@@ -16,10 +16,9 @@ import pytest
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build"))
-SHARED = pathlib.Path(os.environ.get("MODALD_SHARED", TOP.parent / "shared")) / "reference"
+REFERENCE = TOP / "tests/data/reference"
 SCENES = TOP / "tests/paper/scenes"
-pytestmark = [pytest.mark.skipif(not SHARED.is_dir(), reason=f"no reference tables at {SHARED}"),
-              pytest.mark.skipif(not (BUILD / "bin/modalctl").exists(), reason=f"no {BUILD}/bin/modalctl: build first")]
+pytestmark = [pytest.mark.skipif(not (BUILD / "bin/modalctl").exists(), reason=f"no {BUILD}/bin/modalctl: build first")]
 COLUMNS = {"case1": ("wing", ("signals=all", "rank.fixed=6")), "case2": ("wing_all", ("signals=pod", "pod.rank=3", "scale=common", "rank.fixed=6"))}
 
 
@@ -30,7 +29,7 @@ def local(*arguments):
 
 
 def table(name):
-    with open(SHARED / name) as f:
+    with open(REFERENCE / name) as f:
         return list(csv.DictReader(f))
 
 
@@ -103,7 +102,7 @@ def test_defaults_find_the_wings_modes_to_a_millionth_or_say_so(tmp_path, speed)
         assert error < max(1e-6, 6 * std) and error < 2e-4, "the reference's case 1 reaches 1e-5 .. 8e-4"
 
 
-BEAM = sorted((SHARED / "beam/signals").glob("s*.json")) if SHARED.is_dir() else []
+BEAM = sorted((REFERENCE / "beam/signals").glob("s*.json"))
 
 
 @pytest.mark.parametrize("path", BEAM, ids=lambda p: getattr(p, "stem", "none"))

@@ -1,6 +1,6 @@
 """The paper's rotor and wing, by modalctl, against the reference's exact exponents and trajectories.
 
-Reads ../shared/reference (or $MODALD_SHARED/reference); skipped where it is absent.  MODALD_BUILD names the build folder.
+MODALD_BUILD names the build folder.
 Bars: exponents of the rotor 1e-6 rad/s, of the wing 1e-5 of |lambda|, flutter speeds 0.1 ft/s, motions 1e-6 of their peak,
 the clearance 1e-3 (a change of 1e-7 in its load grows to 2e-5: reference/rotor/model.md, section 5).
 """
@@ -17,8 +17,7 @@ import pytest
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build"))
-SHARED = pathlib.Path(os.environ.get("MODALD_SHARED", TOP.parent / "shared")) / "reference"
-pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no reference tables at {SHARED}")
+REFERENCE = TOP / "tests/data/reference"
 SETS = {"S": (30e3, False), "C": (20e3, False), "Sd": (30e3, True), "Cd": (20e3, True)}
 DENSITY = {"rhoSL": 0.0023769, "rho102": 0.0019791267362890986}
 INFLOW = {"ph3d": "peters_he", "peters2d": "peters_2d", "jones": "jones"}
@@ -39,12 +38,12 @@ def motion(tmp_path, scene):
 
 
 def table(name):
-    with open(SHARED / name) as f:
+    with open(REFERENCE / name) as f:
         return list(csv.DictReader(f))
 
 
 def columns(name):
-    return numpy.genfromtxt(SHARED / name, delimiter=",", names=True)
+    return numpy.genfromtxt(REFERENCE / name, delimiter=",", names=True)
 
 
 def rotor(model, frame, bearing, damped, speed, **more):
@@ -107,7 +106,7 @@ def test_the_rotor_moves_as_the_reference_does(tmp_path, frame, name):
 @pytest.mark.parametrize("model", INFLOW)
 @pytest.mark.parametrize("density", DENSITY)
 def test_the_wing_has_the_exponents_of_the_reference_up_to_flutter(tmp_path, model, density):
-    flutter = json.loads((SHARED / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
+    flutter = json.loads((REFERENCE / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
     for row in table(f"wing/{density}_{model}.csv"):
         speed = float(row["U_ft_s"])
         if speed > 1.05 * flutter or speed % 40 > 0:
@@ -127,7 +126,7 @@ def growth(tmp_path, speed, density, model):
 @pytest.mark.parametrize("model", INFLOW)
 @pytest.mark.parametrize("density", DENSITY)
 def test_flutter_speeds_are_the_reference_s(tmp_path, model, density):
-    expected = json.loads((SHARED / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
+    expected = json.loads((REFERENCE / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
     assert growth(tmp_path, expected - 0.1, DENSITY[density], model) < 0 < growth(tmp_path, expected + 0.1, DENSITY[density], model)
 
 

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
-SHARED = pathlib.Path(os.environ.get("MODALD_SHARED", TOP / ".." / "shared"))
-FOLDER = SHARED / "reference" / "signals"
+FOLDER = TOP / "tests" / "data" / "reference" / "signals"
 MODALCTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "modalctl"
 
-pytestmark = [pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no reference signals at {FOLDER}"),
-              pytest.mark.skipif(not MODALCTL.exists(), reason=f"no {MODALCTL}: build first")]
+pytestmark = [pytest.mark.skipif(not MODALCTL.exists(), reason=f"no {MODALCTL}: build first")]
 
-FILES = sorted(p for p in FOLDER.glob("*.h5")) if FOLDER.is_dir() else []
+FILES = sorted(p for p in FOLDER.glob("*.h5"))
 GOOD = [p for p in FILES if not p.name.startswith("bad_")]
 BAD = [p for p in FILES if p.name.startswith("bad_")]
 

@@ -15,7 +15,6 @@ import pytest
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")).resolve()
-SHARED = pathlib.Path(os.environ.get("MODALD_SHARED", TOP.parent / "shared"))
 os.environ["MODALD_BUILD"] = str(BUILD)
 sys.path.insert(0, str(TOP / "clients" / "python"))
 
@@ -234,8 +233,5 @@ SLOW_WORDS = [word for key, value in SLOW.items() for word in ("-o", f"{key}={va
 
 @pytest.fixture(scope="session")
 def reference():
-    """The shared reference signals; skipped where the checkout stands alone."""
-    folder = SHARED / "reference" / "signals"
-    if not folder.is_dir():
-        pytest.skip(f"no reference signals at {folder}; set MODALD_SHARED")
-    return folder
+    """The reference signals."""
+    return TOP / "tests" / "data" / "reference" / "signals"

@@ -14,7 +14,7 @@ struct config {
     int connections;                      /* of clients at once, as far as the descriptor limit leaves them; 0: all that it leaves */
     int ipc_mode;                         /* of the socket file; until config_finish, -1: none was named */
     char worker_path[PATH_ROOM], worker_user[64];
-    int64_t worker_memory;
+    int64_t worker_memory;                /* bytes; 0: no limit */
     bool sandbox;
     char server_key[PATH_ROOM];           /* file with the daemon's CURVE keys; "" : no keys */
     char keys[PATH_ROOM];                 /* file with one line a user */

@@ -432,8 +432,9 @@ static void ended_early(struct core *c, struct job *job, enum ending ending, int
         job_fail(c, job, JOB_CANCELLED, &err, NULL);
         break;
     case ENDING_RUN_LIMIT:
-        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s", job->attempts,
-                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns) / 1e9);
+        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s%s", job->attempts,
+                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns) / 1e9,
+                   job->run_limit_ns > 0 ? "" : ", which the daemon's configuration sets where a job names none (run_limit_s)");
         job_fail(c, job, JOB_FAILED, &err, NULL);
         break;
     case ENDING_DEADLINE:

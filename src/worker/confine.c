@@ -31,6 +31,14 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define SANITIZED 1
+#endif
+#endif
+
 enum { NICE = 10, FILES_MOST = 256 };
 
 /* --- limits --- */
@@ -75,8 +83,10 @@ enum modal_status confine_limits(const struct confine_options *options, struct m
         rc = set_limit(RLIMIT_NOFILE, FILES_MOST, "descriptors", err);
     if (rc == MODAL_OK)
         rc = set_limit(RLIMIT_FSIZE, 0, "file size", err);
+#ifndef SANITIZED                       /* whose shadow is larger than any limit */
     if (rc == MODAL_OK && options->memory > 0)
-        rc = set_limit(RLIMIT_AS, options->memory, "memory", err);
+        rc = set_limit(RLIMIT_DATA, options->memory, "memory", err);
+#endif
     if (rc == MODAL_OK)
         rc = limit_threads(err);
     return rc == MODAL_OK ? confine_death(err) : rc;
@@ -154,14 +164,6 @@ enum modal_status confine_user(const struct confine_options *options, struct mod
 #define ARCHITECTURE AUDIT_ARCH_AARCH64
 #endif
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-
 #define CALL(name) { #name, SYS_##name }
 struct call { const char *name; int number; };
 
@@ -213,7 +215,8 @@ static int list_rules(struct rule out[RULES_MOST], uint32_t pid)
         { CALL(fcntl), { ARGUMENT(1, ~0u, F_DUPFD_CLOEXEC) }, "F_DUPFD_CLOEXEC" },
         { CALL(recvmsg), { ARGUMENT(0, ~0u, CONFINE_INPUTS) }, "of descriptor 3, by which inputs come" },
         { CALL(sendto), { NO_POINTER(4) }, "without an address" },
-        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0) }, "without PROT_EXEC" },
+        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0), ARGUMENT(3, MAP_SHARED, 0) }, "private, without PROT_EXEC" },
+        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0), ARGUMENT(3, MAP_ANONYMOUS, 0) }, "of a file, without PROT_EXEC" },
         { CALL(mprotect), { ARGUMENT(2, PROT_EXEC, 0) }, "without PROT_EXEC" },
         { CALL(clone), { ARGUMENT(0, ~0u, A_THREAD) }, "a thread of its own, with the flags of pthread_create(3)" },
         { CALL(tgkill), { ARGUMENT(0, ~0u, pid) }, "of its own threads" },

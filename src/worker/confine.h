@@ -15,7 +15,7 @@
 enum { CONFINE_INPUTS = 3 };   /* the descriptor by which others may come in; see inputs.h */
 
 struct confine_options {
-    uint64_t memory;       /* bytes of address space; 0: no limit */
+    uint64_t memory;       /* bytes of its own: the input, which is mapped, is none; 0: no limit.  None under a sanitizer. */
     const char *user;      /* name to run under, where we are root; NULL: stay */
     const char *data;      /* the daemon's folder, of which nothing may be read; NULL: no restriction of reading */
     bool calls;            /* filter system calls */

@@ -29,7 +29,7 @@ static const char usage[] =
     "  --inputs             descriptor 3 is a socket of the daemon's, by which inputs come as descriptors\n"
     "  --data DIR           its data folder: neither it nor other data can be read (with Landlock)\n"
     "  --user NAME          become this user, where started by root\n"
-    "  --memory BYTES       address space at most\n"
+    "  --memory BYTES       memory of its own at most: inputs, which are mapped, do not count\n"
     "  --jobs N             end after N jobs, for a fresh process\n"
     "  --sandbox on|off     filter system calls (default on)\n"
     "  --calls              print the system calls that the filter allows\n"
@@ -69,7 +69,7 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
         case 'd': out->confine.data = optarg; break;
         case 'i': out->inputs = true; out->link.watched = CONFINE_INPUTS; break;
         case 'u': out->confine.user = optarg; break;
-        case 'm': value = number(optarg); out->confine.memory = (uint64_t)value; break;
+        case 'm': value = number(optarg); out->confine.memory = out->serve.memory = (uint64_t)value; break;
         case 'j': value = number(optarg); out->serve.jobs_most = (int)value; break;
         case 's':
             if (strcmp(optarg, "on") != 0 && strcmp(optarg, "off") != 0)

@@ -39,6 +39,7 @@ struct run {
     struct batch batch;
     cJSON *scene;
 
+    uint64_t memory;               /* of serve_options */
     int waiting;                   /* PARTs without GO */
     double cpu_start;
     int64_t said_ms;               /* last PROGRESS */
@@ -320,6 +321,15 @@ static enum modal_status send_done(struct run *run, const struct job_result *res
     return rc;
 }
 
+/* A job that wanted memory where there was none is told how much there is. */
+static void name_limit(struct modal_error *why, uint64_t memory)
+{
+    size_t length = strlen(why->message);
+
+    if (why->status == MODAL_NO_MEMORY && memory > 0)
+        snprintf(why->message + length, sizeof why->message - length, "; a worker has at most %llu bytes (worker_memory)", (unsigned long long)memory);
+}
+
 static enum modal_status run_job(struct run *run, struct windows *windows, const struct wire_message *message, struct modal_error *err)
 {
     struct job_result result = { 0 };
@@ -337,8 +347,10 @@ static enum modal_status run_job(struct run *run, struct windows *windows, const
         };
         rc = job_run(&request, &result, &why);
     }
-    if (rc != MODAL_OK)
+    if (rc != MODAL_OK) {
+        name_limit(&why, run->memory);
         return send_failed(run, &why, err);
+    }
     rc = send_done(run, &result, err);
     job_result_done(&result);
     return rc;
@@ -370,6 +382,7 @@ static enum modal_status serve_all(struct link *link, const struct serve_options
         rc = run_begin(&run, link, message, err);
         if (rc != MODAL_OK)
             return rc;
+        run.memory = options->memory;
         rc = run_job(&run, windows, message, err);
         live = cJSON_HasObjectItem(run.header, "live");
         run_done(&run);

@@ -5,6 +5,7 @@
 
 struct serve_options {
     int jobs_most;       /* end after so many, for a fresh process; 0: no limit */
+    uint64_t memory;     /* the limit that this process has, for the error of a job that met it; 0: none */
 };
 
 /*

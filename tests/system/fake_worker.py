@@ -91,7 +91,7 @@ def main():
             if "signals" in o:
                 n = o["signals"]
                 parts(job, "batch", bytes(range(256)) * (n // 32), batch={"content": "batch", "samples": n, "channels": 1, "dt": 0.5})
-            document = json.dumps({"kind": run["kind"], "attempt": run["attempt"], "pad": "x" * o.get("document", 0)}).encode()
+            document = json.dumps({"kind": run["kind"], "attempt": run["attempt"], "run_limit_s": run["run_limit_s"], "pad": "x" * o.get("document", 0)}).encode()
             if len(document) > 1 << 20:
                 parts(job, "document", document)
                 say("DONE", cpu_s=0.01, **job)

@@ -343,3 +343,18 @@ def test_a_lua_force_reaches_neither_files_nor_programs_nor_the_network(daemon):
         assert verb == expected, (attack, header)
         assert expected == "DONE" or header["error"]["code"] == "element_failed", (attack, header)
         assert daemon.process.poll() is None
+
+
+@pytest.mark.skipif(b"__asan_init" in WORKER.read_bytes(), reason="a sanitizer's shadow is larger than any limit")
+def test_a_job_that_wants_more_memory_than_its_worker_may_have_fails_with_the_limit_and_the_worker_lives():
+    daemon = Daemon("--memory", str(400 << 20))
+    for _ in range(2):
+        daemon.next("READY")
+        daemon.run_scene("m", "simulate", {**OSCILLATOR, "time": {"dt": 1e-6, "duration": 90.0}})        # 90,000,001 samples: 720 MB
+        verb, header, _, _ = daemon.answer("m")
+        assert verb == "FAILED" and header["error"]["code"] == "no_memory", header
+        assert "a worker has at most 419430400 bytes (worker_memory)" in header["error"]["message"]
+    daemon.next("READY")
+    daemon.run("a", "identify", decay(), {"rank.fixed": 2})
+    assert daemon.answer("a")[0] == "DONE"
+    daemon.close()

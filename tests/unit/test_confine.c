@@ -347,6 +347,14 @@ static int make_ways_out(void)
         || refused(syscall(SYS_clone, CLONE_THREAD | CLONE_SIGHAND | CLONE_VM | CLONE_PARENT, 0, 0, 0, 0), EPERM);
 }
 
+/* Memory that RLIMIT_DATA does not count. */
+static int share_memory(void)
+{
+    return mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0) == MAP_FAILED && errno == EPERM
+        && mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED_VALIDATE | MAP_ANONYMOUS, -1, 0) == MAP_FAILED && errno == EPERM
+        && mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED ? 0 : 1;
+}
+
 /* Messages to other addresses, descriptors to others and from others than the daemon. */
 static int speak_elsewhere(void)
 {
@@ -380,6 +388,7 @@ TEST(a_confined_process_signals_no_other_by_any_call) { check_walls(signal_other
 TEST(a_confined_process_schedules_no_other) { check_walls(schedule_others); }
 TEST(a_confined_process_looks_into_no_other_and_at_no_file) { check_walls(look_into_others); }
 TEST(a_confined_process_makes_no_way_out) { check_walls(make_ways_out); }
+TEST(a_confined_process_has_no_memory_that_is_not_counted) { check_walls(share_memory); }
 TEST(a_confined_process_speaks_to_nobody_else) { check_walls(speak_elsewhere); }
 
 static int look_at_limits(void)

@@ -1,0 +1,83 @@
+"""What a job may take where nobody said how much: with keys, one user's jobs hold neither the memory nor the workers for ever."""
+import json
+import pathlib
+import re
+
+import pytest
+from lab import FAKE, Lab
+from wire import BUILD, Daemon, submit
+
+DAY_S = 86400
+SANITIZED = b"__asan_init" in (BUILD / "bin" / "modald-worker").read_bytes()
+
+
+def data_limit(pid):
+    """RLIMIT_DATA of a process; None: none."""
+    found = re.search(r"Max data size +(\S+)", pathlib.Path(f"/proc/{pid}/limits").read_text())[1]
+    return None if found == "unlimited" else int(found)
+
+
+def machine_memory():
+    """The machine's, or less where a control group of this process has less."""
+    most = int(re.search(r"MemTotal: +(\d+) kB", pathlib.Path("/proc/meminfo").read_text())[1]) * 1024
+    own = [line.split("::", 1)[1] for line in pathlib.Path("/proc/self/cgroup").read_text().splitlines() if line.startswith("0::")]
+    group = pathlib.Path("/sys/fs/cgroup" + own[0]) if own else None
+    while group is not None and group != pathlib.Path("/sys/fs"):
+        limit = group / "memory.max"
+        if limit.exists() and limit.read_text().strip() != "max":
+            most = min(most, int(limit.read_text()))
+        group = group.parent
+    return most
+
+
+def limits_of_a_worker(client, daemon, **more):
+    """(run limit that RUN has, data limit): of the fake worker; of the real one the second."""
+    job = submit(client, fresh=True, **more)["job"]
+    done = client.ask("WAIT", job=job, timeout_s=60, result=True)
+    assert done["state"] == "done", done
+    return json.loads(done.body[0]).get("run_limit_s"), data_limit(daemon.children()[0])
+
+
+def test_with_keys_an_attempt_has_a_day_unless_somebody_says_otherwise(tmp_path):
+    with_keys = Lab(tmp_path, {"a": "a submit"})
+    with with_keys.daemon as daemon:
+        client = with_keys.client("a")
+        assert limits_of_a_worker(client, daemon)[0] == DAY_S
+        assert limits_of_a_worker(client, daemon, run_limit_s=7)[0] == 7
+        with_keys.daemon.config.write_text(with_keys.config + "run_limit_s = 0\n")
+        with_keys.reload()
+        assert limits_of_a_worker(client, daemon)[0] == 0
+        client.close()
+    with Daemon(config=FAKE) as daemon:
+        client = daemon.client()
+        assert limits_of_a_worker(client, daemon)[0] == 0
+        client.close()
+
+
+def test_a_job_that_passes_the_limit_of_the_configuration_is_told_whose_it_is():
+    with Daemon(config=FAKE + "run_limit_s = 0.5\n") as daemon:
+        client = daemon.client()
+        job = submit(client, options={"sleep": 60})["job"]
+        error = client.ask("WAIT", job=job, timeout_s=30)["error"]
+        assert error["code"] == "run_limit" and "0.5 s" in error["message"] and "run_limit_s" in error["message"]
+        client.close()
+
+
+@pytest.mark.skipif(SANITIZED, reason="a sanitizer's shadow is larger than any limit")
+def test_with_keys_a_worker_has_its_part_of_the_memory_unless_somebody_says_otherwise(tmp_path):
+    share = max(1 << 30, machine_memory() // 3)
+    lab = Lab(tmp_path, {"a": "a submit"}, workers=2)
+    lab.daemon.stop()
+    config = lab.config.replace(FAKE, "")
+    for line, expected in (("", share), ("worker_memory = 3G\n", 3 << 30), ("worker_memory = 0\n", None)):
+        lab.daemon.config.write_text(config + line)
+        lab.daemon.start()
+        client = lab.client("a")
+        found = limits_of_a_worker(client, lab.daemon)[1]
+        assert found == expected or (expected == share and abs(found - share) <= 4096), (line, found, expected)
+        client.close()
+        lab.daemon.stop()
+    with Daemon() as daemon:
+        client = daemon.client()
+        assert limits_of_a_worker(client, daemon)[1] is None
+        client.close()

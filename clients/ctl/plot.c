@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "field.h"
 #include "option.h"
 #include "svg.h"
@@ -517,11 +518,21 @@ static const struct { const char *kind; bool (*plot)(struct svg *, FILE *, const
     { "identify", plot_identify }, { "steady", plot_steady }, { "floquet", plot_floquet }, { "tradeoff", plot_tradeoff }, { "sweep", plot_sweep },
 };
 
+enum modal_status plot_path_check(const char *path, struct modal_error *err)
+{
+    size_t length = strlen(path);
+
+    if (length > 4 && strcasecmp(path + length - 4, ".svg") == 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%.300s: pictures are SVG; accepted: "
+                            "FILE.svg, or - for stdout (not of what is watched)", path);
+}
+
 enum modal_status plot_result(const char *path, const char *kind, const cJSON *result, const struct input *input, struct modal_error *err)
 {
     struct svg svg;
-    FILE *file = fopen(path, "we");
-    bool drawn = false;
+    bool drawn = false, to_stdout = strcmp(path, "-") == 0;
+    FILE *file = to_stdout ? stdout : fopen(path, "we");
 
     if (file == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
@@ -531,10 +542,11 @@ enum modal_status plot_result(const char *path, const char *kind, const cJSON *r
     if (drawn)
         svg_end(&svg);
     bool written = !ferror(file);
-    if (fclose(file) != 0 || !written)
+    if ((to_stdout ? fflush(file) : fclose(file)) != 0 || !written)
         return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
     if (!drawn) {
-        remove(path);
+        if (!to_stdout)
+            remove(path);
         return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "a result of %s has no picture", kind);
     }
     return MODAL_OK;

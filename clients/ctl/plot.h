@@ -11,7 +11,11 @@
 #define CTL_PLOT_H
 #include "input.h"
 
-/* Draw RESULT of a job of KIND into the file PATH.  INPUT is what it ran on: more jobs are run here for a stabilisation diagram.
+/* Is PATH a name for a picture in a file: FILE.svg?  Else MODAL_BAD_INPUT, field "plot". */
+enum modal_status plot_path_check(const char *path, struct modal_error *err);
+
+/* Draw RESULT of a job of KIND into the file PATH, "-" for stdout.
+ * INPUT is what it ran on: more jobs are run here for a stabilisation diagram.
  * MODAL_BAD_INPUT, field "plot": nothing to draw in this kind of result; MODAL_IO. */
 enum modal_status plot_result(const char *path, const char *kind, const cJSON *result, const struct input *input, struct modal_error *err);
 

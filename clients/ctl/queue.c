@@ -7,6 +7,7 @@
 #include "answer.h"
 #include "field.h"
 #include "remote.h"
+#include "output.h"
 #include "result_file.h"
 #include "show.h"
 #include "store/batch_file.h"
@@ -211,7 +212,7 @@ static enum modal_status save_signals(struct session *s, const char *job)
     enum modal_status rc = remote_signals(s->link, job, remote_answer_by(s->deadline), &out, &s->detail, &s->err);
 
     if (rc == MODAL_OK)
-        rc = batch_file_write(s->args->output, &out.batch, cJSON_GetObjectItemCaseSensitive(s->doc, "provenance"), &s->err);
+        rc = output_write(s->args->output, s->doc, &out.batch, &s->err);
     job_result_done(&out);
     return rc;
 }
@@ -225,11 +226,14 @@ int run_result(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
+        rc = output_check(args->output, &s.err);
+    if (rc == MODAL_OK)
         rc = client_result(s.link, args->word[1], "document", remote_answer_by(s.deadline), &text, &length, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = json_read(text, length, &s.doc, &s.err);
     if (rc == MODAL_OK && args->output != NULL)
-        rc = result_file_takes(s.doc) ? result_file_write(args->output, s.doc, &s.err) : save_signals(&s, args->word[1]);
+        rc = !result_file_takes(s.doc) ? save_signals(&s, args->word[1])
+           : output_write(args->output, s.doc, &(struct batch) { 0 }, &s.err);
     if (rc == MODAL_OK && args->json)
         rc = answer_json(s.doc, &s.err);
     else if (rc == MODAL_OK)

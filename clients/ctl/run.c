@@ -7,11 +7,10 @@
 #include <unistd.h>
 #include "answer.h"
 #include "input.h"
+#include "output.h"
 #include "plot.h"
 #include "remote.h"
-#include "result_file.h"
 #include "show.h"
-#include "store/batch_file.h"
 #include "sweep.h"
 #include "verbs.h"
 
@@ -58,17 +57,6 @@ static enum modal_status run_here(const struct input *input, const struct args *
     return rc;
 }
 
-static enum modal_status write_signals(const struct job_result *result, const char *path, struct modal_error *err)
-{
-    if (path == NULL)
-        return MODAL_OK;
-    if (result_file_takes(result->result))
-        return result_file_write(path, result->result, err);
-    if (result->batch.samples == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "this job gives no signals to write to %s", path);
-    return batch_file_write(path, &result->batch, cJSON_GetObjectItemCaseSensitive(result->result, "provenance"), err);
-}
-
 /* Can PATH (NULL: none) be written?  Asked before the work is done. */
 static enum modal_status check_place(const char *path, const char *field, struct modal_error *err)
 {
@@ -84,6 +72,19 @@ static enum modal_status check_place(const char *path, const char *field, struct
     return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: %s; accepted: a file in a folder that can be written", path, strerror(path[0] != 0 ? errno : ENOENT));
 }
 
+/* A picture is SVG, in a file that says so, or on stdout, where nothing else may go then. */
+static enum modal_status check_plot(const struct args *args, struct modal_error *err)
+{
+    if (args->plot == NULL)
+        return MODAL_OK;
+    if (strcmp(args->plot, "-") != 0)
+        return plot_path_check(args->plot, err);
+    if (!args->json)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "--plot - and --json both write to stdout; "
+                            "accepted: FILE.svg");
+}
+
 /* What stands behind the verb: FILE, or for `tradeoff` OF FILE. */
 static enum modal_status read_input(const struct verb *verb, const struct args *args, struct input *input, struct modal_error *err)
 {
@@ -91,9 +92,15 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
     const char *of = tradeoff && args->words == 3 ? args->word[1] : NULL;
 
     if (strcmp(verb->name, "simulate") == 0 && args->output == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 for its signals");
-    enum modal_status rc = check_place(args->output, "output", err);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 or FILE.csv for "
+                                "its signals");
+    bool to_stdout = args->plot != NULL && strcmp(args->plot, "-") == 0;
+    enum modal_status rc = output_check(args->output, err);
     if (rc == MODAL_OK)
+        rc = check_place(args->output, "output", err);
+    if (rc == MODAL_OK)
+        rc = check_plot(args, err);
+    if (rc == MODAL_OK && !to_stdout)
         rc = check_place(args->plot, "plot", err);
     return rc != MODAL_OK ? rc : input_read(verb->name, of, args->word[args->words - 1], args, input, err);
 }
@@ -101,7 +108,10 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
 static enum modal_status show(const struct verb *verb, const struct args *args, const struct job_result *result, const struct input *input,
                               struct modal_error *err)
 {
-    enum modal_status rc = write_signals(result, args->output, err);
+    enum modal_status rc = MODAL_OK;
+
+    if (args->output != NULL)
+        rc = output_write(args->output, result->result, &result->batch, err);
 
     if (rc == MODAL_OK && args->plot != NULL)
         rc = plot_result(args->plot, verb->name, result->result, input, err);
@@ -109,6 +119,8 @@ static enum modal_status show(const struct verb *verb, const struct args *args, 
         return rc;
     if (args->json)
         return answer_json(result->result, err);
+    if (args->plot != NULL && strcmp(args->plot, "-") == 0)
+        return MODAL_OK;
     show_result(verb->name, result->result);
     if (args->output != NULL && result->batch.samples > 0)
         printf("\n%zu samples x %zu channels in %s\n", result->batch.samples, result->batch.channels, args->output);

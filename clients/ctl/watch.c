@@ -7,6 +7,7 @@
 #include "field.h"
 #include "live_modes.h"
 #include "live_plot.h"
+#include "plot.h"
 #include "remote.h"
 #include "verbs.h"
 
@@ -102,7 +103,7 @@ static enum modal_status can_watch(const struct args *args, struct seen *seen, s
     if (seen == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "watch: no memory for what was seen");
     seen->next = args->after ? strtod(args->after, NULL) : args->words > 1 ? 0 : -1;
-    return MODAL_OK;
+    return args->plot != NULL ? plot_path_check(args->plot, err) : MODAL_OK;
 }
 
 int run_watch(const struct verb *verb, const struct args *args)

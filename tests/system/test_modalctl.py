@@ -1,4 +1,5 @@
 """modalctl: exit statuses, one document, bad input by name, and the same numbers whichever way a job runs."""
+import csv
 import json
 import pathlib
 import subprocess
@@ -231,6 +232,51 @@ def test_a_batch_read_by_python_keeps_its_own_step(client, tmp_path):
     with h5py.File(tmp_path / "y.h5", "w") as file:
         file.create_dataset("signals", data=decay(400))
     assert modald.Batch.read(tmp_path / "y.h5", dt=0.125).dt == 0.125
+
+
+def rows_of(path):
+    """A header and numbers, as any reader of CSV has them; an empty cell is None."""
+    with open(path, newline="") as file:
+        head, *rows = csv.reader(file)
+    return head, [[float(cell) if cell else None for cell in row] for row in rows]
+
+
+CSV_SCENE = {"structure": {"type": "matrices", "M": [[1, 0], [0, 1]], "C": [[0.02, 0], [0, 0.02]], "K": [[0.75, -0.1], [-0.1, 1]],
+                           "dofs": ["x", "hub, \"left\""]},
+             "effects": [{"type": "cubic_spring", "dof": "x", "coefficient": 0.3}], "omega": 0.25, "initial": {"x": {"x": 1}},
+             "excitation": [{"dof": "x", "k": 1, "cos": 0.2}], "time": {"dt": 0.1, "duration": 5}, "steady": {"harmonics": 3}}
+
+
+def test_a_csv_holds_what_the_hdf5_file_holds(ctl, tmp_path):
+    (tmp_path / "s.json").write_text(json.dumps(CSV_SCENE))
+    dofs = CSV_SCENE["structure"]["dofs"]
+    for name in ("x.csv", "x.h5"):
+        assert ctl("simulate", tmp_path / "s.json", "-O", tmp_path / name).status == 0
+    head, rows = rows_of(tmp_path / "x.csv")
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert head == ["t", *dofs] and np.array_equal(np.array(rows)[:, 1:], file["signals"][...])
+    assert np.allclose(np.array(rows)[:, 0], 0.1 * np.arange(51), rtol=1e-15, atol=0)
+    said = ctl("steady", tmp_path / "s.json", "-O", tmp_path / "k.csv").document
+    head, rows = rows_of(tmp_path / "k.csv")
+    assert head == ["k", "x_re", "x_im", dofs[1] + "_re", dofs[1] + "_im"]
+    assert np.array_equal(np.array(rows).T, np.array([said["harmonics"][0]["k"]] + [d[p] for d in said["harmonics"] for p in ("re", "im")]))
+    said = ctl("steady", tmp_path / "s.json", "-o", "time=16", "-O", tmp_path / "t.csv").document
+    head, rows = rows_of(tmp_path / "t.csv")
+    assert head == ["t", *dofs] and np.array_equal(np.array(rows).T, np.array([said["time"]["t"], *said["time"]["x"].values()]))
+    said = ctl("steady", tmp_path / "s.json", "--sweep", "omega=0.2:0.4:3", "-O", tmp_path / "c.csv").document
+    head, rows = rows_of(tmp_path / "c.csv")
+    assert head[:6] == ["omega", "converged", "stable", "total_error", "x_re_0", "x_im_0"] and len(head) == 4 + 2 * 2 * 4
+    for row, point in zip(rows, said["points"], strict=True):
+        assert row[0] == point["omega"] and row[1] == point["converged"]
+        assert row[6:8] == [point["harmonics"][0]["re"][1], point["harmonics"][0]["im"][1]]
+
+
+@pytest.mark.parametrize("verb", ["steady", "simulate"])
+def test_an_output_of_another_suffix_is_refused_before_the_work(ctl, tmp_path, verb):
+    (tmp_path / "s.json").write_text(json.dumps(CSV_SCENE))
+    said = ctl(verb, tmp_path / "s.json", "-O", tmp_path / "x.mat")
+    assert said.status == 2 and said.document["error"]["field"] == "output" and "FILE.csv" in said.document["error"]["message"]
+    assert not (tmp_path / "x.mat").exists()
 
 
 def test_the_stages_of_the_contract_are_in_every_cost(ctl, tmp_path):

@@ -78,6 +78,24 @@ def test_what_has_no_picture_says_so(ctl, batch, tmp_path):
     assert said.status == 2 and said.document["error"]["field"] == "plot"
 
 
+@pytest.mark.parametrize("name", ["a.png", "a", "a.svg.pdf"])
+def test_a_picture_is_svg_and_another_suffix_is_refused_before_the_work(ctl, batch, tmp_path, name):
+    said = ctl("identify", batch, "--plot", tmp_path / name)
+    assert said.status == 2 and said.document["error"]["field"] == "plot" and ".svg" in said.document["error"]["message"]
+    assert not (tmp_path / name).exists()
+
+
+def test_a_picture_alone_goes_to_stdout(ctl, batch, tmp_path):
+    program = [str(BUILD / "bin" / "modalctl"), "--local"]
+    done = subprocess.run([*program, "identify", str(batch), "-o", "rank.fixed=4", "--plot", "-"], capture_output=True, cwd=tmp_path)
+    assert done.returncode == 0 and list(tmp_path.iterdir()) == []
+    assert tree.fromstring(done.stdout).tag == SVG + "svg"
+    assert ctl("identify", batch, "--plot", "-").document["error"]["field"] == "plot"      # --json has stdout
+    for name in ("a.png", "-"):                       # drawn anew with every window
+        done = subprocess.run([program[0], "--server", "ipc:///no/daemon", "--json", "watch", "x", "--plot", name], capture_output=True)
+        assert done.returncode == 2 and json.loads(done.stdout)["error"]["field"] == "plot"
+
+
 def test_python_draws_them_too(ctl, scene, tmp_path):
     plots = pytest.importorskip("modald.plots")
     plots.use("agg")

@@ -1,0 +1,172 @@
+/* table_file.c - see table_file.h */
+#include "table_file.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "whole_file.h"
+
+static const cJSON *item(const cJSON *o, const char *key)
+{
+    return cJSON_GetObjectItemCaseSensitive(o, key);
+}
+
+/* ---- cells; what stands in the first column of a row has no comma before it ---- */
+
+/* NAME and what follows it, in quotes where they hold a comma, a quote or an end of line. */
+static void put_name(FILE *to, bool first, const char *name, const char *after)
+{
+    bool quoted = strpbrk(name, ",\"\r\n") != NULL;
+
+    fputs(first ? "" : ",", to);
+    fputs(quoted ? "\"" : "", to);
+    for (; *name != 0; name++) {
+        if (*name == '"')
+            fputc('"', to);
+        fputc(*name, to);
+    }
+    fprintf(to, "%s%s", after, quoted ? "\"" : "");
+}
+
+static void put_number(FILE *to, bool first, double value)
+{
+    fputs(first ? "" : ",", to);
+    if (isfinite(value))
+        fprintf(to, "%.17g", value);
+}
+
+static void put_item(FILE *to, bool first, const cJSON *value)
+{
+    if (cJSON_IsBool(value))
+        put_number(to, first, cJSON_IsTrue(value));
+    else
+        put_number(to, first, cJSON_IsNumber(value) ? value->valuedouble : NAN);
+}
+
+/* ---- tables ---- */
+
+static void write_signals(FILE *to, const struct batch *b)
+{
+    fputs("t", to);
+    for (size_t c = 0; c < b->channels; c++) {
+        char own[24];
+        snprintf(own, sizeof own, "ch%zu", c);
+        put_name(to, false, b->names != NULL && b->names[c] != NULL ? b->names[c] : own, "");
+    }
+    fputc('\n', to);
+    for (size_t k = 0; k < b->samples; k++) {
+        put_number(to, true, (double)k * b->dt);
+        for (size_t c = 0; c < b->channels; c++)
+            put_number(to, false, b->signals[k * b->channels + c]);
+        fputc('\n', to);
+    }
+}
+
+static void write_waveform(FILE *to, const cJSON *time)
+{
+    const cJSON *rows = item(time, "x"), *row, *t;
+    int k = 0;
+
+    fputs("t", to);
+    cJSON_ArrayForEach(row, rows)
+        put_name(to, false, row->string, "");
+    fputc('\n', to);
+    cJSON_ArrayForEach(t, item(time, "t")) {
+        put_item(to, true, t);
+        cJSON_ArrayForEach(row, rows)
+            put_item(to, false, cJSON_GetArrayItem(row, k));
+        fputc('\n', to);
+        k++;
+    }
+}
+
+static void write_spectrum(FILE *to, const cJSON *dofs)
+{
+    const cJSON *dof, *k;
+    int i = 0;
+
+    fputs("k", to);
+    cJSON_ArrayForEach(dof, dofs) {
+        put_name(to, false, item(dof, "dof")->valuestring, "_re");
+        put_name(to, false, item(dof, "dof")->valuestring, "_im");
+    }
+    fputc('\n', to);
+    cJSON_ArrayForEach(k, item(cJSON_GetArrayItem(dofs, 0), "k")) {
+        put_item(to, true, k);
+        cJSON_ArrayForEach(dof, dofs) {
+            put_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
+            put_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
+        }
+        fputc('\n', to);
+        i++;
+    }
+}
+
+/* The harmonics of a curve: those of the point that has most. */
+static int most_harmonics(const cJSON *points)
+{
+    const cJSON *point;
+    int most = 0;
+
+    cJSON_ArrayForEach(point, points) {
+        int count = cJSON_GetArraySize(item(cJSON_GetArrayItem(item(point, "harmonics"), 0), "k"));
+        most = count > most ? count : most;
+    }
+    return most;
+}
+
+static void put_point(FILE *to, const cJSON *point, const char *parameter, int harmonics)
+{
+    const cJSON *value = item(point, parameter), *dof;
+
+    put_item(to, true, value != NULL ? value : item(point, "value"));
+    put_item(to, false, item(point, "converged"));
+    put_item(to, false, item(item(point, "stability"), "stable"));
+    put_item(to, false, item(point, "total_error"));
+    cJSON_ArrayForEach(dof, item(point, "harmonics"))
+        for (int i = 0; i < harmonics; i++) {
+            put_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
+            put_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
+        }
+    fputc('\n', to);
+}
+
+static void write_points(FILE *to, const cJSON *doc, const cJSON *points)
+{
+    bool backbone = strcmp(cJSON_GetStringValue(item(doc, "kind")), "backbone") == 0;
+    const char *named = cJSON_GetStringValue(item(doc, "parameter"));
+    const char *parameter = backbone ? "amplitude" : named != NULL ? named : "omega";
+    int harmonics = most_harmonics(points);
+    const cJSON *point, *dof;
+
+    put_name(to, true, parameter, "");
+    fputs(",converged,stable,total_error", to);
+    cJSON_ArrayForEach(dof, item(cJSON_GetArrayItem(points, 0), "harmonics"))
+        for (int i = 0; i < 2 * harmonics; i++) {
+            char after[24];
+            snprintf(after, sizeof after, "_%s_%d", i % 2 == 0 ? "re" : "im", i / 2);
+            put_name(to, false, item(dof, "dof")->valuestring, after);
+        }
+    fputc('\n', to);
+    cJSON_ArrayForEach(point, points)
+        put_point(to, point, parameter, harmonics);
+}
+
+enum modal_status table_file_write(const char *path, const cJSON *doc, const struct batch *batch,
+                                   struct modal_error *err)
+{
+    const cJSON *points = item(doc, "points"), *time = item(doc, "time");
+    struct whole_file out;
+    enum modal_status rc = whole_file_begin(&out, path, "output", err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (batch->samples > 0)
+        write_signals(out.file, batch);
+    else if (points != NULL)
+        write_points(out.file, doc, points);
+    else if (time != NULL)
+        write_waveform(out.file, time);
+    else
+        write_spectrum(out.file, item(doc, "harmonics"));
+    return whole_file_end(&out, err);
+}

@@ -329,6 +329,33 @@ TEST(a_force_that_fails_names_itself)
     program_free(p);
 }
 
+/* The message of a Lua force that fails in its first step. */
+static void fails_with(const char *source, const char *message)
+{
+    char text[1024];
+    struct scene_time t = { .dt = 0.1, .samples = 11, .duration = 1 };
+    struct simulate_result s;
+    struct modal_error err;
+    struct program *p;
+    double x[11];
+
+    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
+             "'effects':[{'type':'lua','dof':'x1','source':'%s'}]}", source);
+    p = program_text(text);
+    CHECK(simulate(p, &t, NULL, x, &s, &err) == MODAL_ELEMENT_FAILED);
+    CHECK_STRING(err.field, "effects[0].source");
+    if (strstr(err.message, message) == NULL)
+        fail_msg("%s: %s", source, err.message);
+    program_free(p);
+}
+
+/* Lua gives memory back on its way out of an error: the limit is still the one that was passed. */
+TEST(a_force_that_calls_itself_without_end_fails_by_its_limit)
+{
+    fails_with("function f(n) return 1 + f(n + 1) end function force(t, x, v, m) return f(1) end", "an element has at most 8388608 bytes");
+    fails_with("function force(t, x, v, m) local s = \\\"x\\\" while true do s = s .. s end end", "an element has at most 8388608 bytes");
+}
+
 /* Each call keeps 2000 tables of 56 bytes and more; steps enough pass the budget of one, and the stepping ends with its words. */
 TEST(a_force_that_keeps_more_and_more_fails_by_its_limit)
 {

@@ -28,7 +28,7 @@ struct lua_law {
     lua_State *L;
     size_t used, *together;
     bool unlimited;               /* outside a protected call, where a refusal would end the process: a table without entries */
-    enum { NO_LIMIT, OF_ONE, OF_ALL } passed;
+    enum { NO_LIMIT, OF_ONE, OF_ALL } passed;     /* by what was refused last */
     long left;                    /* instructions of this call */
     double scale_d, scale_v;
 };
@@ -46,16 +46,20 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
         *s->together -= old;
         return NULL;
     }
-    s->passed = s->unlimited || size <= old ? NO_LIMIT
-              : s->used + (size - old) > LAW_LUA_MOST ? OF_ONE
-              : *s->together + (size - old) > LAW_LUA_TOGETHER_MOST ? OF_ALL : NO_LIMIT;
-    if (s->passed != NO_LIMIT)
-        return NULL;
-    moved = realloc(block, size);
-    if (moved != NULL) {
-        s->used += size - old;
-        *s->together += size - old;
+    if (size > old && !s->unlimited) {
+        bool of_one = s->used + (size - old) > LAW_LUA_MOST;
+        if (of_one || *s->together + (size - old) > LAW_LUA_TOGETHER_MOST) {
+            s->passed = of_one ? OF_ONE : OF_ALL;
+            return NULL;
+        }
     }
+    moved = realloc(block, size);
+    if (moved == NULL) {
+        s->passed = NO_LIMIT;
+        return NULL;
+    }
+    s->used += size - old;
+    *s->together += size - old;
     return moved;
 }
 

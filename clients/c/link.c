@@ -1,15 +1,23 @@
 /* link.c - see link.h
  *
- * A DEALER with ZMQ_IMMEDIATE: what is sent goes to a finished connection or waits here.  The socket's monitor says
- * when a connection is ready and when it is lost; `generation` counts the losses, so that a question knows whether the
- * connection it was sent on still stands.
+ * A DEALER to which nothing is given before its connection is ready.  The socket's monitor says when
+ * that is, when it is lost, and why there was none; a lost connection ends its socket, and the next has
+ * one of its own.  `generation` counts the losses, so that a question knows whether the connection it
+ * was sent on still stands.
+ *
+ * As in modald_stream.c, no server may reach an assertion of libzmq's: input never stops (ZMQ_RCVHWM
+ * 0), no heartbeat is ours, no pipe is taken away (no ZMQ_IMMEDIATE); a server that says more than we
+ * take is hung up on.
  */
 #include "link.h"
 #include <errno.h>
+#include <fcntl.h>
+#include <grp.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 #include <zmq.h>
@@ -20,13 +28,26 @@ static const double first_patience = 2;      /* s: nobody there at the start */
 static const double lost_patience = 30;      /* s: a daemon that was there comes back in this time */
 static const double usual_patience = 5;      /* s: no answer, ask again */
 
+static const double pause_least = 0.05, pause_most = 1;      /* s between two connections */
+
+enum {
+    BACKLOG_MOST = 67108864,                 /* bytes without a silence: the largest document's */
+    MESSAGE_COST = 64,                       /* of a frame in libzmq's pipe, beside its bytes */
+};
+
 struct link {
-    void *context, *socket, *monitor;
+    void *context, *socket, *monitor;        /* socket NULL: between two connections */
     char *endpoint;
-    bool ready, was_ready, refused;
+    struct keyfile keys;                     /* "": none */
+    bool ready, was_ready;
+    bool lost, broken;                       /* broken: libzmq does not connect again by itself */
+    enum { NOTHING, KEY_REFUSED, MECHANISM, HANDSHAKE } failure;   /* of the last try */
+    unsigned sockets;                        /* made so far */
     unsigned generation;                     /* connections lost */
     unsigned told;                           /* losses that link_receive has reported */
     double since;                            /* of the connection's absence */
+    double begin_at, pause;                  /* when the next socket is made; the pause */
+    size_t heard;                            /* bytes since nothing was there to hear */
     int64_t next_id;
 };
 
@@ -57,29 +78,37 @@ static char *default_endpoint(void)
     return strdup("ipc:///run/modald/modald.ipc");
 }
 
-static enum modal_status set_keys(struct link *link, const char *path, struct modal_error *err)
+static enum modal_status read_keys(struct link *link, const char *path, struct modal_error *err)
 {
-    struct keyfile keys;
     enum modal_status rc;
 
     if (path == NULL)
         path = getenv("MODALD_KEYFILE");
     if (path == NULL || path[0] == 0)
         return MODAL_OK;
-    rc = keyfile_read(path, &keys, err);
-    if (rc == MODAL_OK && (keys.server[0] == 0 || zmq_setsockopt(link->socket, ZMQ_CURVE_SERVERKEY, keys.server, strlen(keys.server) + 1) != 0
-                           || zmq_setsockopt(link->socket, ZMQ_CURVE_PUBLICKEY, keys.public, strlen(keys.public) + 1) != 0
-                           || zmq_setsockopt(link->socket, ZMQ_CURVE_SECRETKEY, keys.secret, strlen(keys.secret) + 1) != 0))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "keyfile", "%s: accepted: a key file with public, secret and server keys", path);
-    keyfile_wipe(&keys);
+    rc = keyfile_read(path, &link->keys, err);
+    if (rc == MODAL_OK && (!link->keys.public[0] || !link->keys.secret[0] || !link->keys.server[0]))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "keyfile",
+                              "%s: accepted: a key file with public, secret and server keys", path);
     return rc;
+}
+
+static bool set_keys(const struct link *link)
+{
+    const struct keyfile *k = &link->keys;
+
+    return zmq_setsockopt(link->socket, ZMQ_CURVE_SERVERKEY, k->server, sizeof k->server) == 0
+        && zmq_setsockopt(link->socket, ZMQ_CURVE_PUBLICKEY, k->public, sizeof k->public) == 0
+        && zmq_setsockopt(link->socket, ZMQ_CURVE_SECRETKEY, k->secret, sizeof k->secret) == 0;
 }
 
 static void set_options(void *socket)
 {
     static const struct { int name, value; } options[] = {
-        { ZMQ_LINGER, 0 }, { ZMQ_IMMEDIATE, 1 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
-        { ZMQ_HEARTBEAT_IVL, 5000 }, { ZMQ_HEARTBEAT_TIMEOUT, 15000 }, { ZMQ_SNDHWM, 256 }, { ZMQ_RCVHWM, 4096 },
+        { ZMQ_LINGER, 0 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
+        { ZMQ_SNDHWM, 256 }, { ZMQ_RCVHWM, 0 },
+        { ZMQ_TCP_KEEPALIVE, 1 }, { ZMQ_TCP_KEEPALIVE_IDLE, 5 },
+        { ZMQ_TCP_KEEPALIVE_INTVL, 5 }, { ZMQ_TCP_KEEPALIVE_CNT, 2 }, { ZMQ_TCP_MAXRT, 15000 },
     };
     int64_t most = WIRE_BODY_MOST;
 
@@ -88,40 +117,78 @@ static void set_options(void *socket)
     zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &most, sizeof most);
 }
 
-/* The socket's own account of its connection, over inproc. */
+/* The socket's own account of its connection, over inproc; it must never wait for us. */
 static bool open_monitor(struct link *link)
 {
-    static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH
-                            | ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL | ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL;
+    static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED
+                            | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH | ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL
+                            | ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL;
     static const int none = 0;
     char name[64];
 
-    snprintf(name, sizeof name, "inproc://monitor-%p", (void *)link);
+    snprintf(name, sizeof name, "inproc://monitor-%u", ++link->sockets);
     link->monitor = zmq_socket(link->context, ZMQ_PAIR);
     return link->monitor != NULL && zmq_socket_monitor(link->socket, name, events) == 0
-        && zmq_setsockopt(link->monitor, ZMQ_LINGER, &none, sizeof none) == 0 && zmq_connect(link->monitor, name) == 0;
+        && zmq_setsockopt(link->monitor, ZMQ_LINGER, &none, sizeof none) == 0
+        && zmq_setsockopt(link->monitor, ZMQ_RCVHWM, &none, sizeof none) == 0
+        && zmq_connect(link->monitor, name) == 0;
+}
+
+static void close_socket(struct link *link)
+{
+    if (link->socket != NULL) {
+        zmq_socket_monitor(link->socket, NULL, 0);
+        zmq_close(link->socket);
+    }
+    if (link->monitor != NULL)
+        zmq_close(link->monitor);
+    link->socket = link->monitor = NULL;
+    link->lost = link->broken = false;
+    link->heard = 0;
+}
+
+/* A socket on its way to the endpoint; MODAL_BAD_INPUT: it is none. */
+static enum modal_status open_socket(struct link *link, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    link->socket = zmq_socket(link->context, ZMQ_DEALER);
+    if (link->socket == NULL || !open_monitor(link)) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "no socket: %s", zmq_strerror(errno));
+        goto out;
+    }
+    set_options(link->socket);
+    if (link->keys.server[0] != 0 && !set_keys(link))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "keyfile", "a key in it is no key");
+    else if (zmq_connect(link->socket, link->endpoint) != 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "server",
+                              "%.200s: %s; accepted: ipc://PATH or tcp://HOST:PORT",
+                              link->endpoint, zmq_strerror(errno));
+out:
+    if (rc != MODAL_OK)
+        close_socket(link);
+    return rc;
 }
 
 enum modal_status link_open(const char *endpoint, const char *keyfile, struct link **out, struct modal_error *err)
 {
     struct link *link = calloc(1, sizeof *link);
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc;
 
     if (link == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for a connection");
     link->since = link_now();
     link->next_id = 1;
+    link->pause = pause_least;
     link->endpoint = endpoint ? strdup(endpoint) : default_endpoint();
     link->context = zmq_ctx_new();
-    link->socket = link->context ? zmq_socket(link->context, ZMQ_DEALER) : NULL;
-    if (link->endpoint == NULL || link->socket == NULL || !open_monitor(link)) {
+    if (link->endpoint == NULL || link->context == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "no socket: %s", zmq_strerror(errno));
         goto out;
     }
-    set_options(link->socket);
-    rc = set_keys(link, keyfile, err);
-    if (rc == MODAL_OK && zmq_connect(link->socket, link->endpoint) != 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "server", "%.200s: %s; accepted: ipc://PATH or tcp://HOST:PORT", link->endpoint, zmq_strerror(errno));
+    rc = read_keys(link, keyfile, err);
+    if (rc == MODAL_OK)
+        rc = open_socket(link, err);
 out:
     if (rc == MODAL_OK)
         *out = link;
@@ -134,14 +201,10 @@ void link_close(struct link *link)
 {
     if (link == NULL)
         return;
-    if (link->socket != NULL) {
-        zmq_socket_monitor(link->socket, NULL, 0);
-        zmq_close(link->socket);
-    }
-    if (link->monitor != NULL)
-        zmq_close(link->monitor);
+    close_socket(link);
     if (link->context != NULL)
         zmq_ctx_term(link->context);
+    keyfile_wipe(&link->keys);
     free(link->endpoint);
     free(link);
 }
@@ -151,27 +214,61 @@ const char *link_endpoint(const struct link *link)
     return link->endpoint;
 }
 
-/* Take in what the monitor has to say. */
+/* What came on this connection is heard, or shall not be: its socket ends with it. */
+static void renew(struct link *link)
+{
+    close_socket(link);
+    link->begin_at = link_now() + link->pause;
+    link->pause = fmin(2 * link->pause, pause_most);
+}
+
+static void note(struct link *link, uint16_t event, uint32_t value)
+{
+    switch (event) {
+    case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
+        link->ready = link->was_ready = true;
+        link->failure = NOTHING;
+        break;
+    case ZMQ_EVENT_DISCONNECTED:
+        link->generation += link->ready;
+        link->since = link->ready ? link_now() : link->since;
+        link->lost |= link->ready || link->broken;
+        link->ready = false;
+        break;
+    case ZMQ_EVENT_HANDSHAKE_FAILED_AUTH:
+        link->failure = KEY_REFUSED;
+        link->broken = true;
+        break;
+    case ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL:
+        link->failure = value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH ? MECHANISM : HANDSHAKE;
+        link->broken = true;
+        break;
+    case ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL:
+        link->failure = HANDSHAKE;
+        break;
+    }
+}
+
+/* Take in what the monitor has to say; begin the next connection when it is time. */
 static void listen(struct link *link)
 {
+    struct modal_error ignored;
     zmq_msg_t frame;
     uint16_t event;
+    uint32_t value;
 
+    if (link->socket == NULL && link_now() >= link->begin_at
+        && open_socket(link, &ignored) != MODAL_OK)
+        link->begin_at = link_now() + pause_most;
+    if (link->socket == NULL)
+        return;
     zmq_msg_init(&frame);
     while (zmq_msg_recv(&frame, link->monitor, ZMQ_DONTWAIT) >= 0) {
-        bool first = zmq_msg_more(&frame) && zmq_msg_size(&frame) >= 6;
-        memcpy(&event, zmq_msg_data(&frame), first ? sizeof event : 0);
-        if (!first)
+        if (!zmq_msg_more(&frame) || zmq_msg_size(&frame) < sizeof event + sizeof value)
             continue;
-        if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
-            link->ready = link->was_ready = true;
-        } else if (event == ZMQ_EVENT_DISCONNECTED) {
-            link->generation += link->ready;
-            link->since = link->ready ? link_now() : link->since;
-            link->ready = false;
-        } else if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) {
-            link->refused = true;
-        }
+        memcpy(&event, zmq_msg_data(&frame), sizeof event);
+        memcpy(&value, (const char *)zmq_msg_data(&frame) + sizeof event, sizeof value);
+        note(link, event, value);
     }
     zmq_msg_close(&frame);
 }
@@ -179,10 +276,17 @@ static void listen(struct link *link)
 /* Sleep until something happens, at most SECONDS. */
 static void sleep_on(struct link *link, double seconds)
 {
-    zmq_pollitem_t items[] = { { link->socket, 0, ZMQ_POLLIN, 0 }, { link->monitor, 0, ZMQ_POLLIN, 0 } };
-    double ms = ceil(1000 * seconds);
+    double s = fmin(fmax(seconds, 0), 1000);
 
-    zmq_poll(items, 2, ms < 0 ? 0 : ms > 1e6 ? 1000000 : (long)ms);
+    if (link->socket != NULL) {
+        zmq_pollitem_t items[] = {
+            { link->socket, 0, ZMQ_POLLIN, 0 }, { link->monitor, 0, ZMQ_POLLIN, 0 }
+        };
+        zmq_poll(items, 2, (long)ceil(1000 * s));
+    } else {
+        s = fmin(s, fmax(link->begin_at - link_now(), 0));
+        nanosleep(&(struct timespec) { (time_t)s, (long)(1e9 * (s - floor(s))) }, NULL);
+    }
     listen(link);
 }
 
@@ -229,23 +333,51 @@ static void take_frame(int count, zmq_msg_t *frame, struct link_message *out, bo
     }
 }
 
-/* One message if there is one; what is no message of the protocol is dropped. */
-static bool receive_now(struct link *link, struct link_message *out)
+/* The next message's frames, into OUT as far as they are of the protocol; how many there are. */
+static int receive_frames(struct link *link, struct link_message *out, bool *good)
 {
     zmq_msg_t frame;
-    bool good = false, more = true;
+    bool more = true;
     int count = 0;
 
-    *out = (struct link_message) { 0 };
     zmq_msg_init(&frame);
-    while (more && zmq_msg_recv(&frame, link->socket, ZMQ_DONTWAIT) >= 0) {
+    while (more && link->heard <= BACKLOG_MOST
+           && zmq_msg_recv(&frame, link->socket, ZMQ_DONTWAIT) >= 0) {
         more = zmq_msg_more(&frame);
-        take_frame(count++, &frame, out, &good);
+        link->heard += MESSAGE_COST + zmq_msg_size(&frame);
+        take_frame(count++, &frame, out, good);
     }
     zmq_msg_close(&frame);
-    if (good && out->header != NULL)
-        return true;
-    link_message_done(out);
+    return count;
+}
+
+/* The server says more than we take: the connection is lost by our own doing. */
+static void hang_up(struct link *link)
+{
+    note(link, ZMQ_EVENT_DISCONNECTED, 0);
+    link->pause = pause_most;
+    renew(link);
+}
+
+/* One message if there is one; what is no message of the protocol is passed over. */
+static bool receive_now(struct link *link, struct link_message *out)
+{
+    bool good = false;
+
+    *out = (struct link_message) { 0 };
+    while (link->socket != NULL && receive_frames(link, out, &good) > 0) {
+        if (link->heard > BACKLOG_MOST) {
+            hang_up(link);
+        } else if (good && out->header != NULL) {
+            link->pause = pause_least;
+            return true;
+        }
+        link_message_done(out);
+        good = false;
+    }
+    link->heard = 0;
+    if (link->lost)
+        renew(link);
     return false;
 }
 
@@ -253,7 +385,9 @@ int64_t link_message_id(const struct link_message *message)
 {
     const cJSON *id = cJSON_GetObjectItemCaseSensitive(message->header, "id");
 
-    return cJSON_IsNumber(id) ? (int64_t)id->valuedouble : -1;
+    bool good = cJSON_IsNumber(id) && fabs(id->valuedouble) <= WIRE_INTEGER_MOST;
+
+    return good ? (int64_t)id->valuedouble : -1;
 }
 
 enum modal_status link_error(const struct link_message *message, cJSON **detail, struct modal_error *err)
@@ -269,12 +403,23 @@ enum modal_status link_error(const struct link_message *message, cJSON **detail,
     return modal_fail_field(err, modal_status_from_code(code), field ? field : "", "%s", text ? text : "the daemon gave no reason");
 }
 
+/* Is the endpoint a socket of this host that we may not open? */
+static bool is_closed_to_us(const struct link *link)
+{
+    const char *path = strncmp(link->endpoint, "ipc://", 6) == 0 ? link->endpoint + 6 : "@";
+
+    return *path != '@' && faccessat(AT_FDCWD, path, W_OK, AT_EACCESS) != 0 && errno == EACCES;
+}
+
 /* Has nobody been there for too long to go on hoping? */
 static bool given_up(const struct link *link, double now)
 {
     if (link->ready)
         return false;
-    return link->was_ready ? now > link->since + lost_patience : link->refused || now > link->since + first_patience;
+    if (link->was_ready)
+        return now > link->since + lost_patience;
+    return link->failure == KEY_REFUSED || link->failure == MECHANISM
+        || now > link->since + first_patience || is_closed_to_us(link);
 }
 
 bool link_lost(const struct link *link)
@@ -282,11 +427,50 @@ bool link_lost(const struct link *link)
     return given_up(link, link_now());
 }
 
+static enum modal_status denied_by_mode(const struct link *link, struct modal_error *err)
+{
+    char buffer[1024];
+    struct group group, *found = NULL;
+    struct stat st;
+
+    if (stat(link->endpoint + 6, &st) != 0)
+        return modal_fail(err, MODAL_DENIED, "%.200s: permission denied: a folder on its way is closed to us",
+                          link->endpoint);
+    if (getgrgid_r(st.st_gid, &group, buffer, sizeof buffer, &found) != 0)
+        found = NULL;
+    return modal_fail(err, MODAL_DENIED, "%.200s: permission denied: the socket has mode %03o and group %s; "
+                      "ipc_mode of the daemon and being of that group let one in", link->endpoint,
+                      (unsigned)st.st_mode & 0777, found != NULL ? group.gr_name : "unknown");
+}
+
+/* Why there is no connection. */
 static enum modal_status nobody(const struct link *link, struct modal_error *err)
 {
-    if (link->refused)
-        return modal_fail(err, MODAL_DENIED, "%s: our key was refused", link->endpoint);
-    return modal_fail(err, MODAL_NO_SERVER, "no modald at %s; start one, name another with --server or $MODALD_URL, or use --local", link->endpoint);
+    static const char none[] = "no modald at %.200s; start one, name another with --server or $MODALD_URL, "
+                               "or use --local";
+    static const struct { enum modal_status rc; const char *text; } why[4][2] = {
+        [NOTHING] = { { MODAL_NO_SERVER, none }, { MODAL_NO_SERVER, none } },       /* without keys, with */
+        [KEY_REFUSED] = {
+            { MODAL_DENIED, "%.200s: the daemon refused us" },
+            { MODAL_DENIED, "%.200s: our key was refused: the daemon's keys file does not have it" },
+        },
+        [MECHANISM] = {
+            { MODAL_DENIED, "%.200s: the daemon wants a key: --keyfile or $MODALD_KEYFILE names a file "
+                            "that modalctl keygen made" },
+            { MODAL_DENIED, "%.200s: the daemon takes no keys: leave out --keyfile and $MODALD_KEYFILE" },
+        },
+        [HANDSHAKE] = {
+            { MODAL_NO_SERVER, "%.200s: somebody is there, but no modald, or one that wants a key "
+                               "(--keyfile, $MODALD_KEYFILE)" },
+            { MODAL_DENIED, "%.200s: somebody is there, but does not answer to our keys: "
+                            "server-key in the key file is another daemon's" },
+        },
+    };
+    bool keys = link->keys.server[0] != 0;
+
+    if (is_closed_to_us(link))
+        return denied_by_mode(link, err);
+    return modal_fail(err, why[link->failure][keys].rc, why[link->failure][keys].text, link->endpoint);
 }
 
 /* HEADER, which is freed, as text with the next id; the caller frees it. */
@@ -329,6 +513,8 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
             rc = link->ready ? modal_fail(err, MODAL_TIMEOUT, "%s takes no more messages", link->endpoint) : nobody(link, err);
             break;
         }
+        if (link->lost)
+            renew(link);
         sleep_on(link, fmin(deadline - now, link->ready ? 0.002 : 0.1));
     }
     free(header);
@@ -380,13 +566,14 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
 
     for (;;) {
         listen(link);
-        if (!keep_asking(link, ask, header, &state))
-            return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost before the answer; the job may have been accepted or not", link->endpoint);
         while (receive_now(link, out)) {
             if (out->type != LINK_EVENT && (link_message_id(out) == id || is_of_nobody(out)))
                 return MODAL_OK;
             link_message_done(out);             /* a late answer to what was given up */
         }
+        if (!keep_asking(link, ask, header, &state))
+            return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost before the answer; "
+                              "the job may have been accepted or not", link->endpoint);
         double now = link_now();
         if (given_up(link, now))
             return nobody(link, err);

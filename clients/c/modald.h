@@ -4,6 +4,8 @@
  * Every call returns an exit status of modalctl: 0 done, 1 the job failed, 2 bad input, 3 no server, 4 refused,
  * 5 not finished in time; then `error` (may be NULL) says why, with the stable code of the protocol.  Documents are
  * JSON text, as modalctl --json prints it; the caller frees it with modald_free.  One thread a connection at a time.
+ * No server ends the process, and one that says more than a call takes is hung up on; between calls
+ * nobody counts what it says: where it is not trusted with your memory, disconnect after each.
  */
 #ifndef MODALD_H
 #define MODALD_H

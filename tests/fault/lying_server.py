@@ -42,8 +42,9 @@ class Gone(Exception):
 
 
 class Connection:
-    def __init__(self, s):
-        self.s, self.came = s, b""
+    def __init__(self, s, streams):
+        self.s, self.came, self.streams = s, b"", streams
+        self.many = 2000 if streams else 12000          # events: more than either library let wait
 
     def send(self, data):
         try:
@@ -93,9 +94,12 @@ class Connection:
             self.send(said(b"REPLY", answer(header)))
 
     def opened(self):
-        """Answer until samples come: the first push."""
+        """Answer until samples come: the first push.  Of a client without a stream: its first question, answered too."""
         self.shake_hands()
-        return self.header("push")
+        header = self.header("push" if self.streams else None)
+        if not self.streams:
+            self.send(said(b"REPLY", {**answer(header), "subscription": "1", "next": 1}))
+        return header
 
 
 def answer(header):
@@ -109,14 +113,14 @@ def busy_then_a_flood_then_gone(c, played):
     """The thread that reads was to sleep, the pipe to fill, input to stop and the hang-up to be found there by the next heartbeat."""
     push = c.opened()
     c.send(said(b"ERROR", {"id": push["id"], "error": {"code": "busy", "message": "x", "detail": {"retry_after_s": 0.5}}}) * 20)
-    c.send(said(b"EVENT", EVENT) * 3000)
+    c.send(said(b"EVENT", EVENT) * c.many * 2)
     played()
 
 
 def a_flood_with_pings_then_gone(c, played):
     """What is still in the buffer when input goes on again asks for a PONG, and there is nobody to send it to."""
     c.opened()
-    c.send(b"".join(said(b"EVENT", EVENT) + PING for _ in range(2000)))
+    c.send(b"".join(said(b"EVENT", EVENT) + PING for _ in range(c.many)))
     played()
 
 
@@ -267,17 +271,19 @@ FLOODS = [events_without_end, large_events_without_end]
 
 
 class Server:
-    def __init__(self, path, trick):
-        self.url, self.trick, self.played = f"ipc://{path}", trick, 0
+    def __init__(self, path, trick, streams=True):
+        self.url, self.trick, self.streams, self.played = f"ipc://{path}", trick, streams, 0
+        self.lock, self.open = threading.Lock(), set()
         self.listener = socket.socket(socket.AF_UNIX)
         self.listener.bind(str(path))
         self.listener.listen(8)
-        self.thread = threading.Thread(target=self.serve)
-        self.thread.start()
+        self.threads = [threading.Thread(target=self.serve)]
+        self.threads[0].start()
 
     def count(self):
-        self.played += 1
-        return self.played - 1
+        with self.lock:
+            self.played += 1
+            return self.played - 1
 
     def serve(self):
         while True:
@@ -285,10 +291,21 @@ class Server:
                 s, _ = self.listener.accept()
             except OSError:
                 return
-            with s, contextlib.suppress(Gone, ValueError):
-                self.trick(Connection(s), self.count)
+            self.open.add(s)
+            self.threads.append(threading.Thread(target=self.play, args=(s,)))
+            self.threads[-1].start()
+
+    def play(self, s):
+        with s, contextlib.suppress(Gone, ValueError):
+            self.trick(Connection(s, self.streams), self.count)
+        self.open.discard(s)
 
     def stop(self):
         self.listener.shutdown(socket.SHUT_RDWR)
+        self.threads[0].join()
+        for s in list(self.open):
+            with contextlib.suppress(OSError):
+                s.shutdown(socket.SHUT_RDWR)
+        for thread in self.threads:
+            thread.join()
         self.listener.close()
-        self.thread.join()

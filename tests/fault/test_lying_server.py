@@ -98,6 +98,60 @@ def test_a_server_that_speaks_without_end_costs_the_host_bounded_memory(flood, p
     assert host.most_mb < (2000 if sanitized.SANITIZED else 400)
 
 
+PYTHON = """
+import sys, time, modald
+end, asked = time.monotonic() + float(sys.argv[2]), 0
+while time.monotonic() < end:
+    try:
+        with modald.connect(sys.argv[1], timeout=max(0.1, end - time.monotonic())) as c:
+            for event in c.events(0, timeout=end - time.monotonic()):
+                asked += 1
+    except modald.Error:
+        time.sleep(0.05)
+print("lived")
+"""
+
+
+def ask_by_python(url, seconds, folder):
+    return ["/usr/bin/python3", "-c", PYTHON, url, str(seconds)], 0, "lived\n"
+
+
+def ask_by_modalctl(url, seconds, folder):
+    """It goes on watching whatever is said, and ends by itself: by its own time, or by an answer that is none."""
+    return ["sh", "-c", f'end=$(($(date +%s) + {seconds})); while [ $(date +%s) -lt $end ]; do timeout -s KILL {2 * seconds} "$0" --server "$1" --timeout {seconds} '
+            f'watch >{folder}/said 2>&1; rc=$?; [ $rc -le 5 ] || exit $rc; sleep 0.05; done; echo lived', str(BUILD / "bin" / "modalctl"), url], 0, "lived\n"
+
+
+QUESTIONS = [t for t in lying_server.TRICKS if t is not lying_server.all_is_busy]
+
+
+@pytest.fixture(scope="module", params=[ask_by_python, ask_by_modalctl], ids=["python", "modalctl"])
+def clients(request, tmp_path_factory):
+    """The same tricks for who asks, in place of who pushes: of each, how often it was played and how the client ended."""
+    folder = tmp_path_factory.mktemp("asked")
+    servers = {trick: lying_server.Server(folder / str(i), trick, streams=False) for i, trick in enumerate(QUESTIONS)}
+    runs = {}
+    for i, (trick, server) in enumerate(servers.items()):
+        own = folder / f"client-{i}"
+        own.mkdir()
+        words, status, out = request.param(server.url, 7, own)
+        runs[trick] = (subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                        env=environment(PYTHONPATH=HERE.parents[1] / "clients" / "python")), status, out)
+    ends = {}
+    for trick, (run, status, out) in runs.items():
+        said, err = run.communicate(timeout=PATIENCE)
+        ends[trick] = (servers[trick].played, (run.returncode, said) == (status, out), run.returncode, said[-300:], err[-600:])
+        servers[trick].stop()
+    return ends
+
+
+@pytest.mark.parametrize("trick", QUESTIONS, ids=lambda trick: trick.__name__)
+def test_no_lie_of_a_server_ends_who_asks_it(trick, clients):
+    played, good, *told = clients[trick]
+    assert played > 0
+    assert good, told
+
+
 HONEST = f"""
 import json, sys, zmq
 s = zmq.Context().socket(zmq.ROUTER)

@@ -1,41 +1,26 @@
 """A connection to modald: every verb of proto/PROTOCOL.md, reconnecting by itself, never waiting longer than it is told."""
 from __future__ import annotations
 
-import itertools
 import math
 import os
-import pathlib
 import secrets
-import stat
 import time
+import weakref
 from dataclasses import dataclass, field
 from typing import Any, Callable, Iterator, Mapping, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
-import zmq
-import zmq.utils.monitor
 
 from . import wire
+from .link import Error, Link, LOST_PATIENCE, Talk
 
 Document = dict[str, Any]
 Progress = Callable[[str, float], None]
 SHARES_MOST = 64                                                                    # of a sweep
 TOGETHER_MOST = 64                                                                  # submissions in one message
 ENDED = ("done", "failed", "cancelled", "dead")
-FIRST_PATIENCE, LOST_PATIENCE, ASK_AGAIN, CHUNK_PATIENCE = 2.0, 30.0, 5.0, 10.0     # s
-
-
-class Error(Exception):
-    """A failure: `code` is the protocol's, `field` names what is at fault, `detail` says more."""
-
-    def __init__(self, code: str, message: str, field: str | None = None, detail: Document | None = None):
-        super().__init__(f"{code}: {field + ': ' if field else ''}{message}")
-        self.code, self.message, self.field, self.detail = code, message, field, detail or {}
-
-    @classmethod
-    def of(cls, error: Mapping[str, Any]) -> "Error":
-        return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"), error.get("detail"))
+ASK_AGAIN, CHUNK_PATIENCE = 5.0, 10.0                                               # s
 
 
 def _seconds(value: Any, field: str) -> float:
@@ -193,48 +178,18 @@ def default_endpoint() -> str:
     return "ipc:///run/modald/modald.ipc"
 
 
-def read_keyfile(path: str) -> dict[str, bytes]:
-    """Keys of a file that only its owner may read."""
-    if stat.S_IMODE(os.stat(path).st_mode) & 0o077:
-        raise Error("bad_input", f"{path}: others may read it; accepted: a file of mode 0600", "keyfile")
-    keys = {}
-    for line in pathlib.Path(path).read_text().splitlines():
-        name, equals, value = line.partition("=")
-        if equals and not line.lstrip().startswith("#"):
-            keys[name.strip()] = value.strip().strip('"').encode()
-    if not {"public-key", "secret-key", "server-key"} <= keys.keys():
-        raise Error("bad_input", f"{path}: accepted: public-key, secret-key and server-key", "keyfile")
-    return keys
-
-
 class Client:
-    """See the module.  `timeout` [s] bounds every call that is not given its own; None: no bound but a lost daemon's 30 s."""
+    """A connection, for any number of threads: one of its own speaks with the daemon, and who asks waits for his answer alone.
+
+    `timeout` [s] bounds every call that is not given its own; None: no bound but a lost daemon's 30 s.  After `close` every call, also
+    one that waits in another thread, is an Error.  A client is not taken over a fork: the child makes its own."""
 
     def __init__(self, endpoint: str | None = None, keyfile: str | None = None, timeout: float | None = 60.0):
         self.endpoint = endpoint or default_endpoint()
         self.keyfile = keyfile or os.environ.get("MODALD_KEYFILE") or None
         self.timeout = timeout
-        self._ids = itertools.count(1)
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.DEALER)
-        for option, value in ((zmq.LINGER, 0), (zmq.IMMEDIATE, 1), (zmq.RECONNECT_IVL, 50), (zmq.RECONNECT_IVL_MAX, 1000),
-                              (zmq.HEARTBEAT_IVL, 5000), (zmq.HEARTBEAT_TIMEOUT, 15000), (zmq.SNDHWM, 256), (zmq.RCVHWM, 4096),
-                              (zmq.MAXMSGSIZE, wire.BODY_MOST)):
-            self._socket.setsockopt(option, value)
-        try:
-            if self.keyfile:
-                keys = read_keyfile(self.keyfile)
-                self._socket.curve_publickey, self._socket.curve_secretkey = keys["public-key"], keys["secret-key"]
-                self._socket.curve_serverkey = keys["server-key"]
-            self._monitor = self._socket.get_monitor_socket(
-                zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
-            self._socket.connect(self.endpoint)
-        except (zmq.ZMQError, OSError) as why:
-            self._context.destroy(linger=0)
-            raise Error("bad_input", f"{self.endpoint}: {why}", "server" if isinstance(why, zmq.ZMQError) else "keyfile") from why
-        self._ready = self._was_ready = self._refused = False
-        self._losses, self._told = 0, 0
-        self._since = time.monotonic()
+        self._link = Link(self.endpoint, self.keyfile)
+        self._end = weakref.finalize(self, self._link.close)
 
     def __enter__(self) -> "Client":
         return self
@@ -243,126 +198,43 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        self._context.destroy(linger=0)
+        """End the connection; calls that still wait in other threads are told so."""
+        self._end()
 
     # -- messages -------------------------------------------------------------------------------------------------
-
-    def _listen(self) -> None:
-        while self._monitor.poll(0):
-            event = zmq.utils.monitor.recv_monitor_message(self._monitor)["event"]
-            if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
-                self._ready = self._was_ready = True
-            elif event == zmq.EVENT_DISCONNECTED:
-                if self._ready:
-                    self._losses += 1
-                    self._since = time.monotonic()
-                self._ready = False
-            elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-                self._refused = True
-
-    def _sleep(self, seconds: float) -> None:
-        poller = zmq.Poller()
-        poller.register(self._socket, zmq.POLLIN)
-        poller.register(self._monitor, zmq.POLLIN)
-        poller.poll(max(0, int(1000 * seconds + 0.999)))
-
-    def _lost(self) -> bool:
-        if self._ready:
-            return False
-        patience = LOST_PATIENCE if self._was_ready else FIRST_PATIENCE
-        return (self._refused and not self._was_ready) or time.monotonic() > self._since + patience
-
-    def _nobody(self) -> Error:
-        if self._refused:
-            return Error("denied", f"{self.endpoint}: our key was refused")
-        return Error("no_server", f"no modald at {self.endpoint}")
 
     def _deadline(self, timeout: float | None) -> float:
         timeout = self.timeout if timeout is None else timeout
         return float("inf") if timeout is None else time.monotonic() + timeout
 
-    def _send_now(self, frames: Sequence[bytes | memoryview]) -> bool:
-        if not self._ready:
-            return False
-        try:
-            self._socket.send_multipart(frames, zmq.DONTWAIT)
-            return True
-        except zmq.Again:
-            return False
-
-    def _receive_now(self) -> tuple[str, Document, list[bytes]] | None:
-        while True:
-            try:
-                frames = self._socket.recv_multipart(zmq.DONTWAIT)
-            except zmq.Again:
-                return None
-            try:
-                return wire.decode(frames)
-            except ValueError:
-                continue                            # no message of the protocol
-
-    @staticmethod
-    def _frames(verb: str, header: Document, body: Sequence[bytes | memoryview]) -> list[bytes | memoryview]:
-        try:
-            return wire.encode(verb, header, *body)
-        except ValueError as why:                   # too long, NaN, or no text
-            raise Error("bad_input", str(why), "header") from why
-
-    def _send(self, verb: str, header: Document, body: Sequence[bytes | memoryview], deadline: float) -> int:
-        number = next(self._ids)
-        frames = self._frames(verb, {**header, "id": number}, body)
-        self._listen()
-        while not self._send_now(frames):
-            if self._lost():
-                raise self._nobody()
-            if time.monotonic() >= deadline:
-                raise Error("timeout", f"{self.endpoint} takes no more messages") if self._ready else self._nobody()
-            self._sleep(0.002 if self._ready else 0.1)
-            self._listen()
-        return number
-
-    def _receive(self, deadline: float) -> tuple[str, Document, list[bytes]] | None:
-        """The next message; None once after each loss of the connection."""
-        while True:
-            self._listen()
-            message = self._receive_now()
-            if message is not None:
-                return message
-            if self._told != self._losses:
-                self._told = self._losses
-                return None
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise Error("timeout", f"{self.endpoint}: nothing came in time")
-            self._sleep(min(left, 1.0))
-
     def ask(self, verb: str, header: Document | None = None, body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
             once: bool = False, patience: float = ASK_AGAIN) -> tuple[Document, list[bytes]]:
         """Ask and wait for the answer; asked again over a new connection, unless `once`."""
         deadline = self._deadline(timeout)
-        number = next(self._ids)
-        frames = self._frames(verb, {**(header or {}), "id": number}, body)
-        sent_on, sent_at = -1, 0.0
-        while True:
-            self._listen()
-            stale = sent_on >= 0 and (sent_on != self._losses or time.monotonic() > sent_at + patience)
-            if stale and once and sent_on != self._losses:
-                raise Error("no_server", "the connection was lost before the answer; the job may have been accepted or not")
-            if (sent_on < 0 or (stale and not once)) and self._send_now(frames):
-                sent_on, sent_at = self._losses, time.monotonic()
-            while (message := self._receive_now()) is not None:
-                kind, answer, parts = message
-                if kind != "EVENT" and answer.pop("id", None) in ((number, None) if kind == "ERROR" else (number,)):
-                    if kind == "ERROR":
-                        raise Error.of(answer["error"])
-                    answer.pop("verb", None)
-                    return answer, parts
-            if self._lost():
-                raise self._nobody()
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise Error("timeout", f"no answer to {verb} in time") if self._ready else self._nobody()
-            self._sleep(min(left, 1.0 if sent_on >= 0 else 0.05))
+        with Talk(self._link) as talk:
+            while True:
+                talk.send(verb, header or {}, body)
+                again = float("inf") if once else time.monotonic() + patience
+                while True:
+                    try:
+                        message = talk.receive(min(deadline, again), f"no answer to {verb} in time")
+                    except Error as why:
+                        if why.code != "timeout" or time.monotonic() >= deadline:
+                            raise
+                        break
+                    if message is None:
+                        self._link.check()
+                        if once:
+                            raise Error("no_server", "the connection was lost before the answer; the job may have been accepted or not")
+                        break
+                    return self._answer(message)
+
+    @staticmethod
+    def _answer(message: tuple[str, Document, list[bytes]]) -> tuple[Document, list[bytes]]:
+        kind, answer, parts = message
+        if kind == "ERROR":
+            raise Error.of(answer["error"])
+        return {key: value for key, value in answer.items() if key not in ("id", "verb")}, parts
 
     # -- inputs ---------------------------------------------------------------------------------------------------
 
@@ -402,24 +274,23 @@ class Client:
     def _chunks(self, begun: Document, data: memoryview, deadline: float, progress: Progress | None) -> bool:
         """All chunks from `present` on, within the credit; False: the connection was lost, begin again."""
         present, credit, sent = int(begun["present"]), int(begun["credit"]), int(begun["present"])
-        self._told = self._losses
-        while present < len(data):
-            while sent < len(data):
-                chunk = data[sent:sent + wire.CHUNK_MOST]
-                if sent > present and sent + len(chunk) - present > credit:
-                    break
-                self._send("UPLOAD", {"op": "chunk", "upload": begun["upload"], "offset": sent, "crc32c": wire.crc32c(chunk)}, [chunk], deadline)
-                sent += len(chunk)
-            try:
-                message = self._receive(min(deadline, time.monotonic() + CHUNK_PATIENCE))
-            except Error:
-                return False
-            if message is None:
-                return False
-            kind, answer, _ = message
-            if kind == "ERROR" and answer.get("verb") == "UPLOAD":
-                raise Error.of(answer["error"])
-            if kind == "REPLY" and answer.get("upload") == begun["upload"]:
+        with Talk(self._link) as talk:
+            while present < len(data):
+                while sent < len(data):
+                    chunk = data[sent:sent + wire.CHUNK_MOST]
+                    if sent > present and sent + len(chunk) - present > credit:
+                        break
+                    talk.send("UPLOAD", {"op": "chunk", "upload": begun["upload"], "offset": sent, "crc32c": wire.crc32c(chunk)}, [chunk])
+                    sent += len(chunk)
+                try:
+                    message = talk.receive(min(deadline, time.monotonic() + CHUNK_PATIENCE))
+                except Error as why:
+                    if why.code != "timeout":
+                        raise
+                    return False
+                if message is None:
+                    return False
+                answer, _ = self._answer(message)
                 present, credit = max(present, int(answer["present"])), int(answer["credit"])
                 if progress:
                     progress("upload", present / len(data))
@@ -466,41 +337,42 @@ class Client:
         for i, (kind, value, options, key) in enumerate(jobs):
             header, body = self.submission(kind, value, options, timeout=timeout)
             ready[i] = ({**header, "key": key}, body)
-        self._told = self._losses
-        while waiting or flying:
-            while waiting and sum(map(len, flying.values())) + together <= max(window, together):
-                number, parts = self._send_some(ready, waiting, together, deadline)
-                flying[number] = parts
-            message = self._receive(deadline)
-            if message is None:
-                waiting.extend(i for parts in flying.values() for i in parts)
-                flying.clear()
-                continue
-            kind, answer, body = message
-            parts = flying.pop(answer.pop("id", None), [])
-            if kind == "ERROR" and answer["error"]["code"] == "unknown_verb" and together > 1:
-                together = 1                        # a daemon of before SUBMITS
-                waiting.extend(parts)
-                continue
-            answers = wire.loads(body[0])["jobs"] if kind == "REPLY" and len(parts) > 1 else [answer] * len(parts)
-            waiting.extend(self._take(parts, answers, out))
+        with Talk(self._link) as talk:
+            while waiting or flying:
+                while waiting and sum(map(len, flying.values())) + together <= max(window, together):
+                    number, parts = self._send_some(talk, ready, waiting, together)
+                    flying[number] = parts
+                message = talk.receive(deadline)
+                if message is None:                     # again: the keys tell what was accepted
+                    self._link.forget(talk)
+                    waiting.extend(i for parts in flying.values() for i in parts)
+                    flying.clear()
+                    continue
+                kind, answer, body = message
+                parts = flying.pop(answer.get("id"), [])
+                if kind == "ERROR" and answer["error"]["code"] == "unknown_verb" and together > 1:
+                    together = 1                        # a daemon of before SUBMITS
+                    waiting.extend(parts)
+                    continue
+                answers = wire.loads(body[0])["jobs"] if kind == "REPLY" and len(parts) > 1 else [answer] * len(parts)
+                waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
 
-    def _send_some(self, ready: Mapping[int, tuple[Document, list[memoryview]]], waiting: list[int], most: int, deadline: float) -> tuple[int, list[int]]:
+    def _send_some(self, talk: Talk, ready: Mapping[int, tuple[Document, list[memoryview]]], waiting: list[int], most: int) -> tuple[int, list[int]]:
         """As many of `waiting`, from its end, as one message takes: its number and theirs."""
         parts: list[int] = []
         header = length = 0
         while waiting and len(parts) < most:
             part, body = ready[waiting[-1]]
-            header += len(self._frames("SUBMIT", part, body)[2]) + 16
+            header += len(self._link.frames("SUBMIT", part, body)[2]) + 16
             length += sum(map(len, body))
             if parts and (header > wire.HEADER_MOST - 64 or length > wire.BODY_MOST):
                 break
             parts.append(waiting.pop())
         if len(parts) == 1:
-            return self._send("SUBMIT", *ready[parts[0]], deadline), parts
+            return talk.send("SUBMIT", *ready[parts[0]]), parts
         bodies = b"".join(chunk for i in parts for chunk in ready[i][1])
-        return self._send("SUBMITS", {"jobs": [self._part(*ready[i]) for i in parts]}, [bodies] if bodies else [], deadline), parts
+        return talk.send("SUBMITS", {"jobs": [self._part(*ready[i]) for i in parts]}, [bodies] if bodies else []), parts
 
     @staticmethod
     def _part(header: Document, body: Sequence[memoryview]) -> Document:
@@ -515,7 +387,7 @@ class Client:
         for i, answer in zip(parts, answers):
             error = answer.get("error") if "job" not in answer else None
             if error is None:
-                out[i] = Job(self, {name: value for name, value in answer.items() if name != "verb"})
+                out[i] = Job(self, {name: value for name, value in answer.items() if name not in ("id", "verb")})
             elif error["code"] in ("busy", "draining") or "retry_after_s" in (error.get("detail") or {}):
                 pause = max(pause, float((error.get("detail") or {}).get("retry_after_s", 0.1)))
                 again.append(i)
@@ -591,17 +463,20 @@ class Client:
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
         with Client(self.endpoint, self.keyfile, self.timeout) as other:
             while True:
-                header: Document = {**({"from": start} if start is not None else {}), **({"job": job} if job else {}),
-                                    **({"stream": stream} if stream else {})}
-                answer, _ = other.ask("EVENTS", header)
-                subscription = answer["subscription"]
-                other._told = other._losses
-                while (message := other._receive(deadline)) is not None:
-                    kind, event, _ = message
-                    if kind == "EVENT" and event.pop("subscription", None) == subscription:
-                        if event.get("number") is not None:
-                            start = int(event["number"]) + 1
-                        yield Event(event)
+                with Talk(other._link) as talk:
+                    talk.listens = True
+                    talk.send("EVENTS", {**({"from": start} if start is not None else {}), **({"job": job} if job else {}),
+                                         **({"stream": stream} if stream else {})})
+                    subscription = None
+                    while (message := talk.receive(deadline)) is not None:
+                        kind, event, _ = message
+                        if kind != "EVENT":
+                            subscription = self._answer(message)[0]["subscription"]
+                        elif event.pop("subscription", None) == subscription:
+                            if event.get("number") is not None:
+                                start = int(event["number"]) + 1
+                            yield Event(event)
+                other._link.check()
 
     def hello(self) -> Document:
         return self.ask("HELLO", {"versions": ["MODALD1"], "client": "python 0.1.0"})[0]

@@ -7,6 +7,10 @@
  * notice and a core does.  A function of the program comes before the C library's of the same name, for the libraries too:
  * accept4 and close, both called by libzmq for each connection.
  *
+ * The loop takes a message from each connection in turn, also from those that have hung up: who sends much, goes, and comes
+ * again would soon leave thousands of them behind, and everybody else would wait for their turns.  While LEFT_MOST are to be
+ * worked off no other is accepted.
+ *
  * libzmq says of a message by which descriptor it came, and to nobody that a connection has ended: close does.  A number that
  * was given out again meanwhile would name another connection, so that it is kept until the loop has taken what is left.
  */
@@ -25,16 +29,18 @@
 #include <unistd.h>
 
 enum { OWN = 128 };                             /* descriptors kept for ourselves */
+enum { LEFT_MOST = 64 };                        /* turns of the loop, of a microsecond each: a question takes as long */
 enum { NONE = -1 };
 
 /* What a descriptor is.  ENDED: its connection is shut down, and its number held until the loop is done with it. */
 enum { OTHER, CLIENT, WORKER, ENDED_CLIENT, ENDED_WORKER };
 
 static _Atomic unsigned char kinds[CONNECTIONS_TRACKED];
+static atomic_bool hung_up[CONNECTIONS_TRACKED];
 static atomic_int next_ended[CONNECTIONS_TRACKED];
 static atomic_int last_ended = NONE;         /* a list through next_ended, to which any thread adds */
 static int taken_up = NONE;                  /* the loop's part of it */
-static atomic_int open_now, most_open, wake_fd = NONE;
+static atomic_int open_now, left_behind, most_open, wake_fd = NONE;
 static atomic_long refused;
 
 int accept_default(void)
@@ -101,9 +107,12 @@ static int refuse(int fd)
 
 int accept4(int fd, struct sockaddr *restrict address, socklen_t *restrict length, int flags)
 {
-    int most = atomic_load(&most_open), out = (int)syscall(SYS_accept4, fd, address, length, flags);
+    int most = atomic_load(&most_open), out;
     bool worker;
 
+    if (atomic_load(&left_behind) >= LEFT_MOST && !for_workers(fd))
+        return broken_off();                     /* it stays in the listener's queue */
+    out = (int)syscall(SYS_accept4, fd, address, length, flags);
     if (out < 0)
         return errno == EMFILE ? broken_off() : out;
     if (most == 0)
@@ -112,10 +121,25 @@ int accept4(int fd, struct sockaddr *restrict address, socklen_t *restrict lengt
     if (out >= CONNECTIONS_TRACKED || (!worker && atomic_load(&open_now) >= most))
         return refuse(out);
     intake_begin(out);
+    atomic_store(&hung_up[out], false);
     atomic_store(&kinds[out], worker ? WORKER : CLIENT);
     if (!worker)
         atomic_fetch_add(&open_now, 1);
     return out;
+}
+
+void accept_hung_up(int fd)
+{
+    if (!atomic_exchange_explicit(&hung_up[fd], true, memory_order_relaxed))
+        atomic_fetch_add(&left_behind, 1);
+}
+
+bool accept_gone(int fd)
+{
+    unsigned char kind = fd >= 0 && fd < CONNECTIONS_TRACKED ? atomic_load_explicit(&kinds[fd], memory_order_relaxed) : OTHER;
+
+    return kind == ENDED_CLIENT || kind == ENDED_WORKER
+        || (kind != OTHER && atomic_load_explicit(&hung_up[fd], memory_order_relaxed));
 }
 
 /* To the list of the ended; the loop is woken for the first alone. */
@@ -138,6 +162,8 @@ int close(int fd)
     if (kind != CLIENT && kind != WORKER)
         return (int)syscall(SYS_close, fd);
     shutdown(fd, SHUT_RDWR);
+    if (atomic_load(&hung_up[fd]))
+        atomic_fetch_sub(&left_behind, 1);
     atomic_store(&kinds[fd], kind == CLIENT ? ENDED_CLIENT : ENDED_WORKER);
     note_ended(fd);
     return 0;

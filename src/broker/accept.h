@@ -15,6 +15,11 @@ int accept_default(void);
 int accept_open(void);             /* connections now */
 long accept_refused(void);         /* closed as they came, since the start */
 
+/* FD's other end has hung up, though not all that it sent is read; whether it has, or the connection has ended: nobody reads
+ * what it would be answered. */
+void accept_hung_up(int fd);
+bool accept_gone(int fd);
+
 /* A connection that ends is closed at once, but its descriptor's number is not given out again before accept_free: until then
  * ZMQ_SRCFD says whose a message is.  accept_ended takes up those that have ended since the last were freed, and says whether
  * there are any; what was received of them is in the pipes then.  accept_next: one of them, -1: no more.  One thread calls these. */

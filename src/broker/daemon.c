@@ -293,12 +293,31 @@ static enum modal_status open_message(const struct received *r, const char *vers
     return wire_open(frames, r->count < FRAMES_TAKEN ? r->count : FRAMES_TAKEN, version, needs_id, out, err);
 }
 
+/* Whether nothing but an answer would come of R, and nobody is there to read it: many such left by connections that are gone
+ * must not make the others wait. */
+static bool is_vain(const struct received *r)
+{
+    char verb[WIRE_VERB_MOST + 1] = "";
+    int found;
+
+    if (!accept_gone(r->peer->fd))
+        return false;
+    if (r->count < 2 || r->frames[1]->size > WIRE_VERB_MOST)
+        return true;
+    memcpy(verb, r->frames[1]->data, r->frames[1]->size);
+    found = wire_verb_find(verb);
+    return found < 0 || wire_verb_role((enum wire_verb)found) == WIRE_ROLE_READ;
+}
+
 static void from_client(struct daemon *d, struct received *r)
 {
     struct wire_message message;
     struct modal_error err;
-    enum modal_status rc = open_message(r, WIRE_VERSION, true, &message, &err);
+    enum modal_status rc;
 
+    if (is_vain(r))
+        return;
+    rc = open_message(r, WIRE_VERSION, true, &message, &err);
     step(d, &(struct event) { .type = EVENT_REQUEST, .peer = r->peer->number, .key = r->key, .message = rc == MODAL_OK ? &message : NULL,
                               .verb = message.verb, .id = message.id, .fault = &err, .body = r->frames + 3 });
     wire_close(&message);

@@ -238,6 +238,51 @@ def fuzz(endpoint):
             peer = dealer(endpoint, sndhwm=100)
 
 
+def shaken(endpoint):
+    """A raw connection past ZMTP's handshake."""
+    host, port = endpoint.split(":")
+    one = socket.create_connection((host, int(port)), 20)
+    body = b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"
+    one.sendall(GREETING + b"\x04" + bytes([len(body)]) + body)
+    seen = b""
+    while b"\x08Identity\0\0\0\0" not in seen:
+        more = one.recv(4096)
+        if not more:
+            raise ConnectionResetError
+        seen += more
+    return one
+
+
+def hangups(endpoint):
+    """More requests than the pipe to the loop holds, a PING among them, and gone: what ended the daemon through libzmq 4.3.4."""
+    asked = b"\x01\x07MODALD1\x01\x04LIST\x00\x08" + b'{"id":1}'
+    while True:
+        with contextlib.suppress(OSError), shaken(endpoint) as one:
+            one.sendall((asked * 40 + b"\x04\x07\x04PING\x00\x0a") * 3 + asked * 20)
+        time.sleep(0.001)
+
+
+def fleeting(endpoint):
+    """Connections that ask once, subscribe, wait, and are gone."""
+    asked = b"".join(b"\x01\x07MODALD1\x01" + bytes([len(verb)]) + verb + b"\x00" + bytes([len(header)]) + header
+                     for verb, header in ((b"HELLO", b'{"id":1}'), (b"EVENTS", b'{"id":2}'), (b"WAIT", b'{"id":3,"job":"key:known","timeout_s":3600}')))
+    while True:
+        with contextlib.suppress(OSError), shaken(endpoint) as one:
+            one.sendall(asked)
+            one.recv(4096)
+        time.sleep(0.001)
+
+
+def endless(endpoint):
+    """A message whose frames do not end; closed by the daemon, it begins again."""
+    part = b"\x01\xfa" + bytes(250)
+    while True:
+        with contextlib.suppress(OSError), shaken(endpoint) as one:
+            while True:
+                one.sendall(part * 1000)
+        time.sleep(0.01)
+
+
 @contextlib.contextmanager
 def attack(probe, daemon, keys=None):
     """The probe, at work on DAEMON while the body runs; with KEYS, of server and user, as that user."""
@@ -259,7 +304,8 @@ def free_port():
         return s.getsockname()[1]
 
 
-PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, taken, keyless, deaf, malformed, half, stopped, gone, gaps, flood, fuzz)}
+PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, taken, keyless, deaf, malformed, half, stopped, gone, gaps, flood, fuzz,
+                                               hangups, fleeting, endless)}
 
 if __name__ == "__main__":
     if sys.argv[1] != "silent":                   # which says so once it has all its connections

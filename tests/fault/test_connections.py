@@ -1,5 +1,6 @@
 """What one connection may do to the daemon and to the others: nothing."""
 import contextlib
+import json
 import os
 import pathlib
 import socket
@@ -14,7 +15,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
 from lab import Lab  # noqa: E402
-from wire import VERSION, Client, Daemon, submit  # noqa: E402
+from wire import VERSION, Client, Daemon, ring_down, submit, until  # noqa: E402
 
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)      # of ZMTP 3.0, without security
 
@@ -118,6 +119,23 @@ def test_who_hangs_up_behind_a_stopped_input_ends_nothing(scheme):
         print(f"\nP6: {scheme}: {made} connections hung up behind their requests, {kept:.0f} hang-ups kept from a stopped input")
         assert kept >= 200 and honest.ask("HELLO").ok
         until_alone(honest)                      # none of them is kept for ever
+
+
+def test_what_is_asked_and_left_behind_is_not_answered_and_what_is_submitted_is_done():
+    """Else who comes and goes leaves thousands of questions, and everybody else waits for their turns."""
+    data, described = ring_down(samples=16)
+    with Daemon(workers=0) as d:
+        honest, left = d.client(), 300
+        for i in range(left):
+            header = json.dumps({"id": 2, "kind": "identify", "input": described, "key": f"k{i}"}).encode()
+            s = connect(d)
+            s.sendall(LIST * 100 + message(b"MODALD1", b"SUBMIT", header, data) + LIST * 40)
+            s.close()
+        until_alone(honest)
+        until(lambda: honest.ask("STATS")["jobs"]["queued"] == left, "submissions are lost")       # a job counts once it is committed
+        answered = metric(honest, "replies_total")
+        print(f"\nP6: {left * 140} questions left behind: {answered:.0f} answered")
+        assert answered < left * 140 / 2
 
 
 @pytest.mark.parametrize("identity", [b"rig", b"\0\1\2\3\4"])

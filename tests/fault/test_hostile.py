@@ -28,7 +28,7 @@ def ask_much(client):
         assert client.ask("STATUS", job="key:known").ok
 
 
-@pytest.mark.parametrize("probe", ["oversize", "garbage", "taken", "deaf", "malformed"])
+@pytest.mark.parametrize("probe", ["oversize", "garbage", "taken", "deaf", "malformed", "hangups", "fleeting", "endless"])
 def test_a_bad_peer_leaves_honest_clients_served(probe):
     with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as d:
         client = Client(d.endpoint, identity=b"honest")

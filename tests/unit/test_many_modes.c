@@ -77,3 +77,82 @@ TEST(twelve_modes_in_many_channels_are_all_found)
         identify_result_done(&r);
     }
 }
+
+/* A record of MODES random modes, y row by row; noise at SNR dB of all of it. */
+static void random_record(struct random *rng, int modes, int channels, int rows, double dt,
+                          double snr, const double complex *lambda, double *y)
+{
+    double complex B[40];
+    double sum = 0, sd;
+
+    memset(y, 0, sizeof *y * (size_t)rows * (size_t)channels);
+    for (int c = 0; c < channels; c++)
+        for (int j = 0; j < modes; j++) {
+            B[j] = CMPLX(random_normal(rng), random_normal(rng));
+            for (int k = 0; k < rows; k++)
+                y[k * channels + c] += creal(B[j] * cexp(lambda[j] * (k * dt)));
+        }
+    for (int i = 0; i < rows * channels; i++)
+        sum += y[i] * y[i];
+    sd = sqrt(sum / (rows * channels)) * pow(10, -snr / 20);
+    for (int i = 0; i < rows * channels; i++)
+        y[i] += sd * random_normal(rng);
+}
+
+/* The mode nearest to z, within 5 of its own standard errors. */
+static bool has(const struct identify_result *r, double complex z)
+{
+    int at = 0;
+
+    for (int m = 1; m < r->mode_count; m++)
+        if (cabs(r->modes[m].exponent - z) < cabs(r->modes[at].exponent - z))
+            at = m;
+    return r->mode_count > 0 && fabs(creal(r->modes[at].exponent - z)) < 5 * r->modes[at].std_re
+        && fabs(cimag(r->modes[at].exponent - z)) < 5 * r->modes[at].std_im;
+}
+
+/* Some thirty lines of a periodogram apart: each is found, where a few explain next to nothing. */
+TEST(forty_modes_at_40_dB_are_all_found_and_no_other)
+{
+    enum { ROWS = 3000, MANY = 10, MODES = 40 };
+    static double y[ROWS * MANY];
+
+    for (uint64_t seed = 0; seed < 2; seed++) {
+        struct random rng = { 800 + seed };
+        struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 0.01 };
+        double complex lambda[MODES];
+        struct identify_result r;
+        for (int j = 0; j < MODES; j++)
+            lambda[j] = decay_pole(1.2 + 0.95 * j + 0.6 * random_uniform(&rng),
+                                   0.0005 + 0.004 * random_uniform(&rng));
+        random_record(&rng, MODES, MANY, ROWS, b.dt, 40, lambda, y);
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES && r.verdict == VERDICT_STABLE);
+        for (int j = 0; j < MODES; j++)
+            CHECK(has(&r, lambda[j]));
+        identify_result_done(&r);
+    }
+}
+
+/* One channel, eleven modes, 50 dB: a ladder from below ends at a few of them now and then. */
+TEST(eleven_modes_in_one_channel_are_all_found)
+{
+    enum { ROWS = 1200, MODES = 11 };
+    static double y[ROWS];
+
+    for (uint64_t seed = 0; seed < 12; seed++) {
+        struct random rng = { 900 + seed };
+        struct batch b = { .samples = ROWS, .channels = 1, .signals = y, .dt = 0.01 };
+        double complex lambda[MODES];
+        struct identify_result r;
+        for (int j = 0; j < MODES; j++)
+            lambda[j] = decay_pole(1.5 + 3.5 * j + 2 * random_uniform(&rng),
+                                   0.0005 + 0.004 * random_uniform(&rng));
+        random_record(&rng, MODES, 1, ROWS, b.dt, 50, lambda, y);
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES);
+        for (int j = 0; j < MODES; j++)
+            CHECK(has(&r, lambda[j]));
+        identify_result_done(&r);
+    }
+}

@@ -92,6 +92,13 @@ out:
 
 bool colour_white(const struct matrix *E)
 {
+    static const double none[COLOUR_LAGS] = { 0 };
+
+    return colour_white_about(E, none);
+}
+
+bool colour_white_about(const struct matrix *E, const double *mean)
+{
     double n = 0, sum = 0, r[COLOUR_LAGS] = { 0 };
     int lags = E->m - 1 < COLOUR_LAGS ? E->m - 1 : COLOUR_LAGS;
 
@@ -103,7 +110,7 @@ bool colour_white(const struct matrix *E)
             r[l - 1] += E->m * (cblas_ddot(E->m - l, e, 1, e + l, 1) * unit * unit);
     }
     for (int l = 0; l < lags && n > 0; l++)
-        sum += r[l] / n * (r[l] / n);
+        sum += (r[l] / n - mean[l]) * (r[l] / n - mean[l]);
     return n * sum <= COLOUR_LIMIT;
 }
 

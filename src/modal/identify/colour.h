@@ -31,6 +31,13 @@ enum { COLOUR_LAGS = 8 };
 #define COLOUR_LIMIT (COLOUR_LAGS + 8 * sqrt(2.0 * COLOUR_LAGS))     /* of that sum */
 bool colour_white(const struct matrix *E);
 
+/*
+ * The same where E is what a fit of q columns leaves of L rows, which takes as much from white
+ * noise near its poles: the unit autocorrelation at lag l is then MEAN[l - 1] = -sum rho^l / (L -
+ * q) over the q multipliers, COLOUR_LAGS of them.
+ */
+bool colour_white_about(const struct matrix *E, const double *mean);
+
 /* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise, and has any colour. */
 void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio);
 #endif

@@ -51,6 +51,10 @@ enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 
 /* In records longer than this a ladder that is near the number of triplets is not refined before they are doubled: it is thrown away, and costs seconds. */
 enum { VERY_LONG = 32768 };
 
+/* What is searched from above: at most so many signals, found for so many multiplications. */
+enum { SIGNALS_MOST = 256 };
+static const double SIGNALS_WORK = 4e9;
+
 enum { WEIGH_MOST = 5 };
 /* Records that end below the grid: steps from the end's value, rows that must be left, and the share of all above which they stay whole. */
 enum { GRID_ROWS = 64 };
@@ -340,6 +344,35 @@ static enum modal_status project(struct work *w, struct identify_result *out, st
     return rc;
 }
 
+/* Do signals fill the triplets, so that there may be more of them, and can more be had for
+ * SIGNALS_WORK? */
+static bool signals_fill(const struct work *w, const struct pencil *p)
+{
+    double k = 2.0 * p->count, side = (double)p->height + p->columns;
+
+    return pencil_signals(p) + ORDER_AHEAD > p->count && p->count < w->X->m / 4
+        && k <= SIGNALS_MOST && side * k * k <= SIGNALS_WORK;
+}
+
+/* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
+static enum modal_status pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    *all = w->pencil;
+    while (rc == MODAL_OK && signals_fill(w, all)) {
+        struct pencil_options opt = { w->opt.rows, 2 * all->count };
+        struct pencil more = { 0 };
+        rc = pencil_new(searched(w), &opt, &more, err);
+        if (all->s != w->pencil.s)
+            pencil_done(all);
+        *all = rc == MODAL_OK ? more : w->pencil;
+        if (more.count < opt.wanted)
+            break;
+    }
+    return rc;
+}
+
 static enum modal_status pencil(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
@@ -353,14 +386,13 @@ static enum modal_status pencil(struct work *w, struct identify_result *out, str
     return rc;
 }
 
-static enum modal_status decompose(struct work *w, struct identify_result *out, struct modal_error *err)
+/* The singular values of the decomposition, for the answer. */
+static enum modal_status report_values(struct work *w, struct identify_result *out,
+                                       struct modal_error *err)
 {
-    enum modal_status rc = wants_projection(w) ? project(w, out, err) : pencil(w, out, err);
     int count = w->projected ? w->projection.count : w->pencil.count;
     const double *s = w->projected ? w->projection.s : w->pencil.s;
 
-    if (rc != MODAL_OK)
-        return rc;
     free(out->singular);
     out->singular = malloc(sizeof *s * (count + 1));
     if (out->singular == NULL)
@@ -370,6 +402,14 @@ static enum modal_status decompose(struct work *w, struct identify_result *out, 
     out->singular_count = count;
     w->facts.full_rank = rank_above_rounding(s, count, out->rows * w->X->n, out->columns);
     return MODAL_OK;
+}
+
+static enum modal_status decompose(struct work *w, struct identify_result *out,
+                                   struct modal_error *err)
+{
+    enum modal_status rc = wants_projection(w) ? project(w, out, err) : pencil(w, out, err);
+
+    return rc == MODAL_OK ? report_values(w, out, err) : rc;
 }
 
 /* ---- order ---- */
@@ -502,9 +542,22 @@ static int before_gap(const struct work *w)
     return at < w->facts.full_rank ? at : w->facts.full_rank;
 }
 
+/* The chosen candidate is the answer. */
+static void note_chosen(struct work *w, struct identify_result *out)
+{
+    const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
+
+    w->rank = c->r > 0 ? c->r : c->fit.order;
+    w->facts.order = c->fit.order;
+    w->facts.converged = !w->refine || refined_converged(&c->fit)
+        || c->fit.residual <= 1e-12 * safe_matrix_norm(w->data.Y);
+    out->hankel_rank = c->fit.order;
+}
+
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
 {
-    struct order_source source = { order_most(w), w->projected ? projection_source : pencil_source, w };
+    struct order_source source = { order_most(w), 0,
+                                   w->projected ? projection_source : pencil_source, w };
     struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 }, .cancelled = w->opt.cancelled, .context = w->opt.context };
     const struct projection *p = &w->projection;
     enum modal_status rc;
@@ -532,18 +585,80 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     if (rc == MODAL_OK && w->choice.chosen >= 0 && !w->choice.cut && w->opt.rank.rule == RANK_AUTO
         && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
         w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
-    if (rc == MODAL_OK && w->choice.chosen >= 0) {
-        const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
-        w->rank = c->r > 0 ? c->r : c->fit.order;
-        w->facts.order = c->fit.order;
-        w->facts.converged = !w->refine || refined_converged(&c->fit) || c->fit.residual <= 1e-12 * safe_matrix_norm(w->data.Y);
-        out->hankel_rank = c->fit.order;
-    }
+    if (rc == MODAL_OK && w->choice.chosen >= 0)
+        note_chosen(w, out);
     return rc;
 }
 
+/* From all signals downwards, in w->pencil, for w->choice. */
+static enum modal_status descend(struct work *w, struct modal_error *err)
+{
+    struct order_options opt = { .order_most = rows_allow(w), .cancelled = w->opt.cancelled,
+                                 .context = w->opt.context };
+    struct order_source source = { .most = order_most(w), .signals = pencil_signals(&w->pencil),
+                                   .poles = pencil_source, .context = w };
+    enum modal_status rc;
+
+    opt.look = before_gap(w);
+    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN) : fmax(WORK_MOST - w->spent,
+                                                                      WORK_LEAST);
+    rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
+    if (rc != MODAL_OK || !w->choice.clean)
+        return rc;
+    w->choice.clean = w->choice.candidates[w->choice.chosen].fit.bic < bic_of_nothing(&w->data)
+        && !overfitted(w);
+    return MODAL_OK;
+}
+
+/* What a search found, and where; pencil.s NULL: in w->pencil. */
+struct found { struct pencil pencil; struct order_choice choice; };
+
+static void found_done(struct found *f)
+{
+    pencil_done(&f->pencil);
+    order_done(&f->choice);
+}
+
+/* What was found takes the place of what W has. */
+static enum modal_status put_found(struct work *w, struct found *f, struct identify_result *out,
+                                   struct modal_error *err)
+{
+    if (f->pencil.s != NULL) {
+        pencil_done(&w->pencil);
+        w->pencil = f->pencil, f->pencil = (struct pencil) { 0 };
+    }
+    order_done(&w->choice);
+    w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
+    w->spent += w->choice.work;
+    w->facts.work_limit = false;
+    note_chosen(w, out);
+    return report_values(w, out, err);
+}
+
+/* Constant systems from above.  What is not clean is left out: above->choice is empty. */
+static enum modal_status choose_from_above(struct work *w, struct identify_result *out,
+                                           struct found *above, struct modal_error *err)
+{
+    struct pencil few = w->pencil;
+    enum modal_status rc;
+
+    if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0)
+        return MODAL_OK;
+    rc = pencil_of_all(w, &w->pencil, err);
+    if (rc == MODAL_OK)
+        rc = report_values(w, out, err);
+    if (rc == MODAL_OK)
+        rc = descend(w, err);
+    above->pencil = w->pencil, above->choice = w->choice;
+    w->pencil = few, w->choice = (struct order_choice) { .chosen = -1 };
+    if (above->pencil.s == few.s)
+        above->pencil = (struct pencil) { 0 };
+    return rc == MODAL_OK ? report_values(w, out, err) : rc;
+}
+
 /* Twice the triplets, until the ladder ends by itself. */
-static enum modal_status choose_order_of_all(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status climb_all(struct work *w, struct identify_result *out,
+                                   struct modal_error *err)
 {
     enum modal_status rc = choose_order(w, out, err);
 
@@ -555,6 +670,33 @@ static enum modal_status choose_order_of_all(struct work *w, struct identify_res
         if (rc == MODAL_OK)
             rc = choose_order(w, out, err);
     }
+    return rc;
+}
+
+/* Does what came from above explain much more than the ladder's choice? */
+static bool explains_more(const struct work *w, const struct order_choice *above)
+{
+    double left = above->candidates[above->chosen].fit.residual;
+
+    return w->choice.chosen < 0
+        || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_WORSE * left;
+}
+
+/* From above, and where that does not settle it by the ladder. */
+static enum modal_status choose_order_of_all(struct work *w, struct identify_result *out,
+                                             struct modal_error *err)
+{
+    struct found above = { .choice = { .chosen = -1 } };
+    enum modal_status rc = choose_from_above(w, out, &above, err);
+    bool put = rc == MODAL_OK && above.choice.clean && !above.choice.crowded;
+
+    if (rc == MODAL_OK && !put) {
+        rc = climb_all(w, out, err);
+        put = rc == MODAL_OK && above.choice.clean && explains_more(w, &above.choice);
+    }
+    if (put)
+        rc = put_found(w, &above, out, err);
+    found_done(&above);
     return rc;
 }
 

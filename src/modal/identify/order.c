@@ -20,10 +20,28 @@
  * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
  *    zero within its error becomes a constant, with one parameter less, if BIC falls.
  *
+ * From above (order_from_above). The ladder ends at a local minimum where any few of many modes
+ * explain little: a rung is judged by a residual made of the modes that it lacks. So the whole
+ * signal subspace comes first: the poles of all singular values above the edge of the noise
+ * (pencil.h) and a few more, without those that do not pay for half of themselves (trim.c), all
+ * refined at once, and weeded until each pays its price; what that leaves is searched by the same
+ * pencil until no line in it could pay for a pair (remainder.c). Where the model holds, the
+ * minimum that this reaches is the global one in practice: it holds every mode above the edge,
+ * any mode below stands out of a white remainder, and what does not pay has been left out with
+ * all others refitted. Where no constant modes and white noise are the truth (a driven or
+ * nonlinear response) poles from above draw the noise, one beside the other. So the answer counts
+ * as `clean` only where the fit converged and what it leaves is white (colour.c), and as
+ * `crowded` where two of its poles are nearer than half a beat over the record, as those are that
+ * draw a mode whose frequency drifts. What is not clean, or crowded, goes to the ladder, which is
+ * sparing; a crowd is believed where the ladder leaves much more (ORDER_WORSE).
+ *
  * Work is counted, never timed.  Each pass ends where `work` is spent, so that a long record of many modes ends with the best so far.
  */
 #include "modal/identify/order.h"
+#include "modal/identify/colour.h"
 #include "modal/identify/exponents.h"
+#include "modal/identify/remainder.h"
+#include "modal/identify/trim.h"
 #include "modal/linalg/svd.h"
 #include <float.h>
 #include <math.h>
@@ -31,8 +49,15 @@
 #include <string.h>
 
 enum { LOOK_STEPS = 6 };
-static const double WORSE = 1.5, SPREAD = 4;
+static const double SPREAD = 4;
 static const double LOOK_SHARE = 0.5;      /* of the work, for pass 1 */
+
+/* From above: steps before the first weeding, and directions looked for in what a fit leaves. */
+enum { STEPS_BEFORE = 8, MORE_MOST = 16, AROUND = 20 };
+/* Of a pole's price that it must pay before it is refined: what is left then is more than noise. */
+static const double SHARE_LOOK = 0.5;
+/* Evaluations that the refinement from above may be expected to take. */
+static const double EVALUATIONS = 16;
 
 struct climb {
     const struct refine_data *data;
@@ -40,7 +65,8 @@ struct climb {
     const struct order_options *opt;
     struct order_choice choice;
     int room;
-    double complex *lambda;         /* source->most + 1 */
+    int poles_most;                 /* room in: */
+    double complex *lambda;
     bool *fixed;
 };
 
@@ -138,7 +164,7 @@ static enum modal_status refine_candidate(struct climb *c, int i, double rival, 
 }
 
 /* Candidate I, looked at, taken a few steps further: no longer as the pencil has it, not yet refined. */
-static enum modal_status step_candidate(struct climb *c, int i, struct modal_error *err)
+static enum modal_status step_candidate(struct climb *c, int i, int steps, struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[i];
     struct refined fit;
@@ -146,7 +172,7 @@ static enum modal_status step_candidate(struct climb *c, int i, struct modal_err
 
     if (k->fit.end == REFINE_DEGENERATE)
         return MODAL_OK;
-    rc = fit_steps(c, k->fit.lambda, k->fit.poles, NULL, true, 0, LOOK_STEPS, &fit, err);
+    rc = fit_steps(c, k->fit.lambda, k->fit.poles, NULL, true, 0, steps, &fit, err);
     if (rc != MODAL_OK)
         return rc;
     refined_done(&k->fit);
@@ -197,7 +223,7 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *least)) {
             *least = at, best_r = r;
             if (c->opt->refine.iterations >= 0 && uneven(&c->choice.candidates[at].fit))
-                rc = step_candidate(c, at, err);
+                rc = step_candidate(c, at, LOOK_STEPS, err);
         }
     }
     return rc;
@@ -253,19 +279,181 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
     return rc;
 }
 
+/* ---- from above ---- */
+
+static enum modal_status trim(struct climb *c, double complex *lambda, int *count, double share,
+                              double reach, int most, struct modal_error *err)
+{
+    struct trim_options opt = { share, reach, most };
+
+    return trim_poles(c->data, lambda, count, NULL, &opt, &c->choice.work, err);
+}
+
+/* The poles of order r that pay for half of themselves, as they are. */
+static enum modal_status look_at(struct climb *c, int r, int *at, struct modal_error *err)
+{
+    int count = 0;
+    enum modal_status rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
+
+    *at = -1;
+    if (rc == MODAL_NO_CONVERGENCE)             /* as in the ladder: no candidate */
+        return MODAL_OK;
+    while (count > 1 && poles_order(c->lambda, count, c->data->tau) > order_most(c))
+        count--;
+    if (rc == MODAL_OK && count > 0)
+        rc = trim(c, c->lambda, &count, SHARE_LOOK, 0, 0, err);
+    return rc == MODAL_OK ? try_poles(c, r, c->lambda, count, NULL, false, 0, at, err) : rc;
+}
+
+/* Candidate *best without the poles that do not pay, refined, until all do. */
+static enum modal_status weed(struct climb *c, int *best, struct modal_error *err)
+{
+    for (;;) {
+        const struct refined *fit = &c->choice.candidates[*best].fit;
+        int count = fit->poles, at;
+        enum modal_status rc;
+        if (spent(c, 1))
+            return MODAL_OK;
+        memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+        rc = trim(c, c->lambda, &count, 1, 0, 0, err);
+        if (rc != MODAL_OK || count == fit->poles)
+            return rc;
+        rc = try_poles(c, 0, c->lambda, count, NULL, true, 0, &at, err);
+        if (rc != MODAL_OK || at < 0 || !(bic_of(c, at) < bic_of(c, *best)))
+            return rc;
+        *best = at;
+    }
+}
+
+/* Candidate *at taken a few steps, weeded, refined. */
+static enum modal_status ripen(struct climb *c, int *at, struct modal_error *err)
+{
+    enum modal_status rc = step_candidate(c, *at, STEPS_BEFORE, err);
+
+    if (rc == MODAL_OK)
+        rc = weed(c, at, err);
+    return rc == MODAL_OK ? refine_candidate(c, *at, 0, err) : rc;
+}
+
+/* The price of one pair more than FIT has. */
+static double pair_price(const struct climb *c, const struct refined *fit)
+{
+    const struct refine_data *d = c->data;
+    int phases = d->phases > 0 ? d->phases : 1;
+    double n = (double)d->Y->m * phases;
+    struct criterion k = { fit->groups, phases, n, n * (d->share > 0 ? d->share : 1), fit->noise,
+                           fit->floor };
+
+    return criterion_price(&k, fit->order + 2, fit->parameters + 2)
+         - criterion_price(&k, fit->order, fit->parameters);
+}
+
+/* Poles in what the best leaves, joined to its own: a candidate, weeded and refined. */
+static enum modal_status add_poles(struct climb *c, const struct matrix *E, int *best,
+                                   bool *better, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    int count = fit->poles, more = 0, at, room = order_most(c) - fit->order;
+    enum modal_status rc;
+
+    *better = false;
+    if (room < 1 || count + MORE_MOST > c->poles_most)
+        return MODAL_OK;
+    memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+    rc = remainder_poles(E, c->data->tau, room < MORE_MOST ? room : MORE_MOST, c->lambda + count,
+                         &more, err);
+    count += more;
+    while (count > fit->poles && poles_order(c->lambda, count, c->data->tau) > order_most(c))
+        count--;
+    if (rc == MODAL_OK)
+        rc = trim(c, c->lambda, &count, SHARE_LOOK, 0, 0, err);
+    if (rc == MODAL_OK)
+        rc = try_poles(c, 0, c->lambda, count, NULL, false, 0, &at, err);
+    if (rc != MODAL_OK || at < 0)
+        return rc;
+    rc = ripen(c, &at, err);
+    if (rc == MODAL_OK && bic_of(c, at) < bic_of(c, *best))
+        *best = at, *better = true;
+    return rc;
+}
+
+/* As long as something is left that could pay for a pair. */
+static enum modal_status search_remainder(struct climb *c, int *best, struct modal_error *err)
+{
+    bool better = true;
+    enum modal_status rc = MODAL_OK;
+
+    while (rc == MODAL_OK && better && !spent(c, 1)) {
+        const struct refined *fit = &c->choice.candidates[*best].fit;
+        struct matrix E = { 0 };
+        double chi2 = 0;
+        better = false;
+        rc = remainder_of(c->data, fit, &E, err);
+        if (rc == MODAL_OK && E.x != NULL)
+            rc = remainder_peak(&E, &chi2, err);
+        if (rc == MODAL_OK && chi2 > SHARE_LOOK * pair_price(c, fit))
+            rc = add_poles(c, &E, best, &better, err);
+        free(E.x);
+    }
+    return rc;
+}
+
+/* Multiplications of one evaluation of FIT with its derivatives. */
+static double evaluation_cost(const struct climb *c, const struct refined *fit)
+{
+    double columns = 2.0 * fit->order + c->data->Y->n;
+
+    return c->data->Y->m * columns * columns;
+}
+
+/* The whole signal subspace, at the sizes that the singular values suggest; the best of them
+ * refined, and completed. */
+static enum modal_status descend(struct climb *c, int *best, struct modal_error *err)
+{
+    const struct order_source *s = c->source;
+    const int tops[] = { s->signals > 0 ? s->signals + ORDER_AHEAD : 0, c->opt->look, s->most };
+    enum modal_status rc = MODAL_OK;
+    double expected;
+    int before = 0;
+
+    for (size_t i = 0; i < sizeof tops / sizeof *tops && rc == MODAL_OK; i++) {
+        int r = tops[i] < s->most ? tops[i] : s->most, at;
+        if (r < 1 || r == before || (*best >= 0 && spent(c, LOOK_SHARE)))
+            continue;
+        rc = look_at(c, r, &at, err);
+        if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *best))
+            *best = at;
+        before = r;
+    }
+    if (rc != MODAL_OK || *best < 0 || c->opt->refine.iterations < 0)
+        return rc;
+    expected = EVALUATIONS * evaluation_cost(c, &c->choice.candidates[*best].fit);
+    if (c->opt->work > 0 && c->choice.work + expected > c->opt->work)
+        return MODAL_OK;                        /* more than there is to spend */
+    rc = ripen(c, best, err);
+    return rc == MODAL_OK ? search_remainder(c, best, err) : rc;
+}
+
 /* Pass 3, for pole J of the best. */
-static enum modal_status split_pole(struct climb *c, int j, int *best, struct modal_error *err)
+static enum modal_status split_pole(struct climb *c, const struct matrix *E, int j, int *best,
+                                    struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
     double apart = ORDER_SPLIT_HALF / (c->data->tau * c->data->Y->m), nyquist = M_PI / c->data->tau;
     double complex lambda = fit->lambda[j];
     struct refined looked;
     int n = fit->poles, at;
+    double chi2 = HUGE_VAL;
     bool worth;
-    enum modal_status rc;
+    enum modal_status rc = MODAL_OK;
 
-    if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart || fit->order + 2 > order_most(c))
+    if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart
+        || fit->order + 2 > order_most(c) || n + 1 > c->poles_most)
         return MODAL_OK;
+    if (E != NULL)
+        rc = remainder_split(E, c->data->tau, lambda, &chi2, err);
+    if (rc != MODAL_OK || !(chi2 > SHARE_LOOK * pair_price(c, fit)))
+        return rc;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
     c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;
     rc = fit_poles(c, c->lambda, n + 1, NULL, false, 0, &looked, err);
@@ -287,7 +475,27 @@ static enum modal_status split(struct climb *c, int *best, struct modal_error *e
     int poles = c->choice.candidates[*best].fit.poles;
 
     for (int j = 0; j < poles && j < c->source->most && rc == MODAL_OK && !spent(c, 1); j++)
-        rc = split_pole(c, j, best, err);
+        rc = split_pole(c, NULL, j, best, err);
+    return rc;
+}
+
+/* The same for those poles only beside which the remainder has what a second one could take. */
+static enum modal_status split_seen(struct climb *c, int *best, struct modal_error *err)
+{
+    int poles = c->choice.candidates[*best].fit.poles, made = -1;
+    struct matrix E = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; j < poles && rc == MODAL_OK && !spent(c, 1); j++) {
+        if (made != *best) {
+            free(E.x), E.x = NULL;
+            rc = remainder_of(c->data, &c->choice.candidates[*best].fit, &E, err);
+            made = *best;
+        }
+        if (rc == MODAL_OK && E.x != NULL)
+            rc = split_pole(c, &E, j, best, err);
+    }
+    free(E.x);
     return rc;
 }
 
@@ -303,35 +511,26 @@ static int without(const struct climb *c, int i, int j, double complex *lambda)
     return n;
 }
 
-/* Pass 4: poles left out one by one. */
+/* Pass 4: poles left out one by one. Refining recovers what the poles near the lost one can
+ * take over, at most a few units per parameter. */
 static enum modal_status simplify(struct climb *c, int *best, struct modal_error *err)
 {
-    while (c->choice.candidates[*best].fit.poles > 1) {
-        int poles = c->choice.candidates[*best].fit.poles, drop = -1, n, at;
-        double least = HUGE_VAL;
+    for (;;) {
+        const struct refined *fit = &c->choice.candidates[*best].fit;
+        int count = fit->poles, at;
         enum modal_status rc;
-        for (int j = 0; j < poles; j++) {
-            struct refined fit;
-            if (spent(c, 1))
-                return MODAL_OK;
-            n = without(c, *best, j, c->lambda);
-            rc = fit_poles(c, c->lambda, n, NULL, false, 0, &fit, err);
-            if (rc != MODAL_OK)
-                return rc;
-            if (fit.bic < least)
-                least = fit.bic, drop = j;
-            refined_done(&fit);
-        }
-        /* refining recovers what the poles near the lost one can take over, at most a few units per parameter */
-        if (drop < 0 || least > bic_of(c, *best) + fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100))
+        if (spent(c, 1))
             return MODAL_OK;
-        n = without(c, *best, drop, c->lambda);
-        rc = try_poles(c, 0, c->lambda, n, NULL, true, bic_of(c, *best), &at, err);
+        memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+        rc = trim(c, c->lambda, &count, 1, fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100),
+                  1, err);
+        if (rc != MODAL_OK || count == fit->poles)
+            return rc;
+        rc = try_poles(c, 0, c->lambda, count, NULL, true, bic_of(c, *best), &at, err);
         if (rc != MODAL_OK || at < 0 || !(bic_of(c, at) < bic_of(c, *best)))
             return rc;
         *best = at;
     }
-    return MODAL_OK;
 }
 
 /* A pole that moves in the record and whose error exceeds its own size: the data do not say that it is there. -1: none. */
@@ -361,8 +560,10 @@ static enum modal_status drop_undetermined(struct climb *c, int *best, struct mo
             return MODAL_OK;
         n = without(c, *best, drop, c->lambda);
         rc = try_poles(c, 0, c->lambda, n, NULL, true, 0, &at, err);
-        if (rc != MODAL_OK || at < 0 || !(c->choice.candidates[at].fit.residual < WORSE * residual))
+        if (rc != MODAL_OK || at < 0)
             return rc;
+        if (!(c->choice.candidates[at].fit.residual < ORDER_WORSE * residual))
+            return MODAL_OK;
         *best = at;
     }
 }
@@ -390,14 +591,14 @@ static enum modal_status pin_offset(struct climb *c, int *best, struct modal_err
     return rc;
 }
 
-/* Passes 2 to 4. */
-static enum modal_status improve(struct climb *c, int *best, struct modal_error *err)
+/* Passes 3 and 4. */
+static enum modal_status improve(struct climb *c, bool above, int *best, struct modal_error *err)
 {
     bool fixed = c->opt->fixed > 0;
-    enum modal_status rc = refine_ladder(c, best, err);
+    enum modal_status rc = MODAL_OK;
 
-    if (rc == MODAL_OK && !fixed)
-        rc = split(c, best, err);
+    if (!fixed)
+        rc = above ? split_seen(c, best, err) : split(c, best, err);
     if (rc == MODAL_OK && !fixed)
         rc = simplify(c, best, err);
     if (rc == MODAL_OK && !fixed && c->choice.candidates[*best].refined)
@@ -427,24 +628,141 @@ static enum modal_status settle(struct climb *c, int best, struct modal_error *e
     return MODAL_OK;
 }
 
+/* Two pairs nearer than half a beat over the record? */
+static bool unresolved(const struct climb *c, const struct refined *fit)
+{
+    double record = c->data->tau * c->data->Y->m;
+
+    for (int i = 0; i < fit->poles; i++)
+        for (int j = 0; j < i; j++)
+            if (cimag(fit->lambda[i]) != 0 && cimag(fit->lambda[j]) != 0
+                && cabs(fit->lambda[i] - fit->lambda[j]) * record < M_PI)
+                return true;
+    return false;
+}
+
+/* The autocorrelation that FIT leaves of white noise (colour.h); a multiplier that grows is
+ * seen from its end. */
+static void mean_autocorrelation(const struct climb *c, const struct refined *fit, double *mean)
+{
+    double free = fmax(c->data->Y->m - fit->order, 1);
+
+    for (int l = 1; l <= COLOUR_LAGS; l++) {
+        mean[l - 1] = 0;
+        for (int j = 0; j < fit->poles; j++) {
+            double a = -fabs(creal(fit->lambda[j])) * c->data->tau,
+                b = cimag(fit->lambda[j]) * c->data->tau;
+            mean[l - 1] -= pole_order(fit->lambda[j],
+                                      c->data->tau) * exp(a * l) * cos(b * l) / free;
+        }
+    }
+}
+
+/* Is the best one set of modes, and what it leaves white noise? */
+static enum modal_status is_clean(struct climb *c, int best, bool *clean, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[best].fit;
+    struct matrix E = { 0 };
+    double mean[COLOUR_LAGS];
+    enum modal_status rc;
+
+    *clean = false;
+    if (!refined_converged(fit) || c->choice.limited)
+        return MODAL_OK;
+    rc = remainder_of(c->data, fit, &E, err);
+    mean_autocorrelation(c, fit, mean);
+    *clean = rc == MODAL_OK && E.x != NULL && colour_white_about(&E, mean);
+    free(E.x);
+    return rc;
+}
+
+/* The orders around the answer as the decomposition has them, for what its poles do from one to
+ * the next. */
+static enum modal_status look_around(struct climb *c, int best, struct modal_error *err)
+{
+    int order = c->choice.candidates[best].fit.order, last = order + ORDER_AHEAD;
+    enum modal_status rc = MODAL_OK;
+
+    for (int r = last > AROUND ? last - AROUND : 1; r <= last && r <= c->source->most
+         && rc == MODAL_OK && !spent(c, LOOK_SHARE); r++) {
+        int count = 0, at;
+        rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
+        if (rc == MODAL_OK)
+            rc = try_poles(c, r, c->lambda, count, NULL, false, 0, &at, err);
+        else if (rc == MODAL_NO_CONVERGENCE)
+            rc = MODAL_OK;
+    }
+    return rc;
+}
+
+static enum modal_status climb_new(struct climb *c, const struct refine_data *data,
+                                   const struct order_source *source,
+                                   const struct order_options *opt, struct modal_error *err)
+{
+    /* each pole split at most once, and more found in what they leave */
+    size_t most = 2 * (size_t)(source->most > 0 ? source->most : 0) + 4 * MORE_MOST;
+
+    *c = (struct climb) { .data = data, .source = source, .opt = opt, .poles_most = (int)most,
+                          .choice = { .chosen = -1 } };
+    c->lambda = calloc(most, sizeof *c->lambda), c->fixed = calloc(most, sizeof *c->fixed);
+    if (c->lambda == NULL || c->fixed == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "order: no memory for order %d", source->most);
+    return MODAL_OK;
+}
+
+static void climb_done(struct climb *c)
+{
+    order_done(&c->choice);
+    free(c->lambda), free(c->fixed);
+}
+
+enum modal_status order_from_above(const struct refine_data *data,
+                                   const struct order_source *source,
+                                       const struct order_options *opt,
+                                   struct order_choice *out, struct modal_error *err)
+{
+    struct climb c;
+    int best = -1;
+    bool clean = false;
+    enum modal_status rc = climb_new(&c, data, source, opt, err);
+
+    if (rc == MODAL_OK)
+        rc = descend(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && c.choice.candidates[best].refined)
+        rc = improve(&c, true, &best, err);
+    if (rc == MODAL_OK && best >= 0)
+        rc = settle(&c, best, err);
+    if (rc == MODAL_OK && best >= 0)
+        rc = is_clean(&c, best, &clean, err);
+    if (rc == MODAL_OK && clean)
+        rc = look_around(&c, best, err);
+    if (rc == MODAL_OK) {
+        c.choice.chosen = best, c.choice.clean = clean, c.choice.crowded = clean
+            && unresolved(&c, &c.choice.candidates[best].fit);
+        c.choice.limited &= !clean;
+        *out = c.choice;
+        c.choice = (struct order_choice) { 0 };
+    }
+    climb_done(&c);
+    return rc;
+}
+
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
                                const struct order_options *opt, struct order_choice *out, struct modal_error *err)
 {
     struct order_options none = { .fixed = 0 };
-    struct climb c = { .data = data, .source = source, .opt = opt != NULL ? opt : &none, .choice = { .chosen = -1 } };
-    size_t most = 2 * (size_t)(source->most > 0 ? source->most : 0) + 2;   /* each pole split at most once */
+    struct climb c;
     int best = -1;
-    enum modal_status rc;
+    enum modal_status rc = climb_new(&c, data, source, opt != NULL ? opt : &none, err);
 
-    c.lambda = calloc(most, sizeof *c.lambda), c.fixed = calloc(most, sizeof *c.fixed);
-    if (c.lambda == NULL || c.fixed == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "order: no memory for order %d", source->most);
+    if (rc != MODAL_OK)
         goto out;
-    }
     rc = look(&c, &best, err);
     c.choice.cut = c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
-        rc = improve(&c, &best, err);
+        rc = refine_ladder(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
+        rc = improve(&c, false, &best, err);
     if (rc == MODAL_OK && best >= 0)
         rc = settle(&c, best, err);
     if (rc != MODAL_OK)
@@ -453,8 +771,7 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
     *out = c.choice;
     c.choice = (struct order_choice) { 0 };
 out:
-    order_done(&c.choice);
-    free(c.lambda), free(c.fixed);
+    climb_done(&c);
     return rc;
 }
 

@@ -13,12 +13,17 @@
 
 enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
+/* A fit is much the worse where it leaves so many times more. */
+#define ORDER_WORSE 1.5
+
 /* A fit that leaves more than this of the signals' norm explains little of them: the ladder goes on. */
 #define ORDER_POOR 0.3
 
 /* Where candidates come from: the poles of order r (room for r in LAMBDA), of one decomposition. */
 struct order_source {
     int most;                   /* largest r */
+    /* singular values above the edge of noise (pencil.h); 0: not known */
+    int signals;
     enum modal_status (*poles)(void *context, int r, double complex *lambda, int *count, struct modal_error *err);
     void *context;
 };
@@ -48,6 +53,9 @@ struct order_choice {
     double work;                /* multiplications spent */
     bool limited;               /* options.work ended the search: better candidates may not have been tried */
     bool cut;                   /* options.cut: the chosen one was only looked at */
+    /* order_from_above: the model holds; nothing else need be tried, unless it is: */
+    bool clean;
+    bool crowded;               /* two pairs are nearer than half a beat over the record */
     bool offset;                /* the chosen fit's pole 0 is the null exponent, fixed */
 };
 
@@ -58,5 +66,15 @@ struct order_choice {
  */
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
                                const struct order_options *opt, struct order_choice *out, struct modal_error *err);
+
+/*
+ * The same from the whole signal subspace downwards (order.c), with a source that holds all of
+ * it. `clean` says whether what it found is one set of constant modes in white noise. Else it is
+ * one more candidate, which may be far from the sparing answer.
+ */
+enum modal_status order_from_above(const struct refine_data *data,
+                                   const struct order_source *source,
+                                       const struct order_options *opt,
+                                   struct order_choice *out, struct modal_error *err);
 void order_done(struct order_choice *choice);
 #endif

@@ -175,6 +175,35 @@ static enum modal_status factor(struct pencil *p, const struct matrix *VT, struc
     return rc;
 }
 
+/* Sum of squares of H: sample l lies on min(l + 1, m, n, L - l) of its entries. */
+static double hankel_energy(const struct matrix *Y, int m, int n)
+{
+    double sum = 0;
+    int less = m < n ? m : n;
+
+    for (int c = 0; c < Y->n; c++)
+        for (int l = 0; l < Y->m; l++) {
+            double y = Y->x[l + (size_t)c * (size_t)Y->ld];
+            int times = l + 1 < Y->m - l ? l + 1 : Y->m - l;
+            sum += y * y * (times < less ? times : less);
+        }
+    return sum;
+}
+
+int pencil_signals(const struct pencil *p)
+{
+    double rest = p->energy, edge;
+    int count = 0;
+
+    for (int i = 0; i < p->count; i++)
+        rest -= p->s[i] * p->s[i];
+    rest = fmax(rest, 0) / ((double)p->height * p->columns);
+    edge = PENCIL_EDGE * sqrt(rest) * (sqrt(p->height) + sqrt(p->columns));
+    while (count < p->count && p->s[count] > edge)
+        count++;
+    return count;
+}
+
 enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt, struct pencil *out,
                              struct modal_error *err)
 {
@@ -188,7 +217,8 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
 
     if (rc != MODAL_OK)
         return rc;
-    p.columns = op.n;
+    p.columns = op.n, p.height = op.m;
+    p.energy = hankel_energy(Y, rows, op.n);
     wanted = wanted < op.m ? wanted : op.m;
     wanted = wanted < op.n - 1 ? wanted : op.n - 1;
     wanted = wanted < 1 ? 1 : wanted;

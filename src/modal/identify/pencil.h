@@ -18,6 +18,8 @@ struct pencil {
     double *W;     /* count x count: Q^T V2 */
     struct matrix VT;   /* count x columns: the right vectors */
     int rows, columns, steps;
+    int height;    /* of H: S rows */
+    double energy; /* Frobenius norm of H, squared */
 };
 
 /*
@@ -31,6 +33,16 @@ void pencil_done(struct pencil *p);
 
 /* The r eigenvalues of Z, V2 = V1 Z on the leading r columns: multipliers over one step. 1 <= r <= count. */
 enum modal_status pencil_multipliers(const struct pencil *p, int r, double complex *rho, struct modal_error *err);
+
+/*
+ * How many singular values exceed those of white noise. What the triplets leave of H's energy is
+ * spread over its height x columns entries, and a matrix of such noise alone has no singular
+ * value above sqrt(height) + sqrt(columns) times its deviation (the edge of Marchenko and
+ * Pastur); PENCIL_EDGE allows for a Hankel matrix, whose entries repeat. A constant share of
+ * signal that is below is not lost: it is found in what the fit leaves (order.c).
+ */
+#define PENCIL_EDGE 1.5
+int pencil_signals(const struct pencil *p);
 
 /* The Hankel matrix of Y as an operator, by FFT; the caller frees it with hankel_operator_done. */
 struct hankel_operator;

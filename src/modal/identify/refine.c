@@ -38,18 +38,9 @@
  *
  * (in a late part of a record, L plus twice the rows before it).
  *
- * Below it nothing is signal, nor below the grid that the samples were rounded to (`least`).  The larger one bounds sigma_c in the weights and in
- *
- *     BIC = sum_g n_g ln max(rss_g / n_g, floor_g^2) + h k ln n,                                             (7)
- *
- * n_g = L x phases, n = sum n_g, k = S q + (1 + 1/S) x parameters.  The part 1/S pays for the search: among n places the
- * best finds a factor n more in noise than one given column does, whatever S is, and one channel's amplitudes alone would
- * let it pass in a few of a hundred records.  With u = S q + parameters unknowns one more lowers n ln rss by noise alone not by 1 but by n / (n - u), so
- * that their price rises, on average over the u of them, by
- *
- *     h = -ln(1 - u/n) / (u/n),                                                                              (8)
- *
- * which is 1 for records much longer than their model.
+ * Below it nothing is signal, nor below the grid that the samples were rounded to (`least`). The
+ * larger one bounds sigma_c in the weights and the residuals in the criterion (criterion.c),
+ * which compares one fit with another.
  *
  * Growth: columns are divided by their largest entry, and |Re lambda| tau L stays below GROWTH_MOST, so nothing overflows.
  *
@@ -57,6 +48,7 @@
  * [N99]  Nielsen, IMM-REP-1999-05, Technical University of Denmark.
  */
 #include "modal/identify/refine.h"
+#include "modal/identify/criterion.h"
 #include "modal/identify/doubling.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/powers.h"
@@ -70,7 +62,6 @@
 #include <string.h>
 
 static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
-static const double SCARCE_MOST = 0.95;     /* of the numbers, for (8) */
 static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
 static const double SETTLED = 1e-10;         /* standard errors between a settled answer and the minimum */
 enum { ITERATIONS = 60, FAILURES_MOST = 12, ROUNDING_FAILURES = 3, SETTLE_STEPS = 16 };
@@ -99,6 +90,8 @@ struct work {
     double *tau;                 /* Householder */
     double *R;                   /* most_columns x 2 order */
     double *Z;                   /* most_columns x panel: Q^T Y */
+    /* borrowed, order x S: Q^T Y of all panels, where they are asked for (`look`); else NULL */
+    double *all;
     double *C;                   /* order x panel */
     double *rest;                /* L x panel: P Y */
     double *stack;               /* rows of (4) of one panel below the triangle so far */
@@ -107,6 +100,7 @@ struct work {
     double *weight;              /* per group */
     double *energy;              /* per group: sum of squares of Y */
     double *floor2;              /* per group: (6)^2 */
+    double *lowest;              /* per group: variance below which nothing is signal */
 };
 
 /* What one evaluation of (1) gives. */
@@ -123,7 +117,7 @@ static void work_done(struct work *w)
     free(w->kind), free(w->column), free(w->first);
     doubling_free(w->doubling);
     free(w->basis), free(w->triangle), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack), free(w->reflect);
-    free(w->weight), free(w->energy), free(w->floor2);
+    free(w->weight), free(w->energy), free(w->floor2), free(w->lowest);
 }
 
 static double *numbers(size_t m, size_t n)
@@ -192,8 +186,9 @@ static bool work_allocate(struct work *w, bool whole)
     w->rest = numbers(w->join ? 0 : w->doubling != NULL ? 1 : L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
     w->reflect = numbers(REFLECT, (size_t)(w->columns + w->panel + P));
     w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
-    w->floor2 = numbers((size_t)w->groups, 1);
-    return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL
+    w->floor2 = numbers((size_t)w->groups, 1), w->lowest = numbers((size_t)w->groups, 1);
+    return w->lowest != NULL && w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL
+        && w->C != NULL && w->rest != NULL
         && w->stack != NULL && w->reflect != NULL && w->weight != NULL && w->energy != NULL && w->floor2 != NULL;
 }
 
@@ -358,6 +353,8 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
         project_joined(w, e);
     else
         project_panel(w, c0, n, e);
+    for (int c = 0; c < n && rc == MODAL_OK && w->all != NULL; c++)
+        memcpy(w->all + (size_t)(c0 + c) * (size_t)q, w->Z + c * k, (size_t)q * sizeof *w->all);
     if (rc != MODAL_OK || w->parameters == 0 || k == q)
         return rc;
     for (int c = 0; c < n; c++)
@@ -404,6 +401,14 @@ static double rows(const struct work *w)
     return w->L * (w->data->share > 0 ? w->data->share : 1);
 }
 
+static struct criterion criterion_for(const struct work *w)
+{
+    double n = (double)w->L * w->phases;
+
+    return (struct criterion) { w->groups, w->phases, n, rows(w) * w->phases, w->energy,
+                                w->lowest };
+}
+
 static double freedom(const struct work *w)
 {
     return w->S * (rows(w) - w->order) - w->parameters;
@@ -444,23 +449,18 @@ static double variance(const struct work *w, const struct evaluation *e)
     return (e->F - rounding_part(w, e)) / fmax(freedom(w) * noisy / w->groups, 1);
 }
 
-/* Variance below which nothing is signal: rounding of the arithmetic, or of the samples. */
-static double floor_of(const struct work *w, int g)
-{
-    return w->data->least != NULL ? fmax(w->floor2[g], w->data->least[g]) : w->floor2[g];
-}
-
 /* Weights from residuals; an all-zero signal has none.  Returns the largest relative change. */
 static double set_weights(struct work *w, const double *rss, bool equal)
 {
     double n = (double)w->L * w->phases, own = freedom(w) / w->groups, change = 0, pooled = 0, share = 0;
 
     for (int g = 0; g < w->groups; g++) {
-        pooled += fmax(rss[g], n * floor_of(w, g));
+        pooled += fmax(rss[g], n * w->lowest[g]);
         share += w->energy[g] > 0;
     }
     for (int g = 0; g < w->groups; g++) {
-        double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : fmax(rss[g], n * floor_of(w, g));
+        double alone = fmax(rss[g], n * w->lowest[g]);
+        double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : alone;
         double weight = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
         if (w->energy[g] > 0)
             change = fmax(change, w->weight[g] > 0 ? fabs(weight / w->weight[g] - 1) : 1);
@@ -583,26 +583,12 @@ static void swap_in(struct search *s)
     s->now = s->next, s->next = e;
 }
 
-/* (8). */
-static double scarcity(double unknowns, double numbers)
+/* The criterion, every residual times FACTOR. */
+static double worth(const struct work *w, const double *rss, double factor)
 {
-    double x = fmin(numbers > 0 ? unknowns / numbers : 0, SCARCE_MOST);
+    struct criterion c = criterion_for(w);
 
-    return x > 0 ? -log1p(-x) / x : 1;
-}
-
-/* (7), every residual times FACTOR. */
-static double bic(const struct work *w, const double *rss, double factor)
-{
-    double n = (double)w->L * w->phases, own = rows(w) * w->phases, sum = 0, used = 0, live = 0;
-
-    for (int g = 0; g < w->groups; g++) {
-        if (w->energy[g] == 0)
-            continue;
-        sum += own * log(fmax(factor * rss[g] / n, fmax(floor_of(w, g), DBL_MIN)));
-        used += own, live += w->phases;
-    }
-    return sum + scarcity(live * w->order + w->parameters, used) * (live * w->order + (1 + 1 / fmax(live, 1)) * w->parameters) * log(fmax(used, 2));
+    return criterion_of(&c, rss, factor, w->order, w->parameters);
 }
 
 /* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its weight rise with it. */
@@ -622,7 +608,7 @@ static bool hopeless(const struct work *w, const struct search *s, double rival)
     int n = w->parameters;
     double g = cblas_dnrm2(n, s->now.T + n * (n + 1), 1), left = 1 - 2 * g * g / s->now.F;
 
-    return rival != 0 && left > 0 && !collapses(w, &s->now) && bic(w, s->now.rss, left) > rival;
+    return rival != 0 && left > 0 && !collapses(w, &s->now) && worth(w, s->now.rss, left) > rival;
 }
 
 /* Levenberg-Marquardt's damping after Nielsen, and how often in a row it failed. */
@@ -775,7 +761,7 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
     for (int g = 0; g < w->groups; g++)
         r->start += s->now.rss[g];
     r->start = sqrt(r->start);
-    r->start_bic = bic(w, s->now.rss, 1);
+    r->start_bic = worth(w, s->now.rss, 1);
     if (opt->gain > 0)
         opt->rival = r->start_bic - opt->gain;
     for (int round = 0; round < ROUNDS; round++) {
@@ -868,7 +854,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
         total += s->now.rss[g];
     }
     r->residual = known ? sqrt(total) : NAN;
-    r->bic = known ? bic(w, s->now.rss, 1) : HUGE_VAL;
+    r->bic = known ? worth(w, s->now.rss, 1) : HUGE_VAL;
     r->iterations = s->iterations, r->evaluations = s->evaluations;
     r->work = w->spent;
 }
@@ -916,6 +902,8 @@ static void set_energy(struct work *w)
         double chord = w->energy[g] > 0 ? sqrt(w->floor2[g] / w->energy[g]) : 0, theta = 2 * asin(fmin(chord / 2, 1));
         double f = (4 + theta * (w->L + 2.0 * w->data->before) / 4) * DBL_EPSILON;
         w->floor2[g] = f * f * w->energy[g] / n;
+        w->lowest[g] = w->data->least != NULL ? fmax(w->floor2[g],
+                                                     w->data->least[g]) : w->floor2[g];
     }
 }
 
@@ -950,6 +938,78 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
     r = (struct refined) { 0 };
 out:
     refined_done(&r);
+    search_done(&s);
+    work_done(&w);
+    return rc;
+}
+
+void projected_done(struct projected *p)
+{
+    free(p->R), free(p->Z), free(p->rss), free(p->energy), free(p->lowest);
+    *p = (struct projected) { 0 };
+}
+
+static bool projected_new(struct projected *p, const struct work *w)
+{
+    size_t q = (size_t)w->order, groups = (size_t)w->groups;
+
+    *p = (struct projected) { .order = w->order, .parameters = w->parameters, .columns = w->S };
+    p->R = numbers(q, q), p->Z = numbers(q, (size_t)w->S), p->rss = numbers(groups, 1);
+    p->energy = numbers(groups, 1), p->lowest = numbers(groups, 1);
+    return p->R != NULL && p->Z != NULL && p->rss != NULL && p->energy != NULL && p->lowest != NULL;
+}
+
+/* What the evaluation left, into *p. */
+static void projected_take(struct projected *p, const struct work *w, const struct evaluation *e)
+{
+    size_t bytes = (size_t)w->groups * sizeof *p->rss;
+
+    memcpy(p->R, w->R, (size_t)w->order * (size_t)w->order * sizeof *p->R);
+    memcpy(p->rss, e->rss, bytes), memcpy(p->energy, w->energy, bytes),
+        memcpy(p->lowest, w->lowest, bytes);
+    p->criterion = criterion_for(w);
+    p->criterion.energy = p->energy, p->criterion.floor2 = p->lowest;
+    p->degenerate = e->degenerate;
+    p->work = w->spent;
+}
+
+enum modal_status refine_project(const struct refine_data *data, const double complex *lambda,
+                                 int count, const bool *fixed,
+                                 struct projected *out, struct modal_error *err)
+{
+    struct work w = { .data = data, .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count,
+                      .fixed = fixed,
+                      .phases = data->phases > 0 ? data->phases : 1, .look = true };
+    struct search s = { 0 };
+    struct projected p = { 0 };
+    enum modal_status rc = check(data, lambda, count, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    w.groups = w.S / w.phases;
+    if (!work_layout(&w, lambda) || !work_allocate(&w, true) || !search_new(&s, &w)
+        || !projected_new(&p, &w)) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S,
+                        w.order);
+        goto out;
+    }
+    set_energy(&w);
+    for (int g = 0; g < w.groups; g++)
+        w.weight[g] = 1;
+    for (int j = 0; j < count; j++) {
+        double a = creal(lambda[j]) * data->tau;
+        s.at.a[j] = w.first[j] < 0 ? a : guard(&w, a);
+        s.at.b[j] = cimag(lambda[j]) * data->tau;
+    }
+    w.all = p.Z;
+    rc = evaluate(&w, &s.at, &s.now, err);
+    if (rc != MODAL_OK)
+        goto out;
+    projected_take(&p, &w, &s.now);
+    *out = p;
+    p = (struct projected) { 0 };
+out:
+    projected_done(&p);
     search_done(&s);
     work_done(&w);
     return rc;

@@ -4,6 +4,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "modal/error.h"
+#include "modal/identify/criterion.h"
 #include "modal/linalg/matrix.h"
 
 enum { REFINE_ORDER_MOST = 400, REFINE_ITERATIONS_MOST = 200 };
@@ -73,6 +74,25 @@ struct refined {
 enum modal_status refine_poles(const struct refine_data *data, const double complex *start, int count, const bool *fixed,
                                const struct refine_options *options, struct refined *out, struct modal_error *err);
 void refined_done(struct refined *r);
+
+/* The data in the span of a set of poles: Phi = Q R, Z = Q^T Y, columns of Phi in the order of
+ * the poles. */
+struct projected {
+    int order, parameters, columns;   /* q, of the exponents that are not fixed, of Y */
+    double *R, *Z;               /* q x q, zeros below; q x columns */
+    double *rss;                 /* per signal: what the span leaves */
+    double *energy, *lowest;     /* per signal, for: */
+    struct criterion criterion;
+    bool degenerate;             /* Phi has not its full rank: Z and rss mean nothing */
+    double work;                 /* as in struct refined */
+};
+
+/* One evaluation at LAMBDA; arguments and failures as refine_poles has them. The caller frees
+ * *out with projected_done. */
+enum modal_status refine_project(const struct refine_data *data, const double complex *lambda,
+                                 int count, const bool *fixed,
+                                 struct projected *out, struct modal_error *err);
+void projected_done(struct projected *p);
 
 /* Converged to the bound or to rounding? */
 bool refined_converged(const struct refined *r);

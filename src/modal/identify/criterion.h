@@ -1,0 +1,24 @@
+/* criterion.h - what a model of the signals is worth: the one number by which models are
+ * compared */
+#ifndef MODAL_CRITERION_H
+#define MODAL_CRITERION_H
+
+/* The signals that models are compared on. */
+struct criterion {
+    int groups, phases;          /* signals; columns of each */
+    double numbers;              /* of a signal: rows x phases */
+    double own;                  /* of those, independent ones: a filter leaves a share */
+    const double *energy;        /* borrowed, per signal: sum of squares; 0: it is not there */
+    const double *floor2;        /* borrowed, per signal: variance below which nothing is signal */
+};
+
+/*
+ * (1) of criterion.c for a model of ORDER columns and PARAMETERS exponents that leaves the sum of
+ * squares FACTOR times RSS[g] in signal g. Less is better; only differences mean anything.
+ */
+double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
+                    int parameters);
+
+/* The part of it that a model pays for its size. */
+double criterion_price(const struct criterion *c, int order, int parameters);
+#endif

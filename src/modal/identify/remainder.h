@@ -1,0 +1,33 @@
+/* remainder.h - poles in what a fit leaves of the signals */
+#ifndef MODAL_REMAINDER_H
+#define MODAL_REMAINDER_H
+#include "modal/identify/refine.h"
+
+/*
+ * E = Y - Phi C of the poles of FIT, its columns over the noise that the fit says they have; E is
+ * L x S, the caller's to free. Columns that are exact to rounding, or zero, are zero; parts that
+ * cancel each other round as they are, not as their sum. E->x is NULL where the poles coincide.
+ */
+enum modal_status remainder_of(const struct refine_data *data, const struct refined *fit,
+                               struct matrix *E, struct modal_error *err);
+
+/*
+ * Is there a line in E? Of the periodograms of its first L, L/2, L/4, ... rows (a mode that
+ * decays fast is in the first rows only), each summed over the columns, twice the largest
+ * ordinate is the chi-squared of one undamped pair there.
+ */
+enum modal_status remainder_peak(const struct matrix *E, double *chi2, struct modal_error *err);
+
+/* Poles of E by the pencil, at most `most` of them, into LAMBDA: those above the edge of noise,
+ * but two directions at least. */
+enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
+                                  double complex *lambda, int *count, struct modal_error *err);
+
+/*
+ * Chi-squared that a second pole beside LAMBDA, a pair, could take from E at most, to first
+ * order: two neighbours lambda +- d span e^{lambda t}, t e^{lambda t} and t^2 e^{lambda t}, and
+ * the fit of one has the first two.
+ */
+enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
+                                  double *chi2, struct modal_error *err);
+#endif

@@ -1,0 +1,157 @@
+/* What trimming leaves out, and what a fit leaves: against least squares made anew. */
+#include "modal/identify/remainder.h"
+#include "modal/identify/trim.h"
+#include "check.h"
+#include "signals.h"
+
+enum { L = 300, S = 3 };
+static double y[L * S];
+
+/* Three modes, one far weaker, in noise of 1e-3. */
+static const double complex truth[3] = { CMPLX(-0.01, 0.5), CMPLX(-0.004, 1.1), CMPLX(-0.02, 2.3) };
+
+static struct matrix record(uint64_t seed, double weak)
+{
+    struct random rng = { seed };
+
+    for (int c = 0; c < S; c++) {
+        double complex B[3];
+        for (int j = 0; j < 3; j++)
+            B[j] = CMPLX(random_normal(&rng), random_normal(&rng)) * (j == 2 ? weak : 1);
+        for (int l = 0; l < L; l++) {
+            y[l + c * L] = 1e-3 * random_normal(&rng);
+            for (int j = 0; j < 3; j++)
+                y[l + c * L] += creal(B[j] * cexp(truth[j] * l));
+        }
+    }
+    return (struct matrix) { L, S, L, y };
+}
+
+static double bic_of(const struct refine_data *d, const double complex *lambda, int count)
+{
+    struct refine_options look = { .iterations = -1 };
+    struct refined fit;
+    double bic;
+
+    CHECK(refine_poles(d, lambda, count, NULL, &look, &fit, NULL) == MODAL_OK);
+    bic = fit.bic;
+    refined_done(&fit);
+    return bic;
+}
+
+TEST(the_pole_that_goes_first_is_the_one_whose_absence_costs_least_by_fits_made_anew)
+{
+    for (uint64_t seed = 0; seed < 8; seed++) {
+        struct matrix Y = record(30 + seed, 0.05);
+        struct refine_data d = { .Y = &Y, .tau = 1 };
+        struct trim_options one = { 1, 1e9, 1 };
+        const double complex all[6] = { truth[0], truth[1], truth[2],
+                                        CMPLX(-0.3, 0), CMPLX(0.001, 1.7), CMPLX(-0.1, M_PI) };
+        double complex left[6];
+        double least = HUGE_VAL;
+        int count = 6, gone = -1, seen = -1;
+
+        memcpy(left, all, sizeof all);
+        CHECK(trim_poles(&d, left, &count, NULL, &one, NULL, NULL) == MODAL_OK && count == 5);
+        for (int j = 0; j < 6; j++) {
+            double complex others[5];
+            int n = 0;
+            for (int k = 0; k < 6; k++)
+                if (k != j)
+                    others[n++] = all[k];
+            double bic = bic_of(&d, others, 5);
+            if (bic < least)
+                least = bic, gone = j;
+        }
+        for (int j = 0; j < 6 && seen < 0; j++)
+            if (j == 5 || left[j] != all[j])
+                seen = j;
+        CHECK(seen == gone);
+    }
+}
+
+TEST(poles_in_noise_go_and_modes_stay_and_so_does_what_is_fixed)
+{
+    for (uint64_t seed = 0; seed < 20; seed++) {
+        struct matrix Y = record(60 + seed, 0.05);
+        struct refine_data d = { .Y = &Y, .tau = 1 };
+        struct trim_options whole = { 1, 0, 0 };
+        double complex lambda[7] = { 0, truth[0], CMPLX(-0.01, 1.6), truth[1],
+                                     CMPLX(0.001, 2.0), truth[2], CMPLX(-0.2, 0) };
+        bool fixed[7] = { true };
+        double work = 0;
+        int count = 7;
+
+        CHECK(trim_poles(&d, lambda, &count, fixed, &whole, &work, NULL) == MODAL_OK);
+        CHECK(count == 4 && fixed[0] && !fixed[1] && lambda[0] == 0 && work > 0);
+        CHECK(lambda[1] == truth[0] && lambda[2] == truth[1] && lambda[3] == truth[2]);
+    }
+}
+
+TEST(a_pole_listed_twice_goes_once)
+{
+    struct matrix Y = record(90, 1);
+    struct refine_data d = { .Y = &Y, .tau = 1 };
+    struct trim_options whole = { 1, 0, 0 };
+    double complex lambda[4] = { truth[0], truth[1], truth[0], truth[2] };
+    int count = 4;
+
+    CHECK(trim_poles(&d, lambda, &count, NULL, &whole, NULL, NULL) == MODAL_OK);
+    CHECK(count == 3 && lambda[0] == truth[0] && lambda[1] == truth[1] && lambda[2] == truth[2]);
+}
+
+/* chi-squared of a mode in the remainder is far above that of noise, whose largest of some 300
+ * ordinates of 2 S = 6 degrees of freedom stays below 50. */
+TEST(a_mode_that_a_fit_lacks_stands_out_of_what_it_leaves_and_its_pole_is_found_there)
+{
+    for (uint64_t seed = 0; seed < 10; seed++) {
+        struct matrix Y = record(120 + seed, 0.05), E = { 0 };
+        struct refine_data d = { .Y = &Y, .tau = 1 };
+        struct refined fit;
+        double complex found[16];
+        double chi2, nearest = HUGE_VAL;
+        int count;
+
+        CHECK(refine_poles(&d, truth, 3, NULL, NULL, &fit, NULL) == MODAL_OK);
+        CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
+        CHECK(remainder_peak(&E, &chi2, NULL) == MODAL_OK);
+        CHECK(chi2 < 50);
+        refined_done(&fit), free(E.x);
+        CHECK(refine_poles(&d, truth, 2, NULL, NULL, &fit, NULL) == MODAL_OK);
+        CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
+        CHECK(remainder_peak(&E, &chi2, NULL) == MODAL_OK);
+        CHECK(chi2 > 100);
+        CHECK(remainder_poles(&E, 1, 16, found, &count, NULL) == MODAL_OK);
+        CHECK(count >= 1 && count <= 16);
+        for (int j = 0; j < count; j++)
+            nearest = fmin(nearest, cabs(found[j] - truth[2]));
+        CHECK(nearest < 2e-3);
+        refined_done(&fit), free(E.x);
+    }
+}
+
+TEST(of_exact_signals_nothing_is_left_and_two_neighbours_show_beside_the_pole_that_stands_for_both)
+{
+    struct matrix Y = { L, 1, L, y }, E = { 0 };
+    struct refine_data d = { .Y = &Y, .tau = 1 };
+    const double complex pair[2] = { CMPLX(-0.004, 1.1), CMPLX(-0.004, 1.106) };
+    const double complex one = CMPLX(-0.004, 1.103);
+    struct random rng = { 7 };
+    struct refined fit;
+    double chi2, far;
+
+    for (int l = 0; l < L; l++)
+        y[l] = creal(cexp(pair[0] * l) + cexp(pair[1] * l));
+    CHECK(refine_poles(&d, pair, 2, NULL, NULL, &fit, NULL) == MODAL_OK);
+    CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
+    for (int l = 0; l < L; l++)
+        CHECK(E.x[l] == 0);
+    refined_done(&fit), free(E.x);
+    for (int l = 0; l < L; l++)
+        y[l] += 1e-3 * random_normal(&rng);
+    CHECK(refine_poles(&d, &one, 1, NULL, NULL, &fit, NULL) == MODAL_OK);
+    CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
+    CHECK(remainder_split(&E, 1, fit.lambda[0], &chi2, NULL) == MODAL_OK && chi2 > 100);
+    CHECK(remainder_split(&E, 1, CMPLX(-0.004, 2.2), &far, NULL) == MODAL_OK && far < 30);
+    refined_done(&fit), free(E.x);
+}

@@ -5,6 +5,8 @@
  * jobs of the first time, and another list of that name does not.  Each
  * accepted line's queue document is one line of stdout, in order of acceptance, with "line".  With --resume, LIST.accepted
  * keeps number and hash of accepted lines and those are not sent again; a line that was changed since is another.
+ * With --wait the documents of the ended jobs follow, in the list's order; lines that --resume would
+ * pass over are asked for again then, by their keys, so that they are waited for like the others.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -20,7 +22,7 @@
 
 enum { WINDOW_DEFAULT = 256, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
 
-struct item { cJSON *line; long number; uint64_t hash; };
+struct item { cJSON *line; long number; uint64_t hash; char *job; };     /* job: its id, once accepted */
 
 /* Of the journal: by a line's number the hash of the text that was accepted; 0: none was. */
 struct accepted { uint64_t *hash; long count; };
@@ -97,7 +99,7 @@ static enum modal_status read_items(char *list, const struct accepted *skip, str
             break;
         }
         b->items = more;
-        b->items[b->count++] = (struct item) { object, number, hash };
+        b->items[b->count++] = (struct item) { object, number, hash, NULL };
     }
     return rc;
 }
@@ -352,6 +354,8 @@ static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *par
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "id");
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "verb");
         write_accepted(b, &b->items[item]);
+        free(b->items[item].job);
+        b->items[item].job = strdup(text(doc, "job") ? text(doc, "job") : "");
     }
     cJSON_AddNumberToObject(doc, "line", (double)number);
     enum modal_status rc = answer_json(doc, err);
@@ -434,10 +438,49 @@ static enum modal_status submit_all(struct bulk *b, double deadline, struct moda
     return rc;
 }
 
+/* Until accepted job I has ended: its document on stdout; *GOOD: it is done. */
+static enum modal_status wait_one(struct bulk *b, size_t i, double deadline, bool *good,
+                                  struct modal_error *err)
+{
+    cJSON *doc = NULL;
+    enum modal_status rc = client_wait(b->link, b->items[i].job, NULL, deadline, &doc, NULL, err);
+
+    if (rc == MODAL_OK) {
+        *good = text(doc, "state") != NULL && strcmp(text(doc, "state"), "done") == 0;
+        cJSON_AddNumberToObject(doc, "line", (double)b->items[i].number);
+        rc = answer_json(doc, err);
+    }
+    cJSON_Delete(doc);
+    return rc;
+}
+
+/* Until all that was accepted has ended; the exit status of them all into *STATUS. */
+static enum modal_status wait_all(struct bulk *b, double deadline, int *status, struct modal_error *err)
+{
+    size_t done = 0, others = 0;
+    enum modal_status rc = MODAL_OK;
+
+    for (size_t i = 0; rc == MODAL_OK && i < b->count; i++) {
+        bool good = false;
+        if (b->items[i].job == NULL)
+            continue;
+        rc = wait_one(b, i, deadline, &good, err);
+        done += rc == MODAL_OK && good;
+        others += rc == MODAL_OK && !good;
+    }
+    if (others > 0 && *status == 0)
+        *status = 1;
+    if (!b->args->json)
+        fprintf(stderr, "%zu done, %zu failed, cancelled or dead\n", done, others);
+    return rc;
+}
+
 static void bulk_done(struct bulk *b)
 {
-    for (size_t i = 0; i < b->count; i++)
+    for (size_t i = 0; i < b->count; i++) {
         cJSON_Delete(b->items[i].line);
+        free(b->items[i].job);
+    }
     free(b->items);
     free(b->again);
     if (b->journal != NULL)
@@ -455,7 +498,7 @@ int run_bulk(const struct args *args)
     char *list = NULL;
     size_t length = 0;
     enum modal_status rc;
-    int status;
+    int status = 0;
 
     if (b == NULL)
         return answer_failure(args->json, &(struct modal_error) { .status = MODAL_NO_MEMORY, .message = "no memory" }, NULL);
@@ -466,6 +509,7 @@ int run_bulk(const struct args *args)
         rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window", "--window is %d; accepted: a whole number from 1 to %d", b->window, WINDOW_MOST);
     else
         rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon") : open_journal(args, &skip, &b->journal, &err);
+    skip.count = args->wait ? 0 : skip.count;
     if (rc == MODAL_OK)
         rc = signals_read_text(args->from, LIST_BYTES_MOST, &list, &length, &err);
     if (rc == MODAL_OK)
@@ -475,10 +519,14 @@ int run_bulk(const struct args *args)
     if (rc == MODAL_OK)
         rc = remote_open(args, &b->link, &err);
     if (rc == MODAL_OK)
-        rc = submit_all(b, remote_deadline(args), &err);
-    status = rc != MODAL_OK ? answer_failure(args->json, &err, NULL) : b->refused > 0 ? 4 : 0;
+        rc = submit_all(b, args->wait ? INFINITY : remote_deadline(args), &err);
     if (!args->json)
         fprintf(stderr, "%zu of %zu accepted\n", b->done - (size_t)b->refused, b->count);
+    status = b->refused > 0 ? 4 : 0;
+    if (rc == MODAL_OK && args->wait)
+        rc = wait_all(b, remote_deadline(args), &status, &err);
+    if (rc != MODAL_OK)
+        status = answer_failure(args->json, &err, NULL);
     free(list);
     free(skip.hash);
     bulk_done(b);

@@ -51,7 +51,15 @@ static cJSON *subscription(const struct args *args, bool stream, double from)
 }
 
 /* What is remembered of the events so far. */
-struct seen { struct live_plot plot; struct live_modes modes; double next; bool ended; };
+struct seen {
+    struct live_plot plot;
+    struct live_modes modes;
+    double next;
+    bool ended;
+    const char *awaited;               /* a stream of which nothing came yet; NULL: none, or it was said */
+};
+
+static const double silence = 2;       /* s without a word until it is said what is waited for */
 
 /* Say one EVENT; `next` becomes the number to go on from. */
 static enum modal_status say(struct link_message *message, const struct args *args, struct seen *seen, struct modal_error *err)
@@ -83,9 +91,19 @@ static enum modal_status follow(struct link *link, const struct args *args, stru
 
     while (rc == MODAL_OK && !seen->ended) {
         struct link_message message;
-        rc = link_receive(link, deadline, &message, err);
+        double soon = link_now() + silence;
+        bool early = seen->awaited != NULL && soon < deadline;
+        rc = link_receive(link, early ? soon : deadline, &message, err);
+        if (rc == MODAL_TIMEOUT && early) {
+            fprintf(stderr, "modalctl: watch: nothing of a stream \"%s\" so far%s; waiting for it\n",
+                    seen->awaited, args->name == NULL ? ", and no job has that id" : "");
+            seen->awaited = NULL;
+            rc = MODAL_OK;
+            continue;
+        }
         if (rc != MODAL_OK)
             break;
+        seen->awaited = NULL;
         if (message.type == LINK_EVENT)
             rc = say(&message, args, seen, err);
         link_message_done(&message);
@@ -118,12 +136,15 @@ int run_watch(const struct verb *verb, const struct args *args)
     int status;
 
     (void)verb;
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
+        seen->awaited = args->name;
         rc = remote_open(args, &link, &err);
+    }
     while (rc == MODAL_OK && !seen->ended) {
         rc = client_ask(link, "EVENTS", subscription(args, stream, seen->next), fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
         if (rc == MODAL_NOT_FOUND && !stream && args->words > 1) {
             stream = true;                     /* no job of that name: a stream's, which may be yet to come */
+            seen->awaited = args->word[1];
             rc = MODAL_OK;
             continue;
         }

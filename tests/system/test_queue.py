@@ -152,6 +152,35 @@ def test_a_list_is_submitted_once_however_often_it_is_sent(daemon, ctl, client, 
     assert all(client.wait(d["job"], PATIENCE)["state"] == "done" for d in first.lines)
 
 
+def test_a_list_is_waited_for_and_the_exit_status_says_whether_all_succeeded(daemon, ctl, batch, tmp_path):
+    path = listed(tmp_path, batch, 20)
+    said = ctl("submit", "--from", path, "--wait", "--resume", server=daemon, one=False)
+    accepted, ended = said.lines[:20], said.lines[20:]
+    assert said.status == 0 and [d["line"] for d in ended] == list(range(1, 21)) and {d["state"] for d in ended} == {"done"}
+    assert {d["line"]: d["job"] for d in accepted} == {d["line"]: d["job"] for d in ended}
+    again = ctl("submit", "--from", path, "--wait", "--resume", server=daemon, one=False)      # all of it was accepted: it is waited for all the same
+    assert again.status == 0 and [d["job"] for d in again.lines[20:]] == [d["job"] for d in ended]
+
+
+def test_of_a_list_that_is_waited_for_one_failure_is_told_and_one_refusal_too(daemon, ctl, batch, tmp_path):
+    path = listed(tmp_path, batch, 3)
+    good = path.read_text()
+    (tmp_path / "zeros.csv").write_text("t,y\n" + "".join(f"{0.01 * i},0\n" for i in range(64)))
+    path.write_text(good + json.dumps({"kind": "identify", "file": str(tmp_path / "zeros.csv"), "options": {"rank.fixed": 60}}) + "\n")
+    said = ctl("submit", "--from", path, "--wait", server=daemon, one=False)
+    assert said.status == 1 and [d["state"] for d in said.lines[4:]] == ["done"] * 3 + ["failed"], said.lines
+    path.write_text(json.dumps({"kind": "identify", "file": batch, "priority": 999}) + "\n" + good)
+    said = ctl("submit", "--from", path, "--wait", server=daemon, one=False)
+    assert said.status == 4 and [d["state"] for d in said.lines[4:]] == ["done"] * 3
+
+
+def test_a_list_that_is_not_finished_in_time_is_5(own_daemon, ctl, slow_batch, tmp_path):
+    daemon = own_daemon(workers=1)
+    (tmp_path / "list.jsonl").write_text(json.dumps({"kind": "identify", "file": str(slow_batch), "options": SLOW}) + "\n")
+    said = ctl("submit", "--from", tmp_path / "list.jsonl", "--wait", "--timeout", "1", server=daemon, one=False)
+    assert said.status == 5 and said.lines[-1]["error"]["code"] == "timeout"
+
+
 def test_resume_sends_only_what_was_not_accepted(daemon, ctl, batch, tmp_path):
     path = listed(tmp_path, batch, 30)
     assert len(ctl("submit", "--from", path, "--resume", server=daemon, one=False).lines) == 30

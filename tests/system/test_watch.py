@@ -57,6 +57,15 @@ def test_a_watcher_sees_damping_fall_and_the_gaps_and_the_lag_of_each_window(cha
     assert all(line["lag"] == {"samples": 0, "bytes": 0} for line in lines)
 
 
+@pytest.mark.parametrize("words, why", [(["nosuch"], ", and no job has that id"), (["--name", "nosuch"], "")])
+def test_who_watches_what_is_not_there_is_told_what_is_waited_for(words, why, changing, ctl):
+    """On stderr, once; what is there is not announced."""
+    said = ctl("watch", *words, "--timeout", 5, server=changing, one=False)
+    assert said.err == f'modalctl: watch: nothing of a stream "nosuch" so far{why}; waiting for it\n'
+    said = ctl("watch", "changing", "--timeout", 3, server=changing, one=False)
+    assert said.err == ""
+
+
 def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(changing, tmp_path):
     file = tmp_path / "a.prom"
 

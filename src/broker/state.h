@@ -114,6 +114,7 @@ struct stream {
     uint64_t missing;                     /* bytes of its gaps, which its user is charged like samples */
     uint32_t *crcs; uint64_t crc_first, crc_count, crc_room;      /* of each sample from `crc_first` on; 0: not known */
     struct push *held, **held_end;        /* in their order; a task compares the first */
+    uint64_t held_reach;                  /* the end of the farthest of them */
     bool comparing;
     int64_t in_flight;                    /* bytes */
     struct transaction *last;

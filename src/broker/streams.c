@@ -349,11 +349,7 @@ static void drop_gaps(struct stream *s)
 /* The end of what came, those samples that are held included. */
 static uint64_t reach(const struct stream *s)
 {
-    uint64_t end = s->next;
-
-    for (const struct push *p = s->held; p != NULL; p = p->next)
-        end = p->first + p->count > end ? p->first + p->count : end;
-    return end;
+    return s->held != NULL && s->held_reach > s->next ? s->held_reach : s->next;
 }
 
 /* Bytes of the gap that samples from FIRST on leave. */
@@ -510,8 +506,12 @@ static void hold(struct stream *s, const struct push *p)
 
     *held = *p;
     held->body = blob_share(p->body);
-    if (s->held == NULL)
+    if (s->held == NULL) {
         s->held_end = &s->held;
+        s->held_reach = 0;
+    }
+    if (p->first + p->count > s->held_reach)
+        s->held_reach = p->first + p->count;
     *s->held_end = held;
     s->held_end = &held->next;
     s->in_flight += (int64_t)(p->count * sample_bytes(s));

@@ -233,7 +233,7 @@ def test_a_kill_at_the_nth_call_loses_nothing_acknowledged(call, tmp_path):
         present = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1, key="load")
         assert present.ok and present["present"] >= uploads["present"]
         for key, job in acks.items():
-            done = c.ask("WAIT", job=f"key:{key}", timeout_s=100)
+            done = c.ask("WAIT", job=f"key:{key}", timeout_s=250)
             assert done.ok and done["job"] == job and done["state"] == "done", (key, job, done)
     print(f"\nP1 P5: {call}: {killed} kills, {len(acks)} jobs and {uploads['present']} bytes acknowledged, 0 violations")
 
@@ -262,7 +262,7 @@ def test_a_failed_sync_ends_the_daemon_and_acknowledges_nothing_more(call, tmp_p
     with Daemon(folder=tmp_path, config=FAKE, workers=2) as d:
         c = d.client()
         for key, job in acks.items():
-            assert c.ask("WAIT", job=f"key:{key}", timeout_s=100)["job"] == job
+            assert c.ask("WAIT", job=f"key:{key}", timeout_s=250)["job"] == job
     if call == "fdatasync" or ended:
         assert ended > 0, "no sync was ever reached"
     print(f"\nP7: {call}: {ended} failing syncs, {len(acks)} acknowledged jobs, 0 violations")
@@ -281,7 +281,7 @@ def test_a_full_disk_refuses_submits_and_recovers_without_a_hand():
                 break
             assert reply.ok, reply
             acks[f"f{i}"] = reply["job"]
-            done = c.ask("WAIT", job=reply["job"], timeout_s=100)
+            done = c.ask("WAIT", job=reply["job"], timeout_s=250)
             assert done["state"] == "done" or done["error"]["code"] == "storage_full", done
             full += done["state"] == "failed"
             if full >= 3:
@@ -291,7 +291,7 @@ def test_a_full_disk_refuses_submits_and_recovers_without_a_hand():
         for key in list(acks)[: len(acks) // 2]:
             assert c.ask("DELETE", job=f"key:{key}").ok
         until(lambda: submit(c, key="after", options={"say": "again"}).ok)
-        assert c.ask("WAIT", job="key:after", timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job="key:after", timeout_s=250)["state"] == "done"
         d.kill()
         d.start()                                # what is left is whole
         c = d.client()
@@ -309,7 +309,7 @@ def test_deletes_pass_on_a_full_disk_however_many_results_were_tried_there():
             if reply.code == "storage_full":
                 refused += 1
                 time.sleep(0.02)
-            elif c.ask("WAIT", job=reply["job"], timeout_s=100)["state"] == "done":
+            elif c.ask("WAIT", job=reply["job"], timeout_s=250)["state"] == "done":
                 done.append(f"m{i}")
         assert refused > 50, "the disk never filled"
         for key in done[: len(done) // 2]:

@@ -14,7 +14,7 @@ from wire import BUILD, Daemon, crc32c, identity, submit, until  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 LOOP = BUILD / "examples" / "example_loop"
-STEPS, DT, PATIENCE = 20000, 1e-3, 120
+STEPS, DT, PATIENCE = 20000, 1e-3, 600
 PIECE = bytes(range(256)) * 1024
 
 
@@ -52,7 +52,7 @@ def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
     with small_disk("size=48m") as disk, Daemon(folder=disk, config=FAKE, workers=1) as d:
         c = d.client()
         kept = submit(c, key="kept")
-        assert c.ask("WAIT", job=kept["job"], timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job=kept["job"], timeout_s=250)["state"] == "done"
         upload = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1.0)["upload"]
         assert chunk(c, upload, 0)["present"] == len(PIECE)
         mine = c.ask("STREAM", op="open", name="mine", channels=2, dt=DT)["stream"]

@@ -54,13 +54,13 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
     """The limit is set to what is open: no connection, no upload, no new worker, but answers, and jobs of the warm worker; a push waits."""
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
-        assert c.ask("WAIT", job=submit(c)["job"], timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job=submit(c)["job"], timeout_s=250)["state"] == "done"
         begin = dict(content="batch", samples=100000, channels=1, dt=1)
         stream, rows = c.ask("STREAM", op="open", name="patient", channels=1, dt=1)["stream"], bytes(80)
         most = int(subprocess.run(["prlimit", "--pid", str(d.pid), "--nofile", "--noheadings", "--raw", "-o", "SOFT"], capture_output=True, text=True, check=True).stdout)
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={descriptors(d)}:"], check=True)
         served = submit(c, phase=0.25)
-        assert c.ask("WAIT", job=served["job"], timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job=served["job"], timeout_s=250)["state"] == "done"
         refused = c.ask("UPLOAD", op="begin", key="large", **begin)
         assert refused.code in ("busy", "storage_full"), refused
         os.kill(d.children()[0], 9)
@@ -73,7 +73,7 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
         assert d.process.poll() is None and c.ask("STATS").ok
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={most}:"], check=True)
         assert newcomer.answer(asked).ok and c.answer(pushed)["next"] == 10
-        assert c.ask("WAIT", job=queued["job"], timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job=queued["job"], timeout_s=250)["state"] == "done"
         assert c.ask("UPLOAD", op="begin", key="large", **begin).ok
         print("\nF9: no descriptor left: 0 jobs lost, all served again afterwards")
 
@@ -90,7 +90,7 @@ def test_a_clock_that_jumps_neither_ends_nor_prolongs_a_lease_a_limit_or_a_wait(
         patient = submit(c, options={"say": "in time"}, deadline_s=3000)["job"]
         soon = submit(c, options={"say": "too late"}, deadline_s=2)["job"]
         step.write_text("-86400      ")                  # by this clock the rest of all limits is a day longer
-        assert c.ask("WAIT", job=soon, timeout_s=100)["error"]["code"] == "deadline"
+        assert c.ask("WAIT", job=soon, timeout_s=250)["error"]["code"] == "deadline"
         assert c.ask("WAIT", job=began, timeout_s=0.5)["state"] == "running"
         for seconds in (3600, -3600, 86400, -86400, 0):
             step.write_text(f"{seconds}      ")          # and by this one long over
@@ -100,7 +100,7 @@ def test_a_clock_that_jumps_neither_ends_nor_prolongs_a_lease_a_limit_or_a_wait(
             assert c.ask("WAIT", job=began, timeout_s=0.1)["state"] == "running"
         gate.open()
         for job in (began, patient):
-            done = c.ask("WAIT", job=job, timeout_s=100)
+            done = c.ask("WAIT", job=job, timeout_s=250)
             assert done["state"] == "done" and done["attempts"] == 1 and "event=lease" not in d.text()
         print("\nP10: 6 jumps of the clock, 0 violations")
 
@@ -119,7 +119,7 @@ def test_leases_hold_while_four_spinners_have_the_processors():
                 assert c.ask("STATS").ok
                 time.sleep(0.1)
             gate.open()
-            done = c.ask("WAIT", job=job, timeout_s=100)
+            done = c.ask("WAIT", job=job, timeout_s=250)
         finally:
             for one in spinners:
                 one.kill()

@@ -21,7 +21,7 @@ sys.path.insert(0, str(TOP / "clients" / "python"))
 import modald  # noqa: E402
 import sanitized  # noqa: E402
 
-PATIENCE = 480 if sanitized.SANITIZED else 120
+PATIENCE = 1200 if sanitized.SANITIZED else 600      # workers are nice: three spinners beside leave them a fifteenth of a processor
 
 
 def pytest_configure():

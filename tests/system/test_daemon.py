@@ -48,7 +48,7 @@ def test_a_worker_that_falls_silent_loses_its_lease_and_the_job_runs_elsewhere()
             os.kill(pid, signal.SIGSTOP)
         until(lambda: c.ask("STATUS", job=job)["attempts"] == 2, "the lease is not lost")
         gate.open()
-        done = c.ask("WAIT", job=job, timeout_s=100)
+        done = c.ask("WAIT", job=job, timeout_s=250)
         assert done["state"] == "done" and done["attempts"] == 2
         assert not set(before) & set(d.children())
         assert "event=lease" in d.text()
@@ -71,7 +71,7 @@ def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
 def test_a_workers_last_words_are_one_line_of_the_log():
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
-        assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=100)["state"] == "dead"
+        assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=250)["state"] == "dead"
         lines = [line for line in d.text().splitlines() if "event=worker_exit" in line]
         assert len(lines) == 3 and all("status=9 said=\"the 'end' level=forged" in line for line in lines)
 
@@ -80,7 +80,7 @@ def test_the_metrics_file_is_written_whole(tmp_path):
     file = tmp_path / "modald.prom"
     with Daemon(config=FAKE + f"metrics_file = {file}\nmetrics_s = 0.2\n", workers=1) as d:
         c = d.client()
-        c.ask("WAIT", job=submit(c)["job"], timeout_s=100)
+        c.ask("WAIT", job=submit(c)["job"], timeout_s=250)
         until(lambda: file.exists() and 'modald_jobs{state="done"} 1' in file.read_text())
         for line in file.read_text().splitlines():
             assert line.startswith("# ") or re.fullmatch(r'[a-z_]+(\{[a-z]+="[^"]*"\})? -?[0-9.e+-]+', line), line
@@ -150,7 +150,7 @@ def test_a_data_folder_with_a_long_path_works():
         deep.mkdir(parents=True)
         with Daemon(folder=deep, config=FAKE, endpoint=f"ipc://{top}/s.ipc") as d:
             c = d.client()
-            assert c.ask("WAIT", job=submit(c)["job"], timeout_s=100)["state"] == "done"
+            assert c.ask("WAIT", job=submit(c)["job"], timeout_s=250)["state"] == "done"
 
 
 def test_an_endpoint_where_another_daemon_listens_is_refused(tmp_path):
@@ -165,7 +165,7 @@ def test_a_workers_process_is_replaced_after_its_share_of_jobs_and_none_is_lost(
         c, pids = d.client(), set()
         for i in range(8):
             job = submit(c, options={"say": f"n{i}"})["job"]
-            done = c.ask("WAIT", job=job, timeout_s=100)
+            done = c.ask("WAIT", job=job, timeout_s=250)
             assert (done["state"], done["attempts"]) == ("done", 1)
             pids |= set(d.children())
         assert len(pids) >= 3 and "event=worker_exit" not in d.text()
@@ -246,5 +246,5 @@ def test_a_job_whose_names_and_options_fill_two_headers_reaches_its_worker():
             assert client.ask("UPLOAD", [part], op="chunk", upload=upload, offset=at, crc32c=crc32c(part)).ok
         assert client.ask("UPLOAD", op="seal", upload=upload, sha256=identity(40, 1000, 0.1, data, names=names)).ok
         job = client.ask("SUBMIT", kind="identify", options={"misspelt": "x" * 60000}, input={"upload": upload})["job"]
-        ended = client.ask("WAIT", job=job, timeout_s=100)
+        ended = client.ask("WAIT", job=job, timeout_s=250)
         assert (ended["state"], ended["error"]["code"], ended["error"]["field"], ended["attempts"]) == ("failed", "bad_input", "misspelt", 1)

@@ -48,7 +48,7 @@ def test_a_pushed_stream_is_sealed_into_the_batch_of_its_samples(client):
     assert closed["samples"] == at and closed["gaps"] == []
     assert closed["sha256"] == identity(at, 2, 0.01, rows(0, at), units="m", names=["a", "b"])
     job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
-    assert client.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
+    assert client.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
     assert client.ask("RESULT", job=job, part="input", offset=160, length=320).body[0] == rows(10, 20)
     assert client.ask("STREAM", op="close", stream=s["stream"])["sha256"] == closed["sha256"]
     assert push(client, s["stream"], 0, at, rows(at, 1)).code == "conflict"
@@ -108,7 +108,7 @@ def test_an_index_beyond_the_next_is_a_gap_that_the_record_shows(client):
     closed = client.ask("STREAM", op="close", stream=s, broken=True)
     assert closed["gaps"] == [[10, 25]] and closed["samples"] == 35
     job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
-    client.ask("WAIT", job=job, timeout_s=100)
+    client.ask("WAIT", job=job, timeout_s=250)
     part = client.ask("RESULT", job=job, part="input")
     assert part["batch"]["attributes"]["gaps"] == [[10, 25]] and part["batch"]["attributes"]["broken_off"] is True
     assert part.body[0][:160] == rows(0, 10) and part.body[0][400:] == rows(25, 10)
@@ -348,7 +348,7 @@ def test_many_gaps_are_counted_and_the_first_told_so_that_answers_and_jobs_fit_a
     assert closed["gaps"] == [[2 * k + 1, 2 * k + 2] for k in range(256)] and closed["gap_count"] == 599 and closed["samples"] == 1199
     assert len(json.dumps(closed.header)) < 16384
     job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
-    assert client.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
+    assert client.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
 
 
 def test_a_window_that_kills_three_workers_is_told_of_and_the_next_goes_on():

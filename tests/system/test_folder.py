@@ -112,7 +112,7 @@ def test_ledger_and_spool_are_at_most_1_2_of_the_live_bytes_after_retention(tmp_
             data, described = ring_down(samples=1000, phase=i * 1e-3)
             jobs.append(c.ask("SUBMIT", [data], kind="identify", input=described, options={"document": 3000})["job"])
         for job in jobs:
-            assert c.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
+            assert c.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
         for job in jobs[:200]:
             assert c.ask("DELETE", job=job).ok
         log, end = tmp_path / "data" / "ledger.db-wal", time.monotonic() + 120
@@ -139,7 +139,7 @@ def test_an_answer_from_an_earlier_result_is_sound_though_the_earlier_job_is_del
     with Daemon(folder=tmp_path, config=f"worker_path = {fake}\n") as d:
         c = d.client()
         first = submit(c, options={"say": "once"})["job"]
-        assert c.ask("WAIT", job=first, timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job=first, timeout_s=250)["state"] == "done"
         assert submit(c, options={"say": "once"})["cached"] is True and c.ask("DELETE", job=first).ok
         assert d.stop() == 0
     status, [report] = ctl("fsck", str(tmp_path / "data"))

@@ -67,7 +67,7 @@ def test_no_user_can_tell_whether_anothers_job_exists(lab):
     it = lab({"ann": "ann submit", "ben": "ben submit", "eva": "eva admin"})
     ann, ben = it.client("ann"), it.client("ben")
     job = submit(ann, key="mine")["job"]
-    assert ann.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
+    assert ann.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
     for verb in ("STATUS", "WAIT", "RESULT", "CANCEL", "RETRY", "DELETE"):
         theirs, nobodys = ben.ask(verb, job=job), ben.ask(verb, job="00000000")
         assert theirs.header["error"] == nobodys.header["error"]
@@ -78,7 +78,7 @@ def test_no_user_can_tell_whether_anothers_job_exists(lab):
     same = submit(ben, key="mine")
     assert same["job"] != job and same["duplicate"] is False and "cached" not in same.header
     ben.ask("EVENTS", **{"from": 1})
-    ben.ask("WAIT", job=same["job"], timeout_s=100)
+    ben.ask("WAIT", job=same["job"], timeout_s=250)
     assert all(e["job"] == same["job"] for e in ben.early if e.verb == "EVENT")
 
 
@@ -215,12 +215,12 @@ def test_a_revoked_key_s_waits_and_subscriptions_end_with_denied_at_the_reload(l
     gate = it.daemon.gate()
     job = submit(ben, options=gate.options)["job"]
     until(lambda: ben.ask("STATUS", job=job)["state"] == "running")
-    wait = ben.send("WAIT", job=job, timeout_s=100)
+    wait = ben.send("WAIT", job=job, timeout_s=250)
     assert ben.ask("WHOAMI").ok                       # the wait is there
     drained(ben)
     it.write_keys(leave_out=("ben",))
     it.reload()
-    assert eva.ask("WAIT", job=job, timeout_s=100).code == "not_found" and submit(ann)["state"] in ("queued", "running", "done")
+    assert eva.ask("WAIT", job=job, timeout_s=250).code == "not_found" and submit(ann)["state"] in ("queued", "running", "done")
     gate.open()
     until(lambda: "to=done" in it.daemon.text())
     assert ann.ask("WHOAMI").ok and ben.ask("WHOAMI").code == "denied"
@@ -240,14 +240,14 @@ def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):
     c = it.client("ann")
     for i in range(2):
         job = submit(c, options={"sleep": 0.05, "say": f"r{i}"})["job"]
-        assert c.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
+        assert c.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
     assert c.ask("DELETE", job=job).ok
     it.daemon.stop()
     it.daemon.start()
     c = it.client("ann")
     used = c.ask("WHOAMI")["used"]["cpu_s_day"]
     job = submit(c, options={"sleep": 0.05, "say": "r2"})["job"]
-    assert c.ask("WAIT", job=job, timeout_s=100)["state"] == "done"
+    assert c.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
     refused = submit(c, options={"say": "r3"})
     if time.gmtime().tm_yday == before:                # at midnight the count begins anew, rightly
         assert abs(used - 0.02) < 1e-9
@@ -263,7 +263,7 @@ def test_a_user_with_10_jobs_waits_no_longer_than_his_fair_share(lab):
         asked = [ann.send("SUBMIT", [data], kind="identify", options={"sleep": 0.01, "say": f"a{i}"}, input=described) for i in range(first, first + 500)]
         assert all(ann.answer(number).ok for number in asked)
     mine = [submit(ben, options={"sleep": 0.01, "say": f"b{i}"})["job"] for i in range(10)]
-    ended = [ben.ask("WAIT", job=job, timeout_s=100) for job in mine]
+    ended = [ben.ask("WAIT", job=job, timeout_s=250) for job in mine]
     assert all(doc["state"] == "done" for doc in ended)
     begin, end = max(doc["submitted"] for doc in ended), max(doc["started"] for doc in ended)
     meanwhile = sum(begin < doc["started"] < end for doc in json.loads(ann.ask("LIST", state="done", limit=1000).body[0])["jobs"])

@@ -35,7 +35,7 @@ def alive(client):
 
 
 def wait(client, job, **more):
-    return client.ask("WAIT", job=job, timeout_s=100, **more)
+    return client.ask("WAIT", job=job, timeout_s=250, **more)
 
 
 def running(client, gate, **more):

@@ -144,7 +144,7 @@ def test_messages_of_whole_lives_meet_their_schemas():
                                                  ("failed", {"rank.fixed": -1}, {"sha256": sha}, [], "identify"),
                                                  ("batch", {}, {"content": "scene"}, [scene], "simulate")]:
             job = c.ask("SUBMIT", body, kind=kind, options=options, input=given, key=name, priority=5, run_limit_s=60.5, deadline_s=90, max_attempts=2)
-            ends[name] = c.ask("WAIT", job=job["job"], timeout_s=100, result=True)["state"]
+            ends[name] = c.ask("WAIT", job=job["job"], timeout_s=250, result=True)["state"]
         assert ends == {"done": "done", "failed": "failed", "batch": "done"}
         assert c.ask("RESULT", job="key:failed").code == "bad_input"
         for part in ({"part": "batch", "length": 80}, {"part": "input"}, {"part": "document", "offset": 1}):

@@ -18,7 +18,7 @@ import zmq
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 WORKER = BUILD / "bin" / "modald-worker"
 VERSION = b"MODALW1"
-PATIENCE_S = 120
+PATIENCE_S = 300
 
 
 def crc32c(data):

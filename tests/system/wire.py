@@ -16,7 +16,7 @@ import sanitized
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
 VERSION = b"MODALD1"
-PATIENCE_S = 120        # for what must come: a machine that does something else makes it later, and only its absence is a failure
+PATIENCE_S = 300        # for what must come: a machine that does something else makes it later, and only its absence is a failure
 
 
 def until(predicate, what="it did not become true"):

@@ -28,13 +28,21 @@ cJSON *answer_error(const struct modal_error *err, const cJSON *detail)
     return document;
 }
 
+/* Does the text begin with the field that it is about, as most do? */
+static bool names_field(const struct modal_error *err)
+{
+    size_t n = strlen(err->field);
+
+    return strncmp(err->message, err->field, n) == 0 && (err->message[n] == ' ' || err->message[n] == ':');
+}
+
 int answer_failure(bool json, const struct modal_error *err, const cJSON *detail)
 {
     cJSON *document = answer_error(err, detail);
 
     if (json)
         answer_json(document, NULL);
-    else if (err->field[0] != 0)
+    else if (err->field[0] != 0 && !names_field(err))
         fprintf(stderr, "modalctl: %s: %s: %s\n", modal_status_code(err->status), err->field, err->message);
     else
         fprintf(stderr, "modalctl: %s: %s\n", modal_status_code(err->status), err->message);

@@ -93,6 +93,16 @@ static void diagnose(cJSON *list, const char *code, const char *format, const ch
     cJSON_AddItemToArray(list, d);
 }
 
+static void print_missed(cJSON *list, const struct steady_point *point, double target)
+{
+    char text[200];
+
+    snprintf(text, sizeof text, "the error's estimate is %.3g of the amplitude, %.3g times target.error %.3g, with %d "
+             "harmonics, the most that were tried", point->error / point->amplitude,
+             point->error / point->amplitude / target, target, point->H);
+    diagnose(list, "target_not_met", "%s", text);
+}
+
 static void print_diagnostics(const struct program *p, const struct steady_settings *settings, const struct steady_point *point,
                               const struct stability *st, cJSON *doc)
 {
@@ -107,7 +117,7 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
             diagnose(list, "undetermined_offset", "the slider of effect %s never slips: its place, and with it the mean, follows from history; "
                      "the mean given is that with the slider at zero, or as near to it as its strength allows", p->effect[p->law[l].effect].type);
     if (point->converged && settings->opt.harmonics == 0 && point->error > target * point->amplitude)
-        diagnose(list, "target_not_met", "the error's estimate is above target.error at the largest number of harmonics tried%s", "");
+        print_missed(list, point, target);
     if (point->converged && point->laws > 0 && !(point->error >= 0))
         diagnose(list, "error_unknown", "the error could not be estimated: the derivative is singular at the solution%s", "");
     if (st != NULL && st->verdict == STABILITY_UNKNOWN && st->reason != NULL)

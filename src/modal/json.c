@@ -841,6 +841,8 @@ const cJSON *json_member(const cJSON *object, const char *key)
     return child;
 }
 
+enum { KEYS_MOST = 64, KEY_MOST = 64 };      /* of a table of keys that is told; letters of one that is compared */
+
 /* "a, b, c" of a NULL-terminated list. */
 static void list_words(char *out, size_t room, const char *const *words)
 {
@@ -861,9 +863,64 @@ static bool is_word(const char *s, const char *const *words, int *index)
     return false;
 }
 
+/* Operations (a letter changed, put in or left out) that make A of B, up to MOST + 1. */
+static int distance(const char *a, const char *b, int most)
+{
+    int row[KEY_MOST + 1], n = (int)strlen(b);
+
+    if ((int)strlen(a) > KEY_MOST || n > KEY_MOST)
+        return most + 1;
+    for (int j = 0; j <= n; j++)
+        row[j] = j;
+    for (int i = 1; a[i - 1] != 0; i++) {
+        int diagonal = row[0];
+        row[0] = i;
+        for (int j = 1; j <= n; j++) {
+            int above = row[j], changed = diagonal + (a[i - 1] != b[j - 1]);
+            int one = above < row[j - 1] ? above + 1 : row[j - 1] + 1;
+            row[j] = changed < one ? changed : one;
+            diagonal = above;
+        }
+    }
+    return row[n] > most ? most + 1 : row[n];
+}
+
+/* Is NAME what may have been meant by KEY: it begins so, or is a third of its letters away at most? */
+static bool may_mean(const char *key, const char *name)
+{
+    size_t length = strlen(key);
+    int most = length < 3 ? 0 : (int)length / 3;
+
+    return length > 1 && (strncmp(key, name, length) == 0 || distance(key, name, most) <= most);
+}
+
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+/* "; did you mean a, b?; accepted: a, b, c", in the alphabet's order. */
+static enum modal_status unknown_key(const char *path, const char *key, const char *const *names, struct modal_error *err)
+{
+    const char *sorted[KEYS_MOST + 1] = { NULL }, *near[KEYS_MOST + 1] = { NULL };
+    char meant[160] = "", accepted[300];
+    int count = 0, found = 0;
+
+    while (count < KEYS_MOST && names[count] != NULL)
+        sorted[count] = names[count], count++;
+    qsort(sorted, (size_t)count, sizeof *sorted, by_name);
+    for (int i = 0; i < count; i++)
+        if (may_mean(key, sorted[i]))
+            near[found++] = sorted[i];
+    list_words(meant, sizeof meant, near);
+    list_words(accepted, sizeof accepted, sorted);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s%s%s; accepted: %s", key,
+                            found > 0 ? "; did you mean " : "", meant, found > 0 ? "?" : "", accepted);
+}
+
 enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err)
 {
-    char path[128], list[400];
+    char path[128];
     int index;
 
     if (!cJSON_IsObject(object))
@@ -871,8 +928,7 @@ enum modal_status json_keys(const cJSON *object, const char *base, const char *c
     for (const cJSON *child = object->child; child != NULL; child = child->next)
         if (!is_word(child->string, names, &index)) {
             json_path(path, base, child->string);
-            list_words(list, sizeof list, names);
-            return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"; accepted: %s", child->string, list);
+            return unknown_key(path, child->string, names, err);
         }
     return MODAL_OK;
 }

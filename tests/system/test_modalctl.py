@@ -2,6 +2,7 @@
 import csv
 import json
 import pathlib
+import re
 import subprocess
 import wave
 
@@ -232,6 +233,41 @@ def test_a_batch_read_by_python_keeps_its_own_step(client, tmp_path):
     with h5py.File(tmp_path / "y.h5", "w") as file:
         file.create_dataset("signals", data=decay(400))
     assert modald.Batch.read(tmp_path / "y.h5", dt=0.125).dt == 0.125
+
+
+def said_in_words(*words, cwd):
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", *map(str, words)], capture_output=True, text=True, cwd=cwd)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_message_that_names_its_field_is_not_prefixed_with_it_again(tmp_path):
+    path = write_batch(tmp_path / "x.h5", decay(400))
+    status, _, words = said_in_words("identify", path, "-o", "signals=nose", cwd=tmp_path)
+    assert status == 2 and words.startswith('modalctl: bad_input: signals: no channel "nose"'), words
+    status, _, words = said_in_words("identify", path, "-o", "shape=true", cwd=tmp_path)
+    assert status == 2 and words.startswith('modalctl: bad_input: shape: unknown key "shape"; did you mean shapes?'), words
+
+
+def test_a_sweeps_table_says_why_a_cell_is_empty(tmp_path):
+    friction = {"structure": {"type": "chain", "masses": [1], "springs": [1, 0]}, "omega": 1.0,
+                "effects": [{"type": "friction", "dof": "x1", "stiffness": 0.25, "limit": 0.25}]}
+    (tmp_path / "s.json").write_text(json.dumps({"verb": "floquet", "scene": friction,
+                                                 "grid": [{"path": "effects[0].limit", "values": [0.1, 0.2]}]}))
+    status, table, _ = said_in_words("sweep", "s.json", cwd=tmp_path)
+    rows = [line for line in table.splitlines() if line.strip().startswith(("0.1", "0.2"))]
+    assert len(rows) == 2 and all("bad_input: " in row for row in rows), (status, table)
+
+
+def test_a_target_that_is_not_met_says_by_how_much(ctl, tmp_path):
+    """A slider's corners make a spectrum that falls slowly: no number of harmonics reaches 1e-12."""
+    (tmp_path / "s.json").write_text(json.dumps({
+        "structure": {"type": "chain", "masses": [1], "springs": [1, 0], "dampers": [0.05, 0]}, "omega": 0.5,
+        "effects": [{"type": "friction", "dof": "x1", "stiffness": 0.5, "limit": 0.1}],
+        "excitation": [{"dof": "x1", "k": 1, "cos": 0.5}]}))
+    notes = ctl("steady", tmp_path / "s.json", "-o", "target.error=1e-12", "-o", "stability=false").document["diagnostics"]
+    text = next(n["message"] for n in notes if n["code"] == "target_not_met")
+    found = re.search(r"is ([0-9.e+-]+) of the amplitude, ([0-9.e+-]+) times target.error 1e-12", text)
+    assert found and abs(float(found[1]) / 1e-12 / float(found[2]) - 1) < 0.01, text
 
 
 def rows_of(path):

@@ -292,6 +292,36 @@ TEST(an_undamped_line_at_fifty_hertz_is_mains_and_a_damped_one_is_not)
     CHECK(!finds(&b, "mains_line"));
 }
 
+/* A force of 2.5 Hz goes on beside a decay at 1.2 Hz; the same decay with another one beside it says nothing. */
+TEST(what_keeps_its_amplitude_over_the_record_is_called_undamped)
+{
+    struct batch b = batch_of(1500, 1, 0.02);
+    struct random r = { 9 };
+
+    for (int forced = 0; forced < 2; forced++) {
+        for (int k = 0; k < 1500; k++) {
+            double t = k * 0.02, line = 0.8 * sin(2 * M_PI * 2.5 * t);
+            x[k] = exp(-0.08 * t) * cos(2 * M_PI * 1.2 * t) + (forced ? line : line * exp(-0.03 * t));
+            x[k] += 1e-3 * random_normal(&r);
+        }
+        CHECK(finds(&b, "undamped") == forced);
+    }
+}
+
+TEST(a_channel_that_is_zero_is_told)
+{
+    struct batch b = batch_of(600, 2, 0.02);
+
+    for (int dead = 0; dead < 2; dead++) {
+        for (int k = 0; k < 600; k++) {
+            double t = k * 0.02;
+            x[2 * k] = exp(-0.3 * t) * cos(2 * M_PI * 2.385 * t);
+            x[2 * k + 1] = dead ? 0 : 0.4 * exp(-0.3 * t) * sin(2 * M_PI * 2.385 * t);
+        }
+        CHECK(finds(&b, "zero_channel") == dead);
+    }
+}
+
 TEST(a_part_slower_than_the_record_is_drift)
 {
     struct batch b = batch_of(1000, 1, 0.02);

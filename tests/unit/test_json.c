@@ -236,8 +236,29 @@ TEST(an_unknown_key_is_named_and_the_accepted_ones_listed)
     CHECK(json_read("{\"stifness\":1}", 14, &object, NULL) == MODAL_OK);
     CHECK(json_keys(object, "effects[2]", names, &err) == MODAL_BAD_INPUT);
     CHECK_STRING(err.field, "effects[2].stifness");
-    CHECK(strstr(err.message, "stiffness, limit") != NULL);
+    CHECK(strstr(err.message, "accepted: limit, stiffness") != NULL);
     cJSON_Delete(object);
+}
+
+TEST(what_may_have_been_meant_by_an_unknown_key_is_asked)
+{
+    static const char *const names[] = { "window", "rank.rule", "shapes", "rank.fixed", "band", NULL };
+    static const struct { const char *key, *asked; } cases[] = {
+        { "rank", "; did you mean rank.fixed, rank.rule?" }, { "shape", "; did you mean shapes?" },
+        { "windwo", "; did you mean window?" }, { "rank.fxed", "; did you mean rank.fixed?" },
+        { "xyz", "unknown key \"xyz\"; accepted: band, rank.fixed, rank.rule, shapes, window" },
+        { "b", "unknown key \"b\"; accepted: " },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cJSON *object = cJSON_CreateObject();
+        struct modal_error err;
+        cJSON_AddTrueToObject(object, cases[i].key);
+        CHECK(json_keys(object, "", names, &err) == MODAL_BAD_INPUT);
+        if (strstr(err.message, cases[i].asked) == NULL)
+            fail_msg("%s: %s", cases[i].key, err.message);
+        cJSON_Delete(object);
+    }
 }
 
 TEST(a_number_out_of_range_keeps_the_default)

@@ -81,6 +81,15 @@ static void about_length(struct identify_result *r, const struct diagnose_facts 
     }
 }
 
+/* Channels of no motion have no relative error; those of rounding alone are told by about_rounding. */
+static void about_zeros(struct identify_result *r, const struct diagnose_facts *f)
+{
+    for (int c = 0; c < r->channel_count; c++)
+        if (isnan(r->relative_error[c]) && (f->below == NULL || !f->below[c]))
+            identify_diagnose(r, "zero_channel", r->channel[c], "channel %d is zero throughout what is identified: not "
+                              "connected, or not moved; it says nothing and is left out", r->channel[c]);
+}
+
 /* A strong channel or an orbit hides the others. */
 static void about_channels(struct identify_result *r)
 {
@@ -135,5 +144,6 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
     if (f->doubt.rivals)
         identify_diagnose(r, "orders_disagree", -1, "fits of other orders are as likely and have other exponents: standard errors were widened to the differences; record longer, or give rank.fixed if the order is known");
     about_rounding(r, f);
+    about_zeros(r, f);
     about_channels(r);
 }

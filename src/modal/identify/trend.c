@@ -428,6 +428,21 @@ static void look_for_mains(struct identify_result *r)
         }
 }
 
+/* What neither decays nor grows by its error, when that is known to UNDAMPED over the record. */
+static void look_for_undamped(struct identify_result *r, double record)
+{
+    const double BARS = 3, UNDAMPED = 0.01;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double bar = BARS * m->std_re;
+        if (cimag(m->exponent) * record > 4 * M_PI && fabs(creal(m->exponent)) <= bar && bar * record < UNDAMPED)
+            identify_diagnose(r, "undamped", -1, "mode %d (%.5g Hz) keeps its amplitude over the record to %.2g: a steady "
+                              "force, a limit cycle or a mode without damping, which the record cannot tell apart", i,
+                              cimag(m->exponent) / (2 * M_PI), bar * record);
+    }
+}
+
 static void look_for_drift(struct identify_result *r, double record)
 {
     bool vibrates = false;
@@ -460,5 +475,6 @@ void trend_of_modes(double record, struct identify_result *result)
 {
     look_for_harmonics(result);
     look_for_mains(result);
+    look_for_undamped(result, record);
     look_for_drift(result, record);
 }

@@ -39,6 +39,12 @@
 #endif
 #endif
 
+#ifdef SANITIZED
+enum { MEMORY_LIMITED = false };        /* its shadow is larger than any limit */
+#else
+enum { MEMORY_LIMITED = true };
+#endif
+
 enum { NICE = 10, FILES_MOST = 256 };
 
 /* --- limits --- */
@@ -83,10 +89,8 @@ enum modal_status confine_limits(const struct confine_options *options, struct m
         rc = set_limit(RLIMIT_NOFILE, FILES_MOST, "descriptors", err);
     if (rc == MODAL_OK)
         rc = set_limit(RLIMIT_FSIZE, 0, "file size", err);
-#ifndef SANITIZED                       /* whose shadow is larger than any limit */
-    if (rc == MODAL_OK && options->memory > 0)
+    if (rc == MODAL_OK && MEMORY_LIMITED && options->memory > 0)
         rc = set_limit(RLIMIT_DATA, options->memory, "memory", err);
-#endif
     if (rc == MODAL_OK)
         rc = limit_threads(err);
     return rc == MODAL_OK ? confine_death(err) : rc;

@@ -100,7 +100,7 @@ static void carry_out(const struct action *a)
         if (strchr(a->header, '\n') != NULL || strlen(a->header) > 8192)
             abort();
         break;
-    case ACT_STOP: break;
+    case ACT_HAND: case ACT_STOP: break;
     }
     free(a->header);
     blob_drop(a->body);

@@ -600,12 +600,13 @@ static double number_at(const char *p, double otherwise)
 {
     size_t length = p != NULL ? strcspn(p, ",]} \t\r\n") : 0;
     double value;
+    char *end;
 
     if (length == 0 || strspn(p, "0123456789+-.eE") < length
         || (*p != '-' && (*p < '0' || *p > '9')))
         return otherwise;                               /* strtod also knows nan, infinity, 0x1p4 */
-    value = strtod(p, NULL);
-    return isfinite(value) ? value : otherwise;
+    value = strtod(p, &end);
+    return end == p + length && isfinite(value) ? value : otherwise;
 }
 
 /* The same for a count of things. */
@@ -1137,24 +1138,43 @@ static void forget_link(modald_stream *s)
     atomic_store(&s->verdict, MODALD_UNKNOWN);
 }
 
+/* The daemon is there, and does not let us in. */
+static void say_refused(modald_stream *s, uint16_t event, uint32_t value)
+{
+    bool keys = s->keys[0][0] != 0;
+
+    if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
+        say(s, "the daemon refused our key; the run goes on without it");
+    else if (value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
+        say(s, keys ? "the daemon takes no keys (MODALD_KEYFILE); the run goes on without it"
+                    : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
+}
+
+static void note(modald_stream *s, uint16_t event, uint32_t value)
+{
+    if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
+        forget_link(s);
+        s->ready = true;
+    } else if (event == ZMQ_EVENT_DISCONNECTED) {
+        s->lost = true;
+    } else {
+        say_refused(s, event, value);
+    }
+}
+
 static void listen(modald_stream *s)
 {
     zmq_msg_t part;
     uint16_t event;
+    uint32_t value;
 
     zmq_msg_init(&part);
     while (zmq_msg_recv(&part, s->monitor, ZMQ_DONTWAIT) >= 0) {
-        if (!zmq_msg_more(&part) || zmq_msg_size(&part) < 6)
+        if (!zmq_msg_more(&part) || zmq_msg_size(&part) < sizeof event + sizeof value)
             continue;
         memcpy(&event, zmq_msg_data(&part), sizeof event);
-        if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
-            forget_link(s);
-            s->ready = true;
-        } else if (event == ZMQ_EVENT_DISCONNECTED) {
-            s->lost = true;
-        } else if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) {
-            say(s, "the daemon refused our key; the run goes on without it");
-        }
+        memcpy(&value, (const char *)zmq_msg_data(&part) + sizeof event, sizeof value);
+        note(s, event, value);
     }
     zmq_msg_close(&part);
 }
@@ -1417,7 +1437,8 @@ static bool set_options(const modald_stream *s)
 static bool open_monitor(modald_stream *s)
 {
     static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED
-                            | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH, none = 0;
+                            | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH
+                            | ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL, none = 0;
     char name[64];
 
     snprintf(name, sizeof name, "inproc://modald-%u", ++s->links);

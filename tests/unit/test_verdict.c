@@ -148,6 +148,26 @@ TEST(a_harmonic_of_a_mode_does_not_decide)
 }
 
 /* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that stays does not decay. */
+/* A motion gone in 824 nepers a period: its multiplier is below the least double and its logarithm is anybody's guess,
+ * but |rho| is at most its bar, and a bar below 1 decays. */
+TEST(a_multiplier_below_the_least_number_is_judged_by_its_bar)
+{
+    const struct { double bar; int verdict; } cases[] = {
+        { 0, VERDICT_STABLE }, { 0.94, VERDICT_STABLE }, { 1.06, VERDICT_UNDECIDED }, { NAN, VERDICT_UNDECIDED },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct identify_mode mode = {
+            .exponent = -32640, .resolved = -32640, .multiplier = 0, .energy = 1, .persistence = NAN,
+            .std_re = NAN, .std_multiplier = NAN, .bar = cases[i].bar,
+        };
+        struct identify_result r = { .modes = &mode, .mode_count = 1, .period = 0.0253, .freedom = 100 };
+
+        verdict_stability(&r, 0.3);
+        CHECK((int)r.verdict == cases[i].verdict);
+    }
+}
+
 TEST(what_settles_on_a_limit_cycle_is_not_stable)
 {
     for (int i = 0; i < 4; i++) {

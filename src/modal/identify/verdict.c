@@ -60,13 +60,17 @@ static double half_width(const struct identify_result *r, int i)
 
 /*
  * The upper end of the growth.  What is known to b near Re lambda is |rho| to |rho| span b: of a motion gone within a period the multiplier is known to
- * be nearly 0 where its logarithm is not known at all, and |rho| (1 + span b) < 1 decays.
+ * be nearly 0 where its logarithm is not known at all, and |rho| (1 + span b) < 1 decays.  Where |rho| is below the least number,
+ * |rho| + bar is the bar.
  */
 static double most_growth(const struct identify_result *r, int i)
 {
+    const struct identify_mode *m = &r->modes[i];
     double span = span_of(r);
 
-    return creal(r->modes[i].exponent) + log1p(span * half_width(r, i)) / span;
+    if (cabs(m->multiplier) == 0 && m->bar >= 0)
+        return log(m->bar) / span;
+    return creal(m->exponent) + log1p(span * half_width(r, i)) / span;
 }
 
 /* A far stronger mode within one beat over the record: what is weak beside it may be the shape of its decay. */

@@ -425,7 +425,8 @@ static enum modal_status default_bind(struct config *c, struct modal_error *err)
     return MODAL_OK;
 }
 
-/* Who was put into the group modald may use its daemon; a daemon of one's own is its user's alone. */
+/* Who was put into the group modald may use its daemon; a daemon of one's own is its user's
+ * alone. */
 static int default_ipc_mode(void)
 {
     const struct group *group = getgrgid(getegid());
@@ -440,7 +441,8 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
 
     config_done(c);
     if (c->data[0] == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "data", "no data folder: --data DIR, or --config FILE with a "
+        return modal_fail_field(err, MODAL_BAD_INPUT, "data",
+                                "no data folder: --data DIR, or --config FILE with a "
                                 "line `data = DIR`");
     if (keys && (c->server_key[0] == 0 || c->keys[0] == 0))
         return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "server_key and keys belong together; one is missing");

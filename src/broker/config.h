@@ -12,7 +12,8 @@ struct config {
     int bind_count;
     int workers, spool_threads;
     int connections;                      /* of clients at once, as far as the descriptor limit leaves them; 0: all that it leaves */
-    int ipc_mode;                         /* of the socket file; until config_finish, -1: none was named */
+    /* of the socket file; until config_finish, -1: none was named */
+    int ipc_mode;
     char worker_path[PATH_ROOM], worker_user[64];
     int64_t worker_memory;                /* bytes; 0: no limit */
     bool sandbox;
@@ -27,8 +28,8 @@ struct config {
 
 /*
  * The defaults.  No endpoint is among them: config_finish gives $XDG_RUNTIME_DIR/modald/modald.ipc, or
- * /run/modald/modald.ipc for root, where none was named; nor ipc_mode, which is 0660 for a process of the
- * group modald and else 0600.
+ * /run/modald/modald.ipc for root, where none was named; nor ipc_mode, which is 0660 for a
+ * process of the group modald and else 0600.
  */
 void config_init(struct config *config);
 void config_done(struct config *config);

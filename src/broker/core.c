@@ -264,7 +264,8 @@ struct actions *core_loaded(struct core *c, struct moment now)
 
 /* ---- after a commit --------------------------------------------------------------------------------------------- */
 
-/* Something was refused for want of BYTES of disk.  The log tells the edges, the metrics the state in between. */
+/* Something was refused for want of BYTES of disk.  The log tells the edges, the metrics the
+ * state in between. */
 static void want_room(struct core *c, uint64_t bytes)
 {
     c->room_found = false;
@@ -272,7 +273,8 @@ static void want_room(struct core *c, uint64_t bytes)
     if (c->storage_full)
         return;
     c->storage_full = true;
-    core_log(c, "level=warning event=storage_full needed=%llu message=\"submissions are refused for want of disk\"",
+    core_log(c, "level=warning event=storage_full needed=%llu "
+             "message=\"submissions are refused for want of disk\"",
              (unsigned long long)bytes);
     core_timer(c, c->now.mono_ns + SECOND, TIMER_ROOM, 0, 0);
 }
@@ -327,7 +329,8 @@ static void refused(struct core *c, struct transaction *t)
 {
     struct job *job = NULL;
 
-    want_room(c, RESERVE_LAST + RESERVE_LAST / 4);     /* then the ledger's thread has its reserve back */
+    /* then the ledger's thread has its reserve back */
+    want_room(c, RESERVE_LAST + RESERVE_LAST / 4);
     for (struct after *after = t->after; after != NULL; after = after->next)
         if (after->type == AFTER_SHOW && after->to == JOB_DONE) {
             result_refused(c, t, after->job);
@@ -463,7 +466,8 @@ static void committed(struct core *c, struct transaction *list)
 static uint64_t bytes_of(const struct task *task)
 {
     return task->type == TASK_RESULT_PUT ? task->text->size
-         : task->type == TASK_BEGIN || task->type == TASK_STREAM_SEAL ? input_bytes(&task->shape) : 0;
+         : task->type != TASK_BEGIN && task->type != TASK_STREAM_SEAL ? 0
+         : input_bytes(&task->shape);
 }
 
 /* An input larger than what is free, on a disk with room for others, makes no full disk. */
@@ -485,11 +489,13 @@ static void tell_failure(struct core *c, struct task *task)
     char *at;
 
     if (task->status == MODAL_CORRUPT || task->status == MODAL_IO)
-        core_log(c, "level=error event=task code=%s id=%lld message=\"%s\"", modal_status_code(task->status), (long long)task->id,
+        core_log(c, "level=error event=task code=%s id=%lld message=\"%s\"",
+                 modal_status_code(task->status), (long long)task->id,
                  task->err.message);
     if (task->status == MODAL_STORAGE_FULL)
-        modal_fail(&task->err, MODAL_STORAGE_FULL, bytes == 0 ? "the disk is full" : "the disk is full: there is no room "
-                   "for %llu bytes", (unsigned long long)bytes);
+        modal_fail(&task->err, MODAL_STORAGE_FULL, bytes == 0 ? "the disk is full"
+                   : "the disk is full: there is no room for %llu bytes",
+                   (unsigned long long)bytes);
     while (length > 0 && (at = strstr(task->err.message, c->settings.dir)) != NULL) {
         at[0] = '.';                               /* ./spool/7.part */
         memmove(at + 1, at + length, strlen(at + length) + 1);

@@ -95,10 +95,12 @@ struct task {
     struct input_shape shape;             /* BEGIN, RESUME: borrowed from the input, which outlives the task */
     struct upload *upload;                /* in and out of the spool functions */
     struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on; SAMPLES_COMPARE: one */
-    uint64_t offset, length;              /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most; BEGIN, SEAL: out */
+    /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most; BEGIN, SEAL: out */
+    uint64_t offset, length;
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
     struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
-    uint64_t total;                       /* out: the whole size; of ROOM, and of all that MODAL_STORAGE_FULL ended: bytes free */
+    /* out: the whole size; of ROOM, and of all that MODAL_STORAGE_FULL ended: bytes free */
+    uint64_t total;
     uint32_t crcs[64];                    /* WRITE: of each chunk */
     uint8_t sha256[32];                   /* SEAL: out */
     uint32_t crc;                         /* SEAL, STREAM_SEAL: out; READ_SPOOL: in */
@@ -106,10 +108,13 @@ struct task {
     struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
     int64_t stream; uint64_t epoch;       /* STREAM_SEAL, SAMPLES_COMPARE: in */
     uint64_t missing;                     /* STREAM_SEAL: bytes of its gaps, in */
-    uint64_t written, next_segment;       /* STREAM_SEAL, between two slices: bytes of the batch, offset of what comes next */
-    uint64_t begin;                       /* of the batch's, the chunk's first sample its index; READ_SPOOL: of the data its place in
-                                             the file (total: its bytes, crc: its checksum) */
-    struct sums sums;                     /* STREAM_SEAL, READ_SPOOL: out, of its parts; none where the ledger has them */
+    /* STREAM_SEAL, between two slices: bytes of the batch, offset of what comes next */
+    uint64_t written, next_segment;
+    /* of the batch's, the chunk's first sample its index; READ_SPOOL: of the data its place in
+     * the file (total: its bytes, crc: its checksum) */
+    uint64_t begin;
+    /* STREAM_SEAL, READ_SPOOL: out, of its parts; none where the ledger has them */
+    struct sums sums;
     bool differs;                         /* SAMPLES_COMPARE: out: samples that are there are not those of the chunk */
     int descriptor;                       /* OPEN_INPUT: out */
     enum modal_status status;             /* out */

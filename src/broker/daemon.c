@@ -521,7 +521,9 @@ static void write_metrics(struct daemon *d)
 
     snprintf(path, sizeof path, "%s.tmp", d->config->metrics_file);
     file = fopen(path, "w");
-    if (file == NULL || fchmod(fileno(file), 0640) != 0 || fwrite(text->data, 1, text->size, file) != text->size || fflush(file) != 0 || rename(path, d->config->metrics_file) != 0) {
+    if (file == NULL || fchmod(fileno(file), 0640) != 0
+        || fwrite(text->data, 1, text->size, file) != text->size || fflush(file) != 0
+        || rename(path, d->config->metrics_file) != 0) {
         modal_fail(&err, MODAL_IO, "%s: %s", path, strerror(errno));
         log_error("metrics_file", &err);
     }
@@ -819,7 +821,8 @@ static void raise_descriptors(void)
     }
 }
 
-/* A folder that was there before we came keeps its mode; whoever made it is told what it lets others see. */
+/* A folder that was there before we came keeps its mode; whoever made it is told what it lets
+ * others see. */
 static void warn_of_others(const char *folder)
 {
     struct stat known;
@@ -827,14 +830,14 @@ static void warn_of_others(const char *folder)
 
     if (stat(folder, &known) != 0 || (known.st_mode & 07) == 0)
         return;
-    line = grab_format("level=warning event=data_open mode=%04o data=%s message=\"the data folder is open to other users; "
-                       "accepted: 0750 or less\"", (unsigned)known.st_mode & 07777, folder);
+    line = grab_format("level=warning event=data_open mode=%04o data=%s "
+                       "message=\"the data folder is open to other users; accepted: 0750 or less\"", (unsigned)known.st_mode & 07777, folder);
     log_line(line);
     free(line);
 }
 
-/* Identifiers are mixed by the ledger's id; what HELLO tells of it is a way that does not lead back, or a client could
- * number his jobs and so count others'. */
+/* Identifiers are mixed by the ledger's id; what HELLO tells of it is a way that does not lead
+ * back, or a client could number his jobs and so count others'. */
 static void name_store(struct settings *s, const char *ledger_id)
 {
     char text[64];
@@ -1005,7 +1008,8 @@ static void log_ready(const struct config *config)
         free(endpoints);
         endpoints = longer;
     }
-    line = grab_format("level=notice event=ready version=%s endpoint=%s data=%s workers=%d", MODALD_VERSION,
+    line = grab_format("level=notice event=ready version=%s endpoint=%s data=%s workers=%d",
+                       MODALD_VERSION,
                        endpoints, config->settings.dir, config->workers);
     log_line(line);
     free(endpoints);

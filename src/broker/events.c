@@ -46,7 +46,8 @@ static bool is_of_kinds(const char *text, unsigned kinds)
 
     for (int n = 0; kinds != 0 && wire_events[n] != NULL; n++) {
         size_t length = strlen(wire_events[n]);
-        if ((kinds & 1u << n) && strncmp(event, wire_events[n], length) == 0 && event[length] == '"')
+        if ((kinds & 1u << n) && strncmp(event, wire_events[n], length) == 0
+            && event[length] == '"')
             return true;
     }
     return kinds == 0;
@@ -54,7 +55,9 @@ static bool is_of_kinds(const char *text, unsigned kinds)
 
 static bool wants(const struct subscription *s, const struct event_row *row)
 {
-    return is_of_kinds(row->text, s->kinds) && (row->user == NULL || strcmp(row->user, s->user->name) == 0) && (s->job == 0 || s->job == row->job)
+    return is_of_kinds(row->text, s->kinds)
+        && (row->user == NULL || strcmp(row->user, s->user->name) == 0)
+        && (s->job == 0 || s->job == row->job)
         && (s->stream == NULL || (row->topic != NULL && strcmp(row->topic, s->stream) == 0));
 }
 
@@ -238,7 +241,8 @@ void events_request(struct core *c, const struct event *e, const struct wire_req
     }
     s = grab(sizeof *s);
     *s = (struct subscription) { .next = c->subscriptions, .number = ++c->next_subscription, .peer = e->peer, .user = user, .reply = reply,
-        .job = job == NULL ? 0 : job->id, .stream = grab_text(r->events.stream), .kinds = r->events.kinds };
+        .job = job == NULL ? 0 : job->id, .stream = grab_text(r->events.stream),
+        .kinds = r->events.kinds };
     snprintf(s->key, sizeof s->key, "%s", e->key);
     s->next_event = r->events.replay ? (int64_t)(r->events.from > 0 ? r->events.from : 1) : ring_last(c) + 1;
     user->subscriptions++;

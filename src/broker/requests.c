@@ -374,7 +374,8 @@ static void on_result(struct core *c, const struct event *e, const struct wire_r
     else if (input->inline_data)
         read_for(c, &reply, job, TASK_READ_INPUT, input->id, r->result.offset, r->result.length, part);
     else {
-        read_for(c, &reply, job, TASK_READ_SPOOL, input->id, r->result.offset, r->result.length, part);
+        read_for(c, &reply, job, TASK_READ_SPOOL, input->id, r->result.offset, r->result.length,
+                 part);
         task = c->out.items[c->out.count - 1].task;
         task->begin = input->offset;
         task->total = input->bytes;
@@ -382,7 +383,8 @@ static void on_result(struct core *c, const struct event *e, const struct wire_r
     }
 }
 
-/* The checksums of an input's parts, which it came without: the next who asks need not read all of it. */
+/* The checksums of an input's parts, which it came without: the next who asks need not read all
+ * of it. */
 static void keep_sums(struct core *c, const struct task *task)
 {
     const struct input *input = input_by_id(c, task->id);

@@ -4,8 +4,8 @@
  * Chunks are hashed by another thread while one writes and syncs them: a thread that has chunks offers their hashing, any idle
  * thread takes it, and where none did the first does it itself while the disk is busy.
  *
- * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal writes as much as a stream
- * may be long, and neither another's chunk nor another's short stream waits for the end of that.
+ * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal
+ * writes as much as a stream may be long, and neither another's chunk nor another's short stream waits for the end of that.
  */
 #include "broker/queue.h"
 #include "modal/crc32c.h"
@@ -193,7 +193,8 @@ static enum modal_status append(struct reading *s, const void *data, size_t leng
     return rc;
 }
 
-/* Samples that never came are NaN, which no job takes for data: BYTES of them, as far as the slice goes. */
+/* Samples that never came are NaN, which no job takes for data: BYTES of them, as far as the
+ * slice goes. */
 static enum modal_status append_gap(struct reading *s, uint64_t bytes)
 {
     double nan[4096];
@@ -213,7 +214,8 @@ static enum modal_status append_gap(struct reading *s, uint64_t bytes)
     return rc;
 }
 
-/* One segment, if it is of the epoch, behind those before and what is missing between; MODAL_BUSY: the slice is over. */
+/* One segment, if it is of the epoch, behind those before and what is missing between;
+ * MODAL_BUSY: the slice is over. */
 static enum modal_status add_segment(void *context, const struct segment_record *segment)
 {
     struct reading *s = context;
@@ -222,10 +224,13 @@ static enum modal_status add_segment(void *context, const struct segment_record 
     bool ours = segment->epoch == task->epoch;
     enum modal_status rc = MODAL_OK;
 
-    if (ours && (segment->length != segment->count * 8 * task->shape.channels || segment->length > WIRE_CHUNK_MOST
+    if (ours && (segment->length != segment->count * 8 * task->shape.channels
+                 || segment->length > WIRE_CHUNK_MOST
                  || place < task->written))
-        return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples from %llu on",
-                          (long long)task->stream, (unsigned long long)segment->length, (unsigned long long)segment->count,
+        return modal_fail(&task->err, MODAL_CORRUPT,
+                          "a segment of stream %lld has %llu bytes for %llu samples from %llu on",
+                          (long long)task->stream, (unsigned long long)segment->length,
+                          (unsigned long long)segment->count,
                           (unsigned long long)segment->first);
     if (ours)
         rc = append_gap(s, place - task->written);
@@ -241,7 +246,8 @@ static enum modal_status add_segment(void *context, const struct segment_record 
 }
 
 /* The segments of R's stream from its file's offset FROM on to VISIT, with the file open. */
-static enum modal_status read_segments(const char *dir, struct ledger_reader *reader, struct reading *r, uint64_t from,
+static enum modal_status read_segments(const char *dir, struct ledger_reader *reader,
+                                       struct reading *r, uint64_t from,
                                        enum modal_status (*visit)(void *context, const struct segment_record *))
 {
     struct task *task = r->task;
@@ -272,19 +278,25 @@ static enum modal_status find_room(const char *dir, struct task *task)
     return MODAL_OK;
 }
 
-/* What was sent is on this disk already; what gaps take besides must leave room for the ledger, as the reserve does. */
+/* What was sent is on this disk already; what gaps take besides must leave room for the ledger,
+ * as the reserve does. */
 static enum modal_status begin_seal(const char *dir, struct task *task)
 {
-    uint64_t bytes = input_bytes(&task->shape), beside = task->missing < RESERVE_BYTES / 4 ? task->missing : RESERVE_BYTES / 4;
+    uint64_t bytes = input_bytes(&task->shape), least = RESERVE_BYTES / 4;
+    uint64_t beside = task->missing < least ? task->missing : least;
     enum modal_status rc = find_room(dir, task);
 
     if (rc == MODAL_OK && task->total < bytes + beside)
-        rc = modal_fail(&task->err, MODAL_STORAGE_FULL, "no room for a batch of %llu bytes", (unsigned long long)bytes);
-    return rc == MODAL_OK ? upload_begin(dir, task->id, &task->shape, &task->upload, &task->err) : rc;
+        rc = modal_fail(&task->err, MODAL_STORAGE_FULL, "no room for a batch of %llu bytes",
+                        (unsigned long long)bytes);
+    if (rc != MODAL_OK)
+        return rc;
+    return upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
 }
 
 /* Some more of a stream's batch, synced; *MORE: there is more to do. */
-static enum modal_status seal_slice(const char *dir, struct ledger_reader *reader, struct task *task, bool *more)
+static enum modal_status seal_slice(const char *dir, struct ledger_reader *reader,
+                                    struct task *task, bool *more)
 {
     struct reading r = { .task = task, .left = SLICE_BYTES };
     enum modal_status rc = task->upload != NULL ? MODAL_OK : begin_seal(dir, task);
@@ -326,7 +338,8 @@ static enum modal_status compare_segment(void *context, const struct segment_rec
     return rc;
 }
 
-static enum modal_status compare_samples(const char *dir, struct ledger_reader *reader, struct task *task)
+static enum modal_status compare_samples(const char *dir, struct ledger_reader *reader,
+                                         struct task *task)
 {
     struct reading r = { .task = task };
 
@@ -361,12 +374,14 @@ static enum modal_status read_row(struct ledger_reader *reader, struct task *tas
 }
 
 /* A part of a sealed input, held against its checksums. */
-static enum modal_status read_spool(const char *dir, struct ledger_reader *reader, struct task *task)
+static enum modal_status read_spool(const char *dir, struct ledger_reader *reader,
+                                    struct task *task)
 {
     const struct sealed_input input = { task->id, task->begin, task->total, task->crc };
     char *data = NULL;
     size_t got = 0;
-    enum modal_status rc = sums_read(dir, reader, &input, task->offset, task->length, &data, &got, &task->sums, &task->err);
+    enum modal_status rc = sums_read(dir, reader, &input, task->offset, task->length, &data, &got,
+                                     &task->sums, &task->err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -464,7 +479,8 @@ static void give_back(struct spool_threads *s, struct task *task, const struct t
     clock_gettime(CLOCK_MONOTONIC, &ended);
     if (task->status == MODAL_STORAGE_FULL)
         find_room(s->dir, task);
-    task->took_ns += (ended.tv_sec - begun->tv_sec) * INT64_C(1000000000) + ended.tv_nsec - begun->tv_nsec;
+    task->took_ns += (ended.tv_sec - begun->tv_sec) * INT64_C(1000000000)
+                   + ended.tv_nsec - begun->tv_nsec;
     if (is_fatal(task))
         done_fatal(s->done, &task->err);
     done_task(s->done, task);
@@ -606,7 +622,8 @@ void spool_threads_stop(struct spool_threads *s)
     for (int i = 0; i < s->count; i++)
         pthread_join(s->threads[i], NULL);
     pthread_join(s->sealer, NULL);
-    while ((task = s->seals) != NULL) {            /* their files are orphans, which the next start removes */
+    /* their files are orphans, which the next start removes */
+    while ((task = s->seals) != NULL) {
         s->seals = task->next;
         upload_close(task->upload);
         task_free(task);

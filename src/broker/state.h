@@ -111,7 +111,8 @@ struct stream {
     struct segment *segments; size_t segment_count, segment_room;       /* of all epochs, as they came */
     uint64_t bytes;                       /* of all segments: the end of its file */
     uint64_t (*gaps)[2]; size_t gap_count;
-    uint64_t missing;                     /* bytes of its gaps, which its user is charged like samples */
+    /* bytes of its gaps, which its user is charged like samples */
+    uint64_t missing;
     uint32_t *crcs; uint64_t crc_first, crc_count, crc_room;      /* of each sample from `crc_first` on; 0: not known */
     struct push *held, **held_end;        /* in their order; a task compares the first */
     uint64_t held_reach;                  /* the end of the farthest of them */
@@ -231,7 +232,8 @@ struct subscription {
     bool gone;
 };
 
-enum timer { TIMER_ROOM, TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE, TIMER_SPAWN, TIMER_HOUSEKEEPING, TIMER_RETAIN };
+enum timer { TIMER_ROOM, TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE,
+    TIMER_SPAWN, TIMER_HOUSEKEEPING, TIMER_RETAIN };
 
 enum { SLOTS_MOST = 256, RING = 1024 };
 
@@ -271,7 +273,8 @@ struct core {
     int64_t in_flight;                    /* bytes of chunks, all uploads */
     int64_t uncommitted, tasks;
     bool draining, terminating, stopped, storage_full;
-    int64_t storage_full_until, hold_until;   /* nothing is tried until then; no job starts, for want of disk for its result */
+    /* nothing is tried until then; no job starts, for want of disk for its result */
+    int64_t storage_full_until, hold_until;
     uint64_t room_wanted;                 /* bytes free that end storage_full */
     bool room_found;                      /* something was stored since the latest refusal */
     int64_t rejects[MODAL_STATUS_COUNT], replies, deaths, commits, committed_changes, attempts, leases_lost, bytes_in, bytes_out;
@@ -307,7 +310,8 @@ void arena_free(struct arena *arena);
 struct transaction *transaction_new(void);
 struct ledger_change *transaction_add(struct transaction *t, enum ledger_verb verb);
 const char *transaction_text(struct transaction *t, const char *text);
-void transaction_add_sums(struct transaction *t, int64_t input, const struct sums *sums);      /* as rows of its chunks */
+/* as rows of its chunks */
+void transaction_add_sums(struct transaction *t, int64_t input, const struct sums *sums);
 void transaction_keep(struct transaction *t, struct blob *blob);
 struct after *transaction_after(struct transaction *t, enum after_type type);
 void transaction_join(struct transaction *t, struct after *after);
@@ -400,9 +404,11 @@ enum modal_status input_shape_of(const struct wire_input *w, struct input_shape 
 int64_t core_window(const struct core *c);
 void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply);   /* within his rate? else answered */
-void upload_owes(struct user *user, uint64_t bytes);     /* of his rate, for what comes without having been sent */
+/* of his rate, for what comes without having been sent */
+void upload_owes(struct user *user, uint64_t bytes);
 void upload_task_done(struct core *c, struct task *task);
-void upload_gone(struct core *c, struct input *input);     /* its row is gone: who waits for that is told */
+/* its row is gone: who waits for that is told */
+void upload_gone(struct core *c, struct input *input);
 void upload_after(struct core *c, struct after *after, enum modal_status status);
 void upload_quiet(struct core *c, struct input *input);
 struct input *output_begin(struct core *c, struct user *user, const struct wire_input *w, int slot);

@@ -360,8 +360,8 @@ static uint64_t gap_before(const struct stream *s, uint64_t first)
     return s->segment_count > 0 && first > end ? (first - end) * sample_bytes(s) : 0;
 }
 
-/* What all gaps of an epoch may take.  Where users have keys, who sent little may not make the daemon write much; without
- * keys there is one user, and the disk is his. */
+/* What all gaps of an epoch may take.  Where users have keys, who sent little may not make the
+ * daemon write much; without keys there is one user, and the disk is his. */
 static uint64_t gaps_most(const struct core *c, const struct stream *s)
 {
     uint64_t sent = (reach(s) - s->begin) * sample_bytes(s) - s->missing;
@@ -443,9 +443,11 @@ static void refuse_behind(struct core *c, struct stream *s, bool full, const str
                     (unsigned long long)s->next);
 }
 
-/* Within the credit and the user's limits?  Else it is answered, and what is behind it waits.  A gap is paid for like the
- * samples that it stands for, but never waits for a rate that would let as many bytes pass only later. */
-static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap, const struct reply *reply)
+/* Within the credit and the user's limits?  Else it is answered, and what is behind it waits.  A
+ * gap is paid for like the samples that it stands for, but never waits for a rate that would let
+ * as many bytes pass only later. */
+static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap,
+                     const struct reply *reply)
 {
     bool good = false;
 
@@ -453,7 +455,8 @@ static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap
         c->credit_stalls++;
         answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
     } else
-        good = !user_quota(c, s->user, reply, 0, (int64_t)(size + gap)) && upload_allows(c, s->user, size, reply);
+        good = !user_quota(c, s->user, reply, 0, (int64_t)(size + gap))
+            && upload_allows(c, s->user, size, reply);
     if (good)
         upload_owes(s->user, gap);
     s->resumes = s->slowed = !good;
@@ -605,9 +608,11 @@ static bool gaps_too_large(struct core *c, const struct stream *s, const struct 
     if (gap == 0 || s->missing + gap <= most)
         return false;
     answer_fail(c, &p->reply, MODAL_TOO_LARGE, "first", answer_number("expected", (double)reach(s)),
-                "samples %llu to %llu would be missing, with earlier gaps %llu bytes; accepted: %llu bytes of gaps (%llu, or as "
-                "many as the samples that are here)", (unsigned long long)reach(s), (unsigned long long)(p->first - 1),
-                (unsigned long long)(s->missing + gap), (unsigned long long)most, (unsigned long long)GAP_BYTES);
+                "samples %llu to %llu would be missing, with earlier gaps %llu bytes; accepted: "
+                "%llu bytes of gaps (%llu, or as many as the samples that are here)",
+                (unsigned long long)reach(s), (unsigned long long)(p->first - 1),
+                (unsigned long long)(s->missing + gap), (unsigned long long)most,
+                (unsigned long long)GAP_BYTES);
     return true;
 }
 

@@ -121,7 +121,8 @@ static void drop_open(struct user *user, const struct input *input)
         }
 }
 
-/* Its row goes, and once that is committed its file, as nobody may be told `gone` of what a crash would bring back. */
+/* Its row goes, and once that is committed its file, as nobody may be told `gone` of what a crash
+ * would bring back. */
 static void leave(struct core *c, struct input *input)
 {
     drop_open(input->user, input);
@@ -415,7 +416,8 @@ static void say_wrong(struct core *c, const struct filling *f, const struct repl
 
     identity_hex(f->found, hex);
     cJSON_AddStringToObject(detail, "found", hex);
-    answer_fail(c, reply, MODAL_BAD_INPUT, "sha256", detail, "the bytes have another SHA-256; begin again");
+    answer_fail(c, reply, MODAL_BAD_INPUT, "sha256", detail,
+                "the bytes have another SHA-256; begin again");
 }
 
 void upload_gone(struct core *c, struct input *input)
@@ -429,9 +431,11 @@ void upload_gone(struct core *c, struct input *input)
         if (f->wrong)
             say_wrong(c, f, &after->reply);
         else
-            answer_fail(c, &after->reply, MODAL_NOT_FOUND, "upload", NULL, "the upload was aborted");
+            answer_fail(c, &after->reply, MODAL_NOT_FOUND, "upload", NULL,
+                        "the upload was aborted");
     for (after = f->askers; after != NULL; after = after->next)
-        answer_fail(c, &after->reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "the upload was aborted; begin again");
+        answer_fail(c, &after->reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
+                    "the upload was aborted; begin again");
 }
 
 /* ---- requests --------------------------------------------------------------------------------------------------- */

@@ -128,8 +128,10 @@ static void check_file(struct check *check, const struct input_record *input)
     }
     check->place = input->offset;
     if (check->place == 0 && spool_offset(path, &input->shape, &check->place, &err) != MODAL_OK)
-        say(check, "input %" PRId64 ": %s", input->id, err.message);     /* of an upload that earlier versions began */
-    else if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check, &err) != MODAL_OK)
+        /* of an upload that earlier versions began */
+        say(check, "input %" PRId64 ": %s", input->id, err.message);
+    else if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check,
+                                &err) != MODAL_OK)
         say(check, "input %" PRId64 ": its chunks: %s", input->id, err.message);
     if (input->state == INPUT_SEALED && check->report->problems == before && sum(check, input->offset, input_bytes(&input->shape), &crc) && crc != input->crc)
         say(check, "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64 " bytes) is %08x, not %08x", input->id, path,

@@ -331,8 +331,8 @@ static enum modal_status take_lock(struct ledger *ledger, struct modal_error *er
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;     /* the pid is for people only */
 }
 
-/* A copy of the folder has the same store id: of all on this host, one may run.  All users of the host can read the name, so
- * it does not tell the id. */
+/* A copy of the folder has the same store id: of all on this host, one may run.  All users of the
+ * host can read the name, so it does not tell the id. */
 static enum modal_status take_name(struct ledger *ledger, struct modal_error *err)
 {
     struct sockaddr_un name = { .sun_family = AF_UNIX };
@@ -351,8 +351,9 @@ static enum modal_status take_name(struct ledger *ledger, struct modal_error *er
     if (bind(ledger->socket, (struct sockaddr *)&name, (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length)) == 0)
         return MODAL_OK;
     if (errno == EADDRINUSE)
-        return modal_fail(err, MODAL_BUSY, "the data folder %s is a copy of one whose daemon is running (store %s)", ledger->dir,
-                          ledger->store);
+        return modal_fail(err, MODAL_BUSY,
+                          "the data folder %s is a copy of one whose daemon is running (store %s)",
+                          ledger->dir, ledger->store);
     return modal_fail(err, MODAL_IO, "bind: %s", strerror(errno));
 }
 

@@ -209,11 +209,13 @@ enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after
                                      enum modal_status (*event)(void *context, const struct event_record *), void *context,
                                      struct modal_error *err);
 /* The chunks of an input that have bytes in [FROM, TO), by ascending offset. */
-enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from, uint64_t to,
+enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from,
+                                     uint64_t to,
                                      enum modal_status (*chunk)(void *context, const struct chunk_record *), void *context,
                                      struct modal_error *err);
 /* The segments of a stream from OFFSET of its file on, by ascending offset. */
-enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream, uint64_t offset,
+enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream,
+                                       uint64_t offset,
                                        enum modal_status (*segment)(void *context, const struct segment_record *), void *context,
                                        struct modal_error *err);
 /* All rows, as ledger_load. */

@@ -231,7 +231,8 @@ static enum modal_status or_full(const char *dir, enum modal_status rc, struct m
     return rc;
 }
 
-/* A file that an earlier version, or SQLite by itself, made for others to read; its owner alone may change that. */
+/* A file that an earlier version, or SQLite by itself, made for others to read; its owner alone
+ * may change that. */
 static enum modal_status close_to_others(const char *path, struct modal_error *err)
 {
     struct stat known;

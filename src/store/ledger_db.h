@@ -20,7 +20,8 @@ enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct
  */
 enum modal_status ledger_db_open(const char *dir, bool write, sqlite3 **out, struct modal_error *err);
 
-/* The file of a database at PATH, made if absent, and its log's and index's, are for nobody beyond LEDGER_MODE. */
+/* The file of a database at PATH, made if absent, and its log's and index's, are for nobody
+ * beyond LEDGER_MODE. */
 enum modal_status ledger_db_make(const char *path, struct modal_error *err);
 
 /* Run one SQL text without results. */

@@ -191,13 +191,15 @@ enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after
     return rc;
 }
 
-enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from, uint64_t to,
+enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from,
+                                     uint64_t to,
                                      enum modal_status (*chunk)(void *context, const struct chunk_record *), void *context,
                                      struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
     int64_t first = (int64_t)from, end = to < INT64_MAX ? (int64_t)to : INT64_MAX;
-    enum modal_status rc = ask(reader, "SELECT offset, length, crc FROM chunks WHERE input=?1 AND offset>?2 AND offset<?3"
+    enum modal_status rc = ask(reader,
+                 "SELECT offset, length, crc FROM chunks WHERE input=?1 AND offset>?2 AND offset<?3"
                                        " AND offset+length>?4 ORDER BY offset", input, &row, err);
     int code = SQLITE_DONE;
 
@@ -217,12 +219,14 @@ enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input
     return rc;
 }
 
-enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream, uint64_t offset,
+enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream,
+                                       uint64_t offset,
                                        enum modal_status (*segment)(void *context, const struct segment_record *), void *context,
                                        struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    enum modal_status rc = ask(reader, "SELECT " LEDGER_SEGMENT_COLUMNS " FROM segments WHERE stream=?1 AND offset>=?2"
+    enum modal_status rc = ask(reader,
+                    "SELECT " LEDGER_SEGMENT_COLUMNS " FROM segments WHERE stream=?1 AND offset>=?2"
                                        " ORDER BY offset", stream, &row, err);
     int code = SQLITE_DONE;
 

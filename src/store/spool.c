@@ -175,7 +175,8 @@ enum modal_status upload_begin(const char *dir, int64_t id, const struct input_s
 
 /* --- going on --- */
 
-enum modal_status spool_offset(const char *path, const struct input_shape *shape, uint64_t *offset, struct modal_error *err)
+enum modal_status spool_offset(const char *path, const struct input_shape *shape, uint64_t *offset,
+                               struct modal_error *err)
 {
     hid_t access, file = H5I_INVALID_HID, set = H5I_INVALID_HID;
     haddr_t address = HADDR_UNDEF;
@@ -249,7 +250,8 @@ static enum modal_status resume(struct upload *upload, const struct input_shape 
     enum modal_status rc = buffer != NULL ? open_part(upload, err) : modal_fail(err, MODAL_NO_MEMORY, "spool: no memory to read back");
 
     if (rc == MODAL_OK)
-        rc = spool_offset(upload->is_sealed ? upload->sealed : upload->part, shape, &upload->offset, err);
+        rc = spool_offset(upload->is_sealed ? upload->sealed : upload->part, shape, &upload->offset,
+                          err);
     for (size_t i = 0; rc == MODAL_OK && i < count; i++)
         rc = read_back(upload, &chunks[i], buffer, err);
     free(buffer);

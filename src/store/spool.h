@@ -51,8 +51,10 @@ enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct 
 /* Release the handle; the file stays as it is. */
 void upload_close(struct upload *upload);
 
-/* Where the data of the upload or input at PATH lies in it.  MODAL_CORRUPT: its HDF5 structure is damaged. */
-enum modal_status spool_offset(const char *path, const struct input_shape *shape, uint64_t *offset, struct modal_error *err);
+/* Where the data of the upload or input at PATH lies in it.  MODAL_CORRUPT: its HDF5 structure is
+ * damaged. */
+enum modal_status spool_offset(const char *path, const struct input_shape *shape, uint64_t *offset,
+                               struct modal_error *err);
 
 /* Remove input ID, sealed or not; absent is no error. */
 enum modal_status spool_remove(const char *dir, int64_t id, struct modal_error *err);

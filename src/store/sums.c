@@ -8,7 +8,8 @@
 #include "store/file.h"
 #include "store/spool.h"
 
-static enum modal_status put(struct sums *sums, const struct chunk_record *part, struct modal_error *err)
+static enum modal_status put(struct sums *sums, const struct chunk_record *part,
+                             struct modal_error *err)
 {
     if (sums->count == sums->room) {
         size_t room = sums->room > 0 ? 2 * sums->room : 64;
@@ -22,7 +23,8 @@ static enum modal_status put(struct sums *sums, const struct chunk_record *part,
     return MODAL_OK;
 }
 
-enum modal_status sums_add(struct sums *sums, uint64_t length, uint32_t crc, struct modal_error *err)
+enum modal_status sums_add(struct sums *sums, uint64_t length, uint32_t crc,
+                           struct modal_error *err)
 {
     struct chunk_record *last = sums->count > 0 ? &sums->items[sums->count - 1] : NULL;
     uint64_t end = last != NULL ? last->offset + last->length : 0;
@@ -44,15 +46,19 @@ struct reading {
 
 static enum modal_status damaged(const struct reading *r, const struct chunk_record *part)
 {
-    return modal_fail(r->err, MODAL_CORRUPT, "the stored input is damaged: bytes %llu to %llu of it do not have their checksum",
-                      (unsigned long long)part->offset, (unsigned long long)(part->offset + part->length - 1));
+    return modal_fail(r->err, MODAL_CORRUPT,
+                      "the stored input is damaged: bytes %llu to %llu do not have their checksum",
+                      (unsigned long long)part->offset,
+                      (unsigned long long)(part->offset + part->length - 1));
 }
 
 /* PART's bytes into DATA; what is short or differs is never told as good. */
-static enum modal_status get_part(const struct reading *r, const struct chunk_record *part, char *data)
+static enum modal_status get_part(const struct reading *r, const struct chunk_record *part,
+                                  char *data)
 {
     size_t got = 0;
-    enum modal_status rc = file_read(r->fd, data, part->length, r->input->place + part->offset, &got, r->err);
+    enum modal_status rc = file_read(r->fd, data, part->length, r->input->place + part->offset,
+                                     &got, r->err);
 
     if (rc == MODAL_OK && (got < part->length || crc32c(0, data, got) != part->crc))
         rc = damaged(r, part);
@@ -66,17 +72,21 @@ static enum modal_status keep_part(void *context, const struct chunk_record *par
     return put(&r->parts, part, r->err);
 }
 
-/* All of the input against the one checksum that there is; the parts' are the caller's from then on. */
+/* All of the input against the one checksum that there is; the parts' are the caller's from then
+ * on. */
 static enum modal_status sum_all(struct reading *r, struct sums *out)
 {
     const struct sealed_input *input = r->input;
     char *block = malloc(LEDGER_CHUNK_MOST);
     struct sums sums = { NULL, 0, 0 };
     uint32_t crc = 0;
-    enum modal_status rc = block != NULL ? MODAL_OK : modal_fail(r->err, MODAL_NO_MEMORY, "no memory to read an input");
+    enum modal_status rc = MODAL_OK;
 
+    if (block == NULL)
+        rc = modal_fail(r->err, MODAL_NO_MEMORY, "no memory to read an input");
     for (uint64_t at = 0; rc == MODAL_OK && at < input->bytes;) {
-        size_t want = input->bytes - at < LEDGER_CHUNK_MOST ? (size_t)(input->bytes - at) : LEDGER_CHUNK_MOST, got = 0;
+        uint64_t left = input->bytes - at;
+        size_t want = left < LEDGER_CHUNK_MOST ? (size_t)left : LEDGER_CHUNK_MOST, got = 0;
         uint32_t part;
         rc = file_read(r->fd, block, want, input->place + at, &got, r->err);
         part = crc32c(0, block, got);
@@ -96,7 +106,8 @@ static enum modal_status sum_all(struct reading *r, struct sums *out)
 }
 
 /* The parts that the range touches: the ledger's, or those of OUT. */
-static enum modal_status find_parts(struct reading *r, struct ledger_reader *reader, uint64_t from, uint64_t to, struct sums *out)
+static enum modal_status find_parts(struct reading *r, struct ledger_reader *reader, uint64_t from,
+                                    uint64_t to, struct sums *out)
 {
     enum modal_status rc = ledger_read_chunks(reader, r->input->id, from, to, keep_part, r, r->err);
 
@@ -126,8 +137,10 @@ static enum modal_status get_range(const struct reading *r, uint64_t from, uint6
 {
     const struct chunk_record *first = r->parts.items, *last = first + r->parts.count - 1;
     char *data = malloc(last->offset + last->length - first->offset);
-    enum modal_status rc = data != NULL ? MODAL_OK : modal_fail(r->err, MODAL_NO_MEMORY, "no memory to read an input");
+    enum modal_status rc = MODAL_OK;
 
+    if (data == NULL)
+        rc = modal_fail(r->err, MODAL_NO_MEMORY, "no memory to read an input");
     for (const struct chunk_record *part = first; rc == MODAL_OK && part <= last; part++)
         rc = get_part(r, part, data + (part->offset - first->offset));
     if (rc != MODAL_OK) {
@@ -139,8 +152,10 @@ static enum modal_status get_range(const struct reading *r, uint64_t from, uint6
     return MODAL_OK;
 }
 
-enum modal_status sums_read(const char *dir, struct ledger_reader *reader, const struct sealed_input *input, uint64_t offset,
-                            uint64_t length, char **data, size_t *got, struct sums *out, struct modal_error *err)
+enum modal_status sums_read(const char *dir, struct ledger_reader *reader,
+                            const struct sealed_input *input, uint64_t offset,
+                            uint64_t length, char **data, size_t *got, struct sums *out,
+                            struct modal_error *err)
 {
     uint64_t from = offset < input->bytes ? offset : input->bytes;
     uint64_t to = length < input->bytes - from ? from + length : input->bytes;

@@ -494,15 +494,18 @@ static enum modal_status read_kinds(const cJSON *list, unsigned *out, struct mod
         return MODAL_OK;
     cJSON_ArrayForEach(item, list) {
         unsigned n = 0;
-        while (wire_events[n] != NULL && (!cJSON_IsString(item) || strcmp(wire_events[n], item->valuestring) != 0))
+        const char *name = cJSON_IsString(item) ? item->valuestring : "";
+        while (wire_events[n] != NULL && strcmp(wire_events[n], name) != 0)
             n++;
         if (wire_events[n] == NULL)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "kinds", "kinds has \"%.40s\"; accepted: state, progress, modes, alarm",
+            return modal_fail_field(err, MODAL_BAD_INPUT, "kinds",
+                                    "kinds has \"%.40s\"; accepted: state, progress, modes, alarm",
                                     cJSON_IsString(item) ? item->valuestring : "what is no text");
         *out |= 1u << n;
     }
     if (!cJSON_IsArray(list) || *out == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "kinds", "kinds must be a list of one or more of state, progress, modes, alarm");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "kinds",
+                            "kinds must be a list of one or more of state, progress, modes, alarm");
     return MODAL_OK;
 }
 
@@ -597,7 +600,8 @@ static const struct row {
     [WIRE_RETRY]   = { "RETRY",   WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_DELETE]  = { "DELETE",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_LIST]    = { "LIST",    WIRE_ROLE_READ,   read_list,     false, { "id", "state", "kind", "limit", "after" } },
-    [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false, { "id", "op", "from", "job", "stream", "kinds", "subscription" } },
+    [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false, { "id", "op", "from",
+        "job", "stream", "kinds", "subscription" } },
     [WIRE_STATS]   = { "STATS",   WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_METRICS] = { "METRICS", WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_WHOAMI]  = { "WHOAMI",  WIRE_ROLE_READ,   read_nothing,  false, { "id" } },

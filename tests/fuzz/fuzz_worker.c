@@ -15,6 +15,7 @@
  *     15        samples of a stream
  */
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "broker/core.h"
@@ -203,7 +204,7 @@ static void end_task(enum modal_status status)
         t->text = blob_copy("0123456789abcdef", 16);
     else if (t->type == TASK_BEGIN || t->type == TASK_RESUME)
         t->upload = (void *)&handle;
-    else if (t->type == TASK_ABORT || t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
+    else if (t->type == TASK_CLOSE || t->type == TASK_REMOVE_INPUT)
         t->upload = NULL;
     step((struct event) { .type = EVENT_TASK, .task = t });
 }

@@ -314,7 +314,7 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
             memcpy(X, good, size * sizeof *X);
         }
         at = isnan(level_done) ? at : level_done + step;
-        if (at * from < 0 || (from < 1 ? at > 0 : at < 0) || fabs(at) < 1e-9)
+        if ((from < 1 ? at > 0 : at < 0) || fabs(at) < 1e-9)
             at = 0;
     }
     if (rc == MODAL_OK)

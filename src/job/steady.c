@@ -22,7 +22,7 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
 
     if (rc != MODAL_OK || known->verdict != STABILITY_UNSTABLE)
         return rc;
-    rc = steady_solve_all(s, p->omega, NULL, &points, &count, err);
+    rc = steady_solve_all(s, p->omega, NULL, point, &points, &count, err);
     for (int i = 0; rc == MODAL_OK && i < count && stable < 0; i++) {
         rc = points[i].converged ? stability_of(s, &points[i], &st, err) : MODAL_OK;
         if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)
@@ -54,7 +54,7 @@ static enum modal_status solve_points(struct steady *s, const struct program *p,
     enum modal_status rc;
 
     if (settings->all)
-        return steady_solve_all(s, p->omega, start, points, count, err);
+        return steady_solve_all(s, p->omega, start, NULL, points, count, err);
     *points = calloc(1, sizeof **points);
     if (*points == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");

@@ -95,12 +95,39 @@ static void diagnose(cJSON *list, const char *code, const char *format, const ch
 
 static void print_missed(cJSON *list, const struct steady_point *point, double target)
 {
-    char text[200];
+    char text[320], more[100] = "";
 
+    if (point->wanting)
+        snprintf(more, sizeof more, "; the next needs more work than is spent unasked: give harmonics "
+                 "= %d for it", 2 * point->H);
     snprintf(text, sizeof text, "the error's estimate is %.3g of the amplitude, %.3g times target.error %.3g, with %d "
-             "harmonics, the most that were tried", point->error / point->amplitude,
-             point->error / point->amplitude / target, target, point->H);
+             "harmonics, the most that were tried%s", point->error / point->amplitude,
+             point->error / point->amplitude / target, target, point->H, more);
     diagnose(list, "target_not_met", "%s", text);
+}
+
+/* One line for all sliders that stay where they are. */
+static void print_offsets(const struct program *p, const struct steady_point *point, cJSON *list)
+{
+    int count = 0, first = 0;
+    char which[96];
+
+    for (int l = point->laws - 1; point->converged && l >= 0; l--)
+        if (point->undetermined[l]) {
+            count++;
+            first = l;
+        }
+    if (count == 0)
+        return;
+    if (count == 1)
+        snprintf(which, sizeof which, "the slider of effect %s never slips",
+                 p->effect[p->law[first].effect].type);
+    else
+        snprintf(which, sizeof which, "%d sliders of %d never slip", count, point->laws);
+    diagnose(list, "undetermined_offset",
+             "%s: its place, and with it the mean, follows from history; "
+             "the mean given is that with the slider at zero, or as near to it as its strength allows",
+             which);
 }
 
 static void print_diagnostics(const struct program *p, const struct steady_settings *settings, const struct steady_point *point,
@@ -112,10 +139,7 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
     if (!point->converged)
         diagnose(list, "no_periodic_solution", "no periodic solution was found: %s; what is given is the best iterate",
                  point->reason != NULL ? point->reason : "the balance does not close");
-    for (int l = 0; point->converged && l < point->laws; l++)
-        if (point->undetermined[l])
-            diagnose(list, "undetermined_offset", "the slider of effect %s never slips: its place, and with it the mean, follows from history; "
-                     "the mean given is that with the slider at zero, or as near to it as its strength allows", p->effect[p->law[l].effect].type);
+    print_offsets(p, point, list);
     if (point->converged && settings->opt.harmonics == 0 && point->error > target * point->amplitude)
         print_missed(list, point, target);
     if (point->converged && point->laws > 0 && !(point->error >= 0))
@@ -128,6 +152,7 @@ enum modal_status steady_print(struct steady *s, const struct program *p, const 
                                const struct steady_point *point, const struct stability *stability, cJSON **out, struct modal_error *err)
 {
     const struct stability unknown = { .verdict = STABILITY_UNKNOWN };
+    bool known = point->converged || point->fewer;       /* the errors */
     cJSON *doc = cJSON_CreateObject(), *r;
     enum modal_status rc;
 
@@ -142,14 +167,18 @@ enum modal_status steady_print(struct steady *s, const struct program *p, const 
     if (rc == MODAL_OK && settings->time != 0)
         rc = print_time(s, p, settings, point, doc, err);
     json_set_number(doc, "residual", point->residual >= 0 ? point->residual : NAN);
-    json_set_number(doc, "truncation_error", point->converged ? point->truncation : NAN);
-    json_set_number(doc, "sampling_error", point->converged ? point->sampling : NAN);
-    json_set_number(doc, "solver_error", point->converged ? point->solver : NAN);
-    json_set_number(doc, "total_error", point->converged ? point->error : NAN);
+    json_set_number(doc, "truncation_error", known ? point->truncation : NAN);
+    json_set_number(doc, "sampling_error", known ? point->sampling : NAN);
+    json_set_number(doc, "solver_error", known ? point->solver : NAN);
+    json_set_number(doc, "total_error", known ? point->error : NAN);
     r = cJSON_AddObjectToObject(doc, "reconstruction");
-    json_set_number(r, "rms_residual", point->converged ? point->tail_rms : NAN);
-    json_set_number(r, "max_residual", point->converged ? point->tail_max : NAN);
-    json_set_number(r, "relative_residual", point->converged ? point->load_max > 0 ? point->tail_max / point->load_max : 0 : NAN);
+    json_set_number(r, "rms_residual", known ? point->tail_rms : NAN);
+    json_set_number(r, "max_residual", known ? point->tail_max : NAN);
+    json_set_number(r, "relative_residual",
+                    known ? point->load_max > 0 ? point->tail_max / point->load_max : 0 : NAN);
+    r = cJSON_AddObjectToObject(doc, "work");
+    json_set_number(r, "spent", point->work.spent);
+    json_set_number(r, "allowed", point->work.most);
     print_stability(stability != NULL ? stability : &unknown, doc);
     print_diagnostics(p, settings, point, stability, doc);
     if (rc != MODAL_OK) {

@@ -109,3 +109,24 @@ def test_a_thousand_sliders_are_in_balance(tmp_path):
              "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"harmonics": 7}}
     answer = run(tmp_path, scene)
     assert answer["converged"] and residual(answer, chain(n), 0.03 * chain(n), "friction", samples=1 << 12) < close("friction", 1 << 12)
+    told = [d["message"] for d in answer["diagnostics"] if d["code"] == "undetermined_offset"]
+    assert len(told) == 1 and " sliders of 1000 never slip" in told[0]      # one line, not one a slider
+
+
+def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(tmp_path):
+    K = chain(20)
+    answer = run(tmp_path, scene_of(K, 0.03 * K + 0.05 * numpy.eye(20), "gap"))
+    assert answer["converged"] and answer["method"] == "newton-ramped" and answer["work"]["spent"] < 0.1 * answer["work"]["allowed"]
+
+
+@pytest.mark.parametrize("name,converges", [("47", None), ("73", True), ("74", True), ("75", True), ("109", True)])
+def test_a_random_scene_of_few_dofs_is_answered_within_the_work_allowed(tmp_path, name, converges):
+    """They took 6 to 180 s: as much work as is allowed is a second or two, the last step and the error's estimate beyond it."""
+    scene = json.loads((TOP / "tests" / "data" / "steady" / f"random_scene_{name}.json").read_text())
+    answer = run(tmp_path, scene, "-o", "stability=true")
+    assert answer["work"]["spent"] < 1.5 * answer["work"]["allowed"] and answer["work"]["allowed"] < 1.5e10
+    assert converges is None or answer["converged"]
+    assert answer["converged"] or answer["diagnostics"]
+    if answer["converged"]:
+        largest = max(abs(complex(a, b)) for m in answer["harmonics"] for a, b in zip(m["re"], m["im"]))
+        assert answer["residual"] < 1e-9 and answer["total_error"] < 1e-2 * largest

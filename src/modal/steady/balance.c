@@ -249,6 +249,8 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
 {
     enum modal_status rc = aft_force(b->aft, b->omega, X, b->F, err);
 
+    budget_add(b->budget, (double)b->p->laws * aft_samples(b->aft) * BUDGET_SAMPLE
+               + 8.0 * pattern_entries(b->pattern) * (b->H + 1));
     if (rc != MODAL_OK)
         return rc;
     each_periodic(b, X);
@@ -291,6 +293,7 @@ enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
     enum modal_status rc = clear_derivative(b, err);
 
     b->factored = false;
+    budget_add(b->budget, (double)b->p->laws * 16 * (b->HJ + 1) * (b->HJ + 1));
     if (rc == MODAL_OK)
         rc = aft_add_derivative(b->aft, &into, err);
     if (rc != MODAL_OK)
@@ -373,14 +376,22 @@ static bool scale_rows(struct balance *b)
     return true;
 }
 
+double balance_dense_work(int n) { return (2.0 / 3 * n / BUDGET_DENSE + 4) * n * n; }
+
 bool balance_factor(struct balance *b, int *sign)
 {
     int n = b->small, s = 1;
     double most = 0, least = HUGE_VAL;
 
-    if (!b->pattern->full)
-        return b->factored = blocks_factor(b->blocks, sign);
+    if (!b->pattern->full) {
+        double before = blocks_work(b->blocks);
+
+        b->factored = blocks_factor(b->blocks, sign);
+        budget_add(b->budget, (blocks_work(b->blocks) - before) / BUDGET_DENSE);
+        return b->factored;
+    }
     b->factored = false;
+    budget_add(b->budget, balance_dense_work(n));
     if (!scale_rows(b))
         return false;
     if (n <= SMALL_ORDER)
@@ -424,21 +435,25 @@ static void solve_tail(struct balance *b, double *y)
     }
 }
 
-/* The rows of y that the derivative has into b->gather, and back. */
+/* The rows of y that the derivative has into b->gather, scaled as those of J are, and back. */
 static void gather(struct balance *b, const double *y)
 {
     int n = 2 * b->H + 1, m = 2 * b->HJ + 1;
 
     for (int i = 0; i < b->q; i++)
-        memcpy(b->gather + i * m, y + i * n, (size_t)m * sizeof *y);
+        for (int r = 0; r < m; r++)
+            b->gather[i * m + r] = b->pattern->full ? y[i * n + r] * b->row[i * m + r]
+                : y[i * n + r];
 }
 
 static void scatter(const struct balance *b, double *y)
 {
     int n = 2 * b->H + 1, m = 2 * b->HJ + 1;
 
-    for (int i = 0; i < b->q; i++)
+    for (int i = 0; m < n && i < b->q; i++)
         memcpy(y + i * n, b->gather + i * m, (size_t)m * sizeof *y);
+    if (m == n)
+        memcpy(y, b->gather, (size_t)b->order * sizeof *y);
 }
 
 void balance_solve(struct balance *b, double *y, int columns)
@@ -447,8 +462,6 @@ void balance_solve(struct balance *b, double *y, int columns)
         double *column = y + (size_t)j * (size_t)b->order;
 
         gather(b, column);
-        for (int i = 0; b->pattern->full && i < b->small; i++)
-            b->gather[i] *= b->row[i];
         if (!b->pattern->full)
             blocks_solve(b->blocks, b->gather);
         else if (b->small <= SMALL_ORDER)

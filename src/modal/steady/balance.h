@@ -8,6 +8,7 @@
 #define MODAL_BALANCE_H
 #include "modal/steady/aft.h"
 #include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/stiffness.h"
 
@@ -28,6 +29,7 @@ struct balance {
     double *gather;
     double complex *sum;             /* q */
     bool factored;
+    struct budget *budget;           /* where the work is counted, the caller's; NULL: nowhere */
 };
 
 /* LOCATED as aft_new's.  C is borrowed, and shared by balances of several H.  N > 2 H. */
@@ -55,6 +57,8 @@ double *balance_column(struct balance *b, int i, int j, int c);
 /* Factor the derivative, rows scaled; false where it is singular to rounding.  The sign of its
  * determinant into *SIGN (may be NULL). */
 bool balance_factor(struct balance *b, int *sign);
+/* What a dense factorization of order n costs, its assembly included, in units of budget.h. */
+double balance_dense_work(int n);
 /* y <- J^-1 y, order entries, `columns` columns. */
 void balance_solve(struct balance *b, double *y, int columns);
 

@@ -105,7 +105,7 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
     memcpy(w->best, X, size);
     for (int i = 0; rc == MODAL_OK && i < most && !report->converged; i++) {
         rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : balance_residual(b, X, false, err);
-        if (rc != MODAL_OK)
+        if (rc != MODAL_OK || budget_spent(b->budget))
             break;
         direct_step(b, opt->relaxation > 0 ? opt->relaxation : 1, X, w->rhs, w->step, &ok);
         if (!ok) {
@@ -132,7 +132,8 @@ enum modal_status iterate_direct(struct balance *b, const struct iterate_options
     struct direct_work w;
     enum modal_status rc = direct_init(&w, b, err);
 
-    *report = (struct iterate_report) { .reason = "direct iteration did not settle" };
+    *report = (struct iterate_report) { .reason = "direct iteration did not settle",
+                                        .residual = HUGE_VAL };
     if (rc == MODAL_OK)
         rc = repeat_direct(b, opt, &w, X, report, err);
     if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
@@ -487,8 +488,13 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     enum known known = opt->evaluated ? FORCE : NOTHING;
     bool ok = true, shrinks = false;     /* the residual, as a loose tolerance leaves it */
 
-    *report = (struct iterate_report) { .reason = "Newton's method did not settle" };
+    *report = (struct iterate_report) { .reason = "Newton's method did not settle",
+                                        .residual = HUGE_VAL };
     while (rc == MODAL_OK && report->iterations < most) {
+        if (budget_spent(b->budget)) {
+            report->reason = BUDGET_REASON;
+            break;
+        }
         rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : propose(b, opt, known, X, &w, report, &ok, err);
         if (rc != MODAL_OK || !ok)
             break;

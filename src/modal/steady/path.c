@@ -105,13 +105,18 @@ static enum modal_status slope(struct path *p, const double *u, double lambda, s
 /* (1) of blocks, whose rows are scaled as they are factored. */
 static bool bordered_blocks(struct path *p, const double *t, double *row, int *sign)
 {
+    double before = blocks_work(p->border);
+    bool ok;
+
     for (int i = 0; i < p->n; i++) {
         p->x[i] = p->Rl[i] * p->span;
         row[i] = 1;
     }
     row[p->n] = 1;
     blocks_set_border(p->border, p->b->blocks, p->size, p->x, t, t[p->n]);
-    return blocks_factor(p->border, sign);
+    ok = blocks_factor(p->border, sign);
+    budget_add(p->b->budget, (blocks_work(p->border) - before) / BUDGET_DENSE);
+    return ok;
 }
 
 /* p->x <- its solution with (1). */
@@ -133,6 +138,7 @@ static bool bordered(struct path *p, const double *t, double *row, int *sign)
 
     if (p->border != NULL)
         return bordered_blocks(p, t, row, sign);
+    budget_add(p->b->budget, balance_dense_work(m));
 
     for (int i = 0; i < n; i++)
         row[i] = fabs(p->Rl[i]) * p->span;
@@ -407,7 +413,10 @@ static enum modal_status may_go_on(struct path *p, struct stride *s, struct moda
 
     if (q->cancelled != NULL && q->cancelled(q->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled");
-    if (p->report->points >= (q->points_most > 0 ? q->points_most : POINTS_MOST)) {
+    if (budget_spent(p->b->budget)) {
+        p->report->reason = "the work allowed was spent";
+        s->ended = true;
+    } else if (p->report->points >= (q->points_most > 0 ? q->points_most : POINTS_MOST)) {
         p->report->reason = "the branch has more points than are followed";
         s->ended = true;
     }

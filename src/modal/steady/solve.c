@@ -32,9 +32,10 @@
 enum { REDUCE_LEAST = 48, H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, N_LEAST = 64, N_MOST = 1 << 17,
        LEVELS_MOST = 60, BALANCES = 24, EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048,
        H_CYCLE_MOST = 1024, FEW = 4, H_ROUGH = 5, SPARSE_LEAST = 10, SPARSE_LINEAR = 100,
-       FAILED_MOST = 2, ORDER_FAILED = 600 };
+       FAILED_MOST = 2, ORDER_FAILED = 600, ORDER_AUTO_MOST = 3000, H_SEARCH = 8, SEARCHES = 3600,
+       ASKED = 100 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, TARGET = 1e-6,
-    ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5, ON_THE_WAY = 1e-3;
+    ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5, ON_THE_WAY = 1e-3, WORK = 3e9;
 
 struct steady {
     const struct program *p;
@@ -49,6 +50,7 @@ struct steady {
     double slope;               /* the laws' largest, as the last rough start showed it; 0: not yet */
     struct balance *balance[BALANCES];
     int balances;
+    struct budget budget;       /* of the solution under way */
 };
 
 static int power_of_two(long least)
@@ -159,6 +161,23 @@ void steady_free(struct steady *s)
     free(s);
 }
 
+/* What a factorization costs at H, nearly. */
+static double factor_work(const struct steady *s, int H)
+{
+    double q = condense_kept(s->c), m = 2.0 * H + 1;
+
+    return condense_pattern(s->c)->full ? balance_dense_work((int)(q * m)) : 2 * q * m * m * m;
+}
+
+/* A solution's budget begins: a hundred dofs that iterate may spend twice what one may, and
+ * whoever asks for many harmonics as
+ * much as some attempts at them take. */
+static void allow_work(struct steady *s)
+{
+    s->budget = (struct budget) { .most =
+        WORK * (1 + condense_kept(s->c) / 100.0) + ASKED * factor_work(s, s->opt.harmonics) };
+}
+
 struct condense *steady_condense(struct steady *s) { return s->c; }
 const struct program *steady_program(const struct steady *s) { return s->p; }
 
@@ -184,8 +203,10 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out, 
         s->balances--;
     }
     rc = balance_new(s->p, s->c, H, steady_samples(s, H), !s->opt.unlocated, &s->balance[s->balances], err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
+        s->balance[s->balances]->budget = &s->budget;
         *out = s->balance[s->balances++];
+    }
     return rc;
 }
 
@@ -1052,14 +1073,96 @@ static enum modal_status take_all(struct steady *s, struct balance *b, const str
     return rc;
 }
 
-enum modal_status steady_solve_all(struct steady *s, double omega, const struct steady_start *start, struct steady_point **points, int *count,
-                                   struct modal_error *err)
+/* From each solution of FEW its like of B, by Newton's method from near, into FOUND. */
+static enum modal_status widen_all(struct steady *s, const struct balance *few,
+                                   const struct solutions *from, struct balance *b,
+                                   struct solutions *found, struct modal_error *err)
+{
+    struct iterate_options opt = iterate_options_of(s);
+    double complex *X = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *X);
+    struct iterate_report r;
+    enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+        : balance_set(b, few->omega, 1, err);
+
+    for (int i = 0; rc == MODAL_OK && i < from->count; i++) {
+        const struct steady_start start = { few->q, few->H, from->X[i] };
+
+        put_start(b, &start, X);
+        rc = iterate_newton(b, &opt, X, &r, err);
+        if (rc == MODAL_OK && r.converged)
+            solutions_add(found, b, X);
+    }
+    free(X);
+    return rc;
+}
+
+/* All solutions of B, whose one is X if that is not NULL: sought with so few harmonics that the
+ * budget reaches, and carried on. */
+static enum modal_status search(struct steady *s, struct balance *b, const double complex *X,
+                                struct solutions *found, struct modal_error *err)
 {
     struct solutions_options opt = { .cancelled = s->opt.cancelled, .context = s->opt.context };
+    struct solutions coarse = { 0 };
+    int load = condense_highest_load(s->c), H = b->H;
+    struct balance *few = b;
+    double omega = b->omega;
+    bool same;
+    enum modal_status rc = MODAL_OK;
+
+    allow_work(s);
+    while (H / 2 >= H_SEARCH && H / 2 > 2 * load && SEARCHES * factor_work(s, H) > s->budget.most)
+        H /= 2;
+    same = H == b->H || s->opt.samples > 0;
+    if (X != NULL)
+        solutions_add(found, b, X);
+    if (!same)
+        rc = steady_balance(s, H, &few, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(few, omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = solutions_along_levels(few, &opt, same ? found : &coarse, err);
+    if (rc == MODAL_OK)
+        rc = solutions_from_starts(few, &opt, same ? found : &coarse, err);
+    if (rc == MODAL_OK && !same)
+        rc = widen_all(s, few, &coarse, b, found, err);
+    solutions_done(&coarse);
+    return rc;
+}
+
+/* BEST is POINT's motion, flags and errors, its arrays its own. */
+static enum modal_status keep_best(const struct steady_point *point, struct steady_point *best,
+                                   struct modal_error *err)
+{
+    size_t size = (size_t)point->q * ((size_t)point->H + 1), laws = (size_t)point->laws;
+
+    free(best->X);
+    free(best->acts);
+    free(best->undetermined);
+    *best = *point;
+    best->evaluations = NULL;
+    best->multiplier = NULL;
+    best->X = malloc((size + 1) * sizeof *best->X);
+    best->acts = malloc((laws + 1) * sizeof *best->acts);
+    best->undetermined = malloc((laws + 1) * sizeof *best->undetermined);
+    if (best->X == NULL || best->acts == NULL || best->undetermined == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a point");
+    memcpy(best->X, point->X, size * sizeof *best->X);
+    memcpy(best->acts, point->acts, laws * sizeof *best->acts);
+    memcpy(best->undetermined, point->undetermined, laws * sizeof *best->undetermined);
+    return MODAL_OK;
+}
+
+enum modal_status steady_solve_all(struct steady *s, double omega, const struct steady_start *start,
+                                   const struct steady_point *known, struct steady_point **points,
+                                       int *count,
+                                   struct modal_error *err)
+{
     struct solutions found = { 0 };
     struct steady_point *list = calloc(SOLUTIONS_MOST + 1, sizeof *list);
     struct balance *b = NULL;
-    enum modal_status rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : steady_solve(s, omega, start, &list[0], err);
+    enum modal_status rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                         : known != NULL ? keep_best(known, &list[0], err)
+                             : steady_solve(s, omega, start, &list[0], err);
 
     *count = rc == MODAL_OK ? 1 : 0;
     if (rc != MODAL_OK || s->linear || list[0].followed)
@@ -1067,18 +1170,19 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     rc = steady_balance(s, list[0].H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
-    if (rc == MODAL_OK && list[0].converged)
-        solutions_add(&found, b, list[0].X);
     if (rc == MODAL_OK)
-        rc = solutions_along_levels(b, &opt, &found, err);
-    if (rc == MODAL_OK)
-        rc = solutions_from_starts(b, &opt, &found, err);
+        rc = search(s, b, list[0].converged ? list[0].X : NULL, &found, err);
     if (rc == MODAL_OK && found.count > 0) {
         const char *method = list[0].converged ? list[0].method : "multi-start";
+
+        struct budget work = list[0].work;
 
         steady_point_done(&list[0]);
         *count = 0;
         rc = take_all(s, b, &found, method, list, count, err);
+        for (int i = 0; i < *count; i++)
+            list[i].work = (struct budget) { work.spent + s->budget.spent,
+                                             work.most + s->budget.most };
     }
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
@@ -1095,44 +1199,75 @@ out:
     return MODAL_OK;
 }
 
-/* H doubled, each from the last, until the estimate meets the target.  Orders that do not close cost eight times more each: past
- * the first H, more than ORDER_FAILED unknowns are tried from near alone; after FAILED_MOST failures in a row, not at all. */
+/* POINT, which did not converge, becomes BEST, which did with fewer harmonics; the counts stay
+ * its own. */
+static enum modal_status give_best(struct steady *s, struct steady_point *best,
+                                   struct steady_point *point, struct modal_error *err)
+{
+    struct steady_point last = *point;
+    struct balance *b;
+    enum modal_status rc = steady_balance(s, best->H, &b, err);
+
+    *point = *best;
+    point->converged = false;
+    point->fewer = true;
+    point->reason = "it closes with the harmonics given, but not with more";
+    point->iterations = last.iterations;
+    point->attempts = last.attempts;
+    point->ffts = last.ffts;
+    point->evaluations = last.evaluations;
+    *best = last;
+    best->evaluations = NULL;
+    return rc == MODAL_OK ? balance_set(b, point->omega, 1, err)
+        : rc;         /* recovery at this H */
+}
+
+/* Whether H is the last order that is tried, and if work is what stops it, *SHORT. */
+static bool last_order(const struct steady *s, int H, int most, double spent, bool *wanting)
+{
+    double order = (double)condense_kept(s->c) * (4.0 * H + 1);
+    bool full = condense_pattern(s->c)->full;
+
+    *wanting = s->budget.spent + (full ? 8 : 4) * spent > s->budget.most
+        || (full && order > ORDER_AUTO_MOST);
+    return H >= most || *wanting || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
+}
+
+/* H doubled, each from the last, until the estimate meets the target or the work allowed does not
+ * reach for the next order, whose
+ * factors cost up to eight times as much; the best so far is the answer.  Past the first H, more
+ * than ORDER_FAILED unknowns are
+ * tried from near alone; after FAILED_MOST failures in a row, not at all. */
 static enum modal_status solve_to_target(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                          struct modal_error *err)
 {
     double target = s->opt.target_error > 0 ? s->opt.target_error : TARGET;
     int load = condense_highest_load(s->c), H = 2 * load + 1 > 8 ? 2 * load + 1 : 8, most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
+    struct steady_point best = { 0 };
     int failed = 0;
-    bool tried = false;
-    enum modal_status rc;
+    enum modal_status rc = MODAL_OK;
 
-    for (;;) {
-        struct steady_start next = { point->q, point->H, point->X };
-        double complex *copy = NULL;
+    for (bool last = false; rc == MODAL_OK && !last; H = 2 * H < most ? 2 * H : most) {
+        struct steady_start next = { best.q, best.H, best.X };
+        double before = s->budget.spent;
 
-        if (point->converged) {
-            size_t size = (size_t)point->q * ((size_t)point->H + 1);
-
-            copy = malloc((size + 1) * sizeof *copy);
-            if (copy == NULL)
-                return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
-            memcpy(copy, point->X, size * sizeof *copy);
-            next.X = copy;
-        }
-        s->brief = tried && condense_kept(s->c) * (2 * H + 1) > ORDER_FAILED;
-        rc = solve_at(s, H, omega, copy != NULL ? &next : start, point, err);
+        s->brief = best.attempts > 0 && condense_kept(s->c) * (2 * H + 1) > ORDER_FAILED;
+        rc = solve_at(s, H, omega, best.converged ? &next : start, point, err);
         s->brief = false;
-        tried = true;
-        free(copy);
-        if (rc != MODAL_OK || (point->converged && point->error <= target * point->amplitude))
-            return rc;
+        if (rc != MODAL_OK)
+            break;
         failed = point->converged ? 0 : failed + 1;
-        if (failed >= FAILED_MOST && condense_kept(s->c) * (4 * H + 1) > ORDER_FAILED)
-            return MODAL_OK;
-        if (H >= most || (long)2 * condense_kept(s->c) * (2 * H + 1) * 2 > 3000 || (s->opt.samples > 0 && 4 * H >= s->opt.samples))
-            return MODAL_OK;
-        H = 2 * H < most ? 2 * H : most;
+        last = (point->converged && point->error <= target * point->amplitude)
+            || (failed >= FAILED_MOST && condense_kept(s->c) * (4 * H + 1) > ORDER_FAILED)
+            || last_order(s, H, most, s->budget.spent - before, &point->wanting);
+        best.attempts = point->attempts;
+        if (point->converged && !last)
+            rc = keep_best(point, &best, err);
+        if (rc == MODAL_OK && last && !point->converged && best.converged)
+            rc = give_best(s, &best, point, err);
     }
+    steady_point_done(&best);
+    return rc;
 }
 
 /* By time integration, for comparison: the last period's harmonics; its own errors are not estimated. */
@@ -1437,6 +1572,7 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
     memset(point, 0, sizeof *point);
     point->omega = omega;
     point->level = 1;
+    allow_work(s);
     if (!(omega > 0) || !isfinite(omega))
         return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "omega is %g; accepted: finite and > 0", omega);
     rc = solve_any(s, omega, start, point, &singular);
@@ -1448,6 +1584,7 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
             rc = solve_any(s, omega, NULL, point, err);
     } else if (rc != MODAL_OK && err != NULL)
         *err = singular;
+    point->work = s->budget;
     if (rc != MODAL_OK)
         steady_point_done(point);
     return rc;

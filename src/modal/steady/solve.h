@@ -34,7 +34,12 @@ struct steady_point {
     bool converged;
     const char *method;       /* "linear", "direct", "newton", ...: what found it */
     const char *reason;       /* where not converged */
+    bool fewer;               /* not converged,
+        for with more harmonics it does not close; its errors are known */
+    bool wanting;             /* target_error asks for more work than is allowed */
     int iterations, attempts;
+    struct budget work;       /* of the solution,
+        and of the search where it was one of several (budget.h) */
     double omega, level;
     int q, H, N;
     double complex *X;        /* kept dofs, [i (H+1) + k] */
@@ -86,8 +91,15 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
 /* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are left to steady_estimate_point. */
 enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
                                     struct modal_error *err);
-/* Every solution found at OMEGA: along the level of the loads and from many starts; points, *COUNT of them, the caller's. */
-enum modal_status steady_solve_all(struct steady *s, double omega, const struct steady_start *start, struct steady_point **points, int *count,
+/*
+ * Every solution found at OMEGA: along the level of the loads and from many starts; points,
+ * *COUNT of them, the caller's.
+ * KNOWN, of this session at OMEGA and converged, is one of them; NULL: steady_solve finds the
+ * first, from START.
+ */
+enum modal_status steady_solve_all(struct steady *s, double omega, const struct steady_start *start,
+                                   const struct steady_point *known, struct steady_point **points,
+                                       int *count,
                                    struct modal_error *err);
 /* X of dof DOF, harmonics 0 .. H of the point. */
 enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err);

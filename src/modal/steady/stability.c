@@ -26,8 +26,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TWO_PI = 6.283185307179586477, ON_CIRCLE = 1e-8, SETTLED = 2e-11, WORK_MOST = 6e10;
-enum { STEPS_FIRST = 32, STEPS_MOST = 16384, EXTENDED = 2048 };
+static const double TWO_PI = 6.283185307179586477, ON_CIRCLE = 1e-8, SETTLED = 2e-11,
+    WORK_MOST = 6e10, WORK_AGAIN = 1e10;
+enum { STEPS_FIRST = 32, STEPS_MOST = 16384, EXTENDED = 2048,
+       STATES_STIFF = 100 };   /* STIFF: the most that may take many steps */
 
 struct monodromy {
     struct steady *s;
@@ -611,38 +613,49 @@ static double fastest(const struct monodromy *m)
     return sqrt(most);
 }
 
+/* Whether more steps are of no use: the multipliers are as exact as they get. */
+static bool has_settled(const struct stability *out, int steps, double last)
+{
+    double rounding = fmax(SETTLED, 16 * DBL_EPSILON * steps) * fmax(1, cabs(out->multiplier[0]));
+
+    return out->error <= rounding || out->error > 0.5 * last;
+}
+
 /* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A map that overflows is tried
  * again with more steps, in case they were too long for a stiff dof. */
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
     double complex *before = room((size_t)m->order, sizeof *before);
     double each = 30 * pow(m->order, 3), last = HUGE_VAL;
-    int steps = STEPS_FIRST;
+    int steps = STEPS_FIRST, passes = 0;             /* one alone says nothing of its error */
     enum modal_status rc = before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
 
     while ((steps < 2 * m->point->H && steps < 512) || (steps < 2 * fastest(m) && steps < STEPS_MOST / 4))
         steps *= 2;
-    for (bool first = true; rc == MODAL_OK; first = false, steps *= 2) {
-        if (each * (m->cuts + (m->varies ? 3.0 * steps : 0)) > WORK_MOST) {
-            m->reason = first ? "too many states and steps for the monodromy matrix" : m->reason;
+    for (; rc == MODAL_OK; steps *= 2) {
+        double most = passes > 0 || m->order > STATES_STIFF ? WORK_AGAIN : WORK_MOST;
+
+        if (each * (m->cuts + (m->varies ? 3.0 * steps : 0)) > most) {
+            m->reason = passes == 0 ? "too many states and steps for the monodromy matrix"
+                : m->reason;
             break;
         }
         rc = around(m, steps, err);
         if (rc == MODAL_OK && m->reason == NULL && !finite_map(m)) {       /* steps too long for a stiff dof */
             m->reason = m->varies && steps < STEPS_MOST ? NULL : "the disturbances overflow";
-            first = true;
+            passes = 0;
             if (m->reason == NULL)
                 continue;
         }
         if (rc != MODAL_OK || m->reason != NULL || (rc = eigenvalues(m, out->multiplier, err)) != MODAL_OK)
             break;
-        out->error = 0;
-        for (int i = 0; !first && i < m->order; i++)
+        out->error = passes++ > 0 || !m->varies ? 0 : NAN;
+        for (int i = 0; passes > 1 && i < m->order; i++)
             out->error = fmax(out->error, cabs(out->multiplier[i] - before[i]));
         memcpy(before, out->multiplier, (size_t)m->order * sizeof *before);
-        if (!m->varies || (!first && (out->error <= fmax(SETTLED, 16 * DBL_EPSILON * steps) * fmax(1, cabs(out->multiplier[0])) || out->error > 0.5 * last)) || steps >= STEPS_MOST)
+        if (!m->varies || steps >= STEPS_MOST || (passes > 1 && has_settled(out, steps, last)))
             break;
-        last = first ? HUGE_VAL : out->error;
+        last = passes > 1 ? out->error : HUGE_VAL;
     }
     free(before);
     return rc;

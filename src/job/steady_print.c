@@ -117,6 +117,10 @@ static void print_offsets(const struct program *p, const struct steady_point *po
             count++;
             first = l;
         }
+    if (point->converged && point->open)
+        diagnose(list, "undetermined_mean",
+                 "nothing holds the body in place but what slips%s: its mean follows from "
+                 "history; it is given without error, the motion about it with", "");
     if (count == 0)
         return;
     if (count == 1)

@@ -19,7 +19,7 @@ struct sparse_lu {
     bool of_complex;
     void *symbolic, *numeric;
     const double *value;          /* of the last factorization */
-    double control[UMFPACK_CONTROL], work;
+    double control[UMFPACK_CONTROL], work, rcond;
     int *room;                    /* n, of solutions */
     double *scratch;              /* n, or 4 n of complex ones */
 };
@@ -114,6 +114,7 @@ bool sparse_lu_factor(struct sparse_lu *f, const void *value)
            : umfpack_di_numeric(f->start, f->index, value, f->symbolic, &f->numeric, f->control,
                                 info);
     f->work = info[UMFPACK_FLOPS];
+    f->rcond = info[UMFPACK_RCOND];
     if (status == UMFPACK_OK && info[UMFPACK_RCOND] > 4 * DBL_EPSILON * DBL_EPSILON)
         return true;
     drop_numeric(f);
@@ -138,4 +139,5 @@ int sparse_lu_sign(struct sparse_lu *f)
     return mantissa < 0 ? -1 : 1;
 }
 
+double sparse_lu_rcond(const struct sparse_lu *f) { return f->rcond; }
 double sparse_lu_work(const struct sparse_lu *f) { return f->work; }

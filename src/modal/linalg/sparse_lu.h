@@ -25,6 +25,8 @@ bool sparse_lu_factor(struct sparse_lu *f, const void *value);
 void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x);
 /* Sign of the real determinant: -1 or 1. */
 int sparse_lu_sign(struct sparse_lu *f);
+/* Of the last factorization: the least pivot over the largest, in size. */
+double sparse_lu_rcond(const struct sparse_lu *f);
 /* Floating-point operations of the last factorization. */
 double sparse_lu_work(const struct sparse_lu *f);
 #endif

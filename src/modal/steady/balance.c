@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+static const double OPEN = 1e-13;         /* hundreds of roundings */
 enum { ORDER_MOST = 12000, ENTRIES_MOST = 1 << 24, SMALL_ORDER = 24 };
 
 enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
@@ -229,6 +230,22 @@ static void each_periodic(struct balance *b, const double complex *X)     /* X N
         }
 }
 
+/* y += S_k X_k; of one dof or few a call would cost as much as the sum. */
+static inline void add_stiffness(const struct balance *b, int k, const double complex *X,
+                                 double complex *y)
+{
+    int q = b->q, K = b->H + 1;
+    const double complex *S = b->S + (size_t)k * (size_t)q * (size_t)q;
+
+    if (!b->pattern->full) {
+        stiffness_multiply_add(b->pattern, b->S, k, X + k, K, y);
+        return;
+    }
+    for (int j = 0; j < q; j++)
+        for (int i = 0; i < q; i++)
+            y[i] += S[j * q + i] * X[j * K + k];
+}
+
 static void linear_residual(struct balance *b, const double complex *X)
 {
     int q = b->q, K = b->H + 1, n = 2 * b->H + 1;
@@ -236,7 +253,7 @@ static void linear_residual(struct balance *b, const double complex *X)
     for (int k = 0; k < K; k++) {
         for (int i = 0; i < q; i++)
             b->sum[i] = b->F[i * K + k] - b->load[k * q + i];
-        stiffness_multiply_add(b->pattern, b->S, k, X + k, K, b->sum);
+        add_stiffness(b, k, X, b->sum);
         for (int i = 0; i < q; i++) {
             b->R[i * n + (k > 0 ? 2 * k - 1 : 0)] = creal(b->sum[i]);
             if (k > 0)
@@ -376,6 +393,7 @@ static bool scale_rows(struct balance *b)
     return true;
 }
 
+bool balance_open(const struct balance *b) { return b->rcond < OPEN; }
 double balance_dense_work(int n) { return (2.0 / 3 * n / BUDGET_DENSE + 4) * n * n; }
 
 bool balance_factor(struct balance *b, int *sign)
@@ -387,6 +405,7 @@ bool balance_factor(struct balance *b, int *sign)
         double before = blocks_work(b->blocks);
 
         b->factored = blocks_factor(b->blocks, sign);
+        b->rcond = b->factored ? blocks_rcond(b->blocks) : 0;
         budget_add(b->budget, (blocks_work(b->blocks) - before) / BUDGET_DENSE);
         return b->factored;
     }
@@ -407,6 +426,7 @@ bool balance_factor(struct balance *b, int *sign)
     }
     if (sign != NULL)
         *sign = s;
+    b->rcond = most > 0 ? least / most : 0;
     b->factored = least > 4 * DBL_EPSILON * DBL_EPSILON * most;
     return b->factored;
 }
@@ -425,12 +445,17 @@ static void solve_tail(struct balance *b, double *y)
     int n = 2 * b->H + 1;
 
     for (int k = b->HJ + 1; k <= b->H; k++) {
+        double *at = y + 2 * k - 1;
+
         for (int i = 0; i < b->q; i++)
-            b->sum[i] = CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]);
-        stiffness_solve(b->stiffness, k, b->sum);
+            b->sum[i] = CMPLX(at[i * n], at[i * n + 1]);
+        if (b->q == 1)
+            b->sum[0] /= b->S[k];
+        else
+            stiffness_solve(b->stiffness, k, b->sum);
         for (int i = 0; i < b->q; i++) {
-            y[i * n + 2 * k - 1] = creal(b->sum[i]);
-            y[i * n + 2 * k] = cimag(b->sum[i]);
+            at[i * n] = creal(b->sum[i]);
+            at[i * n + 1] = cimag(b->sum[i]);
         }
     }
 }
@@ -485,6 +510,14 @@ static double scale_of(const double complex *X, int K)
     return most;
 }
 
+double balance_lost(const struct balance *b, const double complex *X)
+{
+    size_t size = (size_t)b->q * ((size_t)b->H + 1);
+    double forces = larger(scale_of(b->load, (int)size), scale_of(b->F, (int)size));
+
+    return DBL_EPSILON * aft_slope(b->aft) * scale_of(X, (int)size) / (forces > 0 ? forces : 1);
+}
+
 double balance_relative(const struct balance *b, const double *step, const double complex *X)
 {
     int n = 2 * b->H + 1, K = b->H + 1;
@@ -515,8 +548,9 @@ double balance_relative_residual(struct balance *b, const double complex *X)
         most = fmax(most, fabs(b->R[i]));
     scale = larger(scale_of(b->load, q * K), scale_of(b->F, q * K));
     for (int k = 0; k < K; k++) {
-        memset(b->sum, 0, (size_t)q * sizeof *b->sum);
-        stiffness_multiply_add(b->pattern, b->S, k, X + k, K, b->sum);
+        for (int i = 0; i < q; i++)
+            b->sum[i] = 0;
+        add_stiffness(b, k, X, b->sum);
         scale = larger(scale, scale_of(b->sum, q));
     }
     return scale > 0 ? most / scale : most;

@@ -29,6 +29,7 @@ struct balance {
     double *gather;
     double complex *sum;             /* q */
     bool factored;
+    double rcond;                    /* of the last factorization: the least pivot over the largest */
     struct budget *budget;           /* where the work is counted, the caller's; NULL: nowhere */
 };
 
@@ -59,12 +60,19 @@ double *balance_column(struct balance *b, int i, int j, int c);
 bool balance_factor(struct balance *b, int *sign);
 /* What a dense factorization of order n costs, its assembly included, in units of budget.h. */
 double balance_dense_work(int n);
+/* Whether the derivative last factored is singular to rounding, or nearly: there is a direction
+ * in which nothing holds the motion, as
+ * the mean of a body that sliders alone hold. */
+bool balance_open(const struct balance *b);
 /* y <- J^-1 y, order entries, `columns` columns. */
 void balance_solve(struct balance *b, double *y, int columns);
 
 /* The real vector of X and back. */
 void balance_pack(const struct balance *b, const double complex *X, double *u);
 void balance_unpack(const struct balance *b, const double *u, double complex *X);
+/* What rounding of X makes of the laws' forces, over the forces that act: near 1 nothing of them
+ * is left. */
+double balance_lost(const struct balance *b, const double complex *X);
 /* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below 1e-12 of the largest count as that. */
 double balance_relative(const struct balance *b, const double *step, const double complex *X);
 /* max |R_k| over max(|p_k|, |S_k X_k|, |F_k|): a relative residual. */

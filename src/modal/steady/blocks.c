@@ -130,6 +130,7 @@ void blocks_free(struct blocks *b)
 }
 
 int blocks_harmonics(const struct blocks *b) { return b->HJ; }
+double blocks_rcond(const struct blocks *b) { return sparse_lu_rcond(b->lu); }
 double blocks_work(const struct blocks *b) { return b->work; }
 
 void blocks_clear(struct blocks *b)

@@ -27,6 +27,8 @@ void blocks_set_border(struct blocks *b, const struct blocks *a, double scale, c
 bool blocks_factor(struct blocks *b, int *sign);
 /* The same with MU times the largest entry added on the diagonal; the blocks stay. */
 bool blocks_factor_stiffened(struct blocks *b, double mu);
+/* Of the last factorization: the least pivot over the largest. */
+double blocks_rcond(const struct blocks *b);
 void blocks_solve(struct blocks *b, double *y);          /* in place */
 /* Floating-point operations of all factorizations so far. */
 double blocks_work(const struct blocks *b);

@@ -19,7 +19,7 @@
 #include <string.h>
 
 static const double SHRINKS = 0.25, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
-static const double TAIL_GAIN = 0.1, RATE_SHORT = 0.3;
+static const double TAIL_GAIN = 0.1, RATE_SHORT = 0.3, LOST = 1e-3;
 enum { ITERATIONS_MOST = 60, ORDER_TAIL = 21, TAIL_LEAST = 4 };
 
 static bool stopped(const struct iterate_options *opt)
@@ -246,15 +246,16 @@ static void cut_off(struct balance *b, double cutoff, const double complex *X, b
         }
 }
 
-/* A singular derivative gets a little stiffness, which only delays convergence. */
-static bool factor_somehow(struct balance *b, double *kept)
+/* A singular derivative gets a little stiffness, which only delays convergence; SOFT: it is one,
+ * though not to rounding. */
+static bool factor_somehow(struct balance *b, double *kept, bool soft)
 {
     size_t size = (size_t)b->small * (size_t)b->small;
     bool full = b->pattern->full;
 
     if (full)
         memcpy(kept, b->J, size * sizeof *kept);
-    if (balance_factor(b, NULL))
+    if (balance_factor(b, NULL) && !soft)
         return true;
     for (double mu = 1e-6; mu < 2; mu *= 1e3) {
         double most = 0;
@@ -318,18 +319,23 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
     return MODAL_OK;
 }
 
-/* Harmonics past the one returned have a gain slope / |S_k| below TAIL_GAIN: (7) serves them as well as Newton's method. */
-static int matrix_order(const struct balance *b, const struct iterate_options *opt)
+int iterate_order(const struct balance *b, double slope)
 {
-    double slope = opt->slope > 0 ? opt->slope : aft_slope(b->aft);
     int HJ = b->H;
 
-    if (b->order < ORDER_TAIL || b->p->harmonics > 0 || opt->by_differences || opt->cutoff > 0)
-        return b->H;
+    slope = slope > 0 ? slope : aft_slope(b->aft);
     slope *= b->q > 1 ? b->pattern->ends : 1;
     while (HJ > TAIL_LEAST && stiffness_least(b->pattern, b->S, HJ) * TAIL_GAIN > slope)
         HJ--;
-    return HJ;
+    return b->p->harmonics == 0 && HJ < 2 * b->H / 3 ? HJ : b->H;
+}
+
+/* The harmonics of the matrix of Newton's method. */
+static int matrix_order(const struct balance *b, const struct iterate_options *opt)
+{
+    bool whole = b->order < ORDER_TAIL || opt->by_differences || opt->cutoff > 0;
+
+    return whole ? b->H : iterate_order(b, opt->slope);
 }
 
 static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
@@ -345,7 +351,7 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
     if (rc == MODAL_OVERFLOW)
         rc = MODAL_OK;
     HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
-    if (rc == MODAL_OK && HJ < 2 * b->H / 3) {
+    if (rc == MODAL_OK && HJ < b->H) {
         size_t size = (size_t)b->q * ((size_t)b->H + 1);
         double complex *start = malloc((size + 1) * sizeof *start);
 
@@ -431,7 +437,8 @@ static enum modal_status evaluate(struct balance *b, const struct iterate_option
 
 /* The next step into w->step and the point it leads to into w->trial.  *OK false: there is none, and the report says why. */
 static enum modal_status propose(struct balance *b, const struct iterate_options *opt, enum known known, double complex *X,
-                                 struct newton_work *w, struct iterate_report *report, bool *ok, struct modal_error *err)
+                                 struct newton_work *w, bool soft, struct iterate_report *report,
+                                     bool *ok, struct modal_error *err)
 {
     enum modal_status rc = evaluate(b, opt, known, X, w, err);
 
@@ -441,7 +448,7 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
     report->residual = balance_relative_residual(b, X);
     if (opt->cutoff > 0)
         cut_off(b, opt->cutoff, X, w->cut, w->trial);
-    if (known != SLOPE && !factor_somehow(b, w->kept)) {
+    if (known != SLOPE && !factor_somehow(b, w->kept, soft)) {
         report->reason = "the derivative is singular";
         return MODAL_OK;
     }
@@ -472,8 +479,9 @@ static void give_up(const struct balance *b, const struct newton_work *w, const 
 {
     double overall = overall_step(b, w->step, X);
 
-    report->converged = report->residual <= BALANCED && overall <= SMALL;
-    report->step = report->converged ? overall : report->step;
+    report->open = balance_open(b) && report->residual <= BALANCED;
+    report->converged = report->open || (report->residual <= BALANCED && overall <= SMALL);
+    report->step = report->open ? report->residual : report->converged ? overall : report->step;
     report->reason = "no step of Newton's method shortens the next";
 }
 
@@ -487,6 +495,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     enum modal_status rc = work_init(&w, b, err);
     enum known known = opt->evaluated ? FORCE : NOTHING;
     bool ok = true, shrinks = false;     /* the residual, as a loose tolerance leaves it */
+    bool soft = false;                   /* some direction was found that nothing holds */
 
     *report = (struct iterate_report) { .reason = "Newton's method did not settle",
                                         .residual = HUGE_VAL };
@@ -495,7 +504,8 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             report->reason = BUDGET_REASON;
             break;
         }
-        rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : propose(b, opt, known, X, &w, report, &ok, err);
+        rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled")
+            : propose(b, opt, known, X, &w, soft, report, &ok, err);
         if (rc != MODAL_OK || !ok)
             break;
         shrinks = report->iterations > 1 && tolerance > FLOOR && report->residual < 0.5 * residual;
@@ -518,13 +528,22 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         }
         rc = damp(b, &w, norm_relative(b, w.step, X), X, &lambda, &ok, err);
         known = FORCE;
+        if (rc == MODAL_OK && !ok && balance_open(b) && !soft && report->residual > BALANCED) {
+            soft = true;
+            known = NOTHING;
+            continue;
+        }
         if (rc == MODAL_OK && !ok) {
             give_up(b, &w, X, report);
             break;
         }
     }
-    if (rc == MODAL_OK && report->converged && !opt->rough && !shrinks)
+    if (rc == MODAL_OK && report->converged && !opt->rough && !shrinks && !report->open)
         rc = verify(b, X, report, err);
+    if (rc == MODAL_OK && report->converged && balance_lost(b, X) > LOST) {
+        report->converged = false;
+        report->reason = "the motion runs away: it is so large that the laws' forces are lost in its rounding";
+    }
     if (rc == MODAL_OVERFLOW) {
         report->reason = "the iterates overflow";
         rc = MODAL_OK;

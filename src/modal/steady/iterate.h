@@ -21,6 +21,8 @@ struct iterate_report {
     int iterations;
     double step;              /* the last, relative */
     double residual;          /* relative */
+    bool open;                /* converged,
+        with a direction in which the motion may be moved: a body that nothing holds in place */
     const char *reason;       /* why it ended, where not converged; static text */
 };
 
@@ -32,6 +34,11 @@ enum modal_status iterate_direct(struct balance *b, const struct iterate_options
                                  struct iterate_report *report, struct modal_error *err);
 /* The gain that (7) multiplies an error by, at most: max_k |S_k^-1| times the laws' slope; HUGE_VAL where S_k is singular. */
 double iterate_gain(const struct balance *b, double slope);
+
+/* The HJ < 2 H / 3 past which harmonics have a gain SLOPE / |S_k| so small that (7) serves them
+ * as well as Newton's method; H where
+ * there is none.  SLOPE of the laws, 0: that of the last force. */
+int iterate_order(const struct balance *b, double slope);
 
 /* Newton's method, damped until the simplified step shrinks [D04]. */
 enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt, double complex *X,

@@ -6,7 +6,7 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/path.h"
 
-static const double SAME = 1e-6, LEVEL_START = 1e-3, LEVEL_HIGH = 4;
+static const double SAME = 1e-6, LEVEL_START = 1e-3, LEVEL_HIGH = 4, NOTHING = 1e-150;
 enum { STARTS = 240, STEPS = 30, LEVEL_POINTS = 600, DISTANCES = 15, SHIFTS = 6 };
 
 static size_t size_of(const struct balance *b) { return (size_t)b->q * ((size_t)b->H + 1); }
@@ -23,7 +23,8 @@ static double largest(const double complex *X, size_t n)
 bool solutions_add(struct solutions *s, const struct balance *b, const double complex *X)
 {
     size_t n = size_of(b);
-    double size = largest(X, n);
+    double size = largest(X, n) > NOTHING ? largest(X, n)
+        : 0;       /* Newton's method shrinks what is 0 until it underflows */
     double complex *copy;
 
     for (int i = 0; i < s->count; i++) {
@@ -31,12 +32,13 @@ bool solutions_add(struct solutions *s, const struct balance *b, const double co
 
         for (size_t e = 0; e < n; e++)
             far = fmax(far, cabs(X[e] - s->X[i][e]));
-        if (far <= SAME * fmax(size, largest(s->X[i], n)))
+        if (far <= fmax(NOTHING, SAME * fmax(size, largest(s->X[i], n))))
             return false;
     }
     if (s->count == SOLUTIONS_MOST || (copy = malloc((n + 1) * sizeof *copy)) == NULL)
         return false;
-    memcpy(copy, X, n * sizeof *copy);
+    for (size_t e = 0; e < n; e++)
+        copy[e] = size > 0 ? X[e] : 0;
     s->X[s->count++] = copy;
     return true;
 }

@@ -686,6 +686,8 @@ static void chord(struct balance *b, const struct balance *wide, const double co
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++)
             E[i * K2 + k] = X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
+    for (int i = 0; balance_open(b) && i < b->q; i++)
+        E[i * K2] = X[i * K];                                /* a mean that is free has no error */
 }
 
 static void tail_in_time(const struct balance *wide, int H, struct steady_point *point)
@@ -778,8 +780,14 @@ static enum modal_status estimate(struct steady *s, struct balance *b, struct st
 
     point->truncation = point->sampling = point->solver = point->error = NAN;
     if (rc == MODAL_OK)
-        rc = balance_residual(b, point->X, true, err);
-    if (rc != MODAL_OK || !balance_factor(b, NULL) || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
+        rc = balance_residual(b, point->X, false, err);
+    if (rc == MODAL_OK && !b->pattern->full)
+        balance_set_order(b, iterate_order(b, 0));           /* off by its gain, a tenth,
+            where it is short */
+    if (rc == MODAL_OK)
+        rc = balance_derivative(b, err);
+    point->open = rc == MODAL_OK && balance_factor(b, NULL) && balance_open(b);
+    if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
     point->amplitude = 0;
     rc = peak_of_change(s, e.sampled, e.W, b->q, e.H2, &point->sampling, &point->amplitude, err);
@@ -794,6 +802,7 @@ static enum modal_status estimate(struct steady *s, struct balance *b, struct st
         point->error += point->solver;
     }
 out:
+    balance_set_order(b, b->H);
     estimate_done(&e);
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }

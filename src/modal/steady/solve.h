@@ -36,6 +36,8 @@ struct steady_point {
     const char *reason;       /* where not converged */
     bool fewer;               /* not converged,
         for with more harmonics it does not close; its errors are known */
+    bool open;                /* nothing holds its mean (or some other direction),
+        which is one of many; without error */
     bool wanting;             /* target_error asks for more work than is allowed */
     int iterations, attempts;
     struct budget work;       /* of the solution,

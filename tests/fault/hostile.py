@@ -310,9 +310,12 @@ PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, t
 if __name__ == "__main__":
     if sys.argv[1] != "silent":                   # which says so once it has all its connections
         print("at work", flush=True)
+    parent = os.getpid()
     while True:                                   # libzmq may end a peer of this kind: another takes its place
         if os.fork() == 0:
-            ctypes.CDLL(None).prctl(1, signal.SIGKILL)            # PR_SET_PDEATHSIG
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)            # PR_SET_PDEATHSIG; whose parent ended before has no signal to come
+            if os.getppid() != parent:
+                os._exit(0)
             PROBES[sys.argv[1]](sys.argv[2])
         os.wait()
         time.sleep(0.1)

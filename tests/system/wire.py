@@ -1,4 +1,5 @@
 """A daemon of one test's own, and raw frames to it: nothing between the test and the protocol but pyzmq."""
+import fcntl
 import hashlib
 import json
 import os
@@ -207,7 +208,10 @@ class Daemon:
             command = pathlib.Path(f"/proc/{pid}/cmdline")
             if b"modald" in command.read_bytes():
                 os.kill(pid, signal.SIGKILL)
-                until(lambda: b"modald" not in command.read_bytes(), f"process {pid} cannot be ended")
+                with open(self.folder / "data" / "LOCK") as lock:            # held until the last of its threads is gone
+                    signal.alarm(PATIENCE_S)
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+                    signal.alarm(0)
         except (OSError, ValueError):
             pass
 

@@ -187,6 +187,28 @@ TEST(a_system_that_changes_in_mid_record_is_called_so)
     CHECK(!finds(&b, "amplitude_dependent"));
 }
 
+/* Beats of three lines within 2 % of each other, each with a shape of its own: the strongest
+ * mode of each part of the record wanders, and yet the three are constant. */
+TEST(modes_that_beat_are_not_one_mode_that_follows_its_amplitude)
+{
+    static const double hz[3] = { 34.897, 35.297, 34.673 }, decay[3] = { 0.48, 1.25, 0.58 };
+    static const double shape[3][3] = { { 0.3, 0.8, 0.3 }, { -1.3, 0.9, 0.4 }, { -0.5, 0.6, 0.4 } };
+    static const double phase[3] = { 0.2, 4.5, 3.2 };
+    struct batch b = batch_of(1300, 3, 0.005);
+    struct random r = { 23 };
+    struct identify_result result;
+
+    for (int k = 0; k < 1300 * 3; k++) {
+        double t = k / 3 * 0.005;
+        x[k] = 1e-4 * random_normal(&r);
+        for (int j = 0; j < 3; j++)
+            x[k] += shape[j][k % 3] * exp(-decay[j] * t) * cos(2 * M_PI * hz[j] * t + phase[j]);
+    }
+    CHECK(!finds(&b, "amplitude_dependent"));
+    CHECK(modal_identify(&b, NULL, &result, NULL) == MODAL_OK && result.mode_count == 3);
+    identify_result_done(&result);
+}
+
 /* x'' + 2 zeta w x' + w^2 x = white noise, stepped exactly enough for the purpose. */
 static void shaken(void)
 {

@@ -11,6 +11,7 @@
  * exponents modulo i Omega.
  */
 #include "modal/identify/identify.h"
+#include <cblas.h>
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
@@ -61,6 +62,9 @@ enum { GRID_ROWS = 64 };
 static const double GRID_ABOVE = 1.9, GRID_WORTH = 0.9;
 /* Channels that are not mixed are weighed from this ratio on, or where the first answer is in doubt: their fits weigh each by its own noise already. */
 static const double NOISE_FEW = 10;
+/* Poles this near, of the frequency, may be one mode that changes (merge.c); two shapes of one mode
+ * have at least so much in common: the square of their cosine. */
+static const double NEIGHBOUR = 0.05, SAME_SHAPE = 0.9;
 static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
 /* Multiplications (refine.h) that all ladders of an answer may take, those of very long records, and one that begins after they are spent: a second or two. */
 static const double WORK_MOST = 1.6e10, WORK_LONG = 5e9, WORK_LEAST = 5e8;
@@ -600,8 +604,8 @@ static enum modal_status descend(struct work *w, struct modal_error *err)
     enum modal_status rc;
 
     opt.look = before_gap(w);
-    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN) : fmax(WORK_MOST - w->spent,
-                                                                      WORK_LEAST);
+    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+             : fmax(WORK_MOST - w->spent, WORK_LEAST);
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
     if (rc != MODAL_OK || !w->choice.clean)
         return rc;
@@ -1242,16 +1246,58 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
     return found;
 }
 
+/* Has the strongest pole a neighbour with a shape of its own?  Poles of one mode share its shape. */
+static bool shapes_differ(const struct synthesis *f, const double complex *lambda)
+{
+    int at = -1, n = f->poles;
+    double most = 0, one = 1, aa = 0;
+
+    for (int j = 0; j < n; j++) {
+        double size = cblas_dznrm2(f->channels, f->coefficient + j, n);
+        if (cimag(lambda[j]) != 0 && size > most)
+            at = j, most = size;
+    }
+    aa = most * most;
+    for (int j = 0; j < n && at >= 0; j++) {
+        double complex ab;
+        double bb = cblas_dznrm2(f->channels, f->coefficient + j, n);
+        if (j == at || fabs(cimag(lambda[j]) / cimag(lambda[at]) - 1) > NEIGHBOUR)
+            continue;
+        cblas_zdotc_sub(f->channels, f->coefficient + at, n, f->coefficient + j, n, &ab);
+        one = fmin(one, creal(ab * conj(ab)) / (aa * bb * bb));
+    }
+    return one < SAME_SHAPE;
+}
+
+/* Lines that the record resolves, in white noise, with shapes of their own: no one mode changes. */
+static enum modal_status neighbours_beat(const struct work *w, bool *beat, struct modal_error *err)
+{
+    const struct poles *p = &w->poles;
+    struct synthesis f = { 0 };
+    enum modal_status rc;
+
+    *beat = false;
+    if (!w->choice.clean || w->choice.crowded || w->X->n < 2)
+        return MODAL_OK;
+    rc = synthesis_fit(p->lambda, p->count, p->tau, w->X, NULL, &f, err);
+    *beat = rc == MODAL_OK && shapes_differ(&f, p->lambda);
+    synthesis_done(&f);
+    return rc;
+}
+
 /* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one, not as the crowd of poles that makes up for it. */
 static enum modal_status doubt(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     struct poles *p = &w->poles;
     struct trend_input in = { w->X, w->rec.step, w->rec.t0, p->lambda, p->count, w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
-    bool follows;
+    bool follows, beat;
     enum modal_status rc;
 
     if (!w->refine || w->shift > 1 || w->rec.period > 0)
         return MODAL_OK;
+    rc = neighbours_beat(w, &beat, err);
+    if (rc != MODAL_OK || beat)
+        return rc;
     rc = trend_watch(&in, out, &follows, err);
     if (rc == MODAL_OK && follows && p->fit == NULL)
         rc = merge_crowds(&w->data, out->trend, out->trend_count, in.hertz, p, &w->facts.converged,

@@ -1246,7 +1246,7 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
     return found;
 }
 
-/* Has the strongest pole a neighbour with a shape of its own?  Poles of one mode share its shape. */
+/* Has the strongest pole a neighbour with a shape of its own?  Poles of one mode share it. */
 static bool shapes_differ(const struct synthesis *f, const double complex *lambda)
 {
     int at = -1, n = f->poles;

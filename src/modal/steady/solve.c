@@ -1237,7 +1237,9 @@ static bool last_order(const struct steady *s, int H, int most, double spent, bo
     double order = (double)condense_kept(s->c) * (4.0 * H + 1);
     bool full = condense_pattern(s->c)->full;
 
-    *wanting = s->budget.spent + (full ? 8 : 4) * spent > s->budget.most
+    double next = full ? FEW * factor_work(s, 2 * H) : 4 * spent;        /* some steps, or what it cost and more */
+
+    *wanting = s->budget.spent + next > s->budget.most
         || (full && order > ORDER_AUTO_MOST);
     return H >= most || *wanting || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
 }

@@ -95,7 +95,7 @@ static void diagnose(cJSON *list, const char *code, const char *format, const ch
 
 static void print_missed(cJSON *list, const struct steady_point *point, double target)
 {
-    char text[320], more[100] = "";
+    char text[360], more[140] = "";
 
     if (point->wanting)
         snprintf(more, sizeof more, "; the next needs more work than is spent unasked: give harmonics "

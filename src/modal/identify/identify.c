@@ -643,12 +643,13 @@ static enum modal_status put_found(struct work *w, struct found *f, struct ident
 static enum modal_status choose_from_above(struct work *w, struct identify_result *out,
                                            struct found *above, struct modal_error *err)
 {
-    struct pencil few = w->pencil;
+    struct pencil few = w->pencil, all;
     enum modal_status rc;
 
     if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0)
         return MODAL_OK;
-    rc = pencil_of_all(w, &w->pencil, err);
+    rc = pencil_of_all(w, &all, err);
+    w->pencil = all;
     if (rc == MODAL_OK)
         rc = report_values(w, out, err);
     if (rc == MODAL_OK)

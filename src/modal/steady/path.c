@@ -413,7 +413,7 @@ static enum modal_status may_go_on(struct path *p, struct stride *s, struct moda
 
     if (q->cancelled != NULL && q->cancelled(q->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled");
-    if (budget_spent(p->b->budget)) {
+    if (budget_spent(q->budget)) {
         p->report->reason = "the work allowed was spent";
         s->ended = true;
     } else if (p->report->points >= (q->points_most > 0 ? q->points_most : POINTS_MOST)) {

@@ -32,6 +32,8 @@ struct path_problem {
     bool past;                     /* go on past `to` and back: report each crossing of it by `point`, end by `stop` or limits */
     double step_first, step_most;  /* of arc length, in units of span and size; 0: 0.02 and 0.1 */
     int points_most;               /* 0: 5000 */
+    const struct budget *budget;   /* spent, it ends the walk, which counts to that of its balances;
+                                      NULL: a walk for its own sake, whose points have one each */
     double low, high;              /* with `past`: end where lambda leaves [low, high] */
 };
 

@@ -1027,6 +1027,7 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
         return MODAL_OK;
     if (!s->opt.estimate_later && point->error > 0)
         return MODAL_OK;                                   /* it has them */
+    allow_work(s);
     rc = steady_balance(s, point->H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);

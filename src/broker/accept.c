@@ -7,12 +7,13 @@
  * notice and a core does.  A function of the program comes before the C library's of the same name, for the libraries too:
  * accept4 and close, both called by libzmq for each connection.
  *
- * The loop takes a message from each connection in turn, also from those that have hung up: who sends much, goes, and comes
- * again would soon leave thousands of them behind, and everybody else would wait for their turns.  While LEFT_MOST are to be
- * worked off no other is accepted.
+ * The loop takes a message from each connection in turn, also from those that have hung up: who
+ * sends much, goes, and comes again would soon leave thousands of them behind, and everybody else
+ * would wait for their turns.  While LEFT_MOST are to be worked off no other is accepted.
  *
- * libzmq says of a message by which descriptor it came, and to nobody that a connection has ended: close does.  A number that
- * was given out again meanwhile would name another connection, so that it is kept until the loop has taken what is left.
+ * libzmq says of a message by which descriptor it came, and to nobody that a connection has ended:
+ * close does.  A number that was given out again meanwhile would name another connection,
+ * so that it is kept until the loop has taken what is left.
  */
 #include "broker/accept.h"
 #include "broker/intake.h"
@@ -29,16 +30,17 @@
 #include <unistd.h>
 
 enum { OWN = 128 };                             /* descriptors kept for ourselves */
-enum { LEFT_MOST = 64 };                        /* turns of the loop, of a microsecond each: a question takes as long */
+enum { LEFT_MOST = 64 };    /* turns of the loop, of a microsecond each: a question takes as long */
 enum { NONE = -1 };
 
-/* What a descriptor is.  ENDED: its connection is shut down, and its number held until the loop is done with it. */
+/* What a descriptor is.  ENDED: its connection is shut down,
+ * and its number held until the loop is done with it. */
 enum { OTHER, CLIENT, WORKER, ENDED_CLIENT, ENDED_WORKER };
 
 static _Atomic unsigned char kinds[CONNECTIONS_TRACKED];
 static atomic_bool hung_up[CONNECTIONS_TRACKED];
 static atomic_int next_ended[CONNECTIONS_TRACKED];
-static atomic_int last_ended = NONE;         /* a list through next_ended, to which any thread adds */
+static atomic_int last_ended = NONE;       /* a list through next_ended, to which any thread adds */
 static int taken_up = NONE;                  /* the loop's part of it */
 static atomic_int open_now, left_behind, most_open, wake_fd = NONE;
 static atomic_long refused;
@@ -136,7 +138,8 @@ void accept_hung_up(int fd)
 
 bool accept_gone(int fd)
 {
-    unsigned char kind = fd >= 0 && fd < CONNECTIONS_TRACKED ? atomic_load_explicit(&kinds[fd], memory_order_relaxed) : OTHER;
+    unsigned char kind = fd >= 0 && fd < CONNECTIONS_TRACKED
+                             ? atomic_load_explicit(&kinds[fd], memory_order_relaxed) : OTHER;
 
     return kind == ENDED_CLIENT || kind == ENDED_WORKER
         || (kind != OTHER && atomic_load_explicit(&hung_up[fd], memory_order_relaxed));

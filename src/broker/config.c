@@ -79,8 +79,10 @@ void config_init(struct config *c)
     c->sandbox = true;
     c->drain_s = 60;
     c->metrics_s = 10;
-    c->settings = (struct settings) { .cores = cores > 1 ? (int)cores : 1, .worker_jobs = 10000, .queue_jobs = 100000, .input_bytes = INT64_C(16) << 30, .window_bytes = 64 << 20,
-        .lease_ns = 10 * INT64_C(1000000000), .run_limit_ns = NOT_SAID, .result_age_ns = 30 * DAY_NS, .input_age_ns = DAY_NS, .tombstone_age_ns = 365 * DAY_NS,
+    c->settings = (struct settings) { .cores = cores > 1 ? (int)cores : 1, .worker_jobs = 10000,
+        .queue_jobs = 100000, .input_bytes = INT64_C(16) << 30, .window_bytes = 64 << 20,
+        .lease_ns = 10 * INT64_C(1000000000), .run_limit_ns = NOT_SAID,
+        .result_age_ns = 30 * DAY_NS, .input_age_ns = DAY_NS, .tombstone_age_ns = 365 * DAY_NS,
         .upload_idle_ns = DAY_NS, .result_bytes = INT64_C(10) << 30, .events_kept = 100000 };
 }
 
@@ -463,7 +465,8 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
         c->accounts[0] = (struct account) { .user = "local", .role = WIRE_ROLE_ADMIN, .weight = 1 };
         c->account_count = 1;
     }
-    if (c->worker_memory == NOT_SAID)              /* one user's jobs are his own affair; of many, none takes what is the others' */
+    /* One user's jobs are his own affair; of many, none takes what is the others'. */
+    if (c->worker_memory == NOT_SAID)
         c->worker_memory = keys ? machine_worker_memory(machine_memory(), c->workers) : 0;
     if (c->settings.run_limit_ns == NOT_SAID)
         c->settings.run_limit_ns = keys ? DAY_NS : 0;

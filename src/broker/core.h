@@ -130,7 +130,8 @@ enum action_type {
     ACT_COMMIT,     /* transaction; comes back as EVENT_COMMITTED */
     ACT_TASK,       /* task; comes back as EVENT_TASK */
     ACT_WORKER,     /* slot, verb, header, body: send to the worker */
-    ACT_HAND,       /* slot, descriptor, header (JOB ATTEMPT): to the worker, ahead of its RUN; slot -1: to be closed */
+    ACT_HAND,       /* slot, descriptor, header (JOB ATTEMPT): to the worker, ahead of its RUN;
+                       slot -1: to be closed */
     ACT_SPAWN,      /* slot: start a process; EVENT_EXIT will follow some day */
     ACT_KILL,       /* slot: end its process group now */
     ACT_LOG,        /* header: a logfmt line without its time */
@@ -192,7 +193,8 @@ struct actions *core_loaded(struct core *core, struct moment now);     /* as cor
 /* The actions are the core's until the next call; what they point to is the caller's. */
 struct actions *core_step(struct core *core, const struct event *event, struct moment now);
 
-/* How many connections of clients there are, were refused, and hung up while their input was stopped: for the metrics. */
+/* How many connections of clients there are, were refused, and hung up while their input was
+ * stopped: for the metrics. */
 void core_connections(struct core *core, int64_t open, int64_t refused, int64_t hangups_kept);
 
 /* When EVENT_TIME is wanted at the latest, monotonic; INT64_MAX: never. */

@@ -35,7 +35,8 @@
 #define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
 #define STRANGERS_NS SECOND             /* between two lines on keys that were refused */
 #define ROUND_NS 5000000                /* of one source, whose next message waits for the others' */
-enum { CURVE_COST = 33 };               /* bytes of a frame's box beside its own: name, nonce, flags, authenticator */
+/* Bytes of a frame's box beside its own: name, nonce, flags, authenticator. */
+enum { CURVE_COST = 33 };
 enum { ROUND = 128, FRAMES_TAKEN = WIRE_FRAMES_MOST + 1, POLL_MOST = 4 + SLOTS_MOST };
 
 struct daemon {
@@ -57,7 +58,8 @@ struct daemon {
     int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
     int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns, next_strangers_ns, flush_wait_ns;
     struct zap_refused strangers;  /* not told yet */
-    uint64_t taken, ended_until;   /* messages; by then all of those whose connections have ended are taken */
+    uint64_t taken, ended_until;   /* messages; by then all of those whose connections have ended
+                                      are taken */
 };
 
 static int64_t clock_ns(clockid_t clock)
@@ -231,9 +233,10 @@ struct received {
     char key[KEY_TEXT];
 };
 
-/* Whose FRAME is, the first after ROUTING.  libzmq names no descriptor where the other end's address was gone when it was
- * accepted: who cannot be answered is not heard. */
-static void note_sender(struct peers *peers, struct received *r, zmq_msg_t *routing, zmq_msg_t *frame)
+/* Whose FRAME is, the first after ROUTING.  libzmq names no descriptor where the other end's
+ * address was gone when it was accepted: who cannot be answered is not heard. */
+static void note_sender(struct peers *peers, struct received *r, zmq_msg_t *routing,
+                        zmq_msg_t *frame)
 {
     const char *user = zmq_msg_gets(frame, "User-Id");
     int fd = zmq_msg_get(frame, ZMQ_SRCFD);
@@ -293,8 +296,8 @@ static enum modal_status open_message(const struct received *r, const char *vers
     return wire_open(frames, r->count < FRAMES_TAKEN ? r->count : FRAMES_TAKEN, version, needs_id, out, err);
 }
 
-/* Whether nothing but an answer would come of R, and nobody is there to read it: many such left by connections that are gone
- * must not make the others wait. */
+/* Whether nothing but an answer would come of R, and nobody is there to read it: many such left by
+ * connections that are gone must not make the others wait. */
 static bool is_vain(const struct received *r)
 {
     char verb[WIRE_VERB_MOST + 1] = "";
@@ -367,7 +370,7 @@ static bool take_messages(struct daemon *d, struct peers *peers, void (*handle)(
     return true;                                   /* perhaps more */
 }
 
-/* ---- connections that have ended -------------------------------------------------------------------------------- */
+/* ---- connections that have ended ------------------------------------------------------------- */
 
 /* Whether there are connections that ended before now. */
 static bool note_ended(struct daemon *d)
@@ -380,8 +383,9 @@ static bool note_ended(struct daemon *d)
     return true;
 }
 
-/* What they had sent is taken: at once where their sockets have nothing more (DRAINED), else once each connection has had its
- * turns (libzmq takes one message from each in turn).  What they waited for ends, and their descriptors are free. */
+/* What they had sent is taken: at once where their sockets have nothing more (DRAINED), else once
+ * each connection has had its turns (libzmq takes one message from each in turn).  What they waited
+ * for ends, and their descriptors are free. */
 static void forget_ended(struct daemon *d, bool drained)
 {
     int fd;
@@ -643,7 +647,7 @@ static void loop(struct daemon *d)
         if (zmq_poll(items, n, more ? 0 : wait_ms(d)) < 0 && errno != EINTR)
             break;
         take_others(d, items, slots, n);
-        ended = note_ended(d);                     /* before the messages: what they sent is among these */
+        ended = note_ended(d);              /* before the messages: what they sent is among these */
         more = false;
         if (!d->stop && (ended || items[1].revents != 0))
             more |= take_messages(d, &d->workers, from_worker);
@@ -667,7 +671,8 @@ static void *router(struct daemon *d)
 {
     void *socket = zmq_socket(d->context, ZMQ_ROUTER);
     int64_t frame = WIRE_BODY_MOST;
-    bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1) && set_int(socket, ZMQ_SNDHWM, 64) && set_int(socket, ZMQ_RCVHWM, INTAKE_WAITING)
+    bool ok = socket != NULL && set_int(socket, ZMQ_ROUTER_MANDATORY, 1)
+        && set_int(socket, ZMQ_SNDHWM, 64) && set_int(socket, ZMQ_RCVHWM, INTAKE_WAITING)
         && set_int(socket, ZMQ_HANDSHAKE_IVL, 3000) && set_int(socket, ZMQ_LINGER, 200) && set_int(socket, ZMQ_HEARTBEAT_IVL, 10000)
         && set_int(socket, ZMQ_HEARTBEAT_TIMEOUT, 20000) && set_int(socket, ZMQ_BACKLOG, 1024)
         && zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) == 0;
@@ -831,7 +836,8 @@ static void warn_of_others(const char *folder)
     if (stat(folder, &known) != 0 || (known.st_mode & 07) == 0)
         return;
     line = grab_format("level=warning event=data_open mode=%04o data=%s "
-                       "message=\"the data folder is open to other users; accepted: 0750 or less\"", (unsigned)known.st_mode & 07777, folder);
+                       "message=\"the data folder is open to other users; accepted: 0750 or less\"",
+                       (unsigned)known.st_mode & 07777, folder);
     log_line(line);
     free(line);
 }

@@ -1,28 +1,36 @@
 /*
  * hangup.c - see hangup.h: epoll_ctl and epoll_wait as libzmq's I/O thread calls them
  *
- * A connection's input stops when its pipe to the loop is full (ZMQ_RCVHWM): libzmq 4.3.4 no longer asks for EPOLLIN then.
- * A hang-up comes unasked.  libzmq takes it for input, finds that input is stopped, and sets `_io_error` of the connection
- * (stream_engine_base.cpp, in_event_internal, the only place that sets it); out_event asserts that it is not set, but is
- * called for heartbeats, for the answer to a PING among what is read on (restart_input), and by epoll: the process ends.
- * (https://github.com/zeromq/libzmq/issues/4364.)  So a connection whose input is stopped must not hear of a hang-up:
+ * A connection's input stops when its pipe to the loop is full (ZMQ_RCVHWM): libzmq 4.3.4 no longer
+ * asks for EPOLLIN then.  A hang-up comes unasked.  libzmq takes it for input, finds that input is
+ * stopped, and sets `_io_error` of the connection (stream_engine_base.cpp, in_event_internal, the
+ * only place that sets it); out_event asserts that it is not set, but is called for heartbeats, for
+ * the answer to a PING among what is read on (restart_input), and by epoll: the process ends.
+ * (https://github.com/zeromq/libzmq/issues/4364.)  So a connection whose input is stopped must not
+ * hear of a hang-up:
  *
- *   - epoll_ctl has the descriptor for an event's data, and marks where input is not asked for; epoll_wait gives libzmq's own
- *     pointer back.
- *   - A marked event's hang-up is dropped; where output is asked for, it is said to be possible: the write then fails, and
- *     libzmq asks for it no more.  What asks for neither is edge-triggered: its hang-up comes once, and the thread sleeps.
- *   - An unmarked one's becomes EPOLLIN, once.  libzmq would call in_event for the hang-up and again for the input, and the
- *     first call may stop it.  Between epoll_wait and that one call nothing else can: input is stopped by input alone.
+ *   - epoll_ctl has the descriptor for an event's data, and marks where input is not asked for;
+ *     epoll_wait gives libzmq's own pointer back.
+ *   - A marked event's hang-up is dropped; where output is asked for, it is said to be possible:
+ *     the write then fails, and libzmq asks for it no more.  What asks for neither is
+ *     edge-triggered: its hang-up comes once, and the thread sleeps.
+ *   - An unmarked one's becomes EPOLLIN, once.  libzmq would call in_event for the hang-up and
+ *     again for the input, and the first call may stop it.  Between epoll_wait and that one call
+ *     nothing else can: input is stopped by input alone.
  *
- * The end is not lost: when the loop has taken what was sent, libzmq asks for EPOLLIN again, the event is level-triggered as
- * before, and the rest is read up to the end of the file.  A pipe that nobody will ever read is ended by the heartbeat's
- * time limit, which any message decoded would have cancelled.  A connection is only ever accepted here, never made: one that
- * connects waits for EPOLLOUT alone, and is told so as well.  Nothing else in this process uses epoll (zmq_poll is poll(2)).
+ * The end is not lost: when the loop has taken what was sent, libzmq asks for EPOLLIN again, the
+ * event is level-triggered as before, and the rest is read up to the end of the file.  A pipe that
+ * nobody will ever read is ended by the heartbeat's time limit, which any message decoded would
+ * have cancelled.  A connection is only ever accepted here, never made: one that connects waits for
+ * EPOLLOUT alone, and is told so as well.  Nothing else in this process uses epoll (zmq_poll is
+ * poll(2)).
  *
- * What is still to be taken of such a connection is taken in its turn, but for questions: nobody reads the answer (accept_gone).
+ * What is still to be taken of such a connection is taken in its turn, but for questions: nobody
+ * reads the answer (accept_gone).
  *
- * Other ways: without heartbeats, or with a patched out_event (not Debian's); ZMQ_RCVHWM 0, where input never stops and a
- * connection's memory has no bound; a front of our own for ZMTP and CURVE, which would be a second library to keep.
+ * Other ways: without heartbeats, or with a patched out_event (not Debian's); ZMQ_RCVHWM 0, where
+ * input never stops and a connection's memory has no bound; a front of our own for ZMTP and CURVE,
+ * which would be a second library to keep.
  */
 #include "broker/hangup.h"
 #include "broker/accept.h"
@@ -38,7 +46,7 @@
 #define NO_INPUT (UINT64_C(1) << 32)
 #define OUTPUT (UINT64_C(1) << 33)
 
-static void *pointers[CONNECTIONS_TRACKED];      /* libzmq's, of each descriptor; its I/O thread's */
+static void *pointers[CONNECTIONS_TRACKED];     /* libzmq's, of each descriptor; its I/O thread's */
 static atomic_long kept;
 
 long hangup_kept(void)

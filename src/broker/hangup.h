@@ -1,4 +1,5 @@
-/* hangup.h - a hang-up reaches libzmq only where it reads: what it otherwise ends the process for */
+/* hangup.h - a hang-up reaches libzmq only where it reads:
+ * what it otherwise ends the process for */
 #ifndef BROKER_HANGUP_H
 #define BROKER_HANGUP_H
 

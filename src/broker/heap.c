@@ -49,12 +49,13 @@ struct heap_item heap_pop(struct heap *heap)
     return least;
 }
 
-void heap_sift(struct heap *heap, bool (*keep)(const void *, const struct heap_item *), const void *context)
+void heap_sift(struct heap *heap, bool (*keep)(const void *, const struct heap_item *),
+               const void *context)
 {
     size_t count = heap->count;
 
     heap->count = 0;
-    for (size_t i = 0; i < count; i++) {             /* pushed where those before it were: there is room */
+    for (size_t i = 0; i < count; i++) {      /* pushed where those before it were: there is room */
         struct heap_item item = heap->items[i];
         if (keep(context, &item))
             heap_push(heap, item);

@@ -12,6 +12,7 @@ bool heap_push(struct heap *heap, struct heap_item item);     /* false when memo
 const struct heap_item *heap_least(const struct heap *heap);  /* NULL: empty */
 struct heap_item heap_pop(struct heap *heap);                 /* must not be empty */
 /* Only those that KEEP wants stay. */
-void heap_sift(struct heap *heap, bool (*keep)(const void *context, const struct heap_item *item), const void *context);
+void heap_sift(struct heap *heap, bool (*keep)(const void *context, const struct heap_item *item),
+               const void *context);
 void heap_done(struct heap *heap);
 #endif

@@ -1,18 +1,21 @@
 /*
  * intake.c - see intake.h: recv as libzmq's I/O thread calls it, and crypto_box_open
  *
- * A ROUTER knows a connection by its routing id, which the other end may choose (the property Identity of ZMTP's handshake).
- * Who chose that of another was then not heard, got what was still meant for one that had gone, or, by ids beginning with a
- * zero byte, met one that libzmq made up itself, which it asserts is impossible (4.3.4, add_out_pipe).  Here the property's
- * name is altered as it comes, "Identity" to "identity", which no mechanism looks at: libzmq then numbers the connection, and
- * no number comes twice.  In NULL's READY it is altered in the bytes received; CURVE's INITIATE is plain only where libzmq
- * has opened its box.  Peers older than ZMTP 3 send it otherwise, and are closed.
+ * A ROUTER knows a connection by its routing id, which the other end may choose (the property
+ * Identity of ZMTP's handshake).  Who chose that of another was then not heard, got what was still
+ * meant for one that had gone, or, by ids beginning with a zero byte, met one that libzmq made up
+ * itself, which it asserts is impossible (4.3.4, add_out_pipe).  Here the property's name is
+ * altered as it comes, "Identity" to "identity", which no mechanism looks at: libzmq then numbers
+ * the connection, and no number comes twice.  In NULL's READY it is altered in the bytes received;
+ * CURVE's INITIATE is plain only where libzmq has opened its box.  Peers older than ZMTP 3 send it
+ * otherwise, and are closed.
  *
- * libzmq hands over whole messages alone, and has no limit for the frames that it keeps until then.  So frames are followed:
- * a connection that holds more than messages can (section 8 of PROTOCOL.md) is ended, by an end of file.  In NULL a frame says
- * whether it is its message's last.  CURVE hides that, so that there the count begins anew when the loop takes a message: up to
- * INTAKE_WAITING of them may wait beside the one that comes.  What never reaches the loop are heartbeats: FORGIVEN is
- * what one a second may take.
+ * libzmq hands over whole messages alone, and has no limit for the frames that it keeps until then.
+ * So frames are followed: a connection that holds more than messages can (section 8 of PROTOCOL.md)
+ * is ended, by an end of file.  In NULL a frame says whether it is its message's last.  CURVE hides
+ * that, so that there the count begins anew when the loop takes a message: up to INTAKE_WAITING of
+ * them may wait beside the one that comes.  What never reaches the loop are heartbeats:
+ * FORGIVEN is what one a second may take.
  */
 #include "broker/intake.h"
 #include "broker/accept.h"
@@ -32,7 +35,8 @@ enum { GREETING_SIZE = 64, MECHANISM = 12, REVISION = 10, SIGNATURE_END = 9, REA
 enum { FRAME_COST = 64 };                       /* of zmq_msg_t, which the smallest frame takes */
 enum { FORGIVEN = 256 };                        /* bytes a second */
 enum {
-    MESSAGE_MOST = WIRE_FRAMES_MOST * (WIRE_BODY_MOST + FRAME_COST),           /* what is answered, if by an error */
+    /* what is answered, if by an error */
+    MESSAGE_MOST = WIRE_FRAMES_MOST * (WIRE_BODY_MOST + FRAME_COST),
     VALID_MOST = (WIRE_FRAMES_MOST - 3) * WIRE_BODY_MOST + 2 * WIRE_HEADER_MOST,
     WAITING_MOST = INTAKE_WAITING * VALID_MOST + MESSAGE_MOST,
 };
@@ -47,12 +51,12 @@ struct properties {
 struct intake {
     enum { UNKNOWN, GREETING, FLAGS, LENGTH, BODY } stage;
     bool curve, first, more;                    /* first: the handshake's first frame */
-    unsigned char have;                         /* bytes of the greeting; of the length, those that are missing */
+    unsigned char have;           /* bytes of the greeting; of the length, those that are missing */
     uint64_t left;                              /* of the frame */
     struct properties properties;
     int64_t seconds;                            /* when heartbeats were last forgiven */
     int64_t held;                               /* bytes of frames, and what frames take */
-    atomic_bool taken;                          /* by the loop, since the last look; all else is the I/O thread's */
+    atomic_bool taken;          /* by the loop, since the last look; all else is the I/O thread's */
 };
 
 static struct intake intakes[CONNECTIONS_TRACKED];
@@ -130,7 +134,9 @@ static bool greeted(struct intake *in, unsigned char byte)
         in->stage = FLAGS;
         in->first = true;
     }
-    return at == 0 ? byte == 0xff : at == SIGNATURE_END ? (byte & 1) != 0 : at == REVISION ? byte >= 3 : true;
+    return at == 0 ? byte == 0xff
+         : at == SIGNATURE_END ? (byte & 1) != 0
+         : at == REVISION ? byte >= 3 : true;
 }
 
 static void end_frame(struct intake *in)
@@ -217,15 +223,18 @@ ssize_t recv(int fd, void *buffer, size_t size, int flags)
     return follow(in, buffer, (size_t)got) && within_bounds(in) ? got : 0;
 }
 
-/* INITIATE's box alone is so long; in it are a key, a voucher, and the properties (ZMTP-CURVE, RFC 26). */
+/* INITIATE's box alone is so long; in it are a key, a voucher, and the properties (ZMTP-CURVE,
+ * RFC 26). */
 enum { BOX_ZEROS = 32, VOUCHED = 128 };
 
-typedef int box_open(unsigned char *plain, const unsigned char *box, unsigned long long size, const unsigned char *nonce,
-                     const unsigned char *public_key, const unsigned char *secret_key);
+typedef int box_open(unsigned char *plain, const unsigned char *box, unsigned long long size,
+                     const unsigned char *nonce, const unsigned char *public_key,
+                     const unsigned char *secret_key);
 box_open crypto_box_open;
 
-int crypto_box_open(unsigned char *plain, const unsigned char *box, unsigned long long size, const unsigned char *nonce,
-                    const unsigned char *public_key, const unsigned char *secret_key)
+int crypto_box_open(unsigned char *plain, const unsigned char *box, unsigned long long size,
+                    const unsigned char *nonce, const unsigned char *public_key,
+                    const unsigned char *secret_key)
 {
     static box_open *sodium;
     struct properties properties = { .stage = NAME_LENGTH };

@@ -1,9 +1,11 @@
-/* intake.h - what a connection sends, before libzmq reads it: no name of its own choosing, and no more than messages can hold */
+/* intake.h - what a connection sends, before libzmq reads it: no name of its own choosing, and no
+ * more than messages can hold */
 #ifndef BROKER_INTAKE_H
 #define BROKER_INTAKE_H
 
-enum { INTAKE_WAITING = 16 };      /* whole messages of a connection that may wait for the loop: ZMQ_RCVHWM */
+/* Whole messages of a connection that may wait for the loop: ZMQ_RCVHWM. */
+enum { INTAKE_WAITING = 16 };
 
-void intake_begin(int fd);         /* FD is a connection just accepted; nothing was read of it yet */
+void intake_begin(int fd);        /* FD is a connection just accepted; nothing was read of it yet */
 void intake_taken(int fd);         /* the loop has taken a message of it */
 #endif

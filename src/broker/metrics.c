@@ -218,7 +218,8 @@ struct blob *metrics_text(const struct core *c, const struct user *user)
     one(&p, "worker_deaths_total", "counter", "Workers that ended while they had a job.", (double)c->deaths);
     one(&p, "connections", "gauge", "Connections of clients.", (double)c->connections);
     one(&p, "connections_refused_total", "counter", "Connections closed as they came, being one too many.", (double)c->connections_refused);
-    one(&p, "hangups_kept_total", "counter", "Hang-ups not heard at once, the requests before them being still to be taken.", (double)c->hangups_kept);
+    one(&p, "hangups_kept_total", "counter", "Hang-ups not heard at once, the requests before them "
+        "being still to be taken.", (double)c->hangups_kept);
     one(&p, "transactions_total", "counter", "Ledger transactions asked for.", (double)c->commits);
     one(&p, "changes_total", "counter", "Ledger changes committed.", (double)c->committed_changes);
     one(&p, "transactions_waiting", "gauge", "Transactions not yet on stable storage.", (double)c->uncommitted);

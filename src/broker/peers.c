@@ -52,7 +52,8 @@ struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size
     memcpy(peer->routing, data, size);
     peer->routing_size = (unsigned char)size;
     peer->end = &peer->first;
-    if (!map_put(&peers->by_routing, hash, peer) || !map_put(&peers->by_number, map_hash_number(peer->number), peer)
+    if (!map_put(&peers->by_routing, hash, peer)
+        || !map_put(&peers->by_number, map_hash_number(peer->number), peer)
         || !map_put(&peers->by_fd, map_hash_number((uint64_t)fd), peer))
         abort();
     return peer;

@@ -1,6 +1,8 @@
-/* peers.h - who is at the other end of a ROUTER: a number for each connection, and a bounded queue to it
+/* peers.h - who is at the other end of a ROUTER: a number for each connection,
+ * and a bounded queue to it
  *
- * A connection's routing id is libzmq's own, of five bytes, and comes once (intake.c): what is meant for one reaches no other.
+ * A connection's routing id is libzmq's own, of five bytes, and comes once (intake.c): what is
+ * meant for one reaches no other.
  */
 #ifndef BROKER_PEERS_H
 #define BROKER_PEERS_H
@@ -37,7 +39,8 @@ struct peers {
     int64_t dropped;
 };
 
-struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t size, int fd);   /* made where new */
+struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t size,
+                              int fd);   /* made where new */
 struct peer *peers_by_number(const struct peers *peers, uint64_t number);
 /* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and it is freed. */
 enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header, struct blob *body);

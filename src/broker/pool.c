@@ -89,7 +89,8 @@ bool pool_spawn(struct pool *pool, int slot)
 
     free(p->tail);
     *p = (struct process) { .stderr_fd = -1, .inputs = -1 };
-    if (pipe2(says, O_CLOEXEC) != 0 || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, inputs) != 0)
+    if (pipe2(says, O_CLOEXEC) != 0
+        || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, inputs) != 0)
         error = errno;
     if (error == 0) {
         fcntl(says[0], F_SETFL, O_NONBLOCK);
@@ -113,14 +114,16 @@ void pool_hand(struct pool *pool, int slot, const char *text, int descriptor)
 {
     union { char room[CMSG_SPACE(sizeof(int))]; struct cmsghdr align; } control = { { 0 } };
     struct iovec part = { .iov_base = (void *)(uintptr_t)text, .iov_len = strlen(text) };
-    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control };
+    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = &control,
+                              .msg_controllen = sizeof control };
     struct cmsghdr *with = CMSG_FIRSTHDR(&message);
 
     with->cmsg_level = SOL_SOCKET;
     with->cmsg_type = SCM_RIGHTS;
     with->cmsg_len = CMSG_LEN(sizeof descriptor);
     memcpy(CMSG_DATA(with), &descriptor, sizeof descriptor);
-    while (sendmsg(pool->slots[slot].inputs, &message, MSG_DONTWAIT | MSG_NOSIGNAL) < 0 && errno == EINTR)
+    while (sendmsg(pool->slots[slot].inputs, &message, MSG_DONTWAIT | MSG_NOSIGNAL) < 0
+           && errno == EINTR)
         ;
 }
 

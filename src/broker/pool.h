@@ -1,6 +1,8 @@
-/* pool.h - worker processes: started by posix_spawn in groups of their own, their stderr kept, ended by SIGKILL
+/* pool.h - worker processes: started by posix_spawn in groups of their own,
+ * their stderr kept, ended by SIGKILL
  *
- * Each has one end of a pair of sockets as its descriptor 3: by it come the files that it cannot open itself, and its end is ours.
+ * Each has one end of a pair of sockets as its descriptor 3: by it come the files that it cannot
+ * open itself, and its end is ours.
  */
 #ifndef BROKER_POOL_H
 #define BROKER_POOL_H
@@ -32,7 +34,8 @@ struct pool {
 bool pool_spawn(struct pool *pool, int slot);
 void pool_kill(struct pool *pool, int slot);       /* the whole group; the exit is seen by pool_reap */
 void pool_kill_all(struct pool *pool);             /* and wait for them */
-/* Hand DESCRIPTOR, which stays ours, to the process of SLOT, named by TEXT.  Where it takes nothing in, it finds nothing. */
+/* Hand DESCRIPTOR, which stays ours, to the process of SLOT, named by TEXT.  Where it takes nothing
+ * in, it finds nothing. */
 void pool_hand(struct pool *pool, int slot, const char *text, int descriptor);
 /* Take in what SLOT wrote to stderr; false: it closed it. */
 bool pool_read(struct pool *pool, int slot);

@@ -234,7 +234,8 @@ static bool is_awaited(const void *context, const struct heap_item *item)
     const struct core *c = context;
     uint64_t number = (uint64_t)item->order;
 
-    return item->what != TIMER_WAIT || number == 0 || map_find(&c->waits, map_hash_number(number), has_number, &number) != NULL;
+    return item->what != TIMER_WAIT || number == 0
+        || map_find(&c->waits, map_hash_number(number), has_number, &number) != NULL;
 }
 
 /* Its timer stays until it is due, or such are half of all. */

@@ -5,7 +5,8 @@
  * thread takes it, and where none did the first does it itself while the disk is busy.
  *
  * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal
- * writes as much as a stream may be long, and neither another's chunk nor another's short stream waits for the end of that.
+ * writes as much as a stream may be long, and neither another's chunk nor another's short stream
+ * waits for the end of that.
  */
 #include "broker/queue.h"
 #include "modal/crc32c.h"
@@ -396,7 +397,8 @@ static enum modal_status open_input(const char *dir, struct task *task)
 
     spool_path(path, dir, task->id);
     rc = file_open(path, O_RDONLY, 0, &task->descriptor, &task->err);
-    return rc == MODAL_NOT_FOUND ? modal_fail(&task->err, MODAL_CORRUPT, "%s is missing", path) : rc;
+    return rc == MODAL_NOT_FOUND
+               ? modal_fail(&task->err, MODAL_CORRUPT, "%s is missing", path) : rc;
 }
 
 static enum modal_status keep_event(void *context, const struct event_record *r)

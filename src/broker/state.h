@@ -465,7 +465,7 @@ void streams_retain(struct core *c);
 void request_handle(struct core *c, const struct event *e);
 void wait_answer(struct core *c, struct job *job);
 void wait_timeout(struct core *c, uint64_t number);
-void waits_gone(struct core *c, uint64_t peer);        /* end those of a connection that has ended */
+void waits_gone(struct core *c, uint64_t peer);       /* end those of a connection that has ended */
 void waits_revoke(struct core *c);         /* answer those of keys that are admitted no more */
 void read_task_done(struct core *c, struct task *task);
 

@@ -12,7 +12,8 @@
 #include <string.h>
 #include <sys/wait.h>
 
-enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3, DETAIL_MOST = 4096, PROGRESS_MOST = 4096, THREADS_MOST = 1024 };
+enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3, DETAIL_MOST = 4096, PROGRESS_MOST = 4096,
+       THREADS_MOST = 1024 };
 
 static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
 {
@@ -71,7 +72,8 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
         core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
 }
 
-/* A task that fetches the input of a job whose attempt has begun; job_input_read goes on with it. */
+/* A task that fetches the input of a job whose attempt has begun;
+ * job_input_read goes on with it. */
 static void fetch(struct core *c, struct job *job, enum task_type type)
 {
     struct task *task = grab(sizeof *task);
@@ -122,7 +124,8 @@ static void hand(struct core *c, const struct job *job, int slot, int descriptor
     if (slot >= 0)
         job_ident(c, job, ident);
     core_act(c, (struct action) { .type = ACT_HAND, .slot = slot, .descriptor = descriptor,
-                                  .header = slot < 0 ? NULL : grab_format("%s %d", ident, job->attempts) });
+                                  .header = slot < 0 ? NULL
+                                            : grab_format("%s %d", ident, job->attempts) });
 }
 
 /* The input that a started job was waiting for: inline data, or an open file. */
@@ -130,7 +133,8 @@ void job_input_read(struct core *c, struct task *task)
 {
     struct job *job = job_by_id(c, task->after->value);
 
-    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts || job->slot < 0) {
+    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts
+        || job->slot < 0) {
         if (task->descriptor >= 0)
             hand(c, NULL, -1, task->descriptor);
         return;
@@ -392,7 +396,8 @@ static int cores_of(const struct core *c, const struct job *job)
     return threads < c->settings.cores ? threads : c->settings.cores;
 }
 
-/* Time is the daemon's own; of the processor's a worker is believed no more than its cores can have given meanwhile. */
+/* Time is the daemon's own; of the processor's a worker is believed no more than its cores can have
+ * given meanwhile. */
 static void account_for(struct core *c, const struct slot *s, struct job *job)
 {
     double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9, cpu_s = s->cpu_s;
@@ -432,9 +437,12 @@ static void ended_early(struct core *c, struct job *job, enum ending ending, int
         job_fail(c, job, JOB_CANCELLED, &err, NULL);
         break;
     case ENDING_RUN_LIMIT:
-        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s%s", job->attempts,
-                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns) / 1e9,
-                   job->run_limit_ns > 0 ? "" : ", which the daemon's configuration sets where a job names none (run_limit_s)");
+        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s%s",
+                   job->attempts,
+                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns
+                                                  : c->settings.run_limit_ns) / 1e9,
+                   job->run_limit_ns > 0 ? "" : ", which the daemon's configuration sets where "
+                                                "a job names none (run_limit_s)");
         job_fail(c, job, JOB_FAILED, &err, NULL);
         break;
     case ENDING_DEADLINE:
@@ -453,7 +461,8 @@ static void log_exit(struct core *c, int slot, int status, const char *stderr_te
     size_t length = stderr_text == NULL ? 0 : strlen(stderr_text), from = length < sizeof said ? 0 : length - sizeof said + 1;
 
     snprintf(said, sizeof said, "%s", length == 0 ? "" : stderr_text + from);
-    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status, one_line(said));
+    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status,
+             one_line(said));
 }
 
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
@@ -691,17 +700,21 @@ static void bad_worker(struct core *c, int slot, const char *what)
     worker_kill(c, slot);
 }
 
-/* What it computed is more than may be kept: the job fails, and what is still under way from this worker ends with it. */
+/* What it computed is more than may be kept: the job fails,
+ * and what is still under way from this worker ends with it. */
 static void too_large(struct core *c, int slot, const struct modal_error *err)
 {
     fail_attempt(c, slot, err, NULL);
     worker_kill(c, slot);
 }
 
-/* Bytes at OFFSET of TOTAL, which the first PART has settled as SETTLED: there are some, and they follow the HERE bytes before. */
-static bool in_order(const struct wire_message *m, uint64_t offset, uint64_t total, uint64_t here, uint64_t settled)
+/* Bytes at OFFSET of TOTAL, which the first PART has settled as SETTLED: there are some, and they
+ * follow the HERE bytes before. */
+static bool in_order(const struct wire_message *m, uint64_t offset, uint64_t total, uint64_t here,
+                     uint64_t settled)
 {
-    return m->body_count == 1 && m->body_bytes > 0 && offset == here && total == settled && m->body_bytes <= total - here;
+    return m->body_count == 1 && m->body_bytes > 0 && offset == here && total == settled
+        && m->body_bytes <= total - here;
 }
 
 static void document_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m)
@@ -714,7 +727,8 @@ static void document_part(struct core *c, int slot, uint64_t offset, uint64_t to
         too_large(c, slot, &err);
         return;
     }
-    if (!in_order(m, offset, total, s->document_size, s->document != NULL ? s->document_total : total)) {
+    if (!in_order(m, offset, total, s->document_size,
+                  s->document != NULL ? s->document_total : total)) {
         bad_worker(c, slot, "a part out of order");
         return;
     }
@@ -737,8 +751,9 @@ static bool begin_signals(struct core *c, int slot, const struct wire_message *m
         return false;
     }
     if ((double)w.bytes > (double)c->settings.input_bytes) {
-        modal_fail_field(&err, MODAL_TOO_LARGE, "time", "the signals have %llu bytes; accepted: at most %lld (input_bytes)",
-                         (unsigned long long)w.bytes, (long long)c->settings.input_bytes);
+        modal_fail_field(&err, MODAL_TOO_LARGE, "time", "the signals have %llu bytes; accepted: at "
+                         "most %lld (input_bytes)", (unsigned long long)w.bytes,
+                         (long long)c->settings.input_bytes);
         too_large(c, slot, &err);
         return false;
     }
@@ -746,13 +761,15 @@ static bool begin_signals(struct core *c, int slot, const struct wire_message *m
     return true;
 }
 
-static void signals_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m, struct blob **body)
+static void signals_part(struct core *c, int slot, uint64_t offset, uint64_t total,
+                         const struct wire_message *m, struct blob **body)
 {
     struct slot *s = &c->slots[slot];
 
     if (s->output == NULL && offset == 0 && !begin_signals(c, slot, m))
         return;
-    if (s->output == NULL || !in_order(m, offset, total, s->output->filling->accepted, s->output->bytes)) {
+    if (s->output == NULL
+        || !in_order(m, offset, total, s->output->filling->accepted, s->output->bytes)) {
         bad_worker(c, slot, "signals out of order");
         return;
     }
@@ -791,7 +808,8 @@ static bool is_whole(const struct slot *s, const struct wire_message *m)
 {
     const bool in_parts = s->document != NULL;
 
-    if (in_parts ? m->body_count != 0 || s->document_size != s->document_total : m->body_count != 1 || m->body_bytes == 0)
+    if (in_parts ? m->body_count != 0 || s->document_size != s->document_total
+                 : m->body_count != 1 || m->body_bytes == 0)
         return false;
     return s->output == NULL || s->output->filling->accepted == s->output->bytes;
 }
@@ -817,7 +835,8 @@ static void on_done(struct core *c, int slot, const struct wire_message *m, stru
         finish(c, slot);
 }
 
-/* A copy of the error's detail, an object of at most DETAIL_MOST bytes; NULL: none, or another, which is left out. */
+/* A copy of the error's detail, an object of at most DETAIL_MOST bytes; NULL: none,
+ * or another, which is left out. */
 static cJSON *detail_of(struct core *c, int slot, const cJSON *error)
 {
     const cJSON *detail = cJSON_GetObjectItemCaseSensitive(error, "detail");
@@ -826,7 +845,8 @@ static cJSON *detail_of(struct core *c, int slot, const cJSON *error)
 
     free(text);
     if (length > DETAIL_MOST)
-        core_log(c, "level=warning event=detail_left_out slot=%d bytes=%zu most=%d", slot, length, DETAIL_MOST);
+        core_log(c, "level=warning event=detail_left_out slot=%d bytes=%zu most=%d", slot, length,
+                 DETAIL_MOST);
     return length == 0 || length > DETAIL_MOST ? NULL : cJSON_Duplicate(detail, true);
 }
 
@@ -858,18 +878,21 @@ static bool is_current(const struct core *c, const struct slot *s, const struct 
     json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
     if (s->state != SLOT_BUSY || s->attempt != attempt)
         return false;
-    return s->live != NULL || (s->job != NULL && !s->finishing && ident_number(c->settings.secret, ident) == s->job->id);
+    return s->live != NULL
+        || (s->job != NULL && !s->finishing
+            && ident_number(c->settings.secret, ident) == s->job->id);
 }
 
 void worker_message(struct core *c, const struct event *e)
 {
     static const struct {
         const char *verb;
-        bool on_job, ends;                /* believed only of the current job and attempt; the last word on it */
+        bool on_job, ends;   /* believed only of the current job and attempt; the last word on it */
         void (*run)(struct core *, int, const struct wire_message *, struct blob **);
     } verbs[] = {
-        { "READY", false, false, on_ready }, { "BEAT", false, false, on_beat }, { "PROGRESS", true, false, on_progress },
-        { "PART", true, false, on_part }, { "DONE", true, true, on_done }, { "FAILED", true, true, on_failed },
+        { "READY", false, false, on_ready }, { "BEAT", false, false, on_beat },
+        { "PROGRESS", true, false, on_progress }, { "PART", true, false, on_part },
+        { "DONE", true, true, on_done }, { "FAILED", true, true, on_failed },
     };
     const struct wire_message *m = e->message;
     const int slot = e->slot;

@@ -16,14 +16,16 @@ static uintptr_t page(void)
 enum modal_status mapping_open(int fd, const char *path, uint64_t offset, uint64_t length, struct mapping *out, struct modal_error *err)
 {
     uint64_t start = offset & ~(uint64_t)(page() - 1);
-    const off_t size = lseek(fd, 0, SEEK_END);      /* not fstat, which a confined worker may not call */
+    /* Not fstat, which a confined worker may not call. */
+    const off_t size = lseek(fd, 0, SEEK_END);
     size_t mapped;
     void *base;
 
     if (size < 0)
         return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
     if (length == 0 || length > (uint64_t)size || offset > (uint64_t)size - length)
-        return modal_fail(err, MODAL_CORRUPT, "%s has %lld bytes, its data should lie at %llu .. %llu", path, (long long)size,
+        return modal_fail(err, MODAL_CORRUPT, "%s has %lld bytes, its data "
+                          "should lie at %llu .. %llu", path, (long long)size,
                           (unsigned long long)offset, (unsigned long long)(offset + length));
     mapped = (size_t)(offset + length - start);
     base = mmap(NULL, mapped, PROT_READ, MAP_SHARED, fd, (off_t)start);

@@ -479,8 +479,8 @@ static uint32_t check_of(const struct mapping *map)
     return crc;
 }
 
-enum modal_status spool_map_open(int fd, const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out,
-                                 struct modal_error *err)
+enum modal_status spool_map_open(int fd, const char *path, uint64_t offset, uint64_t length,
+                                 uint32_t crc, struct mapping *out, struct modal_error *err)
 {
     struct mapping map;
     enum modal_status rc = mapping_open(fd, path, offset, length, &map, err);

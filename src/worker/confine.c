@@ -2,13 +2,15 @@
  * confine.c - a worker shut in; see confine.h
  *
  * A job computes on data a user chose, some of it in a language of the user's own (Lua).  Should that take over the process, it
- * finds: no new sockets, programs, files or mappings that can be executed; nothing to read but the input of
- * its job, whose descriptor the daemon handed over; nobody to signal or to set limits to; one connection, on which the daemon believes only what fits the job it gave.
+ * finds: no new sockets, programs, files or mappings that can be executed; nothing to read but the
+ * input of its job, whose descriptor the daemon handed over; nobody to signal or to set limits to;
+ * one connection, on which the daemon believes only what fits the job it gave.
  *
  * The filter is a list of what computing, ZeroMQ's threads and glibc need.  Everything else fails with EPERM rather than
  * ending the process, so that a library that only asks in vain goes on; clone3 says ENOSYS, since its flags cannot be
- * seen and glibc then uses clone; and sched_setscheduler says that it was done, since each thread of ZeroMQ's asks for the scheduling
- * that it has and aborts where that fails, and some begin only after the walls are up.
+ * seen and glibc then uses clone; and sched_setscheduler says that it was done, since each thread
+ * of ZeroMQ's asks for the scheduling that it has and aborts where that fails,
+ * and some begin only after the walls are up.
  */
 #include "worker/confine.h"
 #include <errno.h>
@@ -34,7 +36,8 @@
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define SANITIZED 1
 #elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) \
+    || __has_feature(memory_sanitizer)
 #define SANITIZED 1
 #endif
 #endif
@@ -59,7 +62,8 @@ static enum modal_status set_limit(int which, rlim_t most, const char *name, str
     return setrlimit((__rlimit_resource_t)which, &limit) == 0 ? MODAL_OK : modal_fail(err, MODAL_IO, "worker: limit of %s: %s", name, strerror(errno));
 }
 
-/* Half of the threads that this user may have: the other half is the daemon's, where both are one user. */
+/* Half of the threads that this user may have: the other half is the daemon's,
+ * where both are one user. */
 static enum modal_status limit_threads(struct modal_error *err)
 {
     struct rlimit limit;
@@ -152,8 +156,9 @@ enum modal_status confine_user(const struct confine_options *options, struct mod
     user = getpwnam(options->user);
     if (user == NULL)
         return modal_fail(err, MODAL_NOT_FOUND, "worker: no user %s", options->user);
-    if (geteuid() == 0 && (setgroups(0, NULL) < 0 || setresgid(user->pw_gid, user->pw_gid, user->pw_gid) < 0
-                           || setresuid(user->pw_uid, user->pw_uid, user->pw_uid) < 0))
+    if (geteuid() == 0
+        && (setgroups(0, NULL) < 0 || setresgid(user->pw_gid, user->pw_gid, user->pw_gid) < 0
+            || setresuid(user->pw_uid, user->pw_uid, user->pw_uid) < 0))
         return modal_fail(err, MODAL_DENIED, "worker: becoming %s: %s", options->user, strerror(errno));
     if (geteuid() != user->pw_uid)
         return modal_fail(err, MODAL_DENIED, "worker: only root can become %s", options->user);
@@ -174,33 +179,41 @@ struct call { const char *name; int number; };
 /* Allowed whatever the arguments. */
 static const struct call free_calls[] = {
     /* what is open already */
-    CALL(read), CALL(write), CALL(readv), CALL(writev), CALL(pread64), CALL(lseek), CALL(close), CALL(fstat), CALL(recvfrom),
-    CALL(ppoll), CALL(pselect6), CALL(epoll_pwait), CALL(epoll_ctl), CALL(epoll_create1), CALL(eventfd2),
+    CALL(read), CALL(write), CALL(readv), CALL(writev), CALL(pread64), CALL(lseek), CALL(close),
+    CALL(fstat), CALL(recvfrom), CALL(ppoll), CALL(pselect6), CALL(epoll_pwait), CALL(epoll_ctl),
+    CALL(epoll_create1), CALL(eventfd2),
     /* looking */
-    CALL(uname), CALL(sysinfo), CALL(getrusage), CALL(getpid), CALL(getppid), CALL(gettid), CALL(getuid),
-    CALL(geteuid), CALL(getgid), CALL(getegid), CALL(sched_getaffinity), CALL(sched_getparam), CALL(sched_getscheduler), CALL(getcpu), CALL(getrandom), CALL(clock_gettime),
-    CALL(clock_getres), CALL(gettimeofday),
+    CALL(uname), CALL(sysinfo), CALL(getrusage), CALL(getpid), CALL(getppid), CALL(gettid),
+    CALL(getuid), CALL(geteuid), CALL(getgid), CALL(getegid), CALL(sched_getaffinity),
+    CALL(sched_getparam), CALL(sched_getscheduler), CALL(getcpu), CALL(getrandom),
+    CALL(clock_gettime), CALL(clock_getres), CALL(gettimeofday),
     /* memory and threads */
-    CALL(munmap), CALL(mremap), CALL(madvise), CALL(brk), CALL(futex), CALL(set_robust_list), CALL(rseq), CALL(sched_yield),
-    CALL(nanosleep), CALL(clock_nanosleep), CALL(rt_sigaction), CALL(rt_sigprocmask), CALL(rt_sigreturn), CALL(sigaltstack),
-    CALL(restart_syscall), CALL(exit), CALL(exit_group),
+    CALL(munmap), CALL(mremap), CALL(madvise), CALL(brk), CALL(futex), CALL(set_robust_list),
+    CALL(rseq), CALL(sched_yield), CALL(nanosleep), CALL(clock_nanosleep), CALL(rt_sigaction),
+    CALL(rt_sigprocmask), CALL(rt_sigreturn), CALL(sigaltstack), CALL(restart_syscall), CALL(exit),
+    CALL(exit_group),
 #if defined(__x86_64__)
     CALL(poll), CALL(select), CALL(epoll_wait), CALL(getrlimit), CALL(time),
 #endif
 };
 
-/* 32 bits of the arguments, AT so many bytes into them: those of BITS must be IS.  No bits: no check. */
+/* 32 bits of the arguments, AT so many bytes into them: those of BITS must be IS.  No bits:
+ * no check. */
 struct check { int at; uint32_t bits, is; };
-/* Allowed where all checks hold; a call with several rows, where one row does.  WHERE says it to a reader. */
+/* Allowed where all checks hold; a call with several rows, where one row does.
+ * WHERE says it to a reader. */
 struct rule { struct call call; struct check checks[3]; const char *where; };
 
-/* The kernel takes descriptors, commands, flags and process numbers as 32 bits: the lower half of an argument. */
+/* The kernel takes descriptors, commands, flags and process numbers as 32 bits:
+ * the lower half of an argument. */
 #define ARGUMENT(n, bits, is) { 8 * (n), bits, (uint32_t)(is) }
 #define NO_POINTER(n) ARGUMENT(n, ~0u, 0), { 8 * (n) + 4, ~0u, 0 }
-#define WRITING (O_WRONLY | O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_ASYNC | (O_TMPFILE & ~O_DIRECTORY))
-#define NOT_WRITING "to read: without O_WRONLY, O_RDWR, O_CREAT, O_TRUNC, O_APPEND, O_ASYNC, O_TMPFILE"
-#define A_THREAD (CLONE_VM | CLONE_FS | CLONE_FILES | CLONE_SIGHAND | CLONE_THREAD | CLONE_SYSVSEM | CLONE_SETTLS | CLONE_PARENT_SETTID \
-                  | CLONE_CHILD_CLEARTID)
+#define WRITING (O_WRONLY | O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_ASYNC \
+                 | (O_TMPFILE & ~O_DIRECTORY))
+#define NOT_WRITING "to read: without O_WRONLY, O_RDWR, O_CREAT, O_TRUNC, O_APPEND, O_ASYNC, " \
+                    "O_TMPFILE"
+#define A_THREAD (CLONE_VM | CLONE_FS | CLONE_FILES | CLONE_SIGHAND | CLONE_THREAD \
+                  | CLONE_SYSVSEM | CLONE_SETTLS | CLONE_PARENT_SETTID | CLONE_CHILD_CLEARTID)
 
 enum { RULES_MOST = 20, OWN = 0 };
 
@@ -215,17 +228,23 @@ static int list_rules(struct rule out[RULES_MOST], uint32_t pid)
         { CALL(fcntl), { ARGUMENT(1, ~0u, F_GETFD) }, "F_GETFD" },
         { CALL(fcntl), { ARGUMENT(1, ~0u, F_SETFD) }, "F_SETFD" },
         { CALL(fcntl), { ARGUMENT(1, ~0u, F_GETFL) }, "F_GETFL" },
-        { CALL(fcntl), { ARGUMENT(1, ~0u, F_SETFL), ARGUMENT(2, O_ASYNC, 0) }, "F_SETFL without O_ASYNC" },
+        { CALL(fcntl), { ARGUMENT(1, ~0u, F_SETFL), ARGUMENT(2, O_ASYNC, 0) },
+          "F_SETFL without O_ASYNC" },
         { CALL(fcntl), { ARGUMENT(1, ~0u, F_DUPFD_CLOEXEC) }, "F_DUPFD_CLOEXEC" },
-        { CALL(recvmsg), { ARGUMENT(0, ~0u, CONFINE_INPUTS) }, "of descriptor 3, by which inputs come" },
+        { CALL(recvmsg), { ARGUMENT(0, ~0u, CONFINE_INPUTS) },
+          "of descriptor 3, by which inputs come" },
         { CALL(sendto), { NO_POINTER(4) }, "without an address" },
-        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0), ARGUMENT(3, MAP_SHARED, 0) }, "private, without PROT_EXEC" },
-        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0), ARGUMENT(3, MAP_ANONYMOUS, 0) }, "of a file, without PROT_EXEC" },
+        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0), ARGUMENT(3, MAP_SHARED, 0) },
+          "private, without PROT_EXEC" },
+        { CALL(mmap), { ARGUMENT(2, PROT_EXEC, 0), ARGUMENT(3, MAP_ANONYMOUS, 0) },
+          "of a file, without PROT_EXEC" },
         { CALL(mprotect), { ARGUMENT(2, PROT_EXEC, 0) }, "without PROT_EXEC" },
-        { CALL(clone), { ARGUMENT(0, ~0u, A_THREAD) }, "a thread of its own, with the flags of pthread_create(3)" },
+        { CALL(clone), { ARGUMENT(0, ~0u, A_THREAD) },
+          "a thread of its own, with the flags of pthread_create(3)" },
         { CALL(tgkill), { ARGUMENT(0, ~0u, pid) }, "of its own threads" },
         { CALL(prlimit64), { ARGUMENT(0, ~0u, OWN), NO_POINTER(2) }, "to read its own" },
-        { CALL(prlimit64), { ARGUMENT(0, ~0u, pid), NO_POINTER(2) }, "to read its own, by its number" },
+        { CALL(prlimit64), { ARGUMENT(0, ~0u, pid), NO_POINTER(2) },
+          "to read its own, by its number" },
         { CALL(prctl), { ARGUMENT(0, ~0u, PR_SET_NAME) }, "PR_SET_NAME" },
     };
 
@@ -270,7 +289,7 @@ static void emit_call(struct program *program, int call, uint32_t answer)
 static void emit_rule(struct program *program, const struct rule *rule)
 {
     const int most = sizeof rule->checks / sizeof *rule->checks;
-    unsigned char left = 1;                       /* instructions of the row behind the one emitted, and its answer */
+    unsigned char left = 1;     /* instructions of the row behind the one emitted, and its answer */
 
     for (int i = 0; i < most; i++)
         left += rule->checks[i].bits != 0 ? 3 : 0;

@@ -15,7 +15,8 @@ enum modal_status inputs_open(struct modal_error *err)
     socklen_t size = sizeof maker;
 
     if (getsockopt(CONFINE_INPUTS, SOL_SOCKET, SO_PEERCRED, &maker, &size) < 0)
-        return modal_fail(err, MODAL_BAD_INPUT, "worker: descriptor %d: %s", CONFINE_INPUTS, strerror(errno));
+        return modal_fail(err, MODAL_BAD_INPUT, "worker: descriptor %d: %s", CONFINE_INPUTS,
+                          strerror(errno));
     if (maker.pid != getppid())
         return modal_fail(err, MODAL_NO_SERVER, "worker: the daemon has ended");
     return MODAL_OK;
@@ -26,11 +27,13 @@ static bool receive(char *text, size_t room, int *out)
 {
     union { char room[CMSG_SPACE(sizeof(int))]; struct cmsghdr align; } control;
     struct iovec part = { .iov_base = text, .iov_len = room - 1 };
-    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control };
+    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = &control,
+                              .msg_controllen = sizeof control };
     const struct cmsghdr *with;
     ssize_t length;
 
-    while ((length = recvmsg(CONFINE_INPUTS, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT)) < 0 && errno == EINTR)
+    while ((length = recvmsg(CONFINE_INPUTS, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT)) < 0
+           && errno == EINTR)
         ;
     with = length > 0 ? CMSG_FIRSTHDR(&message) : NULL;
     if (with == NULL || with->cmsg_level != SOL_SOCKET || with->cmsg_type != SCM_RIGHTS)
@@ -51,5 +54,6 @@ enum modal_status inputs_take(const char *job, int attempt, int *out, struct mod
             return MODAL_OK;
         close(*out);
     }
-    return modal_fail(err, MODAL_IO, "worker: the daemon handed over no input for attempt %d of job %s", attempt, job);
+    return modal_fail(err, MODAL_IO, "worker: the daemon handed over no input "
+                      "for attempt %d of job %s", attempt, job);
 }

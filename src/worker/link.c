@@ -4,9 +4,9 @@
  *     job's thread --PAIR inproc--> link's thread --DEALER--> daemon
  *
  * A ZeroMQ socket belongs to one thread.  ZMQ_IMMEDIATE makes the DEALER writable only once the connection stands, so that
- * everything that needs socket(2) or connect(2) is over before the worker is confined; it never connects again.  A lost connection
- * is not told by ZeroMQ: that the daemon is gone is told by the descriptor that is watched, and ends the process from this thread,
- * whatever the job's is doing.
+ * everything that needs socket(2) or connect(2) is over before the worker is confined; it never
+ * connects again.  A lost connection is not told by ZeroMQ: that the daemon is gone is told by the
+ * descriptor that is watched, and ends the process from this thread, whatever the job's is doing.
  */
 #include "worker/link.h"
 #include <errno.h>
@@ -110,9 +110,12 @@ static void *link_run(void *argument)
     bool alive = true;
 
     while (alive) {
-        zmq_pollitem_t items[3] = { { link->dealer, 0, ZMQ_POLLIN, 0 }, { link->theirs, 0, ZMQ_POLLIN, 0 }, { NULL, link->watched, ZMQ_POLLERR, 0 } };
+        zmq_pollitem_t items[3] = { { link->dealer, 0, ZMQ_POLLIN, 0 },
+                                    { link->theirs, 0, ZMQ_POLLIN, 0 },
+                                    { NULL, link->watched, ZMQ_POLLERR, 0 } };
         int64_t wait = next - now_ms();
-        if (zmq_poll(items, link->watched > 0 ? 3 : 2, wait > 0 ? (long)wait : 0) < 0 && errno != EINTR)
+        if (zmq_poll(items, link->watched > 0 ? 3 : 2, wait > 0 ? (long)wait : 0) < 0
+            && errno != EINTR)
             break;
         if (items[2].revents != 0)
             _exit(1);

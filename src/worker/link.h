@@ -15,7 +15,8 @@ struct link;
 struct link_options {
     const char *endpoint;         /* "ipc:///..." or "tcp://..." */
     int beat_ms, connect_ms;      /* 0: 1000 and 10000 */
-    int watched;                  /* a descriptor whose other end is the daemon's: its end is this process's; 0: none */
+    int watched;                  /* a descriptor whose other end is the daemon's: its end is
+                                     this process's; 0: none */
 };
 
 /* Connect, and wait until the connection stands; its threads run from then on.  MODAL_NO_SERVER, MODAL_NO_MEMORY. */

@@ -1,7 +1,8 @@
 /* main.c - modald-worker: one process, one job at a time: fetch, run, report
  *
- * Started by the daemon with posix_spawn, its stderr a pipe of the daemon's; ends with the daemon, whatever it is doing, on SIGTERM,
- * and after STOP.  A job is cancelled by killing the process.  Exit status: 0 after STOP, 1 where it could not go on, 2 wrong usage.
+ * Started by the daemon with posix_spawn, its stderr a pipe of the daemon's; ends with the daemon,
+ * whatever it is doing, on SIGTERM, and after STOP.  A job is cancelled by killing the process.
+ * Exit status: 0 after STOP, 1 where it could not go on, 2 wrong usage.
  */
 #include <getopt.h>
 #include <signal.h>
@@ -23,11 +24,14 @@ struct arguments {
 };
 
 static const char usage[] =
-    "usage: modald-worker --connect ENDPOINT [--inputs] [--data DIR] [--user NAME] [--memory BYTES] [--jobs N] [--sandbox on|off]\n"
+    "usage: modald-worker --connect ENDPOINT [--inputs] [--data DIR] [--user NAME] "
+    "[--memory BYTES] [--jobs N] [--sandbox on|off]\n"
     "\n"
     "  --connect ENDPOINT   the daemon's endpoint for workers\n"
-    "  --inputs             descriptor 3 is a socket of the daemon's, by which inputs come as descriptors\n"
-    "  --data DIR           its data folder: neither it nor other data can be read (with Landlock)\n"
+    "  --inputs             descriptor 3 is a socket of the daemon's, by which inputs come "
+    "as descriptors\n"
+    "  --data DIR           its data folder: neither it nor other data can be read "
+    "(with Landlock)\n"
     "  --user NAME          become this user, where started by root\n"
     "  --memory BYTES       memory of its own at most: inputs, which are mapped, do not count\n"
     "  --jobs N             end after N jobs, for a fresh process\n"
@@ -69,7 +73,10 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
         case 'd': out->confine.data = optarg; break;
         case 'i': out->inputs = true; out->link.watched = CONFINE_INPUTS; break;
         case 'u': out->confine.user = optarg; break;
-        case 'm': value = number(optarg); out->confine.memory = out->serve.memory = (uint64_t)value; break;
+        case 'm':
+            value = number(optarg);
+            out->confine.memory = out->serve.memory = (uint64_t)value;
+            break;
         case 'j': value = number(optarg); out->serve.jobs_most = (int)value; break;
         case 's':
             if (strcmp(optarg, "on") != 0 && strcmp(optarg, "off") != 0)
@@ -123,7 +130,8 @@ int main(int argc, char **argv)
     struct modal_error err;
     int wanted;
 
-    /* First of all, and held over the execution of itself: whatever follows, a worker whose daemon ends does so too. */
+    /* First of all, and held over the execution of itself: whatever follows,
+     * a worker whose daemon ends does so too. */
     if (confine_death(&err) != MODAL_OK) {
         fprintf(stderr, "modald-worker: %s\n", err.message);
         return 1;

@@ -83,7 +83,8 @@ static enum modal_status take_mapped(struct run *run, const char *file, const vo
     if (rc == MODAL_OK)
         rc = inputs_take(run->job, run->attempt, &fd, err);
     if (rc == MODAL_OK)
-        rc = spool_map_open(fd, file, (uint64_t)offset, run->shape.bytes, (uint32_t)crc, &run->map, err);
+        rc = spool_map_open(fd, file, (uint64_t)offset, run->shape.bytes, (uint32_t)crc, &run->map,
+                            err);
     if (fd >= 0)
         close(fd);
     *data = run->map.data;
@@ -327,7 +328,8 @@ static void name_limit(struct modal_error *why, uint64_t memory)
     size_t length = strlen(why->message);
 
     if (why->status == MODAL_NO_MEMORY && memory > 0)
-        snprintf(why->message + length, sizeof why->message - length, "; a worker has at most %llu bytes (worker_memory)", (unsigned long long)memory);
+        snprintf(why->message + length, sizeof why->message - length,
+                 "; a worker has at most %llu bytes (worker_memory)", (unsigned long long)memory);
 }
 
 static enum modal_status run_job(struct run *run, struct windows *windows, const struct wire_message *message, struct modal_error *err)

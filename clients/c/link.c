@@ -1,13 +1,13 @@
 /* link.c - see link.h
  *
- * A DEALER to which nothing is given before its connection is ready.  The socket's monitor says when
- * that is, when it is lost, and why there was none; a lost connection ends its socket, and the next has
- * one of its own.  `generation` counts the losses, so that a question knows whether the connection it
- * was sent on still stands.
+ * A DEALER to which nothing is given before its connection is ready.  The socket's monitor says
+ * when that is, when it is lost, and why there was none; a lost connection ends its socket, and the
+ * next has one of its own.  `generation` counts the losses, so that a question knows whether the
+ * connection it was sent on still stands.
  *
- * As in modald_stream.c, no server may reach an assertion of libzmq's: input never stops (ZMQ_RCVHWM
- * 0), no heartbeat is ours, no pipe is taken away (no ZMQ_IMMEDIATE); a server that says more than we
- * take is hung up on.
+ * As in modald_stream.c, no server may reach an assertion of libzmq's: input never stops
+ * (ZMQ_RCVHWM 0), no heartbeat is ours, no pipe is taken away (no ZMQ_IMMEDIATE); a server that
+ * says more than we take is hung up on.
  */
 #include "link.h"
 #include <errno.h>
@@ -434,30 +434,34 @@ static enum modal_status denied_by_mode(const struct link *link, struct modal_er
     struct stat st;
 
     if (stat(link->endpoint + 6, &st) != 0)
-        return modal_fail(err, MODAL_DENIED, "%.200s: permission denied: a folder on its way is closed to us",
-                          link->endpoint);
+        return modal_fail(err, MODAL_DENIED, "%.200s: permission denied: a folder on "
+                          "its way is closed to us", link->endpoint);
     if (getgrgid_r(st.st_gid, &group, buffer, sizeof buffer, &found) != 0)
         found = NULL;
-    return modal_fail(err, MODAL_DENIED, "%.200s: permission denied: the socket has mode %03o and group %s; "
-                      "ipc_mode of the daemon and being of that group let one in", link->endpoint,
-                      (unsigned)st.st_mode & 0777, found != NULL ? group.gr_name : "unknown");
+    return modal_fail(err, MODAL_DENIED, "%.200s: permission denied: the socket has mode %03o and "
+                      "group %s; ipc_mode of the daemon and being of that group let one in",
+                      link->endpoint, (unsigned)st.st_mode & 0777,
+                      found != NULL ? group.gr_name : "unknown");
 }
 
 /* Why there is no connection. */
 static enum modal_status nobody(const struct link *link, struct modal_error *err)
 {
-    static const char none[] = "no modald at %.200s; start one, name another with --server or $MODALD_URL, "
-                               "or use --local";
+    static const char none[] = "no modald at %.200s; start one, name another with --server or "
+                               "$MODALD_URL, or use --local";
     static const struct { enum modal_status rc; const char *text; } why[4][2] = {
-        [NOTHING] = { { MODAL_NO_SERVER, none }, { MODAL_NO_SERVER, none } },       /* without keys, with */
+        /* without keys, with */
+        [NOTHING] = { { MODAL_NO_SERVER, none }, { MODAL_NO_SERVER, none } },
         [KEY_REFUSED] = {
             { MODAL_DENIED, "%.200s: the daemon refused us" },
-            { MODAL_DENIED, "%.200s: our key was refused: the daemon's keys file does not have it" },
+            { MODAL_DENIED, "%.200s: our key was refused: the daemon's keys file "
+                            "does not have it" },
         },
         [MECHANISM] = {
-            { MODAL_DENIED, "%.200s: the daemon wants a key: --keyfile or $MODALD_KEYFILE names a file "
-                            "that modalctl keygen made" },
-            { MODAL_DENIED, "%.200s: the daemon takes no keys: leave out --keyfile and $MODALD_KEYFILE" },
+            { MODAL_DENIED, "%.200s: the daemon wants a key: --keyfile or $MODALD_KEYFILE names a "
+                            "file that modalctl keygen made" },
+            { MODAL_DENIED, "%.200s: the daemon takes no keys: leave out --keyfile "
+                            "and $MODALD_KEYFILE" },
         },
         [HANDSHAKE] = {
             { MODAL_NO_SERVER, "%.200s: somebody is there, but no modald, or one that wants a key "
@@ -470,7 +474,8 @@ static enum modal_status nobody(const struct link *link, struct modal_error *err
 
     if (is_closed_to_us(link))
         return denied_by_mode(link, err);
-    return modal_fail(err, why[link->failure][keys].rc, why[link->failure][keys].text, link->endpoint);
+    return modal_fail(err, why[link->failure][keys].rc, why[link->failure][keys].text,
+                      link->endpoint);
 }
 
 /* HEADER, which is freed, as text with the next id; the caller frees it. */
@@ -572,8 +577,8 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
             link_message_done(out);             /* a late answer to what was given up */
         }
         if (!keep_asking(link, ask, header, &state))
-            return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost before the answer; "
-                              "the job may have been accepted or not", link->endpoint);
+            return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost before the "
+                              "answer; the job may have been accepted or not", link->endpoint);
         double now = link_now();
         if (given_up(link, now))
             return nobody(link, err);

@@ -47,8 +47,8 @@ struct link_ask {
  * Ask and wait for the answer, until DEADLINE; asked again after a lost connection.  An ERROR of the daemon is
  * returned as its status and text, its `detail` into *DETAIL (may be NULL; the caller's).  MODAL_NO_SERVER: nobody
  * there for 2 s at the start, for 30 s later on, or at DEADLINE; MODAL_DENIED: somebody is, but we
- * are not let in (the socket's mode, a key that is missing, refused, another daemon's or not wanted);
- * MODAL_TIMEOUT: connected, but no answer by DEADLINE.
+ * are not let in (the socket's mode, a key that is missing, refused, another daemon's or not
+ * wanted); MODAL_TIMEOUT: connected, but no answer by DEADLINE.
  */
 enum modal_status link_question(struct link *link, const struct link_ask *ask, double deadline, struct link_message *out,
                                 cJSON **detail, struct modal_error *err);

@@ -85,7 +85,8 @@ enum {
     SENDER_STACK = 262144,
 };
 static const char version[] = "MODALD1";
-static const double pause_least = 0.05, pause_most = 1;   /* s between links; doubled until one is good */
+/* Seconds between links; doubled until one is good. */
+static const double pause_least = 0.05, pause_most = 1;
 static const double answer_patience = 10;                /* s: then the link is as good as lost */
 static const char spill_magic[8] = "MDSPILL1", ring_magic[8] = "MDRING01";
 

@@ -33,7 +33,8 @@ static bool names_field(const struct modal_error *err)
 {
     size_t n = strlen(err->field);
 
-    return strncmp(err->message, err->field, n) == 0 && (err->message[n] == ' ' || err->message[n] == ':');
+    return strncmp(err->message, err->field, n) == 0
+        && (err->message[n] == ' ' || err->message[n] == ':');
 }
 
 int answer_failure(bool json, const struct modal_error *err, const cJSON *detail)

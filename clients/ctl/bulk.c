@@ -5,8 +5,9 @@
  * jobs of the first time, and another list of that name does not.  Each
  * accepted line's queue document is one line of stdout, in order of acceptance, with "line".  With --resume, LIST.accepted
  * keeps number and hash of accepted lines and those are not sent again; a line that was changed since is another.
- * With --wait the documents of the ended jobs follow, in the list's order; lines that --resume would
- * pass over are asked for again then, by their keys, so that they are waited for like the others.
+ * With --wait the documents of the ended jobs follow, in the list's order; lines that --resume
+ * would pass over are asked for again then, by their keys,
+ * so that they are waited for like the others.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -22,7 +23,8 @@
 
 enum { WINDOW_DEFAULT = 256, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
 
-struct item { cJSON *line; long number; uint64_t hash; char *job; };     /* job: its id, once accepted */
+/* JOB: its id, once accepted. */
+struct item { cJSON *line; long number; uint64_t hash; char *job; };
 
 /* Of the journal: by a line's number the hash of the text that was accepted; 0: none was. */
 struct accepted { uint64_t *hash; long count; };
@@ -455,7 +457,8 @@ static enum modal_status wait_one(struct bulk *b, size_t i, double deadline, boo
 }
 
 /* Until all that was accepted has ended; the exit status of them all into *STATUS. */
-static enum modal_status wait_all(struct bulk *b, double deadline, int *status, struct modal_error *err)
+static enum modal_status wait_all(struct bulk *b, double deadline, int *status,
+                                  struct modal_error *err)
 {
     size_t done = 0, others = 0;
     enum modal_status rc = MODAL_OK;

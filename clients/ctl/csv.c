@@ -4,8 +4,9 @@
  * max_k |t_k - t_0 - k dt| / dt, in steps.  The file is refused where it passes CSV_UNEVEN_MOST: a sample displaced by
  * a part d of a step is wrong by about omega dt d of its amplitude.
  *
- * What is printed to a unit u of its last digit is off by u/2 at most, and dt then by u / 2 / (n - 1).  u is the finest
- * unit of the last TAIL rows: a printer that drops zeros at the end prints "10" after "9.99".
+ * What is printed to a unit u of its last digit is off by u/2 at most, and dt then by
+ * u / 2 / (n - 1).  u is the finest unit of the last TAIL rows: a printer that drops zeros at the
+ * end prints "10" after "9.99".
  */
 #include "csv.h"
 #include <ctype.h>
@@ -100,7 +101,8 @@ static bool read_number(char *field, char separator, double *value)
     return end != field && *end == 0 && strpbrk(field, "xX") == NULL;
 }
 
-/* The unit of the last digit of a number as read_number left it: 0.01 for 3.25, 1e-5 for 3.250e-2. */
+/* The unit of the last digit of a number as read_number left it: 0.01 for 3.25,
+ * 1e-5 for 3.250e-2. */
 static double last_digit(const char *field)
 {
     const char *point = strchr(field, '.'), *letter = strpbrk(field, "eE");
@@ -300,18 +302,21 @@ static double deviation_of(const struct table *table, size_t column, double *dt)
     return *dt > 0 ? most : HUGE_VAL;
 }
 
-static enum modal_status uneven(const struct table *table, const struct signals_options *options, double off,
-                                struct modal_error *err)
+static enum modal_status uneven(const struct table *table, const struct signals_options *options,
+                                double off, struct modal_error *err)
 {
     const char *field = options->dt > 0 ? "dt" : "time";
-    const char *way = options->dt > 0 ? "--ignore-time takes the rows as even" : "or --dt SECONDS with --ignore-time";
+    const char *way = options->dt > 0 ? "--ignore-time takes the rows as even"
+                                      : "or --dt SECONDS with --ignore-time";
     size_t column = table->watched, back = turns_back(table, column);
 
     if (back > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but it does not grow at sample "
-                                "%zu; accepted: even steps forward; %s", table->path, column + 1, back, way);
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but its steps are uneven: a sample is "
-                            "%.3g steps from its place, accepted: %g; resample; %s", table->path, column + 1, off,
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but it does "
+                                "not grow at sample %zu; accepted: even steps forward; %s",
+                                table->path, column + 1, back, way);
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but its steps "
+                            "are uneven: a sample is %.3g steps from its place, "
+                            "accepted: %g; resample; %s", table->path, column + 1, off,
                             CSV_UNEVEN_MOST, way);
 }
 
@@ -326,14 +331,15 @@ static double step_off(const struct table *table, double dt)
 }
 
 /* The column of time, or -1; what it says of the step. */
-static enum modal_status find_time(const struct table *table, const struct signals_options *options, int *column,
-                                   struct signals *out, struct modal_error *err)
+static enum modal_status find_time(const struct table *table, const struct signals_options *options,
+                                   int *column, struct signals *out, struct modal_error *err)
 {
     size_t at;
     bool named = find_name(table, &at);
     double dt, off = deviation_of(table, at, &dt);
 
-    *column = named || (table->names == NULL && table->columns > 1 && off <= CSV_UNEVEN_MOST) ? (int)at : -1;
+    *column = named || (table->names == NULL && table->columns > 1 && off <= CSV_UNEVEN_MOST)
+                  ? (int)at : -1;
     if (*column < 0 || options->ignore_time)
         return MODAL_OK;
     if (!(off <= CSV_UNEVEN_MOST))

@@ -11,8 +11,9 @@
 /* Time is even if no sample is further than this part of a step from its place. */
 #define CSV_UNEVEN_MOST 1e-3
 
-/* TEXT is changed.  PATH is for messages.  Of OPTIONS only ignore_time and whether there is a dt: with the former a
- * column of time is only taken out, whatever it holds; with the latter uneven time is refused as field "dt". */
+/* TEXT is changed.  PATH is for messages.  Of OPTIONS only ignore_time and whether there is a dt:
+ * with the former a column of time is only taken out, whatever it holds;
+ * with the latter uneven time is refused as field "dt". */
 enum modal_status csv_read(char *text, const char *path, const struct signals_options *options,
                            struct signals *out, struct modal_error *err);
 

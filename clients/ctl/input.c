@@ -59,7 +59,8 @@ static enum modal_status read_scene(const char *path, struct input *out, struct 
 
 static enum modal_status read_batch(const char *path, const struct args *args, struct input *out, struct modal_error *err)
 {
-    struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time, .scale = args->scale,
+    struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time,
+                                       .scale = args->scale,
                                        .map = args->local };
     enum modal_status rc = signals_read(path, &options, &out->signals, err);
 

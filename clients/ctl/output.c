@@ -30,8 +30,8 @@ enum modal_status output_check(const char *path, struct modal_error *err)
         return MODAL_OK;
     if (strcasecmp(suffix, ".h5") == 0 || strcasecmp(suffix, ".hdf5") == 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "output", "%.300s: accepted: FILE.h5 or FILE.hdf5 "
-                            "(HDF5), or FILE.csv", path);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "output", "%.300s: accepted: FILE.h5 or "
+                            "FILE.hdf5 (HDF5), or FILE.csv", path);
 }
 
 enum modal_status output_write(const char *path, const cJSON *doc, const struct batch *batch,
@@ -42,8 +42,8 @@ enum modal_status output_write(const char *path, const cJSON *doc, const struct 
     if (rc != MODAL_OK)
         return rc;
     if (batch->samples == 0 && !result_file_takes(doc))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "this job gives no signals to write to %s",
-                                path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "output",
+                                "this job gives no signals to write to %s", path);
     if (is_csv(path))
         return table_file_write(path, doc, batch, err);
     if (batch->samples == 0)

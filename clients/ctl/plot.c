@@ -297,8 +297,10 @@ static void draw_backbone(struct svg *svg, const cJSON *result, const char *key,
 static void draw_curve(struct svg *svg, const cJSON *result)
 {
     const char *parameter = cJSON_GetStringValue(get(result, "parameter"));
-    const cJSON *points = get(result, "points"), *first = cJSON_GetArrayItem(points, 0), *point, *fold;
-    const char *dof = cJSON_GetStringValue(get(cJSON_GetArrayItem(get(first, "harmonics"), 0), "dof"));
+    const cJSON *points = get(result, "points"), *first = cJSON_GetArrayItem(points, 0);
+    const cJSON *point, *fold;
+    const char *dof = cJSON_GetStringValue(get(cJSON_GetArrayItem(get(first, "harmonics"), 0),
+                                               "dof"));
     char label[96];
     snprintf(label, sizeof label, "largest |X_k| of %.60s", dof != NULL ? dof : "the first dof");
     struct svg_panel p = panel_of(axis_of(parameter), label);

@@ -81,8 +81,8 @@ static enum modal_status check_plot(const struct args *args, struct modal_error 
         return plot_path_check(args->plot, err);
     if (!args->json)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "--plot - and --json both write to stdout; "
-                            "accepted: FILE.svg");
+    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "--plot - and --json both write to "
+                            "stdout; accepted: FILE.svg");
 }
 
 /* What stands behind the verb: FILE, or for `tradeoff` OF FILE. */
@@ -92,8 +92,8 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
     const char *of = tradeoff && args->words == 3 ? args->word[1] : NULL;
 
     if (strcmp(verb->name, "simulate") == 0 && args->output == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 or FILE.csv for "
-                                "its signals");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 or "
+                                "FILE.csv for its signals");
     bool to_stdout = args->plot != NULL && strcmp(args->plot, "-") == 0;
     enum modal_status rc = output_check(args->output, err);
     if (rc == MODAL_OK)

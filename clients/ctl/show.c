@@ -315,7 +315,8 @@ static void show_sweep(const cJSON *result)
         cell(16, "%.9g", number(stability, "max_multiplier"));
         cell(14, "%.6g", number(stability, "margin"));
         if (get(point, "error") != NULL)
-            printf("  %s: %s", text(get(point, "error"), "code"), text(get(point, "error"), "message"));
+            printf("  %s: %s", text(get(point, "error"), "code"),
+                   text(get(point, "error"), "message"));
         putchar('\n');
     }
 }

@@ -70,7 +70,8 @@ static enum modal_status read_hdf5(const char *path, const struct signals_option
         return rc;
     *out = (struct signals) { .samples = file.batch.samples, .channels = file.batch.channels, .x = file.signals, .map = file.map,
                               .dt = file.batch.dt, .dt_off = SIGNALS_DT_OFF * file.batch.dt,
-                              .dt_from = "its attribute `dt`", .period = file.batch.period, .names = file.names,
+                              .dt_from = "its attribute `dt`", .period = file.batch.period,
+                              .names = file.names,
                               .units = file.units, .attributes = file.attributes };
     return MODAL_OK;                                    /* everything the file held has moved */
 }
@@ -91,8 +92,8 @@ static enum file_kind kind_of(const char *head, size_t length)
     return FILE_TEXT;
 }
 
-static enum modal_status read_csv(const char *path, const struct signals_options *options, struct signals *out,
-                                  struct modal_error *err)
+static enum modal_status read_csv(const char *path, const struct signals_options *options,
+                                  struct signals *out, struct modal_error *err)
 {
     char *text = NULL;
     size_t length = 0;
@@ -142,19 +143,22 @@ static enum modal_status look_at(const char *path, enum file_kind *kind, struct 
 }
 
 /* The step that was given against the one that the file says; one of them holds. */
-static enum modal_status settle_step(const char *path, const struct signals_options *options, struct signals *read,
-                                     struct modal_error *err)
+static enum modal_status settle_step(const char *path, const struct signals_options *options,
+                                     struct signals *read, struct modal_error *err)
 {
     double given = options->dt;
 
     if (!(given > 0) && options->ignore_time)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --ignore-time needs --dt SECONDS", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --ignore-time needs --dt SECONDS",
+                                path);
     if (!(given > 0) && !(read->dt > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: no column of time; accepted: one named t or time, or "
-                                "--dt SECONDS", path);
-    if (given > 0 && read->dt > 0 && !options->ignore_time && !(fabs(given - read->dt) <= read->dt_off))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --dt is %.9g s, but %s says %.9g s; accepted: that, "
-                                "or no --dt; --ignore-time takes the rows as --dt apart", path, given, read->dt_from, read->dt);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: no column of time; accepted: one "
+                                "named t or time, or --dt SECONDS", path);
+    if (given > 0 && read->dt > 0 && !options->ignore_time
+        && !(fabs(given - read->dt) <= read->dt_off))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --dt is %.9g s, but %s says %.9g "
+                                "s; accepted: that, or no --dt; --ignore-time takes "
+                                "the rows as --dt apart", path, given, read->dt_from, read->dt);
     if (given > 0)
         read->dt = given;
     return MODAL_OK;

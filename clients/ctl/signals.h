@@ -37,8 +37,8 @@ struct signals_options {
 
 /*
  * Read PATH into *OUT; signals_done frees what it holds.  MODAL_BAD_INPUT: no such file, not one of the kinds,
- * damaged, not numbers, uneven time (with its deviation), another dt than the one given (field "dt").  What a batch must be beyond that (length, dt, finite
- * values) is identify's to check.
+ * damaged, not numbers, uneven time (with its deviation), another dt than the one given (field
+ * "dt").  What a batch must be beyond that (length, dt, finite values) is identify's to check.
  */
 enum modal_status signals_read(const char *path, const struct signals_options *options, struct signals *out,
                                struct modal_error *err);

@@ -56,7 +56,7 @@ struct seen {
     struct live_modes modes;
     double next;
     bool ended;
-    const char *awaited;               /* a stream of which nothing came yet; NULL: none, or it was said */
+    const char *awaited;        /* a stream of which nothing came yet; NULL: none, or it was said */
 };
 
 static const double silence = 2;       /* s without a word until it is said what is waited for */
@@ -95,8 +95,9 @@ static enum modal_status follow(struct link *link, const struct args *args, stru
         bool early = seen->awaited != NULL && soon < deadline;
         rc = link_receive(link, early ? soon : deadline, &message, err);
         if (rc == MODAL_TIMEOUT && early) {
-            fprintf(stderr, "modalctl: watch: nothing of a stream \"%s\" so far%s; waiting for it\n",
-                    seen->awaited, args->name == NULL ? ", and no job has that id" : "");
+            fprintf(stderr, "modalctl: watch: nothing of a stream \"%s\" so far%s; "
+                    "waiting for it\n", seen->awaited,
+                    args->name == NULL ? ", and no job has that id" : "");
             seen->awaited = NULL;
             rc = MODAL_OK;
             continue;

@@ -98,11 +98,12 @@ static void print_missed(cJSON *list, const struct steady_point *point, double t
     char text[360], more[140] = "";
 
     if (point->wanting)
-        snprintf(more, sizeof more, "; the next needs more work than is spent unasked: give harmonics "
-                 "= %d for it", 2 * point->H);
-    snprintf(text, sizeof text, "the error's estimate is %.3g of the amplitude, %.3g times target.error %.3g, with %d "
-             "harmonics, the most that were tried%s", point->error / point->amplitude,
-             point->error / point->amplitude / target, target, point->H, more);
+        snprintf(more, sizeof more, "; the next needs more work than is spent unasked: give "
+                 "harmonics = %d for it", 2 * point->H);
+    snprintf(text, sizeof text, "the error's estimate is %.3g of the amplitude, %.3g times "
+             "target.error %.3g, with %d harmonics, the most that were tried%s",
+             point->error / point->amplitude, point->error / point->amplitude / target, target,
+             point->H, more);
     diagnose(list, "target_not_met", "%s", text);
 }
 
@@ -130,8 +131,8 @@ static void print_offsets(const struct program *p, const struct steady_point *po
         snprintf(which, sizeof which, "%d sliders of %d never slip", count, point->laws);
     diagnose(list, "undetermined_offset",
              "%s: its place, and with it the mean, follows from history; "
-             "the mean given is that with the slider at zero, or as near to it as its strength allows",
-             which);
+             "the mean given is that with the slider at zero, or as near to it "
+             "as its strength allows", which);
 }
 
 static void print_diagnostics(const struct program *p, const struct steady_settings *settings, const struct steady_point *point,

@@ -4,11 +4,11 @@
  * The check is the remainder of the message, bits reflected, by the polynomial 0x1edc6f41 (reflected 0x82f63b78), started
  * from and ended with all ones [RFC 3720, 12.1].  SSE4.2's crc32 does one step of eight bytes in three cycles.  Elsewhere
  * table[j][b] holds the remainder of byte b followed by j zero bytes, so that the remainders of eight bytes are looked up
- * independently and added.  The remainder being linear, a row of the table is made of those of its eight single bits, by the
- * compiler: there is nothing to fill in at run time.
+ * independently and added.  The remainder being linear, a row of the table is made of those of its
+ * eight single bits, by the compiler: there is nothing to fill in at run time.
  *
- * For the same reason the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones at start and end
- * cancel.  Reflected, bit 31 is the coefficient of x^0.
+ * For the same reason the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones
+ * at start and end cancel.  Reflected, bit 31 is the coefficient of x^0.
  */
 #include "modal/crc32c.h"
 #include <string.h>

@@ -59,7 +59,8 @@ static void fill(struct modal_error *err, enum modal_status status, const char *
         return;
     err->status = status;
     end_whole(err->field, snprintf(err->field, sizeof err->field, "%s", field), sizeof err->field);
-    end_whole(err->message, vsnprintf(err->message, sizeof err->message, format, args), sizeof err->message);
+    end_whole(err->message, vsnprintf(err->message, sizeof err->message, format, args),
+              sizeof err->message);
 }
 
 enum modal_status modal_fail(struct modal_error *err, enum modal_status status, const char *format, ...)

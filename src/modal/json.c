@@ -841,7 +841,8 @@ const cJSON *json_member(const cJSON *object, const char *key)
     return child;
 }
 
-enum { KEYS_MOST = 64, KEY_MOST = 64 };      /* of a table of keys that is told; letters of one that is compared */
+/* Of a table of keys that is told; letters of one that is compared. */
+enum { KEYS_MOST = 64, KEY_MOST = 64 };
 
 /* "a, b, c" of a NULL-terminated list. */
 static void list_words(char *out, size_t room, const char *const *words)
@@ -885,7 +886,8 @@ static int distance(const char *a, const char *b, int most)
     return row[n] > most ? most + 1 : row[n];
 }
 
-/* Is NAME what may have been meant by KEY: it begins so, or is a third of its letters away at most? */
+/* Is NAME what may have been meant by KEY: it begins so,
+ * or is a third of its letters away at most? */
 static bool may_mean(const char *key, const char *name)
 {
     size_t length = strlen(key);
@@ -900,7 +902,8 @@ static int by_name(const void *a, const void *b)
 }
 
 /* "; did you mean a, b?; accepted: a, b, c", in the alphabet's order. */
-static enum modal_status unknown_key(const char *path, const char *key, const char *const *names, struct modal_error *err)
+static enum modal_status unknown_key(const char *path, const char *key, const char *const *names,
+                                     struct modal_error *err)
 {
     const char *sorted[KEYS_MOST + 1] = { NULL }, *near[KEYS_MOST + 1] = { NULL };
     char meant[160] = "", accepted[300];
@@ -914,8 +917,9 @@ static enum modal_status unknown_key(const char *path, const char *key, const ch
             near[found++] = sorted[i];
     list_words(meant, sizeof meant, near);
     list_words(accepted, sizeof accepted, sorted);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s%s%s; accepted: %s", key,
-                            found > 0 ? "; did you mean " : "", meant, found > 0 ? "?" : "", accepted);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s%s%s; accepted: %s",
+                            key, found > 0 ? "; did you mean " : "", meant, found > 0 ? "?" : "",
+                            accepted);
 }
 
 enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err)

@@ -38,9 +38,10 @@ static void about_rank(struct identify_result *r, const struct diagnose_facts *f
     if (f->work_limit)
         identify_diagnose(r, "order_work_limit", -1, "the search for an order ended where its work was spent: the answer is the best seen, and more or fewer modes may fit better; give `band` or `window` to look at less, or rank.fixed");
     if (!f->converged)
-        identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents are those with the "
-                          "least residual seen, their errors unknown, and no verdict is given; give `band` or "
-                          "`window` to look at less, or rank.fixed");
+        identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents "
+                          "are those with the least residual seen, their errors unknown, and no "
+                          "verdict is given; give `band` or `window` to look "
+                          "at less, or rank.fixed");
 }
 
 static void about_mode(struct identify_result *r, const struct diagnose_facts *f, int i)
@@ -81,13 +82,15 @@ static void about_length(struct identify_result *r, const struct diagnose_facts 
     }
 }
 
-/* Channels of no motion have no relative error; those of rounding alone are told by about_rounding. */
+/* Channels of no motion have no relative error; those of rounding alone are told by
+ * about_rounding. */
 static void about_zeros(struct identify_result *r, const struct diagnose_facts *f)
 {
     for (int c = 0; c < r->channel_count; c++)
         if (isnan(r->relative_error[c]) && (f->below == NULL || !f->below[c]))
-            identify_diagnose(r, "zero_channel", r->channel[c], "channel %d is zero throughout what is identified: not "
-                              "connected, or not moved; it says nothing and is left out", r->channel[c]);
+            identify_diagnose(r, "zero_channel", r->channel[c], "channel %d is zero throughout "
+                              "what is identified: not connected, or not moved; it says "
+                              "nothing and is left out", r->channel[c]);
 }
 
 /* A strong channel or an orbit hides the others. */

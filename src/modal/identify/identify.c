@@ -1331,7 +1331,8 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
     return MODAL_OK;
 }
 
-/* Where poles nearly coalesce their parts are far larger than their sum, and so is what rounding leaves. */
+/* Where poles nearly coalesce their parts are far larger than their sum,
+ * and so is what rounding leaves. */
 static bool at_rounding_of_parts(const struct work *w, const struct identify_result *r)
 {
     const double ROUNDINGS = 16;

@@ -126,7 +126,7 @@ struct identify_result {
     double *offset;               /* per channel in its unit, where a null exponent was found; else NULL */
 
     enum { VERDICT_UNDECIDED, VERDICT_STABLE, VERDICT_UNSTABLE } verdict;
-    bool driven;                                      /* not a free decay: see not_free_decay in trend.h */
+    bool driven;                               /* not a free decay: see not_free_decay in trend.h */
     double max_multiplier, margin, margin_std;        /* NAN where there is no mode */
     int decides;                                      /* the mode that the verdict rests on; -1: none */
 

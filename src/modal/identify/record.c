@@ -99,9 +99,9 @@ static enum modal_status check_period(double period, double dt, double duration,
     if (!(period > 0) || !isfinite(period))
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s; accepted: a positive number, or 0 for constant coefficients", period);
     if (period < dt * (1 - INTEGER))
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s, shorter than the %g s "
-                                "from one sample to the next; accepted: %g to %g s, or 0 for constant "
-                                "coefficients", period, dt, dt, duration / 2);
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s, shorter than the "
+                                "%g s from one sample to the next; accepted: %g to %g s, or 0 for "
+                                "constant coefficients", period, dt, dt, duration / 2);
     if (period > duration / 2)
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s in a record of %g s; accepted: at most half the record", period, duration);
     return MODAL_OK;
@@ -250,9 +250,9 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
     if (!(band[0] >= 0) || !(band[1] > band[0]) || band[1] > fs / 2)
         return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz; accepted: 0 <= f1 < f2 <= %g (half the sampling rate)", band[0], band[1], fs / 2);
     if (!(fs / (4 * width) <= L))        /* compared before it is an int */
-        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz, %.3g Hz wide, would "
-                                "keep one of %d samples; accepted: a wider band or a longer record",
-                                band[0], band[1], width, L);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz, %.3g Hz wide, "
+                                "would keep one of %d samples; accepted: a wider "
+                                "band or a longer record", band[0], band[1], width, L);
     z->decimation = (int)fmax(1, floor(fs / (4 * width)));
     fd = fs / z->decimation;
     if (centre - fd / 4 >= 0 && centre + fd / 4 <= fs / 2) {

@@ -200,12 +200,14 @@ static int multiple_of(double complex lambda, double complex base)
 static bool may_be_harmonic(const struct refined *fit, const double *energy, int j)
 {
     for (int i = 0; i < fit->poles; i++)
-        if (energy[j] < HARMONIC_WEAK * energy[i] && multiple_of(fit->lambda[j], fit->lambda[i]) > 0)
+        if (energy[j] < HARMONIC_WEAK * energy[i]
+            && multiple_of(fit->lambda[j], fit->lambda[i]) > 0)
             return true;
     return false;
 }
 
-/* Poles of FIT that grow beyond GROWS of their errors, are more than WEAK, no harmonics, no drift. */
+/* Poles of FIT that grow beyond GROWS of their errors, are more than WEAK, no harmonics,
+ * no drift. */
 static int growing(const struct refined *fit, const struct synthesis *f, double tau)
 {
     double total = 0, energy[IDENTIFY_ORDER_MOST];
@@ -355,9 +357,10 @@ static bool is_driven(const struct window *w, int n, double left, struct identif
     if (5 * well >= n || left < POOR)
         return false;
     result->driven = true;
-    identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying modes to %g %%: the "
-                      "response is driven, or noise, of which there are no standard errors and no verdict; window a part "
-                      "after the excitation has ended", well, n, 100 * WELL);
+    identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying "
+                      "modes to %g %%: the response is driven, or noise, of which there are no "
+                      "standard errors and no verdict; window a part after "
+                      "the excitation has ended", well, n, 100 * WELL);
     return true;
 }
 
@@ -410,9 +413,10 @@ static void look_for_harmonics(struct identify_result *r)
             const struct identify_mode *a = &r->modes[i], *b = &r->modes[j];
             int n = harmonic_of(b, a);
             if (n > 0)
-                identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %d times %.5g Hz and decays as its "
-                                  "power: a harmonic of that mode (nonlinearity), not a mode",
-                                  cimag(b->exponent) / (2 * M_PI), n, cimag(a->exponent) / (2 * M_PI));
+                identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %d times %.5g Hz and "
+                                  "decays as its power: a harmonic of that mode "
+                                  "(nonlinearity), not a mode", cimag(b->exponent) / (2 * M_PI), n,
+                                  cimag(a->exponent) / (2 * M_PI));
         }
 }
 
@@ -436,9 +440,11 @@ static void look_for_undamped(struct identify_result *r, double record)
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
         double bar = BARS * m->std_re;
-        if (cimag(m->exponent) * record > 4 * M_PI && fabs(creal(m->exponent)) <= bar && bar * record < UNDAMPED)
-            identify_diagnose(r, "undamped", -1, "mode %d (%.5g Hz) keeps its amplitude over the record to %.2g: a steady "
-                              "force, a limit cycle or a mode without damping, which the record cannot tell apart", i,
+        if (cimag(m->exponent) * record > 4 * M_PI && fabs(creal(m->exponent)) <= bar
+            && bar * record < UNDAMPED)
+            identify_diagnose(r, "undamped", -1, "mode %d (%.5g Hz) keeps its amplitude over the "
+                              "record to %.2g: a steady force, a limit cycle or a mode without "
+                              "damping, which the record cannot tell apart", i,
                               cimag(m->exponent) / (2 * M_PI), bar * record);
     }
 }

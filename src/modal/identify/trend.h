@@ -32,12 +32,13 @@ struct trend_input {
 enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err);
 
 /*
- * Do parts of the record show growth for themselves?  Eighths, quarters and halves are identified on their own;
- * a part says so where what its fit leaves is white, and one or two of its poles grow by three of their own
- * standard errors; two parts of a size must say so.  What may be a harmonic of a stronger pole does not count: it
- * grows where that one does.  A motion set off anew within the record (an impact, a load that changes) grows in
- * the fit to the whole, and in a part at most where it falls into the end of it.
- * *SHOWN is true, too, where the record is too short to be parted.  Fails as trend_watch.
+ * Do parts of the record show growth for themselves?  Eighths, quarters and halves are identified
+ * on their own; a part says so where what its fit leaves is white, and one or two of its poles grow
+ * by three of their own standard errors; two parts of a size must say so.  What may be a harmonic
+ * of a stronger pole does not count: it grows where that one does.  A motion set off anew within
+ * the record (an impact, a load that changes) grows in the fit to the whole, and in a part at most
+ * where it falls into the end of it.  *SHOWN is true, too, where the record is too short to be
+ * parted.  Fails as trend_watch.
  */
 enum modal_status trend_growth(const struct trend_input *in, bool *shown, struct modal_error *err);
 
@@ -48,7 +49,8 @@ void trend_mark_harmonics(struct identify_result *result);
  * From the modes of RESULT alone, of a record of so many seconds; not for periodic systems:
  *
  *   harmonic_of_mode      a weak mode at twice or three times a strong one that decays as fast as that power of it
- *   undamped              a mode whose amplitude is the same at both ends of the record, to less than a hundredth
+ *   undamped              a mode whose amplitude is the same at both ends of the record,
+ *                         to less than a hundredth
  *   mains_line            an undamped line at a multiple of 50 or 60 Hz
  *   drift                 a strong aperiodic part slower than the record beside vibrations
  */

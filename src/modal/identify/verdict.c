@@ -60,8 +60,8 @@ static double half_width(const struct identify_result *r, int i)
 
 /*
  * The upper end of the growth.  What is known to b near Re lambda is |rho| to |rho| span b: of a motion gone within a period the multiplier is known to
- * be nearly 0 where its logarithm is not known at all, and |rho| (1 + span b) < 1 decays.  Where |rho| is below the least number,
- * |rho| + bar is the bar.
+ * be nearly 0 where its logarithm is not known at all, and |rho| (1 + span b) < 1 decays.  Where
+ * |rho| is below the least number, |rho| + bar is the bar.
  */
 static double most_growth(const struct identify_result *r, int i)
 {

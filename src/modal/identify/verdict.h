@@ -27,7 +27,8 @@ enum modal_status verdict_clusters(struct identify_result *result, double durati
  *   spurious   a mode of little energy that most orders do not show has no say at all
  */
 void verdict_stability(struct identify_result *result, double duration);
-/* Neither errors nor a verdict: what they would rest on, a fit at its least to a free decay, is not there. */
+/* Neither errors nor a verdict: what they would rest on, a fit at its least to a free decay,
+ * is not there. */
 void verdict_withhold(struct identify_result *result);
 /* Do more than two modes grow beyond their errors?  So many together may draw something else than growth: the end of a record where it was set off anew. */
 bool verdict_crowd_grows(const struct identify_result *result);

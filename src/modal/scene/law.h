@@ -9,7 +9,8 @@
 #include <stddef.h>
 #include "modal/error.h"
 
-enum { LAW_INPUTS_MOST = 2, LAW_TERMS_MOST = 64, LAW_SOURCE_MOST = 65536, LAW_LUA_MOST = 8 << 20, LAW_LUA_TOGETHER_MOST = 128 << 20 };
+enum { LAW_INPUTS_MOST = 2, LAW_TERMS_MOST = 64, LAW_SOURCE_MOST = 65536, LAW_LUA_MOST = 8 << 20,
+       LAW_LUA_TOGETHER_MOST = 128 << 20 };
 
 struct law;
 struct orbit;
@@ -94,11 +95,14 @@ enum modal_status law_clearance(double gap, double stiffness, double dissipation
                                 struct modal_error *err);
 /* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and memory (lua.c).  A
  * source that does not compile, or defines no function `force`, is MODAL_BAD_INPUT (err->field: "source", which the caller
- * prefixes), one that fails when called MODAL_ELEMENT_FAILED; both name the line.  restart empties its memory.
+ * prefixes), one that fails when called MODAL_ELEMENT_FAILED; both name the line.
+ * restart empties its memory.
  *
- * The law has LAW_LUA_MOST bytes, and all that count theirs in *TOGETHER, which must outlive them, LAW_LUA_TOGETHER_MOST: each of
- * as many elements as a scene may have begins with room to spare.  Past either it is MODAL_ELEMENT_FAILED, which says which. */
-enum modal_status law_lua(const char *source, size_t *together, struct law *out, struct modal_error *err);
+ * The law has LAW_LUA_MOST bytes, and all that count theirs in *TOGETHER, which must outlive them,
+ * LAW_LUA_TOGETHER_MOST: each of as many elements as a scene may have begins with room to spare.
+ * Past either it is MODAL_ELEMENT_FAILED, which says which. */
+enum modal_status law_lua(const char *source, size_t *together, struct law *out,
+                          struct modal_error *err);
 
 /* Release law->data; the struct itself is the caller's. */
 void law_done(struct law *law);

@@ -81,7 +81,8 @@ struct program {
     int *turn_partner;
     double *turn_sign, turn_speed;
     bool seen_fixed;                  /* on turning axes, its outputs, loads and multipliers those of fixed ones */
-    char hash[65];                    /* SHA-256, hex, over all of the above but counters and lua_bytes: see program.c */
+    char hash[65];                    /* SHA-256, hex, over all of the above but counters and
+                                         lua_bytes: see program.c */
 };
 
 enum program_class { PROGRAM_LINEAR_CONSTANT, PROGRAM_LINEAR_PERIODIC, PROGRAM_NONLINEAR };

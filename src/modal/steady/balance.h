@@ -29,7 +29,7 @@ struct balance {
     double *gather;
     double complex *sum;             /* q */
     bool factored;
-    double rcond;                    /* of the last factorization: the least pivot over the largest */
+    double rcond;                  /* of the last factorization: the least pivot over the largest */
     struct budget *budget;           /* where the work is counted, the caller's; NULL: nowhere */
 };
 

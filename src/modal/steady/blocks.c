@@ -11,7 +11,7 @@ struct blocks {
     int HJ, m, order;             /* order = q m, or one more */
     bool bordered;
     int *start, *index;           /* by columns */
-    int *full, *thin;             /* per entry of the pattern: blocks of either kind above it in its column */
+    int *full, *thin;   /* per entry of the pattern: blocks of either kind above it in its column */
     double *value, *stiffened, *scratch;
     struct sparse_lu *lu;
     double work;

@@ -1,6 +1,8 @@
-/* budget.h - the work one solution may cost, counted, so that the same scene ends at the same place on every machine
+/* budget.h - the work one solution may cost, counted,
+ * so that the same scene ends at the same place on every machine
  *
- * The unit is an operation on a number read from a scattered place; those of factorizations run BUDGET_DENSE times as fast.
+ * The unit is an operation on a number read from a scattered place; those of factorizations run
+ * BUDGET_DENSE times as fast.
  */
 #ifndef MODAL_BUDGET_H
 #define MODAL_BUDGET_H
@@ -9,7 +11,8 @@
 
 struct budget { double spent, most; };     /* most 0: no limit */
 
-enum { BUDGET_DENSE = 4, BUDGET_SAMPLE = 60 };     /* SAMPLE: of a law at one instant, its transforms included */
+/* SAMPLE: of a law at one instant, its transforms included. */
+enum { BUDGET_DENSE = 4, BUDGET_SAMPLE = 60 };
 
 /* BUDGET may be NULL: nothing is counted, nothing spent. */
 static inline void budget_add(struct budget *budget, double operations)

@@ -21,6 +21,8 @@
 static const double SHRINKS = 0.25, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
 static const double TAIL_GAIN = 0.1, RATE_SHORT = 0.3, LOST = 1e-3;
 enum { ITERATIONS_MOST = 60, ORDER_TAIL = 21, TAIL_LEAST = 4 };
+#define AWAY_REASON \
+    "the motion runs away: it is so large that the laws' forces are lost in its rounding"
 
 static bool stopped(const struct iterate_options *opt)
 {
@@ -109,7 +111,8 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
             break;
         direct_step(b, opt->relaxation > 0 ? opt->relaxation : 1, X, w->rhs, w->step, &ok);
         if (!ok) {
-            report->reason = "the linear part is singular at a harmonic, so direct iteration does not apply";
+            report->reason =
+                "the linear part is singular at a harmonic, so direct iteration does not apply";
             break;
         }
         report->iterations++;
@@ -418,7 +421,8 @@ static enum modal_status work_init(struct newton_work *w, const struct balance *
 
     *w = (struct newton_work) { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
                                 malloc((small + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
-                                malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof(double complex)), malloc(n + 1) };
+                                malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) *
+                                       sizeof(double complex)), malloc(n + 1) };
     if (w->step == NULL || w->trial_step == NULL || w->u == NULL || w->kept == NULL
         || w->scratch == NULL || w->trial == NULL || w->cut == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
@@ -542,7 +546,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         rc = verify(b, X, report, err);
     if (rc == MODAL_OK && report->converged && balance_lost(b, X) > LOST) {
         report->converged = false;
-        report->reason = "the motion runs away: it is so large that the laws' forces are lost in its rounding";
+        report->reason = AWAY_REASON;
     }
     if (rc == MODAL_OVERFLOW) {
         report->reason = "the iterates overflow";

@@ -93,7 +93,8 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
     struct climb climb = { b, opt, out };
     struct path_problem problem = { .at = at_level, .point = point_on_level, .cancelled = climb_cancelled, .context = &climb,
                                     .from = LEVEL_START, .to = 1, .span = 1, .past = true, .points_most = LEVEL_POINTS,
-                                    .low = -0.5, .high = LEVEL_HIGH, .step_first = 0.01, .step_most = 0.15,
+                                    .low = -0.5, .high = LEVEL_HIGH, .step_first = 0.01,
+                                    .step_most = 0.15,
                                     .budget = b->budget };
     struct iterate_options newton = { .cancelled = opt->cancelled, .context = opt->context };
     struct iterate_report r;

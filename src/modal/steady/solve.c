@@ -1238,7 +1238,8 @@ static bool last_order(const struct steady *s, int H, int most, double spent, bo
     double order = (double)condense_kept(s->c) * (4.0 * H + 1);
     bool full = condense_pattern(s->c)->full;
 
-    double next = full ? FEW * factor_work(s, 2 * H) : 4 * spent;        /* some steps, or what it cost and more */
+    /* Some steps, or what it cost and more. */
+    double next = full ? FEW * factor_work(s, 2 * H) : 4 * spent;
 
     *wanting = s->budget.spent + next > s->budget.most
         || (full && order > ORDER_AUTO_MOST);

@@ -7,10 +7,11 @@
  * period, that lives over it.  Each law has a Lua state of its own, so elements share no globals.  Of the libraries only
  * math is open, without random; of the base, what cannot load code or reach outside (see base_kept).
  *
- * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST all states of a program (the
- * allocator counts both); passing one is a failure like any other, named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps) max(|d|, scale), scale the largest
- * |d| (|v|) seen so far: error of order h^2, about 1e-10 of the force.  A difference must not be remembered, so
- * `memory` is copied before it and put back.
+ * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST
+ * all states of a program (the allocator counts both); passing one is a failure like any other,
+ * named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps)
+ * max(|d|, scale), scale the largest |d| (|v|) seen so far: error of order h^2, about 1e-10 of the
+ * force.  A difference must not be remembered, so `memory` is copied before it and put back.
  */
 #include <float.h>
 #include <lauxlib.h>
@@ -27,7 +28,8 @@ enum { INSTRUCTIONS = 1000000, HOOK_STEP = 10000, MEMORY_DEPTH = 8 };
 struct lua_law {
     lua_State *L;
     size_t used, *together;
-    bool unlimited;               /* outside a protected call, where a refusal would end the process: a table without entries */
+    bool unlimited;               /* outside a protected call, where a refusal would end the
+                                     process: a table without entries */
     enum { NO_LIMIT, OF_ONE, OF_ALL } passed;     /* by what was refused last */
     long left;                    /* instructions of this call */
     double scale_d, scale_v;
@@ -157,17 +159,22 @@ static enum modal_status past_limit(const struct lua_law *s, struct modal_error 
     if (s->passed == NO_LIMIT)
         return modal_fail_field(err, MODAL_NO_MEMORY, "source", "lua: no memory");
     if (s->passed == OF_ONE)
-        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: an element has at most %d bytes", LAW_LUA_MOST);
-    return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: all elements of a scene have at most %d bytes together",
+        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: an "
+                                "element has at most %d bytes", LAW_LUA_MOST);
+    return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: all "
+                            "elements of a scene have at most %d bytes together",
                             LAW_LUA_TOGETHER_MOST);
 }
 
 /* What Lua said when it ended with HOW: the STATUS of an error, or a limit of memory. */
-static enum modal_status failed(struct lua_law *s, int how, enum modal_status status, struct modal_error *err)
+static enum modal_status failed(struct lua_law *s, int how, enum modal_status status,
+                                struct modal_error *err)
 {
     const char *text = lua_tostring(s->L, -1);
-    enum modal_status rc = how == LUA_ERRMEM ? past_limit(s, err)
-                                             : modal_fail_field(err, status, "source", "lua: %.400s", text ? text : "failed without a message");
+    enum modal_status rc = how == LUA_ERRMEM
+                               ? past_limit(s, err)
+                               : modal_fail_field(err, status, "source", "lua: %.400s",
+                                                  text ? text : "failed without a message");
 
     lua_settop(s->L, 0);
     return rc;
@@ -292,7 +299,8 @@ static void lua_free(struct law *law)
 static const struct law_class lua_class = { .name = "lua", .inputs = 1, .reads_velocity = true, .reads_time = true,
                                             .force = lua_force, .restart = lua_restart, .remembers = lua_remembers, .free = lua_free };
 
-enum modal_status law_lua(const char *source, size_t *together, struct law *out, struct modal_error *err)
+enum modal_status law_lua(const char *source, size_t *together, struct law *out,
+                          struct modal_error *err)
 {
     struct lua_law *s;
     enum modal_status rc;

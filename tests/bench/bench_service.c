@@ -15,8 +15,9 @@
  *   idle      CPU share and memory of a daemon that does nothing
  *   restart   from the start of a daemon with 100,000 jobs and MODALD_BENCH_GB (1) of batches to its first answer
  *
- * Rounds of ours and the peers' alternate; the medians are compared.  Every answer is checked before a time counts.  `bench_service PART alone`
- * leaves the peers' rounds out, so that what it and its daemon take of the processor is the service's: for tests/bench/compare.
+ * Rounds of ours and the peers' alternate; the medians are compared.  Every answer is checked
+ * before a time counts.  `bench_service PART alone` leaves the peers' rounds out, so that what it
+ * and its daemon take of the processor is the service's: for tests/bench/compare.
  */
 #include <fcntl.h>
 #include <math.h>

@@ -468,8 +468,11 @@ static void check_open(struct found *found, const struct input_record *input)
     unsigned char *data = data_of(input->id, BYTES);
     uint8_t digest[32], expected[32];
 
-    if (ledger_reader_open(dir, &reader, &err) != MODAL_OK || ledger_read_chunks(reader, input->id, 0, UINT64_MAX, find_chunk, &chunks, &err) != MODAL_OK ||
-        upload_resume(dir, input->id, &input->shape, chunks.list, chunks.count, &up, &err) != MODAL_OK)
+    if (ledger_reader_open(dir, &reader, &err) != MODAL_OK
+        || ledger_read_chunks(reader, input->id, 0, UINT64_MAX, find_chunk, &chunks, &err)
+               != MODAL_OK
+        || upload_resume(dir, input->id, &input->shape, chunks.list, chunks.count, &up, &err)
+               != MODAL_OK)
         problem(found, "P5 open upload %" PRId64 ": %s", input->id, err.message);
     else {
         uint64_t at = upload_received(up);

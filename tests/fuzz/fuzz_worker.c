@@ -1,12 +1,14 @@
 /*
- * fuzz_worker.c - what a worker says over the lives of its jobs: the broker stays whole, and no answer passes the limits
+ * fuzz_worker.c - what a worker says over the lives of its jobs: the broker stays whole, and no
+ * answer passes the limits
  *
- * A core with one worker, jobs of two users' and a stream; the ledger, the spool and the time do what the input says.  The input
- * is a list of acts, each led by one byte:
+ * A core with one worker, jobs of two users' and a stream; the ledger, the spool and the time do
+ * what the input says.  The input is a list of acts, each led by one byte:
  *
- *     0 .. 5    a message of that verb (READY, BEAT, PROGRESS, PART, DONE, FAILED); the next byte has the number of its body
- *               frames in its low three bits; their size is the byte after, in units of 1, 8, 4096 or 16384 by the next two
- *               bits.  The header follows up to a zero byte, of the current job and attempt unless bit 7 is set
+ *     0 .. 5    a message of that verb (READY, BEAT, PROGRESS, PART, DONE, FAILED); the next byte
+ *               has the number of its body frames in its low three bits; their size is the byte
+ *               after, in units of 1, 8, 4096 or 16384 by the next two bits.  The header follows up
+ *               to a zero byte, of the current job and attempt unless bit 7 is set
  *     6         a message as it stands, its frames cut at each zero byte
  *     7         a task of the spool ends; 8: it fails
  *     9         a commit; 10: one that is refused for want of room
@@ -56,7 +58,8 @@ static void copy_member(const char *header, const char *name, char out[9])
     cJSON_Delete(read);
 }
 
-/* What a client is sent is within what section 2 and 8 of the protocol let it expect, whatever the worker said. */
+/* What a client is sent is within what section 2 and 8 of the protocol let it expect,
+ * whatever the worker said. */
 static void look_at_answer(const struct action *a)
 {
     if (strcmp(a->verb, "EVENT") != 0 && strlen(a->header) > WIRE_HEADER_MOST)
@@ -122,12 +125,14 @@ static void step(struct event e)
 static void ask(const char *verb, const char *header, const void *body, size_t size)
 {
     struct blob *blob = body != NULL ? blob_copy(body, size) : NULL;
-    struct wire_frame frames[4] = { { WIRE_VERSION, 7 }, { verb, strlen(verb) }, { header, strlen(header) }, { body, size } };
+    struct wire_frame frames[4] = { { WIRE_VERSION, 7 }, { verb, strlen(verb) },
+                                    { header, strlen(header) }, { body, size } };
     struct wire_message m;
 
     if (wire_open(frames, body != NULL ? 4 : 3, WIRE_VERSION, true, &m, NULL) != MODAL_OK)
         abort();
-    step((struct event) { .type = EVENT_REQUEST, .peer = 1, .key = "", .message = &m, .body = &blob });
+    step((struct event) { .type = EVENT_REQUEST, .peer = 1, .key = "", .message = &m,
+                          .body = &blob });
     wire_close(&m);
     blob_drop(blob);
 }
@@ -137,10 +142,13 @@ static void submit(void)
     const double data[2] = { 2.385, w.requests };
     char header[200];
 
-    snprintf(header, sizeof header, "{\"id\":%d,\"kind\":\"identify\",\"max_attempts\":2,\"options\":{\"threads\":2},"
-             "\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}", ++w.requests);
+    snprintf(header, sizeof header,
+             "{\"id\":%d,\"kind\":\"identify\",\"max_attempts\":2,\"options\":{\"threads\":2},"
+             "\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}",
+             ++w.requests);
     ask("SUBMIT", header, data, sizeof data);
-    snprintf(header, sizeof header, "{\"id\":%d,\"job\":\"%s\",\"timeout_s\":5,\"result\":true}", ++w.requests, w.submitted);
+    snprintf(header, sizeof header, "{\"id\":%d,\"job\":\"%s\",\"timeout_s\":5,\"result\":true}",
+             ++w.requests, w.submitted);
     if (w.submitted[0] != 0)
         ask("WAIT", header, NULL, 0);
 }
@@ -161,7 +169,8 @@ static void push(void)
 
     for (int i = 0; i < 8; i++)
         samples[i] = w.pushed + i;
-    snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"push\",\"stream\":\"%s\",\"epoch\":0,\"first\":%d,\"count\":8,\"crc32c\":%u}", ++w.requests,
+    snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"push\",\"stream\":\"%s\",\"epoch\":0,"
+             "\"first\":%d,\"count\":8,\"crc32c\":%u}", ++w.requests,
              w.stream, w.pushed, crc32c(0, samples, sizeof samples));
     w.pushed += 8;
     if (w.stream[0] != 0)
@@ -200,7 +209,8 @@ static void end_task(enum modal_status status)
     t->status = status;
     if (status != MODAL_OK)
         modal_fail(&t->err, status, "as the input has it");
-    else if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT || t->type == TASK_READ_STDERR)
+    else if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT
+             || t->type == TASK_READ_STDERR)
         t->text = blob_copy("0123456789abcdef", 16);
     else if (t->type == TASK_BEGIN || t->type == TASK_RESUME)
         t->upload = (void *)&handle;
@@ -209,7 +219,7 @@ static void end_task(enum modal_status status)
     step((struct event) { .type = EVENT_TASK, .task = t });
 }
 
-/* ---- what the worker says ---------------------------------------------------------------------------------------- */
+/* ---- what the worker says -------------------------------------------------------------------- */
 
 static void say(const struct wire_frame *frames, int count)
 {
@@ -220,7 +230,8 @@ static void say(const struct wire_frame *frames, int count)
 
     for (int i = 3; i < count; i++)
         blobs[i - 3] = blob_copy(frames[i].data, frames[i].size);
-    step((struct event) { .type = EVENT_WORKER, .slot = 0, .message = rc == MODAL_OK ? &m : NULL, .fault = &err, .body = blobs });
+    step((struct event) { .type = EVENT_WORKER, .slot = 0, .message = rc == MODAL_OK ? &m : NULL,
+                          .fault = &err, .body = blobs });
     if (rc == MODAL_OK)
         wire_close(&m);
     for (int i = 3; i < count; i++)
@@ -252,7 +263,8 @@ static void say_verb(const char *verb, struct bytes *in)
     if (how & 0x80)
         snprintf(header, sizeof header, "%s", given);
     else
-        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s%s", w.job, w.attempt, given[0] == '}' ? "" : ",", given);
+        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s%s", w.job, w.attempt,
+                 given[0] == '}' ? "" : ",", given);
     frames[2].size = strlen(header);
     for (int i = 0; i < bodies; i++)
         frames[3 + i] = (struct wire_frame) { body, each };
@@ -295,7 +307,8 @@ static void act(struct bytes *in)
         cancel();
     else if (what == 13 && w.alive) {
         w.alive = false;
-        step((struct event) { .type = EVENT_EXIT, .slot = 0, .status = w.dying ? 9 : take(in) << 8, .stderr_text = "last words" });
+        step((struct event) { .type = EVENT_EXIT, .slot = 0, .status = w.dying ? 9 : take(in) << 8,
+                              .stderr_text = "last words" });
     } else if (what == 14) {
         w.now.mono_ns += take(in) * (SECOND / 10);
         step((struct event) { .type = EVENT_TIME });
@@ -303,14 +316,18 @@ static void act(struct bytes *in)
         push();
 }
 
-/* ---- a life ------------------------------------------------------------------------------------------------------ */
+/* ---- a life ---------------------------------------------------------------------------------- */
 
 static void boot(void)
 {
-    static struct account account = { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN, .weight = 1 };
-    static const struct settings settings = { .accounts = &account, .account_count = 1, .workers = 1, .cores = 2, .queue_jobs = 20,
-        .input_bytes = 1 << 22, .window_bytes = 1 << 20, .lease_ns = 5 * SECOND, .result_age_ns = 3600 * SECOND, .input_age_ns = 60 * SECOND,
-        .tombstone_age_ns = 86400 * SECOND, .upload_idle_ns = 86400 * SECOND, .result_bytes = 1 << 30, .events_kept = 1024, .secret = 0x1234567 };
+    static struct account account = { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN,
+                                      .weight = 1 };
+    static const struct settings settings = { .accounts = &account, .account_count = 1,
+        .workers = 1, .cores = 2, .queue_jobs = 20,
+        .input_bytes = 1 << 22, .window_bytes = 1 << 20, .lease_ns = 5 * SECOND,
+        .result_age_ns = 3600 * SECOND, .input_age_ns = 60 * SECOND,
+        .tombstone_age_ns = 86400 * SECOND, .upload_idle_ns = 86400 * SECOND,
+        .result_bytes = 1 << 30, .events_kept = 1024, .secret = 0x1234567 };
     const struct actions *list;
 
     memset(&w, 0, sizeof w);
@@ -322,13 +339,15 @@ static void boot(void)
     for (size_t i = 0; i < list->count; i++)
         carry_out(&list->items[i]);
     ask("EVENTS", "{\"id\":\"e\"}", NULL, 0);
-    ask("STREAM", "{\"id\":\"s\",\"op\":\"open\",\"name\":\"s\",\"channels\":1,\"dt\":0.5,\"window\":{\"samples\":8,\"hop\":8,\"options\":{}}}", NULL, 0);
+    ask("STREAM", "{\"id\":\"s\",\"op\":\"open\",\"name\":\"s\",\"channels\":1,\"dt\":0.5,"
+                  "\"window\":{\"samples\":8,\"hop\":8,\"options\":{}}}", NULL, 0);
     submit();
     while (w.waiting != NULL)
         commit(MODAL_OK);
 }
 
-/* All that is under way ends, and the answers about it are looked at: no cores have given more than time times two. */
+/* All that is under way ends, and the answers about it are looked at:
+ * no cores have given more than time times two. */
 static void settle(void)
 {
     int64_t booked = 0;

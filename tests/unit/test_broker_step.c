@@ -74,7 +74,12 @@ struct world {
     struct stream_view streams[2][STREAMS];
     long sealed, closed, told_gone;
     int64_t request;
-    struct { int user, key, variant, together; bool used, push; uint64_t offset, twist; char ident[9]; } asked[1 << 12];
+    struct {
+        int user, key, variant, together;
+        bool used, push;
+        uint64_t offset, twist;
+        char ident[9];
+    } asked[1 << 12];
     bool full;
     long states, violations[11];
     bool verbose;
@@ -299,12 +304,15 @@ static bool has_input_row(int64_t id)
     return false;
 }
 
-/* A crash must not bring back what somebody was told is gone: aborted, or of another SHA-256 than was said. */
+/* A crash must not bring back what somebody was told is gone: aborted,
+ * or of another SHA-256 than was said. */
 static void told_gone(const cJSON *header, const char *ident)
 {
-    const cJSON *error = cJSON_GetObjectItem(header, "error"), *detail = cJSON_GetObjectItem(error, "detail");
+    const cJSON *error = cJSON_GetObjectItem(header, "error");
+    const cJSON *detail = cJSON_GetObjectItem(error, "detail");
     const cJSON *state = cJSON_GetObjectItem(header, "state");
-    bool gone = cJSON_HasObjectItem(detail, "found") || (state != NULL && strcmp(state->valuestring, "gone") == 0);
+    bool gone = cJSON_HasObjectItem(detail, "found")
+        || (state != NULL && strcmp(state->valuestring, "gone") == 0);
 
     if (gone && has_input_row(ident_number(~w->settings.secret, ident)))
         violate(5, "an upload is told to be gone while its row is there");
@@ -1151,7 +1159,8 @@ TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
         violations += total_violations[p];
     }
     CHECK(violations == 0);
-    CHECK(one != NULL || seeds < 100 || total_gone > 0);       /* uploads were aborted, or refused for their hash */
+    /* Uploads were aborted, or refused for their hash. */
+    CHECK(one != NULL || seeds < 100 || total_gone > 0);
 }
 
 static void submit_key(int key)

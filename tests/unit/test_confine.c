@@ -156,25 +156,30 @@ static int open_anything(void)
 
     if (confine_opening(&done, NULL) != MODAL_OK)
         return 2;
-    return done && (refused(open("/proc/self/stat", O_RDONLY), EPERM) || refused(openat(AT_FDCWD, "/dev/null", O_RDONLY), EPERM));
+    return done && (refused(open("/proc/self/stat", O_RDONLY), EPERM)
+                    || refused(openat(AT_FDCWD, "/dev/null", O_RDONLY), EPERM));
 }
 
 TEST(where_it_has_none_nothing_can_be_opened_at_all) { check_refused(open_anything, false, false); }
 
-/* ---- every system call --------------------------------------------------------------------------------------------- */
+/* ---- every system call ----------------------------------------------------------------------- */
 
 #if defined(__x86_64__)
 #define NUMBER(name) { #name, SYS_##name }
 /* The names of modald-worker(8) that stand without conditions. */
 static const struct { const char *name; long number; } expected[] = {
-    NUMBER(brk), NUMBER(clock_getres), NUMBER(clock_gettime), NUMBER(clock_nanosleep), NUMBER(close), NUMBER(epoll_create1), NUMBER(epoll_ctl),
-    NUMBER(epoll_pwait), NUMBER(epoll_wait), NUMBER(eventfd2), NUMBER(exit), NUMBER(exit_group), NUMBER(fstat), NUMBER(futex), NUMBER(getcpu),
-    NUMBER(getegid), NUMBER(geteuid), NUMBER(getgid), NUMBER(getpid), NUMBER(getppid), NUMBER(getrandom), NUMBER(getrlimit), NUMBER(getrusage),
-    NUMBER(gettid), NUMBER(gettimeofday), NUMBER(getuid), NUMBER(lseek), NUMBER(madvise), NUMBER(mremap), NUMBER(munmap), NUMBER(nanosleep),
-    NUMBER(poll), NUMBER(ppoll), NUMBER(pread64), NUMBER(pselect6), NUMBER(read), NUMBER(readv), NUMBER(recvfrom), NUMBER(restart_syscall),
-    NUMBER(rseq), NUMBER(rt_sigaction), NUMBER(rt_sigprocmask), NUMBER(rt_sigreturn), NUMBER(sched_getaffinity), NUMBER(sched_getparam),
-    NUMBER(sched_getscheduler), NUMBER(sched_yield),
-    NUMBER(select), NUMBER(set_robust_list), NUMBER(sigaltstack), NUMBER(sysinfo), NUMBER(time), NUMBER(uname), NUMBER(write), NUMBER(writev),
+    NUMBER(brk), NUMBER(clock_getres), NUMBER(clock_gettime), NUMBER(clock_nanosleep),
+    NUMBER(close), NUMBER(epoll_create1), NUMBER(epoll_ctl), NUMBER(epoll_pwait),
+    NUMBER(epoll_wait), NUMBER(eventfd2), NUMBER(exit), NUMBER(exit_group), NUMBER(fstat),
+    NUMBER(futex), NUMBER(getcpu), NUMBER(getegid), NUMBER(geteuid), NUMBER(getgid), NUMBER(getpid),
+    NUMBER(getppid), NUMBER(getrandom), NUMBER(getrlimit), NUMBER(getrusage), NUMBER(gettid),
+    NUMBER(gettimeofday), NUMBER(getuid), NUMBER(lseek), NUMBER(madvise), NUMBER(mremap),
+    NUMBER(munmap), NUMBER(nanosleep), NUMBER(poll), NUMBER(ppoll), NUMBER(pread64),
+    NUMBER(pselect6), NUMBER(read), NUMBER(readv), NUMBER(recvfrom), NUMBER(restart_syscall),
+    NUMBER(rseq), NUMBER(rt_sigaction), NUMBER(rt_sigprocmask), NUMBER(rt_sigreturn),
+    NUMBER(sched_getaffinity), NUMBER(sched_getparam), NUMBER(sched_getscheduler),
+    NUMBER(sched_yield), NUMBER(select), NUMBER(set_robust_list), NUMBER(sigaltstack),
+    NUMBER(sysinfo), NUMBER(time), NUMBER(uname), NUMBER(write), NUMBER(writev),
 };
 enum { EXPECTED = sizeof expected / sizeof *expected, X32 = 0x40000000, URETPROBE = 335 };
 
@@ -204,15 +209,21 @@ TEST(of_all_system_calls_those_of_the_list_alone_are_let_through)
             status = confined(try_call, false, true);
             if (status == SKIPPED)
                 return;
-            refused_it = status == 1 || number == SYS_clone3 || number == SYS_sched_setscheduler;      /* answered, and not done: see below */
+            /* sched_setscheduler: answered, and not done, see below. */
+            refused_it = status == 1 || number == SYS_clone3 || number == SYS_sched_setscheduler;
             if (!x32 && (number == URETPROBE || number == URETPROBE + 1))
-                continue;                        /* of Linux's own trampolines: it asks no filter, and does nothing for others */
+                continue;                        /* of Linux's own trampolines: it asks no filter,
+                                                    and does nothing for others */
             if (refused_it == (!x32 && is_expected(number)))
                 fail_msg("system call %ld%s: status %d", number, x32 ? " of x32" : "", status);
         }
 }
 
-static int call_clone3(void) { return refused(syscall(SYS_clone3, NULL, 0), ENOSYS) || refused(syscall(X32 | SYS_clone3, NULL, 0), EPERM); }
+static int call_clone3(void)
+{
+    return refused(syscall(SYS_clone3, NULL, 0), ENOSYS)
+        || refused(syscall(X32 | SYS_clone3, NULL, 0), EPERM);
+}
 
 TEST(clone3_is_a_call_that_this_kernel_does_not_have) { check_refused(call_clone3, false, true); }
 
@@ -220,7 +231,8 @@ static int set_scheduler(void)
 {
     const struct sched_param zero = { 0 };
 
-    return sched_setscheduler(0, SCHED_IDLE, &zero) == 0 && sched_getscheduler(0) == SCHED_OTHER ? 0 : 1;
+    return sched_setscheduler(0, SCHED_IDLE, &zero) == 0
+        && sched_getscheduler(0) == SCHED_OTHER ? 0 : 1;
 }
 
 TEST(a_scheduler_is_said_to_be_set_and_is_not) { check_refused(set_scheduler, false, true); }
@@ -266,31 +278,36 @@ TEST(the_list_is_what_the_manual_says)
 }
 #endif
 
-/* ---- what arguments could do ---------------------------------------------------------------------------------------- */
+/* ---- what arguments could do ----------------------------------------------------------------- */
 
 static int ours[2], pair[2];                   /* a pipe and sockets from before the walls */
 
 static int signal_by_fcntl(void)
 {
-    return refused(fcntl(ours[0], F_SETOWN, getppid()), EPERM) || refused(fcntl(ours[0], F_SETSIG, SIGKILL), EPERM)
-        || refused(fcntl(ours[0], F_SETFL, O_ASYNC), EPERM) || refused(fcntl(ours[0], F_SETFL, O_ASYNC | O_NONBLOCK), EPERM)
+    return refused(fcntl(ours[0], F_SETOWN, getppid()), EPERM)
+        || refused(fcntl(ours[0], F_SETSIG, SIGKILL), EPERM)
+        || refused(fcntl(ours[0], F_SETFL, O_ASYNC), EPERM)
+        || refused(fcntl(ours[0], F_SETFL, O_ASYNC | O_NONBLOCK), EPERM)
         || refused(fcntl(ours[0], 15 /* F_SETOWN_EX */, (int[]) { 1, getppid() }), EPERM);
 }
 
 static int other_fcntl(void)
 {
-    static const int commands[] = { F_DUPFD, F_GETLK, F_SETLK, F_SETLKW, F_GETOWN, F_GETSIG, F_SETLEASE, F_NOTIFY, F_SETPIPE_SZ, F_ADD_SEALS };
+    static const int commands[] = { F_DUPFD, F_GETLK, F_SETLK, F_SETLKW, F_GETOWN, F_GETSIG,
+                                    F_SETLEASE, F_NOTIFY, F_SETPIPE_SZ, F_ADD_SEALS };
 
     for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
         if (refused(fcntl(ours[0], commands[i], 0), EPERM))
             return 1;
-    return fcntl(ours[0], F_GETFD) < 0 || fcntl(ours[0], F_SETFD, FD_CLOEXEC) < 0 || fcntl(ours[0], F_GETFL) < 0 || fcntl(ours[0], F_SETFL, O_NONBLOCK) < 0
+    return fcntl(ours[0], F_GETFD) < 0 || fcntl(ours[0], F_SETFD, FD_CLOEXEC) < 0
+        || fcntl(ours[0], F_GETFL) < 0 || fcntl(ours[0], F_SETFL, O_NONBLOCK) < 0
         || fcntl(ours[0], F_DUPFD_CLOEXEC, 5) < 0 ? 2 : 0;
 }
 
 static int signal_by_ioctl(void)
 {
-    return refused(ioctl(ours[0], FIOASYNC, &(int) { 1 }), EPERM) || refused(ioctl(ours[0], FIOSETOWN, &(int) { getppid() }), EPERM)
+    return refused(ioctl(ours[0], FIOASYNC, &(int) { 1 }), EPERM)
+        || refused(ioctl(ours[0], FIOSETOWN, &(int) { getppid() }), EPERM)
         || refused(ioctl(0, TIOCSTI, "x"), EPERM);
 }
 
@@ -299,21 +316,28 @@ static int limit_others(void)
     const struct rlimit one = { 1, 1 };
     struct rlimit got;
 
-    return refused(prlimit(getppid(), RLIMIT_NOFILE, &one, NULL), EPERM) || refused(prlimit(getppid(), RLIMIT_CPU, &one, NULL), EPERM)
-        || refused(prlimit(getppid(), RLIMIT_FSIZE, NULL, &got), EPERM) || refused(prlimit(0, RLIMIT_NOFILE, &one, NULL), EPERM)
+    return refused(prlimit(getppid(), RLIMIT_NOFILE, &one, NULL), EPERM)
+        || refused(prlimit(getppid(), RLIMIT_CPU, &one, NULL), EPERM)
+        || refused(prlimit(getppid(), RLIMIT_FSIZE, NULL, &got), EPERM)
+        || refused(prlimit(0, RLIMIT_NOFILE, &one, NULL), EPERM)
         || refused(prlimit(getpid(), RLIMIT_NOFILE, &one, NULL), EPERM)
-        || refused(syscall(SYS_prlimit64, 0, RLIMIT_NOFILE, 0x100000000, NULL), EPERM)      /* a pointer whose lower half is 0 */
-        || prlimit(0, RLIMIT_NOFILE, NULL, &got) < 0 || prlimit(getpid(), RLIMIT_NOFILE, NULL, &got) < 0;
+        /* a pointer whose lower half is 0 */
+        || refused(syscall(SYS_prlimit64, 0, RLIMIT_NOFILE, 0x100000000, NULL), EPERM)
+        || prlimit(0, RLIMIT_NOFILE, NULL, &got) < 0
+        || prlimit(getpid(), RLIMIT_NOFILE, NULL, &got) < 0;
 }
 
 static int signal_others(void)
 {
     siginfo_t info = { .si_code = SI_QUEUE };
 
-    return refused(syscall(SYS_tgkill, getppid(), getppid(), 0), EPERM) || refused(syscall(SYS_tkill, getppid(), 0), EPERM)
-        || refused(syscall(SYS_rt_sigqueueinfo, getppid(), SIGTERM, &info), EPERM) || refused(kill(0, 0), EPERM)
+    return refused(syscall(SYS_tgkill, getppid(), getppid(), 0), EPERM)
+        || refused(syscall(SYS_tkill, getppid(), 0), EPERM)
+        || refused(syscall(SYS_rt_sigqueueinfo, getppid(), SIGTERM, &info), EPERM)
+        || refused(kill(0, 0), EPERM)
         || refused(syscall(SYS_rt_tgsigqueueinfo, getppid(), getppid(), SIGTERM, &info), EPERM)
-        || refused(syscall(SYS_pidfd_open, getppid(), 0), EPERM) || refused(syscall(SYS_pidfd_send_signal, 0, 0, NULL, 0), EPERM);
+        || refused(syscall(SYS_pidfd_open, getppid(), 0), EPERM)
+        || refused(syscall(SYS_pidfd_send_signal, 0, 0, NULL, 0), EPERM);
 }
 
 static int schedule_others(void)
@@ -321,7 +345,8 @@ static int schedule_others(void)
     unsigned long first = 1;
 
     return refused(setpriority(PRIO_PROCESS, getppid(), 19), EPERM)
-        || refused(syscall(SYS_sched_setaffinity, getppid(), sizeof first, &first), EPERM) || refused(syscall(SYS_ioprio_set, 1, getppid(), 0), EPERM)
+        || refused(syscall(SYS_sched_setaffinity, getppid(), sizeof first, &first), EPERM)
+        || refused(syscall(SYS_ioprio_set, 1, getppid(), 0), EPERM)
         || refused(syscall(SYS_sched_setattr, getppid(), NULL, 0), EPERM);
 }
 
@@ -330,29 +355,46 @@ static int look_into_others(void)
     struct iovec here = { &(char) { 0 }, 1 };
     struct stat known;
 
-    return refused(process_vm_readv(getppid(), &here, 1, &here, 1, 0), EPERM) || refused(process_vm_writev(getppid(), &here, 1, &here, 1, 0), EPERM)
-        || refused(syscall(SYS_ptrace, 16, getppid(), 0, 0), EPERM) || refused(stat("/etc/passwd", &known), EPERM) || refused(access("/etc/passwd", F_OK), EPERM)
-        || refused(syscall(SYS_kcmp, getppid(), getpid(), 0, 0, 0), EPERM) || refused(syscall(SYS_pidfd_getfd, 0, 0, 0), EPERM);
+    return refused(process_vm_readv(getppid(), &here, 1, &here, 1, 0), EPERM)
+        || refused(process_vm_writev(getppid(), &here, 1, &here, 1, 0), EPERM)
+        || refused(syscall(SYS_ptrace, 16, getppid(), 0, 0), EPERM)
+        || refused(stat("/etc/passwd", &known), EPERM)
+        || refused(access("/etc/passwd", F_OK), EPERM)
+        || refused(syscall(SYS_kcmp, getppid(), getpid(), 0, 0, 0), EPERM)
+        || refused(syscall(SYS_pidfd_getfd, 0, 0, 0), EPERM);
 }
 
 static int make_ways_out(void)
 {
-    return refused(syscall(SYS_io_uring_setup, 1, NULL), EPERM) || refused(syscall(SYS_memfd_create, "x", 0), EPERM)
-        || refused(syscall(SYS_userfaultfd, 0), EPERM) || refused(syscall(SYS_bpf, 0, NULL, 0), EPERM) || refused(syscall(SYS_perf_event_open, NULL), EPERM)
-        || refused(syscall(SYS_unshare, CLONE_NEWUSER), EPERM) || refused(syscall(SYS_keyctl, 0), EPERM) || refused(syscall(SYS_open_tree, 0, "/", 0), EPERM)
-        || refused(syscall(SYS_openat2, AT_FDCWD, "/", NULL, 0), EPERM) || refused(syscall(SYS_name_to_handle_at, 0), EPERM)
-        || refused(prctl(PR_SET_PDEATHSIG, 0), EPERM) || refused(prctl(PR_SET_DUMPABLE, 1), EPERM) || refused(prctl(PR_SET_PTRACER, -1), EPERM)
-        || refused(syscall(SYS_seccomp, 0, 0, NULL), EPERM) || refused(mprotect(&ours, 1, PROT_EXEC), EPERM)
-        || refused(syscall(SYS_clone, CLONE_VM | CLONE_VFORK | SIGCHLD, 0, 0, 0, 0), EPERM) || refused(syscall(SYS_clone, CLONE_NEWUSER, 0, 0, 0, 0), EPERM)
-        || refused(syscall(SYS_clone, CLONE_THREAD | CLONE_SIGHAND | CLONE_VM | CLONE_PARENT, 0, 0, 0, 0), EPERM);
+    return refused(syscall(SYS_io_uring_setup, 1, NULL), EPERM)
+        || refused(syscall(SYS_memfd_create, "x", 0), EPERM)
+        || refused(syscall(SYS_userfaultfd, 0), EPERM)
+        || refused(syscall(SYS_bpf, 0, NULL, 0), EPERM)
+        || refused(syscall(SYS_perf_event_open, NULL), EPERM)
+        || refused(syscall(SYS_unshare, CLONE_NEWUSER), EPERM)
+        || refused(syscall(SYS_keyctl, 0), EPERM)
+        || refused(syscall(SYS_open_tree, 0, "/", 0), EPERM)
+        || refused(syscall(SYS_openat2, AT_FDCWD, "/", NULL, 0), EPERM)
+        || refused(syscall(SYS_name_to_handle_at, 0), EPERM)
+        || refused(prctl(PR_SET_PDEATHSIG, 0), EPERM) || refused(prctl(PR_SET_DUMPABLE, 1), EPERM)
+        || refused(prctl(PR_SET_PTRACER, -1), EPERM)
+        || refused(syscall(SYS_seccomp, 0, 0, NULL), EPERM)
+        || refused(mprotect(&ours, 1, PROT_EXEC), EPERM)
+        || refused(syscall(SYS_clone, CLONE_VM | CLONE_VFORK | SIGCHLD, 0, 0, 0, 0), EPERM)
+        || refused(syscall(SYS_clone, CLONE_NEWUSER, 0, 0, 0, 0), EPERM)
+        || refused(syscall(SYS_clone, CLONE_THREAD | CLONE_SIGHAND | CLONE_VM | CLONE_PARENT,
+                           0, 0, 0, 0), EPERM);
 }
 
 /* Memory that RLIMIT_DATA does not count. */
 static int share_memory(void)
 {
-    return mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0) == MAP_FAILED && errno == EPERM
-        && mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED_VALIDATE | MAP_ANONYMOUS, -1, 0) == MAP_FAILED && errno == EPERM
-        && mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED ? 0 : 1;
+    return mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0)
+               == MAP_FAILED && errno == EPERM
+        && mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_SHARED_VALIDATE | MAP_ANONYMOUS, -1, 0)
+               == MAP_FAILED && errno == EPERM
+        && mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0)
+               != MAP_FAILED ? 0 : 1;
 }
 
 /* Messages to other addresses, descriptors to others and from others than the daemon. */
@@ -361,16 +403,21 @@ static int speak_elsewhere(void)
     struct sockaddr_un other = { .sun_family = AF_UNIX, .sun_path = "/tmp/modald-test-nobody" };
     char byte = 'x', room[64];
     struct iovec part = { &byte, 1 };
-    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = room, .msg_controllen = sizeof room };
+    struct msghdr message = { .msg_iov = &part, .msg_iovlen = 1, .msg_control = room,
+                              .msg_controllen = sizeof room };
 
-    return refused(sendto(pair[0], &byte, 1, 0, (struct sockaddr *)&other, sizeof other), EPERM) || refused(sendmsg(pair[0], &message, 0), EPERM)
-        || refused(recvmsg(pair[0], &message, MSG_DONTWAIT), EPERM) || refused(connect(pair[0], (struct sockaddr *)&other, sizeof other), EPERM)
-        || refused(setsockopt(pair[0], SOL_SOCKET, SO_SNDBUF, &byte, 1), EPERM) || send(pair[0], &byte, 1, 0) != 1 || recv(pair[1], &byte, 1, 0) != 1;
+    return refused(sendto(pair[0], &byte, 1, 0, (struct sockaddr *)&other, sizeof other), EPERM)
+        || refused(sendmsg(pair[0], &message, 0), EPERM)
+        || refused(recvmsg(pair[0], &message, MSG_DONTWAIT), EPERM)
+        || refused(connect(pair[0], (struct sockaddr *)&other, sizeof other), EPERM)
+        || refused(setsockopt(pair[0], SOL_SOCKET, SO_SNDBUF, &byte, 1), EPERM)
+        || send(pair[0], &byte, 1, 0) != 1 || recv(pair[1], &byte, 1, 0) != 1;
 }
 
 static void check_walls(int (*attempt)(void))
 {
-    CHECK(pipe2(ours, O_CLOEXEC) == 0 && socketpair(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0, pair) == 0);
+    CHECK(pipe2(ours, O_CLOEXEC) == 0
+          && socketpair(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0, pair) == 0);
     if (pair[0] == CONFINE_INPUTS) {               /* the one that may receive descriptors */
         int held = pair[0];
         pair[0] = dup(held);

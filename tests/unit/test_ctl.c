@@ -157,13 +157,15 @@ TEST(without_names_a_growing_first_column_is_time_whether_dt_is_given_or_not)
     }
 }
 
-/* Half a unit of the last digit over the span, the finest of the last rows where zeros are dropped. */
+/* Half a unit of the last digit over the span, the finest of the last rows where zeros are
+ * dropped. */
 TEST(the_digits_of_time_tell_how_far_dt_may_be_off)
 {
     static const struct { const char *text; double off; } cases[] = {
         { "t,y\n0.0000,1\n0.3333,2\n0.6667,1\n1.0000,3\n", 5e-5 / 3 },
         { "t,y\n0,1\n0.5,2\n1,1\n1.5,3\n2,5\n", 0.05 / 4 },
-        { "t,y\n0e0,1\n2.50e-1,2\n5.00e-1,1\n7.50D-1,3\n", 0.0005 / 3 }, { "t;y\n0,0;1\n0,1;2\n0,2;3\n", 0.05 / 2 },
+        { "t,y\n0e0,1\n2.50e-1,2\n5.00e-1,1\n7.50D-1,3\n", 0.0005 / 3 },
+        { "t;y\n0,0;1\n0,1;2\n0,2;3\n", 0.05 / 2 },
         { "t,y\n0.000000000000,1\n0.100000000000,2\n0.200000000000,1\n", 1e-10 },
     };
 
@@ -225,10 +227,12 @@ TEST(text_without_numbers_is_no_batch)
     }
 }
 
-/* Two windows 30 % apart in damping; the second's errors are known, or null as of a fit that did not converge. */
+/* Two windows 30 % apart in damping; the second's errors are known,
+ * or null as of a fit that did not converge. */
 TEST(without_errors_a_window_has_no_trend)
 {
-    static const char *const of[] = { "\"frequency_hz\":1e-3,\"damping_ratio\":1e-4", "\"frequency_hz\":null,\"damping_ratio\":null" };
+    static const char *const of[] = { "\"frequency_hz\":1e-3,\"damping_ratio\":1e-4",
+                                      "\"frequency_hz\":null,\"damping_ratio\":null" };
     static const char *const expected[] = { "rising", "unknown" };
 
     for (int i = 0; i < 2; i++) {
@@ -237,11 +241,13 @@ TEST(without_errors_a_window_has_no_trend)
 
         modes = (struct live_modes) { .count = 0 };
         for (int k = 0; k < 2; k++) {
-            snprintf(text[k], sizeof text[k], "{\"modes\":[{\"frequency_hz\":2,\"damping_ratio\":%g,\"std\":{%s}}]}",
+            snprintf(text[k], sizeof text[k],
+                     "{\"modes\":[{\"frequency_hz\":2,\"damping_ratio\":%g,\"std\":{%s}}]}",
                      0.01 + 0.003 * k, of[i * k]);
             cJSON *event = cJSON_Parse(text[k]);
             live_modes_trend(&modes, event);
-            const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(event, "modes"), 0);
+            const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(event, "modes"),
+                                                   0);
             const char *trend = cJSON_GetObjectItemCaseSensitive(mode, "trend")->valuestring;
             CHECK_STRING(trend, k == 0 ? "new" : expected[i]);
             cJSON_Delete(event);

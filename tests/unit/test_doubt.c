@@ -238,7 +238,8 @@ static bool withheld(const struct identify_result *r)
 
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
-        all &= isnan(m->std_re) && isnan(m->std_im) && isnan(m->std_frequency_hz) && isnan(m->std_damping_ratio);
+        all &= isnan(m->std_re) && isnan(m->std_im) && isnan(m->std_frequency_hz)
+            && isnan(m->std_damping_ratio);
         all &= isnan(m->std_multiplier) && isnan(m->bar) && isfinite(creal(m->exponent));
     }
     return all;
@@ -250,7 +251,8 @@ TEST(of_a_driven_response_neither_errors_nor_a_verdict_are_given)
 
     shaken();
     for (int order = 0; order <= 6; order += 2) {
-        struct identify_options opt = { .rank = { .rule = order > 0 ? RANK_FIXED : RANK_AUTO, .fixed = order } };
+        struct identify_options opt = { .rank = { .rule = order > 0 ? RANK_FIXED : RANK_AUTO,
+                                                  .fixed = order } };
         struct identify_result r;
         CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
         CHECK(r.mode_count > 0 && has(&r, "not_free_decay") && withheld(&r));
@@ -258,8 +260,9 @@ TEST(of_a_driven_response_neither_errors_nor_a_verdict_are_given)
     }
 }
 
-/* A blow after three seconds of quiet is no sum of exponentials: whatever orders are tried, few of their fits come to a
- * least, and where the chosen one did not nothing is claimed.  From the blow on all is known. */
+/* A blow after three seconds of quiet is no sum of exponentials: whatever orders are tried, few of
+ * their fits come to a least, and where the chosen one did not nothing is claimed.
+ * From the blow on all is known. */
 TEST(where_a_fit_did_not_converge_neither_errors_nor_a_verdict_are_given)
 {
     struct batch b = batch_of(2000, 1, 0.02);
@@ -282,7 +285,8 @@ TEST(where_a_fit_did_not_converge_neither_errors_nor_a_verdict_are_given)
     CHECK(failed > 0);
     opt.window[0] = 3, opt.window[1] = 39;
     CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
-    CHECK(r.mode_count == 2 && r.verdict == VERDICT_STABLE && r.modes[0].std_re > 0 && r.margin_std > 0);
+    CHECK(r.mode_count == 2 && r.verdict == VERDICT_STABLE && r.modes[0].std_re > 0
+          && r.margin_std > 0);
     identify_result_done(&r);
 }
 
@@ -314,7 +318,8 @@ TEST(an_undamped_line_at_fifty_hertz_is_mains_and_a_damped_one_is_not)
     CHECK(!finds(&b, "mains_line"));
 }
 
-/* A force of 2.5 Hz goes on beside a decay at 1.2 Hz; the same decay with another one beside it says nothing. */
+/* A force of 2.5 Hz goes on beside a decay at 1.2 Hz;
+ * the same decay with another one beside it says nothing. */
 TEST(what_keeps_its_amplitude_over_the_record_is_called_undamped)
 {
     struct batch b = batch_of(1500, 1, 0.02);
@@ -323,7 +328,8 @@ TEST(what_keeps_its_amplitude_over_the_record_is_called_undamped)
     for (int forced = 0; forced < 2; forced++) {
         for (int k = 0; k < 1500; k++) {
             double t = k * 0.02, line = 0.8 * sin(2 * M_PI * 2.5 * t);
-            x[k] = exp(-0.08 * t) * cos(2 * M_PI * 1.2 * t) + (forced ? line : line * exp(-0.03 * t));
+            x[k] = exp(-0.08 * t) * cos(2 * M_PI * 1.2 * t) +
+                (forced ? line : line * exp(-0.03 * t));
             x[k] += 1e-3 * random_normal(&r);
         }
         CHECK(finds(&b, "undamped") == forced);

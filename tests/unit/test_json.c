@@ -242,7 +242,8 @@ TEST(an_unknown_key_is_named_and_the_accepted_ones_listed)
 
 TEST(what_may_have_been_meant_by_an_unknown_key_is_asked)
 {
-    static const char *const names[] = { "window", "rank.rule", "shapes", "rank.fixed", "band", NULL };
+    static const char *const names[] = { "window", "rank.rule", "shapes", "rank.fixed", "band",
+                                         NULL };
     static const struct { const char *key, *asked; } cases[] = {
         { "rank", "; did you mean rank.fixed, rank.rule?" }, { "shape", "; did you mean shapes?" },
         { "windwo", "; did you mean window?" }, { "rank.fxed", "; did you mean rank.fixed?" },

@@ -618,7 +618,8 @@ TEST(space_of_deleted_rows_is_given_back)
     stop(ledger);
 }
 
-/* Restart in bounded time: the work of loading 100,000 jobs is well within the 5 s of the contract. */
+/* Restart in bounded time: the work of loading 100,000 jobs is well within the 5 s of the
+ * contract. */
 TEST(a_hundred_thousand_jobs_are_loaded_by_under_five_seconds_of_processor)
 {
     enum { JOBS = 100000, GROUP = 1000 };

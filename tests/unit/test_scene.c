@@ -338,7 +338,8 @@ TEST(what_is_wrong_in_a_scene_is_named_by_its_path)
 }
 
 /* A scene of COUNT elements of one Lua source. */
-static enum modal_status lower_lua(int count, const char *source, struct program **out, struct modal_error *err)
+static enum modal_status lower_lua(int count, const char *source, struct program **out,
+                                   struct modal_error *err)
 {
     char element[512], *text = malloc((size_t)count * sizeof element + 256);
     enum modal_status rc;
@@ -357,20 +358,28 @@ static enum modal_status lower_lua(int count, const char *source, struct program
     return rc;
 }
 
-/* A Lua table of 200,000 numbers takes 16 bytes a number and up to as many again as it grows: 3.2 to 6.4 MB in each element, of 8. */
+/* A Lua table of 200,000 numbers takes 16 bytes a number and up to as many again as it grows: 3.2
+ * to 6.4 MB in each element, of 8. */
 TEST(all_elements_in_lua_of_a_scene_have_one_budget)
 {
     struct program *p = NULL;
     struct modal_error err;
 
-    CHECK(lower_lua(1, "local k = {} for i = 1, 200000 do k[i] = i end function force(t, x, v, m) return k[1] end", &p, &err) == MODAL_OK);
+    CHECK(lower_lua(1, "local k = {} for i = 1, 200000 do k[i] = i end "
+                    "function force(t, x, v, m) return k[1] end", &p, &err) == MODAL_OK);
     CHECK(p->lua_bytes > 3200000 && p->lua_bytes <= LAW_LUA_MOST);
     program_free(p);
     p = NULL;
-    CHECK(lower_lua(60, "local k = {} for i = 1, 200000 do k[i] = i end function force(t, x, v, m) return k[1] end", &p, &err) == MODAL_ELEMENT_FAILED);
-    CHECK(p == NULL && strstr(err.message, "all elements of a scene have at most 134217728 bytes together") != NULL);
+    CHECK(lower_lua(60, "local k = {} for i = 1, 200000 do k[i] = i end "
+                    "function force(t, x, v, m) return k[1] end", &p, &err)
+          == MODAL_ELEMENT_FAILED);
+    CHECK(p == NULL
+          && strstr(err.message, "all elements of a scene have at most "
+                    "134217728 bytes together") != NULL);
     CHECK(strncmp(err.field, "effects[", 8) == 0 && strstr(err.field, "].source") != NULL);
-    CHECK(lower_lua(1, "local k = {} for i = 1, 2000000 do k[i] = i end function force(t, x, v, m) return k[1] end", &p, &err) == MODAL_ELEMENT_FAILED);
+    CHECK(lower_lua(1, "local k = {} for i = 1, 2000000 do k[i] = i end "
+                    "function force(t, x, v, m) return k[1] end", &p, &err)
+          == MODAL_ELEMENT_FAILED);
     CHECK(p == NULL && strstr(err.message, "an element has at most 8388608 bytes") != NULL);
     CHECK_STRING(err.field, "effects[0].source");
 }
@@ -381,7 +390,8 @@ TEST(every_effect_that_a_scene_may_have_can_be_one_in_lua)
     struct program *p = NULL;
     struct modal_error err;
 
-    if (lower_lua(SCENE_EFFECTS_MOST, "function force(t, x, v, m) return x end", &p, &err) != MODAL_OK)
+    if (lower_lua(SCENE_EFFECTS_MOST, "function force(t, x, v, m) return x end", &p, &err)
+        != MODAL_OK)
         fail_msg("%s: %s", err.field, err.message);
     CHECK(p->laws == SCENE_EFFECTS_MOST && p->lua_bytes < LAW_LUA_TOGETHER_MOST);
     print_message("%zu bytes an element\n", p->lua_bytes / SCENE_EFFECTS_MOST);

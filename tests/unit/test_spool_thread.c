@@ -1,4 +1,5 @@
-/* test_spool_thread.c - the spool's threads: in which order they give tasks back while streams with long gaps are sealed */
+/* test_spool_thread.c - the spool's threads: in which order they give tasks back while streams with
+ * long gaps are sealed */
 #include "check.h"
 #include <poll.h>
 #include <stdlib.h>
@@ -14,7 +15,8 @@ static struct done_queue done;
 static struct spool_threads *threads;
 static struct ledger *ledger;
 
-/* STREAMS streams of a sample, a gap and a sample, and a short one without a gap, in a ledger of their own. */
+/* STREAMS streams of a sample, a gap and a sample, and a short one without a gap,
+ * in a ledger of their own. */
 static void start(void)
 {
     static const double x[2] = { 2.5, -3.75 };
@@ -25,8 +27,10 @@ static void start(void)
     CHECK(mkdtemp(dir) != NULL && ledger_open(dir, &ledger, NULL) == MODAL_OK);
     for (int s = 0; s <= STREAMS; s++)
         for (int i = 0; i < 2; i++)
-            changes[n++] = (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT, .segment = { .stream = s + 1,
-                .first = i == 0 ? 0 : s == SHORT ? 1 : GAP + 1, .count = 1, .offset = 8 * (uint64_t)i, .length = 8,
+            changes[n++] = (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT, .segment = {
+                .stream = s + 1,
+                .first = i == 0 ? 0 : s == SHORT ? 1 : GAP + 1, .count = 1,
+                .offset = 8 * (uint64_t)i, .length = 8,
                 .crc = crc32c(0, &x[i], 8), .data = &x[i] } };
     CHECK(ledger_commit(ledger, changes, (size_t)n, NULL) == MODAL_OK);
     CHECK(done_open(&done));
@@ -53,7 +57,9 @@ static void put_seal(int stream)
     task->id = 100 + stream;
     task->stream = stream + 1;
     task->missing = stream == SHORT ? 0 : 8 * (uint64_t)GAP;
-    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = stream == SHORT ? 2 : GAP + 2, .channels = 1, .dt = 0.5 };
+    task->shape = (struct input_shape) { .type = INPUT_BATCH,
+                                         .samples = stream == SHORT ? 2 : GAP + 2, .channels = 1,
+                                         .dt = 0.5 };
     spool_threads_put(threads, task);
 }
 
@@ -63,7 +69,8 @@ static void put_begin(int64_t id)
 
     task->type = TASK_BEGIN;
     task->id = id;
-    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = 100, .channels = 1, .dt = 0.5 };
+    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = 100, .channels = 1,
+                                         .dt = 0.5 };
     spool_threads_put(threads, task);
 }
 
@@ -86,7 +93,8 @@ static void take(int count, int64_t *ids)
             if (task->type == TASK_STREAM_SEAL) {
                 uint64_t end = 0;
                 for (size_t i = 0; i < task->sums.count; i++) {
-                    CHECK(task->sums.items[i].offset == end && task->sums.items[i].length <= LEDGER_CHUNK_MOST);
+                    CHECK(task->sums.items[i].offset == end
+                          && task->sums.items[i].length <= LEDGER_CHUNK_MOST);
                     end += task->sums.items[i].length;
                 }
                 CHECK(end == 8 * task->shape.samples);
@@ -97,7 +105,8 @@ static void take(int count, int64_t *ids)
     }
 }
 
-/* One thread for all other tasks: on the code of before it sealed one stream after the other, and then began the uploads. */
+/* One thread for all other tasks: on the code of before it sealed one stream after the other, and
+ * then began the uploads. */
 TEST(uploads_begin_and_a_short_stream_is_sealed_while_long_gaps_of_others_are_written)
 {
     int64_t ids[STREAMS + 3];
@@ -124,12 +133,13 @@ TEST(an_end_waits_for_one_slice_and_not_for_the_seals)
     for (int s = 0; s < STREAMS; s++)
         put_seal(s);
     put_seal(SHORT);
-    take(1, &first);                               /* by then each of the others has had its first slice, of four or more */
+    take(1, &first);       /* by then each of the others has had its first slice, of four or more */
     CHECK(first == 100 + SHORT);
     spool_threads_stop(threads);
     for (int s = 0; s < STREAMS; s++) {
         snprintf(path, sizeof path, "%s/spool/%d.h5", dir, 100 + s);
-        CHECK(stat(path, &known) != 0);            /* not sealed: its .part is an orphan, which the next start removes */
+        CHECK(stat(path, &known) != 0);            /* not sealed: its .part is an orphan, which the
+                                                      next start removes */
     }
     threads = NULL;
     stop();
@@ -146,7 +156,8 @@ TEST(a_seal_with_gaps_leaves_room_on_the_disk_for_the_ledger)
     task->id = 100;
     task->stream = 1;
     task->missing = UINT64_C(1) << 60;             /* more than any disk has */
-    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = (UINT64_C(1) << 57) + 2, .channels = 1, .dt = 0.5 };
+    task->shape = (struct input_shape) { .type = INPUT_BATCH, .samples = (UINT64_C(1) << 57) + 2,
+                                         .channels = 1, .dt = 0.5 };
     spool_threads_put(threads, task);
     while (tasks == NULL) {
         struct pollfd wake = { .fd = done.wake, .events = POLLIN };

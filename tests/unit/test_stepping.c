@@ -339,7 +339,8 @@ static void fails_with(const char *source, const char *message)
     struct program *p;
     double x[11];
 
-    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
+    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},"
+             "'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
              "'effects':[{'type':'lua','dof':'x1','source':'%s'}]}", source);
     p = program_text(text);
     CHECK(simulate(p, &t, NULL, x, &s, &err) == MODAL_ELEMENT_FAILED);
@@ -352,15 +353,20 @@ static void fails_with(const char *source, const char *message)
 /* Lua gives memory back on its way out of an error: the limit is still the one that was passed. */
 TEST(a_force_that_calls_itself_without_end_fails_by_its_limit)
 {
-    fails_with("function f(n) return 1 + f(n + 1) end function force(t, x, v, m) return f(1) end", "an element has at most 8388608 bytes");
-    fails_with("function force(t, x, v, m) local s = \\\"x\\\" while true do s = s .. s end end", "an element has at most 8388608 bytes");
+    fails_with("function f(n) return 1 + f(n + 1) end function force(t, x, v, m) return f(1) end",
+               "an element has at most 8388608 bytes");
+    fails_with("function force(t, x, v, m) local s = \\\"x\\\" while true do s = s .. s end end",
+               "an element has at most 8388608 bytes");
 }
 
-/* Each call keeps 2000 tables of 56 bytes and more; steps enough pass the budget of one, and the stepping ends with its words. */
+/* Each call keeps 2000 tables of 56 bytes and more; steps enough pass the budget of one, and the
+ * stepping ends with its words. */
 TEST(a_force_that_keeps_more_and_more_fails_by_its_limit)
 {
-    const char *text = "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':100},"
-                       "'effects':[{'type':'lua','dof':'x1','source':'local k = {} function force(t, x, v, m) for i = 1, 2000 do k[#k + 1] = {} end return 0 end'}]}";
+    const char *text = "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},"
+                       "'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':100},"
+                       "'effects':[{'type':'lua','dof':'x1','source':'local k = {} function "
+                       "force(t, x, v, m) for i = 1, 2000 do k[#k + 1] = {} end return 0 end'}]}";
     struct program *p = program_text(text);
     struct scene_time t = { .dt = 0.1, .samples = 1001, .duration = 100 };
     struct simulate_result s;

@@ -126,15 +126,19 @@ TEST(a_mode_that_decays_at_two_rates_is_stable_and_one_that_decays_and_grows_is_
     }
 }
 
-/* Three times the frequency and the growth of a far stronger mode, and surer of it than that one: the harmonic that a
- * nonlinearity makes says nothing of its own.  Twice the growth it would have to have, and it is a mode. */
+/* Three times the frequency and the growth of a far stronger mode, and surer of it than that one:
+ * the harmonic that a nonlinearity makes says nothing of its own.  Twice the growth it would have
+ * to have, and it is a mode. */
 TEST(a_harmonic_of_a_mode_does_not_decide)
 {
     struct identify_mode modes[2] = {
-        { .exponent = CMPLX(0.5, 1210), .resolved = CMPLX(0.5, 1210), .multiplier = 1, .energy = 0.99, .std_re = 0.3 },
-        { .exponent = CMPLX(1.5, 3630), .resolved = CMPLX(1.5, 3630), .multiplier = 1, .energy = 0.01, .std_re = 0.1 },
+        { .exponent = CMPLX(0.5, 1210), .resolved = CMPLX(0.5, 1210), .multiplier = 1,
+          .energy = 0.99, .std_re = 0.3 },
+        { .exponent = CMPLX(1.5, 3630), .resolved = CMPLX(1.5, 3630), .multiplier = 1,
+          .energy = 0.01, .std_re = 0.1 },
     };
-    struct identify_result r = { .modes = modes, .mode_count = 2, .dt = 1e-3, .decimation = 1, .freedom = 900 };
+    struct identify_result r = { .modes = modes, .mode_count = 2, .dt = 1e-3, .decimation = 1,
+                                 .freedom = 900 };
 
     modes[0].growth = modes[1].growth = GROWTH_EXACT;
     trend_mark_harmonics(&r);
@@ -148,20 +152,23 @@ TEST(a_harmonic_of_a_mode_does_not_decide)
 }
 
 /* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that stays does not decay. */
-/* A motion gone in 824 nepers a period: its multiplier is below the least double and its logarithm is anybody's guess,
- * but |rho| is at most its bar, and a bar below 1 decays. */
+/* A motion gone in 824 nepers a period: its multiplier is below the least double and its logarithm
+ * is anybody's guess, but |rho| is at most its bar, and a bar below 1 decays. */
 TEST(a_multiplier_below_the_least_number_is_judged_by_its_bar)
 {
     const struct { double bar; int verdict; } cases[] = {
-        { 0, VERDICT_STABLE }, { 0.94, VERDICT_STABLE }, { 1.06, VERDICT_UNDECIDED }, { NAN, VERDICT_UNDECIDED },
+        { 0, VERDICT_STABLE }, { 0.94, VERDICT_STABLE }, { 1.06, VERDICT_UNDECIDED },
+        { NAN, VERDICT_UNDECIDED },
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct identify_mode mode = {
-            .exponent = -32640, .resolved = -32640, .multiplier = 0, .energy = 1, .persistence = NAN,
+            .exponent = -32640, .resolved = -32640, .multiplier = 0, .energy = 1,
+            .persistence = NAN,
             .std_re = NAN, .std_multiplier = NAN, .bar = cases[i].bar,
         };
-        struct identify_result r = { .modes = &mode, .mode_count = 1, .period = 0.0253, .freedom = 100 };
+        struct identify_result r = { .modes = &mode, .mode_count = 1, .period = 0.0253,
+                                     .freedom = 100 };
 
         verdict_stability(&r, 0.3);
         CHECK((int)r.verdict == cases[i].verdict);

@@ -15,6 +15,7 @@
 #include <sys/file.h>
 #include <sys/socket.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 #include "modal/crc32c.h"
 #include "store/file.h"
@@ -309,6 +310,21 @@ struct ledger {
 
 /* --- opening --- */
 
+/* A daemon that was killed holds its locks until its threads' writes have ended and a process that
+ * it was starting has come to its exec, which closes them: who starts again at once waits for that,
+ * a loaded disk's fsync, instead of being refused. */
+enum { LOCK_TRIES = 100, LOCK_PAUSE_NS = 20000000 };
+
+static bool lock_file(int fd)
+{
+    for (int tries = 1; flock(fd, LOCK_EX | LOCK_NB) < 0; tries++) {
+        if (errno != EWOULDBLOCK || tries == LOCK_TRIES)
+            return false;
+        nanosleep(&(struct timespec) { .tv_nsec = LOCK_PAUSE_NS }, NULL);
+    }
+    return true;
+}
+
 static enum modal_status take_lock(struct ledger *ledger, struct modal_error *err)
 {
     char path[4200], pid[32];
@@ -318,7 +334,7 @@ static enum modal_status take_lock(struct ledger *ledger, struct modal_error *er
     rc = file_open(path, O_RDWR | O_CREAT, 0640, &ledger->lock, err);
     if (rc != MODAL_OK)
         return rc;
-    if (flock(ledger->lock, LOCK_EX | LOCK_NB) < 0) {
+    if (!lock_file(ledger->lock)) {
         size_t got = 0;
         file_read(ledger->lock, pid, sizeof pid - 1, 0, &got, NULL);
         pid[got] = 0;

@@ -3,7 +3,9 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <sqlite3.h>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 #include "modal/crc32c.h"
@@ -513,6 +515,32 @@ TEST(a_second_daemon_is_refused_on_the_folder_and_on_its_copy)
     CHECK(ledger_open(copy, &second, NULL) == MODAL_OK);     /* alone, a copy is as good as the original */
     ledger_close(second);
     shell("rm -r %s %s.copy");
+}
+
+/* A process that a killed daemon was starting has its locks until its exec. */
+TEST(a_folder_whose_lock_is_let_go_of_while_one_starts_is_opened)
+{
+    struct ledger *ledger = start();
+    char path[128], held;
+    int told[2], lock;
+    pid_t pid;
+
+    ledger_close(ledger);
+    snprintf(path, sizeof path, "%s/LOCK", dir);
+    CHECK(pipe(told) == 0);
+    pid = fork();
+    if (pid == 0) {
+        lock = open(path, O_RDWR);
+        held = lock >= 0 && flock(lock, LOCK_EX | LOCK_NB) == 0;
+        usleep(write(told[1], &held, 1) == 1 ? 200000 : 0);
+        _exit(0);
+    }
+    CHECK(read(told[0], &held, 1) == 1 && held);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(waitpid(pid, NULL, 0) == pid);
+    close(told[0]);
+    close(told[1]);
+    stop(ledger);
 }
 
 /* F20: what a later version wrote is refused, and left as it was. */

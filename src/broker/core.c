@@ -640,10 +640,12 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     return &c->out;
 }
 
-void core_connections(struct core *c, int64_t open, int64_t refused_count, int64_t hangups_kept)
+void core_connections(struct core *c, int64_t open, int64_t refused_count, int64_t ended,
+                      int64_t hangups_kept)
 {
     c->connections = open;
     c->connections_refused = refused_count;
+    c->connections_ended = ended;
     c->hangups_kept = hangups_kept;
 }
 

@@ -193,9 +193,10 @@ struct actions *core_loaded(struct core *core, struct moment now);     /* as cor
 /* The actions are the core's until the next call; what they point to is the caller's. */
 struct actions *core_step(struct core *core, const struct event *event, struct moment now);
 
-/* How many connections of clients there are, were refused, and hung up while their input was
- * stopped: for the metrics. */
-void core_connections(struct core *core, int64_t open, int64_t refused, int64_t hangups_kept);
+/* How many connections of clients there are, were refused, were ended for what they sent, and hung
+ * up while their input was stopped: for the metrics. */
+void core_connections(struct core *core, int64_t open, int64_t refused, int64_t ended,
+                      int64_t hangups_kept);
 
 /* When EVENT_TIME is wanted at the latest, monotonic; INT64_MAX: never. */
 int64_t core_next_ns(const struct core *core);

@@ -33,7 +33,7 @@
 
 #define FLUSH_LEAST_NS 1000000          /* ns */
 #define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
-#define STRANGERS_NS SECOND             /* between two lines on keys that were refused */
+#define STRANGERS_NS SECOND             /* between two lines on keys or connections refused */
 #define ROUND_NS 5000000                /* of one source, whose next message waits for the others' */
 /* Bytes of a frame's box beside its own: name, nonce, flags, authenticator. */
 enum { CURVE_COST = 33 };
@@ -58,6 +58,8 @@ struct daemon {
     int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
     int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns, next_strangers_ns, flush_wait_ns;
     struct zap_refused strangers;  /* not told yet */
+    int64_t next_ended_ns;         /* when connections that were ended may be told of again */
+    long ended_told;               /* of intake_ended */
     uint64_t taken, ended_until;   /* messages; by then all of those whose connections have ended
                                       are taken */
 };
@@ -197,7 +199,8 @@ static void carry_out_all(struct daemon *d, const struct actions *actions)
 
 static void step(struct daemon *d, const struct event *event)
 {
-    core_connections(d->core, accept_open(), accept_refused(), hangup_kept());
+    core_connections(d->core, accept_open(), accept_refused(), intake_ended(),
+                     hangup_kept());
     if (event->type == EVENT_REQUEST || event->type == EVENT_COMMITTED || event->type == EVENT_TASK)
         d->trim_ns = clock_ns(CLOCK_MONOTONIC) + TRIM_AFTER_NS;
     carry_out_all(d, core_step(d->core, event, moment_now()));
@@ -514,6 +517,19 @@ static void log_strangers(struct daemon *d)
     d->strangers.count = 0;
 }
 
+/* The same for connections that were ended for what they sent. */
+static void log_ended(struct daemon *d)
+{
+    char line[200];
+    long ended = intake_ended();
+
+    snprintf(line, sizeof line, "level=warning event=connections_ended count=%ld "
+             "message=\"not ZMTP 3, or more bytes than messages hold; see section 8 of PROTOCOL.md\"",
+             ended - d->ended_told);
+    log_line(line);
+    d->ended_told = ended;
+}
+
 /* ---- time ------------------------------------------------------------------------------------------------------- */
 
 static void write_metrics(struct daemon *d)
@@ -559,6 +575,10 @@ static void on_time(struct daemon *d)
         d->next_strangers_ns = now + STRANGERS_NS;
         log_strangers(d);
     }
+    if (intake_ended() > d->ended_told && now >= d->next_ended_ns) {
+        d->next_ended_ns = now + STRANGERS_NS;
+        log_ended(d);
+    }
     if (d->config->metrics_file[0] != 0 && now >= d->next_metrics_ns) {
         d->next_metrics_ns = now + (int64_t)(d->config->metrics_s * 1e9);
         write_metrics(d);
@@ -584,6 +604,8 @@ static long wait_ms(const struct daemon *d)
         next = d->next_ping_ns;
     if (d->strangers.count > 0 && d->next_strangers_ns < next)
         next = d->next_strangers_ns;
+    if (intake_ended() > d->ended_told && d->next_ended_ns < next)
+        next = d->next_ended_ns;
     if (d->config->metrics_file[0] != 0 && d->next_metrics_ns < next)
         next = d->next_metrics_ns;
     if (d->trim_ns != 0 && d->trim_ns < next)

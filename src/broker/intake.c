@@ -49,7 +49,7 @@ struct properties {
 };
 
 struct intake {
-    enum { UNKNOWN, GREETING, FLAGS, LENGTH, BODY } stage;
+    enum { UNKNOWN, GREETING, FLAGS, LENGTH, BODY, ENDED } stage;
     bool curve, first, more;                    /* first: the handshake's first frame */
     unsigned char have;           /* bytes of the greeting; of the length, those that are missing */
     uint64_t left;                              /* of the frame */
@@ -60,6 +60,7 @@ struct intake {
 };
 
 static struct intake intakes[CONNECTIONS_TRACKED];
+static atomic_long ended;
 
 static int64_t seconds_now(void)
 {
@@ -83,6 +84,11 @@ void intake_taken(int fd)
 {
     if (fd >= 0 && fd < CONNECTIONS_TRACKED)
         atomic_store_explicit(&intakes[fd].taken, true, memory_order_relaxed);
+}
+
+long intake_ended(void)
+{
+    return atomic_load_explicit(&ended, memory_order_relaxed);
 }
 
 static void begin_value(struct properties *p)
@@ -220,7 +226,12 @@ ssize_t recv(int fd, void *buffer, size_t size, int flags)
 
     if (got <= 0 || fd < 0 || fd >= CONNECTIONS_TRACKED || in->stage == UNKNOWN)
         return got;
-    return follow(in, buffer, (size_t)got) && within_bounds(in) ? got : 0;
+    if (in->stage != ENDED && follow(in, buffer, (size_t)got) && within_bounds(in))
+        return got;
+    if (in->stage != ENDED)
+        atomic_fetch_add_explicit(&ended, 1, memory_order_relaxed);
+    in->stage = ENDED;
+    return 0;
 }
 
 /* INITIATE's box alone is so long; in it are a key, a voucher, and the properties (ZMTP-CURVE,

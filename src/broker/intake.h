@@ -8,4 +8,5 @@ enum { INTAKE_WAITING = 16 };
 
 void intake_begin(int fd);        /* FD is a connection just accepted; nothing was read of it yet */
 void intake_taken(int fd);         /* the loop has taken a message of it */
+long intake_ended(void);           /* connections ended here, since the start */
 #endif

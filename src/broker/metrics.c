@@ -218,6 +218,9 @@ struct blob *metrics_text(const struct core *c, const struct user *user)
     one(&p, "worker_deaths_total", "counter", "Workers that ended while they had a job.", (double)c->deaths);
     one(&p, "connections", "gauge", "Connections of clients.", (double)c->connections);
     one(&p, "connections_refused_total", "counter", "Connections closed as they came, being one too many.", (double)c->connections_refused);
+    one(&p, "connections_ended_total", "counter",
+        "Connections ended for what they sent: not ZMTP 3, or more than messages hold.",
+        (double)c->connections_ended);
     one(&p, "hangups_kept_total", "counter", "Hang-ups not heard at once, the requests before them "
         "being still to be taken.", (double)c->hangups_kept);
     one(&p, "transactions_total", "counter", "Ledger transactions asked for.", (double)c->commits);

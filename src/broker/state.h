@@ -282,7 +282,8 @@ struct core {
     double replay_s;
     int64_t started_ns;
     int64_t pruned;                       /* last_event at the latest pruning */
-    int64_t connections, connections_refused, hangups_kept, credit_stalls, ledger_bytes;
+    int64_t connections, connections_refused, connections_ended, hangups_kept;
+    int64_t credit_stalls, ledger_bytes;
     int64_t next_denial_ns;               /* when a denial of a key that is on no list is told again */
     struct { char *text; uint8_t settings[32]; } asked;   /* the latest kind and options, and their hash */
     struct region *region;

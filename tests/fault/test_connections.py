@@ -3,6 +3,7 @@ import contextlib
 import json
 import os
 import pathlib
+import re
 import socket
 import struct
 import sys
@@ -119,6 +120,30 @@ def test_who_hangs_up_behind_a_stopped_input_ends_nothing(scheme):
         print(f"\nP6: {scheme}: {made} connections hung up behind their requests, {kept:.0f} hang-ups kept from a stopped input")
         assert kept >= 200 and honest.ask("HELLO").ok
         until_alone(honest)                      # none of them is kept for ever
+
+
+def test_each_connection_that_is_ended_for_what_it_sends_is_counted_and_the_log_has_a_line_a_second_at_most():
+    """Those of another protocol, and one whose message does not end; who speaks properly and leaves is none of them."""
+    with Daemon(workers=0) as d:
+        honest, begin, strangers = d.client(), time.monotonic(), 60
+        connect(d).close()
+        for _ in range(strangers):
+            with reach(d) as s:
+                s.sendall(b"GET / HTTP/1.1\r\n\r\n")
+                with contextlib.suppress(ConnectionResetError):
+                    while s.recv(64):            # greeted, then the end
+                        pass
+        with connect(d) as s, contextlib.suppress(OSError):
+            for _ in range(10):
+                s.sendall((b"\x03" + (1 << 20).to_bytes(8, "big") + bytes(1 << 20)))
+        until_alone(honest)
+        assert metric(honest, "connections_ended_total") == strangers + 1
+
+        def told():
+            return [int(n) for n in re.findall(r"event=connections_ended count=(\d+)", d.text())]
+        while sum(told()) < strangers + 1:
+            assert time.monotonic() < begin + 120, told()
+        assert sum(told()) == strangers + 1 and len(told()) <= time.monotonic() - begin + 1
 
 
 def test_what_is_asked_and_left_behind_is_not_answered_and_what_is_submitted_is_done():

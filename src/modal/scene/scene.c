@@ -332,9 +332,18 @@ static enum modal_status compress_all(struct lowering *l, struct modal_error *er
     return rc;
 }
 
-/* M_0 positive definite, by a Cholesky factor of its band: n b^2 operations, b the bandwidth. */
-static enum modal_status check_mass(const struct program *p, struct modal_error *err)
+static bool has_key(const struct scene_structure_kind *kind, const char *key)
 {
+    for (int i = 0; kind->keys != NULL && kind->keys[i] != NULL; i++)
+        if (strcmp(kind->keys[i], key) == 0)
+            return true;
+    return false;
+}
+
+/* M_0 positive definite, by a Cholesky factor of its band: n b^2 operations, b the bandwidth. */
+static enum modal_status check_mass(const struct lowering *l, struct modal_error *err)
+{
+    const struct program *p = l->p;
     const struct sparse *M = &p->constant[PROGRAM_M];
     int b = 0, info;
     double *band;
@@ -352,7 +361,8 @@ static enum modal_status check_mass(const struct program *p, struct modal_error 
     free(band);
     if (info == 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "structure", "the mass matrix is not positive definite (at dof %s)",
+    return modal_fail_field(err, MODAL_BAD_INPUT, has_key(l->structure, "M") ? "structure.M" : "structure",
+                            "the mass matrix is not positive definite (at dof %s)",
                             p->dofs[info > 0 ? info - 1 : 0]);
 }
 
@@ -434,7 +444,7 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
                                 LOWERING_ENTRIES_MOST, LOWERING_STATES_MOST);
     rc = compress_all(l, err);
     if (rc == MODAL_OK)
-        rc = check_mass(l->p, err);
+        rc = check_mass(l, err);
     if (rc == MODAL_OK)
         rc = check_period(l->p, err);
     if (rc == MODAL_OK)

@@ -89,9 +89,11 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
         *omega = value / c->settings->subharmonic;
     else {
         c->here = NULL;
+        cost_stage(c->cost, "solve");
         rc = scene_path_set(c->scene, c->path, value, field, err);
         if (rc == MODAL_OK)
             rc = scene_lower(c->scene, NULL, &c->here, err);
+        cost_stage(c->cost, "lower");
         if (rc != MODAL_OK)
             return rc;
         if (!(c->here->omega > 0))
@@ -100,12 +102,7 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
         *omega = c->here->omega;
     }
     rc = steady_new(c->here, &c->settings->opt, &c->s, err);
-    if (rc == MODAL_OK && c->omega && c->count > 2) {
-        cost_stage(c->cost, "lower");
-        rc = steady_reduce(c->s, err);
-        cost_stage(c->cost, "reduce");
-    }
-    return rc;
+    return rc == MODAL_OK && c->omega && c->count > 2 ? steady_reduce(c->s, err) : rc;
 }
 
 static void remember(struct curve *c, const struct steady_point *point)
@@ -199,16 +196,13 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
         if (rc == MODAL_OK && i == 0)
             rc = set_out(c, err);
         start = (struct steady_start) { c->last_q, c->last_H, c->last };
-        cost_stage(c->cost, c->omega ? "solve" : "lower");
         if (rc == MODAL_OK)
             rc = steady_solve(c->s, omega, c->last != NULL ? &start : NULL, &point, err);
-        cost_stage(c->cost, "solve");
         if (rc == MODAL_OK && point.converged)
             rc = steady_estimate_point(c->s, &point, err);
-        cost_stage(c->cost, "error");
         if (rc == MODAL_OK && c->settings->stability && point.converged)
             rc = stability_of(c->s, &point, &st, err);
-        cost_stage(c->cost, "stability");
+        cost_stage(c->cost, "solve");
         if (rc == MODAL_OK) {
             remember(c, &point);
             rc = add_point(c, value, (i + 1.0) / c->count, &point, &st, err);
@@ -336,14 +330,12 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
     enum modal_status rc;
 
     (void)stop;
-    cost_stage(c->cost, "solve");
     rc = point_of(c, b, path->X, path->iterations, &point, err);
     if (rc == MODAL_OK)
         rc = steady_estimate_point(c->s, &point, err);
-    cost_stage(c->cost, "error");
     if (rc == MODAL_OK && c->settings->stability)
         rc = stability_of(c->s, &point, &st, err);
-    cost_stage(c->cost, "stability");
+    cost_stage(c->cost, "solve");
     if (rc == MODAL_OK)
         rc = add_point(c, path->lambda, fraction, &point, &st, err);
     c->number++;
@@ -354,7 +346,6 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
             rc = refine(c, path->lambda, point.X, &st, err);
         else if (fold && !changed_here)
             pair_fold(c);
-        cost_stage(c->cost, "locate");
     }
     if (rc == MODAL_OK) {
         remember(c, &point);

@@ -181,6 +181,28 @@ TEST(ablation_of_an_excited_scene_compares_steady_states)
     cJSON_Delete(r);
 }
 
+/* All but what reads the scene and what prints: no other stage takes a part of it. */
+TEST(the_stage_solve_of_a_curve_is_all_the_work_of_its_points)
+{
+    static const char *const curves[] = { "{'sweep':'omega=0.8:1.2:5'}", "{'continue':'omega=0.8:1.2'}", "{'continue':'effects[0].coefficient=0.1:0.2'}" };
+
+    for (size_t i = 0; i < sizeof curves / sizeof *curves; i++) {
+        cJSON *r = job("steady", "{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':[0.1,0]},'omega':1,"
+                       "'excitation':[{'dof':'x1','cos':0.3}],'effects':[{'type':'cubic_spring','dof':'x1','coefficient':0.1}],"
+                       "'steady':{'harmonics':7}}", curves[i], MODAL_OK, NULL);
+        const cJSON *cost = cJSON_GetObjectItem(r, "cost"), *stage;
+        double sum = 0;
+
+        CHECK(cJSON_GetArraySize(cJSON_GetObjectItem(r, "points")) >= 5 && number(cJSON_GetObjectItem(cost, "stages"), "solve", NULL) > 0);
+        cJSON_ArrayForEach(stage, cJSON_GetObjectItem(cost, "stages")) {
+            CHECK(strcmp(stage->string, "lower") == 0 || strcmp(stage->string, "solve") == 0 || strcmp(stage->string, "print") == 0);
+            sum += stage->valuedouble;
+        }
+        CHECK(sum <= number(cost, "cpu_s", NULL));
+        cJSON_Delete(r);
+    }
+}
+
 #define GRID "{'verb':'floquet','scene':{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]},'omega':2,'effects':" \
     "[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]},'grid':[{'path':'effects[0].stiffness','values':[-0.1,-0.3,-0.5]}," \
     "{'path':'omega','values':[1.6,1.9,2.0,2.3]}]}"

@@ -20,9 +20,9 @@ if(TARGET modald_fortran)
   install(FILES ${C}/modald.f90 DESTINATION ${CMAKE_INSTALL_DATADIR}/modald)
 endif()
 
-# pkg-config: NAME, what it is, its libraries, what it needs.  The prefix follows the file, wherever it is installed.
+# pkg-config: NAME, what it is, its libraries, what it needs; what a static link needs too, by .pc and, where there is none, by name.  The prefix follows the file, wherever it is installed.
 file(RELATIVE_PATH up /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
-function(pkg_config NAME DESCRIPTION LIBS REQUIRES PRIVATE)
+function(pkg_config NAME DESCRIPTION LIBS REQUIRES PRIVATE LIBS_PRIVATE)
   file(WRITE ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc
 "prefix=\${pcfiledir}/${up}
 libdir=\${prefix}/${CMAKE_INSTALL_LIBDIR}
@@ -35,16 +35,17 @@ Requires: ${REQUIRES}
 Requires.private: ${PRIVATE}
 Cflags: -I\${includedir} ${ARGN}
 Libs: -L\${libdir} ${LIBS}
-Libs.private: -lm -lpthread
+Libs.private: ${LIBS_PRIVATE}
 ")
   install(FILES ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
 endfunction()
-pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "lapacke, openblas, fftw3, lua5.4")
-pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq")
+pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "lapacke, openblas, fftw3, lua5.4"
+           "-lumfpack -lm -lpthread")
+pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq" "-lm -lpthread")
 if(TARGET modald_fortran)
-  pkg_config(modald-fortran "samples of a running simulation in Fortran to modald" "-lmodald-fortran" "modald-stream" "" "-I\${libdir}/fortran/modald")
+  pkg_config(modald-fortran "samples of a running simulation in Fortran to modald" "-lmodald-fortran" "modald-stream" "" "-lm -lpthread" "-I\${libdir}/fortran/modald")
 endif()
-pkg_config(modald-client "jobs on modald from C" "-lmodald-client" "" "libzmq, libcjson")
+pkg_config(modald-client "jobs on modald from C" "-lmodald-client" "" "libzmq, libcjson" "-lm -lpthread")
 
 # Service files, man pages, completion, Python.
 set(S ${CMAKE_SOURCE_DIR}/systemd)

@@ -48,6 +48,21 @@ def compile_and_run(installed, folder, suffix, source, package, compiler):
 
 
 @shipped
+def test_libmodal_a_is_linked_by_what_pkg_config_says_of_static_linking(installed, tmp_path):
+    (tmp_path / "a.c").write_text('''#include <stdio.h>
+#include "modal/linalg/sparse_lu.h"
+int main(void) { sparse_lu_free(NULL); puts("linked"); return 0; }
+''')
+    lib = library_folder(installed)
+    env = {**os.environ, "PKG_CONFIG_PATH": str(lib / "pkgconfig")}
+    said = subprocess.run(["pkg-config", "--static", "--cflags", "--libs", "modal"], env=env, capture_output=True, text=True, check=True)
+    flags = [str(lib / "libmodal.a") if flag == "-lmodal" else flag for flag in said.stdout.split()]
+    linked = subprocess.run(["cc", str(tmp_path / "a.c"), "-o", str(tmp_path / "a"), *flags], capture_output=True, text=True)
+    assert linked.returncode == 0, linked.stderr
+    assert subprocess.run([str(tmp_path / "a")], capture_output=True, text=True, check=True).stdout == "linked\n"
+
+
+@shipped
 def test_libmodal_is_usable_alone(installed, tmp_path):
     source = '''#include <stdio.h>
 #include "modal/error.h"

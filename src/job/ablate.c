@@ -24,6 +24,7 @@ struct ablation {
     struct program *program;         /* the whole scene's */
     cJSON *answer;                   /* steady: the whole scene's result */
     double seconds;                  /* of the whole scene's answer */
+    double period;                   /* floquet: the whole scene's; 0 until known, or none */
 };
 
 /* The scene without effect number I; the caller deletes. */
@@ -51,12 +52,16 @@ static enum modal_status steady_once(const struct ablation *a, const cJSON *scen
     return MODAL_OK;
 }
 
-static enum modal_status floquet_once(const cJSON *scene, struct floquet *f, struct modal_error *err)
+/* A scene that is constant without the effect has multipliers over the whole scene's period, to compare. */
+static enum modal_status floquet_once(const struct ablation *a, const cJSON *scene, struct floquet *f,
+                                      struct modal_error *err)
 {
     struct program *p = NULL;
     enum modal_status rc = scene_lower(scene, NULL, &p, err);
 
     floquet_done(f);
+    if (rc == MODAL_OK && p->harmonics == 0 && !(p->period > 0))
+        p->period = a->period;
     if (rc == MODAL_OK)
         rc = floquet(p, NULL, f, err);
     program_free(p);
@@ -71,7 +76,7 @@ static enum modal_status timed(const struct ablation *a, const cJSON *scene, cJS
     *seconds = HUGE_VAL;
     for (int k = 0; k < REPEATS && rc == MODAL_OK; k++) {
         double start = tradeoff_clock(NULL);
-        rc = a->steady ? steady_once(a, scene, answer, err) : floquet_once(scene, f, err);
+        rc = a->steady ? steady_once(a, scene, answer, err) : floquet_once(a, scene, f, err);
         *seconds = fmin(*seconds, tradeoff_clock(NULL) - start);
     }
     return rc;
@@ -171,10 +176,9 @@ static void steady_changed(const struct ablation *a, const cJSON *without, cJSON
 
 static cJSON *print_floquet(const struct floquet *f)
 {
-    cJSON *json = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(json, "exponents");
+    cJSON *json = cJSON_CreateObject();
 
-    for (int i = 0; i < f->count; i++)
-        cJSON_AddItemToArray(list, f->resolved[i] ? json_complex(creal(f->exponent[i]), cimag(f->exponent[i])) : cJSON_CreateNull());
+    floquet_values(json, f);
     cJSON_AddItemToObject(json, "stability", floquet_stability(f));
     return json;
 }
@@ -284,6 +288,7 @@ enum modal_status ablate_run(const struct job_request *request, struct job_resul
     }
     if (rc == MODAL_OK)
         rc = timed(&a, request->scene, &a.answer, &whole, &a.seconds, err);
+    a.period = whole.period;
     cost_stage(&cost, "whole");
     if (rc == MODAL_OK) {
         out->result = cJSON_CreateObject();

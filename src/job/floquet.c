@@ -103,11 +103,10 @@ static cJSON *print_hill(const struct hill *h, const struct floquet *f)
     return json;
 }
 
-static cJSON *print_result(const struct program *p, const struct floquet *f)
+void floquet_values(cJSON *r, const struct floquet *f)
 {
-    cJSON *r = cJSON_CreateObject(), *list;
+    cJSON *list;
 
-    cJSON_AddStringToObject(r, "kind", "floquet");
     if (f->period > 0) {
         json_set_number(r, "period", f->period);
         list = cJSON_AddArrayToObject(r, "multipliers");
@@ -117,6 +116,14 @@ static cJSON *print_result(const struct program *p, const struct floquet *f)
     list = cJSON_AddArrayToObject(r, "exponents");
     for (int i = 0; i < f->count; i++)
         cJSON_AddItemToArray(list, complex_or_null(f->exponent[i], f->resolved[i]));
+}
+
+static cJSON *print_result(const struct program *p, const struct floquet *f)
+{
+    cJSON *r = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(r, "kind", "floquet");
+    floquet_values(r, f);
     cJSON_AddItemToObject(r, "errors", json_numbers(f->bar, (size_t)f->count));
     cJSON_AddItemToObject(r, "modes", print_modes(f));
     cJSON_AddItemToObject(r, "stability", floquet_stability(f));

@@ -105,6 +105,34 @@ TEST(the_first_order_estimate_of_a_periodic_scene_leaves_out_the_second_order)
     CHECK_NEAR(b / c, 4, 0.1);
 }
 
+/* Without the parametric spring x'' + 0.02 x' + x = 0 has exp((-0.01 +- i sqrt(1 - 1e-4)) T) over
+ * T = 2 pi / 2; without the damper, undamped, the product of the two is 1 (Liouville). */
+TEST(ablation_of_a_periodic_scene_gives_multipliers_with_and_without_each_effect)
+{
+    static const char scene[] = "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},"
+        "'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3},"
+        "{'type':'damper','dof':'x1','coefficient':0.02}]}";
+    cJSON *r = job("ablate", scene, NULL, MODAL_OK, NULL);
+    const cJSON *effects = cJSON_GetObjectItem(r, "effects"), *list[3], *x;
+    double complex expected = cexp(CMPLX(-0.01, sqrt(1 - 1e-4)) * M_PI), product = 1;
+
+    list[0] = cJSON_GetObjectItem(cJSON_GetObjectItem(r, "with"), "multipliers");
+    for (int i = 0; i < 2; i++) {
+        x = cJSON_GetObjectItem(cJSON_GetArrayItem(effects, i), "without");
+        list[i + 1] = cJSON_GetObjectItem(x, "multipliers");
+    }
+    for (int i = 0; i < 3; i++)
+        CHECK(cJSON_GetArraySize(list[i]) == 2);
+    cJSON_ArrayForEach(x, list[1]) {
+        CHECK_NEAR(cJSON_GetArrayItem(x, 0)->valuedouble, creal(expected), 1e-12);
+        CHECK_NEAR(fabs(cJSON_GetArrayItem(x, 1)->valuedouble), fabs(cimag(expected)), 1e-12);
+    }
+    cJSON_ArrayForEach(x, list[2])
+        product *= CMPLX(x->child->valuedouble, x->child->next->valuedouble);
+    CHECK_NEAR(cabs(product - 1), 0, 1e-10);
+    cJSON_Delete(r);
+}
+
 /* A pulse moves no exponent: 3 - sqrt(9.4) for the spring of 0.4 over 9, whatever starts the motion. */
 TEST(ablation_of_a_scene_with_pulses_alone_compares_exponents)
 {
@@ -179,6 +207,24 @@ TEST(ablation_of_an_excited_scene_compares_steady_states)
     CHECK_NEAR(number(change, "harmonics", NULL), cabs(b - a), 1e-12);
     CHECK_NEAR(number(change, "relative", NULL), cabs(b - a) / cabs(a), 1e-12);
     cJSON_Delete(r);
+}
+
+TEST(no_sensors_are_no_fault_but_where_a_motion_is_recorded)
+{
+    static const char scene[] = "{'structure':{'type':'chain','masses':[1],'springs':[1,0],"
+        "'dampers':[0.1,0]},'omega':1,'sensors':[],'excitation':[{'dof':'x1','cos':0.3}],"
+        "'time':{'dt':0.1,'duration':1}}";
+    struct modal_error err;
+    cJSON *r = job("steady", scene, NULL, MODAL_OK, NULL);
+
+    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(r, "converged")));
+    cJSON_Delete(r);
+    cJSON_Delete(job("floquet", scene, NULL, MODAL_OK, NULL));
+    cJSON_Delete(job("ablate", scene, NULL, MODAL_OK, NULL));
+    CHECK(job("simulate", scene, NULL, MODAL_BAD_INPUT, &err) == NULL);
+    CHECK_STRING(err.field, "sensors");
+    CHECK(job("tradeoff", scene, "{'of':'simulate'}", MODAL_BAD_INPUT, &err) == NULL);
+    CHECK_STRING(err.field, "sensors");
 }
 
 /* All but what reads the scene and what prints: no other stage takes a part of it. */

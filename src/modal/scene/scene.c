@@ -270,8 +270,8 @@ static enum modal_status read_sensors(struct lowering *l, const cJSON *scene, st
     int count;
     enum modal_status rc = MODAL_OK;
 
-    if (list != NULL && (!cJSON_IsArray(list) || list->child == NULL))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "sensors", "sensors must be a list of at least one");
+    if (list != NULL && !cJSON_IsArray(list))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "sensors", "sensors must be a list");
     count = list != NULL ? cJSON_GetArraySize(list) : p->n;
     if (count > LOWERING_DOFS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "sensors", "a scene lists %d sensors; at most %d", count, LOWERING_DOFS_MOST);

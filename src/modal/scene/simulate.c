@@ -204,6 +204,10 @@ enum modal_status simulate(struct program *p, const struct scene_time *time, con
 
     if (opt == NULL)
         opt = &none;
+    if (p->outputs == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "sensors",
+                                "sensors is an empty list: a simulation has nothing to record; "
+                                "list at least one, or leave it out for every dof");
     if ((double)time->samples * p->outputs > SIMULATE_VALUES_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "time", "%ld samples of %d channels are more than %d numbers", time->samples, p->outputs,
                                 SIMULATE_VALUES_MOST);

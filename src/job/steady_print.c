@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/resonance.h"
 
 static enum modal_status print_harmonics(struct steady *s, const struct program *p, const struct steady_settings *settings,
                                          const struct steady_point *point, cJSON *doc, struct modal_error *err)
@@ -135,6 +136,25 @@ static void print_offsets(const struct program *p, const struct steady_point *po
              "as its strength allows", which);
 }
 
+/* That there is no motion is said only where it is certain. */
+static void print_failure(const struct program *p, const struct steady_point *point, cJSON *list)
+{
+    const char *reason = point->reason != NULL ? point->reason : "the balance does not close";
+    char where[96];
+    int k;
+
+    if (resonance_unheld(p, point->omega, &k)) {
+        if (k > 0)
+            snprintf(where, sizeof where, "harmonic %d excites an undamped resonance", k);
+        else
+            snprintf(where, sizeof where, "the mean load pushes what no spring holds");
+        diagnose(list, "no_periodic_solution", "there is no periodic solution: %s, and no friction "
+                 "is strong enough to hold it; what is given is the best iterate", where);
+    } else
+        diagnose(list, "not_converged", "no periodic solution was found, which is no proof "
+                 "that there is none: %s; what is given is the best iterate", reason);
+}
+
 static void print_diagnostics(const struct program *p, const struct steady_settings *settings, const struct steady_point *point,
                               const struct stability *st, cJSON *doc)
 {
@@ -142,8 +162,7 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
     double target = settings->opt.target_error;
 
     if (!point->converged)
-        diagnose(list, "no_periodic_solution", "no periodic solution was found: %s; what is given is the best iterate",
-                 point->reason != NULL ? point->reason : "the balance does not close");
+        print_failure(p, point, list);
     print_offsets(p, point, list);
     if (point->converged && settings->opt.harmonics == 0 && point->error > target * point->amplitude)
         print_missed(list, point, target);

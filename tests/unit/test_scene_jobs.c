@@ -209,6 +209,44 @@ TEST(ablation_of_an_excited_scene_compares_steady_states)
     cJSON_Delete(r);
 }
 
+static const char *failure(const char *scene)
+{
+    static char code[64];
+    cJSON *r = job("steady", scene, NULL, MODAL_OK, NULL);
+    const cJSON *list = cJSON_GetObjectItem(r, "diagnostics");
+    const cJSON *d = cJSON_GetObjectItem(cJSON_GetArrayItem(list, 0), "code");
+
+    snprintf(code, sizeof code, "%s",
+             cJSON_IsTrue(cJSON_GetObjectItem(r, "converged")) ? "converged" : d->valuestring);
+    cJSON_Delete(r);
+    return code;
+}
+
+#define AT_RESONANCE \
+    "'structure':{'type':'chain','masses':[1],'springs':[1,0]},'omega':1,'steady':{'harmonics':7,"
+
+#define SLIDER "'effects':[{'type':'friction','dof':'x1','stiffness':1,'limit':1}]}"
+
+/* At resonance a slider of 1 N takes at most 4 / pi = 1.273 N of a harmonic load, and 1 N of a mean
+ * one.  Off resonance a search that was cut short proves nothing. */
+TEST(that_there_is_no_periodic_solution_is_said_only_where_it_is_certain)
+{
+    CHECK_STRING(failure("{" AT_RESONANCE "'max_iterations':200},"
+                         "'excitation':[{'dof':'x1','cos':1.3}]," SLIDER), "no_periodic_solution");
+    CHECK_STRING(failure("{" AT_RESONANCE "'max_iterations':200},"
+                         "'excitation':[{'dof':'x1','cos':1.2}]," SLIDER), "converged");
+    CHECK_STRING(failure("{" AT_RESONANCE "'max_iterations':9},"
+                         "'excitation':[{'dof':'x1','cos':1}]}"),
+                 "no_periodic_solution");
+    CHECK_STRING(failure("{'structure':{'type':'chain','masses':[1],'springs':[0,0]},'omega':1,"
+                         "'excitation':[{'dof':'x1','k':0,'cos':2},{'dof':'x1','cos':1}],"
+                         "'steady':{'harmonics':7,'max_iterations':50}," SLIDER), "no_periodic_solution");
+    CHECK_STRING(failure("{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':[0.02,0]},"
+                         "'omega':0.3,'excitation':[{'dof':'x1','cos':1}],'effects':[{'type':'friction',"
+                         "'dof':'x1','stiffness':1000,'limit':0.6}],"
+                         "'steady':{'harmonics':63,'max_iterations':1}}"), "not_converged");
+}
+
 TEST(no_sensors_are_no_fault_but_where_a_motion_is_recorded)
 {
     static const char scene[] = "{'structure':{'type':'chain','masses':[1],'springs':[1,0],"

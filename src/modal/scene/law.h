@@ -58,7 +58,7 @@ struct law {
     int dof[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];
     int memory;                       /* doubles of state (iwan: one a slider) */
     int degree;                       /* of the force as a polynomial in d and v; 0: none */
-    double limit;                     /* set_valued: the friction's strength, N */
+    double limit;                     /* of friction: no force exceeds it, N; 0: of other laws */
     void *data;                       /* its numbers, as its class lays them out */
 };
 

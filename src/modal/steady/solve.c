@@ -1000,7 +1000,8 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
         return rc;
     if (!balance_factor(b, NULL)) {
         point->converged = false;
-        point->reason = "the linear equations are singular: an undamped resonance, so there is no bounded periodic solution";
+        point->reason = "the linear equations are singular: an undamped resonance, "
+                        "or a body that nothing holds";
         return MODAL_OK;
     }
     for (int i = 0; i < b->order; i++)

@@ -410,6 +410,8 @@ static enum modal_status sliders_new(const struct law_class *kind, const double 
     law_clear(out, kind);
     out->data = s;
     out->memory = count;
+    for (int i = 0; i < count; i++)
+        out->limit += limit[i];
     return MODAL_OK;
 }
 

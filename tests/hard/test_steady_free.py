@@ -51,9 +51,10 @@ def test_a_structure_that_sliders_alone_hold_has_its_orbit_found(name):
 
 
 def test_a_mean_that_runs_away_is_no_convergence():
-    """Two tones make it a ratchet: it drifts, and has no periodic motion, however small a share of its place the drift is."""
+    """Two tones make it a ratchet: it drifts, and has no periodic motion, however small a share of its place the drift is.
+    Whether the search runs away first or meets a singular derivative is a matter of rounding, and so of the processor's kernels."""
     answer = run("free_mass_two_tones")
-    assert not answer["converged"] and "runs away" in answer["diagnostics"][0]["message"]
+    assert not answer["converged"] and answer["diagnostics"][0]["code"] == "not_converged", answer["diagnostics"]
 
 
 def test_of_all_solutions_rest_is_given_once():

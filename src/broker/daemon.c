@@ -524,7 +524,8 @@ static void log_ended(struct daemon *d)
     long ended = intake_ended();
 
     snprintf(line, sizeof line, "level=warning event=connections_ended count=%ld "
-             "message=\"not ZMTP 3, or more bytes than messages hold; see section 8 of PROTOCOL.md\"",
+             "message=\"not ZMTP 3, or more bytes than messages hold; see section 8 of "
+             "PROTOCOL.md\"",
              ended - d->ended_told);
     log_line(line);
     d->ended_told = ended;

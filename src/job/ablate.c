@@ -52,7 +52,8 @@ static enum modal_status steady_once(const struct ablation *a, const cJSON *scen
     return MODAL_OK;
 }
 
-/* A scene that is constant without the effect has multipliers over the whole scene's period, to compare. */
+/* A scene that is constant without the effect has multipliers over the whole scene's period, to
+ * compare. */
 static enum modal_status floquet_once(const struct ablation *a, const cJSON *scene, struct floquet *f,
                                       struct modal_error *err)
 {

@@ -12,7 +12,8 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
 /* Options: tolerance (of the monodromy matrix), hill (bool, default true where periodic), hill.harmonics. */
 enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
 
-/* Into R: `period` and `multipliers`, where F has a period, and `exponents`; null where not resolved. */
+/* Into R: `period` and `multipliers`, where F has a period, and `exponents`; null where not
+ * resolved. */
 void floquet_values(cJSON *r, const struct floquet *f);
 
 /* What F says of stability, as the `stability` of a result; `stable` null: its error bar does not decide.  The caller's. */

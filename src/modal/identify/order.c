@@ -305,8 +305,11 @@ static enum modal_status look_at(struct climb *c, int r, int *at, struct modal_e
     return rc == MODAL_OK ? try_poles(c, r, c->lambda, count, NULL, false, 0, at, err) : rc;
 }
 
-/* Candidate *best without the poles that do not pay, refined, until all do. */
-static enum modal_status weed(struct climb *c, int *best, struct modal_error *err)
+/* Candidate *best without the poles that do not pay, MOST at a time (0: any number), refined, until
+ * all do.  REACH: what refining may recover of a loss; where there is any, what cannot win is not
+ * refined to its end. */
+static enum modal_status weed(struct climb *c, double reach, int most, int *best,
+                              struct modal_error *err)
 {
     for (;;) {
         const struct refined *fit = &c->choice.candidates[*best].fit;
@@ -315,10 +318,11 @@ static enum modal_status weed(struct climb *c, int *best, struct modal_error *er
         if (spent(c, 1))
             return MODAL_OK;
         memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
-        rc = trim(c, c->lambda, &count, 1, 0, 0, err);
+        rc = trim(c, c->lambda, &count, 1, reach, most, err);
         if (rc != MODAL_OK || count == fit->poles)
             return rc;
-        rc = try_poles(c, 0, c->lambda, count, NULL, true, 0, &at, err);
+        rc = try_poles(c, 0, c->lambda, count, NULL, true, reach > 0 ? bic_of(c, *best) : 0, &at,
+                       err);
         if (rc != MODAL_OK || at < 0 || !(bic_of(c, at) < bic_of(c, *best)))
             return rc;
         *best = at;
@@ -331,7 +335,7 @@ static enum modal_status ripen(struct climb *c, int *at, struct modal_error *err
     enum modal_status rc = step_candidate(c, *at, STEPS_BEFORE, err);
 
     if (rc == MODAL_OK)
-        rc = weed(c, at, err);
+        rc = weed(c, 0, 0, at, err);
     return rc == MODAL_OK ? refine_candidate(c, *at, 0, err) : rc;
 }
 
@@ -515,22 +519,7 @@ static int without(const struct climb *c, int i, int j, double complex *lambda)
  * take over, at most a few units per parameter. */
 static enum modal_status simplify(struct climb *c, int *best, struct modal_error *err)
 {
-    for (;;) {
-        const struct refined *fit = &c->choice.candidates[*best].fit;
-        int count = fit->poles, at;
-        enum modal_status rc;
-        if (spent(c, 1))
-            return MODAL_OK;
-        memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
-        rc = trim(c, c->lambda, &count, 1, fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100),
-                  1, err);
-        if (rc != MODAL_OK || count == fit->poles)
-            return rc;
-        rc = try_poles(c, 0, c->lambda, count, NULL, true, bic_of(c, *best), &at, err);
-        if (rc != MODAL_OK || at < 0 || !(bic_of(c, at) < bic_of(c, *best)))
-            return rc;
-        *best = at;
-    }
+    return weed(c, fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100), 1, best, err);
 }
 
 /* A pole that moves in the record and whose error exceeds its own size: the data do not say that it is there. -1: none. */

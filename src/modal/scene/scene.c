@@ -361,7 +361,8 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
     free(band);
     if (info == 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, has_key(l->structure, "M") ? "structure.M" : "structure",
+    return modal_fail_field(err, MODAL_BAD_INPUT,
+                            has_key(l->structure, "M") ? "structure.M" : "structure",
                             "the mass matrix is not positive definite (at dof %s)",
                             p->dofs[info > 0 ? info - 1 : 0]);
 }

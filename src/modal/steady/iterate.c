@@ -404,6 +404,21 @@ static enum modal_status verify(struct balance *b, const double complex *X, stru
     return MODAL_OK;
 }
 
+/* Whether what converged is an answer; DOUBTED: its residual is looked at, too. */
+static enum modal_status conclude(struct balance *b, bool doubted, const double complex *X,
+                                  struct iterate_report *report, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (report->converged && doubted && !report->open)
+        rc = verify(b, X, report, err);
+    if (rc == MODAL_OK && report->converged && balance_lost(b, X) > LOST) {
+        report->converged = false;
+        report->reason = AWAY_REASON;
+    }
+    return rc;
+}
+
 static void work_done(struct newton_work *w)
 {
     free(w->step);
@@ -542,12 +557,8 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             break;
         }
     }
-    if (rc == MODAL_OK && report->converged && !opt->rough && !shrinks && !report->open)
-        rc = verify(b, X, report, err);
-    if (rc == MODAL_OK && report->converged && balance_lost(b, X) > LOST) {
-        report->converged = false;
-        report->reason = AWAY_REASON;
-    }
+    if (rc == MODAL_OK)
+        rc = conclude(b, !opt->rough && !shrinks, X, report, err);
     if (rc == MODAL_OVERFLOW) {
         report->reason = "the iterates overflow";
         rc = MODAL_OK;

@@ -41,11 +41,14 @@ def pytest_runtest_teardown(item):
     assert not found, f"sanitizers in {item.name}:\n" + "\n".join(found)
 
 
+spills = tempfile.TemporaryDirectory(prefix="spills-")           # of hosts whose daemon is too slow for them; gone with the tests
+
+
 def environment(**more):
     """Ours, without what would lead a client to another daemon."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith("MODALD_") or k == "MODALD_BUILD"}
     kept.pop("XDG_RUNTIME_DIR", None)
-    return {**kept, **{k: str(v) for k, v in more.items()}}
+    return {**kept, "MODALD_SPILL": spills.name, **{k: str(v) for k, v in more.items()}}
 
 
 class Daemon:

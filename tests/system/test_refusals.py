@@ -143,12 +143,12 @@ def hang_up(listener):
 
 @CURVE
 def test_a_host_is_told_why_its_stream_goes_nowhere(lab, daemon, tmp_path):
-    """One line, and the run is its own."""
+    """One line, and the run is its own.  That a key is wanted is told at the first connection whose end does not come before its reason."""
     mine, own = (key_of(lab, tmp_path / name, pair, lab.server[0]) for name, pair in (("mine", zmq.curve_keypair()), ("own", lab.pairs["ann"])))
     cases = {"wants a key": (lab.daemon.endpoint, {}), "takes no keys": (daemon.endpoint, {"MODALD_KEYFILE": own}),
              "refused our key": (lab.daemon.endpoint, {"MODALD_KEYFILE": mine})}
     for words, (url, keys) in cases.items():
-        run = subprocess.run([str(BUILD / "fault" / "hosts"), "plain", "8000", "0.0005"], capture_output=True, timeout=PATIENCE,
+        run = subprocess.run([str(BUILD / "fault" / "hosts"), "plain", "20000", "0.0005"], capture_output=True, timeout=PATIENCE,
                              env=environment(MODALD_URL=url, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.2", **keys))
         said = [line for line in run.stderr.decode().splitlines() if words in line]
         assert run.returncode == 7 and len(said) == 1, run.stderr

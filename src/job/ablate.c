@@ -54,8 +54,8 @@ static enum modal_status steady_once(const struct ablation *a, const cJSON *scen
 
 /* A scene that is constant without the effect has multipliers over the whole scene's period, to
  * compare. */
-static enum modal_status floquet_once(const struct ablation *a, const cJSON *scene, struct floquet *f,
-                                      struct modal_error *err)
+static enum modal_status floquet_once(const struct ablation *a, const cJSON *scene,
+                                      struct floquet *f, struct modal_error *err)
 {
     struct program *p = NULL;
     enum modal_status rc = scene_lower(scene, NULL, &p, err);

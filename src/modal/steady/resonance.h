@@ -1,4 +1,4 @@
-/* resonance.h - the proof that no periodic motion exists: an undamped resonance that no law holds */
+/* resonance.h - the proof that no periodic motion exists: an undamped resonance no law holds */
 #ifndef MODAL_STEADY_RESONANCE_H
 #define MODAL_STEADY_RESONANCE_H
 #include <stdbool.h>

@@ -104,6 +104,20 @@ def test_who_waits_when_the_client_is_closed_is_told_so(daemon):
     held.close()
 
 
+def test_a_client_closes_though_its_thread_is_gone_before_it_is_rung_for(daemon):
+    c = daemon.client()
+    ring = c._link._ring
+
+    def late():
+        ring()
+        c._link._thread.join()
+        ring()
+    c._link._ring = late
+    c.close()
+    with pytest.raises(modald.Error, match="closed"):
+        c.whoami()
+
+
 def test_a_client_that_nobody_holds_takes_its_thread_with_it(daemon):
     before = numbers_of_threads()
     for _ in range(20):

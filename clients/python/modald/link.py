@@ -114,7 +114,7 @@ class Link:
         self._ended: Error | None = None
         self._ids = itertools.count(1)
         self._pid = os.getpid()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()                  # the collector may close a client while the thread is inside
         self._asking: dict[int, Talk] = {}              # by the number of what is not answered yet
         self._listeners: list[Talk] = []
         self._outgoing: collections.deque[tuple[int, Frames]] = collections.deque()
@@ -220,10 +220,13 @@ class Link:
         return Error(code, text)
 
     def _ring(self) -> None:
-        try:
-            self._rope.send(b"!")
-        except BlockingIOError:                         # it has been rung often enough
-            pass
+        with self._lock:                                # the thread may be gone, and the rope with it
+            if self._rope.fileno() < 0:
+                return
+            try:
+                self._rope.send(b"!")
+            except BlockingIOError:                     # it has been rung often enough
+                pass
 
     # -- the thread's ---------------------------------------------------------------------------------------------
 
@@ -351,7 +354,7 @@ class Link:
         self._context.destroy(linger=0)
         with self._lock:
             talks = {*self._asking.values(), *self._listeners}
+            self._rope.close()
+            self._bell.close()
         for talk in talks:
             talk.inbox.put((None, 0))
-        self._bell.close()
-        self._rope.close()

@@ -9,7 +9,7 @@
  *
  *     r = min over users with a job that may start of ceil(-deficit_u / (q w_u))                                    (1)
  *
- * While they wait for each other, users' seconds over their weights so differ by at most a few jobs' (tests/unit/test_share.c).
+ * While they wait for each other, users' seconds over their weights so differ by at most a few jobs' (tests/unit/broker/test_share.c).
  * Who has no job that may start keeps no credit, and his debt shrinks as the rounds pass; where nobody has one, all debts
  * are forgiven: what a user took while nobody waited for it, he owes nobody.  Inside a user's share, jobs are ordered by
  * submission less priority: one step of priority is worth a minute of waiting, so that nothing starves.

@@ -1,4 +1,4 @@
-/* limits.h - every size and count of proto/PROTOCOL.md, section 8; each is tested by tests/unit/test_wire.c */
+/* limits.h - every size and count of proto/PROTOCOL.md, section 8; each is tested by tests/unit/wire/test_wire.c */
 #ifndef WIRE_LIMITS_H
 #define WIRE_LIMITS_H
 

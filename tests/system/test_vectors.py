@@ -1,4 +1,4 @@
-"""The vectors and schemas of proto/, replayed from Python against a live daemon (tests/unit/test_wire.c does it from C)."""
+"""The vectors and schemas of proto/, replayed from Python against a live daemon (tests/unit/wire/test_wire.c does it from C)."""
 import json
 import pathlib
 

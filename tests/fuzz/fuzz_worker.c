@@ -20,8 +20,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "broker/core.h"
-#include "broker/state.h"
+#include "broker/core/core.h"
+#include "broker/core/state.h"
 #include "modal/crc32c.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

@@ -146,7 +146,7 @@ def test_the_daemons_options_stand_in_its_man_page():
 
 def test_the_configuration_s_keys_stand_in_the_man_page_and_in_the_example_with_one_default():
     """Those of config.c, no more and no fewer."""
-    keys = re.findall(r'^    \{ "([a-z_]+)", [A-Z]+,', (TOP / "src/broker/config.c").read_text(), re.M)
+    keys = re.findall(r'^    \{ "([a-z_]+)", [A-Z]+,', (TOP / "src/broker/shell/config.c").read_text(), re.M)
     section = plain(TOP / "systemd/modald.8").split(".SH CONFIGURATION")[1].split(".SH ")[0]
     told = dict(re.findall(r'^\.BI ([a-z_]+) " = [^"]+"\n((?:(?!\.TP).*\n)*)', section, re.M))
     example = dict(re.findall(r"^#?([a-z_]+) = *(\S*)$", (TOP / "systemd/modald.conf").read_text(), re.M))

@@ -1,5 +1,5 @@
 /* Alarm rules: on documents written by hand, where every edge is known, and on live windows of synthetic signals, where the truth is. */
-#include "broker/alarms.h"
+#include "broker/core/alarms.h"
 #include "check.h"
 #include "job/live.h"
 #include "signals.h"

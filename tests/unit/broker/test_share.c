@@ -10,7 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "broker/state.h"
+#include "broker/core/state.h"
 
 enum { WORKERS = 2, USERS = 3 };
 

@@ -4,7 +4,7 @@
 #include <poll.h>
 #include <stdlib.h>
 #include <sys/stat.h>
-#include "broker/queue.h"
+#include "broker/shell/queue.h"
 #include "modal/crc32c.h"
 #include "store/samples.h"
 

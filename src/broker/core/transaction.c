@@ -1,0 +1,128 @@
+/* transaction.c - changes that are committed together, and what follows from it */
+#include "broker/core/state.h"
+#include <stdlib.h>
+#include <string.h>
+
+struct transaction *transaction_new(void)
+{
+    struct transaction *t = grab(sizeof *t);
+
+    t->after_end = &t->after;
+    return t;
+}
+
+struct ledger_change *transaction_add(struct transaction *t, enum ledger_verb verb)
+{
+    struct ledger_change *change;
+
+    if (t->count == t->room) {
+        t->room = t->room ? 2 * t->room : 3;
+        t->changes = regrab(t->changes, t->room * sizeof *t->changes);
+    }
+    change = &t->changes[t->count++];
+    memset(change, 0, sizeof *change);
+    change->verb = verb;
+    return change;
+}
+
+const char *transaction_text(struct transaction *t, const char *text)
+{
+    return arena_text(&t->arena, text);
+}
+
+void transaction_keep(struct transaction *t, struct blob *blob)
+{
+    for (size_t i = 0; i < sizeof t->keep / sizeof *t->keep; i++)
+        if (t->keep[i] == NULL) {
+            t->keep[i] = blob_share(blob);
+            return;
+        }
+    abort();                                 /* no transaction has more bodies: a bug */
+}
+
+void transaction_add_sums(struct transaction *t, int64_t input, const struct sums *sums)
+{
+    for (size_t i = 0; i < sums->count; i++) {
+        struct ledger_change *change = transaction_add(t, LEDGER_CHUNK_PUT);
+        change->input_id = input;
+        change->chunk = sums->items[i];
+    }
+}
+
+struct after *after_new(enum after_type type, const struct reply *reply)
+{
+    struct after *after = grab(sizeof *after);
+
+    after->type = type;
+    if (reply != NULL)
+        after->reply = *reply;
+    return after;
+}
+
+void after_free(struct after *after)
+{
+    while (after != NULL) {
+        struct after *next = after->next;
+        free(after->text);
+        free(after);
+        after = next;
+    }
+}
+
+void after_append(struct after **list, struct after *after)
+{
+    while (*list != NULL)
+        list = &(*list)->next;
+    *list = after;
+}
+
+struct after *transaction_after(struct transaction *t, enum after_type type)
+{
+    struct after *after = after_new(type, NULL);
+
+    transaction_join(t, after);
+    return after;
+}
+
+void transaction_join(struct transaction *t, struct after *after)
+{
+    *t->after_end = after;
+    while (*t->after_end != NULL)
+        t->after_end = &(*t->after_end)->next;
+}
+
+void core_commit(struct core *c, struct transaction *t)
+{
+    c->uncommitted++;
+    core_act(c, (struct action) { .type = ACT_COMMIT, .transaction = t });
+}
+
+void transaction_free(struct transaction *t)
+{
+    if (t == NULL)
+        return;
+    for (size_t i = 0; i < sizeof t->keep / sizeof *t->keep; i++)
+        blob_drop(t->keep[i]);
+    after_free(t->after);
+    arena_free(t->arena);
+    free(t->changes);
+    free(t);
+}
+
+void task_free(struct task *task)
+{
+    if (task == NULL)
+        return;
+    for (int i = 0; i < task->count; i++)
+        blob_drop(task->chunks[i]);
+    for (int i = 0; i < task->event_count; i++) {
+        free(task->events[i].user);
+        free(task->events[i].topic);
+        free(task->events[i].text);
+    }
+    free(task->events);
+    free(task->sums.items);
+    blob_drop(task->text);
+    after_free(task->after);
+    free(task);
+}

@@ -1,0 +1,131 @@
+/* memory.c - allocation that ends the process when there is no more: a restart loses nothing, a guess might */
+#include "broker/core/state.h"
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void *checked(void *p)
+{
+    if (p == NULL) {
+        fputs("level=crit event=no_memory\n", stderr);
+        fflush(stderr);
+        abort();
+    }
+    return p;
+}
+
+/* calloc passes the thread's own cache by, which is where small blocks come from. */
+void *grab(size_t size)
+{
+    enum { SMALL = 1024 };
+
+    if (size > SMALL)
+        return checked(calloc(1, size));
+    return memset(checked(malloc(size > 0 ? size : 1)), 0, size);
+}
+
+void *regrab(void *old, size_t size)
+{
+    return checked(realloc(old, size));
+}
+
+char *grab_text(const char *text)
+{
+    return text == NULL ? NULL : checked(strdup(text));
+}
+
+char *grab_format(const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&text, format, args) < 0)
+        text = NULL;
+    va_end(args);
+    return checked(text);
+}
+
+/*
+ * Blocks of what lives long and goes about in the order it came: a block is freed with the last of it.  Among the short-lived each
+ * would hold a page.  `live` counts what is out, and one for the open block; before each lies the address of its block.
+ */
+struct region { size_t live, used; };
+
+enum { REGION_BYTES = 16384 - 32, REGION_FIRST = 32 };
+
+void region_close(struct region **open)
+{
+    if (*open != NULL && --(*open)->live == 0)
+        free(*open);
+    *open = NULL;
+}
+
+void *region_grab(struct region **open, size_t size)
+{
+    struct region *block = *open;
+    size_t at = block == NULL ? 0 : (block->used + sizeof block + 15) / 16 * 16;
+    char *out;
+
+    if (block == NULL || at + size > REGION_BYTES) {
+        region_close(open);
+        block = *open = checked(malloc(REGION_FIRST + size > REGION_BYTES ? REGION_FIRST + size : REGION_BYTES));
+        block->live = 1;
+        at = REGION_FIRST;
+    }
+    block->live++;
+    block->used = at + size;
+    out = (char *)block + at;
+    memcpy(out - sizeof block, &block, sizeof block);
+    return memset(out, 0, size);
+}
+
+char *region_text(struct region **open, const char *text)
+{
+    return text == NULL ? NULL : strcpy(region_grab(open, strlen(text) + 1), text);
+}
+
+void region_drop(void *out)
+{
+    struct region *block;
+
+    if (out == NULL)
+        return;
+    memcpy(&block, (char *)out - sizeof block, sizeof block);
+    if (--block->live == 0)
+        free(block);
+}
+
+/* Texts of one life, freed together: blocks of nearly 1 kB, larger texts in a block of their own. */
+struct arena { struct arena *next; size_t used, room; char bytes[]; };
+
+const char *arena_text(struct arena **arena, const char *text)
+{
+    size_t size;
+    struct arena *block = *arena;
+    char *out;
+
+    if (text == NULL)
+        return NULL;
+    size = strlen(text) + 1;
+    if (block == NULL || block->room - block->used < size) {
+        size_t room = size > 960 ? size : 960;
+        block = checked(malloc(sizeof *block + room));
+        *block = (struct arena) { .next = *arena, .room = room };
+        *arena = block;
+    }
+    out = block->bytes + block->used;
+    memcpy(out, text, size);
+    block->used += size;
+    return out;
+}
+
+void arena_free(struct arena *arena)
+{
+    while (arena != NULL) {
+        struct arena *next = arena->next;
+        free(arena);
+        arena = next;
+    }
+}

@@ -1,0 +1,198 @@
+/*
+ * accept.c - see accept.h: what libzmq cannot limit, and what it ends the process for
+ *
+ * A connection that no descriptor is left for is one that was broken off: libzmq's listener of ipc takes EMFILE of accept4
+ * for a fault of its own and aborts; its listener of tcp, and both for ECONNABORTED, try again at once, for as long as the
+ * connection waits (libzmq 4.3.4, ipc_listener.cpp and tcp_listener.cpp): hence the nap, which those who are connected hardly
+ * notice and a core does.  A function of the program comes before the C library's of the same name, for the libraries too:
+ * accept4 and close, both called by libzmq for each connection.
+ *
+ * The loop takes a message from each connection in turn, also from those that have hung up: who
+ * sends much, goes, and comes again would soon leave thousands of them behind, and everybody else
+ * would wait for their turns.  While LEFT_MOST are to be worked off no other is accepted.
+ *
+ * libzmq says of a message by which descriptor it came, and to nobody that a connection has ended:
+ * close does.  A number that was given out again meanwhile would name another connection,
+ * so that it is kept until the loop has taken what is left.
+ */
+#include "broker/shell/accept.h"
+#include "broker/shell/intake.h"
+#include <errno.h>
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <sys/un.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { OWN = 128 };                             /* descriptors kept for ourselves */
+enum { LEFT_MOST = 64 };    /* turns of the loop, of a microsecond each: a question takes as long */
+enum { NONE = -1 };
+
+/* What a descriptor is.  ENDED: its connection is shut down,
+ * and its number held until the loop is done with it. */
+enum { OTHER, CLIENT, WORKER, ENDED_CLIENT, ENDED_WORKER };
+
+static _Atomic unsigned char kinds[CONNECTIONS_TRACKED];
+static atomic_bool hung_up[CONNECTIONS_TRACKED];
+static atomic_int next_ended[CONNECTIONS_TRACKED];
+static atomic_int last_ended = NONE;       /* a list through next_ended, to which any thread adds */
+static int taken_up = NONE;                  /* the loop's part of it */
+static atomic_int open_now, left_behind, most_open, wake_fd = NONE;
+static atomic_long refused;
+
+int accept_default(void)
+{
+    struct rlimit limit = { 0, 0 };
+    long most;
+
+    getrlimit(RLIMIT_NOFILE, &limit);
+    most = limit.rlim_cur > CONNECTIONS_TRACKED ? CONNECTIONS_TRACKED : (long)limit.rlim_cur;
+    return (int)(most > 2 * OWN ? most - OWN : most > 1 ? most / 2 : 1);
+}
+
+void accept_most(int most)
+{
+    int room = accept_default();
+
+    atomic_store(&most_open, most > 0 && most < room ? most : room);
+}
+
+void accept_wake(int wake)
+{
+    atomic_store(&wake_fd, wake);
+}
+
+int accept_open(void)
+{
+    return atomic_load(&open_now);
+}
+
+long accept_refused(void)
+{
+    return atomic_load(&refused);
+}
+
+/* Whether LISTENER is the workers' private one, by its name. */
+static bool for_workers(int listener)
+{
+    static const char name[] = "/workers.ipc";
+    struct sockaddr_un at;
+    socklen_t size = sizeof at;
+    size_t length;
+
+    memset(&at, 0, sizeof at);
+    if (getsockname(listener, (struct sockaddr *)&at, &size) != 0 || at.sun_family != AF_UNIX)
+        return false;
+    length = strnlen(at.sun_path, sizeof at.sun_path);
+    return length >= sizeof name - 1 && memcmp(at.sun_path + length - (sizeof name - 1), name, sizeof name - 1) == 0;
+}
+
+static int broken_off(void)
+{
+    nanosleep(&(struct timespec) { .tv_nsec = 50000 }, NULL);
+    errno = ECONNABORTED;
+    return -1;
+}
+
+/* FD is closed and the connection refused. */
+static int refuse(int fd)
+{
+    syscall(SYS_close, fd);
+    atomic_fetch_add(&refused, 1);
+    return broken_off();
+}
+
+int accept4(int fd, struct sockaddr *restrict address, socklen_t *restrict length, int flags)
+{
+    int most = atomic_load(&most_open), out;
+    bool worker;
+
+    if (atomic_load(&left_behind) >= LEFT_MOST && !for_workers(fd))
+        return broken_off();                     /* it stays in the listener's queue */
+    out = (int)syscall(SYS_accept4, fd, address, length, flags);
+    if (out < 0)
+        return errno == EMFILE ? broken_off() : out;
+    if (most == 0)
+        return out;
+    worker = for_workers(fd);
+    if (out >= CONNECTIONS_TRACKED || (!worker && atomic_load(&open_now) >= most))
+        return refuse(out);
+    intake_begin(out);
+    atomic_store(&hung_up[out], false);
+    atomic_store(&kinds[out], worker ? WORKER : CLIENT);
+    if (!worker)
+        atomic_fetch_add(&open_now, 1);
+    return out;
+}
+
+void accept_hung_up(int fd)
+{
+    if (!atomic_exchange_explicit(&hung_up[fd], true, memory_order_relaxed))
+        atomic_fetch_add(&left_behind, 1);
+}
+
+bool accept_gone(int fd)
+{
+    unsigned char kind = fd >= 0 && fd < CONNECTIONS_TRACKED
+                             ? atomic_load_explicit(&kinds[fd], memory_order_relaxed) : OTHER;
+
+    return kind == ENDED_CLIENT || kind == ENDED_WORKER
+        || (kind != OTHER && atomic_load_explicit(&hung_up[fd], memory_order_relaxed));
+}
+
+/* To the list of the ended; the loop is woken for the first alone. */
+static void note_ended(int fd)
+{
+    uint64_t one = 1;
+    int last = atomic_load(&last_ended), wake = atomic_load(&wake_fd);
+
+    do
+        atomic_store(&next_ended[fd], last);
+    while (!atomic_compare_exchange_weak(&last_ended, &last, fd));
+    if (last == NONE && wake >= 0 && write(wake, &one, sizeof one) < 0)
+        return;                                  /* it is readable already */
+}
+
+int close(int fd)
+{
+    unsigned char kind = fd >= 0 && fd < CONNECTIONS_TRACKED ? atomic_load(&kinds[fd]) : OTHER;
+
+    if (kind != CLIENT && kind != WORKER)
+        return (int)syscall(SYS_close, fd);
+    shutdown(fd, SHUT_RDWR);
+    if (atomic_load(&hung_up[fd]))
+        atomic_fetch_sub(&left_behind, 1);
+    atomic_store(&kinds[fd], kind == CLIENT ? ENDED_CLIENT : ENDED_WORKER);
+    note_ended(fd);
+    return 0;
+}
+
+bool accept_ended(void)
+{
+    if (taken_up == NONE)
+        taken_up = atomic_exchange(&last_ended, NONE);
+    return taken_up != NONE;
+}
+
+int accept_next(void)
+{
+    int fd = taken_up;
+
+    if (fd != NONE)
+        taken_up = atomic_load(&next_ended[fd]);
+    return fd;
+}
+
+void accept_free(int fd)
+{
+    unsigned char kind = atomic_exchange(&kinds[fd], OTHER);
+
+    syscall(SYS_close, fd);
+    if (kind == ENDED_CLIENT)
+        atomic_fetch_sub(&open_now, 1);
+}

@@ -1,0 +1,235 @@
+/*
+ * peers.c - see peers.h
+ *
+ * With ZMQ_ROUTER_MANDATORY the first frame says what will become of a message: EAGAIN (the peer's pipe is full), or
+ * EHOSTUNREACH (the peer is gone); the frames after it are taken.  libzmq does not say when a pipe has room again, so
+ * the loop tries while there are queues, and only then.
+ */
+#include "broker/shell/peers.h"
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zmq.h>
+
+struct routing { const void *data; size_t size; };
+
+static bool has_routing(const void *value, const void *key)
+{
+    const struct peer *peer = value;
+    const struct routing *r = key;
+
+    return peer->routing_size == r->size && memcmp(peer->routing, r->data, r->size) == 0;
+}
+
+static bool has_number(const void *value, const void *key)
+{
+    return ((const struct peer *)value)->number == *(const uint64_t *)key;
+}
+
+static bool has_fd(const void *value, const void *key)
+{
+    return ((const struct peer *)value)->fd == *(const int *)key;
+}
+
+struct peer *peers_by_number(const struct peers *peers, uint64_t number)
+{
+    return map_find(&peers->by_number, map_hash_number(number), has_number, &number);
+}
+
+struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size, int fd)
+{
+    struct routing key = { data, size };
+    uint64_t hash = map_hash(data, size);
+    struct peer *peer = size > ROUTING_MOST ? NULL : map_find(&peers->by_routing, hash, has_routing, &key);
+
+    if (peer != NULL || size > ROUTING_MOST)
+        return peer;
+    peer = calloc(1, sizeof *peer);
+    if (peer == NULL)
+        return NULL;
+    peer->number = ++peers->next;
+    peer->fd = fd;
+    memcpy(peer->routing, data, size);
+    peer->routing_size = (unsigned char)size;
+    peer->end = &peer->first;
+    if (!map_put(&peers->by_routing, hash, peer)
+        || !map_put(&peers->by_number, map_hash_number(peer->number), peer)
+        || !map_put(&peers->by_fd, map_hash_number((uint64_t)fd), peer))
+        abort();
+    return peer;
+}
+
+static void free_outgoing(struct outgoing *o)
+{
+    free(o->header);
+    blob_drop(o->body);
+    free(o);
+}
+
+static void unblock(struct peers *peers, struct peer *peer)
+{
+    struct peer **link = &peers->blocked;
+
+    while (*link != NULL && *link != peer)
+        link = &(*link)->next_blocked;
+    if (*link == peer)
+        *link = peer->next_blocked;
+    peer->blocked = false;
+}
+
+static void forget(struct peers *peers, struct peer *peer)
+{
+    while (peer->first != NULL) {
+        struct outgoing *next = peer->first->next;
+        free_outgoing(peer->first);
+        peer->first = next;
+    }
+    if (peer->blocked)
+        unblock(peers, peer);
+    map_remove(&peers->by_routing, map_hash(peer->routing, peer->routing_size), peer);
+    map_remove(&peers->by_number, map_hash_number(peer->number), peer);
+    map_remove(&peers->by_fd, map_hash_number((uint64_t)peer->fd), peer);
+    free(peer);
+}
+
+static void release_header(void *data, void *hint)
+{
+    (void)hint;
+    free(data);
+}
+
+static void release_body(void *data, void *hint)
+{
+    (void)data;
+    blob_drop(hint);
+}
+
+/* 0: sent, header and body taken; else the error, nothing taken. */
+static int try_send(struct peers *peers, const struct peer *peer, struct outgoing *o)
+{
+    zmq_msg_t message;
+    int more = o->body != NULL ? ZMQ_SNDMORE : 0;
+
+    if (zmq_send(peers->socket, peer->routing, peer->routing_size, ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
+        return errno;
+    zmq_send(peers->socket, peers->version, strlen(peers->version), ZMQ_SNDMORE | ZMQ_DONTWAIT);
+    zmq_send(peers->socket, o->verb, strlen(o->verb), ZMQ_SNDMORE | ZMQ_DONTWAIT);
+    zmq_msg_init_data(&message, o->header, strlen(o->header), release_header, NULL);
+    o->header = NULL;
+    if (zmq_msg_send(&message, peers->socket, more | ZMQ_DONTWAIT) < 0)
+        zmq_msg_close(&message);
+    if (o->body == NULL)
+        return 0;
+    zmq_msg_init_data(&message, (void *)o->body->data, o->body->size, release_body, o->body);
+    o->body = NULL;
+    if (zmq_msg_send(&message, peers->socket, ZMQ_DONTWAIT) < 0)
+        zmq_msg_close(&message);
+    return 0;
+}
+
+static void enqueue(struct peers *peers, struct peer *peer, struct outgoing *o)
+{
+    if (peer->messages >= PEER_MESSAGES_MOST || peer->bytes + o->size > PEER_BYTES_MOST) {
+        peers->dropped++;                          /* it asks again when it reads again */
+        free_outgoing(o);
+        return;
+    }
+    *peer->end = o;
+    peer->end = &o->next;
+    peer->messages++;
+    peer->bytes += o->size;
+    if (!peer->blocked) {
+        peer->blocked = true;
+        peer->next_blocked = peers->blocked;
+        peers->blocked = peer;
+    }
+}
+
+enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header, struct blob *body)
+{
+    struct outgoing *o = calloc(1, sizeof *o);
+    int error;
+
+    if (o == NULL)
+        abort();
+    *o = (struct outgoing) { .verb = verb, .header = header, .body = body, .size = strlen(header) + (body == NULL ? 0 : body->size) };
+    error = peer->first != NULL ? EAGAIN : try_send(peers, peer, o);
+    if (error == EAGAIN) {
+        enqueue(peers, peer, o);
+        if (peer->full || peer->messages < 16)
+            return PEER_SAME;
+        peer->full = true;
+        return PEER_FULL;
+    }
+    free_outgoing(o);
+    if (error == 0)
+        return PEER_SAME;
+    forget(peers, peer);
+    return PEER_GONE;
+}
+
+/* What is queued for PEER, as far as it goes. */
+static int drain(struct peers *peers, struct peer *peer)
+{
+    int error = 0;
+
+    while (peer->first != NULL && (error = try_send(peers, peer, peer->first)) == 0) {
+        struct outgoing *o = peer->first;
+        peer->first = o->next;
+        if (peer->first == NULL)
+            peer->end = &peer->first;
+        peer->messages--;
+        peer->bytes -= o->size;
+        free_outgoing(o);
+    }
+    return error;
+}
+
+bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum peer_change), void *context)
+{
+    bool moved = false;
+
+    for (struct peer *peer = peers->blocked, *next; peer != NULL; peer = next) {
+        const struct outgoing *before = peer->first;
+        int error = drain(peers, peer);
+
+        moved |= peer->first != before;
+
+        next = peer->next_blocked;
+        if (error != 0 && error != EAGAIN) {
+            uint64_t number = peer->number;
+            forget(peers, peer);
+            changed(context, number, PEER_GONE);
+            continue;
+        }
+        if (peer->first == NULL)
+            unblock(peers, peer);
+        if (peer->full && peer->messages < 4) {
+            peer->full = false;
+            changed(context, peer->number, PEER_READY);
+        }
+    }
+    return moved;
+}
+
+uint64_t peers_ended(struct peers *peers, int fd)
+{
+    struct peer *peer = map_find(&peers->by_fd, map_hash_number((uint64_t)fd), has_fd, &fd);
+    uint64_t number = peer == NULL ? 0 : peer->number;
+
+    if (peer != NULL)
+        forget(peers, peer);
+    return number;
+}
+
+void peers_done(struct peers *peers)
+{
+    size_t at = 0;
+    struct peer *peer;
+
+    while ((peer = map_next(&peers->by_number, &at)) != NULL)
+        forget(peers, peer);
+    map_done(&peers->by_number);
+    map_done(&peers->by_routing);
+    map_done(&peers->by_fd);
+}

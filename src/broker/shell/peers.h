@@ -1,0 +1,52 @@
+/* peers.h - who is at the other end of a ROUTER: a number for each connection,
+ * and a bounded queue to it
+ *
+ * A connection's routing id is libzmq's own, of five bytes, and comes once (intake.c): what is
+ * meant for one reaches no other.
+ */
+#ifndef BROKER_PEERS_H
+#define BROKER_PEERS_H
+#include <stdbool.h>
+#include <stdint.h>
+#include "broker/kit/blob.h"
+#include "broker/kit/map.h"
+
+enum { PEER_MESSAGES_MOST = 1024, PEER_BYTES_MOST = 8 << 20, ROUTING_MOST = 5 };
+
+struct outgoing { struct outgoing *next; const char *verb; char *header; struct blob *body; size_t size; };
+
+struct peer {
+    uint64_t number;
+    unsigned char routing[ROUTING_MOST];
+    unsigned char routing_size;
+    struct outgoing *first, **end;
+    int messages;
+    size_t bytes;
+    int fd;                        /* its connection's, until accept_free */
+    bool full;                     /* its queue is over half: events wait */
+    struct peer *next_blocked;     /* of those that have a queue */
+    bool blocked;
+};
+
+enum peer_change { PEER_SAME, PEER_FULL, PEER_READY, PEER_GONE };
+
+struct peers {
+    void *socket;                  /* ROUTER with ZMQ_ROUTER_MANDATORY */
+    const char *version;           /* frame 0 */
+    struct map by_routing, by_number, by_fd;
+    uint64_t next;
+    struct peer *blocked;
+    int64_t dropped;
+};
+
+struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t size,
+                              int fd);   /* made where new */
+struct peer *peers_by_number(const struct peers *peers, uint64_t number);
+/* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and it is freed. */
+enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header, struct blob *body);
+/* Try again what is queued; CHANGED is called for each peer whose state changes.  Whether anything went out. */
+bool peers_flush(struct peers *peers, void (*changed)(void *context, uint64_t number, enum peer_change), void *context);
+/* The connection of FD has ended: its peer is forgotten.  Its number; 0: it had none. */
+uint64_t peers_ended(struct peers *peers, int fd);
+void peers_done(struct peers *peers);
+#endif

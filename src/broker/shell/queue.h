@@ -1,0 +1,41 @@
+/* queue.h - hand-over between the loop and its threads: a locked list, and a descriptor that wakes the loop */
+#ifndef BROKER_QUEUE_H
+#define BROKER_QUEUE_H
+#include <pthread.h>
+#include <stdbool.h>
+#include "broker/core/core.h"
+
+/* What threads give back to the loop. */
+struct done_queue {
+    pthread_mutex_t mutex;
+    struct transaction *transactions, **transactions_end;
+    struct task *tasks, **tasks_end;
+    bool pinged;                 /* the ledger thread answered a ping */
+    bool fatal;                  /* stable storage failed: nothing may be acknowledged any more */
+    struct modal_error error;    /* why */
+    int wake;                    /* eventfd; readable while there is something */
+};
+
+bool done_open(struct done_queue *queue);
+void done_close(struct done_queue *queue);
+void done_transactions(struct done_queue *queue, struct transaction *first);
+void done_task(struct done_queue *queue, struct task *task);
+void done_ping(struct done_queue *queue);
+void done_fatal(struct done_queue *queue, const struct modal_error *err);
+/* Everything, in order; the lists are the caller's. */
+void done_take(struct done_queue *queue, struct transaction **transactions, struct task **tasks, bool *pinged, bool *fatal);
+
+/* The ledger's thread: transactions in order, those that wait together committed together. */
+struct ledger_thread;
+struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir, struct done_queue *done);
+void ledger_thread_put(struct ledger_thread *thread, struct transaction *transaction);
+void ledger_thread_ping(struct ledger_thread *thread);
+/* Finish what it has, end, and free; the ledger stays open. */
+void ledger_thread_stop(struct ledger_thread *thread);
+
+/* The spool's threads: tasks in any order. */
+struct spool_threads;
+struct spool_threads *spool_threads_start(const char *dir, int count, struct done_queue *done);
+void spool_threads_put(struct spool_threads *threads, struct task *task);
+void spool_threads_stop(struct spool_threads *threads);
+#endif

@@ -1,0 +1,271 @@
+/*
+ * events.c - numbered edges to subscribers, from memory where they are recent and from the ledger where they are not
+ *
+ * A subscriber has the number of the next event it has not seen.  The last RING committed events are in memory; further
+ * back the ledger is read, a page at a time.  A peer that takes no more messages is passed over until it does.
+ */
+#include "broker/core/state.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { PAGE = 256 };
+
+static bool is_full(const struct core *c, uint64_t peer)
+{
+    for (size_t i = 0; i < c->full_count; i++)
+        if (c->full[i] == peer)
+            return true;
+    return false;
+}
+
+static void send_event(struct core *c, const struct subscription *s, const struct event_row *row)
+{
+    cJSON *header = cJSON_CreateObject();
+    char number[24], *text;
+
+    snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
+    cJSON_AddStringToObject(header, "subscription", number);
+    if (row->number > 0)
+        cJSON_AddNumberToObject(header, "number", (double)row->number);
+    cJSON_AddNumberToObject(header, "time", (double)(row->ns / 1000000) / 1000);
+    text = json_print(header);
+    cJSON_Delete(header);
+    if (text == NULL || strlen(row->text) < 3)
+        abort();
+    text[strlen(text) - 1] = ',';                  /* the event's own members follow */
+    core_act(c, (struct action) { .type = ACT_SEND, .peer = s->peer, .verb = "EVENT", .header = grab_format("%s%s", text, row->text + 1) });
+    free(text);
+}
+
+/* Each text begins with what it is. */
+static bool is_of_kinds(const char *text, unsigned kinds)
+{
+    static const char start[] = "{\"event\":\"";
+    const char *event = text + sizeof start - 1;
+
+    for (int n = 0; kinds != 0 && wire_events[n] != NULL; n++) {
+        size_t length = strlen(wire_events[n]);
+        if ((kinds & 1u << n) && strncmp(event, wire_events[n], length) == 0
+            && event[length] == '"')
+            return true;
+    }
+    return kinds == 0;
+}
+
+static bool wants(const struct subscription *s, const struct event_row *row)
+{
+    return is_of_kinds(row->text, s->kinds)
+        && (row->user == NULL || strcmp(row->user, s->user->name) == 0)
+        && (s->job == 0 || s->job == row->job)
+        && (s->stream == NULL || (row->topic != NULL && strcmp(row->topic, s->stream) == 0));
+}
+
+static void read_page(struct core *c, struct subscription *s)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = TASK_READ_EVENTS;
+    task->offset = (uint64_t)(s->next_event - 1);
+    task->length = PAGE;
+    task->after = after_new(AFTER_EVENT, NULL);
+    task->after->value = (int64_t)s->number;
+    snprintf(task->user, sizeof task->user, "%s", s->user->name);
+    s->reading = true;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* The oldest event that is in memory, by number. */
+static int64_t ring_first(const struct core *c, int64_t last)
+{
+    int64_t first = last + 1;
+
+    while (first > 1 && first > last + 1 - RING && c->ring[(first - 1) % RING].number == first - 1)
+        first--;
+    return first;
+}
+
+static int64_t ring_last(const struct core *c)
+{
+    return c->last_event;                        /* committed */
+}
+
+static void pump(struct core *c, struct subscription *s)
+{
+    int64_t last = ring_last(c);
+
+    if (s->reading || s->gone || s->next_event > last || is_full(c, s->peer))
+        return;
+    if (s->next_event < ring_first(c, last)) {
+        read_page(c, s);
+        return;
+    }
+    for (int budget = 0; s->next_event <= last && budget < PAGE; budget++) {
+        const struct event_row *row = &c->ring[s->next_event++ % RING];
+        if (wants(s, row))
+            send_event(c, s, row);
+    }
+}
+
+void events_pump(struct core *c)
+{
+    struct subscription **link = &c->subscriptions;
+
+    while (*link != NULL) {
+        struct subscription *s = *link;
+        if (s->gone && !s->reading) {
+            *link = s->next;
+            s->user->subscriptions--;
+            free(s->stream);
+            free(s);
+            continue;
+        }
+        pump(c, s);
+        link = &s->next;
+    }
+}
+
+void events_committed(struct core *c, struct after *after)
+{
+    struct event_row *row = &c->ring[after->value % RING];
+
+    free(row->user);
+    free(row->topic);
+    free(row->text);
+    *row = (struct event_row) { .number = after->value, .ns = after->ns, .text = after->text };
+    after->text = NULL;
+    if (after->job != NULL) {
+        row->job = after->job->id;
+        row->user = grab_text(after->job->user->name);
+    }
+    if (after->stream != NULL) {
+        row->user = grab_text(after->stream->user->name);
+        row->topic = grab_text(after->stream->name);
+    }
+    c->last_event = after->value;
+}
+
+void events_progress(struct core *c, struct job *job)
+{
+    char ident[9];
+    struct event_row row = { .ns = c->now.utc_ns, .job = job->id, .user = job->user->name };
+
+    if (c->subscriptions == NULL)
+        return;
+    job_ident(c, job, ident);
+    row.text = grab_format("{\"event\":\"progress\",\"job\":\"%s\",\"progress\":%s}", ident, job->progress);
+    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+        if (!s->gone && !is_full(c, s->peer) && wants(s, &row))
+            send_event(c, s, &row);
+    free(row.text);
+}
+
+void events_task_done(struct core *c, struct task *task)
+{
+    struct subscription *s = c->subscriptions;
+
+    while (s != NULL && s->number != (uint64_t)task->after->value)
+        s = s->next;
+    if (s == NULL)
+        return;
+    s->reading = false;
+    if (s->gone || task->status != MODAL_OK)
+        return;
+    if (task->event_count > 0 && (int64_t)task->offset + 1 < task->events[0].number && (int64_t)task->total > (int64_t)task->offset + 1) {
+        struct event_row lost = { .ns = c->now.utc_ns, .text = (char *)"{\"event\":\"lost\"}", .number = (int64_t)task->total };
+        send_event(c, s, &lost);                   /* the first that is kept */
+    }
+    for (int i = 0; i < task->event_count; i++)
+        if (wants(s, &task->events[i]))
+            send_event(c, s, &task->events[i]);
+    if (task->event_count == PAGE)
+        s->next_event = task->events[PAGE - 1].number + 1;
+    else {                                         /* the rest, up to what is in memory, is others' */
+        int64_t first = ring_first(c, ring_last(c));
+        int64_t seen = task->event_count > 0 ? task->events[task->event_count - 1].number + 1 : s->next_event;
+        s->next_event = seen > first ? seen : first;
+    }
+}
+
+void events_revoke(struct core *c)
+{
+    struct modal_error err;
+
+    modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
+    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+        if (!s->gone && !user_admits(c, s->user, s->key)) {
+            answer_error(c, &s->reply, &err, NULL);
+            s->gone = true;
+        }
+}
+
+static void unsubscribe(struct core *c, const struct reply *reply, const char *number, struct user *user)
+{
+    uint64_t wanted = strtoull(number, NULL, 10);
+    cJSON *header;
+
+    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+        if (s->number == wanted && s->user == user && !s->gone) {
+            s->gone = true;
+            header = answer_new(reply);
+            cJSON_AddStringToObject(header, "subscription", number);
+            answer_send(c, reply, header, NULL);
+            return;
+        }
+    answer_fail(c, reply, MODAL_NOT_FOUND, "subscription", NULL, "no such subscription of yours");
+}
+
+void events_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    struct subscription *s;
+    struct job *job = NULL;
+    cJSON *header;
+    char number[24];
+
+    if (r->events.op == WIRE_UNSUBSCRIBE) {
+        unsubscribe(c, &reply, r->events.subscription, user);
+        return;
+    }
+    if (user->subscriptions >= WIRE_SUBSCRIPTIONS_MOST) {
+        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "%d subscriptions are open, at most %d", user->subscriptions, WIRE_SUBSCRIPTIONS_MOST);
+        return;
+    }
+    if (r->job.id != NULL || r->job.key != NULL) {
+        job = job_find(c, user, &r->job);
+        if (job == NULL || !job->committed) {
+            answer_fail(c, &reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
+            return;
+        }
+    }
+    s = grab(sizeof *s);
+    *s = (struct subscription) { .next = c->subscriptions, .number = ++c->next_subscription, .peer = e->peer, .user = user, .reply = reply,
+        .job = job == NULL ? 0 : job->id, .stream = grab_text(r->events.stream),
+        .kinds = r->events.kinds };
+    snprintf(s->key, sizeof s->key, "%s", e->key);
+    s->next_event = r->events.replay ? (int64_t)(r->events.from > 0 ? r->events.from : 1) : ring_last(c) + 1;
+    user->subscriptions++;
+    c->subscriptions = s;
+    header = answer_new(&reply);
+    snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
+    cJSON_AddStringToObject(header, "subscription", number);
+    cJSON_AddNumberToObject(header, "next", (double)s->next_event);
+    answer_send(c, &reply, header, NULL);
+}
+
+void events_peer(struct core *c, uint64_t peer, enum event_type type)
+{
+    for (size_t i = 0; i < c->full_count; i++)
+        if (c->full[i] == peer)
+            c->full[i--] = c->full[--c->full_count];
+    if (type == EVENT_PEER_FULL) {
+        if (c->full_count == c->full_room) {
+            c->full_room = c->full_room ? 2 * c->full_room : 8;
+            c->full = regrab(c->full, c->full_room * sizeof *c->full);
+        }
+        c->full[c->full_count++] = peer;
+    }
+    for (struct subscription *s = c->subscriptions; type == EVENT_PEER_GONE && s != NULL; s = s->next)
+        s->gone |= s->peer == peer;
+}

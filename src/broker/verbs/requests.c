@@ -1,0 +1,597 @@
+/* requests.c - what each verb does; one row a verb, in the order of PROTOCOL.md */
+#include "broker/core/state.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef void handler(struct core *, const struct event *, const struct wire_request *, struct user *);
+
+static struct job *need_job(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = job_find(c, user, &r->job);
+    struct reply reply = reply_to(e, r);
+
+    if (job != NULL && job->committed)
+        return job;
+    if (r->job.key == NULL || !answer_expired(c, &reply, user_tombstone(user, r->job.key)))
+        answer_fail(c, &reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
+    return NULL;
+}
+
+static void on_hello(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    cJSON *header, *limits, *detail;
+
+    if (!r->hello.speaks_ours) {
+        detail = cJSON_CreateObject();
+        cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"), cJSON_CreateString(WIRE_VERSION));
+        answer_fail(c, &reply, MODAL_BAD_VERSION, "versions", detail, "none of these versions is spoken here");
+        return;
+    }
+    header = answer_new(&reply);
+    cJSON_AddStringToObject(header, "version", WIRE_VERSION);
+    cJSON_AddItemToArray(cJSON_AddArrayToObject(header, "versions"), cJSON_CreateString(WIRE_VERSION));
+    cJSON_AddStringToObject(header, "server", "modald " MODALD_VERSION);
+    cJSON_AddStringToObject(header, "store", c->settings.store_id);
+    cJSON_AddStringToObject(header, "start", c->settings.start_id);
+    cJSON_AddStringToObject(header, "user", user->name);
+    cJSON_AddStringToObject(header, "role", wire_roles[user->account->role]);
+    cJSON_AddBoolToObject(header, "draining", c->draining || c->terminating);
+    cJSON_AddNumberToObject(header, "time", (double)(c->now.utc_ns / 1000000) / 1000);
+    limits = cJSON_AddObjectToObject(header, "limits");
+    cJSON_AddNumberToObject(limits, "frames", WIRE_FRAMES_MOST);
+    cJSON_AddNumberToObject(limits, "header", WIRE_HEADER_MOST);
+    cJSON_AddNumberToObject(limits, "body", WIRE_BODY_MOST);
+    cJSON_AddNumberToObject(limits, "chunk", WIRE_CHUNK_MOST);
+    cJSON_AddNumberToObject(limits, "inline", WIRE_INLINE_MOST);
+    cJSON_AddNumberToObject(limits, "window", (double)c->settings.window_bytes);
+    cJSON_AddNumberToObject(limits, "input_bytes", (double)c->settings.input_bytes);
+    cJSON_AddNumberToObject(limits, "queue_jobs", (double)c->settings.queue_jobs);
+    cJSON_AddNumberToObject(limits, "timeout_s", WIRE_TIMEOUT_MOST);
+    answer_send(c, &reply, header, NULL);
+}
+
+static void on_status(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = need_job(c, e, r, user);
+    struct reply reply = reply_to(e, r);
+
+    if (job != NULL)
+        answer_doc(c, &reply, job, -1, NULL);
+}
+
+/* ---- ending, again, forgetting ---------------------------------------------------------------------------------- */
+
+static void ask(struct job *job, const struct reply *reply)
+{
+    struct after *after = after_new(AFTER_DOC, reply);
+
+    after->job = job;
+    if (job->last != NULL)
+        transaction_join(job->last, after);
+    else
+        after_append(&job->asks, after);
+}
+
+static void audit(struct core *c, const struct user *user, const char *what, const struct job *job)
+{
+    char ident[9];
+
+    job_ident(c, job, ident);
+    core_log(c, "level=notice event=audit user=%s what=%s job=%s", user->name, what, ident);
+}
+
+static void on_cancel(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = need_job(c, e, r, user);
+    struct reply reply = reply_to(e, r);
+    struct modal_error err;
+
+    if (job == NULL)
+        return;
+    audit(c, user, "cancel", job);
+    if (job_state_final(job->state)) {              /* ended before: its doc says so, once it is committed */
+        if (job->last != NULL)
+            ask(job, &reply);
+        else
+            answer_doc(c, &reply, job, -1, NULL);
+        return;
+    }
+    if (job->state == JOB_QUEUED) {
+        modal_fail(&err, MODAL_CANCELLED, "cancelled while it was queued");
+        job_fail(c, job, JOB_CANCELLED, &err, NULL);
+        ask(job, &reply);
+        return;
+    }
+    {                                               /* running: answered by the edge that its end makes */
+        struct after *after = after_new(AFTER_DOC, &reply);
+        after->job = job;
+        after_append(&job->asks, after);
+    }
+    if (job->ending == ENDING_NONE && job->slot >= 0 && !c->slots[job->slot].finishing) {
+        job->ending = ENDING_CANCEL;
+        worker_kill(c, job->slot);
+    }
+}
+
+static void on_retry(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = need_job(c, e, r, user);
+    struct reply reply = reply_to(e, r);
+
+    if (job == NULL)
+        return;
+    if (job->state != JOB_DEAD || job->shown != JOB_DEAD) {
+        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; only a dead job can be tried again", job_states[job->shown]);
+        return;
+    }
+    audit(c, user, "retry", job);
+    failure_free(job->failure);
+    job->failure = NULL;
+    job->crashes = 0;
+    job_move(c, job, JOB_QUEUED, NULL);
+    ask(job, &reply);
+}
+
+static void on_delete(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = need_job(c, e, r, user);
+    struct reply reply = reply_to(e, r);
+
+    if (job == NULL)
+        return;
+    if (!job_state_final(job->shown) || job->last != NULL) {
+        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; cancel it first", job_states[job->shown]);
+        return;
+    }
+    audit(c, user, "delete", job);
+    job_remove(c, job, &reply);
+}
+
+/* ---- waiting ---------------------------------------------------------------------------------------------------- */
+
+static bool has_number(const void *value, const void *key)
+{
+    return ((const struct wait *)value)->number == *(const uint64_t *)key;
+}
+
+static void read_for(struct core *c, const struct reply *reply, struct job *job, enum task_type type, int64_t id, uint64_t offset,
+                     uint64_t length, const char *part)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = type;
+    task->id = id;
+    task->offset = offset;
+    task->length = length;
+    task->after = after_new(AFTER_READ, reply);
+    task->after->value = job->id;
+    task->after->text = grab_text(part);
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* The doc of an ended job, with its document where that was asked for and is small enough. */
+static void answer_wait(struct core *c, struct wait *w)
+{
+    struct job *job = w->job;
+    struct job *root = job->source != 0 ? job_by_id(c, job->source) : job;
+
+    if (!w->result || job->shown != JOB_DONE || job->result_bytes > WIRE_BODY_MOST || root == NULL)
+        answer_doc(c, &w->reply, job, -1, NULL);
+    else if (root->document != NULL)
+        answer_doc(c, &w->reply, job, -1, blob_share(root->document));
+    else
+        read_for(c, &w->reply, job, TASK_READ_RESULT, root->id, 0, WIRE_BODY_MOST, "wait");
+}
+
+static bool is_asker(const void *value, const void *key)
+{
+    return ((const struct asker *)value)->peer == *(const uint64_t *)key;
+}
+
+static struct asker *asker_of(const struct core *c, uint64_t peer)
+{
+    return map_find(&c->askers, map_hash_number(peer), is_asker, &peer);
+}
+
+static void put_asker(struct core *c, struct wait *w)
+{
+    struct asker *asker = asker_of(c, w->reply.peer);
+
+    if (asker == NULL) {
+        asker = grab(sizeof *asker);
+        asker->peer = w->reply.peer;
+        asker->waits = NULL;
+        if (!map_put(&c->askers, map_hash_number(asker->peer), asker))
+            abort();
+    }
+    w->beside = asker->waits;
+    w->beside_link = &asker->waits;
+    if (w->beside != NULL)
+        w->beside->beside_link = &w->beside;
+    asker->waits = w;
+}
+
+static void leave_asker(struct core *c, struct wait *w)
+{
+    struct asker *asker = asker_of(c, w->reply.peer);
+
+    *w->beside_link = w->beside;
+    if (w->beside != NULL)
+        w->beside->beside_link = w->beside_link;
+    if (asker->waits == NULL) {
+        map_remove(&c->askers, map_hash_number(asker->peer), asker);
+        free(asker);
+    }
+}
+
+/* Not the timer of a wait that has ended; number 0 is none's. */
+static bool is_awaited(const void *context, const struct heap_item *item)
+{
+    const struct core *c = context;
+    uint64_t number = (uint64_t)item->order;
+
+    return item->what != TIMER_WAIT || number == 0
+        || map_find(&c->waits, map_hash_number(number), has_number, &number) != NULL;
+}
+
+/* Its timer stays until it is due, or such are half of all. */
+static void drop_wait(struct core *c, struct wait *w)
+{
+    *w->link = w->next;
+    if (w->next != NULL)
+        w->next->link = w->link;
+    leave_asker(c, w);
+    map_remove(&c->waits, map_hash_number(w->number), w);
+    w->user->waits--;
+    free(w);
+    if (++c->waits_past > WIRE_WAITS_MOST && c->waits_past > c->timers.count / 2) {
+        heap_sift(&c->timers, is_awaited, c);
+        c->waits_past = 0;
+    }
+}
+
+void waits_gone(struct core *c, uint64_t peer)
+{
+    struct asker *asker;
+
+    while ((asker = asker_of(c, peer)) != NULL)
+        drop_wait(c, asker->waits);
+}
+
+void wait_answer(struct core *c, struct job *job)
+{
+    while (job->waits != NULL) {
+        answer_wait(c, job->waits);
+        drop_wait(c, job->waits);
+    }
+}
+
+void waits_revoke(struct core *c)
+{
+    struct modal_error err;
+    struct wait *w;
+    size_t at = 0;
+
+    modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
+    while ((w = map_next(&c->waits, &at)) != NULL)
+        if (!user_admits(c, w->user, w->key)) {
+            answer_error(c, &w->reply, &err, NULL);
+            drop_wait(c, w);
+        }
+}
+
+void wait_timeout(struct core *c, uint64_t number)
+{
+    struct wait *w = map_find(&c->waits, map_hash_number(number), has_number, &number);
+
+    if (w == NULL) {
+        c->waits_past -= c->waits_past > 0;
+        return;
+    }
+    answer_doc(c, &w->reply, w->job, -1, NULL);
+    drop_wait(c, w);
+    c->waits_past -= c->waits_past > 0;            /* this timer has run */
+}
+
+static void on_wait(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = need_job(c, e, r, user);
+    struct reply reply = reply_to(e, r);
+    struct wait now = { .job = job, .reply = reply, .result = r->wait.result }, *w;
+
+    if (job == NULL)
+        return;
+    if (job_state_final(job->shown) || r->wait.timeout_s <= 0) {
+        answer_wait(c, &now);
+        return;
+    }
+    if (user->waits >= WIRE_WAITS_MOST) {
+        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "%d waits are open, at most %d", user->waits, WIRE_WAITS_MOST);
+        return;
+    }
+    w = grab(sizeof *w);
+    *w = now;
+    w->number = c->next_wait++;
+    w->user = user;
+    snprintf(w->key, sizeof w->key, "%s", e->key);
+    w->next = job->waits;
+    w->link = &job->waits;
+    if (w->next != NULL)
+        w->next->link = &w->next;
+    job->waits = w;
+    user->waits++;
+    put_asker(c, w);
+    if (!map_put(&c->waits, map_hash_number(w->number), w))
+        abort();
+    core_timer(c, c->now.mono_ns + (int64_t)(r->wait.timeout_s * 1e9), TIMER_WAIT, (int64_t)w->number, 0);
+}
+
+/* ---- reading ---------------------------------------------------------------------------------------------------- */
+
+static void own_error(struct core *c, const struct reply *reply, const struct job *job)
+{
+    struct modal_error err;
+    cJSON *detail = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(detail, "state", job_states[job->shown]);
+    modal_fail_field(&err, job->failure == NULL ? MODAL_INTERNAL : job->failure->status,
+                     job->failure != NULL && job->failure->field != NULL ? job->failure->field : "", "%s",
+                     job->failure == NULL ? "the job has no result" : job->failure->message);
+    answer_error(c, reply, &err, detail);
+}
+
+static void on_result(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct job *job = need_job(c, e, r, user);
+    struct reply reply = reply_to(e, r);
+    const char *part = wire_parts[r->result.part];
+    const struct input *input;
+    struct task *task;
+
+    if (job == NULL)
+        return;
+    if (r->result.part == WIRE_STDERR) {
+        read_for(c, &reply, job, TASK_READ_STDERR, job->id, r->result.offset, r->result.length, part);
+        return;
+    }
+    if (r->result.part != WIRE_INPUT && job->shown != JOB_DONE) {
+        if (job_state_final(job->shown))
+            own_error(c, &reply, job);
+        else
+            answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; it has no result yet", job_states[job->shown]);
+        return;
+    }
+    if (r->result.part == WIRE_DOCUMENT) {
+        read_for(c, &reply, job, TASK_READ_RESULT, job->source != 0 ? job->source : job->id, r->result.offset, r->result.length, part);
+        return;
+    }
+    input = r->result.part == WIRE_INPUT ? job->input : job->output;
+    if (input == NULL)
+        answer_fail(c, &reply, MODAL_NOT_FOUND, "part", NULL, "the job made no signals");
+    else if (input->inline_data)
+        read_for(c, &reply, job, TASK_READ_INPUT, input->id, r->result.offset, r->result.length, part);
+    else {
+        read_for(c, &reply, job, TASK_READ_SPOOL, input->id, r->result.offset, r->result.length,
+                 part);
+        task = c->out.items[c->out.count - 1].task;
+        task->begin = input->offset;
+        task->total = input->bytes;
+        task->crc = input->crc;
+    }
+}
+
+/* The checksums of an input's parts, which it came without: the next who asks need not read all
+ * of it. */
+static void keep_sums(struct core *c, const struct task *task)
+{
+    const struct input *input = input_by_id(c, task->id);
+    struct transaction *t;
+
+    if (task->sums.count == 0 || input == NULL || input->going)
+        return;
+    t = transaction_new();
+    t->refusable = FIRST_REFUSED;
+    transaction_add_sums(t, task->id, &task->sums);
+    core_commit(c, t);
+}
+
+/* Bytes that were read for somebody: RESULT's, or a wait's document. */
+void read_task_done(struct core *c, struct task *task)
+{
+    struct after *after = task->after;
+    struct job *job = job_by_id(c, after->value);
+    cJSON *header;
+    char ident[9];
+
+    if (task->type == TASK_READ_SPOOL)
+        keep_sums(c, task);
+    if (job == NULL) {
+        answer_fail(c, &after->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
+        return;
+    }
+    if (task->status != MODAL_OK) {
+        answer_error(c, &after->reply, &task->err, NULL);
+        return;
+    }
+    if (strcmp(after->text, "wait") == 0) {
+        answer_doc(c, &after->reply, job, -1, blob_share(task->text));
+        return;
+    }
+    header = answer_new(&after->reply);
+    job_ident(c, job, ident);
+    cJSON_AddStringToObject(header, "job", ident);
+    cJSON_AddStringToObject(header, "part", after->text);
+    cJSON_AddNumberToObject(header, "offset", (double)task->offset);
+    cJSON_AddNumberToObject(header, "bytes", (double)task->text->size);
+    cJSON_AddNumberToObject(header, "total", (double)task->total);
+    if (strcmp(after->text, "batch") == 0 && job->output != NULL)
+        input_describe(job->output, cJSON_AddObjectToObject(header, "batch"));
+    if (strcmp(after->text, "input") == 0)
+        input_describe(job->input, cJSON_AddObjectToObject(header, "batch"));
+    answer_send(c, &after->reply, header, blob_share(task->text));
+}
+
+static void on_list(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    int64_t after = r->list.after == NULL ? 0 : ident_number(c->settings.secret, r->list.after);
+    struct json_text page = { 0 };
+    cJSON *header;
+    char ident[9] = "", *text;
+    size_t at;
+    int count = 0;
+
+    if (after < 0) {
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL, "after is no cursor of LIST; accepted: `next` of an earlier page");
+        return;
+    }
+    json_text_open(&page, NULL);
+    json_text_key(&page, "jobs");
+    json_text_raw(&page, "[");
+    for (at = user_seek(user, after); at < user->job_count && count < r->list.limit; at++) {
+        struct job *job = user->jobs[at];
+        if (job == NULL || !job->committed || job->deleting || job->hidden || (r->list.state >= 0 && (int)job->shown != r->list.state)
+            || (r->list.kind != NULL && strcmp(job->kind, r->list.kind) != 0))
+            continue;
+        json_text_open(&page, NULL);
+        doc_write(c, &page, job, false);
+        json_text_close(&page);
+        job_ident(c, job, ident);
+        count++;
+    }
+    while (at < user->job_count && user->jobs[at] == NULL)
+        at++;
+    json_text_raw(&page, "]");
+    json_text_string(&page, "next", count == r->list.limit && at < user->job_count ? ident : NULL);
+    text = text_end(&page);
+    header = answer_new(&reply);
+    cJSON_AddNumberToObject(header, "count", count);
+    answer_send(c, &reply, header, blob_take(text, strlen(text)));
+}
+
+static void on_stats(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    cJSON *header = answer_new(&reply);
+
+    stats_write(c, user, user->account->role == WIRE_ROLE_ADMIN, header);
+    answer_send(c, &reply, header, NULL);
+}
+
+static void on_metrics(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+
+    answer_send(c, &reply, answer_new(&reply), metrics_text(c, user->account->role == WIRE_ROLE_ADMIN ? NULL : user));
+}
+
+static void add_limit(cJSON *object, const char *key, double value)
+{
+    if (value > 0)
+        cJSON_AddNumberToObject(object, key, value);
+    else
+        cJSON_AddNullToObject(object, key);
+}
+
+static void on_whoami(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    cJSON *header = answer_new(&reply), *limits, *used;
+    const struct allowance *most = &user->account->most;
+
+    cJSON_AddStringToObject(header, "user", user->name);
+    cJSON_AddStringToObject(header, "role", wire_roles[user->account->role]);
+    limits = cJSON_AddObjectToObject(header, "limits");
+    add_limit(limits, "queued", (double)most->queued);
+    add_limit(limits, "running", (double)most->running);
+    add_limit(limits, "bytes", (double)most->bytes);
+    add_limit(limits, "cpu_s_day", most->cpu_s_day);
+    add_limit(limits, "upload_bytes_s", most->upload_bytes_s);
+    cJSON_AddNumberToObject(limits, "weight", user->account->weight);
+    used = cJSON_AddObjectToObject(header, "used");
+    cJSON_AddNumberToObject(used, "queued", (double)user->queued);
+    cJSON_AddNumberToObject(used, "running", (double)user->running);
+    cJSON_AddNumberToObject(used, "bytes", (double)user->bytes);
+    cJSON_AddNumberToObject(used, "cpu_s_day", user->cpu_day == c->now.utc_ns / (86400 * SECOND) ? user->cpu_s : 0);
+    answer_send(c, &reply, header, NULL);
+}
+
+/* Drained is remembered over a restart. */
+static void set_drain(struct core *c, const struct event *e, const struct wire_request *r, struct user *user, bool draining)
+{
+    struct transaction *t = transaction_new();
+    struct reply reply = reply_to(e, r);
+
+    c->draining = draining;
+    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "daemon", "draining", draining ? "true" : NULL };
+    transaction_join(t, after_new(AFTER_DRAIN, &reply));
+    core_log(c, "level=notice event=audit user=%s what=%s", user->name, draining ? "drain" : "undrain");
+    core_commit(c, t);
+}
+
+static void on_drain(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    set_drain(c, e, r, user, true);
+}
+
+static void on_undrain(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    set_drain(c, e, r, user, false);
+}
+
+static handler *const handlers[WIRE_VERB_COUNT] = {
+    [WIRE_HELLO] = on_hello,     [WIRE_UPLOAD] = upload_request, [WIRE_SUBMIT] = submit_request,  [WIRE_SUBMITS] = submits_request,
+    [WIRE_STATUS] = on_status,   [WIRE_WAIT] = on_wait,          [WIRE_RESULT] = on_result,      [WIRE_CANCEL] = on_cancel,
+    [WIRE_RETRY] = on_retry,     [WIRE_DELETE] = on_delete,      [WIRE_LIST] = on_list,          [WIRE_EVENTS] = events_request,
+    [WIRE_STATS] = on_stats,     [WIRE_METRICS] = on_metrics,    [WIRE_WHOAMI] = on_whoami,      [WIRE_DRAIN] = on_drain,
+    [WIRE_UNDRAIN] = on_undrain, [WIRE_STREAM] = stream_request,
+};
+
+/* An answer to what could not be read as a request; the verb as it came, where it came. */
+static void refuse(struct core *c, const struct event *e, const char *id, const char *verb, const struct modal_error *err)
+{
+    cJSON *detail = NULL;
+
+    if (err->status == MODAL_BAD_VERSION) {
+        detail = cJSON_CreateObject();
+        cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"), cJSON_CreateString(WIRE_VERSION));
+    }
+    c->rejects[err->status]++;
+    core_act(c, (struct action) { .type = ACT_SEND, .peer = e->peer, .verb = "ERROR", .header = wire_error_header(id, verb, err, detail) });
+}
+
+void request_handle(struct core *c, const struct event *e)
+{
+    struct user *user = user_of_key(c, e->key);
+    struct wire_request r;
+    struct modal_error err;
+
+    if (e->message == NULL) {
+        refuse(c, e, e->id, e->verb, e->fault);
+        return;
+    }
+    c->bytes_in += (int64_t)e->message->body_bytes;
+    if (user == NULL || user->account->role == WIRE_ROLE_NONE || user->account->role == WIRE_ROLE_WORKER) {
+        modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
+        if (c->now.mono_ns >= c->next_denial_ns)       /* a flood of them is not one of the log */
+            core_log(c, "level=notice event=audit user=- what=denied key=%s", e->key[0] != 0 ? e->key : "-");
+        c->next_denial_ns = c->now.mono_ns >= c->next_denial_ns ? c->now.mono_ns + SECOND : c->next_denial_ns;
+        refuse(c, e, e->message->id, e->message->verb, &err);
+        return;
+    }
+    if (wire_request_read(e->message, &r, &err) != MODAL_OK) {
+        refuse(c, e, e->message->id, e->message->verb, &err);
+        return;
+    }
+    if (user->account->role < wire_verb_role(r.verb)) {
+        modal_fail(&err, MODAL_DENIED, "the role %s may not ask %s", wire_roles[user->account->role], wire_verb_name(r.verb));
+        core_log(c, "level=notice event=audit user=%s what=denied verb=%s", user->name, wire_verb_name(r.verb));
+        refuse(c, e, e->message->id, e->message->verb, &err);
+        return;
+    }
+    handlers[r.verb](c, e, &r, user);
+}

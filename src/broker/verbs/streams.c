@@ -1,0 +1,1120 @@
+/*
+ * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch; live windows on the way
+ *
+ * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same group commit as everything else.  A sample is known by epoch and index.  The same index with
+ * the same bytes is a repeat and ignored, with other bytes it begins an epoch.  Of the last SUMS_MOST samples of the present
+ * epoch and this life of the daemon a CRC-32C each is in memory; older ones are compared with the file, while the push and those behind it wait.
+ */
+#include "broker/core/state.h"
+#include "modal/crc32c.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { STREAMS_MOST = 256, CHANNELS_MOST = 8192, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256, SUMS_MOST = 1 << 16 /* samples */ };
+#define GAP_BYTES (UINT64_C(64) << 20)   /* of an epoch's gaps, however short it is */
+
+static uint64_t sample_bytes(const struct stream *s)
+{
+    return 8 * s->channels;
+}
+
+static struct stream *stream_by_id(const struct core *c, int64_t id)
+{
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->id == id)
+            return s;
+    return NULL;
+}
+
+static struct stream *stream_open_named(const struct core *c, const struct user *user, const char *name)
+{
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->user == user && !s->closed && strcmp(s->name, name) == 0)
+            return s;
+    return NULL;
+}
+
+/* Whether all that came is committed. */
+static bool is_durable(const struct stream *s)
+{
+    return s->durable_epoch == s->epoch && s->durable == s->next;
+}
+
+/* Into an answer or attributes, which must fit a header: the first GAPS_TOLD of them, and how many there are where that is not all. */
+static void add_gaps(cJSON *object, const struct stream *s)
+{
+    cJSON *gaps = cJSON_AddArrayToObject(object, "gaps");
+
+    for (size_t i = 0; i < s->gap_count && i < GAPS_TOLD; i++) {
+        double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
+        cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
+    }
+    if (s->gap_count > GAPS_TOLD)
+        cJSON_AddNumberToObject(object, "gap_count", (double)s->gap_count);
+}
+
+static void say(struct core *c, const struct reply *reply, const struct stream *s)
+{
+    cJSON *header = answer_new(reply);
+    char ident[9], hex[65];
+
+    ident_text(ident, ~c->settings.secret, s->id);
+    cJSON_AddStringToObject(header, "stream", ident);
+    cJSON_AddStringToObject(header, "name", s->name);
+    cJSON_AddNumberToObject(header, "epoch", (double)s->durable_epoch);
+    cJSON_AddNumberToObject(header, "next", (double)s->durable);
+    cJSON_AddNumberToObject(header, "credit", (double)core_window(c) / 2);
+    if (s->closed) {
+        cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
+        add_gaps(header, s);
+        if (s->has_batch) {
+            identity_hex(s->sha256, hex);
+            cJSON_AddStringToObject(header, "sha256", hex);
+        }
+    }
+    answer_send(c, reply, header, NULL);
+}
+
+/* What is remembered of it over a restart. */
+static void note(struct core *c, struct transaction *t, const struct stream *s)
+{
+    cJSON *text = cJSON_CreateObject();
+    char name[32], *printed;
+
+    (void)c;
+    cJSON_AddStringToObject(text, "user", s->user->name);
+    cJSON_AddStringToObject(text, "name", s->name);
+    cJSON_AddRawToObject(text, "open", s->header);
+    cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
+    cJSON_AddNumberToObject(text, "begin", (double)s->begin);
+    printed = json_print(text);
+    cJSON_Delete(text);
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "stream", transaction_text(t, name), transaction_text(t, printed) };
+    free(printed);
+}
+
+/* A live window as open describes it, in samples. */
+struct live_window { uint64_t samples, hop; const cJSON *options; };
+
+/* KEY of WINDOW times UNIT, in samples, into *OUT where KEY is there. */
+static enum modal_status window_length(const cJSON *window, const char *key, double unit, double least, double most, uint64_t *out, struct modal_error *err)
+{
+    double given = 0, n;
+    char path[128];
+    enum modal_status rc = json_get_number(window, "window", key, 0, 1e9, &given, err);
+
+    if (rc != MODAL_OK || cJSON_GetObjectItemCaseSensitive(window, key) == NULL)
+        return rc;
+    json_path(path, "window", key);
+    n = floor(given * unit + 0.5);
+    if (unit == 1 && given != n)
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %g; accepted: a whole number of samples", path, given);
+    if (!(n >= least))
+        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s makes %g samples; accepted: at least %g", path, n, least);
+    if (!(n <= most))
+        return modal_fail_field(err, MODAL_TOO_LARGE, path, "%s makes %g samples; accepted: at most %g", path, n, most);
+    *out = (uint64_t)n;
+    return MODAL_OK;
+}
+
+/* Whether WINDOW can be kept for the channels, dt and period of W; NULL: no window, and none in OUT. */
+static enum modal_status read_window(const cJSON *window, const struct wire_input *w, struct live_window *out, struct modal_error *err)
+{
+    static const char *const keys[] = { "samples", "periods", "hop", "options", "alarms", NULL };
+    bool periods = cJSON_HasObjectItem(window, "periods");
+    double unit = periods ? w->period / w->dt : 1;
+    struct alarms *alarms = NULL;
+    enum modal_status rc;
+
+    *out = (struct live_window) { 0, 0, NULL };
+    if (window == NULL)
+        return MODAL_OK;
+    if ((rc = json_keys(window, "window", keys, err)) != MODAL_OK)
+        return rc;
+    if (periods == (bool)cJSON_HasObjectItem(window, "samples"))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window.samples", "window has %s; accepted: samples or periods", periods ? "samples and periods" : "no length");
+    if (periods && !(w->period > 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window.periods", "window.periods of a stream without period; accepted: window.samples");
+    rc = window_length(window, periods ? "periods" : "samples", unit, WINDOW_LEAST, floor(WIRE_BODY_MOST / 8.0 / (double)w->channels), &out->samples, err);
+    out->hop = out->samples;
+    if (rc == MODAL_OK)
+        rc = window_length(window, "hop", unit, 1, 1e15, &out->hop, err);
+    out->options = cJSON_GetObjectItemCaseSensitive(window, "options");
+    if (rc == MODAL_OK && out->options != NULL && !cJSON_IsObject(out->options))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.options", "window.options must be an object; accepted: the options of identify");
+    if (rc == MODAL_OK)
+        rc = alarms_new(cJSON_GetObjectItemCaseSensitive(window, "alarms"), w->dt, out->samples, &alarms, err);
+    alarms_free(alarms);
+    return rc;
+}
+
+/* A window that cannot be kept (an older daemon took it) is none. */
+static void take_window(struct stream *s, const cJSON *text, const struct wire_input *w)
+{
+    struct live_window window;
+
+    if (read_window(text, w, &window, NULL) != MODAL_OK)
+        return;
+    s->window = window.samples;
+    s->hop = window.hop;
+    s->options = window.options != NULL ? canonical_text(window.options) : grab_text("{}");
+    alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), s->dt, s->window, &s->alarms, NULL);
+}
+
+static struct stream *make(struct core *c, struct user *user, const char *name, const struct wire_input *w, const cJSON *window, int64_t id)
+{
+    struct stream *s = grab(sizeof *s);
+    cJSON *header = cJSON_CreateObject();
+
+    s->id = id;
+    s->user = user;
+    s->name = grab_text(name);
+    s->channels = w->channels;
+    s->dt = w->dt;
+    s->period = w->period;
+    wire_input_write(header, w);
+    cJSON_DeleteItemFromObject(header, "samples");
+    cJSON_DeleteItemFromObject(header, "content");
+    if (window != NULL)
+        cJSON_AddItemToObject(header, "window", cJSON_Duplicate(window, true));
+    s->header = json_print(header);
+    cJSON_Delete(header);
+    if (window != NULL)
+        take_window(s, window, w);
+    s->at_slot = -1;
+    s->next_stream = c->streams;
+    c->streams = s;
+    c->open_streams++;
+    return s;
+}
+
+static bool is_full(const struct core *c)
+{
+    return c->now.mono_ns < c->storage_full_until;
+}
+
+static void say_full(struct core *c, const struct reply *reply)
+{
+    answer_fail(c, reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 1), "the samples could not be stored: the disk is full");
+}
+
+static void end_if_quiet(struct core *c, struct stream *s);
+
+static int open_streams_of(const struct core *c, const struct user *user)
+{
+    int open = 0;
+
+    for (const struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        open += s->user == user && !s->closed;
+    return open;
+}
+
+/* May USER open what R describes?  Else REPLY is answered. */
+static bool may_open(struct core *c, const struct wire_request *r, const struct user *user, const struct reply *reply)
+{
+    struct live_window window;
+    struct modal_error err;
+    int open = open_streams_of(c, user);
+
+    if (open >= STREAMS_MOST)
+        answer_fail(c, reply, MODAL_TOO_LARGE, "name", NULL, "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
+    else if (r->stream.input.channels > CHANNELS_MOST)
+        answer_fail(c, reply, MODAL_TOO_LARGE, "channels", NULL, "a stream of %llu channels; accepted: at most %d",
+                    (unsigned long long)r->stream.input.channels, CHANNELS_MOST);
+    else if (c->draining || c->terminating)
+        answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+    else if (is_full(c))
+        say_full(c, reply);
+    else if (read_window(r->stream.window, &r->stream.input, &window, &err) != MODAL_OK)
+        answer_error(c, reply, &err, NULL);
+    else
+        return true;
+    return false;
+}
+
+/* A new one, whose note is on its way. */
+static struct stream *open_new(struct core *c, const struct wire_request *r, struct user *user)
+{
+    struct stream *s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
+
+    s->last = transaction_new();
+    note(c, s->last, s);
+    core_commit(c, s->last);
+    return s;
+}
+
+static void on_open(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    struct stream *s = stream_open_named(c, user, r->stream.name);
+    struct after *after;
+
+    if (s != NULL && (s->channels != r->stream.input.channels || s->dt != r->stream.input.dt)) {
+        answer_fail(c, &reply, MODAL_CONFLICT, "name", NULL, "the stream is open with %llu channels and dt %.17g", (unsigned long long)s->channels, s->dt);
+        return;
+    }
+    if (s == NULL && !may_open(c, r, user, &reply))
+        return;
+    if (s == NULL)
+        s = open_new(c, r, user);
+    if (s->last == NULL) {
+        s->resumes = false;                        /* its owner sees `next` */
+        say(c, &reply, s);
+        return;
+    }
+    after = after_new(AFTER_STREAM, &reply);
+    after->stream = s;
+    transaction_join(s->last, after);
+}
+
+/* ---- pushing ---------------------------------------------------------------------------------------------------- */
+
+/* Samples [first, first + count) as DATA has them beside those of the same indices, as far as their checksums are in memory. */
+static enum sameness same_samples(const struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    enum sameness found = SAME;
+
+    for (uint64_t i = 0; i < count && first + i < s->next; i++) {
+        uint64_t at = first + i;
+        uint32_t known = at >= s->crc_first && at - s->crc_first < s->crc_count ? s->crcs[at - s->crc_first] : 0;
+        if (at < s->begin || (known != 0 && known != crc32c(0, data + i * sample_bytes(s), sample_bytes(s))))
+            return OTHER;
+        if (known == 0)
+            found = UNKNOWN;
+    }
+    return found;
+}
+
+/* Checksums of the oldest samples leave memory, which is bounded for streams of any length. */
+static void forget_oldest(struct stream *s, uint64_t most)
+{
+    uint64_t gone = s->crc_count > most ? s->crc_count - most : 0;
+
+    memmove(s->crcs, s->crcs + gone, (s->crc_count - gone) * sizeof *s->crcs);
+    s->crc_first += gone;
+    s->crc_count -= gone;
+}
+
+/* Behind a gap that is more than a few samples they begin anew: what is in memory is bounded by what was sent. */
+static void remember(struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    uint64_t need;
+
+    if (s->crc_count == 0 || first > s->crc_first + s->crc_count + GAP_FEW) {
+        s->crc_first = first;
+        s->crc_count = 0;
+    }
+    if (s->crc_count > 2 * SUMS_MOST)
+        forget_oldest(s, SUMS_MOST);
+    need = first + count - s->crc_first;
+    if (need > s->crc_room) {
+        s->crc_room = 2 * need;
+        s->crcs = regrab(s->crcs, s->crc_room * sizeof *s->crcs);
+    }
+    if (need > s->crc_count)
+        memset(s->crcs + s->crc_count, 0, (need - s->crc_count) * sizeof *s->crcs);
+    s->crc_count = need > s->crc_count ? need : s->crc_count;
+    for (uint64_t i = 0; i < count; i++)
+        s->crcs[first - s->crc_first + i] = crc32c(0, data + i * sample_bytes(s), sample_bytes(s));
+}
+
+/* Whether samples from FIRST on leave a gap that makes the batch longer than an input may be. */
+static bool gap_too_long(const struct core *c, const struct stream *s, uint64_t first, uint64_t count)
+{
+    return s->segment_count > 0 && first > s->next && (double)(first + count - s->begin) * (double)sample_bytes(s) > (double)c->settings.input_bytes;
+}
+
+/* In the batch it is NaN, and takes as much room as samples: its user is charged for it. */
+static void add_gap(struct stream *s, uint64_t from, uint64_t to)
+{
+    uint64_t bytes = (to - from) * sample_bytes(s);
+
+    s->gaps = regrab(s->gaps, (s->gap_count + 1) * sizeof *s->gaps);
+    s->gaps[s->gap_count][0] = from;
+    s->gaps[s->gap_count++][1] = to;
+    s->missing += bytes;
+    s->user->bytes += (int64_t)bytes;
+}
+
+static void drop_gaps(struct stream *s)
+{
+    s->user->bytes -= (int64_t)s->missing;
+    s->missing = 0;
+    s->gap_count = 0;
+}
+
+/* The end of what came, those samples that are held included. */
+static uint64_t reach(const struct stream *s)
+{
+    return s->held != NULL && s->held_reach > s->next ? s->held_reach : s->next;
+}
+
+/* Bytes of the gap that samples from FIRST on leave. */
+static uint64_t gap_before(const struct stream *s, uint64_t first)
+{
+    uint64_t end = reach(s);
+
+    return s->segment_count > 0 && first > end ? (first - end) * sample_bytes(s) : 0;
+}
+
+/* What all gaps of an epoch may take.  Where users have keys, who sent little may not make the
+ * daemon write much; without keys there is one user, and the disk is his. */
+static uint64_t gaps_most(const struct core *c, const struct stream *s)
+{
+    uint64_t sent = (reach(s) - s->begin) * sample_bytes(s) - s->missing;
+
+    if (s->user->account->key[0] == 0)
+        return (uint64_t)c->settings.input_bytes;
+    return sent > GAP_BYTES ? sent : GAP_BYTES;
+}
+
+static void add_segment(struct stream *s, uint64_t epoch, uint64_t first, uint64_t count)
+{
+    struct segment *last = s->segment_count > 0 ? &s->segments[s->segment_count - 1] : NULL;
+
+    s->bytes += count * sample_bytes(s);
+    s->user->bytes += (int64_t)(count * sample_bytes(s));
+    if (last != NULL && last->epoch == epoch && last->first + last->count == first) {
+        last->count += count;
+        return;
+    }
+    if (s->segment_count == s->segment_room) {
+        s->segment_room = s->segment_room ? 2 * s->segment_room : 16;
+        s->segments = regrab(s->segments, s->segment_room * sizeof *s->segments);
+    }
+    s->segments[s->segment_count++] = (struct segment) { epoch, first, count };
+}
+
+/* Its row; DATA is in the push's body, which the transaction keeps. */
+static void put_segment(struct stream *s, struct transaction *t, uint64_t first, uint64_t count, const char *data, uint32_t crc)
+{
+    transaction_add(t, LEDGER_SEGMENT_PUT)->segment = (struct segment_record) { .stream = s->id, .epoch = s->epoch, .first = first, .count = count,
+        .offset = s->bytes, .length = count * sample_bytes(s), .crc = crc, .data = data };
+    add_segment(s, s->epoch, first, count);
+}
+
+static void keep_recent(struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    for (uint64_t i = 0; s->window > 0 && i < count; i++) {
+        if (s->recent == NULL)
+            s->recent = grab(s->window * sample_bytes(s));
+        memcpy(s->recent + (first + i) % s->window * sample_bytes(s), data + i * sample_bytes(s), sample_bytes(s));
+    }
+}
+
+static void append(struct stream *s, uint64_t first, uint64_t count, const char *data, uint32_t crc, struct transaction *t)
+{
+    if (s->next == 0 && s->segment_count == 0)
+        s->begin = s->next = s->durable = s->run_from = first;
+    if (first > s->next) {
+        add_gap(s, s->next, first);
+        s->run_from = first;
+    }
+    remember(s, first, count, data);
+    keep_recent(s, first, count, data);
+    put_segment(s, t, first, count, data, crc);
+    s->next = first + count;
+}
+
+static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct transaction *t)
+{
+    s->epoch++;
+    s->begin = s->next = s->run_from = first;
+    s->crc_count = 0;
+    drop_gaps(s);
+    s->next_window = 0;
+    s->at_slot = -1;
+    alarms_reset(s->alarms);
+    note(c, t, s);
+}
+
+/* What comes behind a push that was refused leaves no hole: it is refused too, until those samples come again. */
+static void refuse_behind(struct core *c, struct stream *s, bool full, const struct reply *reply)
+{
+    s->slowed = s->resumes && s->slowed && !full;
+    s->resumes = true;
+    if (!s->slowed)
+        say_full(c, reply);
+    else
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "samples before these were refused; accepted: those from %llu on first",
+                    (unsigned long long)s->next);
+}
+
+/* Within the credit and the user's limits?  Else it is answered, and what is behind it waits.  A
+ * gap is paid for like the samples that it stands for, but never waits for a rate that would let
+ * as many bytes pass only later. */
+static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap,
+                     const struct reply *reply)
+{
+    bool good = false;
+
+    if (s->in_flight > core_window(c)) {
+        c->credit_stalls++;
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
+    } else
+        good = !user_quota(c, s->user, reply, 0, (int64_t)(size + gap))
+            && upload_allows(c, s->user, size, reply);
+    if (good)
+        upload_owes(s->user, gap);
+    s->resumes = s->slowed = !good;
+    return good;
+}
+
+/* Do samples that the record shows as missing come after all?  They have no place in it any more. */
+static bool comes_late(struct core *c, const struct stream *s, const struct push *p)
+{
+    for (size_t i = 0; p->same == SAME && p->first < s->next && i < s->gap_count; i++)
+        if (s->gaps[i][0] < p->first + p->count && s->gaps[i][1] > p->first) {
+            answer_fail(c, &p->reply, MODAL_CONFLICT, "first", answer_number("expected", (double)s->next), "samples %llu to %llu are a gap of the record already; accepted: from %llu on",
+                        (unsigned long long)s->gaps[i][0], (unsigned long long)(s->gaps[i][1] - 1), (unsigned long long)s->next);
+            return true;
+        }
+    return false;
+}
+
+/* Into the file and the ledger: what is new of P, or, where it begins an epoch, all. */
+static void accept(struct core *c, struct stream *s, const struct push *p)
+{
+    const char *data = p->body->data;
+    uint64_t size = sample_bytes(s), known;
+    struct transaction *t = transaction_new();
+    struct after *after = after_new(AFTER_STREAM, &p->reply);
+
+    transaction_keep(t, p->body);
+    t->refusable = FIRST_REFUSED;
+    t->fence = &s->fence;
+    if (p->same == OTHER)
+        new_epoch(c, s, p->first, t);
+    known = p->first < s->next && s->segment_count > 0 ? s->next - p->first : 0;
+    if (known == 0)
+        append(s, p->first, p->count, data, p->crc, t);
+    else if (known < p->count)
+        append(s, s->next, p->count - known, data + known * size, crc32c(0, data + known * size, (p->count - known) * size), t);
+    after->stream = s;
+    after->value = (int64_t)s->next;
+    after->length = (int64_t)(p->count * size);
+    after->attempts = (int)s->epoch;
+    transaction_join(t, after);
+    s->in_flight += after->length;
+    s->last = t;
+    core_commit(c, t);
+}
+
+static void hold(struct stream *s, const struct push *p)
+{
+    struct push *held = grab(sizeof *held);
+
+    *held = *p;
+    held->body = blob_share(p->body);
+    if (s->held == NULL) {
+        s->held_end = &s->held;
+        s->held_reach = 0;
+    }
+    if (p->first + p->count > s->held_reach)
+        s->held_reach = p->first + p->count;
+    *s->held_end = held;
+    s->held_end = &held->next;
+    s->in_flight += (int64_t)(p->count * sample_bytes(s));
+}
+
+static void let_go(struct stream *s)
+{
+    struct push *p = s->held;
+
+    s->held = p->next;
+    s->in_flight -= (int64_t)(p->count * sample_bytes(s));
+    blob_drop(p->body);
+    free(p);
+}
+
+/* What of the epoch is on disk beside the first that is held; all of it is committed. */
+static void compare(struct core *c, struct stream *s)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = TASK_SAMPLES_COMPARE;
+    task->shape.channels = s->channels;
+    task->owner = s;
+    task->stream = s->id;
+    task->epoch = s->epoch;
+    task->begin = s->held->first;
+    task->length = s->held->count;
+    task->chunks[task->count++] = blob_share(s->held->body);
+    s->comparing = true;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* Those held that can go on, in their order, up to one that must be compared. */
+static void go_on(struct core *c, struct stream *s)
+{
+    while (s->held != NULL && !s->comparing) {
+        struct push *p = s->held;
+        if (p->same == UNTOLD)
+            p->same = same_samples(s, p->first, p->count, p->body->data);
+        if (p->same == UNKNOWN) {
+            if (is_durable(s))
+                compare(c, s);
+            return;
+        }
+        if (is_full(c) || atomic_load(&s->fence) || (s->resumes && p->first > s->next))
+            refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), &p->reply);
+        else {
+            s->resumes = s->slowed = false;
+            if (!comes_late(c, s, p))
+                accept(c, s, p);
+        }
+        let_go(s);
+    }
+}
+
+void stream_compared(struct core *c, struct task *task)
+{
+    struct stream *s = task->owner;
+
+    s->comparing = false;
+    s->held->same = task->differs ? OTHER : SAME;
+    if (task->status != MODAL_OK) {
+        answer_error(c, &s->held->reply, &task->err, NULL);
+        let_go(s);
+        s->resumes = true;                         /* what is behind it leaves no hole */
+    }
+    go_on(c, s);
+    end_if_quiet(c, s);
+}
+
+/* A push whose message is in order: taken, held behind another, or held until it is compared. */
+static void take_push(struct core *c, struct stream *s, struct push *p)
+{
+    if (s->held == NULL)
+        p->same = same_samples(s, p->first, p->count, p->body->data);
+    if (p->same == SAME || p->same == OTHER) {
+        if (!comes_late(c, s, p))
+            accept(c, s, p);
+        return;
+    }
+    hold(s, p);
+    go_on(c, s);
+}
+
+/* true: answered; what is behind it would leave a longer gap, and is refused alike. */
+static bool gaps_too_large(struct core *c, const struct stream *s, const struct push *p)
+{
+    uint64_t gap = gap_before(s, p->first), most = gaps_most(c, s);
+
+    if (gap == 0 || s->missing + gap <= most)
+        return false;
+    answer_fail(c, &p->reply, MODAL_TOO_LARGE, "first", answer_number("expected", (double)reach(s)),
+                "samples %llu to %llu would be missing, with earlier gaps %llu bytes; accepted: "
+                "%llu bytes of gaps (%llu, or as many as the samples that are here)",
+                (unsigned long long)reach(s), (unsigned long long)(p->first - 1),
+                (unsigned long long)(s->missing + gap), (unsigned long long)most,
+                (unsigned long long)GAP_BYTES);
+    return true;
+}
+
+static void on_push(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
+{
+    struct push push = { .reply = reply_to(e, r), .first = r->stream.first, .count = r->stream.count, .crc = r->stream.crc32c, .body = e->body[0] };
+    uint64_t size = push.count * sample_bytes(s);
+    const char *data = e->message->body[0].data;
+    const struct reply *reply = &push.reply;
+
+    if (e->message->body_bytes != size)
+        answer_fail(c, reply, MODAL_BAD_INPUT, "body", NULL, "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
+                    e->message->body_bytes, (unsigned long long)push.count, (unsigned long long)s->channels);
+    else if (crc32c(0, data, size) != push.crc)
+        answer_fail(c, reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the samples as they came", push.crc, crc32c(0, data, size));
+    else if (gap_too_long(c, s, push.first, push.count))
+        answer_fail(c, reply, MODAL_TOO_LARGE, "first", NULL, "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at most %lld bytes",
+                    (unsigned long long)s->next, (unsigned long long)push.first, (long long)c->settings.input_bytes);
+    else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
+        answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
+    else if (s->closed || s->closing)
+        answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
+    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
+        refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), reply);
+    else if (!gaps_too_large(c, s, &push) && may_push(c, s, size, gap_before(s, push.first), reply))
+        take_push(c, s, &push);
+}
+
+/* ---- closing: the present epoch becomes a batch ----------------------------------------------------------------- */
+
+static void seal(struct core *c, struct stream *s)
+{
+    cJSON *open = cJSON_Parse(s->header), *attributes = cJSON_GetObjectItemCaseSensitive(open, "attributes");
+    struct task *task = grab(sizeof *task);
+    struct wire_input w;
+
+    if (attributes == NULL)
+        attributes = cJSON_AddObjectToObject(open, "attributes");
+    cJSON_AddStringToObject(attributes, "stream", s->name);
+    cJSON_AddNumberToObject(attributes, "first_sample", (double)s->begin);
+    cJSON_AddBoolToObject(attributes, "broken_off", s->broken);
+    add_gaps(attributes, s);
+    cJSON_DeleteItemFromObject(open, "window");
+    cJSON_AddNumberToObject(open, "samples", (double)(s->next - s->begin));
+    wire_input_read(open, "", WIRE_BATCH, &w, NULL);
+    s->sealed = input_new(c, s->user, &w, c->next_input++);
+    cJSON_Delete(open);
+    task->type = TASK_STREAM_SEAL;
+    task->id = s->sealed->id;
+    task->shape = s->sealed->shape;
+    task->owner = s;
+    task->stream = s->id;
+    task->epoch = s->epoch;
+    task->begin = s->begin;
+    task->missing = s->missing;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+/* What was asked to be closed is sealed once all that came before is committed. */
+static void end_if_quiet(struct core *c, struct stream *s)
+{
+    if (s->closing && !s->closed && s->sealed == NULL && s->held == NULL && is_durable(s) && s->next > s->begin && s->last == NULL)
+        seal(c, s);
+}
+
+/* Of all epochs: those before the present one are in no batch. */
+static void end_segments(struct stream *s, struct transaction *t)
+{
+    char name[32];
+
+    if (s->segment_count > 0)
+        transaction_add(t, LEDGER_SEGMENTS_DELETE)->id = s->id;
+    s->user->bytes -= (int64_t)(s->bytes + s->missing);
+    s->missing = 0;
+    s->segment_count = 0;
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
+}
+
+void stream_sealed(struct core *c, struct task *task)
+{
+    struct stream *s = task->owner;
+    struct transaction *t;
+
+    if (task->status != MODAL_OK) {
+        for (struct after *after = s->askers; after != NULL; after = after->next)
+            answer_error(c, &after->reply, &task->err, answer_number("retry_after_s", 5));
+        after_free(s->askers);
+        s->askers = NULL;
+        s->closing = false;
+        input_forget(c, s->sealed);
+        s->sealed = NULL;
+        return;
+    }
+    s->sealed->state = INPUT_SEALED;
+    memcpy(s->sealed->sha256, task->sha256, 32);
+    s->sealed->crc = task->crc;
+    s->sealed->offset = task->offset;
+    t = transaction_new();
+    input_record_fill(s->sealed, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
+    transaction_add_sums(t, s->sealed->id, &task->sums);
+    end_segments(s, t);
+    for (struct after *after = s->askers; after != NULL; after = after->next)
+        after->stream = s, after->value = -1;
+    transaction_join(t, s->askers);
+    s->askers = NULL;
+    core_commit(c, t);
+}
+
+static void on_close(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
+{
+    struct reply reply = reply_to(e, r);
+
+    if (s->closed) {
+        say(c, &reply, s);
+        return;
+    }
+    if (atomic_load(&s->fence) || s->resumes) {    /* it would end without what was refused */
+        refuse_behind(c, s, atomic_load(&s->fence), &reply);
+        return;
+    }
+    after_append(&s->askers, after_new(AFTER_STREAM, &reply));
+    s->broken |= r->stream.broken;
+    if (s->closing)
+        return;
+    s->closing = true;
+    if (s->next == s->begin) {                     /* nothing ever came: there is no batch of no samples */
+        struct transaction *t = transaction_new();
+        end_segments(s, t);
+        s->askers->stream = s;
+        s->askers->value = -1;
+        transaction_join(t, s->askers);
+        s->askers = NULL;
+        core_commit(c, t);
+    } else
+        end_if_quiet(c, s);
+}
+
+void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+{
+    struct reply reply = reply_to(e, r);
+    struct stream *s;
+
+    if (r->stream.op == WIRE_OPEN) {
+        on_open(c, e, r, user);
+        return;
+    }
+    s = stream_by_id(c, ident_number(~c->settings.secret, r->stream.stream));
+    if (s == NULL || s->user != user) {
+        answer_fail(c, &reply, MODAL_NOT_FOUND, "stream", NULL, "no such stream of yours");
+        return;
+    }
+    if (r->stream.op == WIRE_PUSH)
+        on_push(c, e, r, s);
+    else
+        on_close(c, e, r, s);
+}
+
+/* ---- live windows ----------------------------------------------------------------------------------------------- */
+
+/* Never over a gap or an epoch. */
+bool stream_due(struct stream *s)
+{
+    if (s->window == 0 || s->closed || s->recent == NULL || !is_durable(s) || s->durable < s->run_from + s->window)
+        return false;
+    if (s->next_window < s->run_from + s->window)
+        s->next_window = s->run_from + s->window;
+    return s->durable >= s->next_window;
+}
+
+/* The window that is due, from sample `from` on, as raw samples from `first` on: those before KNOWN are where they are needed, unless that leaves a hole. */
+struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first)
+{
+    uint64_t size = sample_bytes(s), count;
+    char *data;
+
+    *from = s->durable - s->window;
+    *first = known > *from && known < s->durable ? known : *from;
+    count = s->durable - *first;
+    data = grab(count * size);
+    for (uint64_t i = 0; i < count; i++)
+        memcpy(data + i * size, s->recent + (*first + i) % s->window * size, size);
+    while (s->next_window <= s->durable)
+        s->next_window += s->hop;
+    return blob_take(data, count * size);
+}
+
+/* A window's epoch may be past by the time it is told: the run was taken up again from a checkpoint meanwhile. */
+static cJSON *event_of(const struct core *c, const struct stream *s, const char *event, uint64_t epoch, uint64_t from, uint64_t to)
+{
+    cJSON *text = cJSON_CreateObject();
+    char ident[9];
+
+    ident_text(ident, ~c->settings.secret, s->id);
+    cJSON_AddStringToObject(text, "event", event);
+    cJSON_AddStringToObject(text, "stream", s->name);
+    cJSON_AddStringToObject(text, "stream_id", ident);
+    cJSON_AddNumberToObject(text, "epoch", (double)epoch);
+    cJSON_AddNumberToObject(text, "from", (double)from);
+    cJSON_AddNumberToObject(text, "to", (double)to);
+    return text;
+}
+
+/* The next number goes to TEXT, which is deleted. */
+static void put_event(struct core *c, struct stream *s, struct transaction *t, cJSON *text)
+{
+    struct after *after = transaction_after(t, AFTER_EVENT);
+    struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
+
+    after->text = json_print(text);
+    if (strlen(after->text) > 49152) {             /* it must fit a header: the verdict alone */
+        cJSON_DeleteItemFromObject(text, "modes");
+        cJSON_DeleteItemFromObject(text, "diagnostics");
+        free(after->text);
+        after->text = json_print(text);
+    }
+    after->value = c->next_event;
+    after->ns = c->now.utc_ns;
+    after->stream = s;
+    change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .user = transaction_text(t, s->user->name),
+                                            .topic = transaction_text(t, s->name), .text = transaction_text(t, after->text) };
+    cJSON_Delete(text);
+}
+
+/* The alarms that a window raised or cleared, each an event behind its modes. */
+static void put_alarms(struct core *c, struct stream *s, struct transaction *t, uint64_t from, uint64_t to, cJSON *edges)
+{
+    cJSON *edge;
+
+    while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
+        cJSON *text = event_of(c, s, "alarm", s->epoch, from, to), *part;
+        while ((part = edge->child) != NULL) {
+            cJSON_DetachItemViaPointer(edge, part);
+            cJSON_AddItemToObject(text, part->string, part);
+        }
+        cJSON_Delete(edge);
+        put_event(c, s, t, text);
+    }
+    cJSON_Delete(edges);
+}
+
+/* How far the samples are ahead of a window of the present epoch that ends at TO, and what is missing of them. */
+static void add_lag(cJSON *text, const struct stream *s, uint64_t epoch, uint64_t to)
+{
+    uint64_t samples = s->next > to + 1 ? s->next - 1 - to : 0, missing = 0;
+    cJSON *lag, *gaps;
+
+    if (epoch != s->epoch)
+        return;
+    for (size_t i = 0; i < s->gap_count; i++)
+        missing += s->gaps[i][1] - s->gaps[i][0];
+    lag = cJSON_AddObjectToObject(text, "lag");
+    cJSON_AddNumberToObject(lag, "samples", (double)samples);
+    cJSON_AddNumberToObject(lag, "bytes", (double)(samples * sample_bytes(s)));
+    gaps = cJSON_AddObjectToObject(text, "gaps");
+    cJSON_AddNumberToObject(gaps, "count", (double)s->gap_count);
+    cJSON_AddNumberToObject(gaps, "samples", (double)missing);
+}
+
+/* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
+void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
+{
+    cJSON *document = NULL, *text = event_of(c, s, "modes", epoch, from, to), *part, *edges;
+    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
+    struct transaction *t = transaction_new();
+
+    if (document_text != NULL)
+        json_read(document_text->data, document_text->size, &document, NULL);
+    edges = epoch == s->epoch ? alarms_judge(s->alarms, from, to, document) : NULL;
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
+        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
+            cJSON_AddItemToObject(text, parts[i], part);
+    if (error != NULL)
+        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
+    add_lag(text, s, epoch, to);
+    put_event(c, s, t, text);
+    put_alarms(c, s, t, from, to, edges);
+    cJSON_Delete(document);
+    core_commit(c, t);
+}
+
+/* A window that killed each worker that had it: who watches is told so. */
+void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to)
+{
+    struct modal_error err;
+    cJSON *error;
+
+    modal_fail(&err, MODAL_WORKER_DIED, "the window is left out: %d workers died of it", s->died);
+    error = wire_error_object(&err, NULL);
+    stream_result(c, s, epoch, from, to, NULL, error);
+    cJSON_Delete(error);
+}
+
+/* ---- a full disk ------------------------------------------------------------------------------------------------- */
+
+/* The extent and the gaps of the committed segments of the present epoch. */
+static void measure(struct stream *s)
+{
+    bool any = false;
+
+    drop_gaps(s);
+    s->begin = s->next = 0;
+    for (size_t i = 0; i < s->segment_count; i++) {
+        const struct segment *one = &s->segments[i];
+        if (one->epoch != s->epoch)
+            continue;
+        if (!any)
+            s->begin = s->next = one->first;
+        if (one->first > s->next)
+            add_gap(s, s->next, one->first);
+        s->next = one->first + one->count;
+        any = true;
+    }
+}
+
+/* What is not committed is no part of it. */
+static void cut_segments(struct stream *s)
+{
+    uint64_t more = 0;
+
+    for (; s->segment_count > 0; s->segment_count--) {
+        struct segment *last = &s->segments[s->segment_count - 1];
+        uint64_t kept = last->epoch > s->durable_epoch || last->first >= s->durable ? 0
+                      : last->epoch < s->durable_epoch || s->durable - last->first > last->count ? last->count : s->durable - last->first;
+        more += last->count - kept;
+        last->count = kept;
+        if (kept > 0)
+            break;
+    }
+    s->bytes -= more * sample_bytes(s);
+    s->user->bytes -= (int64_t)(more * sample_bytes(s));
+}
+
+/* Back to what is committed.  Of the last window in memory a part may be overwritten, so windows begin anew. */
+static void roll_back(struct core *c, struct stream *s)
+{
+    cut_segments(s);
+    if (s->epoch != s->durable_epoch)
+        s->crc_count = 0;
+    s->epoch = s->durable_epoch;
+    measure(s);
+    s->durable = s->run_from = s->next;
+    if (s->crc_first + s->crc_count > s->next)
+        s->crc_count = s->next > s->crc_first ? s->next - s->crc_first : 0;
+    s->next_window = 0;
+    s->at_slot = -1;
+    alarms_reset(s->alarms);
+    for (struct after *after = s->askers; after != NULL; after = after->next)
+        say_full(c, &after->reply);
+    after_free(s->askers);
+    s->askers = NULL;
+    s->closing = s->slowed = false;
+    s->resumes = true;
+    atomic_store(&s->fence, false);                /* nothing of it is under way */
+}
+
+void stream_refused(struct core *c, struct after *after, struct transaction *t)
+{
+    struct stream *s = after->stream;
+
+    s->in_flight -= after->length;
+    say_full(c, &after->reply);
+    if (s->last != t || after->next != NULL)
+        return;
+    s->last = NULL;
+    roll_back(c, s);
+    go_on(c, s);
+}
+
+/* ---- after a commit, and at the start --------------------------------------------------------------------------- */
+
+/* Its batch is sealed: what is left is the answer to who closes it again. */
+static void closed(struct core *c, struct stream *s)
+{
+    if (s->bytes > 0) {
+        struct task *task = grab(sizeof *task);
+        task->type = TASK_REMOVE_SAMPLES;
+        task->id = s->id;
+        c->tasks++;
+        core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    }
+    s->closed = true;
+    c->open_streams--;
+    s->closed_ns = c->now.mono_ns;
+    if (s->sealed != NULL) {
+        s->sealed->committed = true;
+        input_index(s->sealed);
+        memcpy(s->sha256, s->sealed->sha256, 32);
+        s->has_batch = true;
+        s->sealed = NULL;                          /* it has a life of its own */
+    }
+    free(s->segments);
+    free(s->crcs);
+    free(s->recent);
+    s->segments = NULL;
+    s->crcs = NULL;
+    s->recent = NULL;
+    s->segment_room = 0;
+    s->crc_count = s->crc_room = 0;
+}
+
+void stream_after(struct core *c, struct after *after, struct transaction *t)
+{
+    struct stream *s = after->stream;
+
+    if (s->last == t)
+        s->last = NULL;
+    if (after->value == -1)
+        closed(c, s);
+    else if (after->length > 0) {
+        s->in_flight -= after->length;
+        s->durable_epoch = (uint64_t)after->attempts;
+        s->durable = (uint64_t)after->value;
+    }
+    say(c, &after->reply, s);
+    go_on(c, s);
+    end_if_quiet(c, s);
+}
+
+void stream_load_note(struct core *c, const struct note_record *r)
+{
+    cJSON *note_text = NULL, *open;
+    const char *user = "", *name = "";
+    double epoch = 0, begin = 0;
+    struct wire_input w;
+    struct stream *s;
+
+    if (json_read(r->text, strlen(r->text), &note_text, NULL) != MODAL_OK)
+        return;
+    open = cJSON_GetObjectItemCaseSensitive(note_text, "open");
+    json_get_string(note_text, "", "user", &user, NULL);
+    json_get_string(note_text, "", "name", &name, NULL);
+    json_get_number(note_text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
+    json_get_number(note_text, "", "begin", 0, WIRE_INTEGER_MOST, &begin, NULL);
+    cJSON_AddNumberToObject(open, "samples", 1);
+    if (strtoll(r->name, NULL, 10) >= c->next_input)      /* without samples it has no row that would keep its number */
+        c->next_input = strtoll(r->name, NULL, 10) + 1;
+    if (wire_input_read(open, "", WIRE_BATCH, &w, NULL) == MODAL_OK) {
+        s = make(c, user_get(c, user), name, &w, cJSON_GetObjectItemCaseSensitive(open, "window"), strtoll(r->name, NULL, 10));
+        s->epoch = s->durable_epoch = (uint64_t)epoch;
+        s->begin = s->next = s->durable = s->run_from = (uint64_t)begin;
+    }
+    cJSON_Delete(note_text);
+}
+
+bool stream_is_open(const struct core *c, int64_t id)
+{
+    const struct stream *s = stream_by_id(c, id);
+
+    return s != NULL && !s->closed;
+}
+
+/* Segments, in the order in which they came, find their streams once all notes are read. */
+void stream_load_segment(struct core *c, const struct segment_record *r)
+{
+    struct stream *s = stream_by_id(c, r->stream);
+
+    if (s == NULL)
+        return;
+    if (r->epoch == s->epoch) {
+        bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
+        if (!any)
+            s->begin = s->next = r->first;
+        if (r->first > s->next)
+            add_gap(s, s->next, r->first);
+        s->next = s->durable = s->run_from = r->first + r->count;
+    }
+    add_segment(s, r->epoch, r->first, r->count);
+}
+
+/* Closed streams are remembered for ten minutes, for who asks again; then until what was asked of the ledger is done, as its last window may be there. */
+void streams_retain(struct core *c)
+{
+    struct stream **link = &c->streams;
+
+    while (*link != NULL) {
+        struct stream *s = *link;
+        bool over = s->closed && !s->live && s->closed_ns + 600 * SECOND <= c->now.mono_ns;
+        if (over && s->commits_awaited == 0)
+            s->commits_awaited = c->commits + c->uncommitted;
+        if (!over || c->commits < s->commits_awaited) {
+            link = &s->next_stream;
+            continue;
+        }
+        *link = s->next_stream;
+        stream_free(s);
+    }
+}
+
+void stream_free(struct stream *s)
+{
+    while (s->held != NULL)
+        let_go(s);
+    after_free(s->askers);
+    free(s->name);
+    free(s->header);
+    free(s->options);
+    free(s->segments);
+    free(s->gaps);
+    free(s->crcs);
+    free(s->recent);
+    alarms_free(s->alarms);
+    free(s);
+}

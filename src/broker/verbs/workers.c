@@ -1,0 +1,920 @@
+/*
+ * workers.c - the pool: who has which job, leases, what comes back, who dies
+ *
+ * A slot is a worker process with one job at most.  Whatever a worker says is believed only with the job and attempt its
+ * slot has now.  To end an attempt early its process group is killed; the job moves when the exit is seen.
+ */
+#include "broker/core/state.h"
+#include "modal/crc32c.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+
+enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3, DETAIL_MOST = 4096, PROGRESS_MOST = 4096,
+       THREADS_MOST = 1024 };
+
+static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
+{
+    char *text = json_print(header);
+
+    cJSON_Delete(header);
+    if (text == NULL)
+        abort();
+    core_act(c, (struct action) { .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
+}
+
+/* A worker's error is text and code of this protocol, whatever it sent. */
+static void error_of_worker(const cJSON *error, struct modal_error *out)
+{
+    wire_error_read(error, out);
+    if (out->status == MODAL_OK)
+        out->status = MODAL_INTERNAL;
+}
+
+/* TEXT as the value of a logfmt member: one line without quotes in it. */
+static const char *one_line(char *text)
+{
+    for (char *at = text; *at != 0; at++)
+        if ((unsigned char)*at < 0x20 || *at == 0x7f || *at == '"')
+            *at = *at == '"' ? '\'' : ' ';
+    return text;
+}
+
+/* ---- starting a job --------------------------------------------------------------------------------------------- */
+
+static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
+{
+    const struct input *input = job->input;
+    cJSON *header = cJSON_CreateObject(), *described;
+    char ident[9], hex[65], path[4096];
+    int64_t limit = job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns;
+
+    job_ident(c, job, ident);
+    cJSON_AddStringToObject(header, "job", ident);
+    cJSON_AddNumberToObject(header, "attempt", job->attempts);
+    cJSON_AddStringToObject(header, "kind", job->kind);
+    cJSON_AddRawToObject(header, "options", job->options);
+    cJSON_AddNumberToObject(header, "run_limit_s", (double)limit / 1e9);
+    described = cJSON_AddObjectToObject(header, "input");
+    input_describe(input, described);
+    identity_hex(input->sha256, hex);
+    cJSON_AddStringToObject(described, "sha256", hex);
+    if (!input->inline_data) {
+        spool_path(path, c->settings.dir, input->id);
+        cJSON_AddStringToObject(described, "file", path);
+        cJSON_AddNumberToObject(described, "offset", (double)input->offset);
+        cJSON_AddNumberToObject(described, "crc32c", (double)input->crc);
+    }
+    to_worker(c, slot, "RUN", header, blob_share(data));
+    if (limit > 0)
+        core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
+}
+
+/* A task that fetches the input of a job whose attempt has begun;
+ * job_input_read goes on with it. */
+static void fetch(struct core *c, struct job *job, enum task_type type)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = type;
+    task->id = job->input->id;
+    task->length = WIRE_INLINE_MOST;
+    task->descriptor = -1;
+    task->total = (uint64_t)job->id;
+    task->after = after_new(AFTER_READ, NULL);
+    task->after->value = job->id;
+    task->after->attempts = job->attempts;
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+static void start(struct core *c, struct job *job, int slot)
+{
+    struct slot *s = &c->slots[slot];
+
+    job->attempts++;
+    job->slot = slot;
+    s->state = SLOT_BUSY;
+    s->job = job;
+    s->attempt = job->attempts;
+    s->started_ns = s->heard_ns = c->now.mono_ns;
+    s->cpu_s = 0;
+    s->late_told = false;
+    s->expected_s = job->user->cost_s;
+    s->jobs++;
+    c->attempts++;
+    job_move(c, job, JOB_RUNNING, NULL);
+    if (!job->input->inline_data || job->input->data == NULL) {
+        fetch(c, job, job->input->inline_data ? TASK_READ_INPUT : TASK_OPEN_INPUT);
+        return;
+    }
+    run_on(c, job, slot, job->input->data);
+    if (job->input->jobs <= 1)
+        input_cache(c, job->input, NULL);          /* no other job waits for it */
+    input_trim(c, job->input);
+}
+
+/* The open file of a job's input, to its worker; SLOT -1: nobody wants it any more. */
+static void hand(struct core *c, const struct job *job, int slot, int descriptor)
+{
+    char ident[9] = "";
+
+    if (slot >= 0)
+        job_ident(c, job, ident);
+    core_act(c, (struct action) { .type = ACT_HAND, .slot = slot, .descriptor = descriptor,
+                                  .header = slot < 0 ? NULL
+                                            : grab_format("%s %d", ident, job->attempts) });
+}
+
+/* The input that a started job was waiting for: inline data, or an open file. */
+void job_input_read(struct core *c, struct task *task)
+{
+    struct job *job = job_by_id(c, task->after->value);
+
+    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts
+        || job->slot < 0) {
+        if (task->descriptor >= 0)
+            hand(c, NULL, -1, task->descriptor);
+        return;
+    }
+    if (task->status != MODAL_OK) {
+        int slot = job->slot;
+        c->slots[slot].job = NULL;
+        c->slots[slot].state = SLOT_IDLE;
+        job->slot = -1;
+        job_fail(c, job, JOB_FAILED, &task->err, NULL);
+        return;
+    }
+    if (task->descriptor >= 0)
+        hand(c, job, job->slot, task->descriptor);
+    run_on(c, job, job->slot, task->text);
+}
+
+static bool has_window(const struct core *c, const struct stream *stream, int slot)
+{
+    return stream->at_slot == slot && stream->at_process == c->slots[slot].process;
+}
+
+/* The worker that has the window is idle, or will be soon. */
+static bool is_awaited(const struct core *c, const struct stream *stream)
+{
+    const struct slot *own = stream->at_slot >= 0 ? &c->slots[stream->at_slot] : NULL;
+
+    return own != NULL && has_window(c, stream, stream->at_slot) && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
+}
+
+/* A stream whose window is due: one that this worker has, else one that no other worker is to go on with. */
+static struct stream *due_for(struct core *c, int slot)
+{
+    struct stream *found = NULL;
+
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream) {
+        if (s->live || !stream_due(s))
+            continue;
+        if (has_window(c, s, slot))
+            return s;
+        if (found == NULL && !is_awaited(c, s))
+            found = s;
+    }
+    return found;
+}
+
+static cJSON *live_header(struct slot *s, const struct stream *stream, uint64_t first)
+{
+    cJSON *header = cJSON_CreateObject(), *input = cJSON_Parse(stream->header), *live;
+    char name[24];
+
+    snprintf(name, sizeof name, "%lld", (long long)stream->id);
+    cJSON_AddStringToObject(header, "job", "live");
+    cJSON_AddNumberToObject(header, "attempt", s->attempt);
+    cJSON_AddStringToObject(header, "kind", "identify");
+    cJSON_AddRawToObject(header, "options", stream->options);
+    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
+    live = cJSON_AddObjectToObject(header, "live");
+    cJSON_AddStringToObject(live, "stream", name);
+    cJSON_AddNumberToObject(live, "epoch", (double)stream->epoch);
+    cJSON_AddNumberToObject(live, "to", (double)s->live_to);
+    cJSON_AddNumberToObject(live, "window", (double)stream->window);
+    cJSON_AddNumberToObject(live, "hop", (double)stream->hop);
+    cJSON_DeleteItemFromObject(input, "window");
+    cJSON_AddStringToObject(input, "content", "batch");
+    cJSON_AddNumberToObject(input, "samples", (double)(s->live_to + 1 - first));
+    cJSON_AddItemToObject(header, "input", input);
+    return header;
+}
+
+/* A live window goes before all jobs: it is small, and somebody watches.  The worker that had the last one gets only what is new. */
+static void start_live(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+    struct stream *stream = due_for(c, slot);
+    struct blob *data;
+    uint64_t from = 0, first = 0;
+
+    if (stream == NULL)
+        return;
+    data = stream_window(stream, has_window(c, stream, slot) ? stream->at_next : 0, &from, &first);
+    stream->live = true;
+    s->live = stream;
+    s->live_from = from;
+    s->live_to = from + stream->window - 1;
+    s->live_epoch = stream->epoch;
+    s->state = SLOT_BUSY;
+    s->attempt = ++c->live_attempts;
+    s->jobs++;
+    s->started_ns = s->heard_ns = c->now.mono_ns;
+    stream->at_slot = slot, stream->at_process = s->process, stream->at_next = s->live_to + 1;
+    to_worker(c, slot, "RUN", live_header(s, stream, first), data);
+}
+
+/* The window is due again, unless an epoch has begun since, whose samples are others. */
+static void try_again(struct stream *stream, const struct slot *s)
+{
+    if (stream->epoch == s->live_epoch)
+        stream->next_window = s->live_to + 1;
+}
+
+/* The worker of a live window died: once more on another, unless the window itself is to blame. */
+static void live_died(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+    struct stream *stream = s->live;
+
+    s->live = NULL;
+    stream->live = false;
+    stream->at_slot = -1;
+    if (++stream->died < LIVE_DEATHS_MOST) {
+        try_again(stream, s);
+        return;
+    }
+    stream_dropped(c, stream, s->live_epoch, s->live_from, s->live_to);
+    stream->died = 0;
+}
+
+/* The end of a live window, with its result or its error. */
+static void end_live(struct core *c, int slot, const struct wire_message *m)
+{
+    struct slot *s = &c->slots[slot];
+    struct stream *stream = s->live;
+    const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    struct modal_error err;
+    cJSON *error = NULL;
+
+    s->live = NULL;
+    stream->live = false;
+    stream->died = 0;
+    s->state = SLOT_TAKEN;
+    if (told != NULL) {
+        stream->at_slot = -1;
+        error_of_worker(told, &err);
+        error = wire_error_object(&err, NULL);
+    }
+    if (told != NULL && strcmp(err.field, "live") == 0)
+        try_again(stream, s);                         /* it dropped the window: once more, with all of it */
+    else
+        stream_result(c, stream, s->live_epoch, s->live_from, s->live_to, m->body_count > 0 ? &m->body[0] : NULL, error);
+    cJSON_Delete(error);
+}
+
+void workers_schedule(struct core *c)
+{
+    if (c->draining || c->terminating || c->now.mono_ns < c->hold_until)
+        return;
+    for (int slot = 0; slot < c->slot_count; slot++)
+        if (c->slots[slot].state == SLOT_IDLE)
+            start_live(c, slot);
+    for (int slot = 0; slot < c->slot_count; slot++) {
+        struct user *user;
+        struct job *job;
+
+        if (c->slots[slot].state != SLOT_IDLE)
+            continue;
+        user = user_next(c);
+        if (user == NULL)
+            return;
+        job = job_by_id(c, heap_pop(&user->ready).order);
+        start(c, job, slot);
+    }
+}
+
+/* ---- processes -------------------------------------------------------------------------------------------------- */
+
+/* One lease timer a slot, as long as it has a process. */
+static void watch(struct core *c, int slot, int64_t when_ns)
+{
+    if (c->slots[slot].watched)
+        return;
+    c->slots[slot].watched = true;
+    core_timer(c, when_ns, TIMER_LEASE, slot, 0);
+}
+
+static void spawn(struct core *c, int slot)
+{
+    c->slots[slot].state = SLOT_STARTING;
+    c->slots[slot].process++;
+    c->slots[slot].jobs = 0;
+    c->slots[slot].heard_ns = c->now.mono_ns;
+    core_act(c, (struct action) { .type = ACT_SPAWN, .slot = slot });
+    watch(c, slot, c->now.mono_ns + c->settings.lease_ns);
+}
+
+void workers_fill(struct core *c)
+{
+    int wanted = c->settings.workers < SLOTS_MOST ? c->settings.workers : SLOTS_MOST;
+
+    if (c->terminating)
+        return;
+    while (c->slot_count < wanted)
+        spawn(c, c->slot_count++);
+    for (int slot = wanted; slot < c->slot_count; slot++)
+        if (c->slots[slot].state == SLOT_IDLE || c->slots[slot].state == SLOT_STARTING)
+            to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
+}
+
+void worker_kill(struct core *c, int slot)
+{
+    if (slot < 0 || c->slots[slot].state == SLOT_KILLED || c->slots[slot].state == SLOT_EMPTY)
+        return;
+    c->slots[slot].state = SLOT_KILLED;
+    core_act(c, (struct action) { .type = ACT_KILL, .slot = slot });
+}
+
+void worker_timer(struct core *c, enum timer what, int64_t number)
+{
+    int slot = (int)number;
+    struct slot *s = &c->slots[slot];
+    int64_t due = s->heard_ns + c->settings.lease_ns;
+
+    if (what == TIMER_SPAWN) {
+        if (s->state == SLOT_EMPTY && slot < c->settings.workers && !c->terminating)
+            spawn(c, slot);
+        return;
+    }
+    s->watched = false;
+    if (s->state == SLOT_EMPTY || s->state == SLOT_KILLED)
+        return;
+    if (c->now.mono_ns < due && !(s->live != NULL && c->now.mono_ns - s->started_ns > LIVE_LIMIT_S * SECOND)) {
+        watch(c, slot, due);
+        return;
+    }
+    core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot, (double)(c->now.mono_ns - s->heard_ns) / 1e9);
+    c->leases_lost++;
+    if (s->job != NULL)
+        s->job->ending = ENDING_LEASE;
+    worker_kill(c, slot);
+}
+
+/* Leave the job: the slot is free for its process's next one, or for its successor. */
+static void part(struct core *c, struct slot *s)
+{
+    if (s->output != NULL && s->output->filling != NULL) {
+        s->output->filling->slot = -1;
+        s->output->filling->aborting = true;
+        upload_quiet(c, s->output);
+    }
+    if (s->job != NULL)
+        s->job->slot = -1;
+    free(s->document);
+    s->document = NULL;
+    s->document_size = s->document_total = 0;
+    s->parts = 0;
+    s->output = NULL;
+    s->finishing = s->ready = false;
+    s->job = NULL;
+}
+
+/* The cores that a job may use at once: its option `threads`, of those that there are. */
+static int cores_of(const struct core *c, const struct job *job)
+{
+    cJSON *options = cJSON_Parse(job->options);
+    int threads = 1;
+
+    json_get_int(options, "", "threads", 1, THREADS_MOST, &threads, NULL);
+    cJSON_Delete(options);
+    return threads < c->settings.cores ? threads : c->settings.cores;
+}
+
+/* Time is the daemon's own; of the processor's a worker is believed no more than its cores can have
+ * given meanwhile. */
+static void account_for(struct core *c, const struct slot *s, struct job *job)
+{
+    double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9, cpu_s = s->cpu_s;
+
+    if (cpu_s > wall_s)
+        cpu_s = fmin(cpu_s, wall_s * cores_of(c, job));
+    job->cpu_ns += (int64_t)(cpu_s * 1e9);
+    user_ran(c, job->user, s->expected_s, wall_s, cpu_s > 0 ? cpu_s : wall_s);
+}
+
+/* Its worker died under it: again, or dead. */
+static void crashed(struct core *c, struct job *job, int status, const char *stderr_text)
+{
+    struct modal_error err;
+
+    job->crashes++;
+    if (WIFSIGNALED(status))
+        modal_fail(&err, MODAL_WORKER_DIED, "the worker died of signal %d in attempt %d", WTERMSIG(status), job->attempts);
+    else
+        modal_fail(&err, MODAL_WORKER_DIED, "the worker ended with status %d in attempt %d", WEXITSTATUS(status), job->attempts);
+    if (job->crashes >= job->max_attempts) {
+        job->stderr_text = grab_text(stderr_text != NULL ? stderr_text : "");
+        job_fail(c, job, JOB_DEAD, &err, NULL);
+        return;
+    }
+    job_move(c, job, JOB_QUEUED, NULL);
+    core_timer(c, c->now.mono_ns + (SECOND / 2 << (job->crashes - 1)), TIMER_START, job->id, 0);
+}
+
+static void ended_early(struct core *c, struct job *job, enum ending ending, int status, const char *stderr_text)
+{
+    struct modal_error err;
+
+    switch (ending) {
+    case ENDING_CANCEL:
+        modal_fail(&err, MODAL_CANCELLED, "cancelled while it ran");
+        job_fail(c, job, JOB_CANCELLED, &err, NULL);
+        break;
+    case ENDING_RUN_LIMIT:
+        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s%s",
+                   job->attempts,
+                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns
+                                                  : c->settings.run_limit_ns) / 1e9,
+                   job->run_limit_ns > 0 ? "" : ", which the daemon's configuration sets where "
+                                                "a job names none (run_limit_s)");
+        job_fail(c, job, JOB_FAILED, &err, NULL);
+        break;
+    case ENDING_DEADLINE:
+        modal_fail(&err, MODAL_DEADLINE, "the deadline passed while the job ran");
+        job_fail(c, job, JOB_FAILED, &err, NULL);
+        break;
+    default:
+        crashed(c, job, status, stderr_text);
+    }
+}
+
+/* The end of what a process said that nobody had told to end, as one line. */
+static void log_exit(struct core *c, int slot, int status, const char *stderr_text)
+{
+    char said[1024];
+    size_t length = stderr_text == NULL ? 0 : strlen(stderr_text), from = length < sizeof said ? 0 : length - sizeof said + 1;
+
+    snprintf(said, sizeof said, "%s", length == 0 ? "" : stderr_text + from);
+    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status,
+             one_line(said));
+}
+
+void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
+{
+    struct slot *s = &c->slots[slot];
+    struct job *job = s->job;
+    int64_t again_ns = 0;
+
+    if (s->live != NULL) {
+        live_died(c, slot);
+        c->deaths++;
+    }
+    if (job != NULL) {
+        enum ending ending = job->ending;
+        account_for(c, s, job);
+        part(c, s);
+        if (ending == ENDING_NONE)
+            log_exit(c, slot, status, stderr_text);
+        if (ending != ENDING_FINISH)
+            ended_early(c, job, ending, status, stderr_text);
+        s->quick_deaths = 0;
+        c->deaths++;
+    } else {
+        part(c, s);
+        if (status != 0)
+            s->quick_deaths++;
+        again_ns = s->quick_deaths == 0 ? 0 : SECOND / 10 << (s->quick_deaths < 6 ? s->quick_deaths : 6);
+        if (s->quick_deaths > 0)
+            log_exit(c, slot, status, stderr_text);
+    }
+    s->state = SLOT_EMPTY;
+    if (c->terminating)
+        return;
+    if (slot < c->settings.workers) {
+        if (again_ns == 0)
+            spawn(c, slot);
+        else
+            core_timer(c, c->now.mono_ns + again_ns, TIMER_SPAWN, slot, 0);
+    } else if (slot == c->slot_count - 1)
+        c->slot_count--;
+}
+
+/* ---- results ---------------------------------------------------------------------------------------------------- */
+
+/* Keep the last few documents at hand, so that who waits for one is answered from memory. */
+static void keep_document(struct core *c, struct job *job, struct blob *document)
+{
+    struct job **place = &c->document_ring[c->document_at];
+
+    if (document->size > LEDGER_RESULT_INLINE_MOST)
+        return;
+    if (*place != NULL) {
+        blob_drop((*place)->document);
+        (*place)->document = NULL;
+    }
+    *place = job;
+    c->document_at = (c->document_at + 1) % (int)(sizeof c->document_ring / sizeof *c->document_ring);
+    job->document = blob_share(document);
+}
+
+void documents_drop(struct core *c)
+{
+    for (size_t i = 0; i < sizeof c->document_ring / sizeof *c->document_ring; i++)
+        if (c->document_ring[i] != NULL) {
+            blob_drop(c->document_ring[i]->document);
+            c->document_ring[i]->document = NULL;
+            c->document_ring[i] = NULL;
+        }
+}
+
+/* The document is stored, or small enough for the ledger: publish it. */
+void job_result_put(struct core *c, struct task *task)
+{
+    struct job *job = job_by_id(c, task->after->value);
+    struct transaction *t;
+    struct result_record *row;
+
+    if (job == NULL || job->state != JOB_RUNNING || job->attempts != task->after->attempts)
+        return;
+    if (task->status != MODAL_OK) {
+        job_fail(c, job, JOB_FAILED, &task->err, NULL);
+        return;
+    }
+    t = transaction_new();
+    t->refusable = LAST_REFUSED;
+    row = &transaction_add(t, LEDGER_RESULT_PUT)->result;
+    *row = task->record;
+    memcpy(row->input, job->input->sha256, 32);
+    memcpy(row->settings, job->settings, 32);
+    transaction_keep(t, task->text);
+    job->result_bytes = task->text->size;
+    keep_document(c, job, task->text);
+    input_use(c, job->output, 1);
+    job_move(c, job, JOB_DONE, t);
+}
+
+static void publish(struct core *c, struct job *job, struct blob *document)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = TASK_RESULT_PUT;
+    task->id = job->id;
+    task->text = document;
+    task->after = after_new(AFTER_READ, NULL);
+    task->after->value = job->id;
+    task->after->attempts = job->attempts;
+    job->ending = ENDING_FINISH;
+    if (document->size <= LEDGER_RESULT_INLINE_MOST) {
+        task->record = (struct result_record) { .job = job->id, .text = document->data, .length = document->size,
+                                                .crc = crc32c(0, document->data, document->size) };
+        job_result_put(c, task);
+        task_free(task);
+        return;
+    }
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+static void take_ready(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+
+    if (slot >= c->settings.workers || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
+        to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
+        return;
+    }
+    s->state = SLOT_IDLE;
+    s->quick_deaths = 0;
+}
+
+/* DONE has come and the signals, if any, are sealed. */
+static void finish(struct core *c, int slot)
+{
+    struct slot *s = &c->slots[slot];
+    struct job *job = s->job;
+    struct blob *document = blob_take(s->document, s->document_size);
+    bool ready = s->ready;
+
+    s->document = NULL;
+    job->output = s->output;
+    s->output = NULL;
+    part(c, s);
+    s->state = SLOT_TAKEN;                        /* until READY, which may have come while the signals were sealed */
+    if (ready)
+        take_ready(c, slot);
+    publish(c, job, document);
+}
+
+static void fail_attempt(struct core *c, int slot, const struct modal_error *err, cJSON *detail)
+{
+    struct job *job = c->slots[slot].job;
+
+    part(c, &c->slots[slot]);
+    if (c->slots[slot].state == SLOT_BUSY)
+        c->slots[slot].state = SLOT_TAKEN;
+    job_fail(c, job, JOB_FAILED, err, detail);
+}
+
+void worker_output(struct core *c, struct input *input, const struct modal_error *err)
+{
+    int slot = input->filling->slot;
+    struct slot *s = &c->slots[slot];
+
+    if (s->output != input)
+        return;
+    if (err != NULL) {
+        s->output = NULL;
+        input->filling->slot = -1;
+        input->filling->aborting = true;
+        fail_attempt(c, slot, err, NULL);
+        worker_kill(c, slot);
+        return;
+    }
+    if (s->finishing)
+        finish(c, slot);
+}
+
+void worker_go(struct core *c, int slot)
+{
+    cJSON *header;
+    char ident[9];
+
+    if (c->slots[slot].job == NULL || c->slots[slot].state != SLOT_BUSY)
+        return;
+    c->slots[slot].parts--;
+    header = cJSON_CreateObject();
+    job_ident(c, c->slots[slot].job, ident);
+    cJSON_AddStringToObject(header, "job", ident);
+    cJSON_AddNumberToObject(header, "attempt", c->slots[slot].attempt);
+    to_worker(c, slot, "GO", header, NULL);
+}
+
+/* ---- what workers say ------------------------------------------------------------------------------------------- */
+
+static void on_ready(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+
+    (void)m, (void)body;
+    if (s->state == SLOT_STARTING || s->state == SLOT_TAKEN)
+        take_ready(c, slot);
+    else
+        s->ready = s->state == SLOT_BUSY && s->finishing;
+}
+
+static void on_beat(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    (void)c, (void)slot, (void)m, (void)body;
+}
+
+static void on_progress(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct job *job = c->slots[slot].job;
+    const cJSON *progress = cJSON_GetObjectItemCaseSensitive(m->header, "progress");
+    char *text;
+
+    (void)body;
+    if (!cJSON_IsObject(progress) || (text = json_print(progress)) == NULL)
+        return;
+    if (strlen(text) > PROGRESS_MOST) {
+        free(text);
+        return;
+    }
+    free(job->progress);
+    job->progress = text;
+    events_progress(c, job);
+}
+
+static void bad_worker(struct core *c, int slot, const char *what)
+{
+    char text[512];
+
+    snprintf(text, sizeof text, "%s", what);
+    core_log(c, "level=error event=worker_protocol slot=%d what=\"%s\"", slot, one_line(text));
+    worker_kill(c, slot);
+}
+
+/* What it computed is more than may be kept: the job fails,
+ * and what is still under way from this worker ends with it. */
+static void too_large(struct core *c, int slot, const struct modal_error *err)
+{
+    fail_attempt(c, slot, err, NULL);
+    worker_kill(c, slot);
+}
+
+/* Bytes at OFFSET of TOTAL, which the first PART has settled as SETTLED: there are some, and they
+ * follow the HERE bytes before. */
+static bool in_order(const struct wire_message *m, uint64_t offset, uint64_t total, uint64_t here,
+                     uint64_t settled)
+{
+    return m->body_count == 1 && m->body_bytes > 0 && offset == here && total == settled
+        && m->body_bytes <= total - here;
+}
+
+static void document_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m)
+{
+    struct slot *s = &c->slots[slot];
+    struct modal_error err;
+
+    if (total > WIRE_DOCUMENT_MOST) {
+        modal_fail_field(&err, MODAL_TOO_LARGE, "result", "the result has %llu bytes; accepted: at most %d", (unsigned long long)total, WIRE_DOCUMENT_MOST);
+        too_large(c, slot, &err);
+        return;
+    }
+    if (!in_order(m, offset, total, s->document_size,
+                  s->document != NULL ? s->document_total : total)) {
+        bad_worker(c, slot, "a part out of order");
+        return;
+    }
+    if (s->document == NULL)
+        s->document = grab(total + 1);
+    s->document_total = total;
+    s->document_size += wire_gather(m, s->document + offset, m->body_bytes);
+    worker_go(c, slot);
+}
+
+/* The first PART of signals says what they are; false: it was refused. */
+static bool begin_signals(struct core *c, int slot, const struct wire_message *m)
+{
+    const cJSON *batch = cJSON_GetObjectItemCaseSensitive(m->header, "batch");
+    struct wire_input w;
+    struct modal_error err;
+
+    if (wire_input_read(batch, "batch", WIRE_BATCH, &w, &err) != MODAL_OK) {
+        bad_worker(c, slot, err.message);
+        return false;
+    }
+    if ((double)w.bytes > (double)c->settings.input_bytes) {
+        modal_fail_field(&err, MODAL_TOO_LARGE, "time", "the signals have %llu bytes; accepted: at "
+                         "most %lld (input_bytes)", (unsigned long long)w.bytes,
+                         (long long)c->settings.input_bytes);
+        too_large(c, slot, &err);
+        return false;
+    }
+    c->slots[slot].output = output_begin(c, c->slots[slot].job->user, &w, slot);
+    return true;
+}
+
+static void signals_part(struct core *c, int slot, uint64_t offset, uint64_t total,
+                         const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+
+    if (s->output == NULL && offset == 0 && !begin_signals(c, slot, m))
+        return;
+    if (s->output == NULL
+        || !in_order(m, offset, total, s->output->filling->accepted, s->output->bytes)) {
+        bad_worker(c, slot, "signals out of order");
+        return;
+    }
+    output_chunk(c, s->output, body[0]);
+}
+
+static void on_part(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    const char *part_name = "document";
+    double offset = -1, total = -1;
+
+    if (json_need_number(m->header, "", "offset", 0, WIRE_INTEGER_MOST, &offset, NULL) != MODAL_OK
+        || json_need_number(m->header, "", "total", 0, WIRE_INTEGER_MOST, &total, NULL) != MODAL_OK
+        || json_get_string(m->header, "", "part", &part_name, NULL) != MODAL_OK)
+        bad_worker(c, slot, "a part without its place");
+    else if (c->slots[slot].parts++ == WIRE_PARTS_MOST)
+        bad_worker(c, slot, "more parts than may wait for their GO");
+    else if (strcmp(part_name, "batch") == 0)
+        signals_part(c, slot, (uint64_t)offset, (uint64_t)total, m, body);
+    else if (strcmp(part_name, "document") == 0)
+        document_part(c, slot, (uint64_t)offset, (uint64_t)total, m);
+    else
+        bad_worker(c, slot, "a part of nothing");
+}
+
+static void take_cpu(struct core *c, int slot, const struct wire_message *m)
+{
+    struct slot *s = &c->slots[slot];
+
+    json_get_number(m->header, "", "cpu_s", 0, 1e9, &s->cpu_s, NULL);
+    account_for(c, s, s->job);
+}
+
+/* The document lies in DONE, or in the PARTs before it; signals, if any, are all there. */
+static bool is_whole(const struct slot *s, const struct wire_message *m)
+{
+    const bool in_parts = s->document != NULL;
+
+    if (in_parts ? m->body_count != 0 || s->document_size != s->document_total
+                 : m->body_count != 1 || m->body_bytes == 0)
+        return false;
+    return s->output == NULL || s->output->filling->accepted == s->output->bytes;
+}
+
+static void on_done(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct slot *s = &c->slots[slot];
+
+    (void)body;
+    if (!is_whole(s, m)) {
+        bad_worker(c, slot, "DONE with a part missing");
+        return;
+    }
+    take_cpu(c, slot, m);
+    if (s->document == NULL) {
+        s->document = grab(m->body_bytes + 1);
+        s->document_size = s->document_total = wire_gather(m, s->document, m->body_bytes);
+    }
+    s->finishing = true;
+    if (s->output != NULL)
+        output_seal(c, s->output);
+    else
+        finish(c, slot);
+}
+
+/* A copy of the error's detail, an object of at most DETAIL_MOST bytes; NULL: none,
+ * or another, which is left out. */
+static cJSON *detail_of(struct core *c, int slot, const cJSON *error)
+{
+    const cJSON *detail = cJSON_GetObjectItemCaseSensitive(error, "detail");
+    char *text = cJSON_IsObject(detail) ? json_print(detail) : NULL;
+    const size_t length = text != NULL ? strlen(text) : 0;
+
+    free(text);
+    if (length > DETAIL_MOST)
+        core_log(c, "level=warning event=detail_left_out slot=%d bytes=%zu most=%d", slot, length,
+                 DETAIL_MOST);
+    return length == 0 || length > DETAIL_MOST ? NULL : cJSON_Duplicate(detail, true);
+}
+
+static void on_failed(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    struct modal_error err;
+
+    (void)body;
+    take_cpu(c, slot, m);
+    error_of_worker(error, &err);
+    fail_attempt(c, slot, &err, detail_of(c, slot, error));
+}
+
+/* Of an attempt that is over: told once in the life of the next. */
+static void tell_late(struct core *c, int slot, const char *verb)
+{
+    if (!c->slots[slot].late_told)
+        core_log(c, "level=info event=late slot=%d verb=%s", slot, verb);
+    c->slots[slot].late_told = true;
+}
+
+static bool is_current(const struct core *c, const struct slot *s, const struct wire_message *m)
+{
+    const char *ident = "";
+    int attempt = -1;
+
+    json_get_string(m->header, "", "job", &ident, NULL);
+    json_get_int(m->header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
+    if (s->state != SLOT_BUSY || s->attempt != attempt)
+        return false;
+    return s->live != NULL
+        || (s->job != NULL && !s->finishing
+            && ident_number(c->settings.secret, ident) == s->job->id);
+}
+
+void worker_message(struct core *c, const struct event *e)
+{
+    static const struct {
+        const char *verb;
+        bool on_job, ends;   /* believed only of the current job and attempt; the last word on it */
+        void (*run)(struct core *, int, const struct wire_message *, struct blob **);
+    } verbs[] = {
+        { "READY", false, false, on_ready }, { "BEAT", false, false, on_beat },
+        { "PROGRESS", true, false, on_progress }, { "PART", true, false, on_part },
+        { "DONE", true, true, on_done }, { "FAILED", true, true, on_failed },
+    };
+    const struct wire_message *m = e->message;
+    const int slot = e->slot;
+    struct slot *s = &c->slots[slot];
+
+    if (slot < 0 || slot >= c->slot_count || s->state == SLOT_EMPTY)
+        return;
+    if (m == NULL) {
+        bad_worker(c, slot, e->fault->message);
+        return;
+    }
+    s->heard_ns = c->now.mono_ns;
+    for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
+        if (strcmp(verbs[i].verb, m->verb) != 0)
+            continue;
+        if (verbs[i].on_job && !is_current(c, s, m))
+            tell_late(c, slot, m->verb);
+        else if (!verbs[i].on_job || s->live == NULL)
+            verbs[i].run(c, slot, m, e->body);
+        else if (verbs[i].ends)
+            end_live(c, slot, m);
+        return;
+    }
+    bad_worker(c, slot, "an unknown verb");
+}

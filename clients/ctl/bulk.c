@@ -16,7 +16,7 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "answer.h"
+#include "outcome.h"
 #include "remote.h"
 #include "verbs.h"
 #include "wire/frame.h"
@@ -350,7 +350,7 @@ static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *par
             return MODAL_OK;
         }
         b->refused++;
-        doc = answer_error(&why, detail);
+        doc = outcome_error(&why, detail);
     } else {
         doc = cJSON_Duplicate(part, true);
         cJSON_DeleteItemFromObjectCaseSensitive(doc, "id");
@@ -360,7 +360,7 @@ static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *par
         b->items[item].job = strdup(text(doc, "job") ? text(doc, "job") : "");
     }
     cJSON_AddNumberToObject(doc, "line", (double)number);
-    enum modal_status rc = answer_json(doc, err);
+    enum modal_status rc = outcome_json(doc, err);
     cJSON_Delete(doc);
     b->done++;
     return rc;
@@ -450,7 +450,7 @@ static enum modal_status wait_one(struct bulk *b, size_t i, double deadline, boo
     if (rc == MODAL_OK) {
         *good = text(doc, "state") != NULL && strcmp(text(doc, "state"), "done") == 0;
         cJSON_AddNumberToObject(doc, "line", (double)b->items[i].number);
-        rc = answer_json(doc, err);
+        rc = outcome_json(doc, err);
     }
     cJSON_Delete(doc);
     return rc;
@@ -504,7 +504,7 @@ int run_bulk(const struct args *args)
     int status = 0;
 
     if (b == NULL)
-        return answer_failure(args->json, &(struct modal_error) { .status = MODAL_NO_MEMORY, .message = "no memory" }, NULL);
+        return outcome_failure(args->json, &(struct modal_error) { .status = MODAL_NO_MEMORY, .message = "no memory" }, NULL);
     b->args = args;
     b->window = args->window > 0 ? (int)args->window : WINDOW_DEFAULT;
     b->together = b->window < 4 ? 1 : b->window / 4 < TOGETHER_MOST ? b->window / 4 : TOGETHER_MOST;
@@ -529,7 +529,7 @@ int run_bulk(const struct args *args)
     if (rc == MODAL_OK && args->wait)
         rc = wait_all(b, remote_deadline(args), &status, &err);
     if (rc != MODAL_OK)
-        status = answer_failure(args->json, &err, NULL);
+        status = outcome_failure(args->json, &err, NULL);
     free(list);
     free(skip.hash);
     bulk_done(b);

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
-#include "answer.h"
+#include "outcome.h"
 #include "store/check.h"
 #include "verbs.h"
 
@@ -63,11 +63,11 @@ int run_fsck(const struct verb *verb, const struct args *args)
     (void)verb;
     if (dir == NULL || check_folder(dir, args->json ? keep_problem : print_problem, problems, &report, &err) != MODAL_OK) {
         cJSON_Delete(problems);
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     }
     if (args->json) {
         cJSON *document = report_json(dir, &report, problems);
-        answer_json(document, NULL);
+        outcome_json(document, NULL);
         cJSON_Delete(document);
     } else {
         printf("%s: %" PRId64 " problems; %" PRId64 " jobs, %" PRId64 " inputs in %" PRId64 " chunks, %" PRId64 " results, %" PRId64 " bytes read, %"
@@ -90,7 +90,7 @@ int run_dump(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (dir == NULL || check_dump(dir, print_line, NULL, &err) != MODAL_OK)
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     return 0;
 }
 
@@ -102,12 +102,12 @@ int run_backup(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (dir == NULL || check_backup(dir, to, &err) != MODAL_OK)
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     document = cJSON_CreateObject();
     cJSON_AddStringToObject(document, "folder", dir);
     cJSON_AddStringToObject(document, "to", to);
     if (args->json)
-        answer_json(document, NULL);
+        outcome_json(document, NULL);
     else
         printf("%s is a copy of %s, to be started with modald --data %s\n", to, dir, to);
     cJSON_Delete(document);

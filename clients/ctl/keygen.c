@@ -1,6 +1,6 @@
 /* keygen.c - `keygen FILE [SERVER-KEY]`: a new pair of CURVE keys; only the public key is printed */
 #include <stdio.h>
-#include "answer.h"
+#include "outcome.h"
 #include "keyfile.h"
 #include "verbs.h"
 
@@ -13,12 +13,12 @@ int run_keygen(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc != MODAL_OK)
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     doc = cJSON_CreateObject();
     cJSON_AddStringToObject(doc, "file", args->word[1]);
     cJSON_AddStringToObject(doc, "public", public);
     if (args->json)
-        answer_json(doc, NULL);
+        outcome_json(doc, NULL);
     else
         printf("%s\n", public);
     cJSON_Delete(doc);

@@ -2,10 +2,10 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
-#include "answer.h"
+#include "outcome.h"
 #include "job/blas_core.h"
 #include "keys.h"
-#include "sweep.h"
+#include "sweep_shares.h"
 #include "verbs.h"
 
 #define JOB_TAKES (TAKES_OPTIONS | TAKES_SUBMIT | TAKES_TIMEOUT)
@@ -105,7 +105,7 @@ static int dispatch(const struct args *args, char **argv)
     if (verb != NULL && args->help)
         return help(stdout, verb);
     if (verb == NULL || check(verb, args, &err) != MODAL_OK)
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     if (args->local)
         blas_core_ensure(argv);
     return verb->run(verb, args);
@@ -118,7 +118,7 @@ int main(int argc, char **argv)
     int status;
 
     signal(SIGPIPE, SIG_IGN);
-    status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK ? dispatch(&args, argv) : answer_failure(args.json, &err, NULL);
+    status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK ? dispatch(&args, argv) : outcome_failure(args.json, &err, NULL);
     args_done(&args);
     return status;
 }

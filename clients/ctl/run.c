@@ -5,13 +5,13 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "answer.h"
+#include "outcome.h"
 #include "input.h"
 #include "output.h"
 #include "plot.h"
 #include "remote.h"
 #include "show.h"
-#include "sweep.h"
+#include "sweep_shares.h"
 #include "verbs.h"
 
 struct limit { double end; bool passed; };       /* seconds of the monotonic clock; 0: none */
@@ -118,7 +118,7 @@ static enum modal_status show(const struct verb *verb, const struct args *args, 
     if (rc != MODAL_OK)
         return rc;
     if (args->json)
-        return answer_json(result->result, err);
+        return outcome_json(result->result, err);
     if (args->plot != NULL && strcmp(args->plot, "-") == 0)
         return MODAL_OK;
     show_result(verb->name, result->result);
@@ -146,7 +146,7 @@ int run_job(const struct verb *verb, const struct args *args)
         rc = args->local ? run_here(&input, args, &result, &err) : run_there(&input, args, &result, &detail, &err);
     if (rc == MODAL_OK)
         rc = show(verb, args, &result, &input, &err);
-    int status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
+    int status = rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     job_result_done(&result);
     input_done(&input);

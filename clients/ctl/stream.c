@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include "answer.h"
+#include "outcome.h"
 #include "modald_stream.h"
 #include "remote.h"
 #include "verbs.h"
@@ -68,7 +68,7 @@ static void say_estimate(modald_stream *s, struct live *live)
     cJSON *std = cJSON_AddObjectToObject(line, "std");
     json_set_number(std, "frequency_hz", e.frequency_std < 0 ? NAN : e.frequency_std);
     json_set_number(std, "damping_ratio", e.damping_std < 0 ? NAN : e.damping_std);
-    answer_json(line, NULL);
+    outcome_json(line, NULL);
     cJSON_Delete(line);
 }
 
@@ -191,12 +191,12 @@ static int say_end(modald_stream *s, struct live *live, size_t samples)
     cJSON_AddStringToObject(line, "verdict", verdicts[modald_verdict(s)]);
     if (r.refused > 0) {
         struct modal_error why = { .status = MODAL_DENIED, .message = "the daemon refused the stream; the line on stderr says why" };
-        cJSON *error = answer_error(&why, NULL);
+        cJSON *error = outcome_error(&why, NULL);
         cJSON_AddItemToObject(line, "error", cJSON_DetachItemFromObjectCaseSensitive(error, "error"));
         cJSON_Delete(error);
     }
     if (live->args->json)
-        answer_json(line, NULL);
+        outcome_json(line, NULL);
     else
         printf("%.0f samples, %.0f acknowledged, %.0f dropped; %s\n", r.pushed, r.acknowledged, r.dropped, verdicts[modald_verdict(s)]);
     cJSON_Delete(line);
@@ -262,7 +262,7 @@ int run_stream(const struct verb *verb, const struct args *args)
     (void)verb;
     if (rc == MODAL_OK)
         rc = strcmp(args->word[1], "-") == 0 ? push_stdin(args, name, &live, &s, &samples, &err) : push_file(args, name, &live, &s, &samples, &err);
-    status = rc == MODAL_OK ? say_end(s, &live, samples) : answer_failure(args->json, &err, NULL);
+    status = rc == MODAL_OK ? say_end(s, &live, samples) : outcome_failure(args->json, &err, NULL);
     if (rc == MODAL_OK)
         modald_close(s);
     else
@@ -282,14 +282,14 @@ int run_replay(const struct verb *verb, const struct args *args)
         rc = strncmp(why, "not all", 7) == 0 ? modal_fail(&err, MODAL_TIMEOUT, "%s: %s", args->word[1], why)
                                             : modal_fail_field(&err, MODAL_BAD_INPUT, "file", "%s: %s", args->word[1], why);
     if (rc != MODAL_OK)
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     cJSON *doc = cJSON_CreateObject();
     cJSON_AddStringToObject(doc, "file", args->word[1]);
     cJSON_AddNumberToObject(doc, "samples", samples);
     if (why[0] != 0)
         cJSON_AddStringToObject(doc, "note", why);
     if (args->json)
-        answer_json(doc, NULL);
+        outcome_json(doc, NULL);
     else
         printf("%.0f samples of %s acknowledged%s%s\n", samples, args->word[1], why[0] != 0 ? "; " : "", why);
     cJSON_Delete(doc);

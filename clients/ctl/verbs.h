@@ -13,7 +13,7 @@ struct verb {
 /* The kinds of jobs as verbs (run.c): read the input, run it here or on the server, show the result. */
 int run_job(const struct verb *verb, const struct args *args);
 
-/* The queue (queue.c). */
+/* The queue (queue_verbs.c). */
 int run_submit(const struct verb *verb, const struct args *args);
 int run_status(const struct verb *verb, const struct args *args);
 int run_wait(const struct verb *verb, const struct args *args);

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "answer.h"
+#include "outcome.h"
 #include "field.h"
 #include "live_modes.h"
 #include "live_plot.h"
@@ -72,7 +72,7 @@ static enum modal_status say(struct link_message *message, const struct args *ar
     if (args->words > 1 || args->name != NULL)         /* windows of one stream follow each other */
         live_modes_trend(&seen->modes, message->header);
     if (args->json)
-        rc = answer_json(message->header, err);
+        rc = outcome_json(message->header, err);
     else
         show_event(message->header);
     if (rc == MODAL_OK && args->plot != NULL)
@@ -158,7 +158,7 @@ int run_watch(const struct verb *verb, const struct args *args)
     }
     if (rc == MODAL_TIMEOUT && args->words < 2)
         rc = MODAL_OK;                         /* watched as long as was asked */
-    status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
+    status = rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     link_close(link);
     free(seen);

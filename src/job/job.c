@@ -1,6 +1,6 @@
 /* job.c - the one way to every kind's function; see job.h */
 #include "job/job.h"
-#include "job/identify.h"
+#include "job/identify_job.h"
 #include "job/scene_jobs.h"
 #include "job/steady.h"
 #include "job/sweep.h"

@@ -6,7 +6,7 @@
 #include <cblas.h>
 #include <stdlib.h>
 #include <time.h>
-#include "job/identify.h"
+#include "job/identify_job.h"
 #include "modal/identify/moving.h"
 
 struct live {

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "job/backbone.h"
+#include "job/backbone_job.h"
 #include "job/cost.h"
 #include "job/curve.h"
 #include "job/plan.h"

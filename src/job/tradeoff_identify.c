@@ -5,7 +5,7 @@
 #include <string.h>
 #include "job/blas_core.h"
 #include "job/cost.h"
-#include "job/identify.h"
+#include "job/identify_job.h"
 #include "job/identify_ladder.h"
 #include "job/tradeoff.h"
 #include "modal/identify/exponents.h"

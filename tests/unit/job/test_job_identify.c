@@ -1,7 +1,7 @@
 /* test_job_identify.c - identify as a job: options in, the document of the contract out */
 #include "check.h"
 #include <stdlib.h>
-#include "job/identify.h"
+#include "job/identify_job.h"
 #include "job/job.h"
 
 enum { K = 400 };

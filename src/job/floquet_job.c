@@ -1,4 +1,4 @@
-/* floquet.c - kind `floquet`: exact exponents of a linear scene, by monodromy matrix and by Hill's determinant */
+/* floquet_job.c - kind `floquet`: exact exponents of a linear scene, by monodromy matrix and by Hill's determinant */
 #include <math.h>
 #include "job/cost.h"
 #include "job/plan.h"

@@ -1,10 +1,10 @@
-/* queue.c - the verbs of the queue: one question, one document */
+/* queue_verbs.c - the verbs of the queue: one question, one document */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "answer.h"
+#include "outcome.h"
 #include "field.h"
 #include "remote.h"
 #include "output.h"
@@ -33,7 +33,7 @@ static enum modal_status begin(struct session *s, const struct args *args)
 static int end(struct session *s, enum modal_status rc, int status)
 {
     if (rc != MODAL_OK)
-        status = answer_failure(s->args->json, &s->err, s->detail);
+        status = outcome_failure(s->args->json, &s->err, s->detail);
     cJSON_Delete(s->doc);
     cJSON_Delete(s->detail);
     link_close(s->link);
@@ -72,7 +72,7 @@ static enum modal_status say_job(struct session *s)
     const cJSON *result = cJSON_GetObjectItemCaseSensitive(s->doc, "result");
 
     if (s->args->json)
-        return answer_json(s->doc, &s->err);
+        return outcome_json(s->doc, &s->err);
     show_job(s->doc);
     if (result != NULL)
         show_result(field_word(result, "kind", "-"), result);
@@ -103,7 +103,7 @@ static void add_error(cJSON *doc, const struct modal_error *err, const cJSON *de
 
     if (cJSON_HasObjectItem(doc, "error"))
         return;
-    error = answer_error(err, detail);
+    error = outcome_error(err, detail);
     cJSON_AddItemToObject(doc, "error", cJSON_DetachItemFromObjectCaseSensitive(error, "error"));
     cJSON_Delete(error);
 }
@@ -185,7 +185,7 @@ int submit_one(const char *kind, const char *of, const char *path, const struct 
     int status;
 
     if (input_read(kind, of, path, args, &input, &err) != MODAL_OK)
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     status = submit_input(&input, args);
     input_done(&input);
     return status;
@@ -200,7 +200,7 @@ int run_submit(const struct verb *verb, const struct args *args)
         return run_bulk(args);
     if (args->words < 3 || (args->words == 4 && strcmp(args->word[1], "tradeoff") != 0)) {
         modal_fail_field(&err, MODAL_BAD_INPUT, "arguments", "submit takes KIND FILE, tradeoff OF FILE, or --from LIST.jsonl");
-        return answer_failure(args->json, &err, NULL);
+        return outcome_failure(args->json, &err, NULL);
     }
     return submit_one(args->word[1], args->words == 4 ? args->word[2] : NULL, args->word[args->words - 1], args);
 }
@@ -235,7 +235,7 @@ int run_result(const struct verb *verb, const struct args *args)
         rc = !result_file_takes(s.doc) ? save_signals(&s, args->word[1])
            : output_write(args->output, s.doc, &(struct batch) { 0 }, &s.err);
     if (rc == MODAL_OK && args->json)
-        rc = answer_json(s.doc, &s.err);
+        rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK)
         show_result(field_word(s.doc, "kind", "-"), s.doc);
     free(text);
@@ -257,7 +257,7 @@ int run_stderr(const struct verb *verb, const struct args *args)
         s.doc = cJSON_CreateObject();
         cJSON_AddStringToObject(s.doc, "job", args->word[1]);
         cJSON_AddStringToObject(s.doc, "stderr", text);
-        rc = answer_json(s.doc, &s.err);
+        rc = outcome_json(s.doc, &s.err);
     } else if (rc == MODAL_OK) {
         fwrite(text, 1, length, stdout);
     }
@@ -294,7 +294,7 @@ int run_list(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = json_read(body ? body : "", body ? strlen(body) : 0, &s.doc, &s.err);
     if (rc == MODAL_OK && args->json)
-        rc = answer_json(s.doc, &s.err);
+        rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK) {
         if (isatty(STDOUT_FILENO))          /* a pipe gets the lines alone */
             printf("%-20s %-10s %-10s %2s  %-21s%s\n", "job", "kind", "state", "no", "submitted", "key");
@@ -330,7 +330,7 @@ static int run_header(const struct args *args, const char *protocol_verb)
     if (rc == MODAL_OK)
         rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), remote_answer_by(s.deadline), &s.doc, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json)
-        rc = answer_json(s.doc, &s.err);
+        rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK)
         show_lines(s.doc, 0);
     return end(&s, rc, 0);
@@ -353,7 +353,7 @@ int run_metrics(const struct verb *verb, const struct args *args)
         rc = client_ask(s.link, "METRICS", cJSON_CreateObject(), remote_answer_by(s.deadline), &s.doc, &body, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json) {
         cJSON_AddStringToObject(s.doc, "metrics", body ? body : "");
-        rc = answer_json(s.doc, &s.err);
+        rc = outcome_json(s.doc, &s.err);
     } else if (rc == MODAL_OK) {
         fputs(body ? body : "", stdout);
     }

@@ -1,6 +1,6 @@
-/* identify.h - the kind `identify`: options from JSON, the result document of contracts.md */
-#ifndef JOB_IDENTIFY_H
-#define JOB_IDENTIFY_H
+/* identify_job.h - the kind `identify`: options from JSON, the result document of contracts.md */
+#ifndef JOB_IDENTIFY_JOB_H
+#define JOB_IDENTIFY_JOB_H
 #include "job/job.h"
 #include "modal/identify/identify.h"
 

@@ -1,18 +1,18 @@
-/* sweep.c - see sweep.h
+/* sweep_shares.c - see sweep_shares.h
  *
  * Shares are those of the job's options `first` and `count` (job/sweep.h).  How a grid is cut depends on its size alone,
  * and a share's key on the document, the options, the version and the share, so that the same sweep meets the same jobs
  * from anywhere at any time.  A key whose job ended without a result is spent (a job's end never changes): the next
  * round, the number at the key's end, takes its place.
  */
-#include "sweep.h"
+#include "sweep_shares.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "answer.h"
+#include "outcome.h"
 #include "field.h"
 #include "job/sweep.h"
 #include "modal/sha256.h"
@@ -373,7 +373,7 @@ static enum modal_status say(struct grid *g, struct modal_error *err)
         if (g->docs[i] != NULL)
             cJSON_AddItemReferenceToArray(jobs, g->docs[i]);
     if (g->args->json)
-        rc = answer_json(answer, err);
+        rc = outcome_json(answer, err);
     else
         printf("%d of %d points done, %d jobs from %s on; `modalctl sweep FILE --wait` gives the table\n", done, g->points,
                cJSON_GetArraySize(jobs), field_word(jobs->child, "job", ""));
@@ -398,7 +398,7 @@ int sweep_submit(const struct args *args)
         rc = args->cancel ? cancel_found(&g, &detail, &err) : submit_shares(&g, &detail, &err);
     if (rc == MODAL_OK)
         rc = say(&g, &err);
-    status = rc == MODAL_OK ? 0 : answer_failure(args->json, &err, detail);
+    status = rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     grid_close(&g);
     input_done(&input);

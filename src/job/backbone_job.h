@@ -1,6 +1,6 @@
-/* backbone.h - a scene's nonlinear mode over its amplitude: option `backbone` of kind `steady` */
-#ifndef JOB_BACKBONE_H
-#define JOB_BACKBONE_H
+/* backbone_job.h - a scene's nonlinear mode over its amplitude: option `backbone` of kind `steady` */
+#ifndef JOB_BACKBONE_JOB_H
+#define JOB_BACKBONE_JOB_H
 #include "job/cost.h"
 #include "job/steady.h"
 

@@ -1,6 +1,6 @@
-/* sweep.h - a sweep by the daemon: shares of its points as jobs over all workers, put together into one table */
-#ifndef CTL_SWEEP_H
-#define CTL_SWEEP_H
+/* sweep_shares.h - a sweep by the daemon: shares of its points as jobs over all workers, put together into one table */
+#ifndef CTL_SWEEP_SHARES_H
+#define CTL_SWEEP_SHARES_H
 #include "remote.h"
 
 /* Are all points meant, not the share of `-o first= count=`? */

@@ -1,10 +1,10 @@
-/* answer.c - see answer.h */
-#include "answer.h"
+/* outcome.c - see outcome.h */
+#include "outcome.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum modal_status answer_json(const cJSON *document, struct modal_error *err)
+enum modal_status outcome_json(const cJSON *document, struct modal_error *err)
 {
     char *text = json_print(document);
     bool written = text != NULL && puts(text) != EOF && fflush(stdout) == 0;
@@ -15,7 +15,7 @@ enum modal_status answer_json(const cJSON *document, struct modal_error *err)
     return written ? MODAL_OK : modal_fail(err, MODAL_IO, "stdout: the answer could not be written");
 }
 
-cJSON *answer_error(const struct modal_error *err, const cJSON *detail)
+cJSON *outcome_error(const struct modal_error *err, const cJSON *detail)
 {
     cJSON *document = cJSON_CreateObject(), *error = cJSON_AddObjectToObject(document, "error");
 
@@ -37,12 +37,12 @@ static bool names_field(const struct modal_error *err)
         && (err->message[n] == ' ' || err->message[n] == ':');
 }
 
-int answer_failure(bool json, const struct modal_error *err, const cJSON *detail)
+int outcome_failure(bool json, const struct modal_error *err, const cJSON *detail)
 {
-    cJSON *document = answer_error(err, detail);
+    cJSON *document = outcome_error(err, detail);
 
     if (json)
-        answer_json(document, NULL);
+        outcome_json(document, NULL);
     else if (err->field[0] != 0 && !names_field(err))
         fprintf(stderr, "modalctl: %s: %s: %s\n", modal_status_code(err->status), err->field, err->message);
     else

@@ -1,4 +1,4 @@
-/* simulate.c - kind `simulate`: a scene's motion as a batch */
+/* simulate_job.c - kind `simulate`: a scene's motion as a batch */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

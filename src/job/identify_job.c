@@ -1,5 +1,5 @@
-/* identify.c - modal_identify as a job; see identify.h */
-#include "job/identify.h"
+/* identify_job.c - modal_identify as a job; see identify_job.h */
+#include "job/identify_job.h"
 #include <cblas.h>
 #include <math.h>
 #include <stdio.h>

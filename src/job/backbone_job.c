@@ -1,5 +1,5 @@
-/* backbone.c - see backbone.h */
-#include "job/backbone.h"
+/* backbone_job.c - see backbone_job.h */
+#include "job/backbone_job.h"
 #include <math.h>
 #include <stdlib.h>
 #include "job/plan.h"

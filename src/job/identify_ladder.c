@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include "job/identify_job.h"
+#include "job/identify_options.h"
 
 /*
  * The rungs.  `rows` is a share of the record for each signal; limits of accuracy: a tenth costs a factor 2.3 in variance,

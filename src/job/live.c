@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <time.h>
 #include "job/identify_job.h"
+#include "job/identify_options.h"
 #include "modal/identify/moving.h"
 
 struct live {

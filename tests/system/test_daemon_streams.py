@@ -167,6 +167,9 @@ def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
         for e in events:
             assert e["event"] == "modes" and e["stream"] == "live" and e["stream_id"] == s and e["epoch"] == 0 and e["number"] > 0, e
             assert len(e["modes"]) == 1 and e["stability"]["stable"] is True
+            flat, mode = ("frequency_hz", "damping_ratio"), e["modes"][0]
+            assert e["verdict"] == "stable" and [e[k] for k in flat] == [mode[k] for k in flat]
+            assert [e[k + "_std"] for k in flat] == [mode["std"][k] for k in flat]
             assert abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6
 
 

@@ -873,6 +873,43 @@ static void add_lag(cJSON *text, const struct stream *s, uint64_t epoch, uint64_
     cJSON_AddNumberToObject(gaps, "samples", (double)missing);
 }
 
+static const cJSON *least_damped(const cJSON *modes)
+{
+    const cJSON *mode, *least = NULL;
+    double lowest = HUGE_VAL;
+
+    cJSON_ArrayForEach(mode, modes) {
+        double ratio = cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(mode, "damping_ratio"));
+        if (ratio < lowest)
+            lowest = ratio, least = mode;
+    }
+    return least;
+}
+
+/* What a host reads between two of its steps, flat: the verdict of DOCUMENT and its least damped mode. */
+static void add_verdict(cJSON *text, const cJSON *document)
+{
+    static const char *const keys[][2] = {
+        { "frequency_hz", "frequency_hz_std" }, { "damping_ratio", "damping_ratio_std" },
+    };
+    const cJSON *stability = cJSON_GetObjectItemCaseSensitive(document, "stability");
+    const cJSON *stable = cJSON_GetObjectItemCaseSensitive(stability, "stable");
+    const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
+    const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
+
+    if (stable != NULL)
+        cJSON_AddStringToObject(text, "verdict", cJSON_IsTrue(stable) ? "stable"
+                                               : cJSON_IsFalse(stable) ? "unstable" : "undecided");
+    for (int i = 0; i < 2; i++) {
+        const cJSON *value = cJSON_GetObjectItemCaseSensitive(mode, keys[i][0]);
+        const cJSON *error = cJSON_GetObjectItemCaseSensitive(std, keys[i][0]);
+        if (cJSON_IsNumber(value))
+            cJSON_AddNumberToObject(text, keys[i][0], value->valuedouble);
+        if (cJSON_IsNumber(error))
+            cJSON_AddNumberToObject(text, keys[i][1], error->valuedouble);
+    }
+}
+
 /* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
 void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
 {
@@ -883,6 +920,7 @@ void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t fr
     if (document_text != NULL)
         json_read(document_text->data, document_text->size, &document, NULL);
     edges = epoch == s->epoch ? alarms_judge(s->alarms, from, to, document) : NULL;
+    add_verdict(text, document);
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
         if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
             cJSON_AddItemToObject(text, parts[i], part);

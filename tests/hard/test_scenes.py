@@ -127,7 +127,7 @@ SECOND = {
     "parametric_stiffness": ({"dof": "D", "stiffness": 0.1}, ANY, ()), "lua": ({"dof": "D", "source": "function force(t, x, v, m) return x end"}, ANY, ("laws/lua.c",)),
     "strain_rate_damping": ({"mu": 1e-3}, ANY, ()), "axial_load": ({"mean": 0.1, "amplitude": 0.1}, ("beam",), ()),
     "rotary_inertia": ({"I_rho": 0.1}, ("shaft",), ()),
-    "clearance": ({"at": "right", "gap": 1e-3, "stiffness": 1000}, ("shaft",), ("laws/clearance.c",)),
+    "clearance": ({"at": "right", "gap": 1e-3, "stiffness": 1000}, ("shaft",), ("laws/journal_contact.c",)),
     "airloads": ({**AIR, "inflow": "peters_2d"}, ("wing",), ("inflow.c", "peters_2d.c"))}
 
 

@@ -93,7 +93,7 @@ enum modal_status law_contact_friction(double normal_stiffness, double preload, 
  * (K_y, K_z) of the shaft's end at a massless journal, and d is where the end would lie without contact. */
 enum modal_status law_clearance(double gap, double stiffness, double dissipation, const double *shaft, struct law *out,
                                 struct modal_error *err);
-/* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and memory (lua.c).  A
+/* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and memory (laws/user_law.c).  A
  * source that does not compile, or defines no function `force`, is MODAL_BAD_INPUT (err->field: "source", which the caller
  * prefixes), one that fails when called MODAL_ELEMENT_FAILED; both name the line.
  * restart empties its memory.

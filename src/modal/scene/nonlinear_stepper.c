@@ -13,7 +13,7 @@
  * the channel's effect bounds what a force of one degree more would change, and is kept below tolerance times the largest
  * state so far.  Steps are dt / 2^k so that their maps can be kept.
  *
- * Events.  Where a law leaves its smooth piece (events.h) the step is cut there and solved again, until the end of the
+ * Events.  Where a law leaves its smooth piece (regime_events.h) the step is cut there and solved again, until the end of the
  * step and the event agree to 1e-10 of it: no step has a kink inside.
  *
  * Laws that keep a history of their own (a user's) cannot be asked twice about one time: they are asked once at the end
@@ -27,7 +27,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/collocation.h"
-#include "modal/scene/events.h"
+#include "modal/scene/regime_events.h"
 #include "modal/scene/holding.h"
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"

@@ -17,10 +17,10 @@
  * at one end are springs in series; a stiffness that one of them does not state is not a link of that series.
  *
  * `model` massless keeps the disk alone: each side of the shaft is one exact element, its end's slope condensed with the
- * rotational spring there (so mu acts on that condensed stiffness), and the ends' displacements are eliminated by condense.h, becoming
+ * rotational spring there (so mu acts on that condensed stiffness), and the ends' displacements are eliminated by massless.h, becoming
  * first-order states where they are damped.  A massless journal in a clearance, r, replaces the disk's slope by the free end:
  * the place f = -(K_ru u + K_rs s)/K_rr where r would lie without contact, dof free_y<i> and free_z<i>.  Then the elastic energy
- * is that of the free end and (r - f)^T K_rr (r - f)/2, and contact acts on f as the law (2) of laws/clearance.c.
+ * is that of the free end and (r - f)^T K_rr (r - f)/2, and contact acts on f as the law (2) of laws/journal_contact.c.
  *
  * Source: the rotor's model document (section 7.2 of the identification paper), equations of its sections 2 and 5.
  */

@@ -6,7 +6,7 @@
 #ifndef MODAL_STRUCTURES_SHAFT_H
 #define MODAL_STRUCTURES_SHAFT_H
 #include <stdbool.h>
-#include "modal/scene/condense.h"
+#include "modal/scene/massless.h"
 #include "modal/scene/lowering.h"
 
 enum { SHAFT_ELEMENTS_MOST = 500 };

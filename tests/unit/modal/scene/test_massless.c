@@ -3,7 +3,7 @@
 #include <complex.h>
 #include <float.h>
 #include <lapacke.h>
-#include "modal/scene/condense.h"
+#include "modal/scene/massless.h"
 
 /* D(s) = s^2 M + s C + K reduced to the dofs KEPT by solving for the others: the inverse's block inverted. */
 static void reduced(int n, const double *M, const double *C, const double *K, double complex s, const int *kept, int m,

@@ -1,5 +1,5 @@
 /*
- * coulomb.c - friction without a spring: rigid, and rounded off
+ * dry_friction.c - friction without a spring: rigid, and rounded off
  *
  *     rigid    f = limit sign(v), at rest any f in [-limit, limit]            (1)
  *     rounded  f = limit tanh(v / v0)                                         (2)

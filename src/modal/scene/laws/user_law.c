@@ -1,5 +1,5 @@
 /*
- * lua.c - a user's own force, in Lua, in a sandbox
+ * user_law.c - a user's own force, in Lua, in a sandbox
  *
  *     function force(t, x, v, memory) return ... end
  *

@@ -1,5 +1,5 @@
 /*
- * events.c - see events.h
+ * regime_events.c - see regime_events.h
  *
  * Between the knots a probe is the Hermite polynomial of its displacements and rates (degree 2 STAGES + 1).  The piece of
  * a law at theta is the regime it reports; of a law with memory, that of its place at theta reached from its memory a moment
@@ -11,7 +11,7 @@
  *
  * The step is looked at in GRID points; the first change against the piece at the first of them is bisected.
  */
-#include "modal/scene/events.h"
+#include "modal/scene/regime_events.h"
 #include <math.h>
 #include <string.h>
 

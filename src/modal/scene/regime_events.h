@@ -1,6 +1,6 @@
-/* events.h - the first instant within a step at which a law leaves its smooth piece */
-#ifndef MODAL_EVENTS_H
-#define MODAL_EVENTS_H
+/* regime_events.h - the first instant within a step at which a law leaves its smooth piece */
+#ifndef MODAL_REGIME_EVENTS_H
+#define MODAL_REGIME_EVENTS_H
 #include "modal/scene/collocation.h"
 #include "modal/scene/ports.h"
 

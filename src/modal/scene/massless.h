@@ -1,4 +1,4 @@
-/* condense.h - dofs without mass eliminated exactly: the damped ones become first-order states, the others vanish
+/* massless.h - dofs without mass eliminated exactly: the damped ones become first-order states, the others vanish
  *
  * Of M q'' + C q' + K q = p, M and K n x n by rows, a dof whose row and column of M are zero carries no mass; if its row and
  * column of C are zero too it is static.  With x the dofs with mass, b the massless damped ones, a the static ones, and no
@@ -6,8 +6,8 @@
  *
  *     M x'' + C x' + K x = F b + p,      E b' = A b + Bx x + Bv x',      a = Rx x + Rb b.
  */
-#ifndef MODAL_CONDENSE_H
-#define MODAL_CONDENSE_H
+#ifndef MODAL_MASSLESS_H
+#define MODAL_MASSLESS_H
 #include "modal/error.h"
 
 enum { CONDENSE_MOST = 8, CONDENSE_ROOM = CONDENSE_MOST * CONDENSE_MOST };

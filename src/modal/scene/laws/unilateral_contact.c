@@ -1,5 +1,5 @@
 /*
- * gap.c - contact across a clearance, on one side or both, with dissipation
+ * unilateral_contact.c - contact across a clearance, on one side or both, with dissipation
  *
  *     f = k (d - c)(1 + mu v) where d > c and 1 + mu v > 0, else 0            (1)
  *

@@ -1,5 +1,5 @@
 /*
- * condense.c - exact elimination of massless dofs
+ * massless.c - exact elimination of massless dofs
  *
  * Rows a:  K_aa a = -K_ax x - K_ab b,                          so  R = -K_aa^-1 K_a.,  K_pq <- K_pq + K_pa R_q      (1)
  * Rows b:  C_bb b' = -K_bb b - K_bx x - C_bx x'                                                                      (2)
@@ -7,7 +7,7 @@
  *
  *     C = C_xx - W C_bx,   K = K_xx - W K_bx,   F = -(K_xb - W K_bb)                                                 (3)
  */
-#include "modal/scene/condense.h"
+#include "modal/scene/massless.h"
 #include <lapacke.h>
 #include <string.h>
 

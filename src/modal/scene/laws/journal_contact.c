@@ -1,5 +1,5 @@
 /*
- * clearance.c - a journal in a circular race: contact across a radial gap, the journal with mass or without
+ * journal_contact.c - a journal in a circular race: contact across a radial gap, the journal with mass or without
  *
  * With mass the inputs d = (y, z) are the journal's own position.  Contact is radial and frictionless,
  *

@@ -24,14 +24,12 @@
  *
  * Source: the rotor's model document (section 7.2 of the identification paper), equations of its sections 2 and 5.
  */
-#include "modal/scene/structures/shaft.h"
+#include "modal/scene/structures/shaft_parts.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/hermite.h"
-
-enum { UL, UR, UD, SD, PLANE = 4 };            /* a plane's coordinates of the massless model */
 
 static enum modal_status no_memory(struct modal_error *err)
 {
@@ -46,182 +44,6 @@ enum modal_status shaft_end_of(struct lowering *l, const struct scene_effect *e,
 
     (void)l;
     return rc == MODAL_OK ? json_get_choice(e->json, e->path, "at", ends, end, err) : rc;
-}
-
-/* ---- what turns ---- */
-
-/* The other plane's dof of dof i, and J's sign: (A J)(i, partner j) = sign(j) A(i, j). */
-static int partner_of(const struct shaft *s, int i)
-{
-    if (!s->massless)
-        return i ^ 2;
-    for (int c = 0; c < 2 * PLANE; c++)
-        if (s->dof[c] == i)
-            return s->dof[(c + PLANE) % (2 * PLANE)];
-    return -1;
-}
-
-static double sign_of(const struct shaft *s, int i)
-{
-    if (!s->massless)
-        return i & 2 ? 1 : -1;
-    for (int c = 0; c < PLANE; c++)
-        if (s->dof[c] == i)
-            return -1;
-    return 1;
-}
-
-/* matrix += value J, as an entry between dofs of one plane. */
-static void add_J(struct lowering *l, int matrix, int i, int j, double value)
-{
-    const struct shaft *s = l->mesh;
-
-    if (value != 0)
-        lowering_add(l, matrix, i, partner_of(s, j), sign_of(s, j) * value);
-}
-
-/* An isotropic pair's polar inertia g: -W g J to C and, on turning axes, W^2 g to K. */
-static void add_polar(struct lowering *l, int i, int j, double g)
-{
-    const struct shaft *s = l->mesh;
-
-    add_J(l, PROGRAM_C, i, j, -s->speed * g);
-    if (!s->fixed && g != 0 && s->speed != 0)
-        lowering_add(l, PROGRAM_K, i, j, s->speed * s->speed * g);
-}
-
-/* factor Ks between (y, z) pairs i and j: (3) on fixed axes. */
-static void add_elastic(struct lowering *l, int matrix, const int i[2], const int j[2], double kA, double kB)
-{
-    const struct shaft *s = l->mesh;
-    double a = (kA + kB) / 2, d = (kA - kB) / 2;
-
-    if (!s->fixed) {
-        lowering_add(l, matrix, i[0], j[0], kA);
-        lowering_add(l, matrix, i[1], j[1], kB);
-        return;
-    }
-    for (int plane = 0; plane < 2; plane++) {
-        lowering_add(l, matrix, i[plane], j[plane], a);
-        lowering_add_harmonic(l, matrix, s->harmonic, i[plane], j[plane], plane == 0 ? d : -d, 0);
-        lowering_add_harmonic(l, matrix, s->harmonic, i[plane], j[1 - plane], 0, d);
-    }
-}
-
-/* mu Ks to C; on fixed axes also -mu W Ks(t) J to K, Ks J = [[d sin, -(a + d cos)], [a - d cos, -d sin]]. */
-static void add_strain_rate(struct lowering *l, const int i[2], const int j[2], double kA, double kB)
-{
-    const struct shaft *s = l->mesh;
-    double mu = s->strain_rate, rate = -mu * s->speed, a = (kA + kB) / 2, d = (kA - kB) / 2;
-
-    add_elastic(l, PROGRAM_C, i, j, mu * kA, mu * kB);
-    if (!s->fixed)
-        return;
-    for (int plane = 0; plane < 2; plane++) {
-        double side = plane == 0 ? 1 : -1;
-
-        lowering_add(l, PROGRAM_K, i[plane], j[1 - plane], -side * rate * a);
-        lowering_add_harmonic(l, PROGRAM_K, s->harmonic, i[plane], j[1 - plane], -rate * d, 0);
-        lowering_add_harmonic(l, PROGRAM_K, s->harmonic, i[plane], j[plane], 0, side * rate * d);
-    }
-}
-
-/* (1): every mass entry m written so far, on turning axes: 2 W m J to C, -W^2 m to K. */
-static void turn_mass(struct lowering *l)
-{
-    const struct shaft *s = l->mesh;
-    int count = l->constant[PROGRAM_M].count;
-
-    if (s->fixed || s->speed == 0)
-        return;
-    for (int e = 0; e < count; e++) {
-        struct triplet t = l->constant[PROGRAM_M].x[e];
-
-        add_J(l, PROGRAM_C, t.i, t.j, 2 * s->speed * t.value);
-        lowering_add(l, PROGRAM_K, t.i, t.j, -s->speed * s->speed * t.value);
-    }
-}
-
-/* ---- supports ---- */
-
-/* Bearing and coupling in series: what is not given is no link; none given: no spring. */
-static double series(bool has_a, double a, bool has_b, double b)
-{
-    if (has_a && has_b)
-        return a > 0 && b > 0 ? 1 / (1 / a + 1 / b) : 0;
-    return has_a ? a : has_b ? b : 0;
-}
-
-static double transverse_at(const struct shaft_end *e)
-{
-    return series(e->bearing.has_transverse, e->bearing.transverse, e->coupling.has_transverse, e->coupling.transverse);
-}
-
-static double rotational_at(const struct shaft_end *e)
-{
-    return series(e->bearing.has_rotational, e->bearing.rotational, e->coupling.has_rotational, e->coupling.rotational);
-}
-
-static void mark(struct lowering *l, int effect, bool acts)
-{
-    if (acts)
-        l->p->effect[effect].active = true;
-}
-
-static void mark_active(struct lowering *l)
-{
-    const struct shaft *s = l->mesh;
-
-    for (int end = 0; end < 2; end++) {
-        const struct shaft_end *e = &s->end[end];
-
-        if (e->bearing.listed)
-            mark(l, e->bearing.effect, e->bearing.transverse > 0 || e->bearing.rotational > 0 || e->damping > 0);
-        if (e->coupling.listed)
-            mark(l, e->coupling.effect, e->coupling.transverse > 0 || e->coupling.rotational > 0);
-    }
-    if (s->strain_rate != 0)
-        mark(l, s->strain_rate_effect, true);
-    if (s->gyroscopic)
-        mark(l, s->gyroscopic_effect, s->speed != 0 && (s->disk_mass > 0 || s->I_rho > 0));
-    if (s->I_rho > 0)
-        mark(l, s->rotary_effect, true);
-}
-
-/* Bearing and clearance are two ways to hold one end. */
-static enum modal_status check_ends(const struct shaft *s, struct modal_error *err)
-{
-    char where[64];
-
-    for (int end = 0; end < 2; end++) {
-        const struct shaft_end *e = &s->end[end];
-        int other = e->bearing.listed ? e->bearing.effect : e->coupling.effect;
-
-        if (!e->clearance.listed || !(e->bearing.listed || e->coupling.listed))
-            continue;
-        snprintf(where, sizeof where, "effects[%d].at", e->clearance.effect > other ? e->clearance.effect : other);
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the shaft's %s end has a clearance, which takes the place of bearing and "
-                                "coupling there", where, end == SHAFT_LEFT ? "left" : "right");
-    }
-    return MODAL_OK;
-}
-
-static enum modal_status add_clearance(struct lowering *l, int end, int y, int z, const double *stiffness,
-                                       struct modal_error *err)
-{
-    const struct shaft *s = l->mesh;
-    struct law law;
-    enum modal_status rc = law_clearance(s->end[end].clearance.gap, s->end[end].clearance.stiffness,
-                                         s->end[end].clearance.dissipation, stiffness, &law, err);
-
-    if (rc != MODAL_OK)
-        return rc;
-    law.dof[0] = y;
-    law.dof[1] = z;
-    l->effect = s->end[end].clearance.effect;
-    lowering_add_law(l, &law);
-    l->effect = -1;
-    return MODAL_OK;
 }
 
 /* ---- finite elements ---- */
@@ -259,13 +81,13 @@ static void put_mass(struct lowering *l, const int i[2], const int j[2], double 
 
 static void put_polar(struct lowering *l, const int i[2], const int j[2], double a, double b)
 {
-    add_polar(l, i[0], j[0], a);
-    add_polar(l, i[1], j[1], b);
+    shaft_add_polar(l, i[0], j[0], a);
+    shaft_add_polar(l, i[1], j[1], b);
 }
 
 static void put_elastic(struct lowering *l, const int i[2], const int j[2], double a, double b)
 {
-    add_elastic(l, PROGRAM_K, i, j, a, b);
+    shaft_add_elastic(l, PROGRAM_K, i, j, a, b);
 }
 
 static void tilt(double I, double h, double out[16])
@@ -304,7 +126,7 @@ static void finish_end(struct lowering *l, int end)
     const struct shaft *s = l->mesh;
     const struct shaft_end *e = &s->end[end];
     int node = end == SHAFT_LEFT ? 0 : s->elements;
-    double k = transverse_at(e), rotational = rotational_at(e);
+    double k = shaft_transverse(e), rotational = shaft_rotational(e);
 
     for (int plane = 0; plane < 2; plane++) {
         int u = 4 * node + 2 * plane;
@@ -331,355 +153,19 @@ static enum modal_status finish_elements(struct lowering *l, struct modal_error 
         add_elements(l, put_mass, s->I_rho / 2, s->I_rho / 2, tilt);
     for (int end = 0; end < 2; end++)
         finish_end(l, end);
-    turn_mass(l);
+    shaft_turn_mass(l);
     if (s->gyroscopic) {
         put_polar(l, disk, disk, polar, polar);
         if (s->I_rho > 0)
             add_elements(l, put_polar, s->I_rho, s->I_rho, tilt);
     }
     if (s->strain_rate != 0)
-        add_elements(l, add_strain_rate, s->EI[0], s->EI[1], hermite_stiffness);
+        add_elements(l, shaft_add_strain_rate, s->EI[0], s->EI[1], hermite_stiffness);
     for (int end = 0; end < 2 && rc == MODAL_OK; end++) {
         int y = 4 * (end == SHAFT_LEFT ? 0 : s->elements);
 
         if (s->end[end].clearance.listed)
-            rc = add_clearance(l, end, y, y + 2, NULL, err);
-    }
-    return rc;
-}
-
-/* ---- massless ---- */
-
-/* The shaft over (uL, uR, uD, sD) of one plane: an exact element each side, the ends' slopes condensed with their springs. */
-static void massless_plane(const struct shaft *s, double EI, double out[16])
-{
-    double at = s->length * s->disk_node / s->elements, side[2] = { at, s->length - at }, k[16];
-    static const int where[2][4] = { { UL, -1, UD, SD }, { UD, SD, UR, -1 } };     /* -1: the slope to be condensed */
-
-    memset(out, 0, 16 * sizeof *out);
-    for (int end = 0; end < 2; end++) {
-        int slope = end == SHAFT_LEFT ? 1 : 3;
-
-        hermite_stiffness(EI, side[end], k);
-        double own = k[5 * slope] + rotational_at(&s->end[end]);
-        for (int i = 0; i < 4; i++)
-            for (int j = 0; j < 4; j++)
-                if (i != slope && j != slope)
-                    out[PLANE * where[end][i] + where[end][j]] += k[4 * i + j] - k[4 * i + slope] * k[4 * slope + j] / own;
-    }
-}
-
-static void put(double *A, int i, int j, double value)
-{
-    A[2 * PLANE * i + j] += value;
-}
-
-/* value J between coordinates i, j < PLANE of plane y and their partners. */
-static void put_J(double *A, int i, int j, double value)
-{
-    put(A, i, j + PLANE, -value);
-    put(A, i + PLANE, j, value);
-}
-
-/* Masses and polar inertias of the eight coordinates: one value a coordinate, alike in both planes. */
-static void massless_inertia(const struct shaft *s, double mass[PLANE], double polar[PLANE])
-{
-    double tilting = s->disk_mass * s->disk_radius * s->disk_radius;
-
-    memset(polar, 0, PLANE * sizeof *polar);
-    mass[UL] = s->end[SHAFT_LEFT].clearance.journal_mass;
-    mass[UR] = s->end[SHAFT_RIGHT].clearance.journal_mass;
-    mass[UD] = s->disk_mass;
-    mass[SD] = tilting / 4;
-    polar[SD] = s->gyroscopic ? tilting / 2 : 0;
-}
-
-/* (1) over the eight coordinates; on fixed axes (2) with Ks as it lies at t = 0. */
-static void massless_matrices(const struct shaft *s, double Ks[2][16], double *M, double *C, double *K)
-{
-    double mass[PLANE], polar[PLANE], W = s->fixed ? 0 : s->speed;
-
-    massless_inertia(s, mass, polar);
-    for (int i = 0; i < PLANE; i++) {
-        const struct shaft_end *e = i == UL ? &s->end[SHAFT_LEFT] : &s->end[SHAFT_RIGHT];
-        double spring = i < UD ? transverse_at(e) : 0, damper = i < UD ? e->damping : 0;
-
-        put_J(C, i, i, W * (2 * mass[i] - polar[i]));
-        put_J(K, i, i, W * damper);
-        for (int plane = 0; plane < 2; plane++) {
-            int c = i + plane * PLANE;
-
-            put(M, c, c, mass[i]);
-            put(C, c, c, damper);
-            put(K, c, c, spring - W * W * (mass[i] - polar[i]));
-            for (int j = 0; j < PLANE; j++) {
-                put(K, c, j + plane * PLANE, Ks[plane][PLANE * i + j]);
-                put(C, c, j + plane * PLANE, s->strain_rate * Ks[plane][PLANE * i + j]);
-            }
-        }
-    }
-}
-
-/* B <- T^T A T, A <- A T: the disk's slope given by disk and free end; x runs (uD, sD) of plane y, then of z. */
-static void map_columns(const struct shaft *s, double *A, int rows)
-{
-    for (int i = 0; i < rows; i++)
-        for (int plane = 0; plane < 2; plane++) {
-            double *u = &A[4 * i + 2 * plane], *slope = u + 1;
-
-            *u += s->journal_map[plane][0] * *slope;
-            *slope *= s->journal_map[plane][1];
-        }
-}
-
-static void map_rows(const struct shaft *s, double *A, int columns)
-{
-    for (int j = 0; j < columns; j++)
-        for (int plane = 0; plane < 2; plane++) {
-            double *u = &A[2 * plane * columns + j], *slope = u + columns;
-
-            *u += s->journal_map[plane][0] * *slope;
-            *slope *= s->journal_map[plane][1];
-        }
-}
-
-static void map_to_free_end(struct shaft *s, double Ks[2][16])
-{
-    struct condensed *c = &s->condensed;
-    int r = s->journal == SHAFT_LEFT ? UL : UR;
-
-    for (int plane = 0; plane < 2; plane++) {
-        const double *row = &Ks[plane][PLANE * r];
-
-        s->journal_stiffness[plane] = row[r];
-        s->journal_map[plane][0] = -row[UD] / row[SD];
-        s->journal_map[plane][1] = -row[r] / row[SD];
-    }
-    for (int q = 0; q < 3; q++) {
-        double *A = q == 0 ? c->M : q == 1 ? c->C : c->K;
-
-        map_columns(s, A, c->nx);
-        map_rows(s, A, c->nx);
-    }
-    map_rows(s, c->F, c->nb);
-    map_columns(s, c->Bx, c->nb);
-    map_columns(s, c->Bv, c->nb);
-    map_columns(s, c->Rx, c->na);
-}
-
-/* The condensed matrices as entries; on fixed axes their planes' stiffness turns. */
-static void write_condensed(struct lowering *l)
-{
-    struct shaft *s = l->mesh;
-    const struct condensed *c = &s->condensed;
-    int dof[CONDENSE_MOST];
-
-    for (int i = 0; i < c->nx; i++)
-        dof[i] = s->dof[c->x[i]];
-    for (int i = 0; i < c->nx; i++)
-        for (int j = 0; j < c->nx; j++) {
-            lowering_add(l, PROGRAM_C, dof[i], dof[j], c->C[i * c->nx + j]);
-            if (!s->fixed)
-                lowering_add(l, PROGRAM_K, dof[i], dof[j], c->K[i * c->nx + j]);
-        }
-    for (int half = c->nx / 2, i = 0; s->fixed && i < half; i++)
-        for (int j = 0; j < half; j++)
-            add_elastic(l, PROGRAM_K, (int[]) { dof[i], dof[i + half] }, (int[]) { dof[j], dof[j + half] },
-                        c->K[i * c->nx + j], c->K[(i + half) * c->nx + j + half]);
-    s->state = c->nb > 0 ? lowering_add_states(l, c->nb) : -1;
-    for (int i = 0; i < c->nb && s->state >= 0; i++) {
-        for (int j = 0; j < c->nb; j++) {
-            lowering_add_block(l, LOWER_E, s->state + i, s->state + j, c->E[i * c->nb + j]);
-            lowering_add_block(l, LOWER_A, s->state + i, s->state + j, c->A[i * c->nb + j]);
-        }
-        for (int j = 0; j < c->nx; j++) {
-            lowering_add_block(l, LOWER_BX, s->state + i, dof[j], c->Bx[i * c->nx + j]);
-            lowering_add_block(l, LOWER_BV, s->state + i, dof[j], c->Bv[i * c->nx + j]);
-            lowering_add_block(l, LOWER_F, dof[j], s->state + i, c->F[j * c->nb + i]);
-        }
-    }
-}
-
-/* A clearance whose journal has no mass, as the scene lists it (its keys are checked when it is lowered). */
-static int massless_journal(const struct lowering *l)
-{
-    for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL; e = lowering_lists(l, "clearance", e)) {
-        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass"), *at = cJSON_GetObjectItemCaseSensitive(e, "at");
-
-        if ((!cJSON_IsNumber(mass) || mass->valuedouble == 0) && cJSON_IsString(at))
-            return strcmp(at->valuestring, "left") == 0 ? SHAFT_LEFT : SHAFT_RIGHT;
-    }
-    return -1;
-}
-
-static bool journal_with_mass(const struct lowering *l, int end)
-{
-    for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL; e = lowering_lists(l, "clearance", e)) {
-        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass"), *at = cJSON_GetObjectItemCaseSensitive(e, "at");
-
-        if (cJSON_IsNumber(mass) && mass->valuedouble > 0 && cJSON_IsString(at)
-            && strcmp(at->valuestring, end == SHAFT_LEFT ? "left" : "right") == 0)
-            return true;
-    }
-    return false;
-}
-
-/* Coordinate c as a name; FREE: the free end instead of the disk's slope. */
-static void coordinate_name(const struct shaft *s, int c, bool free_end, char out[32])
-{
-    int q = c % PLANE, node = q == UL ? 0 : q == UR ? s->elements : s->disk_node;
-    const char *plane = c < PLANE ? "y" : "z";
-
-    if (free_end)
-        snprintf(out, 32, "free_%s%d", plane, s->journal == SHAFT_LEFT ? 0 : s->elements);
-    else
-        snprintf(out, 32, "%s%s%d", q == SD ? "s" : "", plane, node);
-}
-
-/* What the ends' states need: damping somewhere, or a journal without mass.  Whether left out or not, so that ablation keeps the axes. */
-static bool has_end_states(const struct lowering *l)
-{
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *e;
-
-    cJSON_ArrayForEach(e, list) {
-        const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(e, "type"));
-        const cJSON *damping = cJSON_GetObjectItemCaseSensitive(e, "damping"), *mu = cJSON_GetObjectItemCaseSensitive(e, "mu");
-        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass");
-
-        if (type == NULL)
-            continue;
-        if (strcmp(type, "bearing") == 0 && cJSON_IsNumber(damping) && damping->valuedouble > 0)
-            return true;
-        if (strcmp(type, "strain_rate_damping") == 0 && cJSON_IsNumber(mu) && mu->valuedouble != 0)
-            return true;
-        if (strcmp(type, "clearance") == 0 && !(cJSON_IsNumber(mass) && mass->valuedouble > 0))
-            return true;
-    }
-    return false;
-}
-
-/*
- * End states have constant equations on turning axes only.  There the scene is lowered, and seen from fixed axes; what an effect between
- * single dofs, or one of the whole structure's matrices, means on fixed axes it would not mean there.
- */
-static enum modal_status see_from_fixed_axes(struct lowering *l, struct modal_error *err)
-{
-    static const char *const turning[] = { "bearing", "coupling", "gyroscopic", "strain_rate_damping", "clearance" };
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *e;
-    struct shaft *s = l->mesh;
-    int position = 0;
-
-    cJSON_ArrayForEach(e, list) {
-        const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(e, "type"));
-        bool turns = type == NULL;
-
-        for (size_t i = 0; i < sizeof turning / sizeof *turning; i++)
-            turns = turns || strcmp(type, turning[i]) == 0;
-        if (!turns) {
-            char where[32];
-            snprintf(where, sizeof where, "effects[%d]", position);
-            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the damped ends of a massless shaft are states on turning axes, where a %.40s on "
-                                    "fixed ones is not constant: use structure.frame \"rotating\" or model \"finite_elements\"", where, type);
-        }
-        position++;
-    }
-    s->fixed = false;
-    s->seen_fixed = l->p->seen_fixed = true;
-    return MODAL_OK;
-}
-
-static void lower_massless(struct lowering *l)
-{
-    struct shaft *s = l->mesh;
-    char name[32];
-
-    s->journal = massless_journal(l);
-    for (int c = 0; c < 2 * PLANE; c++) {
-        int q = c % PLANE;
-        bool kept = q == UD || (q == SD && s->disk_radius > 0) || (q < UD && journal_with_mass(l, q == UL ? SHAFT_LEFT : SHAFT_RIGHT));
-
-        coordinate_name(s, c, q == SD && s->journal >= 0, name);
-        s->dof[c] = kept ? lowering_add_dof(l, name) : -1;
-    }
-    for (int plane = 0; plane < 2; plane++) {
-        int u = s->dof[UD + plane * PLANE], slope = s->dof[SD + plane * PLANE];
-
-        if (s->journal < 0) {                          /* else the mass is known once all effects are */
-            lowering_add(l, PROGRAM_M, u, u, s->disk_mass);
-            lowering_add(l, PROGRAM_M, slope, slope, s->disk_mass * s->disk_radius * s->disk_radius / 4);
-        }
-    }
-}
-
-static enum modal_status check_massless(const struct shaft *s, struct modal_error *err)
-{
-    char where[64] = "effects[0]";
-
-    if (s->journal < 0)
-        return MODAL_OK;
-    snprintf(where, sizeof where, "effects[%d]", s->end[s->journal].clearance.effect);
-    if (s->strain_rate != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: with strain_rate_damping the journal needs a journal_mass", where);
-    if (!(s->disk_radius > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.radius", "a massless journal needs a disk with a radius > 0");
-    if (s->end[1 - s->journal].clearance.listed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: a massless shaft has one clearance without journal_mass and none beside it",
-                                where);
-    return MODAL_OK;
-}
-
-/* Whose row the damped ends' states stand in. */
-static int damping_effect(const struct shaft *s)
-{
-    for (int end = 0; end < 2; end++)
-        if (s->end[end].damping > 0)
-            return s->end[end].bearing.effect;
-    return s->strain_rate != 0 ? s->strain_rate_effect : -1;
-}
-
-/* What structure.lower did not write of the condensed mass: journals, or the whole of it on free ends. */
-static void write_mass(struct lowering *l)
-{
-    const struct shaft *s = l->mesh;
-    const struct condensed *c = &s->condensed;
-
-    for (int i = 0; i < c->nx; i++)
-        for (int j = 0; j < c->nx; j++)
-            if (s->journal >= 0 || c->x[i] % PLANE < UD)
-                lowering_add(l, PROGRAM_M, s->dof[c->x[i]], s->dof[c->x[j]], c->M[i * c->nx + j]);
-}
-
-static enum modal_status finish_massless(struct lowering *l, struct modal_error *err)
-{
-    struct shaft *s = l->mesh;
-    double Ks[2][16], M[CONDENSE_ROOM] = { 0 }, C[CONDENSE_ROOM] = { 0 }, K[CONDENSE_ROOM] = { 0 };
-    enum modal_status rc = check_massless(s, err);
-
-    if (rc != MODAL_OK)
-        return rc;
-    massless_plane(s, s->EI[0], Ks[0]);
-    massless_plane(s, s->EI[1], Ks[1]);
-    massless_matrices(s, Ks, M, C, K);
-    if (s->fixed)                                       /* (2)'s gyroscopic term, W being 0 above */
-        for (int plane = 0; plane < 2; plane++) {
-            int slope = s->dof[SD + plane * PLANE];
-            if (s->gyroscopic && slope >= 0)
-                add_polar(l, slope, slope, s->disk_mass * s->disk_radius * s->disk_radius / 2);
-        }
-    rc = condense_massless(2 * PLANE, M, C, K, &s->condensed, err);
-    if (rc != MODAL_OK)
-        return rc;
-    if (s->journal >= 0)
-        map_to_free_end(s, Ks);
-    l->effect = damping_effect(s);
-    write_condensed(l);
-    l->effect = -1;
-    write_mass(l);
-    for (int end = 0; end < 2 && rc == MODAL_OK; end++) {
-        int q = end == s->journal ? SD : end == SHAFT_LEFT ? UL : UR;
-
-        if (s->end[end].clearance.listed)
-            rc = add_clearance(l, end, s->dof[q], s->dof[q + PLANE], end == s->journal ? s->journal_stiffness : NULL, err);
+            rc = shaft_add_clearance(l, end, y, y + 2, NULL, err);
     }
     return rc;
 }
@@ -789,8 +275,8 @@ static enum modal_status turn_axes(struct lowering *l, struct modal_error *err)
     double *sign = calloc(n + 1, sizeof *sign);
 
     for (int i = 0; partner != NULL && sign != NULL && i < l->p->n; i++) {
-        partner[i] = partner_of(s, i);
-        sign[i] = sign_of(s, i);
+        partner[i] = shaft_partner(s, i);
+        sign[i] = shaft_sign(s, i);
     }
     l->names_frames = true;
     *(s->fixed ? &l->p->turn_partner : &l->turn_partner) = partner;
@@ -809,14 +295,14 @@ static enum modal_status lower(struct lowering *l, const cJSON *json, const char
         return no_memory(err);
     s->journal = s->state = -1;
     rc = read_shaft(json, s, err);
-    if (rc == MODAL_OK && s->massless && s->fixed && has_end_states(l))
-        rc = see_from_fixed_axes(l, err);
+    if (rc == MODAL_OK && s->massless && s->fixed && shaft_has_end_states(l))
+        rc = shaft_see_from_fixed_axes(l, err);
     if (rc == MODAL_OK)
         rc = read_omega(l, err);
     if (rc != MODAL_OK)
         return rc;
     if (s->massless) {
-        lower_massless(l);
+        shaft_lower_massless(l);
     } else {
         l->mass_per_length = s->mass_per_length;
         lower_elements(l);
@@ -837,163 +323,16 @@ static enum modal_status strain_rate(struct lowering *l, double mu, struct modal
 static enum modal_status finish(struct lowering *l, struct modal_error *err)
 {
     struct shaft *s = l->mesh;
-    enum modal_status rc = check_ends(s, err);
+    enum modal_status rc = shaft_check_ends(s, err);
 
     if (rc == MODAL_OK)
-        rc = s->massless ? finish_massless(l, err) : finish_elements(l, err);
+        rc = s->massless ? shaft_finish_massless(l, err) : finish_elements(l, err);
     if (rc == MODAL_OK)
-        mark_active(l);
+        shaft_mark_active(l);
     return rc;
-}
-
-/* ---- sensors ---- */
-
-/* Dof or coordinate NAME as a coordinate: massless 0 .. 7, else the dof itself in plane y's or z's place; -1: none. */
-static int coordinate_of(const struct lowering *l, const char *name)
-{
-    const struct shaft *s = l->mesh;
-    char other[32];
-
-    if (!s->massless)
-        return program_dof(l->p, name);
-    for (int c = 0; c < 2 * PLANE; c++) {
-        coordinate_name(s, c, false, other);
-        if (strcmp(name, other) == 0)
-            return c;
-    }
-    return -1;
-}
-
-static int index_in(const int *list, int count, int what)
-{
-    for (int i = 0; i < count; i++)
-        if (list[i] == what)
-            return i;
-    return -1;
-}
-
-/* The journal's own place: r = f + [row f of (M x'' + C x' + K x - F b)]/K_rr, the law being all else that acts on f. */
-static bool journal_terms(struct lowering *l, int plane, double factor, struct program_output *out)
-{
-    const struct shaft *s = l->mesh;
-    const struct condensed *c = &s->condensed;
-    int row = 2 * plane + 1, f = s->dof[SD + plane * PLANE];
-    double scale = factor / s->journal_stiffness[plane];
-
-    for (int i = 0; i < l->p->loads; i++)
-        if (l->p->load[i].dof == f || l->p->load[i].dof_sine == f)
-            return false;
-    lowering_add_term(l, out, 0, f, factor);
-    for (int j = 0; j < c->nx; j++) {
-        lowering_add_term(l, out, 0, s->dof[c->x[j]], scale * c->K[row * c->nx + j]);
-        lowering_add_term(l, out, 1, s->dof[c->x[j]], scale * c->C[row * c->nx + j]);
-        lowering_add_term(l, out, 2, s->dof[c->x[j]], scale * c->M[row * c->nx + j]);
-    }
-    for (int j = 0; j < c->nb; j++)
-        lowering_add_term(l, out, 3, s->state + j, -scale * c->F[row * c->nb + j]);
-    return true;
-}
-
-/* factor times the DERIVATIVE-th rate of coordinate c, on the program's own axes; false: it has no such row. */
-static bool coordinate_terms(struct lowering *l, int c, int derivative, double factor, struct program_output *out)
-{
-    const struct shaft *s = l->mesh;
-    const struct condensed *k = &s->condensed;
-    int plane = c / PLANE, q = c % PLANE, at;
-
-    if (!s->massless) {
-        lowering_add_term(l, out, derivative, c, factor);
-        return true;
-    }
-    if (s->journal >= 0 && q == (s->journal == SHAFT_LEFT ? UL : UR))
-        return derivative == 0 && journal_terms(l, plane, factor, out);
-    if (s->journal >= 0 && q == SD) {
-        lowering_add_term(l, out, derivative, s->dof[UD + plane * PLANE], factor * s->journal_map[plane][0]);
-        lowering_add_term(l, out, derivative, s->dof[c], factor * s->journal_map[plane][1]);
-        return true;
-    }
-    if (s->dof[c] >= 0) {
-        lowering_add_term(l, out, derivative, s->dof[c], factor);
-        return true;
-    }
-    if ((at = index_in(k->b, k->nb, c)) >= 0) {
-        lowering_add_term(l, out, 3, s->state + at, factor);
-        return derivative == 0;
-    }
-    if ((at = index_in(k->a, k->na, c)) < 0 || s->fixed)
-        return false;
-    for (int j = 0; j < k->nx; j++)
-        lowering_add_term(l, out, derivative, s->dof[k->x[j]], factor * k->Rx[at * k->nx + j]);
-    for (int j = 0; j < k->nb; j++)
-        lowering_add_term(l, out, 3, s->state + j, factor * k->Rb[at * k->nb + j]);
-    return derivative == 0 || k->nb == 0;
-}
-
-/* The same coordinate seen from fixed axes: rows of D = q, q' + W J q, q'' + 2 W J q' - W^2 q, turned. */
-static bool turned_terms(struct lowering *l, int c, int derivative, struct program_output *out)
-{
-    const struct shaft *s = l->mesh;
-    int half = s->massless ? PLANE : 2, y = s->massless ? c % PLANE : c & ~2, plane = s->massless ? c / PLANE : (c & 2) / 2;
-    double W = s->speed;
-    bool found = true;
-
-    for (int p = 0; p < 2; p++) {                       /* D_y, then D_z */
-        int own = y + p * half, other = y + (1 - p) * half, first = out->count;
-        double J = p == 0 ? -1 : 1;                     /* (J q)_y = -q_z, (J q)_z = q_y */
-        double weight = plane == 0 && p == 1 ? -1 : 1;  /* y: cos D_y - sin D_z;  z: sin D_y + cos D_z */
-        int shift = plane == p ? 4 : 8;
-
-        found = found && coordinate_terms(l, own, derivative, weight, out);
-        if (derivative == 1)
-            found = found && coordinate_terms(l, other, 0, weight * W * J, out);
-        if (derivative == 2) {
-            found = found && coordinate_terms(l, other, 1, weight * 2 * W * J, out);
-            found = found && coordinate_terms(l, own, 0, -weight * W * W, out);
-        }
-        for (int t = first; t < out->count; t++)
-            out->terms[t].i += shift;
-    }
-    return found;
-}
-
-static enum modal_status sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                                struct modal_error *err)
-{
-    static const char *const keys[] = { "dof", "derivative", "frame", "name", NULL }, *const frames[] = { "rotating", "fixed", NULL };
-    static const char *const suffix[] = { "", "_dot", "_ddot" };
-    const struct shaft *s = l->mesh;
-    const char *dof = NULL, *name = NULL;
-    int derivative = 0, face = s->fixed || s->seen_fixed ? 1 : 0, frame = face, own = s->fixed ? 1 : 0, c;
-    char where[128], text[96];
-    enum modal_status rc = json_keys(json, path, keys, err);
-
-    if (rc == MODAL_OK)
-        rc = json_need_string(json, path, "dof", &dof, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "derivative", 0, 2, &derivative, err);
-    if (rc == MODAL_OK)
-        rc = json_get_choice(json, path, "frame", frames, &frame, err);
-    if (rc == MODAL_OK)
-        rc = json_get_string(json, path, "name", &name, err);
-    if (rc != MODAL_OK)
-        return rc;
-    json_path(where, path, "dof");
-    if ((c = coordinate_of(l, dof)) < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", dof, l->p->dofs[0],
-                                l->p->dofs[l->p->n - 1]);
-    if (frame == 0 && face == 1) {
-        json_path(where, path, "frame");
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: on fixed axes sensors are fixed too; use structure.frame \"rotating\"", where);
-    }
-    if (!(frame == own ? coordinate_terms(l, c, derivative, 1, out) : turned_terms(l, c, derivative, out)))
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: \"%.40s\" has no output row of derivative %d in this model (an end without mass)",
-                                where, dof, derivative);
-    snprintf(text, sizeof text, "%.40s%s%s", dof, suffix[derivative], frame == face ? "" : "_fixed");
-    out->name = strdup(name != NULL ? name : text);
-    return out->name != NULL ? MODAL_OK : no_memory(err);
 }
 
 static const char *const keys[] = { "length", "elements", "EI", "mass_per_length", "disk", "speed", "frame", "model", NULL };
 const struct scene_structure_kind structure_shaft = {
-    .name = "shaft", .keys = keys, .lower = lower, .strain_rate = strain_rate, .sensor = sensor, .finish = finish,
+    .name = "shaft", .keys = keys, .lower = lower, .strain_rate = strain_rate, .sensor = shaft_sensor, .finish = finish,
 };

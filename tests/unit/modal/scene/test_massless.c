@@ -1,4 +1,4 @@
-/* test_condense.c - massless dofs eliminated: the dynamic stiffness seen by the dofs with mass stays what it was */
+/* test_massless.c - massless dofs eliminated: the dynamic stiffness seen by the dofs with mass stays what it was */
 #include "check.h"
 #include <complex.h>
 #include <float.h>

@@ -1,0 +1,151 @@
+/*
+ * shaft_sensor.c - what a sensor on a shaft reads: a coordinate, as a dof or eliminated, on the axes it names
+ */
+#include "modal/scene/structures/shaft_parts.h"
+#include <stdio.h>
+#include <string.h>
+
+/* Dof or coordinate NAME as a coordinate: massless 0 .. 7, else the dof itself in plane y's or z's place; -1: none. */
+static int coordinate_of(const struct lowering *l, const char *name)
+{
+    const struct shaft *s = l->mesh;
+    char other[32];
+
+    if (!s->massless)
+        return program_dof(l->p, name);
+    for (int c = 0; c < 2 * PLANE; c++) {
+        shaft_coordinate_name(s, c, false, other);
+        if (strcmp(name, other) == 0)
+            return c;
+    }
+    return -1;
+}
+
+static int index_in(const int *list, int count, int what)
+{
+    for (int i = 0; i < count; i++)
+        if (list[i] == what)
+            return i;
+    return -1;
+}
+
+/* The journal's own place: r = f + [row f of (M x'' + C x' + K x - F b)]/K_rr, the law being all else that acts on f. */
+static bool journal_terms(struct lowering *l, int plane, double factor, struct program_output *out)
+{
+    const struct shaft *s = l->mesh;
+    const struct condensed *c = &s->condensed;
+    int row = 2 * plane + 1, f = s->dof[SD + plane * PLANE];
+    double scale = factor / s->journal_stiffness[plane];
+
+    for (int i = 0; i < l->p->loads; i++)
+        if (l->p->load[i].dof == f || l->p->load[i].dof_sine == f)
+            return false;
+    lowering_add_term(l, out, 0, f, factor);
+    for (int j = 0; j < c->nx; j++) {
+        lowering_add_term(l, out, 0, s->dof[c->x[j]], scale * c->K[row * c->nx + j]);
+        lowering_add_term(l, out, 1, s->dof[c->x[j]], scale * c->C[row * c->nx + j]);
+        lowering_add_term(l, out, 2, s->dof[c->x[j]], scale * c->M[row * c->nx + j]);
+    }
+    for (int j = 0; j < c->nb; j++)
+        lowering_add_term(l, out, 3, s->state + j, -scale * c->F[row * c->nb + j]);
+    return true;
+}
+
+/* factor times the DERIVATIVE-th rate of coordinate c, on the program's own axes; false: it has no such row. */
+static bool coordinate_terms(struct lowering *l, int c, int derivative, double factor, struct program_output *out)
+{
+    const struct shaft *s = l->mesh;
+    const struct condensed *k = &s->condensed;
+    int plane = c / PLANE, q = c % PLANE, at;
+
+    if (!s->massless) {
+        lowering_add_term(l, out, derivative, c, factor);
+        return true;
+    }
+    if (s->journal >= 0 && q == (s->journal == SHAFT_LEFT ? UL : UR))
+        return derivative == 0 && journal_terms(l, plane, factor, out);
+    if (s->journal >= 0 && q == SD) {
+        lowering_add_term(l, out, derivative, s->dof[UD + plane * PLANE], factor * s->journal_map[plane][0]);
+        lowering_add_term(l, out, derivative, s->dof[c], factor * s->journal_map[plane][1]);
+        return true;
+    }
+    if (s->dof[c] >= 0) {
+        lowering_add_term(l, out, derivative, s->dof[c], factor);
+        return true;
+    }
+    if ((at = index_in(k->b, k->nb, c)) >= 0) {
+        lowering_add_term(l, out, 3, s->state + at, factor);
+        return derivative == 0;
+    }
+    if ((at = index_in(k->a, k->na, c)) < 0 || s->fixed)
+        return false;
+    for (int j = 0; j < k->nx; j++)
+        lowering_add_term(l, out, derivative, s->dof[k->x[j]], factor * k->Rx[at * k->nx + j]);
+    for (int j = 0; j < k->nb; j++)
+        lowering_add_term(l, out, 3, s->state + j, factor * k->Rb[at * k->nb + j]);
+    return derivative == 0 || k->nb == 0;
+}
+
+/* The same coordinate seen from fixed axes: rows of D = q, q' + W J q, q'' + 2 W J q' - W^2 q, turned. */
+static bool turned_terms(struct lowering *l, int c, int derivative, struct program_output *out)
+{
+    const struct shaft *s = l->mesh;
+    int half = s->massless ? PLANE : 2, y = s->massless ? c % PLANE : c & ~2, plane = s->massless ? c / PLANE : (c & 2) / 2;
+    double W = s->speed;
+    bool found = true;
+
+    for (int p = 0; p < 2; p++) {                       /* D_y, then D_z */
+        int own = y + p * half, other = y + (1 - p) * half, first = out->count;
+        double J = p == 0 ? -1 : 1;                     /* (J q)_y = -q_z, (J q)_z = q_y */
+        double weight = plane == 0 && p == 1 ? -1 : 1;  /* y: cos D_y - sin D_z;  z: sin D_y + cos D_z */
+        int shift = plane == p ? 4 : 8;
+
+        found = found && coordinate_terms(l, own, derivative, weight, out);
+        if (derivative == 1)
+            found = found && coordinate_terms(l, other, 0, weight * W * J, out);
+        if (derivative == 2) {
+            found = found && coordinate_terms(l, other, 1, weight * 2 * W * J, out);
+            found = found && coordinate_terms(l, own, 0, -weight * W * W, out);
+        }
+        for (int t = first; t < out->count; t++)
+            out->terms[t].i += shift;
+    }
+    return found;
+}
+
+enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
+                                struct modal_error *err)
+{
+    static const char *const keys[] = { "dof", "derivative", "frame", "name", NULL }, *const frames[] = { "rotating", "fixed", NULL };
+    static const char *const suffix[] = { "", "_dot", "_ddot" };
+    const struct shaft *s = l->mesh;
+    const char *dof = NULL, *name = NULL;
+    int derivative = 0, face = s->fixed || s->seen_fixed ? 1 : 0, frame = face, own = s->fixed ? 1 : 0, c;
+    char where[128], text[96];
+    enum modal_status rc = json_keys(json, path, keys, err);
+
+    if (rc == MODAL_OK)
+        rc = json_need_string(json, path, "dof", &dof, err);
+    if (rc == MODAL_OK)
+        rc = json_get_int(json, path, "derivative", 0, 2, &derivative, err);
+    if (rc == MODAL_OK)
+        rc = json_get_choice(json, path, "frame", frames, &frame, err);
+    if (rc == MODAL_OK)
+        rc = json_get_string(json, path, "name", &name, err);
+    if (rc != MODAL_OK)
+        return rc;
+    json_path(where, path, "dof");
+    if ((c = coordinate_of(l, dof)) < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", dof, l->p->dofs[0],
+                                l->p->dofs[l->p->n - 1]);
+    if (frame == 0 && face == 1) {
+        json_path(where, path, "frame");
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: on fixed axes sensors are fixed too; use structure.frame \"rotating\"", where);
+    }
+    if (!(frame == own ? coordinate_terms(l, c, derivative, 1, out) : turned_terms(l, c, derivative, out)))
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: \"%.40s\" has no output row of derivative %d in this model (an end without mass)",
+                                where, dof, derivative);
+    snprintf(text, sizeof text, "%.40s%s%s", dof, suffix[derivative], frame == face ? "" : "_fixed");
+    out->name = strdup(name != NULL ? name : text);
+    return out->name != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "shaft: out of memory");
+}

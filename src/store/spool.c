@@ -511,17 +511,33 @@ enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, 
 
 /* --- the reserve --- */
 
+static uint64_t held_now(const char *path)
+{
+    struct stat known;
+
+    return stat(path, &known) == 0 ? (uint64_t)known.st_size : 0;
+}
+
+uint64_t reserve_lacks(const char *dir, uint64_t bytes)
+{
+    char path[4200];
+    uint64_t held;
+
+    snprintf(path, sizeof path, "%s/RESERVE", dir);
+    held = held_now(path);
+    return held < bytes ? bytes - held : 0;
+}
+
 enum modal_status reserve_hold(const char *dir, uint64_t bytes, struct modal_error *err)
 {
     char path[4200];
-    struct stat known;
     struct statvfs room;
     uint64_t held;
     int fd = -1;
     enum modal_status rc;
 
     snprintf(path, sizeof path, "%s/RESERVE", dir);
-    held = stat(path, &known) == 0 ? (uint64_t)known.st_size : 0;
+    held = held_now(path);
     if (held == bytes)
         return MODAL_OK;
     if (held < bytes && statvfs(dir, &room) == 0 && (uint64_t)room.f_bavail * room.f_frsize < bytes - held + bytes / 4)

@@ -79,5 +79,7 @@ enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, 
  * deletes still pass.  Holding more takes a quarter of BYTES of room besides, else MODAL_STORAGE_FULL and it stays as it was. */
 enum modal_status reserve_hold(const char *dir, uint64_t bytes, struct modal_error *err);
 enum modal_status reserve_release(const char *dir, struct modal_error *err);
+/* How much less than BYTES is held of it now; 0: as much or more. */
+uint64_t reserve_lacks(const char *dir, uint64_t bytes);
 
 #endif

@@ -148,6 +148,28 @@ def test_the_gauge_is_1_while_the_ledger_refuses_submissions():
         until(lambda: submit(c, options={"n": -1}).ok, "submissions are refused")
 
 
+def test_cancels_pass_on_a_full_disk_while_uploads_ask_for_every_block_of_it():
+    """Uploads may have what the reserve gives up first, and nothing of its last part, else cancels wait for room."""
+    size = 1 << 18
+    with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
+        c, waiting = d.client(), []
+        asked = [c.send("SUBMIT", [bytes(800)], kind="identify", options={"n": n},
+                        input={"content": "batch", "samples": 100, "channels": 1, "dt": 1.0}) for n in range(600)]
+        jobs = [c.answer(number)["job"] for number in asked]
+        with ballast(disk):
+            until(lambda: submit(c, options={"n": -1}).code == "storage_full", "the disk never filled")
+            refused = 0
+            while refused < 50:                          # the reserve's first part is given up, and uploads have it
+                refused += begin(c, size).code == "storage_full"
+            for job in jobs:
+                cancel = c.send("CANCEL", job=job)
+                uploads = [c.send("UPLOAD", op="begin", content="batch", samples=size // 16, channels=1, dt=1.0) for _ in range(5)]
+                assert c.answer(cancel)["state"] == "cancelled"
+                waiting += uploads
+            codes = {c.answer(number).code for number in waiting}
+            assert "storage_full" in codes, codes
+
+
 def test_an_input_larger_than_a_disk_with_room_is_refused_without_an_alarm():
     with small_disk("size=64m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
         c = d.client()

@@ -5,7 +5,8 @@
  * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.  Results
  * wait too, and are refused when the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
  * alone, else results would use it up and no delete could make room again.  Without a descriptor for the samples of a stream
- * a group waits until there is one, unanswered.  Behind samples that were refused no later ones
+ * a group waits until there is one, unanswered.  What is given up of the last part nobody else takes: see need_room of
+ * spool_thread.c.  Behind samples that were refused no later ones
  * of their stream pass: its fence is up until the core takes it down.
  */
 #include "broker/shell/queue.h"
@@ -162,7 +163,7 @@ static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
 static enum modal_status full_disk(struct ledger_thread *l, struct transaction *group, struct modal_error *err)
 {
     int before = l->reserve;
-    enum modal_status rc = ledger_checkpoint(l->ledger, err);      /* so that the log begins anew in its own space */
+    enum modal_status rc;
 
     refuse(l, &group, before == WHOLE ? FIRST_REFUSED : LAST_REFUSED);
     if (before == WHOLE) {
@@ -172,6 +173,8 @@ static enum modal_status full_disk(struct ledger_thread *l, struct transaction *
         reserve_release(l->dir, NULL);
         l->reserve = GONE;
     }
+    /* so that the log begins anew in its own space: the database has the room that was given up */
+    rc = ledger_checkpoint(l->ledger, err);
     if (group != NULL)
         put_back(l, group);
     if (group != NULL && before == GONE)
@@ -228,6 +231,19 @@ static enum modal_status rest_or_work(struct ledger_thread *l, bool worked, stru
     return rc;
 }
 
+/* After a group, or for want of one.  Without a reserve each group's log begins anew, so that an
+ * edge takes of the last room what its rows take, and no more. */
+static enum modal_status tidy(struct ledger_thread *l, bool worked, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (worked && l->reserve == GONE)
+        rc = ledger_checkpoint(l->ledger, err);
+    if (rc == MODAL_OK)
+        rc = ledger_settle(l->ledger, &l->settling, err);
+    return rc == MODAL_OK ? rest_or_work(l, worked, err) : rc;
+}
+
 static void *run(void *context)
 {
     struct ledger_thread *l = context;
@@ -266,7 +282,7 @@ static void *run(void *context)
             measure(l, group, now_ns() - begun_ns);
             done_transactions(l->done, group);
         }
-        if (ledger_settle(l->ledger, &l->settling, &err) != MODAL_OK || rest_or_work(l, group != NULL, &err) != MODAL_OK) {
+        if (tidy(l, group != NULL, &err) != MODAL_OK) {
             done_fatal(l->done, &err);
             return NULL;
         }

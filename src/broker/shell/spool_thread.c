@@ -69,10 +69,38 @@ static enum modal_status keep_row(void *context, const struct chunk_record *row)
     return MODAL_OK;
 }
 
+/* Bytes free into TOTAL, but for what the ledger was given of the reserve's last part: that is for
+ * what must pass alone, and whoever took it would make every cancel wait for room. */
+static enum modal_status find_room(const char *dir, struct task *task)
+{
+    struct statvfs known;
+    uint64_t free_bytes, given;
+
+    if (statvfs(dir, &known) != 0)
+        return modal_fail(&task->err, MODAL_IO, "%s: %s", dir, strerror(errno));
+    free_bytes = (uint64_t)known.f_bavail * known.f_frsize;
+    given = reserve_lacks(dir, RESERVE_LAST);
+    task->total = free_bytes > given ? free_bytes - given : 0;
+    return MODAL_OK;
+}
+
+/* Is there room for BYTES?  Else MODAL_STORAGE_FULL. */
+static enum modal_status need_room(const char *dir, struct task *task, uint64_t bytes)
+{
+    enum modal_status rc = find_room(dir, task);
+
+    if (rc == MODAL_OK && task->total < bytes)
+        rc = modal_fail(&task->err, MODAL_STORAGE_FULL, "no room for %llu bytes",
+                        (unsigned long long)bytes);
+    return rc;
+}
+
 static enum modal_status begin_upload(const char *dir, struct task *task)
 {
-    enum modal_status rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
+    enum modal_status rc = need_room(dir, task, input_bytes(&task->shape));
 
+    if (rc == MODAL_OK)
+        rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
     if (rc == MODAL_OK)
         task->offset = upload_offset(task->upload);
     return rc;
@@ -269,27 +297,14 @@ static enum modal_status read_segments(const char *dir, struct ledger_reader *re
     return rc;
 }
 
-static enum modal_status find_room(const char *dir, struct task *task)
-{
-    struct statvfs known;
-
-    if (statvfs(dir, &known) != 0)
-        return modal_fail(&task->err, MODAL_IO, "%s: %s", dir, strerror(errno));
-    task->total = (uint64_t)known.f_bavail * known.f_frsize;
-    return MODAL_OK;
-}
-
 /* What was sent is on this disk already; what gaps take besides must leave room for the ledger,
  * as the reserve does. */
 static enum modal_status begin_seal(const char *dir, struct task *task)
 {
     uint64_t bytes = input_bytes(&task->shape), least = RESERVE_BYTES / 4;
     uint64_t beside = task->missing < least ? task->missing : least;
-    enum modal_status rc = find_room(dir, task);
+    enum modal_status rc = need_room(dir, task, bytes + beside);
 
-    if (rc == MODAL_OK && task->total < bytes + beside)
-        rc = modal_fail(&task->err, MODAL_STORAGE_FULL, "no room for a batch of %llu bytes",
-                        (unsigned long long)bytes);
     if (rc != MODAL_OK)
         return rc;
     return upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
@@ -345,6 +360,16 @@ static enum modal_status compare_samples(const char *dir, struct ledger_reader *
     struct reading r = { .task = task };
 
     return read_segments(dir, reader, &r, 0, compare_segment);
+}
+
+static enum modal_status put_result(const char *dir, struct task *task)
+{
+    const struct blob *text = task->text;
+    enum modal_status rc = need_room(dir, task, text->size);
+
+    if (rc != MODAL_OK)
+        return rc;
+    return ledger_result_put(dir, task->id, text->data, text->size, &task->record, &task->err);
 }
 
 /* The part [offset, offset + length) of DATA, which is freed. */
@@ -428,7 +453,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
     case TASK_SAMPLES_COMPARE: return compare_samples(dir, reader, task);
     case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
-    case TASK_RESULT_PUT:    return ledger_result_put(dir, task->id, task->text->data, task->text->size, &task->record, &task->err);
+    case TASK_RESULT_PUT:    return put_result(dir, task);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);
     case TASK_READ_RESULT: case TASK_READ_STDERR: case TASK_READ_INPUT: return read_row(reader, task);
     case TASK_READ_SPOOL:    return read_spool(dir, reader, task);

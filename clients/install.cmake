@@ -9,6 +9,7 @@ endif()
 install(TARGETS modal modal_shared modald_stream_static modald_stream_shared modald_client_shared
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/modal/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
+install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/base DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
 install(FILES ${C}/modald.h ${C}/modald_stream.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 # Bridges are programs; the other examples are sources to begin from.
 install(PROGRAMS $<TARGET_FILE:rosco_bridge> DESTINATION ${CMAKE_INSTALL_BINDIR} RENAME modald-rosco-bridge)
@@ -40,7 +41,7 @@ Libs.private: ${LIBS_PRIVATE}
   install(FILES ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
 endfunction()
 pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "lapacke, openblas, fftw3, lua5.4"
-           "-lumfpack -lm -lpthread")
+           "-lumfpack -lm -lpthread" "-I\${includedir}/modal")
 pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq" "-lm -lpthread")
 if(TARGET modald_fortran)
   pkg_config(modald-fortran "samples of a running simulation in Fortran to modald" "-lmodald-fortran" "modald-stream" "" "-lm -lpthread" "-I\${libdir}/fortran/modald")

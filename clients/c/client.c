@@ -7,7 +7,7 @@
 #include <time.h>
 #include "store/identity.h"
 #include "wire/request.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 
 static const double wait_slice = 20, watched_slice = 0.5;    /* s of one WAIT */
 static const double chunk_patience = 10;                     /* s without an answer to any chunk */

@@ -5,7 +5,7 @@
  */
 #ifndef CLIENT_KEYFILE_H
 #define CLIENT_KEYFILE_H
-#include "modal/error.h"
+#include "base/error.h"
 
 struct keyfile { char public[41], secret[41], server[41]; };   /* Z85, 0-terminated; "": not in the file */
 

@@ -6,8 +6,8 @@
 #define CLIENT_LINK_H
 #include <stdbool.h>
 #include <stdint.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 struct link;
 

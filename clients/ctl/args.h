@@ -7,8 +7,8 @@
 #define CTL_ARGS_H
 #include <stdbool.h>
 #include <stdio.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* Groups of options; a verb takes the union of its groups. */
 enum {

@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include "modal/utf8.h"
+#include "base/utf8.h"
 
 enum { TAIL = 10 };
 

@@ -1,7 +1,7 @@
 /* field.h - one field of a document that a server sent */
 #ifndef CTL_FIELD_H
 #define CTL_FIELD_H
-#include "modal/json.h"
+#include "base/json.h"
 
 /* OTHERWISE where OBJECT has no such field, or one of another type. The text is the document's. */
 const char *field_word(const cJSON *object, const char *key, const char *otherwise);

@@ -11,8 +11,8 @@
  */
 #ifndef CTL_LIVE_MODES_H
 #define CTL_LIVE_MODES_H
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 enum { LIVE_MODES = 256 };                /* of a window remembered */
 

@@ -1,8 +1,8 @@
 /* live_plot.h - the modes of a stream's windows as a picture that grows: frequency and damping over the last sample, with their bars */
 #ifndef CTL_LIVE_PLOT_H
 #define CTL_LIVE_PLOT_H
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 enum { LIVE_DOTS = 4096 };                /* the oldest go first */
 

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/utf8.h"
+#include "base/utf8.h"
 
 bool option_looks_like(const char *text)
 {

@@ -6,8 +6,8 @@
 #ifndef CTL_OPTION_H
 #define CTL_OPTION_H
 #include <stdbool.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* Add or replace.  MODAL_BAD_INPUT, its field the key: no '=', an empty key or value, a number beyond a double. */
 enum modal_status option_add(cJSON *options, const char *text, struct modal_error *err);

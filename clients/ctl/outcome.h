@@ -2,8 +2,8 @@
 #ifndef CTL_OUTCOME_H
 #define CTL_OUTCOME_H
 #include <stdbool.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* One line of JSON on stdout. A failed write is MODAL_IO. */
 enum modal_status outcome_json(const cJSON *document, struct modal_error *err);

@@ -2,8 +2,8 @@
 #ifndef CTL_OUTPUT_H
 #define CTL_OUTPUT_H
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* PATH (NULL: none asked for) ends in .csv, in .h5 or .hdf5, or has no suffix and becomes HDF5;
  * else MODAL_BAD_INPUT, field "output". */

@@ -13,8 +13,8 @@
  */
 #ifndef CTL_RESULT_FILE_H
 #define CTL_RESULT_FILE_H
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* Whether DOC is of a kind written here. */
 bool result_file_takes(const cJSON *doc);

@@ -1,8 +1,8 @@
 /* scene_file.h - a scene as a file: strict JSON, with `structure.file` (HDF5) read and put in its place */
 #ifndef CTL_SCENE_FILE_H
 #define CTL_SCENE_FILE_H
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* Limits. */
 enum { SCENE_TEXT_MOST = 64 << 20, SCENE_MATRIX_MOST = 100000 };

@@ -5,8 +5,8 @@
 #ifndef CTL_SIGNALS_H
 #define CTL_SIGNALS_H
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 #include "store/mapping.h"
 
 /* Limits of a file read here. */

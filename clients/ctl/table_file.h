@@ -2,8 +2,8 @@
 #ifndef CTL_TABLE_FILE_H
 #define CTL_TABLE_FILE_H
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /*
  * Write DOC of kind steady, curve or backbone to PATH, or, where BATCH has samples, those:

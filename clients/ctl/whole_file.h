@@ -2,7 +2,7 @@
 #ifndef CTL_WHOLE_FILE_H
 #define CTL_WHOLE_FILE_H
 #include <stdio.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 struct whole_file { FILE *file; const char *path, *option; char beside[4096]; };
 

@@ -3,7 +3,7 @@
 #define JOB_IDENTIFY_OPTIONS_H
 #include "modal/batch.h"
 #include "modal/identify/identify.h"
-#include "modal/json.h"
+#include "base/json.h"
 
 /*
  * identify's options, each a key of the flat object `options` ("rank.fixed"); an object ("rank": {"fixed": 6}) is taken as its dotted keys.

@@ -7,8 +7,8 @@
 #define JOB_JOB_H
 #include <stdbool.h>
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 struct job_request {
     const char *kind;             /* a name of job_kinds */

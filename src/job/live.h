@@ -3,8 +3,8 @@
 #define JOB_LIVE_H
 #include <stddef.h>
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 struct live;
 

@@ -1,7 +1,7 @@
 /* plan.h - `plan` of every job on a scene: class, states, integrator, hash, and each effect with what it cost */
 #ifndef JOB_PLAN_H
 #define JOB_PLAN_H
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/program.h"
 
 /*

@@ -1,8 +1,8 @@
 /* scene_mesh.h - a scene on another mesh, or with another order of inflow: the same places, the same names of its channels */
 #ifndef JOB_SCENE_MESH_H
 #define JOB_SCENE_MESH_H
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /*
  * Give SCENE (its structure a beam, a shaft or a wing) ELEMENTS elements in place of its own.  Dofs that it names keep their

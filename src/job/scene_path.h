@@ -1,8 +1,8 @@
 /* scene_path.h - a place in a scene by its path, such as "effects[0].stiffness" or "structure.K[1][0]" */
 #ifndef JOB_SCENE_PATH_H
 #define JOB_SCENE_PATH_H
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* Put VALUE at PATH in SCENE: the place must hold a number, or be a missing key of an object that is there.  Fails with MODAL_BAD_INPUT, FIELD
  * named, where it does not. */

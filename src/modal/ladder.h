@@ -7,7 +7,7 @@
 #ifndef MODAL_LADDER_H
 #define MODAL_LADDER_H
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { LADDER_RUNGS_MOST = 256, LADDER_REPETITIONS_MOST = 99 };
 

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "modal/utf8.h"
+#include "base/utf8.h"
 #include "store/batch_h5.h"
 #include "store/file.h"
 

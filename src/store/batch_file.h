@@ -8,8 +8,8 @@
 #define STORE_BATCH_FILE_H
 #include <stddef.h>
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 #include "store/mapping.h"
 
 struct batch_file {

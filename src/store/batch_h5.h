@@ -5,8 +5,8 @@
 #ifndef STORE_BATCH_H5_H
 #define STORE_BATCH_H5_H
 #include <hdf5.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 #include "store/identity.h"
 
 void batch_h5_lock(void);    /* also silences HDF5's own error printing and its loading of filters */

@@ -17,8 +17,8 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include "modal/json.h"
-#include "modal/crc32c.h"
+#include "base/json.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"

@@ -2,7 +2,7 @@
 #ifndef STORE_CHECK_H
 #define STORE_CHECK_H
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 struct check_report {
     int64_t jobs, inputs, results, chunks, tombstones, bytes;   /* looked at; bytes of data read */

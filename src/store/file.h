@@ -20,7 +20,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <sys/types.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum file_call {
     FILE_OPEN, FILE_PREAD, FILE_PWRITE, FILE_FSYNC, FILE_FDATASYNC, FILE_FTRUNCATE, FILE_FALLOCATE, FILE_RENAME,

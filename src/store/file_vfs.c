@@ -14,7 +14,7 @@
 #include <pthread.h>
 #include <sqlite3.h>
 #include <string.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file_fault.h"
 
 enum { PAGE = 4096, RESERVED = 8 };

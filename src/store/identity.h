@@ -11,7 +11,7 @@
 #define STORE_IDENTITY_H
 #include <stddef.h>
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum input_type { INPUT_BATCH, INPUT_SCENE };
 

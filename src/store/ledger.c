@@ -17,7 +17,7 @@
 #include <sys/un.h>
 #include <time.h>
 #include <unistd.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"

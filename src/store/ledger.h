@@ -19,7 +19,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "store/identity.h"
 
 enum {

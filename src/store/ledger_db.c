@@ -14,7 +14,7 @@
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "store/file.h"
 #include "store/samples.h"
 

@@ -23,7 +23,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 
 enum { HEADER = 32, FRAME_HEADER = 24, LEDGER_PAGE = 4096, PAGE_MOST = 65536, MARK = 24, LOOKS = 4 };

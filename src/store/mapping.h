@@ -3,7 +3,7 @@
 #define STORE_MAPPING_H
 #include <stddef.h>
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 /* LENGTH bytes at DATA; BASE and MAPPED are whole pages.  All zero: nothing is mapped. */
 struct mapping { const void *data; size_t length; void *base; size_t mapped; };

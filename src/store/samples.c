@@ -3,7 +3,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <unistd.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 
 void samples_path(char path[4200], const char *dir, int64_t id)

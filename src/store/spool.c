@@ -18,9 +18,9 @@
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "store/batch_h5.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/file_h5.h"
 #include "store/ledger.h"

@@ -11,7 +11,7 @@
 #define STORE_SPOOL_H
 #include <stddef.h>
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "store/identity.h"
 #include "store/mapping.h"
 

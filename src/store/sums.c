@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/spool.h"
 

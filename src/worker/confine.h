@@ -11,7 +11,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { CONFINE_INPUTS = 3 };   /* the descriptor by which others may come in; see inputs.h */
 

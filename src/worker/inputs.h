@@ -7,7 +7,7 @@
  */
 #ifndef WORKER_INPUTS_H
 #define WORKER_INPUTS_H
-#include "modal/error.h"
+#include "base/error.h"
 
 /* Check that the socket is there and that its maker, our parent, lives:
  * MODAL_NO_SERVER where it has ended already. */

@@ -6,8 +6,8 @@
 #ifndef WORKER_LINK_H
 #define WORKER_LINK_H
 #include <stdint.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 #include "wire/frame.h"
 
 struct link;

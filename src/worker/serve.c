@@ -15,7 +15,7 @@
 #include <unistd.h>
 #include "job/blas_core.h"
 #include "job/job.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/spool.h"
 #include "wire/request.h"
 #include "worker/inputs.h"

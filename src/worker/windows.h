@@ -2,8 +2,8 @@
 #ifndef WORKER_WINDOWS_H
 #define WORKER_WINDOWS_H
 #include "modal/batch.h"
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 enum { WINDOWS_MOST = 16 };       /* streams; past that the one that was used longest ago is dropped, and found from nothing when it comes again */
 

@@ -37,8 +37,8 @@
 #include <openssl/sha.h>
 #include <zmq.h>
 #include "job/job.h"
-#include "modal/json.h"
-#include "modal/crc32c.h"
+#include "base/json.h"
+#include "base/crc32c.h"
 #include "store/identity.h"
 
 extern char **environ;

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/solve.h"
 

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/scene.h"
 #include "modal/scene/simulate.h"

@@ -22,7 +22,7 @@
 #include <string.h>
 #include "broker/core/core.h"
 #include "broker/core/state.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

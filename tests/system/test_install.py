@@ -30,7 +30,7 @@ def test_everything_is_where_debian_expects_it(installed):
     lib = library_folder(installed).relative_to(installed)
     for name in ("bin/modalctl", "sbin/modald", "sbin/modald-worker", f"{lib}/libmodal.a", f"{lib}/libmodal.so", f"{lib}/libmodald-stream.a",
                  f"{lib}/libmodald-stream.so", f"{lib}/libmodald-client.so", f"{lib}/pkgconfig/modal.pc", f"{lib}/pkgconfig/modald-stream.pc",
-                 f"{lib}/pkgconfig/modald-client.pc", "include/modal/error.h", "include/modal/batch.h", "include/modal/linalg/svd.h", "include/modald.h",
+                 f"{lib}/pkgconfig/modald-client.pc", "include/modal/base/error.h", "include/modal/batch.h", "include/modal/linalg/svd.h", "include/modald.h",
                  "include/modald_stream.h", "lib/systemd/system/modald.service", "lib/sysusers.d/modald.conf", "lib/tmpfiles.d/modald.conf",
                  "share/man/man1/modalctl.1", "share/man/man8/modald.8", "share/man/man8/modald-worker.8", "share/man/man3/modald_stream.3",
                  "share/man/man1/modald-rosco-bridge.1", "share/man/man1/modald-mbdyn-listener.1", "bin/modald-rosco-bridge", "bin/modald-mbdyn-listener",
@@ -65,7 +65,7 @@ int main(void) { sparse_lu_free(NULL); puts("linked"); return 0; }
 @shipped
 def test_libmodal_is_usable_alone(installed, tmp_path):
     source = '''#include <stdio.h>
-#include "modal/error.h"
+#include "base/error.h"
 int main(void) { puts(modal_status_code(MODAL_BAD_INPUT)); return modal_status_exit(MODAL_TIMEOUT); }
 '''
     done = compile_and_run(installed, tmp_path, ".c", source, "modal", ["cc", "-std=c11"])

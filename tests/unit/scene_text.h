@@ -3,7 +3,7 @@
 #define TESTS_SCENE_TEXT_H
 #include <stdlib.h>
 #include <string.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/scene.h"
 
 static inline cJSON *scene_text(const char *text)

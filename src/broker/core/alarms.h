@@ -2,8 +2,8 @@
 #ifndef BROKER_ALARMS_H
 #define BROKER_ALARMS_H
 #include <stdint.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 struct alarms;
 

@@ -9,7 +9,7 @@
  * waits for the end of that.
  */
 #include "broker/shell/queue.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/samples.h"
 #include <errno.h>

@@ -6,7 +6,7 @@
  * epoch and this life of the daemon a CRC-32C each is in memory; older ones are compared with the file, while the push and those behind it wait.
  */
 #include "broker/core/state.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* submit.c - SUBMIT: the same key again, a cached answer, or a new job */
 #include "broker/core/state.h"
 #include "job/job.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

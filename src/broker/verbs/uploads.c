@@ -5,7 +5,7 @@
  * sync, and committed together; then each is acknowledged.  So a slow disk makes the groups larger, not the queue.
  */
 #include "broker/core/state.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

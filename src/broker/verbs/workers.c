@@ -5,7 +5,7 @@
  * slot has now.  To end an attempt early its process group is killed; the job moves when the exit is seen.
  */
 #include "broker/core/state.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

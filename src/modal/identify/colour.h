@@ -2,7 +2,7 @@
 #ifndef MODAL_COLOUR_H
 #define MODAL_COLOUR_H
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /*

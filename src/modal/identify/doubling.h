@@ -2,7 +2,7 @@
 #ifndef MODAL_DOUBLING_H
 #define MODAL_DOUBLING_H
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/exponents.h"
 
 /* COUNT poles per step: a = Re lambda tau, b = Im lambda tau; their first columns in Phi, of ORDER columns. */

@@ -2,7 +2,7 @@
 #ifndef MODAL_HANKEL_H
 #define MODAL_HANKEL_H
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/lanczos.h"
 #include "modal/linalg/matrix.h"
 

@@ -2,7 +2,7 @@
 #ifndef MODAL_HARMONICS_H
 #define MODAL_HARMONICS_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/identify.h"
 
 enum { HARMONICS_REPORTED = 12 };

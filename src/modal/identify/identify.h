@@ -21,7 +21,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include "modal/batch.h"
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/rank.h"
 
 enum identify_method {

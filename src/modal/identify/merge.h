@@ -1,7 +1,7 @@
 /* merge.h - one pole for one mode that changes as it decays */
 #ifndef MODAL_MERGE_H
 #define MODAL_MERGE_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/modes.h"
 
 /*

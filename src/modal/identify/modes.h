@@ -3,7 +3,7 @@
 #define MODAL_MODES_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/identify.h"
 #include "modal/identify/record.h"
 #include "modal/identify/synthesis.h"

@@ -3,7 +3,7 @@
 #define MODAL_MOVING_H
 #include <stddef.h>
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/identify.h"
 
 enum { MOVING_CHANNELS_MOST = 64 };       /* more, and each window is identified from nothing */

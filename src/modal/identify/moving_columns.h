@@ -3,7 +3,7 @@
 #define MODAL_MOVING_COLUMNS_H
 #include <complex.h>
 #include <stddef.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { MOVING_MOMENTS = 3 };     /* of a column, at most: e^{lambda t}, and times t, times t^2 */
 

@@ -3,7 +3,7 @@
 #define MODAL_MOVING_FIT_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/moving_columns.h"
 #include "modal/linalg/matrix.h"
 

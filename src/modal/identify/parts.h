@@ -3,7 +3,7 @@
 #define MODAL_PARTS_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/refine.h"
 
 /* A half tells of poles with so many samples to spare; beyond so many deviations, and this, it is contradicted; its growth is clear beyond so many errors. */

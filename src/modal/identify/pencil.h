@@ -2,7 +2,7 @@
 #ifndef MODAL_PENCIL_H
 #define MODAL_PENCIL_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/lanczos.h"
 #include "modal/linalg/matrix.h"
 

@@ -1,7 +1,7 @@
 /* pod.h - proper orthogonal modes: many channels reduced to few signals */
 #ifndef MODAL_POD_H
 #define MODAL_POD_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /* More channels than this are reduced unasked. */

@@ -2,7 +2,7 @@
 #ifndef MODAL_POLISH_H
 #define MODAL_POLISH_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/refine.h"
 
 /*

@@ -2,7 +2,7 @@
 #ifndef MODAL_PROJECTION_H
 #define MODAL_PROJECTION_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/hankel.h"
 #include "modal/identify/identify.h"
 #include "modal/linalg/matrix.h"

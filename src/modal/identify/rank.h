@@ -1,7 +1,7 @@
 /* rank.h - how many singular values are signal: the rules, each by its name */
 #ifndef MODAL_RANK_H
 #define MODAL_RANK_H
-#include "modal/error.h"
+#include "base/error.h"
 
 enum rank_rule {
     RANK_AUTO,             /* candidates by several rules, the order by BIC of the fits */

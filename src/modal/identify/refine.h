@@ -3,7 +3,7 @@
 #define MODAL_REFINE_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/criterion.h"
 #include "modal/linalg/matrix.h"
 

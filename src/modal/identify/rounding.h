@@ -1,7 +1,7 @@
 /* rounding.h - channels that hold nothing but the rounding errors of the others */
 #ifndef MODAL_ROUNDING_H
 #define MODAL_ROUNDING_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/record.h"
 
 /* A channel of less rms than this beside the largest may be rounding: see rounding.c for when it is. */

@@ -2,7 +2,7 @@
 #ifndef MODAL_SYNTHESIS_H
 #define MODAL_SYNTHESIS_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/least_squares.h"
 #include "modal/linalg/matrix.h"
 

@@ -2,7 +2,7 @@
 #ifndef MODAL_VERDICT_H
 #define MODAL_VERDICT_H
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/identify.h"
 
 /* A mode of less than this share of the energy has its say only where it persists. */

@@ -4,7 +4,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include <stddef.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/pod.h"
 #include "modal/identify/refine.h"
 #include "modal/linalg/lanczos.h"

@@ -1,7 +1,7 @@
 /* widen.h - standard errors where the model is in doubt */
 #ifndef MODAL_WIDEN_H
 #define MODAL_WIDEN_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/identify/modes.h"
 #include "modal/identify/order.h"
 

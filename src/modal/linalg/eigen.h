@@ -2,7 +2,7 @@
 #ifndef MODAL_EIGEN_H
 #define MODAL_EIGEN_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /*

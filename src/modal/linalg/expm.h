@@ -1,7 +1,7 @@
 /* expm.h - the exponential of a small or middling dense matrix */
 #ifndef MODAL_EXPM_H
 #define MODAL_EXPM_H
-#include "modal/error.h"
+#include "base/error.h"
 
 struct expm;      /* workspace for one size: made once, used for every step */
 

@@ -1,7 +1,7 @@
 /* lanczos.h - leading singular triplets of an operator, by Golub-Kahan bidiagonalisation with full reorthogonalisation */
 #ifndef MODAL_LANCZOS_H
 #define MODAL_LANCZOS_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /* A linear map from n to m numbers, known by its products only.  Both return a status: an operator may read a file. */

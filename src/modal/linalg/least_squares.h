@@ -1,7 +1,7 @@
 /* least_squares.h - min |A x - b| with columns scaled, by SVD */
 #ifndef MODAL_LEAST_SQUARES_H
 #define MODAL_LEAST_SQUARES_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 struct least_squares {

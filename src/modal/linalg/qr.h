@@ -1,7 +1,7 @@
 /* qr.h - Householder QR of a tall matrix */
 #ifndef MODAL_QR_H
 #define MODAL_QR_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /*

@@ -1,7 +1,7 @@
 /* sparse.h - a sparse matrix by compressed rows: built from triplets, multiplied, spread to dense */
 #ifndef MODAL_SPARSE_H
 #define MODAL_SPARSE_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /* Row i holds entries start[i] .. start[i+1]-1: column index[j], value[j], columns ascending, none twice. */

@@ -2,7 +2,7 @@
 #ifndef MODAL_SPARSE_LU_H
 #define MODAL_SPARSE_LU_H
 #include <stdbool.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 struct sparse_lu;
 

@@ -3,7 +3,7 @@
 #define MODAL_SVD_H
 #include <stdbool.h>
 #include <stddef.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /*

@@ -1,7 +1,7 @@
 /* window_qr.h - the triangle of the rows in a moving window: rows come in blocks, the oldest block leaves */
 #ifndef MODAL_WINDOW_QR_H
 #define MODAL_WINDOW_QR_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /*

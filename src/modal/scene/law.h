@@ -7,7 +7,7 @@
 #define MODAL_LAW_H
 #include <stdbool.h>
 #include <stddef.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { LAW_INPUTS_MOST = 2, LAW_TERMS_MOST = 64, LAW_SOURCE_MOST = 65536, LAW_LUA_MOST = 8 << 20,
        LAW_LUA_TOGETHER_MOST = 128 << 20 };

@@ -24,8 +24,8 @@
 #ifndef MODAL_LOWERING_H
 #define MODAL_LOWERING_H
 #include <stdbool.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 #include "modal/scene/program.h"
 
 enum {

@@ -8,7 +8,7 @@
  */
 #ifndef MODAL_MASSLESS_H
 #define MODAL_MASSLESS_H
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { CONDENSE_MOST = 8, CONDENSE_ROOM = CONDENSE_MOST * CONDENSE_MOST };
 

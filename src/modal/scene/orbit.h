@@ -7,7 +7,7 @@
 #ifndef MODAL_ORBIT_H
 #define MODAL_ORBIT_H
 #include <complex.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { ORBIT_HARMONICS_MOST = 8192, ORBIT_SAMPLES_MOST = 1 << 20 };
 

@@ -13,7 +13,7 @@
 #define MODAL_PROGRAM_H
 #include <stdbool.h>
 #include <stdint.h>
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/linalg/sparse.h"
 #include "modal/scene/law.h"
 

@@ -10,8 +10,8 @@
 #ifndef MODAL_SCENE_H
 #define MODAL_SCENE_H
 #include <stdbool.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 #include "modal/scene/program.h"
 
 struct scene_effect_kind;

@@ -6,7 +6,7 @@
  */
 #ifndef MODAL_WING_MODEL_H
 #define MODAL_WING_MODEL_H
-#include "modal/error.h"
+#include "base/error.h"
 #include "modal/scene/inflow/inflow.h"
 
 enum { WING_ELEMENTS_MOST = 100, WING_STATIONS_MOST = 64 };

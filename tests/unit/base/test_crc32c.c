@@ -1,7 +1,7 @@
 /* test_crc32c.c - the published values of CRC-32C, both ways of computing it */
 #include "check.h"
 #include <stdlib.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 
 /* RFC 3720, B.4: 32 bytes each. */
 static void fill(unsigned char data[32], int kind)

@@ -1,6 +1,6 @@
 #include "check.h"
 #include <stdlib.h>
-#include "modal/json.h"
+#include "base/json.h"
 
 static enum modal_status read_text(const char *text, struct modal_error *err)
 {

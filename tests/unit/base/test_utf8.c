@@ -1,7 +1,7 @@
 /* test_utf8.c - malformed sequences of RFC 3629 are found; what is not UTF-8 is taken for Latin-1 */
 #include "check.h"
 #include <stdlib.h>
-#include "modal/utf8.h"
+#include "base/utf8.h"
 
 TEST(a_sequence_has_the_length_its_first_byte_says)
 {

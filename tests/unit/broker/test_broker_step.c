@@ -14,7 +14,7 @@
 #include "broker/core/core.h"
 #include "broker/kit/map.h"
 #include "broker/core/state.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 
 enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096, UPLOADS = 3, CHUNK = 96, STREAMS = 2, PUSHED = 4, NOTES = 256 };
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <sys/stat.h>
 #include "broker/shell/queue.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/samples.h"
 
 enum { STREAMS = 4, GAP = 4 << 20 /* samples, 32 MiB */, SHORT = STREAMS };

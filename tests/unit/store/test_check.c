@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "store/check.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/ledger.h"
 #include "store/spool.h"
 

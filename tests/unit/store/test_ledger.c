@@ -8,7 +8,7 @@
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
 #include "store/samples.h"

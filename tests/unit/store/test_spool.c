@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 #include "store/batch_file.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
 #include "store/spool.h"

@@ -3,7 +3,7 @@
 #include <dirent.h>
 #include <stdlib.h>
 #include "wire/request.h"
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 
 #ifndef PROTO_VECTORS
 #define PROTO_VECTORS TEST_DATA "/../../proto/vectors"

@@ -11,7 +11,7 @@
  */
 #ifndef MODAL_INFLOW_H
 #define MODAL_INFLOW_H
-#include "modal/error.h"
+#include "base/error.h"
 
 struct inflow_wing {              /* what a model may read */
     double length, semichord;     /* one unit of length, m or ft */

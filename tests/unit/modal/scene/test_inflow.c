@@ -4,7 +4,7 @@
  */
 #include "check.h"
 #include <stdlib.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/inflow/inflow.h"
 #include "modal/scene/inflow/peters_he.h"
 #include "modal/scene/quadrature.h"

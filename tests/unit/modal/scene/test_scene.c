@@ -1,6 +1,6 @@
 #include "check.h"
 #include <stdlib.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/lowering.h"
 #include "modal/scene/scene.h"
 #include "modal/sha256.h"

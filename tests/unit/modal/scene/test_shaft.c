@@ -8,7 +8,7 @@
 #include <cblas.h>
 #include <lapacke.h>
 #include <stdlib.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/linalg/eigen.h"
 #include "modal/scene/program.h"
 #include "modal/scene/scene.h"

@@ -1,7 +1,7 @@
 /* test_wing.c - the wing as a scene: its program is the model's, its states are counted, its wrong keys are named */
 #include "check.h"
 #include <stdlib.h>
-#include "modal/json.h"
+#include "base/json.h"
 #include "modal/scene/program.h"
 #include "modal/scene/scene.h"
 #include "modal/scene/wing_model.h"

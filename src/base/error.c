@@ -1,6 +1,6 @@
 /* error.c - see error.h */
-#include "modal/error.h"
-#include "modal/utf8.h"
+#include "base/error.h"
+#include "base/utf8.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>

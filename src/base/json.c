@@ -4,7 +4,7 @@
  * cJSON accepts duplicate keys, reads 1e999 as infinity and prints numbers to within an epsilon.  So its trees are built
  * here, in one pass that checks structure, depth, keys, numbers and UTF-8 on the way, and printed here.
  */
-#include "modal/json.h"
+#include "base/json.h"
 #include <ctype.h>
 #include <limits.h>
 #include <locale.h>
@@ -13,7 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/utf8.h"
+#include "base/utf8.h"
 
 /* A key as it stands between its quotes: without escapes. */
 struct key { const char *text; size_t length; };

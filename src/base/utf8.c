@@ -1,5 +1,5 @@
 /* utf8.c - see utf8.h; the forms of a sequence are those of RFC 3629, section 3 */
-#include "modal/utf8.h"
+#include "base/utf8.h"
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,6 +1,6 @@
 /* error.h - errors are values: one status enum, one text, one table to codes and exit statuses */
-#ifndef MODAL_ERROR_H
-#define MODAL_ERROR_H
+#ifndef BASE_ERROR_H
+#define BASE_ERROR_H
 
 enum modal_status {
     MODAL_OK = 0,

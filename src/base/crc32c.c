@@ -10,7 +10,7 @@
  * For the same reason the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones
  * at start and end cancel.  Reflected, bit 31 is the coefficient of x^0.
  */
-#include "modal/crc32c.h"
+#include "base/crc32c.h"
 #include <string.h>
 
 /* The 256 sums of the remainders of a byte's bits, bit 0 first, from r on. */

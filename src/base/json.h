@@ -1,10 +1,10 @@
 /* json.h - strict JSON: reading that refuses what cJSON would let pass, checked access, exact printing */
-#ifndef MODAL_JSON_H
-#define MODAL_JSON_H
+#ifndef BASE_JSON_H
+#define BASE_JSON_H
 #include <stdbool.h>
 #include <stddef.h>
 #include <cjson/cJSON.h>
-#include "modal/error.h"
+#include "base/error.h"
 
 enum { JSON_DEPTH_MOST = 32 };
 

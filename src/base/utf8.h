@@ -1,6 +1,6 @@
 /* utf8.h - text that may not be UTF-8: found out, and made so */
-#ifndef MODAL_UTF8_H
-#define MODAL_UTF8_H
+#ifndef BASE_UTF8_H
+#define BASE_UTF8_H
 #include <stdbool.h>
 #include <stddef.h>
 

@@ -1,6 +1,6 @@
 /* crc32c.h - the cyclic redundancy check of chunks: CRC-32C (Castagnoli, reflected, as in iSCSI, RFC 3720 B.4) */
-#ifndef MODAL_CRC32C_H
-#define MODAL_CRC32C_H
+#ifndef BASE_CRC32C_H
+#define BASE_CRC32C_H
 #include <stddef.h>
 #include <stdint.h>
 

@@ -251,6 +251,7 @@ static enum modal_status solve_step(struct nonlinear_stepper *s, double t, doubl
     int m = s->ports->channels, r = 2 * s->ports->probes;
     enum modal_status rc = collocation_map(s->collocation, h, map, err);
 
+    s->face.maps = collocation_maps_made(s->collocation);
     for (int i = 0; i < m * S; i++)
         s->phi[i] = s->phi_end[i % m];
     if (rc == MODAL_OK)
@@ -531,7 +532,6 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     release_sliders(s, y);
     if (rc == MODAL_OK)
         rc = s->sequential ? advance_sequential(s, t, h, y, err) : advance_adaptive(s, t, h, y, err);
-    face->maps = collocation_maps_made(s->collocation);
     face->products = face->steps;
     return rc;
 }

@@ -28,6 +28,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/expm.h"
+#include "modal/scene/collocation.h"
 #include "modal/scene/ports.h"
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
@@ -35,7 +36,15 @@
 #include "modal/steady/offset.h"
 
 static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11, SHORT = 1e-5, LONG = 4e-5;
-enum { STEPS = 64, FIRST = 4, LAWS_MOST = OFFSET_LAWS_MOST, NONE = -2, WORK_MOST = 60000 };
+enum { STEPS = 64, FIRST = 4, LAWS_MOST = OFFSET_LAWS_MOST, NONE = -2, TRIES_MOST = 60000 };
+
+/* What budget.h counts.  An exponential is six products, a solve worth 4/3 of one and as a rule some squarings ([H05] of
+ * expm.c); Newton's method starts a step from the last force and ends in three iterations; a step that an event ends is
+ * solved again, cut there. */
+enum { PRODUCTS_OF_EXPONENTIAL = 10, ITERATIONS_OF_STEP = 3, SOLUTIONS_OF_STEP = 2 };
+
+/* Of the budget, what finding the motion may spend: as much is left to the balance, tried where this fails. */
+static const double SHARE_TO_CLOSE = 0.5;
 
 struct follow {
     struct program p;                 /* at this omega */
@@ -58,7 +67,10 @@ struct follow {
     double phase;                     /* time spent in it that Pi does not know of yet; < 0: a period begins */
     bool followed;                    /* rigid friction alone, constant matrices: disturbances can be */
     bool remembers;                   /* some law has a memory */
-    int64_t forgiven;                 /* steps that WORK_MOST does not count */
+    int64_t tries, maps;              /* of the stepper, counted in the budget so far */
+    double try_work, map_work;        /* of one, operations of budget.h */
+    double allowed;                   /* the work at which to give up, */
+    int64_t tries_allowed;            /* and the tries */
     bool watching, failed;
 };
 
@@ -111,6 +123,9 @@ static bool field(struct follow *f, double t, const double *y, const int *held, 
     return hold_back(f, held, out, 1);
 }
 
+/* Operations of an exponential of order n. */
+static double exponential_work(int n) { return PRODUCTS_OF_EXPONENTIAL * 2.0 * n * n * n / BUDGET_DENSE; }
+
 /* Pi <- exp(phase Q A) Pi. */
 static void end_phase(struct follow *f)
 {
@@ -118,6 +133,7 @@ static void end_phase(struct follow *f)
 
     if (f->phase <= 0)
         return;
+    budget_add(f->opt->budget, exponential_work(f->N));
     memcpy(f->Q, f->ss->A, size * sizeof *f->Q);
     f->failed |= !hold_back(f, f->held, f->Q, f->N);
     cblas_dscal((int)size, f->phase, f->Q, 1);
@@ -179,12 +195,45 @@ static void watch(void *watcher, double t, double h, const double *y, struct por
     memcpy(f->last, y, (size_t)f->N * sizeof *y);
 }
 
+/* The stepper's work since the last call, into the budget. */
+static void count_work(struct follow *f)
+{
+    const struct stepper *s = f->stepper;
+    int64_t tries = s->steps + s->rejected;
+
+    budget_add(f->opt->budget, (double)(tries - f->tries) * f->try_work
+                               + (double)(s->maps - f->maps) * f->map_work);
+    f->tries = tries;
+    f->maps = s->maps;
+}
+
+static bool cancelled(const struct follow *f)
+{
+    return f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context);
+}
+
+static bool overdrawn(const struct follow *f)
+{
+    return f->tries > f->tries_allowed
+        || (f->opt->budget != NULL && f->opt->budget->spent >= f->allowed);
+}
+
+/* From here on a SHARE of the work the budget allows in all, and TRIES_MOST more steps. */
+static void allow(struct follow *f, double share)
+{
+    const struct budget *b = f->opt->budget;
+
+    f->allowed = b != NULL && b->most > 0 ? share * b->most : HUGE_VAL;
+    f->tries_allowed = f->tries + TRIES_MOST;
+}
+
 /* Asked by the stepper now and then: whether to give up. */
 static bool spent(void *context)
 {
-    const struct follow *f = context;
+    struct follow *f = context;
 
-    return f->stepper->steps + f->stepper->rejected - f->forgiven > WORK_MOST || (f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context));
+    count_work(f);
+    return overdrawn(f) || cancelled(f);
 }
 
 static enum modal_status period(struct follow *f, struct modal_error *err)
@@ -204,8 +253,9 @@ static enum modal_status period(struct follow *f, struct modal_error *err)
     f->failed = false;
     for (int i = 0; rc == MODAL_OK && i < STEPS; i++) {
         rc = f->stepper->advance(f->stepper, i * f->T / STEPS, f->T / STEPS, f->y, err);
-        if (spent(f) && !(f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context)))
-            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "cycle: %d steps did not close it", WORK_MOST);
+        count_work(f);
+        if (overdrawn(f) && !cancelled(f))
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "cycle: the work allowed did not close it");
     }
     if (f->watching)
         end_phase(f);
@@ -245,14 +295,14 @@ static bool newton_step(struct follow *f)
 }
 
 /* Newton's steps while they halve the closure, plain periods in between. */
-static enum modal_status close_up(struct follow *f, const struct cycle_options *opt, struct cycle *out, struct modal_error *err)
+static enum modal_status close_up(struct follow *f, struct cycle *out, struct modal_error *err)
 {
     double before = HUGE_VAL;
     bool stepped = false;
     enum modal_status rc = MODAL_OK;
 
     while (rc == MODAL_OK && !out->closed && out->periods < (f->followed ? CYCLE_NEWTON_MOST : CYCLE_PERIODS_MOST)) {
-        if (opt->cancelled != NULL && opt->cancelled(opt->context))
+        if (cancelled(f))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
         f->watching = f->followed && out->periods >= FIRST;
         memcpy(f->start, f->y, (size_t)f->N * sizeof *f->y);
@@ -293,6 +343,8 @@ static enum modal_status sample(struct follow *f, double *x, double *force, bool
     enum modal_status rc = MODAL_OK;
 
     f->watching = false;
+    f->allowed = HUGE_VAL;                       /* one period more: counted, not refused */
+    f->tries_allowed = INT64_MAX;
     for (int j = 0; rc == MODAL_OK && j < CYCLE_SAMPLES; j++) {
         statespace_motion(f->ss, f->y, one, NULL);
         for (int i = 0; i < n; i++)
@@ -300,6 +352,7 @@ static enum modal_status sample(struct follow *f, double *x, double *force, bool
         rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y, err);
         *known = *known && rc == MODAL_OK && forces(f, (j + 1) * f->T / CYCLE_SAMPLES, (j + 1) % CYCLE_SAMPLES, force);
     }
+    count_work(f);
     return rc;
 }
 
@@ -368,7 +421,7 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
     if (rc == MODAL_OK) {
         memcpy(y, f->y, (size_t)f->N * sizeof *y);
         f->watching = false;
-        f->forgiven = f->stepper->steps + f->stepper->rejected;
+        allow(f, 1);
         rc = difference_map(f, LONG, y, err);
         if (rc == MODAL_OK)
             rc = eigenvalues(f, other, err);
@@ -378,7 +431,6 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
             rc = eigenvalues(f, out->multiplier, err);
         *known = rc == MODAL_OK;
         rc = rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
-        f->forgiven = f->stepper->steps + f->stepper->rejected;
         memcpy(f->y, y, (size_t)f->N * sizeof *y);
         memcpy(f->acts, acts, (size_t)f->laws * sizeof *acts);
     }
@@ -430,6 +482,21 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
     return f->held == NULL || f->pivot == NULL || f->acts == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
 }
 
+/*
+ * What a try of a step and a map of it cost.  An iteration asks every law at each node and solves for the m STAGES forces there,
+ * m of them a node, by a matrix that takes 4 m^3 STAGES^2 more to make; the step carries N states over.  A map is an exponential
+ * a node (collocation.c, (3)): of all states or, where they decouple, of each mode by itself.
+ */
+static void price_steps(struct follow *f)
+{
+    const struct ports *p = f->ports;
+    double m = p->channels, S = COLLOCATION_STAGES, size = m * S, driven = S + f->src->nw;
+    double iteration = S * p->laws * BUDGET_SAMPLE + (4 * m * size * size + 2.0 / 3 * size * size * size) / BUDGET_DENSE;
+
+    f->try_work = SOLUTIONS_OF_STEP * ITERATIONS_OF_STEP * iteration + 2.0 * f->N * (f->N + 3 * size) / BUDGET_DENSE;
+    f->map_work = S * (f->ss->modal ? f->ss->n * exponential_work(2 + (int)driven) : exponential_work(f->N + (int)(size + f->src->nw)));
+}
+
 static enum modal_status follow_init(struct follow *f, struct modal_error *err)
 {
     struct stepper_options how = { .dt = f->T / STEPS, .tolerance = TOLERANCE, .cancelled = spent, .context = f,
@@ -448,6 +515,7 @@ static enum modal_status follow_init(struct follow *f, struct modal_error *err)
     for (int l = 0; l < f->laws; l++)
         if (f->p.law[l].kind->set_valued)
             f->floor = fmax(f->floor, 1e-3 * f->p.law[l].limit * largest(pull(f, l), f->N) * f->T);
+    price_steps(f);
     rc = expm_new(f->N, &f->exponential, err);
     return rc == MODAL_OK ? allocate(f, err) : rc;
 }
@@ -486,7 +554,8 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
         rc = follow_init(&f, err);
     if (rc == MODAL_OK) {
         statespace_start(f.ss, f.y);
-        rc = close_up(&f, opt, out, err);
+        allow(&f, SHARE_TO_CLOSE);
+        rc = close_up(&f, out, err);
     }
     out->states = f.N;
     out->x = calloc((size_t)p->n * CYCLE_SAMPLES + 1, sizeof *out->x);

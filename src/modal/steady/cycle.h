@@ -9,6 +9,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "modal/scene/program.h"
+#include "modal/steady/budget.h"
 
 enum { CYCLE_STATES_MOST = 120, CYCLE_SAMPLES = 8192, CYCLE_NEWTON_MOST = 150, CYCLE_PERIODS_MOST = 600, CYCLE_DIFFERENCES_MOST = 32 };
 
@@ -29,6 +30,8 @@ struct cycle {
 struct cycle_options {
     bool (*cancelled)(void *context);     /* may be NULL */
     void *context;
+    struct budget *budget;                /* where the steps are counted, and whose half they may spend until the motion
+                                           * closes; NULL: nowhere, and without limit */
 };
 
 /* Whether P is of the kind followed here: rigid friction among its laws, none of them a user's, few states. */
@@ -36,7 +39,7 @@ bool cycle_takes(const struct program *p);
 
 /*
  * The motion of P (cycle_takes) at OMEGA that is reached from displacements X0 and rates V0 by dof (NULL: from rest).  Not
- * to close within CYCLE_NEWTON_MOST periods, or beside other laws CYCLE_PERIODS_MOST, is an answer.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or MODAL_OVERFLOW.
+ * to close within CYCLE_NEWTON_MOST periods, or beside other laws CYCLE_PERIODS_MOST, or the budget is an answer.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or MODAL_OVERFLOW.
  */
 enum modal_status cycle_find(const struct program *p, double omega, const double *x0, const double *v0,
                              const struct cycle_options *opt, struct cycle *out, struct modal_error *err);

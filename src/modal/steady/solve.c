@@ -1496,7 +1496,7 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
 static enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                         struct modal_error *err)
 {
-    struct cycle_options opt = { s->opt.cancelled, s->opt.context };
+    struct cycle_options opt = { s->opt.cancelled, s->opt.context, &s->budget };
     struct cycle c = { 0 };
     double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x);
     enum modal_status rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;

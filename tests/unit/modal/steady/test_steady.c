@@ -2,7 +2,9 @@
 #include "check.h"
 #include <complex.h>
 #include <stdlib.h>
+#include "modal/scene/collocation.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/cycle.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/solve.h"
 
@@ -163,6 +165,41 @@ TEST(rigid_friction_that_holds_balances_the_load)
     residual_of_friction(stops, 256, &finer, &most);
     CHECK(rms > 0 && most <= 2 * 0.3);
     CHECK_NEAR(finer / rms, 0.5, 0.1);
+}
+
+/*
+ * What follows a motion through rigid friction is work as any other: each of CYCLE_SAMPLES instants is reached by a step that asks
+ * the law at COLLOCATION_STAGES nodes once at least.  A body of 1e-8 kg that a slider of 1e30 N holds beside another law never
+ * repeats to rounding: half the work allowed goes into following it, and the balance ends within the whole.
+ */
+TEST(steps_through_rigid_friction_count_as_work_and_end_with_it)
+{
+    static const char *const slips = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.5,"
+        "\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],"
+        "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.9}]}";
+    static const char *const never = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1e-8,0],[0,1]],\"C\":[[1e-30,0],[0,0.1]],"
+        "\"K\":[[7.7,-1],[-1,0.1]]},\"omega\":0.001,\"effects\":["
+        "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":10,\"limit\":7.7},"
+        "{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":1e30},"
+        "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":3,\"velocity\":1}],"
+        "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.5},{\"dof\":\"x2\",\"k\":2,\"sin\":-1}]}";
+    const char *const texts[] = { slips, never };
+
+    for (int r = 0; r < 2; r++) {
+        struct program *p = lower(texts[r]);
+        struct steady_options opt = { .harmonics = 5 };
+        struct steady_point point;
+        struct steady *s;
+
+        solve(p, &opt, &s, &point);
+        CHECK(point.converged == (r == 0));
+        CHECK(point.work.spent >= (double)CYCLE_SAMPLES * COLLOCATION_STAGES * BUDGET_SAMPLE);
+        CHECK(r == 0 || point.work.spent >= point.work.most / 2);
+        CHECK(point.work.spent <= 1.05 * point.work.most);
+        steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
 }
 
 /* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the X reported. */

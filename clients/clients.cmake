@@ -12,11 +12,18 @@ target_link_libraries(modald_client_shared PRIVATE house wire store PkgConfig::Z
 target_link_options(modald_client_shared PRIVATE -Wl,--version-script=${C}/modald.map -Wl,--gc-sections -Wl,--as-needed)
 set_target_properties(modald_client_shared PROPERTIES OUTPUT_NAME modald-client VERSION ${PROJECT_VERSION} SOVERSION 0 LINK_DEPENDS ${C}/modald.map)
 
-# The streaming client: one .c, one .h, libzmq.
+# The streaming client: one .c, made of its parts, one .h, libzmq.  What is linked here is what hosts may copy.
+set(stream_source ${CMAKE_BINARY_DIR}/clients/c/modald_stream.c)
+file(GLOB stream_parts CONFIGURE_DEPENDS ${C}/stream/*)
+add_custom_command(OUTPUT ${stream_source} COMMAND ${C}/stream/amalgamate > ${stream_source}
+  DEPENDS ${stream_parts} ${CMAKE_SOURCE_DIR}/src/base/crc32c.c ${CMAKE_SOURCE_DIR}/src/base/crc32c.h VERBATIM)
+add_custom_target(stream_source DEPENDS ${stream_source})
+file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/clients/c)
 foreach(kind STATIC SHARED)
   string(TOLOWER modald_stream_${kind} target)
-  add_library(${target} ${kind} ${C}/modald_stream.c)
-  target_include_directories(${target} PUBLIC ${C})
+  add_library(${target} ${kind} ${stream_source})
+  add_dependencies(${target} stream_source)           # made once, though two are made of it
+  target_include_directories(${target} PUBLIC ${C} ${CMAKE_BINARY_DIR}/clients/c)
   target_link_libraries(${target} PRIVATE house PUBLIC PkgConfig::ZMQ Threads::Threads m)
   set_target_properties(${target} PROPERTIES OUTPUT_NAME modald-stream VERSION ${PROJECT_VERSION} SOVERSION 0)
 endforeach()

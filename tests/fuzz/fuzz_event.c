@@ -5,7 +5,7 @@
  * The first byte chooses REPLY, ERROR or EVENT; the rest is the header.  The library is taken in
  * whole: what reads headers is its own business.
  */
-#include "../../clients/c/modald_stream.c"
+#include "modald_stream.c"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

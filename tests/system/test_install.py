@@ -33,6 +33,7 @@ def test_everything_is_where_debian_expects_it(installed):
                  f"{lib}/pkgconfig/modald-client.pc", "include/modal/base/error.h", "include/modal/batch.h", "include/modal/linalg/svd.h", "include/modald.h",
                  "include/modald_stream.h", "lib/systemd/system/modald.service", "lib/sysusers.d/modald.conf", "lib/tmpfiles.d/modald.conf",
                  "share/man/man1/modalctl.1", "share/man/man8/modald.8", "share/man/man8/modald-worker.8", "share/man/man3/modald_stream.3",
+                 "share/modald/modald_stream.c",
                  "share/man/man1/modald-rosco-bridge.1", "share/man/man1/modald-mbdyn-listener.1", "bin/modald-rosco-bridge", "bin/modald-mbdyn-listener",
                  "share/doc/modald/README.md", "share/doc/modald/examples/loop.c", "share/doc/modald/proto/PROTOCOL.md", "share/bash-completion/completions/modalctl"):
         assert (installed / name).exists(), name
@@ -85,6 +86,18 @@ int main(void) { struct modald *m = 0; struct modald_error e; int status = modal
 '''
     assert compile_and_run(installed, tmp_path, suffix, stream, "modald-stream", compiler).returncode == 0
     assert compile_and_run(installed, tmp_path, suffix, client, "modald-client", compiler).returncode == 2
+
+
+def test_the_stream_client_that_a_host_copies_compiles_alone_and_shows_its_calls_only(installed, tmp_path):
+    """One .c and one .h in an empty folder, by the compilers that are here; what it shows is what the header declares."""
+    source, header = installed / "share/modald/modald_stream.c", installed / "include/modald_stream.h"
+    declared = set(re.findall(r"\b(modald_\w+)\(", re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.S)))
+    for path in (source, header):
+        shutil.copy(path, tmp_path)
+    for compiler in filter(shutil.which, ("cc", "clang")):
+        subprocess.run([compiler, "-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-c", "modald_stream.c", "-o", "a.o"], cwd=tmp_path, check=True)
+        symbols = subprocess.run(["nm", "-g", "--defined-only", tmp_path / "a.o"], capture_output=True, text=True, check=True).stdout
+        assert {line.split()[-1] for line in symbols.splitlines()} == declared
 
 
 @shipped
@@ -157,7 +170,8 @@ def test_the_configuration_s_keys_stand_in_the_man_page_and_in_the_example_with_
 
 
 def test_the_stream_client_s_page_names_every_call_and_variable():
-    page, source, header = plain(TOP / "clients/c/modald_stream.3"), (TOP / "clients/c/modald_stream.c").read_text(), (TOP / "clients/c/modald_stream.h").read_text()
+    page, header = plain(TOP / "clients/c/modald_stream.3"), (TOP / "clients/c/modald_stream.h").read_text()
+    source = (BUILD / "clients/c/modald_stream.c").read_text()
     calls = set(re.findall(r"^(?:modald_stream \*|void |int )(modald_\w+)\(", header, re.M))
     variables = set(re.findall(r'(?:getenv|size_from|number_from|copy_of)\("([A-Z_]+)"', source)) | set(re.findall(r'"(SLURM\w+)"', source))
     assert len(calls) > 12 and len(variables) > 12

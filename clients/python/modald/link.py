@@ -2,7 +2,7 @@
 
 A thread of its own owns the socket; those who ask hand it their messages and wait for what comes back (`Talk`).
 
-No server may end the interpreter.  libzmq 4.3.4 asserts where input has stopped or a pipe is taken away (clients/c/modald_stream.c
+No server may end the interpreter.  libzmq 4.3.4 asserts where input has stopped or a pipe is taken away (clients/c/stream/state.h
 tells how), so input never stops (ZMQ_RCVHWM 0), no heartbeat is ours, nothing is given to a connection that is not ready, and one that
 is lost ends its socket.  A server that says more than we take is hung up on.
 """

@@ -2,7 +2,7 @@
  *
  * The library is taken in whole, so that what it keeps to itself can be asked. */
 #include "check.h"
-#include "../../../clients/c/modald_stream.c"
+#include "modald_stream.c"
 
 static modald_stream s;
 

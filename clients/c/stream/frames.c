@@ -1,0 +1,198 @@
+/* frames.c - see frames.h */
+#include "frames.h"
+#include "ring.h"
+#include "spill.h"
+#include "base/crc32c.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static bool make_frames(modald_stream *s)
+{
+    size_t sample = (size_t)s->channels * sizeof(double);
+
+    s->frame_samples = sample < FRAME_BYTES ? FRAME_BYTES / sample : 1;
+    for (int i = 0; i < WINDOW; i++)
+        if ((s->window[i].data = loan_new(frame_bytes(s))) == NULL)
+            return false;
+    for (int i = 0; i < HISTORY; i++)
+        if ((s->history[i].y = malloc(sample)) == NULL)
+            return false;
+    s->build.data = loan_new(frame_bytes(s));
+    s->rms = calloc((size_t)s->channels, sizeof *s->rms);
+    s->sample = calloc((size_t)s->channels, sizeof *s->sample);
+    return s->build.data && s->rms && s->sample;
+}
+
+/* The frame being built into the window, or, while spilling, into the file; false: no room for it now. */
+static bool finish_build(modald_stream *s)
+{
+    if (s->build.count == 0)
+        return true;
+    if (!spilling(s) && s->frames == WINDOW)
+        return false;
+    s->build.crc = crc32c(0, s->build.data, s->build.count * (size_t)s->channels * sizeof(double));
+    s->build.ring_end = s->taken;
+    s->build.id = 0;
+    s->build.acknowledged = false;
+    if (spilling(s)) {
+        if (!spill_write(s, &s->build))
+            return false;
+        release(s, s->taken);
+    } else {
+        struct frame *f = frame_at(s, s->frames++);
+        double *data = f->data;
+        *f = s->build;
+        s->build.data = data;
+    }
+    s->build.count = 0;
+    return true;
+}
+
+/* One sample of equal steps into the frame being built; false: no room, nothing was changed. */
+static bool add_sample(modald_stream *s, uint64_t index, const double *y)
+{
+    bool fits = s->build.count > 0 && index == s->build.first + s->build.count && s->build.count < s->frame_samples;
+
+    if (!fits) {
+        if (!finish_build(s) || !loan_own(&s->build.data, frame_bytes(s)))
+            return false;
+        s->build.first = index;
+        s->build_since = now();
+    }
+    memcpy(s->build.data + s->build.count++ * (size_t)s->channels, y, (size_t)s->channels * sizeof *y);
+    return true;
+}
+
+/* (1) at T through the first N of the history. */
+static double interpolate(const modald_stream *s, int n, int channel, double t)
+{
+    double sum = 0;
+
+    for (int j = 0; j < n; j++) {
+        double w = 1;
+        for (int m = 0; m < n; m++)
+            if (m != j)
+                w *= (t - s->history[m].t) / (s->history[j].t - s->history[m].t);
+        sum += w * s->history[j].y[channel];
+    }
+    return sum;
+}
+
+static void resample_at(modald_stream *s, double t)
+{
+    for (int c = 0; c < s->channels; c++) {
+        double y = interpolate(s, s->points, c, t), coarse = interpolate(s, s->points > 2 ? s->points - 1 : s->points, c, t);
+        s->sample[c] = y;
+        s->rms[c] += (y * y - s->rms[c]) / (double)(s->rms_count + 1);
+        double error = fabs(y - coarse) / sqrt(s->rms[c] > 0 ? s->rms[c] : 1);
+        if (s->rms_count > 8 && error > s->resampling_error)
+            s->resampling_error = error;
+    }
+    s->rms_count++;
+}
+
+/* The grid's samples up to UNTIL from the history; false: no room, asked again later. */
+static bool resample(modald_stream *s, double until)
+{
+    double slack = 1e-9 * s->dt;
+
+    while ((double)s->next_grid * s->dt <= until + slack) {
+        resample_at(s, (double)s->next_grid * s->dt);
+        if (!add_sample(s, s->next_grid, s->sample))
+            return false;
+        s->next_grid++;
+    }
+    return true;
+}
+
+static void remember(modald_stream *s, double t, const double *y)
+{
+    if (s->points == HISTORY) {
+        struct point oldest = s->history[0];
+        memmove(s->history, s->history + 1, (HISTORY - 1) * sizeof *s->history);
+        s->history[HISTORY - 1] = oldest;
+        s->points--;
+    }
+    s->history[s->points].t = t;
+    memcpy(s->history[s->points++].y, y, (size_t)s->channels * sizeof *y);
+}
+
+/* A sample at time T of its own.  The grid is filled up to the last but one point, so that (1) has a point beyond. */
+static bool add_uneven(modald_stream *s, double t, const double *y)
+{
+    if (s->points > 0 && t <= s->history[s->points - 1].t) {       /* a repeat, or back in time: begin anew */
+        if (s->points > 1 && !resample(s, s->history[s->points - 1].t))
+            return false;
+        s->points = 0;
+    }
+    if (s->points == 0)
+        s->next_grid = (uint64_t)fmax(0, ceil(t / s->dt - 1e-9));
+    if (s->points == HISTORY && !resample(s, s->history[HISTORY - 2].t))
+        return false;
+    remember(s, t, y);
+    return true;
+}
+
+/* Slots into frames while there is room. */
+static void take(modald_stream *s)
+{
+    uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire);
+
+    while (s->taken < head) {
+        const double *at = s->ring + s->taken % s->slots * s->stride;
+        uint64_t index;
+        memcpy(&index, at, sizeof index);
+        if (!(isnan(at[1]) ? add_sample(s, index, at + 2) : add_uneven(s, at[1], at + 2)))
+            return;
+        s->taken++;
+    }
+}
+
+/* The rest of an uneven record: its last point has none beyond. */
+static void end_resampling(modald_stream *s)
+{
+    if (s->points > 1)
+        resample(s, s->history[s->points - 1].t);
+    s->points = 0;
+}
+
+/* The ring is half full: the daemon does not keep up, and from now on everything goes through the file. */
+static void spill_if_needed(modald_stream *s, bool all)
+{
+    uint64_t waiting = atomic_load_explicit(&s->page->head, memory_order_acquire) - atomic_load_explicit(&s->page->tail, memory_order_relaxed);
+
+    if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed || (!all && waiting < s->slots / 2))
+        return;
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        if (!spill_write(s, f))
+            return;
+        release(s, f->ring_end);
+        f->ring_end = 0;
+    }
+    s->spill_read = s->spill_end;
+}
+
+static void fill_window(modald_stream *s)
+{
+    while (s->frames < WINDOW && s->spill_fd >= 0 && spill_next(s, frame_at(s, s->frames)))
+        s->frames++;
+}
+
+/* Frames acknowledged from the front on leave the window, their slots or file space with them. */
+static void retire(modald_stream *s)
+{
+    while (s->frames > 0 && frame_at(s, 0)->acknowledged) {
+        struct frame *f = frame_at(s, 0);
+        if (f->ring_end > 0)
+            release(s, f->ring_end);
+        if (f->file_end > s->spill_acknowledged)
+            s->spill_acknowledged = f->file_end;
+        atomic_fetch_add_explicit(&s->acknowledged, f->count, memory_order_relaxed);
+        f->ring_end = f->file_end = 0;
+        s->first_frame = (s->first_frame + 1) % WINDOW;
+        s->frames--;
+    }
+    spill_drained(s);
+}

@@ -1,0 +1,272 @@
+/* messages.c - see messages.h */
+#include "messages.h"
+#include "frames.h"
+#include "text.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zmq.h>
+
+static void make_id(modald_stream *s, char *text, size_t size, int64_t *id)
+{
+    *id = ++s->next_id;
+    snprintf(text, size, "{\"id\":%lld", (long long)*id);
+}
+
+/* The body of a message: the first LENGTH bytes of DATA, lent. */
+static bool send_body(modald_stream *s, double *data, size_t length)
+{
+    zmq_msg_t message;
+    bool sent;
+
+    atomic_fetch_add_explicit(&loan_of(data)->holders, 1, memory_order_relaxed);
+    if (zmq_msg_init_data(&message, data, length, give_back, NULL) != 0) {
+        loan_drop(data);
+        return false;
+    }
+    sent = zmq_msg_send(&message, s->socket, ZMQ_DONTWAIT) >= 0;
+    if (!sent)
+        zmq_msg_close(&message);                        /* which gives it back */
+    return sent;
+}
+
+static bool send_message(modald_stream *s, const char *verb, const char *header, double *body, size_t length)
+{
+    if (!s->ready || zmq_send(s->socket, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
+        return false;
+    return zmq_send(s->socket, verb, strlen(verb), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
+        && zmq_send(s->socket, header, strlen(header), ZMQ_DONTWAIT | (body ? ZMQ_SNDMORE : 0)) >= 0
+        && (body == NULL || send_body(s, body, length));
+}
+
+static void send_open(modald_stream *s)
+{
+    char *text = calloc(1, HEADER_MOST);
+
+    if (text == NULL)
+        return;
+    make_id(s, text, HEADER_MOST, &s->open_id);
+    open_header(s, text, HEADER_MOST);
+    s->opening = send_message(s, "STREAM", text, NULL, 0);
+    s->asked_at = now();
+    free(text);
+    if (!s->opening)
+        return;
+    char events[1024] = "";
+    make_id(s, events, sizeof events, &s->events_id);
+    add(events, sizeof events, ",\"stream\":");
+    add_string(events, sizeof events, s->name);
+    add(events, sizeof events, "}");
+    send_message(s, "EVENTS", events, NULL, 0);
+}
+
+static bool send_frame(modald_stream *s, struct frame *f)
+{
+    size_t length = f->count * (size_t)s->channels * sizeof(double);
+    char text[512];
+    int64_t id;
+
+    make_id(s, text, sizeof text, &id);
+    add(text, sizeof text, ",\"op\":\"push\",\"stream\":");
+    add_string(text, sizeof text, s->stream);
+    add(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}", (unsigned long long)s->epoch, (unsigned long long)f->first,
+        (unsigned long long)f->count, (unsigned long)f->crc);
+    if (!send_message(s, "STREAM", text, f->data, length))
+        return false;
+    f->id = id;
+    s->flying += length;
+    s->asked_at = now();
+    return true;
+}
+
+static void send_close(modald_stream *s)
+{
+    char text[512];
+
+    make_id(s, text, sizeof text, &s->close_id);
+    add(text, sizeof text, ",\"op\":\"close\",\"stream\":");
+    add_string(text, sizeof text, s->stream);
+    add(text, sizeof text, "%s}", atomic_load(&s->stop) == 2 ? ",\"broken\":true" : "");
+    s->closing = send_message(s, "STREAM", text, NULL, 0);
+    s->asked_at = now();
+}
+
+static void send_frames(modald_stream *s)
+{
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        size_t length = f->count * (size_t)s->channels * sizeof(double);
+        if (f->id != 0)
+            continue;
+        if ((s->flying > 0 && s->flying + length > s->credit) || !send_frame(s, f))
+            return;
+    }
+}
+
+/* The link is new or gone: nothing that was sent counts. */
+static void forget_link(modald_stream *s)
+{
+    s->opened = s->opening = s->closing = false;
+    s->first_id = s->next_id + 1;
+    s->flying = 0;
+    s->events_id = 0;
+    for (int i = 0; i < s->frames; i++)
+        frame_at(s, i)->id = 0;
+    atomic_store(&s->verdict, MODALD_UNKNOWN);
+}
+
+/* The epoch that the daemon is in; what was said of another is no word on this one. */
+static void set_epoch(modald_stream *s, uint64_t epoch)
+{
+    if (epoch != s->epoch) {
+        atomic_store(&s->verdict, MODALD_UNKNOWN);
+        atomic_store(&s->estimate_past, atomic_load(&s->estimate_version));
+    }
+    s->epoch = epoch;
+}
+
+static void take_reply(modald_stream *s, const char *header)
+{
+    int64_t id = (int64_t)count_at(member(header, "id"), 0);
+
+    s->credit = (size_t)count_at(member(header, "credit"), s->credit);
+    if (id == s->open_id && s->opening
+        && read_string(member(header, "stream"), s->stream, sizeof s->stream)) {
+        set_epoch(s, count_at(member(header, "epoch"), 0));
+        s->opened = true;
+        s->opening = false;
+        s->pause = pause_least;
+    } else if (id == s->close_id && s->closing) {
+        s->closed = true;
+    }
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        size_t length = f->count * (size_t)s->channels * sizeof(double);
+        if (f->id != id || id == 0)
+            continue;
+        f->acknowledged = true;
+        s->flying -= s->flying >= length ? length : s->flying;
+        uint64_t epoch = count_at(member(header, "epoch"), s->epoch);
+        if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)       /* and we did not go back */
+            say(s, "another run pushes to a stream of this name; each begins the record anew");
+        s->went_on = f->first + f->count;
+        set_epoch(s, epoch);
+    }
+    retire(s);
+}
+
+/* Errors that pass (busy, quota, storage_full, draining) are tried again, and so is a stream that somebody else closed; others end the sending, not the
+ * host. */
+static void take_error(modald_stream *s, const char *header)
+{
+    static const char *const passing[] = {
+        "busy", "quota", "storage_full", "draining", "not_found"
+    };
+    const char *error = member(header, "error"), *code = member(error, "code");
+    int64_t id = (int64_t)count_at(member(header, "id"), 0);
+    char text[256], message[200];
+    bool passes;
+
+    if (id != 0 && (id == s->events_id || id < s->first_id))
+        return;                                     /* no live results; or it counts no more */
+    passes = s->opened && is_text(code, "conflict");
+    for (size_t i = 0; i < sizeof passing / sizeof passing[0]; i++)
+        passes |= is_text(code, passing[i]);
+    if (passes) {
+        double after = number_at(member(member(error, "detail"), "retry_after_s"), 0.5);
+        s->quiet_until = now() + fmin(fmax(after, 0.05), 0.5);
+        forget_link(s);                             /* open again: what was taken is known then */
+        return;
+    }
+    if (!read_string(member(error, "message"), message, sizeof message))
+        snprintf(message, sizeof message, "%.150s", header);
+    snprintf(text, sizeof text, "the daemon refused it (%s); the run goes on without it", message);
+    say(s, text);
+    s->refused = true;
+}
+
+/* Does a live result rest on samples of this run?  Another of the same name, or this one before it was taken up again, may be told late. */
+static bool is_ours(const modald_stream *s, const char *header)
+{
+    const char *of = member(header, "stream_id");
+
+    return (of == NULL || is_text(of, s->stream))
+        && count_at(member(header, "epoch"), s->epoch) == s->epoch;
+}
+
+static struct modald_estimate estimate_of(const char *mode, double sample)
+{
+    const char *std = member(mode, "std");
+
+    return (struct modald_estimate) {
+        .frequency_hz = number_at(member(mode, "frequency_hz"), 0),
+        .frequency_std = number_at(member(std, "frequency_hz"), -1),
+        .damping_ratio = number_at(member(mode, "damping_ratio"), HUGE_VAL),
+        .damping_std = number_at(member(std, "damping_ratio"), -1),
+        .sample = sample,
+    };
+}
+
+/* The least damped mode, and whether all is stable, of a live result. */
+static void take_event(modald_stream *s, const char *header)
+{
+    const char *stable = member(member(header, "stability"), "stable");
+    const char *mode = first_element(member(header, "modes"));
+    struct modald_estimate best = { .damping_ratio = HUGE_VAL };
+    double sample = number_at(member(header, "last"), number_at(member(header, "to"), -1));
+
+    if (stable == NULL || !is_ours(s, header))
+        return;
+    for (; mode != NULL; mode = next_element(mode)) {
+        struct modald_estimate e = estimate_of(mode, sample);
+        if (e.damping_ratio < best.damping_ratio)
+            best = e;
+    }
+    if (best.damping_ratio < HUGE_VAL) {
+        atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_acq_rel);
+        s->estimate = best;
+        atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_release);
+    }
+    bool yes = strncmp(stable, "true", 4) == 0, no = strncmp(stable, "false", 5) == 0;
+    atomic_store(&s->verdict, yes ? MODALD_STABLE : no ? MODALD_UNSTABLE : MODALD_UNDECIDED);
+}
+
+/* A message of KIND, its header as text that is ours to read. */
+static void take_message(modald_stream *s, const char *kind, const char *header)
+{
+    static const struct { const char *kind; void (*take)(modald_stream *, const char *); } kinds[] = {
+        { "REPLY", take_reply }, { "ERROR", take_error }, { "EVENT", take_event },
+    };
+
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (strcmp(kind, kinds[i].kind) == 0)
+            kinds[i].take(s, skip_space(header));
+}
+
+/* One message: what it cost; 0: there is none. */
+static size_t receive(modald_stream *s)
+{
+    char kind[8] = "", *header = NULL;
+    size_t cost = 0;
+    bool more = true;
+    zmq_msg_t part;
+
+    zmq_msg_init(&part);
+    for (int i = 0; more && cost <= BACKLOG_MOST; i++) {
+        if (zmq_msg_recv(&part, s->socket, ZMQ_DONTWAIT) < 0)
+            break;
+        size_t size = zmq_msg_size(&part);
+        more = zmq_msg_more(&part);
+        cost += MESSAGE_COST + size;
+        if (i == 1 && size < sizeof kind)
+            memcpy(kind, zmq_msg_data(&part), size);
+        if (i == 2)
+            header = strndup(zmq_msg_data(&part), size);
+    }
+    zmq_msg_close(&part);
+    if (header != NULL)
+        take_message(s, kind, header);
+    free(header);
+    return cost;
+}

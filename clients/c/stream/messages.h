@@ -1,0 +1,20 @@
+/* messages.h - what is said to the daemon, and what its words mean */
+#ifndef STREAM_MESSAGES_H
+#define STREAM_MESSAGES_H
+#include "state.h"
+
+/* Ask to open the stream, and for its events. */
+static void send_open(modald_stream *s);
+
+/* Send the window's frames that are not sent yet, within the daemon's credit. */
+static void send_frames(modald_stream *s);
+
+/* Ask to seal the stream. */
+static void send_close(modald_stream *s);
+
+/* The link is new or gone: nothing that was sent counts. */
+static void forget_link(modald_stream *s);
+
+/* Take in one message; its cost in bytes of libzmq's memory; 0: there is none. */
+static size_t receive(modald_stream *s);
+#endif

@@ -1,0 +1,315 @@
+/* open.c - see open.h */
+#include "open.h"
+#include "frames.h"
+#include "ring.h"
+#include "sender.h"
+#include "text.h"
+#include <locale.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+int modald_verdict(const modald_stream *s)
+{
+    return s == NULL || is_dead(s) ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
+}
+
+int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
+{
+    for (int tries = 0; s != NULL && !is_dead(s) && tries < 1000; tries++) {
+        unsigned before = atomic_load_explicit(&s->estimate_version, memory_order_acquire);
+        if (before == atomic_load_explicit(&s->estimate_past, memory_order_relaxed))
+            return 0;
+        *out = s->estimate;
+        atomic_thread_fence(memory_order_acquire);
+        if (before % 2 == 0 && atomic_load_explicit(&s->estimate_version, memory_order_relaxed) == before)
+            return 1;
+    }
+    return 0;
+}
+
+void modald_get_report(const modald_stream *s, struct modald_report *out)
+{
+    memset(out, 0, sizeof *out);
+    if (s == NULL || is_dead(s))
+        return;
+    out->pushed = (double)s->head;
+    out->dropped = (double)atomic_load(&s->dropped);
+    out->acknowledged = (double)atomic_load(&s->acknowledged);
+    out->waiting = (double)(s->head - atomic_load(&s->page->tail));
+    out->spilled = (double)atomic_load(&s->spilled);
+    out->resampling_error = s->resampling_error;
+    out->refused = atomic_load(&s->refused);
+}
+
+static void add_attribute(char *text, size_t size, const char *key, const char *value, bool *first)
+{
+    if (value == NULL || *value == 0)
+        return;
+    add(text, size, "%s\"%s\":", *first ? "" : ",", key);
+    add_string(text, size, value);
+    *first = false;
+}
+
+/* Which run a stream comes from. */
+static char *describe_run(void)
+{
+    static const char *const environment[][2] = {
+        { "slurm_job", "SLURM_JOB_ID" }, { "slurm_array_task", "SLURM_ARRAY_TASK_ID" }, { "slurm_node", "SLURMD_NODENAME" },
+        { "slurm_restarts", "SLURM_RESTART_COUNT" },
+    };
+    enum { SIZE = 2048 };
+    char host[128] = "", *text = calloc(1, SIZE);
+    bool first = true;
+
+    if (text == NULL)
+        return NULL;
+    gethostname(host, sizeof host - 1);
+    add(text, SIZE, "{");
+    add_attribute(text, SIZE, "host", host, &first);
+    for (size_t i = 0; i < sizeof environment / sizeof environment[0]; i++) {
+        const char *value = getenv(environment[i][1]);
+        add_attribute(text, SIZE, environment[i][0], value && strlen(value) < 128 ? value : NULL, &first);
+    }
+    add(text, SIZE, "}");
+    return text;
+}
+
+static double number_from(const char *name, double otherwise, double most)
+{
+    const char *text = getenv(name);
+    char *end;
+    double value = text && *text ? strtod(text, &end) : 0;
+
+    return text && *text && *end == 0 && value >= 0 && value <= most ? value : otherwise;
+}
+
+static size_t size_from(const char *name, size_t otherwise)
+{
+    return (size_t)number_from(name, (double)otherwise, 1e15);
+}
+
+/* PATH from the root, whatever the host's folder is later. */
+static void absolute(char *out, size_t size, const char *path)
+{
+    char here[256];
+
+    if (*path == '/' || getcwd(here, sizeof here) == NULL)
+        snprintf(out, size, "%s", path);
+    else
+        snprintf(out, size, "%s/%s", here, path);
+}
+
+/* A closed stream's handle: what is done to it does nothing, until so many were closed after it. */
+static void bury(modald_stream *s)
+{
+    static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+    static modald_stream *closed[CLOSED_KEPT];
+    static unsigned next;
+    modald_stream *oldest;
+
+    pthread_mutex_lock(&lock);
+    oldest = closed[next];
+    closed[next] = s;
+    next = (next + 1) % CLOSED_KEPT;
+    pthread_mutex_unlock(&lock);
+    free(oldest);
+}
+
+static void stream_free(modald_stream *s)
+{
+    if (s->page != NULL)
+        munmap(s->page, s->ring_bytes);
+    for (int i = 0; i < WINDOW; i++)
+        loan_drop(s->window[i].data);
+    for (int i = 0; i < HISTORY; i++)
+        free(s->history[i].y);
+    loan_drop(s->build.data);
+    free(s->rms);
+    free(s->sample);
+    free(s->names);
+    free(s->units);
+    free(s->options);
+    free(s->alarms);
+    free(s->url);
+    free(s->keyfile);
+    free(s->open_text);
+    free(s->run);
+    sem_destroy(&s->begun);
+    s->forks = CLOSED;
+    bury(s);
+}
+
+/* A relative path of ipc is the host's folder's too, where the longer name fits (107 bytes). */
+static char *copy_url(const char *url)
+{
+    char path[108 + 256];
+
+    if (strncmp(url, "ipc://", 6) != 0 || url[6] == '/' || url[6] == '@')
+        return strdup(url);
+    snprintf(path, 7, "ipc://");
+    absolute(path + 6, sizeof path - 6, url + 6);
+    return strdup(strlen(path) - 6 < 108 ? path : url);
+}
+
+static char *copy_keyfile(void)
+{
+    const char *keyfile = getenv("MODALD_KEYFILE");
+    char path[1024];
+
+    if (keyfile == NULL || *keyfile == 0)
+        return NULL;
+    absolute(path, sizeof path, keyfile);
+    return strdup(path);
+}
+
+static char *copy_of(const char *name)
+{
+    const char *text = getenv(name);
+
+    return text && *text ? strdup(text) : NULL;
+}
+
+/* Everything that the environment says is read here, in the host's thread. */
+static modald_stream *stream_new(const char *name, int channels, double dt, const char *url, size_t ring, const char *ring_file)
+{
+    const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
+    modald_stream *s = aligned_alloc(LINE, sizeof *s);
+
+    if (s == NULL)
+        return NULL;
+    memset((void *)s, 0, sizeof *s);
+    snprintf(s->name, sizeof s->name, "%s", name);
+    pthread_once(&fork_once, watch_forks);
+    s->forks = atomic_load(&forks);
+    s->channels = channels;
+    s->dt = dt;
+    s->spill_fd = s->ring_fd = -1;
+    sem_init(&s->begun, 0, 0);
+    s->spill_most = size_from("MODALD_SPILL_MAX", (size_t)1 << 30);
+    absolute(s->spill_folder, sizeof s->spill_folder, folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp");
+    s->close_wait = number_from("MODALD_CLOSE_WAIT", 5, 1e6);
+    s->window_samples = (long)size_from("MODALD_WINDOW", 0);
+    s->window_hop = (long)size_from("MODALD_HOP", 0);
+    s->credit = FRAME_BYTES;
+    s->url = copy_url(url);
+    s->keyfile = copy_keyfile();
+    s->options = copy_of("MODALD_OPTIONS");
+    s->alarms = copy_of("MODALD_ALARMS");
+    s->run = describe_run();
+    if (s->url == NULL || !make_ring(s, ring, ring_file) || !make_frames(s)) {
+        if (s->ring_fd >= 0)
+            close(s->ring_fd);
+        stream_free(s);
+        return NULL;
+    }
+    return s;
+}
+
+/* The sender's thread; no signal is ever its own.  A host with more of its own data a thread than SENDER_STACK gets the usual stack. */
+static bool start(modald_stream *s)
+{
+    pthread_attr_t attr;
+    sigset_t all, before;
+    bool good;
+
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, &before);
+    pthread_attr_init(&attr);
+    pthread_attr_setstacksize(&attr, SENDER_STACK);
+    good = pthread_create(&s->thread, &attr, sender, s) == 0 || pthread_create(&s->thread, NULL, sender, s) == 0;
+    pthread_attr_destroy(&attr);
+    while (good && sem_wait(&s->begun) != 0)
+        ;
+    if (s->ring_fd >= 0 && (!good || s->own_descriptors))
+        close(s->ring_fd);                              /* the sender has its own */
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return good;
+}
+
+modald_stream *modald_open(const char *name, int channels, double dt)
+{
+    const char *url = getenv("MODALD_URL");
+    modald_stream *s;
+
+    if (url == NULL || *url == 0)
+        return NULL;
+    if (name == NULL || *name == 0 || strlen(name) > 128 || channels < 1 || channels > CHANNELS_MOST || !(dt > 0) || !isfinite(dt)) {
+        tell(NULL, "modald_open: a name of 1 to 128 bytes, 1 to 65536 channels and a positive dt are needed");
+        return NULL;
+    }
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);       /* numbers have a point */
+    s = stream_new(name, channels, dt, url, size_from("MODALD_RING", (size_t)8 << 20), getenv("MODALD_RING_FILE"));
+    uselocale(before);
+    freelocale(c);
+    if (s != NULL && !start(s)) {
+        stream_free(s);
+        s = NULL;
+    }
+    if (s == NULL)
+        tell(name, "no memory or no thread; the run goes on without it");
+    return s;
+}
+
+void modald_describe(modald_stream *s, const char *const *names, const char *units, double period)
+{
+    size_t size = HEADER_MOST / 2;
+
+    if (s == NULL || is_dead(s))
+        return;
+    s->period = period;
+    if (names != NULL && s->names == NULL && (s->names = calloc(1, size)) != NULL) {
+        for (int i = 0; i < s->channels; i++) {
+            add(s->names, size, i ? "," : "[");
+            add_string(s->names, size, names[i]);
+        }
+        add(s->names, size, "]");
+    }
+    if (units != NULL && s->units == NULL && (s->units = calloc(1, 1024)) != NULL)
+        add_string(s->units, 1024, units);
+}
+
+void modald_window(modald_stream *s, long samples, long hop, const char *options)
+{
+    if (s == NULL || is_dead(s))
+        return;
+    s->window_samples = samples;
+    s->window_hop = hop;
+    if (options != NULL) {
+        free(s->options);
+        s->options = strdup(options);
+    }
+}
+
+static void end(modald_stream *s, int how)
+{
+    double until;
+
+    if (s == NULL || is_dead(s))
+        return;
+    until = now() + s->close_wait + 1;
+    atomic_store(&s->stop, how);
+    while (!atomic_load(&s->finished) && now() < until)
+        rest(0.0005);
+    if (atomic_load(&s->finished)) {
+        pthread_join(s->thread, NULL);
+        stream_free(s);
+    } else {                                            /* the thread hangs in a file system: leave it */
+        pthread_detach(s->thread);
+        s->forks = CLOSED;
+    }
+}
+
+void modald_close(modald_stream *s)
+{
+    end(s, 1);
+}
+
+void modald_abandon(modald_stream *s)
+{
+    end(s, 2);
+}

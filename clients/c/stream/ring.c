@@ -1,0 +1,236 @@
+/* ring.c - see ring.h */
+#include "ring.h"
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+/* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
+static inline double *room(modald_stream *s)
+{
+    if (is_dead(s))
+        return NULL;
+    if (s->head - s->tail_seen >= s->slots) {
+        s->tail_seen = atomic_load_explicit(&s->page->tail, memory_order_acquire);
+        if (s->head - s->tail_seen >= s->slots) {
+            atomic_fetch_add_explicit(&s->dropped, 1, memory_order_relaxed);
+            s->index++;
+            return NULL;
+        }
+    }
+    return s->ring + s->cursor * s->stride;
+}
+
+static inline void publish(modald_stream *s, double *at, double t)
+{
+    uint64_t index = s->index++;
+
+    memcpy(at, &index, sizeof index);
+    at[1] = t;
+    s->cursor = s->cursor + 1 < s->slots ? s->cursor + 1 : 0;
+    atomic_store_explicit(&s->page->head, ++s->head, memory_order_release);
+    size_t length = s->stride * sizeof *at < AHEAD_MOST ? s->stride * sizeof *at : AHEAD_MOST;
+    for (size_t i = 0; i < length; i += LINE)           /* beyond the ring's end it is harmless */
+        __builtin_prefetch((const char *)at + AHEAD + i, 1);
+}
+
+/* Few values one by one: each comes straight from the host's own store, made a moment ago.  A wider load over several of those has to wait until they are in
+ * the cache, and whatever the host computed them from before that: 100 ns of a step of 1 us.  (Volatile, so that no compiler makes a memcpy of it.) */
+static inline void copy(double *to, const double *y, int channels)
+{
+    if (channels > NARROW_MOST) {
+        memcpy(to, y, (size_t)channels * sizeof *y);
+        return;
+    }
+    for (int i = 0; i < channels; i++)
+        *(volatile double *)(to + i) = y[i];
+}
+
+void modald_push(modald_stream *s, const double *y)
+{
+    double *at;
+
+    if (s == NULL || (at = room(s)) == NULL)
+        return;
+    copy(at + 2, y, s->channels);
+    publish(s, at, NAN);
+}
+
+void modald_push_block(modald_stream *s, const double *y, size_t count)
+{
+    for (; s != NULL && count > 0; count--, y += s->channels)
+        modald_push(s, y);
+}
+
+void modald_push_float(modald_stream *s, const float *y)
+{
+    double *at;
+
+    if (s == NULL || (at = room(s)) == NULL)
+        return;
+    for (int i = 0; i < s->channels; i++)
+        *(volatile double *)(at + 2 + i) = y[i];
+    publish(s, at, NAN);
+}
+
+void modald_push_at(modald_stream *s, double t, const double *y)
+{
+    double *at;
+
+    if (s == NULL || !isfinite(t) || (at = room(s)) == NULL)
+        return;
+    copy(at + 2, y, s->channels);
+    publish(s, at, t);
+}
+
+void modald_seek(modald_stream *s, double index)
+{
+    if (s != NULL && !is_dead(s) && index >= 0 && index < 9007199254740992.0)
+        s->index = (uint64_t)index;
+}
+
+static void release(modald_stream *s, uint64_t tail)
+{
+    if (tail > atomic_load_explicit(&s->page->tail, memory_order_relaxed))
+        atomic_store_explicit(&s->page->tail, tail, memory_order_release);
+}
+
+/* Every page is there, and known to this processor, before the first push. */
+static void touch(void *base, size_t bytes)
+{
+    for (volatile char *p = base; p < (volatile char *)base + bytes; p += PAGE)
+        *p = *p;
+}
+
+/* Zeroed, in huge pages where the system gives them and it fills one. */
+static void *map_memory(size_t bytes)
+{
+    size_t spare = bytes >= HUGE_PAGE ? HUGE_PAGE : 0, before;
+    char *base = mmap(NULL, bytes + spare, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+
+    if (base == MAP_FAILED && spare > 0) {
+        spare = 0;
+        base = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    }
+    if (base == MAP_FAILED)
+        return NULL;
+    if (spare > 0) {
+        size_t end = (bytes + PAGE - 1) / PAGE * PAGE;
+        before = (HUGE_PAGE - (uintptr_t)base % HUGE_PAGE) % HUGE_PAGE;
+        if (before > 0)
+            munmap(base, before);
+        if (before + end < bytes + spare)
+            munmap(base + before + end, bytes + spare - before - end);
+        base += before;
+        madvise(base, bytes, MADV_HUGEPAGE);
+    }
+    touch(base, bytes);
+    return base;
+}
+
+/* Has the file of FD room for BYTES?  Its blocks too: a mapped page that the disk is too full for would end the host. */
+static bool allocate(int fd, size_t bytes)
+{
+    struct stat st;
+
+    return fstat(fd, &st) == 0 && posix_fallocate(fd, 0, (off_t)bytes) == 0 && ((size_t)st.st_size <= bytes || ftruncate(fd, (off_t)bytes) == 0);
+}
+
+/* What an earlier run left in the file is kept: is it a ring like ours? */
+static bool is_left(const modald_stream *s, const struct ring_page *page)
+{
+    uint64_t waiting = atomic_load(&page->head) - atomic_load(&page->tail);
+
+    return memcmp(page->magic, ring_magic, sizeof ring_magic) == 0 && page->channels == (uint64_t)s->channels && page->slots == s->slots && page->dt == s->dt
+        && strcmp(page->name, s->name) == 0 && waiting <= s->slots;
+}
+
+static void fill_head(const modald_stream *s, struct ring_page *page)
+{
+    memset((void *)page, 0, sizeof *page);
+    page->channels = (uint64_t)s->channels;
+    page->slots = s->slots;
+    page->dt = s->dt;
+    snprintf(page->name, sizeof page->name, "%s", s->name);
+    memcpy(page->magic, ring_magic, sizeof ring_magic);
+}
+
+/* A file that is new has its head at once: a host killed while the rest is made leaves an empty ring, not a file of nothing. */
+static bool begin_file(const modald_stream *s, int fd, bool *fresh)
+{
+    struct ring_page page;
+    struct rlimit most;
+    struct stat st;
+
+    if (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode) || getrlimit(RLIMIT_FSIZE, &most) != 0 || most.rlim_cur < s->ring_bytes)
+        return false;                                   /* a file past that limit is a signal to the host */
+    *fresh = st.st_size == 0;
+    fill_head(s, &page);
+    return !*fresh || pwrite(fd, &page, sizeof page, 0) == (ssize_t)sizeof page;
+}
+
+/* The ring in the file at PATH (%s: the stream's name), locked as long as it is ours; NULL: it cannot be there. */
+static void *map_file(modald_stream *s, const char *file)
+{
+    const char *mark = strstr(file, "%s");
+    char path[512], name[sizeof s->name];
+    void *base = MAP_FAILED;
+    bool fresh = false;
+    int fd, n;
+
+    snprintf(name, sizeof name, "%s", s->name);
+    for (char *p = name; *p != 0; p++)
+        *p = *p == '/' ? '_' : *p;
+    n = snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : (int)strlen(file), file, mark ? name : "", mark ? mark + 2 : "");
+    fd = n < (int)sizeof path ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600) : -1;
+    if (fd >= 0 && flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+        tell(s->name, "another stream has the ring's file; this one is kept in memory");
+    else if (fd >= 0 && begin_file(s, fd, &fresh) && allocate(fd, s->ring_bytes))
+        base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    else
+        tell(s->name, "the ring's file cannot be used; it is kept in memory");
+    if (base == MAP_FAILED) {
+        if (fresh)
+            unlink(path);
+        if (fd >= 0)
+            close(fd);
+        return NULL;
+    }
+    touch(base, s->ring_bytes);
+    s->ring_fd = fd;
+    return base;
+}
+
+/* The ring, in memory or in a file. */
+static bool make_ring(modald_stream *s, size_t bytes, const char *file)
+{
+    size_t slot;
+
+    s->stride = (size_t)s->channels + 2;
+    slot = s->stride * sizeof(double);
+    if (file != NULL && *file != 0) {
+        s->slots = bytes / slot < 8 ? 8 : bytes / slot;
+        s->ring_bytes = RING_HEAD + s->slots * slot;
+        s->page = map_file(s, file);
+    }
+    if (s->page == NULL) {                              /* its head included, so that 8 MiB are four huge pages */
+        s->slots = bytes < RING_HEAD + 8 * slot ? 8 : (bytes - RING_HEAD) / slot;
+        s->ring_bytes = RING_HEAD + s->slots * slot;
+        s->page = map_memory(s->ring_bytes);
+    }
+    if (s->page == NULL)
+        return false;
+    s->ring = (double *)((char *)s->page + RING_HEAD);
+    if (!is_left(s, s->page))
+        fill_head(s, s->page);
+    s->head = atomic_load(&s->page->head);
+    s->taken = s->tail_seen = atomic_load(&s->page->tail);
+    s->cursor = s->head % s->slots;
+    return true;
+}

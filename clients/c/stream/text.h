@@ -1,0 +1,43 @@
+/* text.h - messages as text: JSON written at the end of a buffer, and read where it lies */
+#ifndef STREAM_TEXT_H
+#define STREAM_TEXT_H
+#include "state.h"
+
+/* Append to TEXT, never past SIZE; too long a text ends short and is refused by the daemon. */
+static void add(char *text, size_t size, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* Append STRING as JSON writes it, in quotes. */
+static void add_string(char *text, size_t size, const char *string);
+
+/* P behind its white space. */
+static const char *skip_space(const char *p);
+
+/* JSON is read where it lies, up to its 0.  A P below is where a value begins; NULL: there is none,
+ * and none is in it. */
+
+/* The value of KEY, which is written as it is, in the object at P; NULL: it has none. */
+static const char *member(const char *p, const char *key);
+
+/* The first element of the list at P; NULL: there is none. */
+static const char *first_element(const char *p);
+
+/* The element behind the one at P; NULL: it was the last. */
+static const char *next_element(const char *p);
+
+/* The number at P; OTHERWISE where there is none that a double holds. */
+static double number_at(const char *p, double otherwise);
+
+/* The same for a count of things, up to 2^53. */
+static uint64_t count_at(const char *p, uint64_t otherwise);
+
+/* Is it the string TEXT, which JSON writes as it is? */
+static bool is_text(const char *p, const char *text);
+
+/* What add_string made of a string of fewer than SIZE bytes, into OUT; false, and OUT is "": it is
+ * no such string. */
+static bool read_string(const char *p, char *out, size_t size);
+
+/* Append the members of `open` behind the id: what the stream is, and which run it comes from. */
+static void open_header(modald_stream *s, char *text, size_t size);
+#endif

@@ -118,7 +118,7 @@ void input_content(const uint8_t sha256[32], const cJSON *attributes, uint8_t co
     memcpy(content, sha256, 32);
     if (attributes == NULL || attributes->child == NULL)
         return;
-    text = canonical_text(attributes);
+    text = grab_canonical(attributes);
     length = strlen(text);
     both = grab(32 + length);
     memcpy(both, sha256, 32);

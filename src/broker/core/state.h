@@ -298,6 +298,7 @@ void *grab(size_t size);                                   /* zeroed */
 void *regrab(void *old, size_t size);
 char *grab_text(const char *text);                         /* NULL stays NULL */
 char *grab_format(const char *format, ...) __attribute__((format(printf, 1, 2)));
+char *grab_canonical(const cJSON *value);                  /* canonical_text of base/canonical.h */
 struct region;                                             /* of jobs and inputs, their keys and options */
 void *region_grab(struct region **open, size_t size);      /* zeroed */
 char *region_text(struct region **open, const char *text); /* NULL stays NULL */
@@ -421,7 +422,6 @@ void filling_free(struct filling *f);
 /* submit.c */
 void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 void submits_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
-char *canonical_text(const cJSON *value);
 
 /* workers.c */
 void worker_message(struct core *c, const struct event *e);

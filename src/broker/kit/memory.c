@@ -1,5 +1,6 @@
 /* memory.c - allocation that ends the process when there is no more: a restart loses nothing, a guess might */
 #include "broker/core/state.h"
+#include "base/canonical.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,6 +46,11 @@ char *grab_format(const char *format, ...)
         text = NULL;
     va_end(args);
     return checked(text);
+}
+
+char *grab_canonical(const cJSON *value)
+{
+    return checked(canonical_text(value));
 }
 
 /*

@@ -160,7 +160,7 @@ static void take_window(struct stream *s, const cJSON *text, const struct wire_i
         return;
     s->window = window.samples;
     s->hop = window.hop;
-    s->options = window.options != NULL ? canonical_text(window.options) : grab_text("{}");
+    s->options = window.options != NULL ? grab_canonical(window.options) : grab_text("{}");
     alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), s->dt, s->window, &s->alarms, NULL);
 }
 

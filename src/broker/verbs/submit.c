@@ -8,62 +8,6 @@
 
 /* ---- what makes two submissions the same ------------------------------------------------------------------------ */
 
-static int by_key(const void *a, const void *b)
-{
-    return strcmp((*(cJSON *const *)a)->string, (*(cJSON *const *)b)->string);
-}
-
-/* A copy with the members of every object in the order of their names. */
-static cJSON *sorted(const cJSON *value)
-{
-    cJSON *copy, **members;
-    int count = 0;
-
-    if (!cJSON_IsObject(value) && !cJSON_IsArray(value))
-        return cJSON_Duplicate(value, false);
-    copy = cJSON_IsObject(value) ? cJSON_CreateObject() : cJSON_CreateArray();
-    members = grab(((size_t)cJSON_GetArraySize(value) + 1) * sizeof *members);
-    for (cJSON *child = value->child; child != NULL; child = child->next)
-        members[count++] = child;
-    if (cJSON_IsObject(value))
-        qsort(members, (size_t)count, sizeof *members, by_key);
-    for (int i = 0; i < count; i++)
-        if (cJSON_IsObject(value))
-            cJSON_AddItemToObject(copy, members[i]->string, sorted(members[i]));
-        else
-            cJSON_AddItemToArray(copy, sorted(members[i]));
-    free(members);
-    return copy;
-}
-
-/* Whether every object in VALUE has its members in that order already: nearly always. */
-static bool is_sorted(const cJSON *value)
-{
-    bool object = cJSON_IsObject(value);
-
-    for (const cJSON *child = value->child; child != NULL; child = child->next)
-        if ((object && child->next != NULL && strcmp(child->string, child->next->string) > 0) || !is_sorted(child))
-            return false;
-    return true;
-}
-
-char *canonical_text(const cJSON *value)
-{
-    cJSON *copy = NULL;
-    char *text;
-
-    if (value == NULL)
-        return grab_text("{}");
-    if (!is_sorted(value))
-        value = copy = sorted(value);
-    text = json_print(value);
-
-    cJSON_Delete(copy);
-    if (text == NULL)
-        abort();
-    return text;
-}
-
 /* settings = SHA-256(kind, options).  Scripts ask the same of many inputs: the latest is remembered. */
 static void hash_settings(struct core *c, const char *kind, const char *options, uint8_t settings[32])
 {
@@ -325,7 +269,7 @@ static void submit(struct core *c, const struct wire_message *m, const struct wi
 
     if (!find_kind(c, &s) || !(named ? find_named(c, &s) : take_inline(c, &s, m)))
         goto out;
-    s.options = canonical_text(r->submit.options);
+    s.options = grab_canonical(r->submit.options);
     hash_settings(c, s.kind->name, s.options, s.settings);
     hash_both(s.settings, s.content, s.fingerprint);
     if (known_key(c, &s) || !may_enter(c, &s))

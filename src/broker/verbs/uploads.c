@@ -443,7 +443,7 @@ void upload_gone(struct core *c, struct input *input)
 static bool same_attributes(const struct input *input, const cJSON *attributes)
 {
     cJSON *known = input->attributes == NULL ? NULL : cJSON_Parse(input->attributes);
-    char *a = canonical_text(known), *b = canonical_text(attributes);
+    char *a = grab_canonical(known), *b = grab_canonical(attributes);
     bool same = strcmp(a, b) == 0;
 
     cJSON_Delete(known);

@@ -22,7 +22,7 @@
 #include <unistd.h>
 #include <zmq.h>
 #include "keyfile.h"
-#include "wire/limits.h"
+#include "wire/protocol.h"
 
 static const double first_patience = 2;      /* s: nobody there at the start */
 static const double lost_patience = 30;      /* s: a daemon that was there comes back in this time */

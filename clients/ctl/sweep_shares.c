@@ -17,7 +17,7 @@
 #include "job/sweep.h"
 #include "modal/sha256.h"
 #include "verbs.h"
-#include "wire/limits.h"
+#include "wire/protocol.h"
 
 enum { SHARES_MOST = 64, ROUNDS_MOST = 1000, STEM_MOST = WIRE_KEY_MOST - 24 };
 

@@ -6,7 +6,7 @@
 #include <stdint.h>
 #include "base/error.h"
 #include "base/json.h"
-#include "wire/limits.h"
+#include "wire/protocol.h"
 
 struct wire_frame {
     const void *data;

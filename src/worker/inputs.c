@@ -6,7 +6,7 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
-#include "wire/limits.h"
+#include "wire/protocol.h"
 #include "worker/confine.h"
 
 enum modal_status inputs_open(struct modal_error *err)

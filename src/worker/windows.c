@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "job/live.h"
-#include "wire/limits.h"
+#include "wire/protocol.h"
 
 struct window {
     char *stream;                 /* NULL: free */

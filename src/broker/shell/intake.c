@@ -19,7 +19,7 @@
  */
 #include "broker/shell/intake.h"
 #include "broker/shell/accept.h"
-#include "wire/limits.h"
+#include "wire/protocol.h"
 #include <assert.h>
 #include <dlfcn.h>
 #include <stdatomic.h>

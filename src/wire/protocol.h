@@ -1,6 +1,6 @@
-/* limits.h - every size and count of proto/PROTOCOL.md, section 8; each is tested by tests/unit/wire/test_wire.c */
-#ifndef WIRE_LIMITS_H
-#define WIRE_LIMITS_H
+/* protocol.h - the protocol's names, and every size and count of proto/PROTOCOL.md, section 8; each is tested by tests/unit/wire/test_wire.c */
+#ifndef WIRE_PROTOCOL_H
+#define WIRE_PROTOCOL_H
 
 #define WIRE_VERSION   "MODALD1"     /* frame 0 between clients and daemon */
 #define WIRE_WORKER    "MODALW1"     /* frame 0 between workers and daemon */

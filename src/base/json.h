@@ -1,4 +1,5 @@
-/* json.h - strict JSON: reading that refuses what cJSON would let pass, checked access, exact printing */
+/* json.h - strict JSON: reading that refuses what cJSON would let pass (json_read.c), checked access (json_tree.c), exact
+ * printing (json_text.c) */
 #ifndef BASE_JSON_H
 #define BASE_JSON_H
 #include <stdbool.h>

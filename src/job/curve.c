@@ -18,6 +18,7 @@
 #include "job/steady_print.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/cycle.h"
+#include "modal/steady/estimate.h"
 #include "modal/steady/path.h"
 
 enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60, NEAR = 4, MARCHED = 101 };

@@ -1,76 +1,12 @@
 /* solve.h - one steady state of a program: the method chosen, tried, and its errors estimated */
 #ifndef MODAL_SOLVE_H
 #define MODAL_SOLVE_H
-#include <stdint.h>
-#include "modal/steady/balance.h"
-
-enum steady_method { STEADY_AUTO, STEADY_DIRECT, STEADY_NEWTON, STEADY_RK4, STEADY_ADAPTIVE, STEADY_SHOOTING };   /* the last three: march.h */
-
-struct steady_options {
-    int harmonics;            /* H; 0: so many that the errors' estimate meets target_error */
-    int samples;              /* N; 0: enough for the laws and H */
-    enum steady_method method;
-    double cutoff;            /* iterate.h; 0: none */
-    double tolerance;         /* relative step; 0: 1e-12 */
-    int max_iterations;       /* of one attempt; 0: 60 */
-    bool unlocated;           /* sample every law: events fall between samples, as in 1989 */
-    bool by_differences;      /* Newton's derivative by difference quotients, as in 1989 */
-    double target_error;      /* relative to max |x|; 0: 1e-6 */
-    double relaxation;        /* direct iteration; 0: 1 */
-    bool estimate_later;      /* at given H: leave the errors to steady_estimate_point */
-    const int *dofs;          /* those whose errors count, `dofs_count` of them; NULL: all */
-    int dofs_count;
-    bool (*cancelled)(void *context);
-    void *context;
-};
-
-/* A motion of all kept dofs, to start from. */
-struct steady_start {
-    int q, H;
-    const double complex *X;  /* [i (H+1) + k] */
-};
-
-struct steady_point {
-    bool converged;
-    const char *method;       /* "linear", "direct", "newton", ...: what found it */
-    const char *reason;       /* where not converged */
-    bool fewer;               /* not converged,
-        for with more harmonics it does not close; its errors are known */
-    bool open;                /* nothing holds its mean (or some other direction),
-        which is one of many; without error */
-    bool wanting;             /* target_error asks for more work than is allowed */
-    int iterations, attempts;
-    struct budget work;       /* of the solution,
-        and of the search where it was one of several (budget.h) */
-    double omega, level;
-    int q, H, N;
-    double complex *X;        /* kept dofs, [i (H+1) + k] */
-    double residual, step;    /* relative */
-    double truncation, sampling, solver;      /* max over time and dofs of the error each makes, in the unit of x */
-    double error;             /* of all three together */
-    double tail_rms, tail_max, load_max;      /* equation residual in time, N, at the kept dofs (linear: at all); and the scale of it */
-    double amplitude;         /* max |x(t)| over the dofs that count */
-    long ffts;
-    int laws;
-    long *evaluations;        /* per law */
-    bool *acts, *undetermined;
-    bool followed;            /* through rigid friction's events (cycle.h), with `states` multipliers where they are known */
-    int states;
-    double complex *multiplier;
-    double multiplier_error;
-    struct condense *c;       /* to recover other dofs with: at omega, H; owned by the session */
-};
-
-struct steady;
+#include "modal/steady/point.h"
 
 /* P is borrowed until steady_free.  Fails with MODAL_BAD_INPUT (steady.harmonics, steady.samples, excitation),
  * MODAL_TOO_LARGE, MODAL_NO_MEMORY. */
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err);
 void steady_free(struct steady *s);
-struct condense *steady_condense(struct steady *s);
-/* Many frequencies follow: condense_reduce where it pays. */
-enum modal_status steady_reduce(struct steady *s, struct modal_error *err);
-const struct program *steady_program(const struct steady *s);
 
 /*
  * Solve at OMEGA from START (NULL: from rest).  No convergence is an answer: MODAL_OK with point->converged false, the best
@@ -78,21 +14,7 @@ const struct program *steady_program(const struct steady *s);
  */
 enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
                                struct modal_error *err);
-void steady_point_done(struct steady_point *point);
 
-/* The balance for H harmonics of this session, made on first use and kept. */
-enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err);
-/* Samples that H harmonics of these laws need, where the options name none. */
-int steady_samples(const struct steady *s, int H);
-/* Fill a converged point's estimates of error (done by steady_solve unless estimate_later). */
-enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err);
-/* The kept dofs' motion of a converged POINT carried on to H2 > point->H harmonics and corrected for them (solve.c, (1) and (2)):
- * E[i (H2+1) + k], nearer the exact motion than the point is.  False in *DONE where the derivative is singular there. */
-enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,
-                                struct modal_error *err);
-/* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are left to steady_estimate_point. */
-enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
-                                    struct modal_error *err);
 /*
  * Every solution found at OMEGA: along the level of the loads and from many starts; points,
  * *COUNT of them, the caller's.
@@ -103,7 +25,5 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
                                    const struct steady_point *known, struct steady_point **points,
                                        int *count,
                                    struct modal_error *err);
-/* X of dof DOF, harmonics 0 .. H of the point. */
-enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err);
 
 #endif

@@ -18,13 +18,14 @@
  * [ML03]   Moler, Van Loan, SIAM Review 45 (2003) 3-49.
  */
 #include "modal/steady/stability.h"
-#include "modal/scene/floquet.h"
+#include <cblas.h>
 #include <float.h>
 #include <lapacke.h>
-#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/floquet.h"
+#include "modal/steady/estimate.h"
 
 static const double TWO_PI = 6.283185307179586477, ON_CIRCLE = 1e-8, SETTLED = 2e-11,
     WORK_MOST = 6e10, WORK_AGAIN = 1e10;

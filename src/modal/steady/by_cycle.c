@@ -1,0 +1,213 @@
+/*
+ * by_cycle.c - see by_cycle.h
+ *
+ * What the point's H harmonics leave of the equation of motion in time, the sliders' forces f_l those of the cycle:
+ *
+ *     r = Re sum_k (S_k X_k - p_k) e^{i k theta} + sum_l B_l f_l.                                           (1)
+ *
+ * f jumps where a body turns, and there r is of the jump's size at any H, as a truncated series is: its rms falls as H^-1/2.
+ */
+#include "modal/steady/by_cycle.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/cycle.h"
+
+enum { H_CYCLE_MOST = 1024 };
+
+/* Displacements and rates at t = 0 of START, by dof. */
+static enum modal_status state_of_start(struct steady *s, double omega, const struct steady_start *start, double *x, double *v, struct modal_error *err)
+{
+    int H = start->H;
+    double complex *X = calloc((size_t)H + 1, sizeof *X), *kept = NULL;
+    struct balance *b;
+    enum modal_status rc = steady_balance(s, H, &b, err);
+
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);
+    kept = rc == MODAL_OK ? calloc((size_t)b->q * ((size_t)H + 1) + 1, sizeof *kept) : NULL;
+    if (rc == MODAL_OK && (X == NULL || kept == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    if (rc == MODAL_OK)
+        start_write(b, start, kept);
+    for (int i = 0; rc == MODAL_OK && i < s->p->n; i++) {
+        rc = condense_recover(s->c, i, H, kept, H, X, err);
+        for (int k = 0; rc == MODAL_OK && k <= H; k++) {
+            x[i] += creal(X[k]);
+            v[i] -= k * omega * cimag(X[k]);
+        }
+    }
+    free(X);
+    free(kept);
+    return rc;
+}
+
+/* max over time and counted dofs of what is left of the cycle's samples without harmonics past H, and of the samples themselves. */
+static enum modal_status tail_of_samples(struct steady *s, struct orbit_grid *g, const struct cycle *c, int H, double *tail, double *amplitude,
+                                         struct modal_error *err)
+{
+    int count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
+    double complex *X = calloc((size_t)H + 1, sizeof *X);
+    double *x = calloc(CYCLE_SAMPLES, sizeof *x);
+    enum modal_status rc = X == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    *tail = *amplitude = 0;
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        const double *exact = c->x + (size_t)steady_counted_dof(s, i) * CYCLE_SAMPLES;
+
+        orbit_analyze(g, exact, H, X);
+        orbit_synthesize(g, H, X, 0, x);
+        for (int j = 0; j < CYCLE_SAMPLES; j++) {
+            *tail = fmax(*tail, fabs(x[j] - exact[j]));
+            *amplitude = fmax(*amplitude, fabs(exact[j]));
+        }
+    }
+    free(X);
+    free(x);
+    return rc;
+}
+
+/* The point of H harmonics of a cycle; a series of N samples folds what lies past N/2, which falls as k^-3 and faster: half the
+ * samples would fold eight times as much. */
+static enum modal_status point_of_cycle(struct steady *s, const struct cycle *c, struct orbit_grid *g, int H, struct steady_point *point, struct modal_error *err)
+{
+    int q = condense_kept(s->c), K = H + 1;
+    double *half = calloc(CYCLE_SAMPLES / 2, sizeof *half);
+    double complex *X = calloc((size_t)K, sizeof *X);
+    struct orbit_grid *coarse = NULL;
+    enum modal_status rc = half == NULL || X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : orbit_grid_new(CYCLE_SAMPLES / 2, &coarse, err);
+
+    if (rc == MODAL_OK)
+        rc = point_init(s, point, q, H, CYCLE_SAMPLES, err);
+    point->sampling = 0;
+    for (int i = 0; rc == MODAL_OK && i < q; i++) {
+        const double *x = c->x + (size_t)condense_dofs(s->c)[i] * CYCLE_SAMPLES;
+        double sum = 0;
+
+        orbit_analyze(g, x, H, point->X + i * K);
+        for (int j = 0; j < CYCLE_SAMPLES / 2; j++)
+            half[j] = x[2 * j];
+        orbit_analyze(coarse, half, H, X);
+        for (int k = 0; k < K; k++)
+            sum += cabs(X[k] - point->X[i * K + k]) / 7;
+        point->sampling = fmax(point->sampling, sum);
+    }
+    orbit_grid_free(coarse);
+    free(half);
+    free(X);
+    return rc;
+}
+
+/* The sliders' forces of (1) on the I-th kept dof, onto r. */
+static void add_forces(const struct steady *s, const struct cycle *c, int i, double *r)
+{
+    for (int l = 0; l < s->p->laws; l++) {
+        const double *f = c->force + (size_t)l * CYCLE_SAMPLES;
+        int dof = condense_dofs(s->c)[i], sign = (s->p->law[l].dof[0] == dof) - (s->p->law[l].to[0] == dof);
+
+        for (int j = 0; sign != 0 && j < CYCLE_SAMPLES; j++)
+            r[j] += sign * f[j];
+    }
+}
+
+static enum modal_status residual_of_cycle(const struct steady *s, struct balance *b,
+                                           const struct cycle *c, struct orbit_grid *g,
+                                           struct steady_point *point, struct modal_error *err)
+{
+    int q = b->q, K = b->H + 1;
+    double complex *G = calloc((size_t)K, sizeof *G);
+    double *r = calloc(CYCLE_SAMPLES, sizeof *r), squares = 0;
+    enum modal_status rc = G == NULL || r == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < q; i++) {
+        double load = 0;
+
+        for (int k = 0; k < K; k++) {
+            memset(b->sum, 0, (size_t)q * sizeof *b->sum);
+            stiffness_multiply_add(b->pattern, b->S, k, point->X + k, K, b->sum);
+            G[k] = b->sum[i] - b->load[k * q + i];
+            load += cabs(b->load[k * q + i]);
+        }
+        orbit_synthesize(g, b->H, G, 0, r);
+        add_forces(s, c, i, r);                                                    /* (1) */
+        for (int j = 0; j < CYCLE_SAMPLES; j++) {
+            squares += r[j] * r[j] / CYCLE_SAMPLES;
+            point->tail_max = fmax(point->tail_max, fabs(r[j]));
+        }
+        point->load_max = fmax(point->load_max, load);
+    }
+    point->tail_rms = sqrt(squares);
+    free(G);
+    free(r);
+    return rc;
+}
+
+/* The cycle as the point's answer, at the options' H or at the least that meets the target. */
+static enum modal_status cycle_point(struct steady *s, const struct cycle *c, double omega, struct steady_point *point, struct modal_error *err)
+{
+    double target = steady_target(s);
+    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : load > 4 ? 2 * load : 8;
+    struct orbit_grid *g = NULL;
+    struct balance *b;
+    enum modal_status rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
+
+    for (; rc == MODAL_OK; H *= 2) {
+        rc = tail_of_samples(s, g, c, H, &point->truncation, &point->amplitude, err);
+        if (s->opt.harmonics > 0 || point->truncation <= target * point->amplitude / 2 || 2 * H > H_CYCLE_MOST)
+            break;
+    }
+    if (rc == MODAL_OK)
+        rc = point_of_cycle(s, c, g, H, point, err);
+    if (rc == MODAL_OK)
+        rc = steady_balance(s, H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, omega, 1, err);                /* recovery at this H */
+    if (rc == MODAL_OK && c->closed && c->force != NULL)
+        rc = residual_of_cycle(s, b, c, g, point, err);
+    else
+        point->tail_rms = point->tail_max = NAN;           /* beside other laws nobody samples their forces */
+    orbit_grid_free(g);
+    return rc;
+}
+
+/* Rigid friction, alone: followed in time from event to event, stops and all. */
+enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
+                                        struct modal_error *err)
+{
+    struct cycle_options opt = { s->opt.cancelled, s->opt.context, &s->budget };
+    struct cycle c = { 0 };
+    double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x);
+    enum modal_status rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    if (rc == MODAL_OK && start != NULL)
+        rc = state_of_start(s, omega, start, x, x + s->p->n, err);
+    if (rc == MODAL_OK)
+        rc = cycle_find(s->p, omega, x, x + s->p->n, &opt, &c, err);
+    if (rc == MODAL_OK)
+        rc = cycle_point(s, &c, omega, point, err);
+    if (rc == MODAL_OK) {
+        point->method = "events";
+        point->converged = c.closed;
+        point->reason = c.closed ? NULL : "the motion followed through the events of rigid friction does not repeat";
+        point->iterations = c.periods;
+        point->attempts = 1;
+        point->residual = point->step = c.closure;
+        point->solver = c.closure * point->amplitude;
+        point->error = point->truncation + point->sampling + point->solver;
+        point->followed = true;
+        point->states = c.states;
+        point->multiplier = c.multiplier;
+        point->multiplier_error = c.error;
+        c.multiplier = NULL;
+        for (int l = 0; l < point->laws; l++) {
+            point->evaluations[l] = c.evaluations;
+            const struct law *law = &s->p->law[l];
+
+            point->acts[l] = c.acts[l];
+            point->undetermined[l] = !c.acts[l] && (law->kind->set_valued || law->memory > 0);
+        }
+    }
+    cycle_done(&c);
+    free(x);
+    return rc;
+}

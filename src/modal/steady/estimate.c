@@ -1,0 +1,335 @@
+/*
+ * estimate.c - see estimate.h
+ *
+ * Let X solve the balance at H and N, and let E extend it: harmonics H+1 .. H2 by one direct iteration
+ *
+ *     E_k = S_k^-1 (p_k - F_k(X)),   H < k <= H2,                                                       (1)
+ *
+ * F_k beyond H from exact pieces or from finer samples, and the first H corrected by one chord step
+ *
+ *     E_low = X - J^-1 R_low(X + tail),                                                                 (2)
+ *
+ * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left out of (2), E' - X is the
+ * sampling's part and E - E' the truncation's; a last Newton step's is the solver's.  Each is put in the unit of x as max over time and dofs.
+ */
+#include "modal/steady/estimate.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/session.h"
+
+enum { EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048 };
+
+/* max over time of |Re sum_{k<=K} Z_k e^{ik theta}| on a grid of at least 4K samples. */
+static double peak(struct orbit_grid *g, const double complex *Z, int K, double *x)
+{
+    double most = 0;
+
+    orbit_synthesize(g, K, Z, 0, x);
+    for (int j = 0; j < orbit_grid_samples(g); j++)
+        most = fmax(most, fabs(x[j]));
+    return most;
+}
+
+/* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel). */
+static enum modal_status peak_of_change(struct steady *s, const double complex *E, const double complex *X, int q, int H, double *out,
+                                        double *amplitude, struct modal_error *err)
+{
+    int N = steady_power_of_two(4L * (H + 1)), count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
+    double complex *a = calloc((size_t)H + 1, sizeof *a), *b = calloc((size_t)H + 1, sizeof *b);
+    double *x = calloc((size_t)N, sizeof *x);
+    struct orbit_grid *g = NULL;
+    enum modal_status rc = orbit_grid_new(N, &g, err);
+
+    (void)q;
+    if (rc == MODAL_OK && (a == NULL || b == NULL || x == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
+    *out = 0;
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        rc = condense_recover(s->c, steady_counted_dof(s, i), H, E, H, a, err);
+        if (rc == MODAL_OK)
+            rc = condense_recover(s->c, steady_counted_dof(s, i), H, X, H, b, err);
+        if (rc != MODAL_OK)
+            break;
+        if (amplitude != NULL)
+            *amplitude = fmax(*amplitude, peak(g, b, H, x));
+        for (int k = 0; k <= H; k++)
+            a[k] -= b[k];
+        *out = fmax(*out, peak(g, a, H, x));
+    }
+    free(a);
+    free(b);
+    free(x);
+    orbit_grid_free(g);
+    return rc;
+}
+
+static void widen_motion(const double complex *X, int q, int H, int H2, double complex *E)
+{
+    memset(E, 0, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
+    for (int i = 0; i < q; i++)
+        memcpy(E + i * (H2 + 1), X + i * (H + 1), ((size_t)H + 1) * sizeof *E);
+}
+
+/* (1): harmonics past H of E from the wide balance's F */
+static enum modal_status tail_of(const struct balance *wide, int H, double complex *E, struct modal_error *err)
+{
+    int q = wide->q, K = wide->H + 1;
+    double complex *rhs = malloc(((size_t)q + 1) * sizeof *rhs);
+
+    if (rhs == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
+    for (int k = H + 1; k < K; k++) {
+        for (int i = 0; i < q; i++)
+            rhs[i] = wide->load[k * q + i] - wide->F[i * K + k];
+        if (stiffness_solve(wide->stiffness, k, rhs))
+            for (int i = 0; i < q; i++)
+                E[i * K + k] = rhs[i];
+    }
+    free(rhs);
+    return MODAL_OK;
+}
+
+/* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b. */
+static void chord(struct balance *b, const struct balance *wide, const double complex *X, double *y, double complex *E)
+{
+    int n = 2 * b->H + 1, n2 = 2 * wide->H + 1, K = b->H + 1, K2 = wide->H + 1;
+
+    for (int i = 0; i < b->q; i++)
+        for (int r = 0; r < n; r++)
+            y[i * n + r] = -wide->R[i * n2 + r];
+    balance_solve(b, y, 1);
+    for (int i = 0; i < b->q; i++)
+        for (int k = 0; k < K; k++)
+            E[i * K2 + k] = X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
+    for (int i = 0; balance_open(b) && i < b->q; i++)
+        E[i * K2] = X[i * K];                                /* a mean that is free has no error */
+}
+
+static void tail_in_time(const struct balance *wide, int H, struct steady_point *point)
+{
+    int K = wide->H + 1;
+    double squares = 0;
+
+    point->tail_max = point->load_max = 0;
+    for (int i = 0; i < wide->q; i++) {
+        double sum = 0, load = 0;
+
+        for (int k = H + 1; k < K; k++) {
+            squares += pow(cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]), 2) / 2;
+            sum += cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]);
+        }
+        for (int k = 0; k < K; k++)
+            load += cabs(wide->load[k * wide->q + i]) + (k <= H ? cabs(wide->F[i * K + k]) : 0);
+        point->tail_max = fmax(point->tail_max, sum);
+        point->load_max = fmax(point->load_max, load);
+    }
+    point->tail_rms = sqrt(squares);
+}
+
+struct estimate {
+    int H2;
+    struct balance *wide;                   /* of H2 harmonics */
+    double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail; and with it */
+    double *y;
+};
+
+static void estimate_done(struct estimate *e)
+{
+    balance_free(e->wide);
+    free(e->W);
+    free(e->sampled);
+    free(e->E);
+    free(e->y);
+}
+
+static enum modal_status estimate_init(struct steady *s, const struct balance *b, struct estimate *e, struct modal_error *err)
+{
+    int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64;
+    long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;
+    int N2 = steady_power_of_two(s->exact ? 4L * H2 : sampled > 8L * H2 ? sampled : 8L * H2);
+    size_t size = (size_t)b->q * ((size_t)H2 + 1);
+
+    *e = (struct estimate) { .H2 = H2, .W = calloc(size + 1, sizeof *e->W), .sampled = calloc(size + 1, sizeof *e->sampled),
+                             .E = calloc(size + 1, sizeof *e->E), .y = calloc((size_t)b->order + 1, sizeof *e->y) };
+    if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
+    return balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
+}
+
+/* The chord step without the tail into e->sampled: what sampling alone moves. */
+static enum modal_status move_by_samples(struct balance *b, struct estimate *e, struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc = balance_set(e->wide, b->omega, b->level, err);
+
+    widen_motion(point->X, b->q, b->H, e->H2, e->W);
+    if (rc == MODAL_OK)
+        rc = balance_residual(e->wide, e->W, false, err);
+    if (rc != MODAL_OK)
+        return rc;
+    tail_in_time(e->wide, b->H, point);
+    memcpy(e->sampled, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
+    chord(b, e->wide, point->X, e->y, e->sampled);
+    return MODAL_OK;
+}
+
+/* The tail and the chord step with it into e->E, by (1) and (2). */
+static enum modal_status move_by_tail(struct balance *b, struct estimate *e, const struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    memcpy(e->E, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
+    rc = tail_of(e->wide, b->H, e->E, err);                                        /* (1) */
+    if (rc == MODAL_OK)
+        rc = balance_residual(e->wide, e->E, false, err);
+    if (rc != MODAL_OK)
+        return rc;
+    chord(b, e->wide, point->X, e->y, e->E);                                       /* (2) */
+    return tail_of(e->wide, b->H, e->E, err);
+}
+
+/* The point's errors: NAN where its derivative is singular or a step overflows. */
+enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+{
+    struct estimate e;
+    enum modal_status rc = estimate_init(s, b, &e, err);
+
+    point->truncation = point->sampling = point->solver = point->error = NAN;
+    if (rc == MODAL_OK)
+        rc = balance_residual(b, point->X, false, err);
+    if (rc == MODAL_OK && !b->pattern->full)
+        balance_set_order(b, iterate_order(b, 0));           /* off by its gain, a tenth,
+            where it is short */
+    if (rc == MODAL_OK)
+        rc = balance_derivative(b, err);
+    point->open = rc == MODAL_OK && balance_factor(b, NULL) && balance_open(b);
+    if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
+        goto out;
+    point->amplitude = 0;
+    rc = peak_of_change(s, e.sampled, e.W, b->q, e.H2, &point->sampling, &point->amplitude, err);
+    if (rc == MODAL_OK)
+        rc = move_by_tail(b, &e, point, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, e.E, e.W, b->q, e.H2, &point->error, NULL, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);    /* what sampling does not explain */
+    if (rc == MODAL_OK) {
+        point->solver = point->step * point->amplitude;
+        point->error += point->solver;
+    }
+out:
+    balance_set_order(b, b->H);
+    estimate_done(&e);
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
+enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err)
+{
+    struct balance *b;
+    enum modal_status rc;
+
+    if (s->linear || s->jumps || point->followed)
+        return MODAL_OK;
+    if (!s->opt.estimate_later && point->error > 0)
+        return MODAL_OK;                                   /* it has them */
+    steady_allow_work(s);
+    rc = steady_balance(s, point->H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = estimate_errors(s, b, point, err);
+    return rc == MODAL_OK ? balance_set(b, point->omega, 1, err) : rc;
+}
+
+enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,
+                                struct modal_error *err)
+{
+    struct balance *wide = NULL, *b;
+    double *y = NULL;
+    enum modal_status rc = steady_balance(s, point->H, &b, err);
+
+    *done = false;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b, point->X, true, err);
+    if (rc != MODAL_OK || !balance_factor(b, NULL))
+        return rc;
+    y = calloc((size_t)b->order + 1, sizeof *y);
+    rc = y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_new(s->p, s->c, H2, steady_power_of_two(4L * H2), true, &wide, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(wide, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        widen_motion(point->X, b->q, b->H, H2, E);
+    for (int round = 0; rc == MODAL_OK && round < (s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS); round++) {
+        double complex *low = malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof *low);
+
+        rc = low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_residual(wide, E, false, err);
+        for (int i = 0; rc == MODAL_OK && i < b->q; i++)
+            memcpy(low + i * (b->H + 1), E + i * (H2 + 1), ((size_t)b->H + 1) * sizeof *low);
+        if (rc == MODAL_OK) {
+            chord(b, wide, low, y, E);
+            rc = tail_of(wide, b->H, E, err);
+        }
+        free(low);
+    }
+    *done = rc == MODAL_OK;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+    free(y);
+    balance_free(wide);
+    return rc;
+}
+
+/*
+ * Rigid friction jumps where the motion turns, and there a series of H harmonics has its worst error: the turns, and with
+ * them every harmonic, are off by c_1/H + c_2/H^2 + ...  The motion is carried on to SHARP/4, SHARP/2 and SHARP harmonics and its first
+ * H extrapolated to none missing; what is left is the tail that the H harmonics given do not hold.
+ */
+enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+{
+    int H = point->H, least = H < SHARP / 8 ? SHARP / 4 : 2 * H, H2 = 4 * least, q = point->q, K2 = H2 + 1;
+    size_t size = (size_t)q * (size_t)K2 + 1;
+    double complex *E = calloc(size, sizeof *E), *low = calloc(size, sizeof *low);
+    double complex *S = calloc((size_t)pattern_entries(b->pattern) * (size_t)K2 + 1, sizeof *S);
+    double complex *load = calloc(size, sizeof *load), *R = calloc(3 * (size_t)q * ((size_t)H + 1) + 1, sizeof *R);
+    size_t part = (size_t)q * ((size_t)H + 1);
+    bool done = true;
+    enum modal_status rc = E == NULL || low == NULL || S == NULL || load == NULL || R == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    for (int round = 0; rc == MODAL_OK && done && round < 3; round++) {
+        int Hr = least << round;
+
+        rc = steady_extend(s, point, Hr, E, &done, err);
+        for (int i = 0; i < q; i++)
+            for (int k = 0; k <= H; k++)
+                R[(size_t)round * part + (size_t)(i * (H + 1) + k)] = E[i * (Hr + 1) + k];
+    }
+    if (rc != MODAL_OK || !done)
+        goto out;
+    point->solver = point->sampling = point->amplitude = 0;
+    for (size_t i = 0; i < part; i++) {
+        double complex a = 2 * R[part + i] - R[i], c = 2 * R[2 * part + i] - R[part + i];
+
+        point->X[i] = (4 * c - a) / 3;
+        point->sampling = fmax(point->sampling, cabs(point->X[i] - c));
+    }
+    for (int i = 0; i < q; i++)
+        for (int k = 0; k <= H; k++)
+            E[i * K2 + k] = low[i * K2 + k] = point->X[i * (H + 1) + k];
+    rc = condense_at(s->c, point->omega, 1, H2, S, load, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, E, low, q, H2, &point->error, &point->amplitude, err);
+    point->truncation = point->error;
+    point->error += point->sampling;
+    point->solver = point->step * point->amplitude;
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);
+out:
+    free(E);
+    free(low);
+    free(S);
+    free(load);
+    free(R);
+    return rc;
+}

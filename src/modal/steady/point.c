@@ -1,0 +1,214 @@
+/*
+ * point.c - see point.h
+ */
+#include "modal/steady/session.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { REDUCE_LEAST = 48, N_LEAST = 64, N_MOST = 1 << 17, ASKED = 100 };
+static const double TARGET = 1e-6, WORK = 3e9;
+
+int steady_power_of_two(long least)
+{
+    int N = 1;
+
+    while (N < least && N < N_MOST)
+        N *= 2;
+    return N;
+}
+
+/* A power of two, or three quarters of one, which transforms as fast a sample. */
+static int short_product(long least)
+{
+    int N = steady_power_of_two(least);
+
+    return N / 4 * 3 >= least && N > N_LEAST ? N / 4 * 3 : N;
+}
+
+int steady_samples(const struct steady *s, int H)
+{
+    long least = N_LEAST;
+
+    if (s->opt.samples > 0)
+        return s->opt.samples;
+    least = 4 * H + 2 > least ? 4 * H + 2 : least;
+    if (s->degree > 0 && (s->degree + 1) * H + 1 > least)
+        least = (s->degree + 1) * H + 1;
+    if (s->sampled && 32 * H > least)
+        least = 32 * H;
+    return short_product(least);
+}
+
+struct condense *steady_condense(struct steady *s) { return s->c; }
+const struct program *steady_program(const struct steady *s) { return s->p; }
+
+enum modal_status steady_reduce(struct steady *s, struct modal_error *err)
+{
+    bool done;
+
+    return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK : condense_reduce(s->c, &done, err);
+}
+
+enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    for (int i = 0; i < s->balances; i++)
+        if (s->balance[i]->H == H) {
+            *out = s->balance[i];
+            return MODAL_OK;
+        }
+    if (s->balances == BALANCES) {
+        balance_free(s->balance[0]);
+        memmove(s->balance, s->balance + 1, (BALANCES - 1) * sizeof s->balance[0]);
+        s->balances--;
+    }
+    rc = balance_new(s->p, s->c, H, steady_samples(s, H), !s->opt.unlocated, &s->balance[s->balances], err);
+    if (rc == MODAL_OK) {
+        s->balance[s->balances]->budget = &s->budget;
+        *out = s->balance[s->balances++];
+    }
+    return rc;
+}
+
+struct iterate_options steady_iterate_options(const struct steady *s)
+{
+    return (struct iterate_options) { .tolerance = s->opt.tolerance, .most = s->opt.max_iterations, .relaxation = s->opt.relaxation,
+                                      .by_differences = s->opt.by_differences, .cutoff = s->opt.cutoff, .slope = s->slope,
+                                      .cancelled = s->opt.cancelled, .context = s->opt.context };
+}
+
+/* What a factorization costs at H, nearly. */
+double steady_factor_work(const struct steady *s, int H)
+{
+    double q = condense_kept(s->c), m = 2.0 * H + 1;
+
+    return condense_pattern(s->c)->full ? balance_dense_work((int)(q * m)) : 2 * q * m * m * m;
+}
+
+/* A solution's budget begins: a hundred dofs that iterate may spend twice what one may, and
+ * whoever asks for many harmonics as
+ * much as some attempts at them take. */
+void steady_allow_work(struct steady *s)
+{
+    s->budget = (struct budget) { .most =
+        WORK * (1 + condense_kept(s->c) / 100.0) + ASKED * steady_factor_work(s, s->opt.harmonics) };
+}
+
+int steady_counted_dof(const struct steady *s, int i)
+{
+    return s->opt.dofs != NULL ? s->opt.dofs[i] : i;
+}
+
+void start_write(const struct balance *b, const struct steady_start *start, double complex *X)
+{
+    memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+    for (int i = 0; start != NULL && i < b->q && i < start->q; i++)
+        for (int k = 0; k <= b->H && k <= start->H; k++)
+            X[i * (b->H + 1) + k] = start->X[i * (start->H + 1) + k];
+}
+
+void steady_point_done(struct steady_point *point)
+{
+    free(point->X);
+    free(point->evaluations);
+    free(point->acts);
+    free(point->undetermined);
+    free(point->multiplier);
+    memset(point, 0, sizeof *point);
+}
+
+enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N, struct modal_error *err)
+{
+    double complex *X = calloc((size_t)q * ((size_t)H + 1) + 1, sizeof *X);
+
+    free(point->X);
+    point->X = X;
+    point->q = q;
+    point->H = H;
+    point->N = N;
+    point->c = s->c;
+    point->laws = s->p->laws;
+    point->residual = -1;
+    point->converged = false;
+    if (point->evaluations == NULL) {
+        point->evaluations = calloc((size_t)s->p->laws + 1, sizeof *point->evaluations);
+        point->acts = calloc((size_t)s->p->laws + 1, sizeof *point->acts);
+        point->undetermined = calloc((size_t)s->p->laws + 1, sizeof *point->undetermined);
+    }
+    if (X == NULL || point->evaluations == NULL || point->acts == NULL || point->undetermined == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a point");
+    return MODAL_OK;
+}
+
+/* BEST is POINT's motion, flags and errors, its arrays its own. */
+enum modal_status point_copy(const struct steady_point *point, struct steady_point *best,
+                                   struct modal_error *err)
+{
+    size_t size = (size_t)point->q * ((size_t)point->H + 1), laws = (size_t)point->laws;
+
+    free(best->X);
+    free(best->acts);
+    free(best->undetermined);
+    *best = *point;
+    best->evaluations = NULL;
+    best->multiplier = NULL;
+    best->X = malloc((size + 1) * sizeof *best->X);
+    best->acts = malloc((laws + 1) * sizeof *best->acts);
+    best->undetermined = malloc((laws + 1) * sizeof *best->undetermined);
+    if (best->X == NULL || best->acts == NULL || best->undetermined == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a point");
+    memcpy(best->X, point->X, size * sizeof *best->X);
+    memcpy(best->acts, point->acts, laws * sizeof *best->acts);
+    memcpy(best->undetermined, point->undetermined, laws * sizeof *best->undetermined);
+    return MODAL_OK;
+}
+
+void point_count(const struct balance *b, const long *before, long ffts_before, struct steady_point *point)
+{
+    for (int l = 0; l < point->laws; l++) {
+        point->evaluations[l] += aft_evaluations(b->aft, l) - before[l];
+        point->acts[l] = aft_acts(b->aft, l);
+        point->undetermined[l] = aft_undetermined(b->aft, l);
+    }
+    point->ffts += aft_transforms(b->aft) - ffts_before;
+}
+
+enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
+                                    struct modal_error *err)
+{
+    long *before = calloc((size_t)s->p->laws + 1, sizeof *before), ffts = aft_transforms(b->aft);
+    enum modal_status rc;
+
+    memset(point, 0, sizeof *point);
+    if (before == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    for (int l = 0; l < s->p->laws; l++)
+        before[l] = aft_evaluations(b->aft, l);
+    rc = point_init(s, point, b->q, b->H, aft_samples(b->aft), err);
+    if (rc == MODAL_OK)
+        rc = balance_residual(b, X, false, err);
+    if (rc == MODAL_OK) {
+        memcpy(point->X, X, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        point_count(b, before, ffts, point);
+        point->residual = balance_relative_residual(b, X);
+        point->omega = b->omega;
+        point->level = b->level;
+        point->converged = true;
+        point->error = point->truncation = point->sampling = point->solver = NAN;
+    } else
+        steady_point_done(point);
+    free(before);
+    return rc;
+}
+
+double steady_target(const struct steady *s)
+{
+    return s->opt.target_error > 0 ? s->opt.target_error : TARGET;
+}
+
+enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err)
+{
+    return condense_recover(s->c, dof, point->H, point->X, point->H, X, err);
+}

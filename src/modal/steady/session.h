@@ -1,0 +1,46 @@
+/* session.h - what the files of one solution share: the session and its helpers (point.c) */
+#ifndef MODAL_SESSION_H
+#define MODAL_SESSION_H
+#include "modal/steady/iterate.h"
+#include "modal/steady/point.h"
+
+enum { BALANCES = 24 };
+
+struct steady {
+    const struct program *p;
+    struct steady_options opt;
+    struct condense *c;
+    bool exact, linear;         /* every law has pieces; there is none */
+    int degree;                 /* the largest of polynomial laws; 0: none */
+    bool sampled;               /* some law is neither */
+    bool jumps;                 /* rigid friction, located */
+    bool brief;                 /* fewer harmonics were tried and these are costly: Newton's method from near, no ways round */
+    bool current;               /* the last residual of the balance at hand was of the point's X */
+    double slope;               /* the laws' largest, as the last rough start showed it; 0: not yet */
+    struct balance *balance[BALANCES];
+    int balances;
+    struct budget budget;       /* of the solution under way */
+};
+
+/* Samples: the least power of 2 that is not below LEAST, at most 2^17. */
+int steady_power_of_two(long least);
+/* The options of one attempt by this session. */
+struct iterate_options steady_iterate_options(const struct steady *s);
+/* What a factorization costs at H, nearly, in operations of budget.h. */
+double steady_factor_work(const struct steady *s, int H);
+/* The budget of a solution begins. */
+void steady_allow_work(struct steady *s);
+/* The I-th of the dofs whose errors count. */
+int steady_counted_dof(const struct steady *s, int i);
+/* The error asked for, relative to the largest displacement. */
+double steady_target(const struct steady *s);
+
+/* START's harmonics that balance B has into X, 0 elsewhere; NULL: rest. */
+void start_write(const struct balance *b, const struct steady_start *start, double complex *X);
+/* POINT, new or of an order before, becomes one of q kept dofs at H and N, X = 0, nothing known; counts stay. */
+enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N, struct modal_error *err);
+/* OUT is POINT's motion, flags and errors, its arrays its own, without evaluations and multipliers; what it had is freed. */
+enum modal_status point_copy(const struct steady_point *point, struct steady_point *out, struct modal_error *err);
+/* Evaluations and transforms of B since BEFORE (per law) and FFTS_BEFORE into POINT, and which laws act. */
+void point_count(const struct balance *b, const long *before, long ffts_before, struct steady_point *point);
+#endif

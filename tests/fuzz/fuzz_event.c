@@ -2,12 +2,37 @@
  * fuzz_event.c - any bytes as a server's answer to a stream: none is read past its end, and nothing
  * is believed that is no number
  *
- * The first byte chooses REPLY, ERROR or EVENT; the rest is the header.  The library is taken in
- * whole: what reads headers is its own business.
+ * The first byte chooses REPLY, ERROR or EVENT; the rest is the header.  What the daemon's own strict
+ * reader takes as an object, the library's must read alike, member by member.  The library is taken
+ * in whole: what reads headers is its own business.
  */
 #include "modald_stream.c"
+#include "base/json.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static void compare_members(const char *header)
+{
+    const char *members[MEMBERS], *end = read_object(skip_space(header), member_names, MEMBERS, members);
+    cJSON *object = NULL;
+
+    if (json_read(header, strlen(header), &object, NULL) != MODAL_OK || !cJSON_IsObject(object)) {
+        cJSON_Delete(object);
+        return;
+    }
+    if (end == NULL || *skip_space(end) != 0)
+        abort();
+    for (int i = 0; i < MEMBERS; i++) {
+        const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, member_names[i]);
+        if ((value != NULL) != (members[i] != NULL))
+            abort();
+        if (cJSON_IsNumber(value) && number_at(members[i], NAN) != value->valuedouble)
+            abort();
+        if (value != NULL && cJSON_IsString(value) != (*members[i] == '"'))
+            abort();
+    }
+    cJSON_Delete(object);
+}
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
@@ -21,6 +46,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                           .stream = "abcd", .opened = (data[0] & 4) != 0, .next_id = 4,
                           .opening = (data[0] & 8) != 0, .open_id = 1, .events_id = 2 };
     take_message(&s, kinds[data[0] % 3], header);
+    compare_members(header);
     free(header);
     if (!isfinite(s.estimate.frequency_hz) || !isfinite(s.estimate.damping_ratio)
         || !isfinite(s.estimate.sample))

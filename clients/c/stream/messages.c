@@ -126,14 +126,27 @@ static void set_epoch(modald_stream *s, uint64_t epoch)
     s->epoch = epoch;
 }
 
-static void take_reply(modald_stream *s, const char *header)
-{
-    int64_t id = (int64_t)count_at(member(header, "id"), 0);
+/* What is read of a message: its members by name. */
+enum member_of_message {
+    ID, CREDIT, STREAM, EPOCH, ERROR, STREAM_ID, TO, VERDICT, FREQUENCY, FREQUENCY_STD, DAMPING,
+    DAMPING_STD, STABILITY, MODES, MEMBERS
+};
+static const char *const member_names[MEMBERS] = {
+    [ID] = "id", [CREDIT] = "credit", [STREAM] = "stream", [EPOCH] = "epoch", [ERROR] = "error",
+    [STREAM_ID] = "stream_id", [TO] = "to", [VERDICT] = "verdict",
+    [FREQUENCY] = "frequency_hz", [FREQUENCY_STD] = "frequency_hz_std",
+    [DAMPING] = "damping_ratio", [DAMPING_STD] = "damping_ratio_std",
+    [STABILITY] = "stability", [MODES] = "modes",
+};
 
-    s->credit = (size_t)count_at(member(header, "credit"), s->credit);
+static void take_reply(modald_stream *s, const char *const *members)
+{
+    int64_t id = (int64_t)count_at(members[ID], 0);
+
+    s->credit = (size_t)count_at(members[CREDIT], s->credit);
     if (id == s->open_id && s->opening
-        && read_string(member(header, "stream"), s->stream, sizeof s->stream)) {
-        set_epoch(s, count_at(member(header, "epoch"), 0));
+        && read_string(members[STREAM], s->stream, sizeof s->stream)) {
+        set_epoch(s, count_at(members[EPOCH], 0));
         s->opened = true;
         s->opening = false;
         s->pause = pause_least;
@@ -147,7 +160,7 @@ static void take_reply(modald_stream *s, const char *header)
             continue;
         f->acknowledged = true;
         s->flying -= s->flying >= length ? length : s->flying;
-        uint64_t epoch = count_at(member(header, "epoch"), s->epoch);
+        uint64_t epoch = count_at(members[EPOCH], s->epoch);
         if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)       /* and we did not go back */
             say(s, "another run pushes to a stream of this name; each begins the record anew");
         s->went_on = f->first + f->count;
@@ -156,15 +169,15 @@ static void take_reply(modald_stream *s, const char *header)
     retire(s);
 }
 
-/* Errors that pass (busy, quota, storage_full, draining) are tried again, and so is a stream that somebody else closed; others end the sending, not the
- * host. */
-static void take_error(modald_stream *s, const char *header)
+/* Errors that pass (busy, quota, storage_full, draining) are tried again, and so is a stream that
+ * somebody else closed; others end the sending, not the host. */
+static void take_error(modald_stream *s, const char *const *members)
 {
     static const char *const passing[] = {
         "busy", "quota", "storage_full", "draining", "not_found"
     };
-    const char *error = member(header, "error"), *code = member(error, "code");
-    int64_t id = (int64_t)count_at(member(header, "id"), 0);
+    const char *error = members[ERROR], *code = member(error, "code");
+    int64_t id = (int64_t)count_at(members[ID], 0);
     char text[256], message[200];
     bool passes;
 
@@ -180,68 +193,98 @@ static void take_error(modald_stream *s, const char *header)
         return;
     }
     if (!read_string(member(error, "message"), message, sizeof message))
-        snprintf(message, sizeof message, "%.150s", header);
+        snprintf(message, sizeof message, "%.150s", error ? error : "it gave no reason");
     snprintf(text, sizeof text, "the daemon refused it (%s); the run goes on without it", message);
     say(s, text);
     s->refused = true;
 }
 
-/* Does a live result rest on samples of this run?  Another of the same name, or this one before it was taken up again, may be told late. */
-static bool is_ours(const modald_stream *s, const char *header)
+/* Does a live result rest on samples of this run?  Another of the same name, or this one before it
+ * was taken up again, may be told late. */
+static bool is_ours(const modald_stream *s, const char *const *members)
 {
-    const char *of = member(header, "stream_id");
+    const char *of = members[STREAM_ID];
 
-    return (of == NULL || is_text(of, s->stream))
-        && count_at(member(header, "epoch"), s->epoch) == s->epoch;
+    return (of == NULL || is_text(of, s->stream)) && count_at(members[EPOCH], s->epoch) == s->epoch;
 }
 
-static struct modald_estimate estimate_of(const char *mode, double sample)
+/* The four numbers of a mode, and no sample yet; a damping of HUGE_VAL: it is none. */
+static struct modald_estimate estimate_of(const char *frequency, const char *frequency_std,
+                                          const char *damping, const char *damping_std)
 {
-    const char *std = member(mode, "std");
-
     return (struct modald_estimate) {
-        .frequency_hz = number_at(member(mode, "frequency_hz"), 0),
-        .frequency_std = number_at(member(std, "frequency_hz"), -1),
-        .damping_ratio = number_at(member(mode, "damping_ratio"), HUGE_VAL),
-        .damping_std = number_at(member(std, "damping_ratio"), -1),
-        .sample = sample,
+        .frequency_hz = number_at(frequency, 0),
+        .frequency_std = number_at(frequency_std, -1),
+        .damping_ratio = number_at(damping, HUGE_VAL),
+        .damping_std = number_at(damping_std, -1),
     };
 }
 
-/* The least damped mode, and whether all is stable, of a live result. */
-static void take_event(modald_stream *s, const char *header)
+/* A daemon of before flat members tells what it found in `stability` and `modes` alone. */
+static int nested_verdict(const char *const *members, struct modald_estimate *best)
 {
-    const char *stable = member(member(header, "stability"), "stable");
-    const char *mode = first_element(member(header, "modes"));
-    struct modald_estimate best = { .damping_ratio = HUGE_VAL };
-    double sample = number_at(member(header, "last"), number_at(member(header, "to"), -1));
+    const char *stable = member(members[STABILITY], "stable"), *mode = first_element(members[MODES]);
 
-    if (stable == NULL || !is_ours(s, header))
-        return;
     for (; mode != NULL; mode = next_element(mode)) {
-        struct modald_estimate e = estimate_of(mode, sample);
-        if (e.damping_ratio < best.damping_ratio)
-            best = e;
+        const char *std = member(mode, "std");
+        struct modald_estimate e = estimate_of(
+            member(mode, "frequency_hz"), member(std, "frequency_hz"),
+            member(mode, "damping_ratio"), member(std, "damping_ratio"));
+        if (e.damping_ratio < best->damping_ratio)
+            *best = e;
     }
+    return stable == NULL ? MODALD_UNKNOWN : strncmp(stable, "true", 4) == 0 ? MODALD_STABLE
+         : strncmp(stable, "false", 5) == 0 ? MODALD_UNSTABLE : MODALD_UNDECIDED;
+}
+
+static int flat_verdict(const char *word)
+{
+    static const struct { const char *word; int verdict; } words[] = {
+        { "stable", MODALD_STABLE }, { "unstable", MODALD_UNSTABLE },
+        { "undecided", MODALD_UNDECIDED },
+    };
+
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++)
+        if (is_text(word, words[i].word))
+            return words[i].verdict;
+    return MODALD_UNKNOWN;
+}
+
+/* The verdict of a live result, and its least damped mode where it has one. */
+static void take_event(modald_stream *s, const char *const *members)
+{
+    struct modald_estimate best = estimate_of(members[FREQUENCY], members[FREQUENCY_STD],
+                                              members[DAMPING], members[DAMPING_STD]);
+    int verdict = members[VERDICT] != NULL ? flat_verdict(members[VERDICT])
+                                           : nested_verdict(members, &best);
+
+    if (verdict == MODALD_UNKNOWN || !is_ours(s, members))
+        return;
+    best.sample = number_at(members[TO], -1);
     if (best.damping_ratio < HUGE_VAL) {
         atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_acq_rel);
         s->estimate = best;
         atomic_fetch_add_explicit(&s->estimate_version, 1, memory_order_release);
     }
-    bool yes = strncmp(stable, "true", 4) == 0, no = strncmp(stable, "false", 5) == 0;
-    atomic_store(&s->verdict, yes ? MODALD_STABLE : no ? MODALD_UNSTABLE : MODALD_UNDECIDED);
+    atomic_store(&s->verdict, verdict);
 }
 
-/* A message of KIND, its header as text that is ours to read. */
+/* A message of KIND, its header as text that is ours to read; one that is no whole object, or says
+ * what we read twice, is passed over. */
 static void take_message(modald_stream *s, const char *kind, const char *header)
 {
-    static const struct { const char *kind; void (*take)(modald_stream *, const char *); } kinds[] = {
+    static const struct {
+        const char *kind;
+        void (*take)(modald_stream *, const char *const *);
+    } kinds[] = {
         { "REPLY", take_reply }, { "ERROR", take_error }, { "EVENT", take_event },
     };
+    const char *members[MEMBERS];
+    const char *end = read_object(skip_space(header), member_names, MEMBERS, members);
 
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
-        if (strcmp(kind, kinds[i].kind) == 0)
-            kinds[i].take(s, skip_space(header));
+        if (end != NULL && *skip_space(end) == 0 && strcmp(kind, kinds[i].kind) == 0)
+            kinds[i].take(s, members);
 }
 
 /* One message: what it cost; 0: there is none. */

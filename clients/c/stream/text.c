@@ -67,25 +67,52 @@ static const char *skip_value(const char *p)
     return p;
 }
 
-/* The value of KEY, which is written as it is, in the object at P. */
+/* The pair at P, its value noted if the key is one of KEYS.  Behind it; NULL: no pair, or noted before. */
+static const char *read_pair(const char *p, const char *const *keys, size_t count,
+                             const char **values)
+{
+    const char *name = p + 1, *end = *p == '"' ? skip_string(p) : NULL;
+    size_t length = end != NULL ? (size_t)(end - 1 - name) : 0;
+
+    if (end == NULL || *(p = skip_space(end)) != ':')
+        return NULL;
+    p = skip_space(p + 1);
+    for (size_t i = 0; i < count; i++)
+        if (strlen(keys[i]) == length && memcmp(name, keys[i], length) == 0) {
+            if (values[i] != NULL)
+                return NULL;
+            values[i] = p;
+        }
+    p = skip_value(p);
+    return p != NULL ? skip_space(p) : NULL;
+}
+
+static const char *read_object(const char *p, const char *const *keys, size_t count,
+                               const char **values)
+{
+    bool good = p != NULL && *p == '{', more;
+
+    for (size_t i = 0; i < count; i++)
+        values[i] = NULL;
+    p = good ? skip_space(p + 1) : p;
+    more = good && *p != '}';
+    while (more) {
+        p = read_pair(p, keys, count, values);
+        more = p != NULL && *p == ',';
+        p = more ? skip_space(p + 1) : p;
+    }
+    good = good && p != NULL && *p == '}';
+    for (size_t i = 0; !good && i < count; i++)
+        values[i] = NULL;
+    return good ? p + 1 : NULL;
+}
+
 static const char *member(const char *p, const char *key)
 {
-    size_t length = strlen(key);
+    const char *value;
 
-    if (p == NULL || *p != '{')
-        return NULL;
-    for (p = skip_space(p + 1); *p == '"'; p = skip_space(p + 1)) {
-        const char *name = p + 1, *end = skip_string(p);
-        if (end == NULL || *(p = skip_space(end)) != ':')
-            return NULL;
-        p = skip_space(p + 1);
-        if ((size_t)(end - 1 - name) == length && memcmp(name, key, length) == 0)
-            return p;
-        p = skip_value(p);
-        if (p == NULL || *(p = skip_space(p)) != ',')
-            return NULL;
-    }
-    return NULL;
+    read_object(p, &key, 1, &value);
+    return value;
 }
 
 static const char *first_element(const char *p)

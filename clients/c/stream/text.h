@@ -16,7 +16,16 @@ static const char *skip_space(const char *p);
 /* JSON is read where it lies, up to its 0.  A P below is where a value begins; NULL: there is none,
  * and none is in it. */
 
-/* The value of KEY, which is written as it is, in the object at P; NULL: it has none. */
+/*
+ * Read the object at P in one pass: VALUES gets where the value of each of the COUNT KEYS begins,
+ * or NULL where it has none.  Returns what is behind the object; NULL, and no value: it does not
+ * end, or one of the keys is there twice.  Keys are compared as they are written: an escape in one
+ * makes it another.  What a value that is not asked for holds is passed over, its brackets counted.
+ */
+static const char *read_object(const char *p, const char *const *keys, size_t count,
+                               const char **values);
+
+/* The value of KEY in the object at P; NULL: there is none, or none that read_object would give. */
 static const char *member(const char *p, const char *key);
 
 /* The first element of the list at P; NULL: there is none. */

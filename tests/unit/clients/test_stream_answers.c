@@ -3,6 +3,7 @@
  * The library is taken in whole, so that what it keeps to itself can be asked. */
 #include "check.h"
 #include "modald_stream.c"
+#include "base/json.h"
 
 static modald_stream s;
 
@@ -21,34 +22,64 @@ static void begin(void)
                           .next_id = 8, .first_id = 5 };
 }
 
-#define MODES(of)                                                             \
-    "{\"epoch\":3,\"to\":9,\"modes\":[{\"frequency_hz\":2.5,\"damping_ratio\":0.125,"    \
-    "\"std\":{\"frequency_hz\":0.5,\"damping_ratio\":0.25}},"                       \
-    "{\"frequency_hz\":7.5,\"damping_ratio\":-0.5}],"                             \
-    "\"stability\":{\"stable\":false},\"stream_id\":" of
-
-TEST(the_least_damped_mode_of_our_own_stream_and_epoch_is_the_estimate)
+static double number_of(const cJSON *vector, const char *key, double otherwise)
 {
-    begin();
-    hear_said("EVENT", MODES("\"abcd\"}"));
-    CHECK(s.verdict == MODALD_UNSTABLE && s.estimate.sample == 9);
-    CHECK(s.estimate.frequency_hz == 7.5 && s.estimate.damping_ratio == -0.5);
-    CHECK(s.estimate.damping_std == -1);
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(vector, key);
+
+    return value != NULL ? value->valuedouble : otherwise;
 }
 
-TEST(words_of_another_stream_or_cut_at_the_end_are_none)
+static void check_event(const cJSON *vector)
 {
-    static const char *const ends[] = {
-        "\"abcde\"}", "\"abc\"}", "", "\"", "\"abcd", "7}", "null}"
-    };
+    static const char *const words[] = { "unknown", "stable", "unstable", "undecided" };
+    const char *name = cJSON_GetStringValue(cJSON_GetObjectItem(vector, "name"));
+    const char *says = cJSON_GetStringValue(cJSON_GetObjectItem(vector, "says"));
+    const struct modald_estimate *e = &s.estimate;
+    bool any = cJSON_GetObjectItem(vector, "damping_ratio") != NULL;
 
-    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
-        char text[512] = MODES("");
+    begin();
+    hear_said("EVENT", cJSON_GetStringValue(cJSON_GetObjectItem(vector, "text")));
+    if (strcmp(says, words[s.verdict]) != 0 || s.estimate_version != (any ? 2 : 0)
+        || (any && (e->frequency_hz != number_of(vector, "frequency_hz", 0) || e->sample != 9
+                    || e->frequency_std != number_of(vector, "frequency_hz_std", -1)
+                    || e->damping_ratio != number_of(vector, "damping_ratio", 0)
+                    || e->damping_std != number_of(vector, "damping_ratio_std", -1))))
+        fail_msg("event \"%s\": %s with %g Hz, %g", name, words[s.verdict], e->frequency_hz,
+                 e->damping_ratio);
+}
+
+/* Each cut short at every byte is none: what it would have said at its end is not known. */
+static void check_cuts(const char *event)
+{
+    for (size_t length = 0; length < strlen(event); length++) {
+        char *text = strndup(event, length);
         begin();
-        strcat(text, ends[i]);
         hear_said("EVENT", text);
-        CHECK(s.verdict == MODALD_UNKNOWN);
+        if (s.verdict != MODALD_UNKNOWN || s.estimate_version != 0)
+            fail_msg("%s", text);
+        free(text);
     }
+}
+
+TEST(every_event_vector_of_proto_says_what_it_should_and_cut_anywhere_nothing)
+{
+    FILE *file = fopen(TEST_DATA "/../../proto/vectors/events.json", "rb");
+    char *text = calloc(1, 1 << 20);
+    cJSON *all = NULL, *vector;
+    int count = 0;
+
+    CHECK(file != NULL && fread(text, 1, (1 << 20) - 1, file) > 0);
+    CHECK(json_read(text, strlen(text), &all, NULL) == MODAL_OK);
+    cJSON_ArrayForEach(vector, all) {
+        check_event(vector);
+        if (strcmp(cJSON_GetStringValue(cJSON_GetObjectItem(vector, "says")), "unknown") != 0)
+            check_cuts(cJSON_GetStringValue(cJSON_GetObjectItem(vector, "text")));
+        count++;
+    }
+    CHECK(count >= 30);
+    cJSON_Delete(all);
+    free(text);
+    fclose(file);
 }
 
 TEST(a_key_inside_a_string_or_another_object_is_no_key)
@@ -58,6 +89,9 @@ TEST(a_key_inside_a_string_or_another_object_is_no_key)
                        "\"z\":[{\"credit\":7}],\"credit\":8}");
     CHECK(s.credit == 8);
     hear_said("REPLY", "{\"id\":9,\"x\":\"\\\",\\\"credit\\\":5\",\"y\":{\"credit\":6}}");
+    CHECK(s.credit == 8);
+    hear_said("REPLY", "{\"id\":9,\"credit\":5,\"credit\":6}");
+    hear_said("REPLY", "{\"id\":9,\"credit\":5");
     CHECK(s.credit == 8);
 }
 

@@ -1,6 +1,7 @@
 """Who is at fault where there is no connection: permissions, keys, or nobody there; modalctl, and libmodald-client behind it, and Python say the same."""
 import os
 import pathlib
+import re
 import socket
 import subprocess
 import threading
@@ -143,12 +144,42 @@ def hang_up(listener):
 
 @CURVE
 def test_a_host_is_told_why_its_stream_goes_nowhere(lab, daemon, tmp_path):
-    """One line, and the run is its own.  That a key is wanted is told at the first connection whose end does not come before its reason."""
+    """And the run is its own.  A daemon that hangs up before its reason is read gives none; after a few of those the host is told what it may be."""
     mine, own = (key_of(lab, tmp_path / name, pair, lab.server[0]) for name, pair in (("mine", zmq.curve_keypair()), ("own", lab.pairs["ann"])))
-    cases = {"wants a key": (lab.daemon.endpoint, {}), "takes no keys": (daemon.endpoint, {"MODALD_KEYFILE": own}),
+    cases = {"wants a key|no handshake succeeds": (lab.daemon.endpoint, {}),
+             "takes no keys|no handshake succeeds": (daemon.endpoint, {"MODALD_KEYFILE": own}),
              "refused our key": (lab.daemon.endpoint, {"MODALD_KEYFILE": mine})}
     for words, (url, keys) in cases.items():
-        run = subprocess.run([str(BUILD / "fault" / "hosts"), "plain", "20000", "0.0005"], capture_output=True, timeout=PATIENCE,
-                             env=environment(MODALD_URL=url, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.2", **keys))
-        said = [line for line in run.stderr.decode().splitlines() if words in line]
-        assert run.returncode == 7 and len(said) == 1, run.stderr
+        said = told_to_a_host(url, tmp_path, 20000, **keys)
+        assert [line for line in said if re.search(words, line)], said
+
+
+@CURVE
+def test_a_host_reads_the_keys_of_its_file_and_not_its_comments(lab, tmp_path):
+    """Each comment names a key, before the line that gives another."""
+    own = key_of(lab, tmp_path / "own", lab.pairs["ann"], lab.server[0])
+    text, other = own.read_text(), zmq.curve_keypair()[0].decode()
+    for name in ("public-key", "secret-key", "server-key"):
+        text = re.sub(f"^{name} =", f"# until May the {name} = \"{other}\"\n  {name}  =", text, flags=re.M)
+    own.write_text(text)
+    assert text.count(other) == 3
+    assert told_to_a_host(lab.daemon.endpoint, tmp_path, 2000, MODALD_KEYFILE=own, MODALD_CLOSE_WAIT=PATIENCE) == []
+
+
+def test_a_host_is_told_of_somebody_who_only_hangs_up(tmp_path):
+    """Once, however often it happens."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        threading.Thread(target=hang_up, args=(listener,), daemon=True).start()
+        said = told_to_a_host(f"tcp://127.0.0.1:{listener.getsockname()[1]}", tmp_path, 10000)
+        listener.shutdown(socket.SHUT_RDWR)
+    assert ["no handshake succeeds" in line for line in said if "somebody is there" in line] == [True], said
+
+
+def told_to_a_host(url, folder, steps, **keys):
+    """The lines on stderr of a run of so many steps of half a millisecond."""
+    run = subprocess.run([str(BUILD / "fault" / "hosts"), "plain", str(steps), "0.0005"], capture_output=True, timeout=PATIENCE,
+                         env=environment(**{"MODALD_URL": url, "MODALD_SPILL": folder, "MODALD_CLOSE_WAIT": "0.2", **keys}))
+    assert run.returncode == 7, run.stderr
+    return run.stderr.decode().splitlines()

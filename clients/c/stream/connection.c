@@ -22,6 +22,7 @@ static void say_refused(modald_stream *s, uint16_t event, uint32_t value)
                     : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
 }
 
+/* A daemon that hangs up before its reason is read gives none: the failures are counted. */
 static void note(modald_stream *s, uint16_t event, uint32_t value)
 {
     if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
@@ -29,6 +30,9 @@ static void note(modald_stream *s, uint16_t event, uint32_t value)
         s->ready = true;
     } else if (event == ZMQ_EVENT_DISCONNECTED) {
         s->lost = true;
+        if (!s->ready && ++s->failures == FAILURES && !s->told)
+            tell(s->name, "somebody is there, but no handshake succeeds: it may want a key, or "
+                          "another than ours (MODALD_KEYFILE), or be no modald; the run goes on");
     } else {
         say_refused(s, event, value);
     }
@@ -51,15 +55,16 @@ static void listen(modald_stream *s)
     zmq_msg_close(&part);
 }
 
-/* A key file as modalctl keygen writes it: NAME = "40 signs". */
+/* The key of NAME in TEXT, where a line says: NAME = "40 signs".  Other lines, and comments, do not. */
 static bool read_key(char key[KEY_SIGNS + 1], const char *text, const char *name)
 {
-    const char *at = strstr(text, name), *quote = at ? strchr(at, '"') : NULL;
+    char of[32], mark;
 
-    if (quote == NULL || strcspn(quote + 1, "\"") != KEY_SIGNS)
-        return false;
-    memcpy(key, quote + 1, KEY_SIGNS);
-    return true;
+    for (; text != NULL && *text != 0; text = strchr(text, '\n'), text += text != NULL)
+        if (sscanf(text, " %31[a-z-] = \"%40[^\"\n]%c", of, key, &mark) == 3 && mark == '"'
+            && strcmp(of, name) == 0 && strlen(key) == KEY_SIGNS)
+            return true;
+    return false;
 }
 
 /* Once, at the start: a host may give up the right to read them. */

@@ -104,7 +104,11 @@ struct spill_head { uint64_t first, count; uint32_t crc, zero; };
 
 struct point { double t; double *y; };
 
-enum { KEYS = 3, KEY_SIGNS = 40 };
+enum { KEYS = 3, KEY_SIGNS = 40 };           /* a key in Z85: 32 bytes, five signs for four */
+
+/* Handshakes that fail until that is told: with the pauses between two links, 0.05 s doubled, a
+ * third of a second, so that a daemon that is just being started again is not spoken ill of. */
+enum { FAILURES = 4 };
 
 struct modald_stream {
     /* written at open only: both threads have this line */
@@ -144,6 +148,7 @@ struct modald_stream {
     void *context, *socket, *monitor;        /* socket NULL: between two links */
     char keys[KEYS][KEY_SIGNS + 1];          /* "": none */
     unsigned links;                          /* begun so far */
+    unsigned failures;                       /* of them without a handshake, though connected */
     bool ready, lost, opened, opening, closing, closed;
     double begin_at, pause;                  /* when the next link begins; after which pause */
     double quiet_until;                      /* nothing is asked before: the daemon said so */

@@ -4,7 +4,7 @@
 #include <string.h>
 #include "outcome.h"
 #include "job/blas_core.h"
-#include "keys.h"
+#include "option_help.h"
 #include "sweep_shares.h"
 #include "verbs.h"
 
@@ -60,7 +60,7 @@ static int help(FILE *to, const struct verb *only)
     fprintf(to, "\noptions:\n");
     args_help(to, TAKES_ALWAYS | (only ? only->takes : 0));
     if (only != NULL)
-        keys_help(to, only->name);
+        option_help(to, only->name);
     if (only == NULL)
         fprintf(to, "\n`modalctl VERB --help` lists the options of a verb.  Exit status: 0 done; 1 the job failed; 2 bad usage or input;\n"
                "3 no server; 4 refused; 5 not finished in --timeout.\n");

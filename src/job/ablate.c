@@ -267,12 +267,11 @@ static bool has_harmonic(const struct program *p)
     return false;
 }
 
-static enum modal_status check_options(const struct ablation *a, struct modal_error *err)
-{
-    static const char *const none[] = { "threads", NULL };
-
-    return a->steady || a->request->options == NULL ? MODAL_OK : json_keys(a->request->options, "", none, err);
-}
+/* Exponents have no options but whom the job is counted for, which is the broker's to read. */
+const struct key_row ablate_option_rows[] = {
+    { "threads", KEY_OWN, KEY_SILENT, .form = "N", .initial = "1", .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
 
 enum modal_status ablate_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
@@ -285,7 +284,8 @@ enum modal_status ablate_run(const struct job_request *request, struct job_resul
     rc = scene_lower(request->scene, NULL, &a.program, err);
     if (rc == MODAL_OK) {
         a.steady = has_harmonic(a.program);
-        rc = check_options(&a, err);
+        if (!a.steady && request->options != NULL)
+            rc = key_table_check(ablate_option_rows, NULL, request->options, "", err);
     }
     if (rc == MODAL_OK)
         rc = timed(&a, request->scene, &a.answer, &whole, &a.seconds, err);

@@ -2,7 +2,7 @@
 #ifndef JOB_BACKBONE_JOB_H
 #define JOB_BACKBONE_JOB_H
 #include "job/cost.h"
-#include "job/steady.h"
+#include "job/steady_settings.h"
 
 /*
  * {"kind":"backbone", "mode", "linear":{"omega", "frequency_hz", "damping_ratio"}, "points":[{"amplitude", "omega", "frequency_hz",

@@ -2,7 +2,7 @@
 #ifndef JOB_CURVE_H
 #define JOB_CURVE_H
 #include "job/cost.h"
-#include "job/steady.h"
+#include "job/steady_settings.h"
 
 /* The document {"kind":"curve", "parameter", "points", "folds", "bifurcations"} for settings->sweep or ->follow; P is the scene
  * lowered, and gets the effects' counts. */

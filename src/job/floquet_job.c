@@ -11,35 +11,26 @@ struct options {
     double tolerance;
     bool hill;
     int harmonics;          /* of Hill's determinant; 0: chosen */
+    int threads;
 };
 
-static enum modal_status read_options(const cJSON *json, struct options *o, struct modal_error *err)
-{
-    static const char *const keys[] = { "tolerance", "hill", "hill.harmonics", "threads", NULL };
-    int threads = 1;
-    enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
+enum {
+    HARMONICS_MOST = 200   /* of Hill's determinant: its matrix has (2 h + 1) n rows */
+};
 
-    *o = (struct options) { 1e-12, true, 0 };
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "", "tolerance", 1e-14, 1e-2, &o->tolerance, err);
-    if (rc == MODAL_OK)
-        rc = json_get_bool(json, "", "hill", &o->hill, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "hill.harmonics", 0, 200, &o->harmonics, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
-    return rc;
-}
+#define AT(member) .at = offsetof(struct options, member)
 
-static cJSON *print_options(const struct options *o)
-{
-    cJSON *json = cJSON_CreateObject();
-
-    json_set_number(json, "tolerance", o->tolerance);
-    cJSON_AddBoolToObject(json, "hill", o->hill);
-    cJSON_AddNumberToObject(json, "hill.harmonics", o->harmonics);
-    return json;
-}
+const struct key_row floquet_option_rows[] = {
+    { "tolerance", KEY_NUMBER, AT(tolerance), .low = FLOQUET_TOLERANCE_LEAST, .high = FLOQUET_TOLERANCE_MOST,
+      .initial = "1e-12", .meaning = "of the monodromy matrix", .example = "1e-9" },
+    { "hill", KEY_TRUTH, AT(hill), .initial = "true",
+      .meaning = "Hill's determinant as a second, independent way", .example = "false" },
+    { "hill.harmonics", KEY_WHOLE, AT(harmonics), .low = 0, .high = HARMONICS_MOST, .initial = "0",
+      .meaning = "of it; 0: until its truncation is small", .example = "20" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
 
 static cJSON *complex_or_null(double complex z, bool known)
 {
@@ -165,11 +156,11 @@ static enum modal_status add_hill(cJSON *result, const struct program *p, const 
 
 enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
-    struct options o;
+    struct options o = { 0 };
     struct program *p = NULL;
     struct floquet f = { 0 };
     struct cost cost;
-    enum modal_status rc = read_options(request->options, &o, err);
+    enum modal_status rc = key_table_options(floquet_option_rows, request->options, &o, err);
 
     cost_start(&cost);
     if (rc == MODAL_OK)
@@ -184,8 +175,11 @@ enum modal_status floquet_run(const struct job_request *request, struct job_resu
         cost_stage(&cost, "hill");
     }
     if (rc == MODAL_OK) {
+        cJSON *shown = cJSON_CreateObject();
+
+        key_table_write(floquet_option_rows, &o, shown);
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&o)));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, shown));
     }
     floquet_done(&f);
     program_free(p);

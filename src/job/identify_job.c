@@ -10,7 +10,6 @@
 #include <unistd.h>
 #include "job/blas_core.h"
 #include "job/identify_ladder.h"
-#include "job/identify_options.h"
 #include "modal/identify/exponents.h"
 
 static cJSON *print_std(const struct identify_mode *m)
@@ -350,9 +349,10 @@ static bool climb_stopped(void *context)
 }
 
 /* Climb until a target is met; without one, or with a procedure named, what was asked for is the one rung that runs. */
-static enum modal_status answer(struct own_ladder *l, const struct identify_options *opt, struct modal_error *err)
+static enum modal_status answer(struct own_ladder *l, const struct identify_settings *settings, struct modal_error *err)
 {
     static const char *const stops[] = { [LADDER_RUN_OUT] = "exhausted", [LADDER_AT_ERROR] = "target.error", [LADDER_AT_SECONDS] = "target.seconds" };
+    const struct identify_options *opt = &settings->opt;
     const struct batch *b = l->request->batch;
     struct identify_ladder_facts facts = { b->samples, b->channels, b->dt, opt->period > 0 ? opt->period : opt->period < 0 ? 0 : b->period, 0, 0,
                                            { 0, (double)(b->samples - 1) * b->dt } };
@@ -383,7 +383,7 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_opti
     l->chosen = opt->method == IDENTIFY_AUTO ? l->count - 1 : 0;
     cJSON_Delete(l->settings[l->chosen]);
     l->settings[l->chosen] = l->request->options != NULL ? cJSON_Duplicate(l->request->options, true) : cJSON_CreateObject();
-    rc = identify_ladder_answer(l->request, l->settings[l->chosen], &l->answer[l->chosen], err);
+    rc = identify_answer(l->request, settings, &l->answer[l->chosen], err);
     if (rc == MODAL_OK)
         l->rungs[l->chosen] = (struct ladder_rung) { .ran = true, .error = identify_error(&l->answer[l->chosen]), .seconds = cpu_seconds(NULL) - start };
     return rc;
@@ -410,32 +410,39 @@ static cJSON *print_ladder(struct own_ladder *l)
     return o;
 }
 
-enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status identify_by(const struct identify_settings *settings, const struct job_request *request,
+                              struct job_result *out, struct modal_error *err)
 {
     struct meter start = { seconds(CLOCK_MONOTONIC), seconds(CLOCK_PROCESS_CPUTIME_ID), request };
     struct own_ladder *ladder = calloc(1, sizeof *ladder);
-    struct identify_options opt;
-    int threads, *channels = NULL;
-    enum modal_status rc = identify_options_read(request->options, request->batch, &opt, &threads, &channels, err);
+    enum modal_status rc;
 
-    free(channels);
-    if (rc == MODAL_OK && ladder == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the ladder");
-    if (rc != MODAL_OK)
-        goto out;
+    if (ladder == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the ladder");
     ladder->request = request;
-    rc = answer(ladder, &opt, err);
+    rc = answer(ladder, settings, err);
     if (rc == MODAL_OK) {
         struct identify_result *r = &ladder->answer[ladder->chosen];
-        r->used.target_error = opt.target_error, r->used.target_seconds = opt.target_seconds;
-        out->result = print_result(request, r, &start, threads);
+        r->used.target_error = settings->opt.target_error, r->used.target_seconds = settings->opt.target_seconds;
+        out->result = print_result(request, r, &start, settings->threads);
         cJSON_AddItemToObject(out->result, "ladder", print_ladder(ladder));
     }
-out:
-    for (int i = 0; ladder != NULL && i < ladder->count; i++) {
+    for (int i = 0; i < ladder->count; i++) {
         identify_result_done(&ladder->answer[i]);
         cJSON_Delete(ladder->settings[i]);
     }
     free(ladder);
+    return rc;
+}
+
+enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+{
+    struct identify_settings settings;
+    enum modal_status rc = identify_options_read(request->options, request->batch, &settings, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    rc = identify_by(&settings, request, out, err);
+    identify_settings_done(&settings);
     return rc;
 }

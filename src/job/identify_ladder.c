@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include "job/identify_options.h"
 
 /*
  * The rungs.  `rows` is a share of the record for each signal; limits of accuracy: a tenth costs a factor 2.3 in variance,
@@ -149,18 +148,25 @@ static bool stopped(void *context)
     return request->cancelled != NULL && request->cancelled(request->context);
 }
 
-enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *settings, struct identify_result *out,
+enum modal_status identify_answer(const struct job_request *request, const struct identify_settings *settings,
+                                  struct identify_result *out, struct modal_error *err)
+{
+    struct identify_options opt = settings->opt;
+
+    openblas_set_num_threads(settings->threads);
+    opt.clock = cpu, opt.cancelled = stopped, opt.context = (void *)request;
+    return modal_identify(request->batch, &opt, out, err);
+}
+
+enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *rung, struct identify_result *out,
                                          struct modal_error *err)
 {
-    struct identify_options opt;
-    int threads, *channels;
-    enum modal_status rc = identify_options_read(settings, request->batch, &opt, &threads, &channels, err);
+    struct identify_settings settings;
+    enum modal_status rc = identify_options_read(rung, request->batch, &settings, err);
 
     if (rc != MODAL_OK)
         return rc;
-    openblas_set_num_threads(threads);
-    opt.clock = cpu, opt.cancelled = stopped, opt.context = (void *)request;
-    rc = modal_identify(request->batch, &opt, out, err);
-    free(channels);
+    rc = identify_answer(request, &settings, out, err);
+    identify_settings_done(&settings);
     return rc;
 }

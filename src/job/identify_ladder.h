@@ -1,8 +1,8 @@
 /* identify_ladder.h - the ladder of identify's settings, cheap and rough to dear and exact, and the error of an answer */
 #ifndef JOB_IDENTIFY_LADDER_H
 #define JOB_IDENTIFY_LADDER_H
+#include "job/identify_options.h"
 #include "job/job.h"
-#include "modal/identify/identify.h"
 #include "modal/ladder.h"
 
 enum { IDENTIFY_RUNGS_MOST = 24 };
@@ -30,7 +30,14 @@ double identify_error(const struct identify_result *result);
  * without a mode counts as 1 and adds to *unmatched. */
 double identify_distance(const struct identify_result *result, const double complex *truth, int count, int *unmatched);
 
-/* Seconds of processor time a modal_identify with SETTINGS takes, its answer in *out (identify_result_done). */
-enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *settings, struct identify_result *out,
+/*
+ * modal_identify of REQUEST's batch as SETTINGS say, asking REQUEST whether to stop, on the processor's clock; its answer in
+ * *OUT (identify_result_done).  Fails as modal_identify does.
+ */
+enum modal_status identify_answer(const struct job_request *request, const struct identify_settings *settings,
+                                  struct identify_result *out, struct modal_error *err);
+
+/* The same of a rung's options; fails as identify_options_read does, too. */
+enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *rung, struct identify_result *out,
                                          struct modal_error *err);
 #endif

@@ -5,12 +5,65 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { THREADS_MOST = 256 };
+enum {
+    THREADS_MOST = 256,                  /* OpenBLAS as Debian builds it knows no more */
+    SIZE_MOST = 1000000000,              /* of the Hankel matrix: below INT_MAX, so that one more is an int still */
+};
+static const double
+    LEAST = 1e-300,                      /* "positive": what a double holds with all its digits, and a decade to spare */
+    ENERGY_KEPT = 0.9999;                /* rank.h: what the energy rules keep where nothing is said */
 
-static const char *const keys[] = {
-    "method", "signals", "pod.energy", "pod.rank", "rank.energy", "rank.fixed", "rank.rule", "rank.threshold", "rank.most", "detrend", "scale",
-    "threads", "rows", "columns", "stride", "window", "band", "period", "difference", "refine", "shapes", "target.error", "target.seconds",
-    NULL,
+#define AT(member) .at = offsetof(struct identify_settings, member)
+#define ORDER .low = 1, .high = IDENTIFY_ORDER_MOST
+
+const struct key_row identify_option_rows[] = {
+    { "method", KEY_CHOICE, AT(opt.method), .words = identify_method_names, .initial = "auto", .form = "NAME",
+      .meaning = "which matrix of transition", .example = "partial-floquet" },
+    { "signals", KEY_OWN, .form = "pod|all|A,B",
+      .meaning = "reduced by proper orthogonal modes (default), all channels, or those named", .example = "all" },
+    { "pod.energy", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.pod_energy), .low = LEAST, .high = 1,
+      .meaning = "share of the energy that proper orthogonal modes keep", .example = "0.999" },
+    { "pod.rank", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.pod_rank), ORDER,
+      .meaning = "or their number", .example = "6" },
+    { "rank.rule", KEY_CHOICE, AT(opt.rank.rule), .words = rank_rule_names, .initial = "auto", .form = "NAME",
+      .meaning = "how the number of exponents is found", .example = "mdl" },
+    { "rank.fixed", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.rank.fixed), ORDER,
+      .meaning = "the number of exponents: two a pair, one a real or constant part", .example = "6" },
+    { "rank.energy", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.rank.energy), .low = LEAST, .high = 1,
+      .meaning = "share of the singular values that energy rules keep", .example = "0.9999" },
+    { "rank.threshold", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.rank.threshold), .low = LEAST, .high = 1,
+      .meaning = "singular values above so much of the largest", .example = "1e-6" },
+    { "rank.most", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.rank.most), ORDER,
+      .meaning = "the highest order tried", .example = "40" },
+    { "detrend", KEY_CHOICE, AT(opt.detrend), .words = identify_detrend_names, .initial = "none",
+      .meaning = "taken off each channel first", .example = "linear" },
+    { "scale", KEY_CHOICE, AT(opt.scale), .words = identify_scale_names, .initial = "rms",
+      .meaning = "each channel to unit rms, or all by one factor", .example = "common" },
+    { "threads", KEY_WHOLE, AT(threads), .low = 1, .high = THREADS_MOST, .initial = "1",
+      .meaning = "of BLAS", .example = "2" },
+    { "rows", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.rows), .low = 1, .high = SIZE_MOST,
+      .meaning = "of the Hankel matrix, per signal", .example = "200" },
+    { "columns", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.columns), .low = 1, .high = SIZE_MOST,
+      .meaning = "of the Hankel matrix", .example = "100" },
+    { "stride", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.stride), .low = 1, .high = SIZE_MOST, .unit = "samples",
+      .meaning = "between two columns", .example = "2" },
+    { "window", KEY_INTERVAL, AT(opt.window), .low = 0, .high = 1e300, .unit = "s", .form = "T0,T1",
+      .meaning = "part of the record to use", .example = "3,43" },
+    { "band", KEY_INTERVAL, AT(opt.band), .low = 0, .high = 1e300, .unit = "Hz", .form = "F1,F2",
+      .meaning = "demodulated, filtered and decimated first", .example = "3500,3700" },
+    { "period", KEY_NUMBER, AT(opt.period), .low = 0, .high = 1e300, .unit = "s", .form = "T",
+      .meaning = "of a periodic system; 0: constant coefficients, whatever the batch says", .example = "0.02" },
+    { "difference", KEY_TRUTH, AT(opt.difference), .initial = "false",
+      .meaning = "h(t + T) - h(t): takes a periodic orbit off first", .example = "true" },
+    { "refine", KEY_TRUTH, AT(refine),
+      .meaning = "variable projection after the method (with auto by default); error bars come from it", .example = "false" },
+    { "shapes", KEY_TRUTH, AT(opt.shapes), .initial = "false",
+      .meaning = "mode shapes over the channels", .example = "true" },
+    { "target.error", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.target_error), .low = LEAST, .high = 1e300,
+      .meaning = "the cheapest settings whose error is below it", .example = "1e-3" },
+    { "target.seconds", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.target_seconds), .low = LEAST, .high = 1e300, .unit = "s",
+      .form = "S", .meaning = "the best settings within so much processor time", .example = "0.5" },
+    { 0 },
 };
 
 /* {"rank": {"fixed": 6}} -> {"rank.fixed": 6}; the rest is shared by reference. */
@@ -30,25 +83,6 @@ static cJSON *flatten(const cJSON *options)
         }
     }
     return flat;
-}
-
-/* [low, high] in seconds or hertz. */
-static enum modal_status read_interval(const cJSON *o, const char *key, double out[2], struct modal_error *err)
-{
-    double *x = NULL;
-    size_t count = 0;
-    enum modal_status rc = json_get_numbers(o, "", key, 0, 1e300, &x, &count, err);
-
-    if (rc == MODAL_BAD_INPUT && err != NULL)
-        snprintf(err->field, sizeof err->field, "%s", key);     /* the option; the message says which number of it */
-    if (rc == MODAL_OK && x != NULL && count != 2)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s has %zu numbers; accepted: two, the first below the second", key, count);
-    else if (rc == MODAL_OK && x != NULL && !(x[1] > x[0]))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s is [%.6g, %.6g]; accepted: two numbers, the first below the second", key, x[0], x[1]);
-    if (rc == MODAL_OK && x != NULL)
-        out[0] = x[0], out[1] = x[1];
-    free(x);
-    return rc;
 }
 
 /* "Q_TFA1" for a channel called "Q_TFA1 (m)", where no other begins so. */
@@ -92,7 +126,8 @@ static enum modal_status no_such_channel(const struct batch *b, const cJSON *nam
 }
 
 /* "pod", "all", one channel, or a list of channels. */
-static enum modal_status read_signals(const cJSON *o, const struct batch *b, struct identify_options *opt, int **channels, struct modal_error *err)
+static enum modal_status read_signals(const cJSON *o, const struct batch *b, struct identify_settings *out,
+                                      struct modal_error *err)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "signals");
     int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : 1, *list;
@@ -100,12 +135,12 @@ static enum modal_status read_signals(const cJSON *o, const struct batch *b, str
     if (item == NULL || (cJSON_IsString(item) && strcmp(item->valuestring, "pod") == 0 && find_channel(b, item) < 0))
         return MODAL_OK;
     if (cJSON_IsString(item) && strcmp(item->valuestring, "all") == 0 && find_channel(b, item) < 0) {
-        opt->signals_all = true;
+        out->opt.signals_all = true;
         return MODAL_OK;
     }
     if (count < 1 || (size_t)count > b->channels)
         return no_such_channel(b, NULL, err);
-    *channels = list = calloc(count, sizeof *list);
+    out->channels = list = calloc(count, sizeof *list);
     if (list == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", count);
     for (int i = 0; i < count; i++) {
@@ -117,139 +152,78 @@ static enum modal_status read_signals(const cJSON *o, const struct batch *b, str
             if (list[j] == list[i])
                 return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: channel %d is named twice", list[i]);
     }
-    opt->channels = list;
-    opt->channel_count = count;
+    out->opt.channels = list;
+    out->opt.channel_count = count;
     return MODAL_OK;
 }
 
-static enum modal_status read_numbers(const cJSON *o, struct identify_options *opt, int *threads, struct modal_error *err)
-{
-    const struct { const char *key; double low, high, *to; } numbers[] = {
-        { "pod.energy", 1e-300, 1, &opt->pod_energy }, { "rank.energy", 1e-300, 1, &opt->rank.energy },
-        { "rank.threshold", 1e-300, 1, &opt->rank.threshold }, { "period", 0, 1e300, &opt->period },
-        { "target.error", 1e-300, 1e300, &opt->target_error }, { "target.seconds", 1e-300, 1e300, &opt->target_seconds },
-    };
-    const struct { const char *key; int low, high, *to; } integers[] = {
-        { "pod.rank", 1, IDENTIFY_ORDER_MOST, &opt->pod_rank }, { "rank.fixed", 1, IDENTIFY_ORDER_MOST, &opt->rank.fixed },
-        { "rank.most", 1, IDENTIFY_ORDER_MOST, &opt->rank.most }, { "rows", 1, 1000000000, &opt->rows },
-        { "columns", 1, 1000000000, &opt->columns }, { "stride", 1, 1000000000, &opt->stride }, { "threads", 1, THREADS_MOST, threads },
-    };
-    enum modal_status rc = MODAL_OK;
-
-    for (size_t i = 0; i < sizeof numbers / sizeof *numbers && rc == MODAL_OK; i++)
-        rc = json_get_number(o, "", numbers[i].key, numbers[i].low, numbers[i].high, numbers[i].to, err);
-    for (size_t i = 0; i < sizeof integers / sizeof *integers && rc == MODAL_OK; i++)
-        rc = json_get_int(o, "", integers[i].key, integers[i].low, integers[i].high, integers[i].to, err);
-    return rc;
-}
-
 /* What was given decides the rule where it was not named: a fixed rank, an energy, a threshold. */
-static enum modal_status read_rule(const cJSON *o, struct identify_options *opt, struct modal_error *err)
+static enum rank_rule rule_given(const cJSON *o)
 {
-    int rule = RANK_AUTO;
-    bool fixed = cJSON_HasObjectItem(o, "rank.fixed");
-    enum modal_status rc;
-
-    if (fixed)
-        rule = RANK_FIXED;
-    else if (cJSON_HasObjectItem(o, "rank.energy"))
-        rule = RANK_ENERGY;
-    else if (cJSON_HasObjectItem(o, "rank.threshold"))
-        rule = RANK_THRESHOLD;
-    rc = json_get_choice(o, "", "rank.rule", rank_rule_names, &rule, err);
-    opt->rank.rule = rule;
-    if (rc == MODAL_OK && fixed && rule != RANK_FIXED)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.fixed beside rank.rule \"%s\"; accepted: one of the two", rank_rule_names[rule]);
-    if (rc == MODAL_OK && rule == RANK_FIXED && !fixed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.rule \"fixed\" needs rank.fixed: 1 to %d", IDENTIFY_ORDER_MOST);
-    return rc;
+    return cJSON_HasObjectItem(o, "rank.fixed") ? RANK_FIXED
+         : cJSON_HasObjectItem(o, "rank.energy") ? RANK_ENERGY
+         : cJSON_HasObjectItem(o, "rank.threshold") ? RANK_THRESHOLD : RANK_AUTO;
 }
 
-enum modal_status identify_options_read(const cJSON *options, const struct batch *batch, struct identify_options *opt, int *threads,
-                                        int **channels, struct modal_error *err)
+static enum modal_status check_rule(const cJSON *o, enum rank_rule rule, struct modal_error *err)
+{
+    bool fixed = cJSON_HasObjectItem(o, "rank.fixed");
+
+    if (fixed && rule != RANK_FIXED)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.fixed beside rank.rule \"%s\"; accepted: one of the two",
+                                rank_rule_names[rule]);
+    if (rule == RANK_FIXED && !fixed)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.rule \"fixed\" needs rank.fixed: 1 to %d",
+                                IDENTIFY_ORDER_MOST);
+    return MODAL_OK;
+}
+
+enum modal_status identify_options_read(const cJSON *options, const struct batch *batch, struct identify_settings *out,
+                                        struct modal_error *err)
 {
     cJSON *o = flatten(options);
-    int method = IDENTIFY_AUTO, detrend = DETREND_NONE, scale = SCALE_RMS;
-    bool refine = false;
-    enum modal_status rc;
+    enum modal_status rc = o != NULL ? key_table_check(identify_option_rows, NULL, o, "", err)
+                                     : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the options");
 
-    *opt = (struct identify_options) { 0 };
-    *channels = NULL;
-    *threads = 1;
-    if (o == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the options");
-    if ((rc = json_keys(o, "", keys, err)) != MODAL_OK
-        || (rc = json_get_choice(o, "", "method", identify_method_names, &method, err)) != MODAL_OK
-        || (rc = json_get_choice(o, "", "detrend", identify_detrend_names, &detrend, err)) != MODAL_OK
-        || (rc = json_get_choice(o, "", "scale", identify_scale_names, &scale, err)) != MODAL_OK
-        || (rc = json_get_bool(o, "", "difference", &opt->difference, err)) != MODAL_OK
-        || (rc = json_get_bool(o, "", "shapes", &opt->shapes, err)) != MODAL_OK
-        || (rc = json_get_bool(o, "", "refine", &refine, err)) != MODAL_OK
-        || (rc = read_numbers(o, opt, threads, err)) != MODAL_OK
-        || (rc = read_rule(o, opt, err)) != MODAL_OK
-        || (rc = read_interval(o, "window", opt->window, err)) != MODAL_OK
-        || (rc = read_interval(o, "band", opt->band, err)) != MODAL_OK
-        || (rc = read_signals(o, batch, opt, channels, err)) != MODAL_OK)
-        goto out;
-    opt->method = method;
-    opt->detrend = detrend;
-    opt->scale = scale;
-    if (cJSON_HasObjectItem(o, "refine"))
-        opt->refine = refine ? CHOICE_YES : CHOICE_NO;
-    if (cJSON_HasObjectItem(o, "period") && opt->period == 0)
-        opt->period = -1;                     /* 0: constant coefficients, whatever the batch says */
-out:
-    cJSON_Delete(o);
-    if (rc != MODAL_OK) {
-        free(*channels);
-        *channels = NULL;
+    *out = (struct identify_settings) { 0 };
+    key_table_defaults(identify_option_rows, out);
+    if (rc == MODAL_OK) {
+        out->opt.rank.rule = rule_given(o);
+        rc = key_table_read(identify_option_rows, o, "", out, err);
     }
+    if (rc == MODAL_OK)
+        rc = check_rule(o, out->opt.rank.rule, err);
+    if (rc == MODAL_OK)
+        rc = read_signals(o, batch, out, err);
+    if (cJSON_HasObjectItem(o, "refine"))
+        out->opt.refine = out->refine ? CHOICE_YES : CHOICE_NO;
+    if (cJSON_HasObjectItem(o, "period") && out->opt.period == 0)
+        out->opt.period = -1;                     /* 0: constant coefficients, whatever the batch says */
+    cJSON_Delete(o);
+    if (rc != MODAL_OK)
+        identify_settings_done(out);
     return rc;
 }
 
-/* A number, or null where the option was left to its default and none applies. */
-static void write_number(cJSON *o, const char *key, double value)
+void identify_settings_done(struct identify_settings *s)
 {
-    if (value > 0)
-        cJSON_AddNumberToObject(o, key, value);
-    else
-        cJSON_AddNullToObject(o, key);
+    free(s->channels);
+    *s = (struct identify_settings) { 0 };
 }
 
-static void write_interval(cJSON *o, const char *key, const double x[2])
+cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads)
 {
-    if (x[1] > 0)
-        cJSON_AddItemToObject(o, key, json_numbers(x, 2));
-    else
-        cJSON_AddNullToObject(o, key);
-}
+    const cJSON *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
+    struct identify_settings s = { .opt = *used, .threads = threads, .refine = used->refine == CHOICE_YES };
+    struct rank_options *rank = &s.opt.rank;
+    bool by_energy = rank->rule == RANK_ENERGY || rank->rule == RANK_ENERGY_SQUARED;
+    cJSON *o = cJSON_CreateObject();
 
-cJSON *identify_options_write(const struct identify_options *u, const cJSON *asked, int threads)
-{
-    cJSON *o = cJSON_CreateObject(), *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
-
-    cJSON_AddStringToObject(o, "method", identify_method_names[u->method]);
+    s.opt.period = used->period > 0 ? used->period : 0;
+    rank->fixed = rank->rule == RANK_AUTO ? 0 : rank->fixed;
+    rank->energy = !by_energy ? 0 : rank->energy > 0 ? rank->energy : ENERGY_KEPT;
+    rank->threshold = rank->rule == RANK_THRESHOLD ? rank->threshold : 0;
     cJSON_AddItemToObject(o, "signals", signals != NULL ? cJSON_Duplicate(signals, true) : cJSON_CreateString("pod"));
-    write_number(o, "pod.energy", u->pod_energy);
-    write_number(o, "pod.rank", u->pod_rank);
-    cJSON_AddStringToObject(o, "rank.rule", rank_rule_names[u->rank.rule]);
-    write_number(o, "rank.fixed", u->rank.rule == RANK_AUTO ? 0 : u->rank.fixed);
-    write_number(o, "rank.energy", u->rank.rule == RANK_ENERGY || u->rank.rule == RANK_ENERGY_SQUARED ? (u->rank.energy > 0 ? u->rank.energy : 0.9999) : 0);
-    write_number(o, "rank.threshold", u->rank.rule == RANK_THRESHOLD ? u->rank.threshold : 0);
-    write_number(o, "rank.most", u->rank.most);
-    cJSON_AddStringToObject(o, "detrend", identify_detrend_names[u->detrend]);
-    cJSON_AddStringToObject(o, "scale", identify_scale_names[u->scale]);
-    cJSON_AddNumberToObject(o, "threads", threads);
-    write_number(o, "rows", u->rows);
-    write_number(o, "columns", u->columns);
-    write_number(o, "stride", u->stride);
-    write_interval(o, "window", u->window);
-    write_interval(o, "band", u->band);
-    cJSON_AddNumberToObject(o, "period", u->period > 0 ? u->period : 0);
-    cJSON_AddBoolToObject(o, "difference", u->difference);
-    cJSON_AddBoolToObject(o, "refine", u->refine == CHOICE_YES);
-    cJSON_AddBoolToObject(o, "shapes", u->shapes);
-    write_number(o, "target.error", u->target_error);
-    write_number(o, "target.seconds", u->target_seconds);
+    key_table_write(identify_option_rows, &s, o);
     return o;
 }

@@ -3,6 +3,7 @@
 #include "job/identify_job.h"
 #include "job/scene_jobs.h"
 #include "job/steady.h"
+#include "job/steady_settings.h"
 #include "job/sweep.h"
 #include "job/tradeoff.h"
 #include <cblas.h>

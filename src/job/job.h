@@ -10,6 +10,9 @@
 #include "base/error.h"
 #include "base/json.h"
 
+/* More than any machine's processors that a job is counted for. */
+enum { JOB_THREADS_MOST = 1024 };
+
 struct job_request {
     const char *kind;             /* a name of job_kinds */
     const cJSON *options;         /* object, or NULL for none */

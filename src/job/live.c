@@ -7,13 +7,12 @@
 #include <stdlib.h>
 #include <time.h>
 #include "job/identify_job.h"
-#include "job/identify_options.h"
 #include "modal/identify/moving.h"
 
 struct live {
     struct moving *window;
     struct batch shape;           /* signals, names NULL */
-    int *channels, threads;
+    struct identify_settings settings;
     cJSON *options;
     bool climbs;                  /* a target was set */
     uint64_t jobs;                /* windows that climbed */
@@ -38,7 +37,8 @@ enum modal_status live_new(const cJSON *options, const struct batch *shape, int 
     l->shape = *shape;
     l->shape.signals = NULL, l->shape.names = NULL, l->shape.units = NULL;
     l->options = options != NULL ? cJSON_Duplicate(options, true) : cJSON_CreateObject();
-    rc = identify_options_read(options, shape, &opt.identify, &l->threads, &l->channels, err);
+    rc = identify_options_read(options, shape, &l->settings, err);
+    opt.identify = l->settings.opt;
     l->climbs = opt.identify.target_error > 0 || opt.identify.target_seconds > 0;
     if (rc == MODAL_OK)
         rc = moving_new(&opt, &l->window, err);
@@ -54,7 +54,7 @@ void live_free(struct live *l)
     if (l == NULL)
         return;
     moving_free(l->window);
-    free(l->channels);
+    identify_settings_done(&l->settings);
     cJSON_Delete(l->options);
     free(l);
 }
@@ -85,7 +85,7 @@ static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON *
     batch.signals = moving_window(l->window);
     if (batch.signals == NULL)
         return modal_fail(err, MODAL_BAD_INPUT, "live: %d of %zu samples", moving_samples(l->window), batch.samples);
-    rc = identify_run(&request, &result, err);
+    rc = identify_by(&l->settings, &request, &result, err);
     if (rc == MODAL_OK)
         *document = result.result;
     *cost = (struct moving_cost) { .why = "target", .batches = ++l->jobs };
@@ -97,7 +97,7 @@ static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON 
     struct identify_result result;
     enum modal_status rc;
 
-    openblas_set_num_threads(l->threads);
+    openblas_set_num_threads(l->settings.threads);
     rc = moving_identify(l->window, &result, cost, err);
     if (rc == MODAL_OK) {
         *document = identify_modes_write(&result);

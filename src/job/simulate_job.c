@@ -9,10 +9,41 @@
 #include "modal/scene/scene.h"
 #include "modal/scene/simulate.h"
 
-struct model { int elements, inflow_states; };             /* in place of the scene's own; 0: as it says */
+/* What a job is to do: the steppers' options, the scene's changes. */
+struct settings {
+    struct simulate_options opt;
+    struct scene_options scene;                     /* effects left out */
+    int integrator, threads;
+    int elements, inflow_states;                    /* in place of the scene's own; 0: as it says */
+};
+
+enum {
+    COUNT_MOST = 1000000        /* of substeps, elements, states: beyond what a record or a mesh is made of */
+};
+static const char *const integrators[] = { "auto", "rk4", NULL };
+
+#define AT(member) .at = offsetof(struct settings, member)
+
+const struct key_row simulate_option_rows[] = {
+    { "integrator", KEY_CHOICE, AT(integrator), .words = integrators, .initial = "auto",
+      .meaning = "auto: exact exponentials and maps where the scene is linear", .example = "rk4" },
+    { "tolerance", KEY_NUMBER, AT(opt.tolerance), .low = 1e-14, .high = 1,
+      .meaning = "of a step of the adaptive parts, relative", .example = "1e-9" },
+    { "substeps", KEY_WHOLE, AT(opt.substeps), .low = 1, .high = COUNT_MOST, .initial = "1",
+      .meaning = "of rk4 in one sample", .example = "4" },
+    { "without", KEY_OWN, .low = 0, .high = SCENE_EFFECTS_MOST - 1, .form = "I,J",
+      .meaning = "leave these effects of the scene out, counted from 0", .example = "0,2" },
+    { "elements", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(elements), .low = 1, .high = COUNT_MOST,
+      .meaning = "another mesh, with the same places and channels", .example = "8" },
+    { "inflow_states", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(inflow_states), .low = 1, .high = COUNT_MOST,
+      .meaning = "of the airloads, in place of the scene's", .example = "6" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
 
 /* The scene on another mesh or inflow, into *CHANGED, which the caller deletes; NULL where nothing is asked for. */
-static enum modal_status change_model(const cJSON *scene, const struct model *m, cJSON **changed, struct modal_error *err)
+static enum modal_status change_model(const cJSON *scene, const struct settings *m, cJSON **changed, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -45,49 +76,15 @@ static enum modal_status read_without(const cJSON *json, int effects, struct sce
     return rc;
 }
 
-/* Options, with those of the scene's EFFECTS to leave out in WITHOUT. */
-static enum modal_status read_options(const cJSON *json, int effects, struct simulate_options *o, struct scene_options *without, struct model *m,
-                                      struct modal_error *err)
-{
-    static const char *const keys[] = { "tolerance", "integrator", "substeps", "without", "elements", "inflow_states", "threads", NULL };
-    static const char *const integrators[] = { "auto", "rk4", NULL };
-    int threads = 1, integrator = 0;
-    enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
-
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "", "tolerance", 1e-14, 1, &o->tolerance, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
-    o->substeps = 1;
-    if (rc == MODAL_OK)
-        rc = json_get_choice(json, "", "integrator", integrators, &integrator, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "substeps", 1, 1000000, &o->substeps, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "elements", 1, 1000000, &m->elements, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "inflow_states", 1, 1000000, &m->inflow_states, err);
-    if (rc == MODAL_OK)
-        rc = read_without(json, effects, without, err);
-    o->rk4 = integrator == 1;
-    return rc;
-}
-
-static cJSON *print_options(const struct simulate_options *o, const struct scene_options *scene, const struct model *m)
+static cJSON *print_options(const struct settings *s)
 {
     cJSON *json = cJSON_CreateObject(), *without = cJSON_CreateArray();
 
-    cJSON_AddStringToObject(json, "integrator", o->rk4 ? "rk4" : "auto");
-    json_set_number(json, "tolerance", o->tolerance);
-    cJSON_AddNumberToObject(json, "substeps", o->substeps);
     for (int i = 0; i < SCENE_EFFECTS_MOST; i++)
-        if (scene->without[i])
+        if (s->scene.without[i])
             cJSON_AddItemToArray(without, cJSON_CreateNumber(i));
+    key_table_write(simulate_option_rows, s, json);
     cJSON_AddItemToObject(json, "without", without);
-    if (m->elements > 0)
-        cJSON_AddNumberToObject(json, "elements", m->elements);
-    if (m->inflow_states > 0)
-        cJSON_AddNumberToObject(json, "inflow_states", m->inflow_states);
     return json;
 }
 
@@ -175,37 +172,38 @@ static cJSON *print_result(const struct program *p, const struct scene_time *t, 
 
 enum modal_status simulate_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
-    struct simulate_options o = { 0 };
+    struct settings settings = { 0 };
     struct simulate_result s = { 0 };
     struct scene_time t;
     struct program *p = NULL;
     struct cost cost;
-    struct scene_options scene = { 0 };
-    struct model model = { 0 };
     cJSON *changed = NULL;
     int effects = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(request->scene, "effects"));
-    enum modal_status rc = read_options(request->options, effects, &o, &scene, &model, err);
+    enum modal_status rc = key_table_options(simulate_option_rows, request->options, &settings, err);
 
     cost_start(&cost);
-    o.progress = request->progress != NULL ? report : NULL;
-    o.cancelled = request->cancelled != NULL ? asked_to_stop : NULL;
-    o.context = (void *)request;
     if (rc == MODAL_OK)
-        rc = change_model(request->scene, &model, &changed, err);
+        rc = read_without(request->options, effects, &settings.scene, err);
+    settings.opt.rk4 = settings.integrator == 1;
+    settings.opt.progress = request->progress != NULL ? report : NULL;
+    settings.opt.cancelled = request->cancelled != NULL ? asked_to_stop : NULL;
+    settings.opt.context = (void *)request;
     if (rc == MODAL_OK)
-        rc = scene_lower(changed != NULL ? changed : request->scene, &scene, &p, err);
+        rc = change_model(request->scene, &settings, &changed, err);
+    if (rc == MODAL_OK)
+        rc = scene_lower(changed != NULL ? changed : request->scene, &settings.scene, &p, err);
     if (rc == MODAL_OK)
         rc = scene_time(request->scene, p, &t, err);
     cost_stage(&cost, "lower");
     if (rc == MODAL_OK)
         rc = make_batch(p, &t, out, err);
     if (rc == MODAL_OK)
-        rc = simulate(p, &t, &o, out->signals, &s, err);
+        rc = simulate(p, &t, &settings.opt, out->signals, &s, err);
     cost_stage(&cost, "step");
     if (rc == MODAL_OK) {
         out->result = print_result(p, &t, &s, &out->batch);
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&o, &scene, &model)));
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&settings)));
     }
     program_free(p);
     cJSON_Delete(changed);

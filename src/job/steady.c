@@ -53,7 +53,7 @@ static enum modal_status solve_points(struct steady *s, const struct program *p,
 {
     enum modal_status rc;
 
-    if (settings->all)
+    if (settings->solutions == 1)
         return steady_solve_all(s, p->omega, start, NULL, points, count, err);
     *points = calloc(1, sizeof **points);
     if (*points == NULL)
@@ -96,7 +96,7 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     if (rc == MODAL_OK)
         rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, &known, err);
     cost_stage(cost, "solve");
-    if (rc == MODAL_OK && settings->all)
+    if (rc == MODAL_OK && settings->solutions == 1)
         list = cJSON_CreateArray();
     for (int i = 0; rc == MODAL_OK && i < count; i++) {
         rc = print_point(s, p, settings, &points[i], &known, cost, i == 0 ? doc : &one, err);

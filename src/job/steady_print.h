@@ -1,7 +1,7 @@
 /* steady_print.h - one steady state as the document of contracts.md */
 #ifndef JOB_STEADY_PRINT_H
 #define JOB_STEADY_PRINT_H
-#include "job/steady.h"
+#include "job/steady_settings.h"
 #include "modal/steady/stability.h"
 
 /* The document of POINT of session S; SETTINGS says which dofs and how many samples.  STABILITY may be NULL (not looked

@@ -1,18 +1,72 @@
-/* steady_settings.c - the options of steady states, read from the scene's `steady` and the job's options */
+/* steady_settings.c - see steady_settings.h */
+#include "job/steady_settings.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "job/steady.h"
 
-static const char *const scene_keys[] = { "harmonics", "samples", "method", "cutoff", "tolerance", "max_iterations", "stability", "start",
-                                          "solutions", "dofs", "located", "differences", "relaxation", "subharmonic", "time",
-                                          "target.error", "threads", NULL };
-static const char *const option_keys[] = { "harmonics", "samples", "method", "cutoff", "tolerance", "max_iterations", "stability", "start",
-                                           "solutions", "dofs", "located", "differences", "relaxation", "subharmonic", "time",
-                                           "target.error", "threads", "sweep", "continue", "backbone", NULL };
 static const char *const methods[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting", NULL };
 static const char *const solutions[] = { "one", "all", NULL };
+
+enum {
+    ITERATIONS_MOST = 1000000,       /* days of iteration: who wants more has mistyped */
+    SUBHARMONICS_MOST = 64,          /* subharmonic motions of higher order are not met in practice */
+    THREADS_MOST = 256,              /* as identify */
+    START_HARMONICS = 512            /* higher ones of a given start are left out: more than an answer that converges has */
+};
+
+#define AT(member) .at = offsetof(struct steady_settings, member)
+
+/* Those that the scene's `steady` may hold too. */
+const struct key_row steady_option_rows[] = {
+    { "harmonics", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.harmonics), .low = 1, .high = ORBIT_HARMONICS_MOST,
+      .meaning = "of each dof; default: what target.error needs", .example = "9" },
+    { "samples", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.samples), .low = 3, .high = ORBIT_SAMPLES_MOST,
+      .meaning = "of one period, for forces in time; default: enough for the laws", .example = "1024" },
+    { "method", KEY_CHOICE, AT(opt.method), .words = methods, .initial = "auto",
+      .meaning = "how the balance is solved; the last three integrate in time", .example = "newton" },
+    { "cutoff", KEY_NUMBER, AT(opt.cutoff), .low = 0, .high = 1, .initial = "0",
+      .meaning = "harmonics below so much of the largest are left out", .example = "1e-3" },
+    { "tolerance", KEY_NUMBER, AT(opt.tolerance), .low = 1e-15, .high = 0.1, .initial = "1e-12",
+      .meaning = "of the balance", .example = "1e-9" },
+    { "max_iterations", KEY_WHOLE, AT(opt.max_iterations), .low = 1, .high = ITERATIONS_MOST,
+      .meaning = "of one attempt (default 60); then the best so far is the answer, not converged", .example = "100" },
+    { "stability", KEY_TRUTH, AT(stability), .initial = "true",
+      .meaning = "multipliers of the orbit", .example = "false" },
+    { "solutions", KEY_CHOICE, AT(solutions), .words = solutions, .initial = "one",
+      .meaning = "all: several starts, no duplicates", .example = "all" },
+    { "located", KEY_TRUTH, AT(located), .initial = "true",
+      .meaning = "reversals and contacts located inside the sample", .example = "false" },
+    { "differences", KEY_TRUTH, AT(opt.by_differences), .initial = "false",
+      .meaning = "Newton by difference quotients, as in the paper", .example = "true" },
+    { "relaxation", KEY_NUMBER, KEY_SHOWN_IF_SET, AT(opt.relaxation), .low = 1e-6, .high = 1,
+      .meaning = "of direct iteration (default 1)", .example = "0.5" },
+    { "subharmonic", KEY_WHOLE, AT(subharmonic), .low = 1, .high = SUBHARMONICS_MOST, .initial = "1",
+      .meaning = "the fundamental is omega / N", .example = "3" },
+    { "target.error", KEY_NUMBER, AT(opt.target_error), .low = 1e-14, .high = 1, .initial = "1e-6",
+      .meaning = "that default harmonics reach, relative to the largest motion", .example = "1e-3" },
+    { "time", KEY_OWN, .low = 1, .high = ORBIT_SAMPLES_MOST, .form = "true|N",
+      .meaning = "the waveform too, in N samples", .example = "64" },
+    { "dofs", KEY_OWN, .form = "A,B",
+      .meaning = "those reported (default all)", .example = "x1,x2" },
+    { "start", KEY_OWN, .form = "{\"A\":{\"k\":[1],\"re\":[1],\"im\":[0]}}",
+      .meaning = "where to begin", .example = "{\"x1\":{\"k\":[1],\"re\":[1],\"im\":[0]}}" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = THREADS_MOST, .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
+
+/* Those of the job alone. */
+const struct key_row steady_curve_rows[] = {
+    { "sweep", KEY_TEXT, KEY_SHOWN_IF_SET, AT(sweep), .form = "PATH=A:B:N",
+      .meaning = "a solution at each of N values of omega, or of a number of the scene", .example = "omega=0.5:2:31" },
+    { "continue", KEY_TEXT, KEY_SHOWN_IF_SET, AT(follow), .form = "PATH=A:B",
+      .meaning = "the curve of solutions from A to B, around its folds", .example = "omega=0.5:2" },
+    { "backbone", KEY_TEXT, KEY_SHOWN_IF_SET, AT(backbone), .form = "MODE:A:B[:N]",
+      .meaning = "free vibration of a mode from amplitude A to B, in N points, in place of the forced one",
+      .example = "1:0.1:2:20" },
+    { 0 },
+};
 
 static enum modal_status read_dof(const cJSON *item, const char *path, const struct program *p, int *out, struct modal_error *err)
 {
@@ -54,7 +108,7 @@ static enum modal_status read_dofs(const cJSON *object, const char *base, const 
 }
 
 /* {"k":[...], "re":[...], "im":[...]} of one dof */
-static enum modal_status read_start_dof(const cJSON *entry, const char *path, int dof, struct steady_settings *s, int n,
+static enum modal_status read_start_dof(const cJSON *entry, const char *path, int dof, struct steady_settings *s,
                                         struct modal_error *err)
 {
     static const char *const keys[] = { "k", "re", "im", NULL };
@@ -62,7 +116,6 @@ static enum modal_status read_start_dof(const cJSON *entry, const char *path, in
     size_t count[3];
     enum modal_status rc = json_keys(entry, path, keys, err);
 
-    (void)n;
     for (int i = 0; rc == MODAL_OK && i < 3; i++)
         rc = json_get_numbers(entry, path, keys[i], i == 0 ? 0 : -1e300, i == 0 ? ORBIT_HARMONICS_MOST : 1e300, &list[i], &count[i], err);
     if (rc == MODAL_OK && (count[0] != count[1] || count[1] != count[2] || count[0] == 0))
@@ -93,7 +146,7 @@ static enum modal_status read_start(const cJSON *object, const char *base, const
     if (!cJSON_IsObject(start))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "start must be an object {dof: {\"k\", \"re\", \"im\"}}");
     free(s->start);
-    s->start_H = 512;
+    s->start_H = START_HARMONICS;
     s->start = calloc((size_t)p->n * ((size_t)s->start_H + 1), sizeof *s->start);
     if (s->start == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a start");
@@ -103,7 +156,7 @@ static enum modal_status read_start(const cJSON *object, const char *base, const
         json_path(one, path, entry->string);
         if (dof < 0 || !cJSON_IsObject(entry))
             return modal_fail_field(err, MODAL_BAD_INPUT, one, "%s must be a dof of this scene with {\"k\", \"re\", \"im\"}", entry->string);
-        rc = read_start_dof(entry, one, dof, s, p->n, err);
+        rc = read_start_dof(entry, one, dof, s, err);
         if (rc != MODAL_OK)
             return rc;
     }
@@ -121,113 +174,70 @@ static enum modal_status read_time(const cJSON *object, const char *base, struct
     return json_get_int(object, base, "time", 1, ORBIT_SAMPLES_MOST, &s->time, err);
 }
 
-static enum modal_status read_numbers(const cJSON *o, const char *base, struct steady_options *opt, int *subharmonic, struct modal_error *err)
+/* O, the scene's `steady` (BASE) or the job's options, with ROWS beside those that both may hold. */
+static enum modal_status read_from(const cJSON *o, const char *base, const struct key_row *rows, const struct program *p,
+                                   struct steady_settings *s, struct modal_error *err)
 {
-    const struct { const char *key; int low, high, *out; } ints[] = {
-        { "harmonics", 1, ORBIT_HARMONICS_MOST, &opt->harmonics }, { "samples", 3, ORBIT_SAMPLES_MOST, &opt->samples },
-        { "max_iterations", 1, 1000000, &opt->max_iterations }, { "subharmonic", 1, 64, subharmonic } };
-    const struct { const char *key; double low, high, *out; } numbers[] = {
-        { "cutoff", 0, 1, &opt->cutoff }, { "tolerance", 1e-15, 0.1, &opt->tolerance }, { "relaxation", 1e-6, 1, &opt->relaxation },
-        { "target.error", 1e-14, 1, &opt->target_error } };
-    enum modal_status rc = MODAL_OK;
-
-    for (size_t i = 0; rc == MODAL_OK && i < sizeof ints / sizeof *ints; i++)
-        rc = json_get_int(o, base, ints[i].key, ints[i].low, ints[i].high, ints[i].out, err);
-    for (size_t i = 0; rc == MODAL_OK && i < sizeof numbers / sizeof *numbers; i++)
-        rc = json_get_number(o, base, numbers[i].key, numbers[i].low, numbers[i].high, numbers[i].out, err);
-    return rc;
-}
-
-static enum modal_status read_from(const cJSON *o, const char *base, const char *const *keys, const struct program *p,
-                                   struct steady_settings *s, bool *located, struct modal_error *err)
-{
-    int method = (int)s->opt.method, which = s->all, threads = 1;
     enum modal_status rc;
 
     if (o == NULL)
         return MODAL_OK;
     if (!cJSON_IsObject(o))
         return modal_fail_field(err, MODAL_BAD_INPUT, base[0] ? base : "options", "must be an object");
-    if ((rc = json_keys(o, base, keys, err)) != MODAL_OK || (rc = read_numbers(o, base, &s->opt, &s->subharmonic, err)) != MODAL_OK
-        || (rc = json_get_choice(o, base, "method", methods, &method, err)) != MODAL_OK
-        || (rc = json_get_choice(o, base, "solutions", solutions, &which, err)) != MODAL_OK
-        || (rc = json_get_bool(o, base, "stability", &s->stability, err)) != MODAL_OK
-        || (rc = json_get_bool(o, base, "located", located, err)) != MODAL_OK
-        || (rc = json_get_bool(o, base, "differences", &s->opt.by_differences, err)) != MODAL_OK
-        || (rc = json_get_int(o, base, "threads", 1, 256, &threads, err)) != MODAL_OK
-        || (rc = read_time(o, base, s, err)) != MODAL_OK || (rc = read_dofs(o, base, p, s, err)) != MODAL_OK
-        || (rc = read_start(o, base, p, s, err)) != MODAL_OK)
+    if ((rc = key_table_check(steady_option_rows, rows, o, base, err)) != MODAL_OK
+        || (rc = key_table_read(steady_option_rows, o, base, s, err)) != MODAL_OK
+        || (rows != NULL && (rc = key_table_read(rows, o, base, s, err)) != MODAL_OK)
+        || (rc = read_time(o, base, s, err)) != MODAL_OK || (rc = read_dofs(o, base, p, s, err)) != MODAL_OK)
         return rc;
-    s->opt.method = (enum steady_method)method;
-    s->all = which == 1;
+    return read_start(o, base, p, s, err);
+}
+
+/* A curve is of one kind. */
+static enum modal_status check_curve(const struct steady_settings *s, struct modal_error *err)
+{
+    if ((s->sweep != NULL) + (s->follow != NULL) + (s->backbone != NULL) > 1)
+        return modal_fail_field(err, MODAL_BAD_INPUT, s->follow != NULL ? "continue" : "backbone",
+                                "sweep, continue and backbone exclude each other");
     return MODAL_OK;
 }
 
-static cJSON *show(const struct steady_settings *s, bool located)
+/* Without `dofs`, all. */
+static enum modal_status report_all(const struct program *p, struct steady_settings *s, struct modal_error *err)
 {
-    cJSON *o = cJSON_CreateObject();
-
-    if (s->opt.harmonics > 0)
-        cJSON_AddNumberToObject(o, "harmonics", s->opt.harmonics);
-    if (s->opt.samples > 0)
-        cJSON_AddNumberToObject(o, "samples", s->opt.samples);
-    cJSON_AddStringToObject(o, "method", methods[s->opt.method]);
-    cJSON_AddNumberToObject(o, "cutoff", s->opt.cutoff);
-    cJSON_AddNumberToObject(o, "tolerance", s->opt.tolerance);
-    cJSON_AddNumberToObject(o, "max_iterations", s->opt.max_iterations);
-    cJSON_AddBoolToObject(o, "stability", s->stability);
-    cJSON_AddStringToObject(o, "solutions", solutions[s->all]);
-    cJSON_AddBoolToObject(o, "located", located);
-    cJSON_AddBoolToObject(o, "differences", s->opt.by_differences);
-    cJSON_AddNumberToObject(o, "subharmonic", s->subharmonic);
-    cJSON_AddNumberToObject(o, "target.error", s->opt.target_error);
-    if (s->sweep != NULL)
-        cJSON_AddStringToObject(o, "sweep", s->sweep);
-    if (s->follow != NULL)
-        cJSON_AddStringToObject(o, "continue", s->follow);
-    if (s->backbone != NULL)
-        cJSON_AddStringToObject(o, "backbone", s->backbone);
-    return o;
+    s->dofs = calloc((size_t)p->n + 1, sizeof *s->dofs);
+    if (s->dofs == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for dofs");
+    for (int i = 0; i < p->n; i++)
+        s->dofs[i] = i;
+    s->dofs_count = p->n;
+    return MODAL_OK;
 }
 
 enum modal_status steady_settings_read(const struct job_request *request, const struct program *p, struct steady_settings *out,
                                        cJSON **shown, struct modal_error *err)
 {
     const cJSON *in_scene = cJSON_GetObjectItemCaseSensitive(request->scene, "steady");
-    bool located = true;
     enum modal_status rc;
 
-    memset(out, 0, sizeof *out);
-    out->stability = true;
-    out->subharmonic = 1;
-    out->opt = (struct steady_options) { .tolerance = 1e-12, .target_error = 1e-6, .cancelled = request->cancelled, .context = request->context };
-    rc = read_from(in_scene, "steady", scene_keys, p, out, &located, err);
+    *out = (struct steady_settings) { .opt = { .cancelled = request->cancelled, .context = request->context } };
+    key_table_defaults(steady_option_rows, out);
+    rc = read_from(in_scene, "steady", NULL, p, out, err);
     if (rc == MODAL_OK)
-        rc = read_from(request->options, "", option_keys, p, out, &located, err);
+        rc = read_from(request->options, "", steady_curve_rows, p, out, err);
     if (rc == MODAL_OK)
-        rc = json_get_string(request->options, "", "sweep", &out->sweep, err);
-    if (rc == MODAL_OK)
-        rc = json_get_string(request->options, "", "continue", &out->follow, err);
-    if (rc == MODAL_OK)
-        rc = json_get_string(request->options, "", "backbone", &out->backbone, err);
-    if (rc == MODAL_OK && (out->sweep != NULL) + (out->follow != NULL) + (out->backbone != NULL) > 1)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, out->follow != NULL ? "continue" : "backbone", "sweep, continue and backbone exclude each other");
-    if (rc == MODAL_OK && out->dofs == NULL) {
-        out->dofs = calloc((size_t)p->n + 1, sizeof *out->dofs);
-        if (out->dofs == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for dofs");
-        for (int i = 0; rc == MODAL_OK && i < p->n; i++)
-            out->dofs[i] = i;
-        out->dofs_count = p->n;
-    }
+        rc = check_curve(out, err);
+    if (rc == MODAL_OK && out->dofs == NULL)
+        rc = report_all(p, out, err);
     if (rc != MODAL_OK) {
         steady_settings_done(out);
         return rc;
     }
-    out->opt.unlocated = !located;
+    out->opt.unlocated = !out->located;
     out->opt.dofs = out->dofs;
     out->opt.dofs_count = out->dofs_count;
-    *shown = show(out, located);
+    *shown = cJSON_CreateObject();
+    key_table_write(steady_option_rows, out, *shown);
+    key_table_write(steady_curve_rows, out, *shown);
     return MODAL_OK;
 }
 
@@ -252,7 +262,7 @@ enum modal_status steady_settings_keys(const cJSON *scene, struct modal_error *e
 {
     const cJSON *steady = cJSON_GetObjectItemCaseSensitive(scene, "steady");
 
-    return steady != NULL ? json_keys(steady, "steady", scene_keys, err) : MODAL_OK;
+    return steady != NULL ? key_table_check(steady_option_rows, NULL, steady, "steady", err) : MODAL_OK;
 }
 
 void steady_settings_done(struct steady_settings *s)

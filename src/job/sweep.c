@@ -35,6 +35,39 @@ struct sweep_verb {
     enum modal_status (*run)(struct sweep *, const struct job_request *, cJSON *point, struct modal_error *);
 };
 
+/* The points of a job: COUNT from FIRST on. */
+struct share { int first, count, threads; };
+
+#define AT(member) .at = offsetof(struct share, member)
+
+const struct key_row sweep_option_rows[] = {
+    { "first", KEY_WHOLE, AT(first), .low = 0, .high = SWEEP_POINTS_MOST - 1, .initial = "0", .form = "I",
+      .meaning = "the first point of a share", .example = "64" },
+    { "count", KEY_WHOLE, AT(count), .low = 1, .high = SWEEP_POINTS_MOST,
+      .meaning = "the points in it; default: all from the first on", .example = "64" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
+
+const struct key_row sweep_document_rows[] = {
+    { "verb", KEY_OWN, .initial = "floquet", .form = "\"NAME\"",
+      .meaning = "what is computed at each point: floquet, steady, or identify of the scene's motion", .example = "\"steady\"" },
+    { "scene", KEY_OWN, .form = "{...}", .meaning = "the scene", .example = "{}" },
+    { "grid", KEY_OWN, .form = "[AXIS,...]",
+      .meaning = "1 to 6 axes, the last running fastest",
+      .example = "[{\"path\":\"omega\",\"values\":[1,2]}]" },
+    { "options", KEY_OWN, .form = "{...}", .meaning = "the verb's own", .example = "{\"tolerance\":1e-9}" },
+    { 0 },
+};
+
+const struct key_row sweep_axis_rows[] = {
+    { "path", KEY_OWN, .form = "\"PATH\"",
+      .meaning = "of a number of the scene", .example = "\"effects[0].stiffness\"" },
+    { "values", KEY_OWN, .form = "[X,...]", .meaning = "that it takes, one after the other", .example = "[1,1.5,2]" },
+    { 0 },
+};
+
 static void add_stability(cJSON *point, const struct floquet *f)
 {
     cJSON_AddItemToObject(point, "stability", floquet_stability(f));
@@ -47,7 +80,8 @@ static enum modal_status run_floquet(struct sweep *s, const struct job_request *
     struct floquet_options o = { 0 };
     struct floquet f;
     struct program *p = NULL;
-    enum modal_status rc = json_get_number(s->options, "options", "tolerance", 1e-14, 1e-2, &o.tolerance, err);
+    enum modal_status rc = json_get_number(s->options, "options", "tolerance", FLOQUET_TOLERANCE_LEAST,
+                                           FLOQUET_TOLERANCE_MOST, &o.tolerance, err);
 
     (void)request;
     if (rc == MODAL_OK)
@@ -121,10 +155,9 @@ enum { VERBS = sizeof verbs / sizeof *verbs };
 
 static enum modal_status read_axis(struct sweep *s, const cJSON *json, const char *base, struct modal_error *err)
 {
-    static const char *const keys[] = { "path", "values", NULL };
     struct axis *axis = &s->axis[s->axes++];
     char field[128];
-    enum modal_status rc = json_keys(json, base, keys, err);
+    enum modal_status rc = key_table_check(sweep_axis_rows, NULL, json, base, err);
 
     if (rc == MODAL_OK)
         rc = json_need_string(json, base, "path", &axis->path, err);
@@ -161,11 +194,10 @@ static enum modal_status read_grid(struct sweep *s, const cJSON *document, struc
 
 static enum modal_status read_document(struct sweep *s, const cJSON *document, struct modal_error *err)
 {
-    static const char *const keys[] = { "verb", "scene", "grid", "options", NULL };
     const char *names[VERBS + 1] = { NULL };
     const cJSON *scene = cJSON_GetObjectItemCaseSensitive(document, "scene");
     int verb = 0;
-    enum modal_status rc = json_keys(document, "", keys, err);
+    enum modal_status rc = key_table_check(sweep_document_rows, NULL, document, "", err);
 
     for (int i = 0; i < VERBS; i++)
         names[i] = verbs[i].name;
@@ -321,44 +353,30 @@ static enum modal_status run_share(struct sweep *s, int first, int share, const 
     return rc;
 }
 
-static enum modal_status read_share(const struct job_request *request, int points, int *first, int *count, struct modal_error *err)
+/* The grid's own size bounds the share closer than the table can. */
+static enum modal_status read_share(const cJSON *options, int points, struct share *out, struct modal_error *err)
 {
-    static const char *const keys[] = { "first", "count", "threads", NULL };
-    int threads = 1;
-    enum modal_status rc = request->options != NULL ? json_keys(request->options, "", keys, err) : MODAL_OK;
+    enum modal_status rc = key_table_options(sweep_option_rows, options, out, err);
 
-    *first = 0;
     if (rc == MODAL_OK)
-        rc = json_get_int(request->options, "", "first", 0, points - 1, first, err);
-    *count = points - *first;
-    if (rc == MODAL_OK)
-        rc = json_get_int(request->options, "", "count", 1, points - *first, count, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(request->options, "", "threads", 1, 1024, &threads, err);
-    return rc;
-}
-
-static cJSON *print_options(int first, int count)
-{
-    cJSON *options = cJSON_CreateObject();
-
-    cJSON_AddNumberToObject(options, "first", first);
-    cJSON_AddNumberToObject(options, "count", count);
-    return options;
+        rc = json_get_int(options, "", "first", 0, points - 1, &out->first, err);
+    if (rc == MODAL_OK && out->count == 0)
+        out->count = points - out->first;
+    return rc == MODAL_OK ? json_get_int(options, "", "count", 1, points - out->first, &out->count, err) : rc;
 }
 
 enum modal_status sweep_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
 {
     struct sweep *s = NULL;
     struct cost cost;
-    int first = 0, count = 0;
-    cJSON *points;
+    struct share share = { 0 };
+    cJSON *points, *shown;
     enum modal_status rc;
 
     cost_start(&cost);
     rc = sweep_new(request->scene, &s, err);
     if (rc == MODAL_OK)
-        rc = read_share(request, s->points, &first, &count, err);
+        rc = read_share(request->options, s->points, &share, err);
     if (rc == MODAL_OK) {
         out->result = cJSON_CreateObject();
         cJSON_AddStringToObject(out->result, "kind", "sweep");
@@ -366,12 +384,14 @@ enum modal_status sweep_run(const struct job_request *request, struct job_result
         cJSON_AddNumberToObject(out->result, "total", s->points);
         cJSON_AddItemToObject(out->result, "grid", cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(request->scene, "grid"), true));
         points = cJSON_AddArrayToObject(out->result, "points");
-        rc = run_share(s, first, count, request, points, err);
+        rc = run_share(s, share.first, share.count, request, points, err);
         cost_stage(&cost, "points");
     }
     if (rc == MODAL_OK) {
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(first, count)));
+        shown = cJSON_CreateObject();
+        key_table_write(sweep_option_rows, &share, shown);
+        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, shown));
     }
     sweep_free(s);
     return rc;

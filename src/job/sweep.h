@@ -6,11 +6,15 @@
  */
 #ifndef JOB_SWEEP_H
 #define JOB_SWEEP_H
+#include "base/key_table.h"
 #include "job/job.h"
 
 enum { SWEEP_AXES_MOST = 6, SWEEP_POINTS_MOST = 1000000 };
 
 struct sweep;
+
+/* What the job's options, the document and an axis of its grid may hold. */
+extern const struct key_row sweep_option_rows[], sweep_document_rows[], sweep_axis_rows[];
 
 /* DOCUMENT is borrowed.  Fails with MODAL_BAD_INPUT (field such as `grid[0].path`), MODAL_TOO_LARGE. */
 enum modal_status sweep_new(const cJSON *document, struct sweep **out, struct modal_error *err);

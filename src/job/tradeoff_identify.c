@@ -35,22 +35,33 @@ static void work_done(struct tradeoff_work *w)
         cJSON_Delete(w->settings[i]);
 }
 
+#define AT(member) .at = offsetof(struct tradeoff_work, member)
+
+/* Beside identify's. */
+const struct key_row tradeoff_identify_rows[] = {
+    { "of", KEY_OWN, .form = "identify", .meaning = "what is traded off", .example = "identify" },
+    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST,
+      .meaning = "of each rung, whose time is their median; default: 3 where the reference is quick", .example = "5" },
+    { "target.error", KEY_OWN, .form = "X", .meaning = "of no effect: every rung that suits the data is climbed",
+      .example = "1e-3" },
+    { "target.seconds", KEY_NUMBER, AT(target_seconds), .low = 1e-300, .high = 1e300, .unit = "s", .form = "S",
+      .meaning = "climb no longer than this", .example = "10" },
+    { "truth", KEY_OWN, .unit = "1/s", .form = "[[RE,IM],...]",
+      .meaning = "the exponents that errors are against; default: the best rung's", .example = "[[-0.1,6.2]]" },
+    { 0 },
+};
+
 /* The options that are the tradeoff's own, taken out of what identify gets. */
 static enum modal_status read_options(struct tradeoff_work *w, struct modal_error *err)
 {
-    static const char *const own[] = { "of", "repetitions", "truth", "target.seconds", "target.error" };
     const cJSON *o = w->request->options;
-    enum modal_status rc;
 
     w->asked = o != NULL ? cJSON_Duplicate(o, true) : cJSON_CreateObject();
     if (w->asked == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory for the options");
-    for (size_t i = 0; i < sizeof own / sizeof *own; i++)
-        cJSON_DeleteItemFromObjectCaseSensitive(w->asked, own[i]);
-    rc = json_get_int(o, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &w->repetitions, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(o, "", "target.seconds", 1e-300, 1e300, &w->target_seconds, err);
-    return rc;
+    for (const struct key_row *own = tradeoff_identify_rows; own->name != NULL; own++)
+        cJSON_DeleteItemFromObjectCaseSensitive(w->asked, own->name);
+    return key_table_read(tradeoff_identify_rows, o, "", w, err);
 }
 
 static bool is_pair(const cJSON *item)
@@ -83,7 +94,7 @@ static enum modal_status truth_from_option(struct tradeoff_work *w, const cJSON 
     return MODAL_OK;
 }
 
-/* {"modes":[{"lambda_re","lambda_im"},…]}, as text or object; anything else is not a truth, and no error. */
+/* {"modes":[{"lambda_re","lambda_im"},...]}, as text or object; anything else is not a truth, and no error. */
 static void truth_from_attribute(struct tradeoff_work *w)
 {
     const cJSON *truth = cJSON_GetObjectItemCaseSensitive(w->request->attributes, "truth"), *modes, *item;

@@ -140,23 +140,22 @@ static bool cancelled(void *context)
     return w->request->cancelled != NULL && w->request->cancelled(w->request->context);
 }
 
-static enum modal_status read_options(const cJSON *json, struct ladder *ladder, struct modal_error *err)
-{
-    static const char *const keys[] = { "of", "repetitions", "target.error", "target.seconds", "threads", NULL };
-    int threads = 1;
-    enum modal_status rc = json != NULL ? json_keys(json, "", keys, err) : MODAL_OK;
+struct wishes { double target_error, target_seconds; int repetitions, threads; };
 
-    ladder->repetitions = 1;
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &ladder->repetitions, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "", "target.error", 0, 1e300, &ladder->target_error, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "", "target.seconds", 0, 1e300, &ladder->target_seconds, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, "", "threads", 1, 1024, &threads, err);
-    return rc;
-}
+#define AT(member) .at = offsetof(struct wishes, member)
+
+const struct key_row tradeoff_simulate_rows[] = {
+    { "of", KEY_OWN, .form = "simulate", .meaning = "what is traded off", .example = "simulate" },
+    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST, .initial = "1",
+      .meaning = "of each rung, whose time is their median", .example = "5" },
+    { "target.error", KEY_NUMBER, AT(target_error), .low = 0, .high = 1e300, .initial = "0",
+      .meaning = "stop at the first rung below it; 0: never", .example = "1e-6" },
+    { "target.seconds", KEY_NUMBER, AT(target_seconds), .low = 0, .high = 1e300, .initial = "0", .unit = "s", .form = "S",
+      .meaning = "climb no longer than this; 0: to the end", .example = "10" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
 
 static enum modal_status run_reference(struct work *w, cJSON **settings, struct modal_error *err)
 {
@@ -175,8 +174,12 @@ enum modal_status tradeoff_simulate(const struct job_request *request, struct jo
     struct cost cost;
     cJSON *reference = NULL, *plan;
     const cJSON *class;
-    enum modal_status rc = read_options(request->options, &ladder, err);
+    struct wishes wishes = { 0 };
+    enum modal_status rc = key_table_options(tradeoff_simulate_rows, request->options, &wishes, err);
 
+    ladder.repetitions = wishes.repetitions;
+    ladder.target_error = wishes.target_error;
+    ladder.target_seconds = wishes.target_seconds;
     cost_start(&cost);
     if (rc == MODAL_OK)
         rc = run_reference(&w, &reference, err);

@@ -10,8 +10,8 @@
 #include <string.h>
 #include "job/cost.h"
 #include "job/plan.h"
-#include "job/steady.h"
 #include "job/steady_print.h"
+#include "job/steady_settings.h"
 #include "job/tradeoff.h"
 #include "modal/scene/scene.h"
 
@@ -242,20 +242,20 @@ static enum modal_status run(struct tradeoff *t, double target, double seconds, 
 
 struct wishes { double target, seconds; int repetitions; };
 
-static enum modal_status read_wishes(const cJSON *options, struct wishes *out, struct modal_error *err)
-{
-    static const char *const keys[] = { "of", "target.error", "target.seconds", "repetitions", "threads", "stability", NULL };
-    enum modal_status rc = options != NULL ? json_keys(options, "", keys, err) : MODAL_OK;
+#define AT(member) .at = offsetof(struct wishes, member)
 
-    *out = (struct wishes) { .repetitions = 3 };
-    if (rc == MODAL_OK)
-        rc = json_get_number(options, "", "target.error", 0, 1, &out->target, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(options, "", "target.seconds", 0, 1e6, &out->seconds, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(options, "", "repetitions", 1, LADDER_REPETITIONS_MOST, &out->repetitions, err);
-    return rc;
-}
+const struct key_row tradeoff_steady_rows[] = {
+    { "of", KEY_OWN, .form = "steady", .meaning = "what is traded off", .example = "steady" },
+    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST, .initial = "3",
+      .meaning = "of each rung, whose time is their median", .example = "5" },
+    { "target.error", KEY_NUMBER, AT(target), .low = 0, .high = 1, .initial = "0",
+      .meaning = "stop at the first rung below it; 0: never", .example = "1e-6" },
+    { "target.seconds", KEY_NUMBER, AT(seconds), .low = 0, .high = 1e6, .initial = "0", .unit = "s", .form = "S",
+      .meaning = "climb no longer than this; 0: to the end", .example = "10" },
+    { "stability", KEY_OWN, .form = "true|false", .meaning = "taken for steady's sake: no rung looks at it", .example = "false" },
+    { "threads", KEY_OWN, KEY_SILENT, .form = "N", .initial = "1", .meaning = "that the job is counted for", .example = "2" },
+    { 0 },
+};
 
 static enum modal_status read_scene(const struct job_request *request, struct program **p, struct steady_settings *settings, cJSON **shown,
                                     struct modal_error *err)
@@ -276,10 +276,10 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
     struct steady_settings settings = { 0 };
     struct tradeoff t = { .request = request };
     struct program *p = NULL;
-    struct wishes wishes;
+    struct wishes wishes = { 0 };
     struct cost cost;
     cJSON *shown = NULL, *doc = NULL;
-    enum modal_status rc = read_wishes(request->options, &wishes, err);
+    enum modal_status rc = key_table_options(tradeoff_steady_rows, request->options, &wishes, err);
 
     cost_start(&cost);
     if (rc == MODAL_OK)

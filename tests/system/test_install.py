@@ -141,6 +141,15 @@ def test_the_man_page_names_every_verb_and_option():
             assert f"--{option}" in page, option
 
 
+@pytest.mark.parametrize("kind", ["identify", "steady", "simulate", "floquet", "tradeoff", "sweep", "ablate", "stream"])
+def test_the_man_page_has_the_options_of_each_kind_of_job_and_no_others(kind):
+    told = subprocess.run([str(BUILD / "bin" / "modalctl"), kind, "--help"], capture_output=True, text=True, check=True).stdout
+    told = re.findall(r"^  (\S+=\S+|\(those of \w+\)) ", told.split("\n-o KEY=VALUE", 1)[1], re.M)
+    page = plain(TOP / "clients/ctl/modalctl.1").split(".SH OPTIONS OF JOBS")[1].split("\n.SH ")[0]
+    page = page.split(f".SS {kind}\n")[1].split(".SS ")[0].replace(r"\(dq", '"')
+    assert told and re.findall(r"^\.B (.+)$", page, re.M) == told
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_man_pages_are_well_formed(page):
     text = (TOP / page).read_text()

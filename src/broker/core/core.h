@@ -207,8 +207,4 @@ void core_count(const struct core *core, struct core_counts *out);
 
 void transaction_free(struct transaction *transaction);
 void task_free(struct task *task);
-
-/* Identifiers on the wire: 8 letters and digits from a number below 2^40, mixed by SECRET so that they tell nothing. */
-void ident_text(char out[9], uint64_t secret, int64_t number);
-int64_t ident_number(uint64_t secret, const char *text);   /* -1: not one */
 #endif

@@ -314,22 +314,40 @@ void input_remove(struct core *c, struct input *input)
     core_commit(c, t);
 }
 
-/* Sealed inputs that no job names go after their time; open ones that nobody touches too. */
+/* ---- while it is open ------------------------------------------------------------------------------------------- */
+
+struct filling *filling_new(int64_t touched_ns)
+{
+    struct filling *f = grab(sizeof *f);
+
+    f->slot = -1;
+    f->touched_ns = touched_ns;
+    return f;
+}
+
+void filling_free(struct filling *f)
+{
+    if (f == NULL)
+        return;
+    for (int i = 0; i < f->count; i++) {
+        blob_drop(f->chunks[i]);
+        after_free(f->writers[i]);
+    }
+    after_free(f->askers);
+    after_free(f->seal);
+    after_free(f->aborters);
+    free(f->key);
+    free(f);
+}
+
 void inputs_retain(struct core *c)
 {
-    size_t at = 0;
+    int64_t before_ns = c->now.utc_ns - c->settings.input_age_ns;
     struct input *input;
+    size_t at = 0;
 
-    while ((input = map_next(&c->inputs, &at)) != NULL) {
-        bool stale = input->state == INPUT_SEALED
-            ? input->jobs == 0 && input->used_ns + c->settings.input_age_ns < c->now.utc_ns
-            : input->filling != NULL && input->filling->slot < 0 && !input->filling->busy && input->filling->in_flight == 0
-              && input->filling->touched_ns + c->settings.upload_idle_ns < c->now.utc_ns;
-        if (!stale || !input->committed || input->going)
-            continue;
-        if (input->state == INPUT_SEALED)
+    while ((input = map_next(&c->inputs, &at)) != NULL)
+        if (input->state == INPUT_SEALED && input->jobs == 0 && input->used_ns < before_ns
+            && input->committed)
             input_remove(c, input);
-        else
-            upload_quiet(c, input), input->filling->aborting = true, upload_quiet(c, input);
-    }
 }

@@ -11,16 +11,6 @@
 
 enum { RETAINED_A_STEP = 1000, RETAIN_PAUSE_NS = 20 * 1000 * 1000 };    /* so 50,000 a second: more than can be submitted */
 
-static bool has_id(const void *value, const void *key)
-{
-    return ((const struct job *)value)->id == *(const int64_t *)key;
-}
-
-struct job *job_by_id(const struct core *c, int64_t id)
-{
-    return map_find(&c->jobs, map_hash_number((uint64_t)id), has_id, &id);
-}
-
 static bool has_key(const void *value, const void *key)
 {
     return strcmp(((const struct job *)value)->key, key) == 0;
@@ -429,4 +419,13 @@ void jobs_retain(struct core *c)
     if (c->ended_first < c->ended_count && !c->retaining)
         core_timer(c, c->now.mono_ns + RETAIN_PAUSE_NS, TIMER_RETAIN, 0, 0);
     c->retaining = c->ended_first < c->ended_count;
+}
+
+/* A committed job that is queued: ready, or at its time; its deadline is watched. */
+void job_watch(struct core *c, struct job *job)
+{
+    if (job->deadline_ns > 0 && !job_state_final(job->state))
+        core_timer(c, c->now.mono_ns + (job->deadline_ns > c->now.utc_ns ? job->deadline_ns - c->now.utc_ns : 0), TIMER_DEADLINE, job->id, 0);
+    if (job->state == JOB_QUEUED)
+        job_enqueue(c, job);
 }

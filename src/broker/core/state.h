@@ -5,9 +5,13 @@
 #include "broker/core/core.h"
 #include "broker/kit/heap.h"
 #include "broker/kit/histogram.h"
+#include "broker/kit/ident.h"
 #include "broker/kit/map.h"
+#include "broker/kit/memory.h"
 
 #define SECOND INT64_C(1000000000)
+
+enum { HOUSEKEEPING_S = 10 };   /* between two looks at what is past its age: ages are minutes and more */
 
 /* Who is to be answered, and what with. */
 struct reply {
@@ -26,6 +30,7 @@ enum after_type {
     AFTER_BEGIN, AFTER_CHUNK, AFTER_SEAL, AFTER_GONE,   /* input; value: a chunk's offset and length */
     AFTER_DRAIN,
     AFTER_READ,          /* of a task: reply with bytes */
+    AFTER_OUTPUT,        /* input, its worker's slot (value): sealed, or failed with err */
     AFTER_EVENT,         /* the event becomes visible to subscribers */
     AFTER_STREAM,        /* stream operations; value: which */
 };
@@ -42,6 +47,7 @@ struct after {
     int64_t value, length;
     int64_t ns;                           /* of an event: UTC, as its row has it */
     char *text;
+    struct modal_error *err;              /* NULL: none */
 };
 
 struct input {
@@ -97,6 +103,19 @@ struct push {
 /* Samples without a gap between them. */
 struct segment { uint64_t epoch, first, count; };
 
+/* The live window of a stream, and where it is; see windows.c. */
+struct window {
+    uint64_t samples, hop;                /* 0: the stream has none */
+    uint64_t next;                        /* the index at which one is due */
+    char *options;
+    char *recent;                         /* the last `samples` of the stream, by index % samples */
+    struct alarms *alarms;                /* NULL: none */
+    bool running;                         /* a worker has it, or had it before it is told dead */
+    uint64_t epoch, from, to;             /* of the one that runs, or ran last */
+    int slot; uint64_t process;           /* the worker that has its samples up to `to`; -1: none */
+    int died;                             /* workers under the present one */
+};
+
 /* Samples of unknown number; see streams.c. */
 struct stream {
     struct stream *next_stream;
@@ -122,18 +141,25 @@ struct stream {
     struct after *askers;                 /* who closed it */
     struct input *sealed;                 /* until it is closed */
     uint8_t sha256[32];                   /* of its batch, once it is closed; where it has one */
-    bool closing, closed, broken, has_batch, live;   /* live: a worker has a window of it */
+    bool closing, closed, broken, has_batch;
     atomic_bool fence;                    /* samples were refused for want of disk, and others are under way behind them */
     bool resumes;                         /* the refused ones are to come again before any other */
     bool slowed;                          /* and were refused for a limit, not for want of disk */
     int64_t closed_ns, commits_awaited;
-    uint64_t window, hop, next_window;    /* samples; next_window: the index at which one is due */
-    char *options;
-    char *recent;                         /* the last `window` samples, by index % window */
-    int at_slot; uint64_t at_process, at_next;      /* the worker that has the samples before at_next of the present window; -1: none */
-    int died;                                       /* workers under the present window */
-    struct alarms *alarms;                          /* NULL: none */
+    struct window window;
 };
+
+/* Bytes of one sample of all its channels. */
+static inline uint64_t sample_bytes(const struct stream *s)
+{
+    return 8 * s->channels;
+}
+
+/* Whether all that came is committed. */
+static inline bool is_durable(const struct stream *s)
+{
+    return s->durable_epoch == s->epoch && s->durable == s->next;
+}
 
 struct failure { enum modal_status status; char *message, *field, *detail; };
 
@@ -214,7 +240,7 @@ struct slot {
     bool finishing;                       /* DONE has come; the output is being sealed */
     bool ready;                           /* READY has come meanwhile */
     double cpu_s, expected_s;             /* expected_s: what its user's share was charged at the start */
-    struct stream *live; uint64_t live_from, live_to, live_epoch;   /* a window instead of a job */
+    struct stream *live;                  /* whose window it has instead of a job */
     uint64_t process;                     /* counts the slot's processes */
 };
 
@@ -263,6 +289,7 @@ struct core {
     uint64_t next_wait, next_subscription;
     struct subscription *subscriptions;
     struct answers *answers;
+    struct after *outputs;                /* AFTER_OUTPUT, to be followed in this step */
     struct stream *streams;
     int open_streams;
     int live_attempts;
@@ -293,21 +320,6 @@ struct core {
     struct actions out;
 };
 
-/* memory.c: these end the process when memory runs out */
-void *grab(size_t size);                                   /* zeroed */
-void *regrab(void *old, size_t size);
-char *grab_text(const char *text);                         /* NULL stays NULL */
-char *grab_format(const char *format, ...) __attribute__((format(printf, 1, 2)));
-char *grab_canonical(const cJSON *value);                  /* canonical_text of base/canonical.h */
-struct region;                                             /* of jobs and inputs, their keys and options */
-void *region_grab(struct region **open, size_t size);      /* zeroed */
-char *region_text(struct region **open, const char *text); /* NULL stays NULL */
-void region_drop(void *out);                               /* accepts NULL */
-void region_close(struct region **open);
-struct arena;
-const char *arena_text(struct arena **arena, const char *text);   /* NULL stays NULL */
-void arena_free(struct arena *arena);
-
 /* transaction.c */
 struct transaction *transaction_new(void);
 struct ledger_change *transaction_add(struct transaction *t, enum ledger_verb verb);
@@ -318,6 +330,8 @@ void transaction_keep(struct transaction *t, struct blob *blob);
 struct after *transaction_after(struct transaction *t, enum after_type type);
 void transaction_join(struct transaction *t, struct after *after);
 void core_commit(struct core *c, struct transaction *t);
+struct task *task_new(enum task_type type, int64_t id);
+void core_task(struct core *c, struct task *task);
 struct after *after_new(enum after_type type, const struct reply *reply);
 void after_free(struct after *after);
 void after_append(struct after **list, struct after *after);
@@ -343,8 +357,19 @@ void input_ident(const struct core *c, const struct input *input, char out[9]);
 
 bool answer_expired(struct core *c, const struct reply *reply, const struct tombstone *stone);   /* false: STONE is NULL */
 
-/* jobs.c: the moves */
+/* room.c */
+void room_want(struct core *c, uint64_t bytes);
+void room_ask(struct core *c);
+void room_told(struct core *c, const struct task *task);
+void room_judge(struct core *c, const struct task *task);
+uint64_t task_bytes(const struct task *task);
+bool room_is_full(const struct core *c);
+
+/* index.c */
 struct job *job_by_id(const struct core *c, int64_t id);
+
+/* jobs.c: the moves */
+void job_watch(struct core *c, struct job *job);
 struct job *job_find(const struct core *c, struct user *user, const struct wire_job *ref);   /* committed, of this user; NULL */
 struct job *job_new(struct core *c, struct user *user, int64_t id);
 void job_forget(struct core *c, struct job *job);
@@ -395,6 +420,8 @@ void input_describe(const struct input *input, cJSON *object);
 void input_use(struct core *c, struct input *input, int jobs);      /* +1, -1 */
 void input_remove(struct core *c, struct input *input);
 void input_forget(struct core *c, struct input *input);
+struct filling *filling_new(int64_t touched_ns);
+void filling_free(struct filling *f);
 void input_cache(struct core *c, struct input *input, struct blob *data);
 void input_trim(struct core *c, struct input *input);
 struct input *input_by_id(const struct core *c, int64_t id);
@@ -411,27 +438,49 @@ void upload_owes(struct user *user, uint64_t bytes);
 void upload_task_done(struct core *c, struct task *task);
 /* its row is gone: who waits for that is told */
 void upload_gone(struct core *c, struct input *input);
-void upload_after(struct core *c, struct after *after, enum modal_status status);
+void upload_after(struct core *c, struct after *after);
 void upload_quiet(struct core *c, struct input *input);
 struct input *output_begin(struct core *c, struct user *user, const struct wire_input *w, int slot);
 void output_chunk(struct core *c, struct input *input, struct blob *chunk);
 void output_seal(struct core *c, struct input *input);
-struct filling *filling_new(int64_t touched_ns);
-void filling_free(struct filling *f);
+void uploads_retain(struct core *c);
 
 /* submit.c */
 void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 void submits_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user);
 
+/* slots.c */
+void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body);
+void worker_go(struct core *c, int slot);
+void worker_kill(struct core *c, int slot);
+void worker_error(const cJSON *error, struct modal_error *out);
+
+/* waits.c */
+void read_for(struct core *c, const struct reply *reply, struct job *job, enum task_type type, int64_t id, uint64_t offset,
+              uint64_t length, const char *part);
+void answer_wait(struct core *c, struct wait *w);
+void wait_begin(struct core *c, const struct wait *now, double timeout_s);
+void wait_answer(struct core *c, struct job *job);
+void wait_timeout(struct core *c, uint64_t number);
+void waits_gone(struct core *c, uint64_t peer);       /* end those of a connection that has ended */
+void waits_revoke(struct core *c);         /* answer those of keys that are admitted no more */
+void read_task_done(struct core *c, struct task *task);
+
+/* segments.c */
+enum sameness samples_compare(const struct stream *s, uint64_t first, uint64_t count, const char *data);
+void samples_note(struct stream *s, uint64_t first, uint64_t count, const char *data);
+void gaps_add(struct stream *s, uint64_t from, uint64_t to);
+void gaps_drop(struct stream *s);
+void segments_add(struct stream *s, uint64_t epoch, uint64_t first, uint64_t count);
+void segments_cut(struct stream *s);
+
 /* workers.c */
 void worker_message(struct core *c, const struct event *e);
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text);
-void worker_kill(struct core *c, int slot);
 void worker_timer(struct core *c, enum timer what, int64_t slot);
 void workers_fill(struct core *c);                                  /* spawn what is missing */
 void workers_schedule(struct core *c);
-void worker_output(struct core *c, struct input *input, const struct modal_error *err);      /* sealed, or failed */
-void worker_go(struct core *c, int slot);
+void worker_output(struct core *c, const struct after *after);
 void job_input_read(struct core *c, struct task *task);
 void job_result_put(struct core *c, struct task *task);
 void documents_drop(struct core *c);                                /* of results, from memory */
@@ -450,10 +499,6 @@ void stream_request(struct core *c, const struct event *e, const struct wire_req
 void stream_sealed(struct core *c, struct task *task);
 void stream_refused(struct core *c, struct after *after, struct transaction *t);
 void stream_after(struct core *c, struct after *after, struct transaction *t);
-bool stream_due(struct stream *s);         /* is a window due? */
-struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first);
-void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document, const cJSON *error);
-void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to);
 void stream_load_note(struct core *c, const struct note_record *r);
 void stream_compared(struct core *c, struct task *task);
 void stream_load_segment(struct core *c, const struct segment_record *r);
@@ -462,13 +507,19 @@ bool stream_is_open(const struct core *c, int64_t id);
 void stream_free(struct stream *s);
 void streams_retain(struct core *c);
 
+/* windows.c */
+enum modal_status window_check(const cJSON *text, const struct wire_input *w, struct modal_error *err);
+void window_init(struct stream *s, const cJSON *text, const struct wire_input *w);
+void window_done(struct window *w);
+void window_keep(struct stream *s, uint64_t first, uint64_t count, const char *data);
+void window_reset(struct stream *s);
+void window_start(struct core *c, int slot);
+void window_end(struct core *c, int slot, const struct wire_message *m);
+void window_died(struct core *c, int slot);
+bool window_late(const struct core *c, const struct slot *s);
+
 /* requests.c */
 void request_handle(struct core *c, const struct event *e);
-void wait_answer(struct core *c, struct job *job);
-void wait_timeout(struct core *c, uint64_t number);
-void waits_gone(struct core *c, uint64_t peer);       /* end those of a connection that has ended */
-void waits_revoke(struct core *c);         /* answer those of keys that are admitted no more */
-void read_task_done(struct core *c, struct task *task);
 
 /* metrics.c */
 void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object);

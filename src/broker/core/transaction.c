@@ -64,6 +64,7 @@ void after_free(struct after *after)
     while (after != NULL) {
         struct after *next = after->next;
         free(after->text);
+        free(after->err);
         free(after);
         after = next;
     }
@@ -95,6 +96,21 @@ void core_commit(struct core *c, struct transaction *t)
 {
     c->uncommitted++;
     core_act(c, (struct action) { .type = ACT_COMMIT, .transaction = t });
+}
+
+struct task *task_new(enum task_type type, int64_t id)
+{
+    struct task *task = grab(sizeof *task);
+
+    task->type = type;
+    task->id = id;
+    return task;
+}
+
+void core_task(struct core *c, struct task *task)
+{
+    c->tasks++;
+    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
 
 void transaction_free(struct transaction *t)

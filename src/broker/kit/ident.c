@@ -4,7 +4,7 @@
  * Four rounds of a Feistel network on two halves of 20 bits, the round function a keyed mix; a bijection, so that no two
  * numbers share a text.  It hides how many jobs others have; it is no secret that guards anything.
  */
-#include "broker/core/core.h"
+#include "broker/kit/ident.h"
 #include "broker/kit/map.h"
 #include <string.h>
 

@@ -1,5 +1,5 @@
 /* memory.c - allocation that ends the process when there is no more: a restart loses nothing, a guess might */
-#include "broker/core/state.h"
+#include "broker/kit/memory.h"
 #include "base/canonical.h"
 #include <stdarg.h>
 #include <stdio.h>

@@ -63,17 +63,15 @@ static bool wants(const struct subscription *s, const struct event_row *row)
 
 static void read_page(struct core *c, struct subscription *s)
 {
-    struct task *task = grab(sizeof *task);
+    struct task *task = task_new(TASK_READ_EVENTS, 0);
 
-    task->type = TASK_READ_EVENTS;
     task->offset = (uint64_t)(s->next_event - 1);
     task->length = PAGE;
     task->after = after_new(AFTER_EVENT, NULL);
     task->after->value = (int64_t)s->number;
     snprintf(task->user, sizeof task->user, "%s", s->user->name);
     s->reading = true;
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    core_task(c, task);
 }
 
 /* The oldest event that is in memory, by number. */

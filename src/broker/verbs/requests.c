@@ -152,182 +152,21 @@ static void on_delete(struct core *c, const struct event *e, const struct wire_r
 
 /* ---- waiting ---------------------------------------------------------------------------------------------------- */
 
-static bool has_number(const void *value, const void *key)
-{
-    return ((const struct wait *)value)->number == *(const uint64_t *)key;
-}
-
-static void read_for(struct core *c, const struct reply *reply, struct job *job, enum task_type type, int64_t id, uint64_t offset,
-                     uint64_t length, const char *part)
-{
-    struct task *task = grab(sizeof *task);
-
-    task->type = type;
-    task->id = id;
-    task->offset = offset;
-    task->length = length;
-    task->after = after_new(AFTER_READ, reply);
-    task->after->value = job->id;
-    task->after->text = grab_text(part);
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
-}
-
-/* The doc of an ended job, with its document where that was asked for and is small enough. */
-static void answer_wait(struct core *c, struct wait *w)
-{
-    struct job *job = w->job;
-    struct job *root = job->source != 0 ? job_by_id(c, job->source) : job;
-
-    if (!w->result || job->shown != JOB_DONE || job->result_bytes > WIRE_BODY_MOST || root == NULL)
-        answer_doc(c, &w->reply, job, -1, NULL);
-    else if (root->document != NULL)
-        answer_doc(c, &w->reply, job, -1, blob_share(root->document));
-    else
-        read_for(c, &w->reply, job, TASK_READ_RESULT, root->id, 0, WIRE_BODY_MOST, "wait");
-}
-
-static bool is_asker(const void *value, const void *key)
-{
-    return ((const struct asker *)value)->peer == *(const uint64_t *)key;
-}
-
-static struct asker *asker_of(const struct core *c, uint64_t peer)
-{
-    return map_find(&c->askers, map_hash_number(peer), is_asker, &peer);
-}
-
-static void put_asker(struct core *c, struct wait *w)
-{
-    struct asker *asker = asker_of(c, w->reply.peer);
-
-    if (asker == NULL) {
-        asker = grab(sizeof *asker);
-        asker->peer = w->reply.peer;
-        asker->waits = NULL;
-        if (!map_put(&c->askers, map_hash_number(asker->peer), asker))
-            abort();
-    }
-    w->beside = asker->waits;
-    w->beside_link = &asker->waits;
-    if (w->beside != NULL)
-        w->beside->beside_link = &w->beside;
-    asker->waits = w;
-}
-
-static void leave_asker(struct core *c, struct wait *w)
-{
-    struct asker *asker = asker_of(c, w->reply.peer);
-
-    *w->beside_link = w->beside;
-    if (w->beside != NULL)
-        w->beside->beside_link = w->beside_link;
-    if (asker->waits == NULL) {
-        map_remove(&c->askers, map_hash_number(asker->peer), asker);
-        free(asker);
-    }
-}
-
-/* Not the timer of a wait that has ended; number 0 is none's. */
-static bool is_awaited(const void *context, const struct heap_item *item)
-{
-    const struct core *c = context;
-    uint64_t number = (uint64_t)item->order;
-
-    return item->what != TIMER_WAIT || number == 0
-        || map_find(&c->waits, map_hash_number(number), has_number, &number) != NULL;
-}
-
-/* Its timer stays until it is due, or such are half of all. */
-static void drop_wait(struct core *c, struct wait *w)
-{
-    *w->link = w->next;
-    if (w->next != NULL)
-        w->next->link = w->link;
-    leave_asker(c, w);
-    map_remove(&c->waits, map_hash_number(w->number), w);
-    w->user->waits--;
-    free(w);
-    if (++c->waits_past > WIRE_WAITS_MOST && c->waits_past > c->timers.count / 2) {
-        heap_sift(&c->timers, is_awaited, c);
-        c->waits_past = 0;
-    }
-}
-
-void waits_gone(struct core *c, uint64_t peer)
-{
-    struct asker *asker;
-
-    while ((asker = asker_of(c, peer)) != NULL)
-        drop_wait(c, asker->waits);
-}
-
-void wait_answer(struct core *c, struct job *job)
-{
-    while (job->waits != NULL) {
-        answer_wait(c, job->waits);
-        drop_wait(c, job->waits);
-    }
-}
-
-void waits_revoke(struct core *c)
-{
-    struct modal_error err;
-    struct wait *w;
-    size_t at = 0;
-
-    modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
-    while ((w = map_next(&c->waits, &at)) != NULL)
-        if (!user_admits(c, w->user, w->key)) {
-            answer_error(c, &w->reply, &err, NULL);
-            drop_wait(c, w);
-        }
-}
-
-void wait_timeout(struct core *c, uint64_t number)
-{
-    struct wait *w = map_find(&c->waits, map_hash_number(number), has_number, &number);
-
-    if (w == NULL) {
-        c->waits_past -= c->waits_past > 0;
-        return;
-    }
-    answer_doc(c, &w->reply, w->job, -1, NULL);
-    drop_wait(c, w);
-    c->waits_past -= c->waits_past > 0;            /* this timer has run */
-}
-
 static void on_wait(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
-    struct wait now = { .job = job, .reply = reply, .result = r->wait.result }, *w;
+    struct wait wait = { .job = job, .reply = reply, .result = r->wait.result, .user = user };
 
     if (job == NULL)
         return;
-    if (job_state_final(job->shown) || r->wait.timeout_s <= 0) {
-        answer_wait(c, &now);
-        return;
-    }
-    if (user->waits >= WIRE_WAITS_MOST) {
+    snprintf(wait.key, sizeof wait.key, "%s", e->key);
+    if (job_state_final(job->shown) || r->wait.timeout_s <= 0)
+        answer_wait(c, &wait);
+    else if (user->waits >= WIRE_WAITS_MOST)
         answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "%d waits are open, at most %d", user->waits, WIRE_WAITS_MOST);
-        return;
-    }
-    w = grab(sizeof *w);
-    *w = now;
-    w->number = c->next_wait++;
-    w->user = user;
-    snprintf(w->key, sizeof w->key, "%s", e->key);
-    w->next = job->waits;
-    w->link = &job->waits;
-    if (w->next != NULL)
-        w->next->link = &w->next;
-    job->waits = w;
-    user->waits++;
-    put_asker(c, w);
-    if (!map_put(&c->waits, map_hash_number(w->number), w))
-        abort();
-    core_timer(c, c->now.mono_ns + (int64_t)(r->wait.timeout_s * 1e9), TIMER_WAIT, (int64_t)w->number, 0);
+    else
+        wait_begin(c, &wait, r->wait.timeout_s);
 }
 
 /* ---- reading ---------------------------------------------------------------------------------------------------- */
@@ -382,57 +221,6 @@ static void on_result(struct core *c, const struct event *e, const struct wire_r
         task->total = input->bytes;
         task->crc = input->crc;
     }
-}
-
-/* The checksums of an input's parts, which it came without: the next who asks need not read all
- * of it. */
-static void keep_sums(struct core *c, const struct task *task)
-{
-    const struct input *input = input_by_id(c, task->id);
-    struct transaction *t;
-
-    if (task->sums.count == 0 || input == NULL || input->going)
-        return;
-    t = transaction_new();
-    t->refusable = FIRST_REFUSED;
-    transaction_add_sums(t, task->id, &task->sums);
-    core_commit(c, t);
-}
-
-/* Bytes that were read for somebody: RESULT's, or a wait's document. */
-void read_task_done(struct core *c, struct task *task)
-{
-    struct after *after = task->after;
-    struct job *job = job_by_id(c, after->value);
-    cJSON *header;
-    char ident[9];
-
-    if (task->type == TASK_READ_SPOOL)
-        keep_sums(c, task);
-    if (job == NULL) {
-        answer_fail(c, &after->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
-        return;
-    }
-    if (task->status != MODAL_OK) {
-        answer_error(c, &after->reply, &task->err, NULL);
-        return;
-    }
-    if (strcmp(after->text, "wait") == 0) {
-        answer_doc(c, &after->reply, job, -1, blob_share(task->text));
-        return;
-    }
-    header = answer_new(&after->reply);
-    job_ident(c, job, ident);
-    cJSON_AddStringToObject(header, "job", ident);
-    cJSON_AddStringToObject(header, "part", after->text);
-    cJSON_AddNumberToObject(header, "offset", (double)task->offset);
-    cJSON_AddNumberToObject(header, "bytes", (double)task->text->size);
-    cJSON_AddNumberToObject(header, "total", (double)task->total);
-    if (strcmp(after->text, "batch") == 0 && job->output != NULL)
-        input_describe(job->output, cJSON_AddObjectToObject(header, "batch"));
-    if (strcmp(after->text, "input") == 0)
-        input_describe(job->input, cJSON_AddObjectToObject(header, "batch"));
-    answer_send(c, &after->reply, header, blob_share(task->text));
 }
 
 static void on_list(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)

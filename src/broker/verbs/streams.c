@@ -1,9 +1,9 @@
 /*
- * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch; live windows on the way
+ * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch
  *
  * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same group commit as everything else.  A sample is known by epoch and index.  The same index with
- * the same bytes is a repeat and ignored, with other bytes it begins an epoch.  Of the last SUMS_MOST samples of the present
- * epoch and this life of the daemon a CRC-32C each is in memory; older ones are compared with the file, while the push and those behind it wait.
+ * the same bytes is a repeat and ignored, with other bytes it begins an epoch.  Samples
+ * of which no checksum is in memory (segments.c) are compared with the file, while the push and those behind it wait.
  */
 #include "broker/core/state.h"
 #include "base/crc32c.h"
@@ -12,13 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STREAMS_MOST = 256, CHANNELS_MOST = 8192, WINDOW_LEAST = 8, GAP_FEW = 64 /* samples */, GAPS_TOLD = 256, SUMS_MOST = 1 << 16 /* samples */ };
+enum { STREAMS_MOST = 256, CHANNELS_MOST = 8192, GAPS_TOLD = 256 };
 #define GAP_BYTES (UINT64_C(64) << 20)   /* of an epoch's gaps, however short it is */
-
-static uint64_t sample_bytes(const struct stream *s)
-{
-    return 8 * s->channels;
-}
 
 static struct stream *stream_by_id(const struct core *c, int64_t id)
 {
@@ -34,12 +29,6 @@ static struct stream *stream_open_named(const struct core *c, const struct user 
         if (s->user == user && !s->closed && strcmp(s->name, name) == 0)
             return s;
     return NULL;
-}
-
-/* Whether all that came is committed. */
-static bool is_durable(const struct stream *s)
-{
-    return s->durable_epoch == s->epoch && s->durable == s->next;
 }
 
 /* Into an answer or attributes, which must fit a header: the first GAPS_TOLD of them, and how many there are where that is not all. */
@@ -96,73 +85,6 @@ static void note(struct core *c, struct transaction *t, const struct stream *s)
     free(printed);
 }
 
-/* A live window as open describes it, in samples. */
-struct live_window { uint64_t samples, hop; const cJSON *options; };
-
-/* KEY of WINDOW times UNIT, in samples, into *OUT where KEY is there. */
-static enum modal_status window_length(const cJSON *window, const char *key, double unit, double least, double most, uint64_t *out, struct modal_error *err)
-{
-    double given = 0, n;
-    char path[128];
-    enum modal_status rc = json_get_number(window, "window", key, 0, 1e9, &given, err);
-
-    if (rc != MODAL_OK || cJSON_GetObjectItemCaseSensitive(window, key) == NULL)
-        return rc;
-    json_path(path, "window", key);
-    n = floor(given * unit + 0.5);
-    if (unit == 1 && given != n)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %g; accepted: a whole number of samples", path, given);
-    if (!(n >= least))
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s makes %g samples; accepted: at least %g", path, n, least);
-    if (!(n <= most))
-        return modal_fail_field(err, MODAL_TOO_LARGE, path, "%s makes %g samples; accepted: at most %g", path, n, most);
-    *out = (uint64_t)n;
-    return MODAL_OK;
-}
-
-/* Whether WINDOW can be kept for the channels, dt and period of W; NULL: no window, and none in OUT. */
-static enum modal_status read_window(const cJSON *window, const struct wire_input *w, struct live_window *out, struct modal_error *err)
-{
-    static const char *const keys[] = { "samples", "periods", "hop", "options", "alarms", NULL };
-    bool periods = cJSON_HasObjectItem(window, "periods");
-    double unit = periods ? w->period / w->dt : 1;
-    struct alarms *alarms = NULL;
-    enum modal_status rc;
-
-    *out = (struct live_window) { 0, 0, NULL };
-    if (window == NULL)
-        return MODAL_OK;
-    if ((rc = json_keys(window, "window", keys, err)) != MODAL_OK)
-        return rc;
-    if (periods == (bool)cJSON_HasObjectItem(window, "samples"))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window.samples", "window has %s; accepted: samples or periods", periods ? "samples and periods" : "no length");
-    if (periods && !(w->period > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window.periods", "window.periods of a stream without period; accepted: window.samples");
-    rc = window_length(window, periods ? "periods" : "samples", unit, WINDOW_LEAST, floor(WIRE_BODY_MOST / 8.0 / (double)w->channels), &out->samples, err);
-    out->hop = out->samples;
-    if (rc == MODAL_OK)
-        rc = window_length(window, "hop", unit, 1, 1e15, &out->hop, err);
-    out->options = cJSON_GetObjectItemCaseSensitive(window, "options");
-    if (rc == MODAL_OK && out->options != NULL && !cJSON_IsObject(out->options))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.options", "window.options must be an object; accepted: the options of identify");
-    if (rc == MODAL_OK)
-        rc = alarms_new(cJSON_GetObjectItemCaseSensitive(window, "alarms"), w->dt, out->samples, &alarms, err);
-    alarms_free(alarms);
-    return rc;
-}
-
-/* A window that cannot be kept (an older daemon took it) is none. */
-static void take_window(struct stream *s, const cJSON *text, const struct wire_input *w)
-{
-    struct live_window window;
-
-    if (read_window(text, w, &window, NULL) != MODAL_OK)
-        return;
-    s->window = window.samples;
-    s->hop = window.hop;
-    s->options = window.options != NULL ? grab_canonical(window.options) : grab_text("{}");
-    alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), s->dt, s->window, &s->alarms, NULL);
-}
 
 static struct stream *make(struct core *c, struct user *user, const char *name, const struct wire_input *w, const cJSON *window, int64_t id)
 {
@@ -182,18 +104,11 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
         cJSON_AddItemToObject(header, "window", cJSON_Duplicate(window, true));
     s->header = json_print(header);
     cJSON_Delete(header);
-    if (window != NULL)
-        take_window(s, window, w);
-    s->at_slot = -1;
+    window_init(s, window, w);
     s->next_stream = c->streams;
     c->streams = s;
     c->open_streams++;
     return s;
-}
-
-static bool is_full(const struct core *c)
-{
-    return c->now.mono_ns < c->storage_full_until;
 }
 
 static void say_full(struct core *c, const struct reply *reply)
@@ -215,7 +130,6 @@ static int open_streams_of(const struct core *c, const struct user *user)
 /* May USER open what R describes?  Else REPLY is answered. */
 static bool may_open(struct core *c, const struct wire_request *r, const struct user *user, const struct reply *reply)
 {
-    struct live_window window;
     struct modal_error err;
     int open = open_streams_of(c, user);
 
@@ -226,9 +140,9 @@ static bool may_open(struct core *c, const struct wire_request *r, const struct 
                     (unsigned long long)r->stream.input.channels, CHANNELS_MOST);
     else if (c->draining || c->terminating)
         answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
-    else if (is_full(c))
+    else if (room_is_full(c))
         say_full(c, reply);
-    else if (read_window(r->stream.window, &r->stream.input, &window, &err) != MODAL_OK)
+    else if (window_check(r->stream.window, &r->stream.input, &err) != MODAL_OK)
         answer_error(c, reply, &err, NULL);
     else
         return true;
@@ -272,78 +186,10 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
 
 /* ---- pushing ---------------------------------------------------------------------------------------------------- */
 
-/* Samples [first, first + count) as DATA has them beside those of the same indices, as far as their checksums are in memory. */
-static enum sameness same_samples(const struct stream *s, uint64_t first, uint64_t count, const char *data)
-{
-    enum sameness found = SAME;
-
-    for (uint64_t i = 0; i < count && first + i < s->next; i++) {
-        uint64_t at = first + i;
-        uint32_t known = at >= s->crc_first && at - s->crc_first < s->crc_count ? s->crcs[at - s->crc_first] : 0;
-        if (at < s->begin || (known != 0 && known != crc32c(0, data + i * sample_bytes(s), sample_bytes(s))))
-            return OTHER;
-        if (known == 0)
-            found = UNKNOWN;
-    }
-    return found;
-}
-
-/* Checksums of the oldest samples leave memory, which is bounded for streams of any length. */
-static void forget_oldest(struct stream *s, uint64_t most)
-{
-    uint64_t gone = s->crc_count > most ? s->crc_count - most : 0;
-
-    memmove(s->crcs, s->crcs + gone, (s->crc_count - gone) * sizeof *s->crcs);
-    s->crc_first += gone;
-    s->crc_count -= gone;
-}
-
-/* Behind a gap that is more than a few samples they begin anew: what is in memory is bounded by what was sent. */
-static void remember(struct stream *s, uint64_t first, uint64_t count, const char *data)
-{
-    uint64_t need;
-
-    if (s->crc_count == 0 || first > s->crc_first + s->crc_count + GAP_FEW) {
-        s->crc_first = first;
-        s->crc_count = 0;
-    }
-    if (s->crc_count > 2 * SUMS_MOST)
-        forget_oldest(s, SUMS_MOST);
-    need = first + count - s->crc_first;
-    if (need > s->crc_room) {
-        s->crc_room = 2 * need;
-        s->crcs = regrab(s->crcs, s->crc_room * sizeof *s->crcs);
-    }
-    if (need > s->crc_count)
-        memset(s->crcs + s->crc_count, 0, (need - s->crc_count) * sizeof *s->crcs);
-    s->crc_count = need > s->crc_count ? need : s->crc_count;
-    for (uint64_t i = 0; i < count; i++)
-        s->crcs[first - s->crc_first + i] = crc32c(0, data + i * sample_bytes(s), sample_bytes(s));
-}
-
 /* Whether samples from FIRST on leave a gap that makes the batch longer than an input may be. */
 static bool gap_too_long(const struct core *c, const struct stream *s, uint64_t first, uint64_t count)
 {
     return s->segment_count > 0 && first > s->next && (double)(first + count - s->begin) * (double)sample_bytes(s) > (double)c->settings.input_bytes;
-}
-
-/* In the batch it is NaN, and takes as much room as samples: its user is charged for it. */
-static void add_gap(struct stream *s, uint64_t from, uint64_t to)
-{
-    uint64_t bytes = (to - from) * sample_bytes(s);
-
-    s->gaps = regrab(s->gaps, (s->gap_count + 1) * sizeof *s->gaps);
-    s->gaps[s->gap_count][0] = from;
-    s->gaps[s->gap_count++][1] = to;
-    s->missing += bytes;
-    s->user->bytes += (int64_t)bytes;
-}
-
-static void drop_gaps(struct stream *s)
-{
-    s->user->bytes -= (int64_t)s->missing;
-    s->missing = 0;
-    s->gap_count = 0;
 }
 
 /* The end of what came, those samples that are held included. */
@@ -371,38 +217,12 @@ static uint64_t gaps_most(const struct core *c, const struct stream *s)
     return sent > GAP_BYTES ? sent : GAP_BYTES;
 }
 
-static void add_segment(struct stream *s, uint64_t epoch, uint64_t first, uint64_t count)
-{
-    struct segment *last = s->segment_count > 0 ? &s->segments[s->segment_count - 1] : NULL;
-
-    s->bytes += count * sample_bytes(s);
-    s->user->bytes += (int64_t)(count * sample_bytes(s));
-    if (last != NULL && last->epoch == epoch && last->first + last->count == first) {
-        last->count += count;
-        return;
-    }
-    if (s->segment_count == s->segment_room) {
-        s->segment_room = s->segment_room ? 2 * s->segment_room : 16;
-        s->segments = regrab(s->segments, s->segment_room * sizeof *s->segments);
-    }
-    s->segments[s->segment_count++] = (struct segment) { epoch, first, count };
-}
-
 /* Its row; DATA is in the push's body, which the transaction keeps. */
 static void put_segment(struct stream *s, struct transaction *t, uint64_t first, uint64_t count, const char *data, uint32_t crc)
 {
     transaction_add(t, LEDGER_SEGMENT_PUT)->segment = (struct segment_record) { .stream = s->id, .epoch = s->epoch, .first = first, .count = count,
         .offset = s->bytes, .length = count * sample_bytes(s), .crc = crc, .data = data };
-    add_segment(s, s->epoch, first, count);
-}
-
-static void keep_recent(struct stream *s, uint64_t first, uint64_t count, const char *data)
-{
-    for (uint64_t i = 0; s->window > 0 && i < count; i++) {
-        if (s->recent == NULL)
-            s->recent = grab(s->window * sample_bytes(s));
-        memcpy(s->recent + (first + i) % s->window * sample_bytes(s), data + i * sample_bytes(s), sample_bytes(s));
-    }
+    segments_add(s, s->epoch, first, count);
 }
 
 static void append(struct stream *s, uint64_t first, uint64_t count, const char *data, uint32_t crc, struct transaction *t)
@@ -410,11 +230,11 @@ static void append(struct stream *s, uint64_t first, uint64_t count, const char 
     if (s->next == 0 && s->segment_count == 0)
         s->begin = s->next = s->durable = s->run_from = first;
     if (first > s->next) {
-        add_gap(s, s->next, first);
+        gaps_add(s, s->next, first);
         s->run_from = first;
     }
-    remember(s, first, count, data);
-    keep_recent(s, first, count, data);
+    samples_note(s, first, count, data);
+    window_keep(s, first, count, data);
     put_segment(s, t, first, count, data, crc);
     s->next = first + count;
 }
@@ -424,10 +244,8 @@ static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct t
     s->epoch++;
     s->begin = s->next = s->run_from = first;
     s->crc_count = 0;
-    drop_gaps(s);
-    s->next_window = 0;
-    s->at_slot = -1;
-    alarms_reset(s->alarms);
+    gaps_drop(s);
+    window_reset(s);
     note(c, t, s);
 }
 
@@ -533,9 +351,8 @@ static void let_go(struct stream *s)
 /* What of the epoch is on disk beside the first that is held; all of it is committed. */
 static void compare(struct core *c, struct stream *s)
 {
-    struct task *task = grab(sizeof *task);
+    struct task *task = task_new(TASK_SAMPLES_COMPARE, 0);
 
-    task->type = TASK_SAMPLES_COMPARE;
     task->shape.channels = s->channels;
     task->owner = s;
     task->stream = s->id;
@@ -544,8 +361,7 @@ static void compare(struct core *c, struct stream *s)
     task->length = s->held->count;
     task->chunks[task->count++] = blob_share(s->held->body);
     s->comparing = true;
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    core_task(c, task);
 }
 
 /* Those held that can go on, in their order, up to one that must be compared. */
@@ -554,14 +370,14 @@ static void go_on(struct core *c, struct stream *s)
     while (s->held != NULL && !s->comparing) {
         struct push *p = s->held;
         if (p->same == UNTOLD)
-            p->same = same_samples(s, p->first, p->count, p->body->data);
+            p->same = samples_compare(s, p->first, p->count, p->body->data);
         if (p->same == UNKNOWN) {
             if (is_durable(s))
                 compare(c, s);
             return;
         }
-        if (is_full(c) || atomic_load(&s->fence) || (s->resumes && p->first > s->next))
-            refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), &p->reply);
+        if (room_is_full(c) || atomic_load(&s->fence) || (s->resumes && p->first > s->next))
+            refuse_behind(c, s, room_is_full(c) || atomic_load(&s->fence), &p->reply);
         else {
             s->resumes = s->slowed = false;
             if (!comes_late(c, s, p))
@@ -590,7 +406,7 @@ void stream_compared(struct core *c, struct task *task)
 static void take_push(struct core *c, struct stream *s, struct push *p)
 {
     if (s->held == NULL)
-        p->same = same_samples(s, p->first, p->count, p->body->data);
+        p->same = samples_compare(s, p->first, p->count, p->body->data);
     if (p->same == SAME || p->same == OTHER) {
         if (!comes_late(c, s, p))
             accept(c, s, p);
@@ -635,8 +451,8 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
         answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
         answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
-    else if (is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
-        refuse_behind(c, s, is_full(c) || atomic_load(&s->fence), reply);
+    else if (room_is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
+        refuse_behind(c, s, room_is_full(c) || atomic_load(&s->fence), reply);
     else if (!gaps_too_large(c, s, &push) && may_push(c, s, size, gap_before(s, push.first), reply))
         take_push(c, s, &push);
 }
@@ -668,8 +484,7 @@ static void seal(struct core *c, struct stream *s)
     task->epoch = s->epoch;
     task->begin = s->begin;
     task->missing = s->missing;
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    core_task(c, task);
 }
 
 /* What was asked to be closed is sealed once all that came before is committed. */
@@ -772,233 +587,13 @@ void stream_request(struct core *c, const struct event *e, const struct wire_req
         on_close(c, e, r, s);
 }
 
-/* ---- live windows ----------------------------------------------------------------------------------------------- */
-
-/* Never over a gap or an epoch. */
-bool stream_due(struct stream *s)
-{
-    if (s->window == 0 || s->closed || s->recent == NULL || !is_durable(s) || s->durable < s->run_from + s->window)
-        return false;
-    if (s->next_window < s->run_from + s->window)
-        s->next_window = s->run_from + s->window;
-    return s->durable >= s->next_window;
-}
-
-/* The window that is due, from sample `from` on, as raw samples from `first` on: those before KNOWN are where they are needed, unless that leaves a hole. */
-struct blob *stream_window(struct stream *s, uint64_t known, uint64_t *from, uint64_t *first)
-{
-    uint64_t size = sample_bytes(s), count;
-    char *data;
-
-    *from = s->durable - s->window;
-    *first = known > *from && known < s->durable ? known : *from;
-    count = s->durable - *first;
-    data = grab(count * size);
-    for (uint64_t i = 0; i < count; i++)
-        memcpy(data + i * size, s->recent + (*first + i) % s->window * size, size);
-    while (s->next_window <= s->durable)
-        s->next_window += s->hop;
-    return blob_take(data, count * size);
-}
-
-/* A window's epoch may be past by the time it is told: the run was taken up again from a checkpoint meanwhile. */
-static cJSON *event_of(const struct core *c, const struct stream *s, const char *event, uint64_t epoch, uint64_t from, uint64_t to)
-{
-    cJSON *text = cJSON_CreateObject();
-    char ident[9];
-
-    ident_text(ident, ~c->settings.secret, s->id);
-    cJSON_AddStringToObject(text, "event", event);
-    cJSON_AddStringToObject(text, "stream", s->name);
-    cJSON_AddStringToObject(text, "stream_id", ident);
-    cJSON_AddNumberToObject(text, "epoch", (double)epoch);
-    cJSON_AddNumberToObject(text, "from", (double)from);
-    cJSON_AddNumberToObject(text, "to", (double)to);
-    return text;
-}
-
-/* The next number goes to TEXT, which is deleted. */
-static void put_event(struct core *c, struct stream *s, struct transaction *t, cJSON *text)
-{
-    struct after *after = transaction_after(t, AFTER_EVENT);
-    struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
-
-    after->text = json_print(text);
-    if (strlen(after->text) > 49152) {             /* it must fit a header: the verdict alone */
-        cJSON_DeleteItemFromObject(text, "modes");
-        cJSON_DeleteItemFromObject(text, "diagnostics");
-        free(after->text);
-        after->text = json_print(text);
-    }
-    after->value = c->next_event;
-    after->ns = c->now.utc_ns;
-    after->stream = s;
-    change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .user = transaction_text(t, s->user->name),
-                                            .topic = transaction_text(t, s->name), .text = transaction_text(t, after->text) };
-    cJSON_Delete(text);
-}
-
-/* The alarms that a window raised or cleared, each an event behind its modes. */
-static void put_alarms(struct core *c, struct stream *s, struct transaction *t, uint64_t from, uint64_t to, cJSON *edges)
-{
-    cJSON *edge;
-
-    while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
-        cJSON *text = event_of(c, s, "alarm", s->epoch, from, to), *part;
-        while ((part = edge->child) != NULL) {
-            cJSON_DetachItemViaPointer(edge, part);
-            cJSON_AddItemToObject(text, part->string, part);
-        }
-        cJSON_Delete(edge);
-        put_event(c, s, t, text);
-    }
-    cJSON_Delete(edges);
-}
-
-/* How far the samples are ahead of a window of the present epoch that ends at TO, and what is missing of them. */
-static void add_lag(cJSON *text, const struct stream *s, uint64_t epoch, uint64_t to)
-{
-    uint64_t samples = s->next > to + 1 ? s->next - 1 - to : 0, missing = 0;
-    cJSON *lag, *gaps;
-
-    if (epoch != s->epoch)
-        return;
-    for (size_t i = 0; i < s->gap_count; i++)
-        missing += s->gaps[i][1] - s->gaps[i][0];
-    lag = cJSON_AddObjectToObject(text, "lag");
-    cJSON_AddNumberToObject(lag, "samples", (double)samples);
-    cJSON_AddNumberToObject(lag, "bytes", (double)(samples * sample_bytes(s)));
-    gaps = cJSON_AddObjectToObject(text, "gaps");
-    cJSON_AddNumberToObject(gaps, "count", (double)s->gap_count);
-    cJSON_AddNumberToObject(gaps, "samples", (double)missing);
-}
-
-static const cJSON *least_damped(const cJSON *modes)
-{
-    const cJSON *mode, *least = NULL;
-    double lowest = HUGE_VAL;
-
-    cJSON_ArrayForEach(mode, modes) {
-        double ratio = cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(mode, "damping_ratio"));
-        if (ratio < lowest)
-            lowest = ratio, least = mode;
-    }
-    return least;
-}
-
-/* What a host reads between two of its steps, flat: the verdict of DOCUMENT and its least damped mode. */
-static void add_verdict(cJSON *text, const cJSON *document)
-{
-    static const char *const keys[][2] = {
-        { "frequency_hz", "frequency_hz_std" }, { "damping_ratio", "damping_ratio_std" },
-    };
-    const cJSON *stability = cJSON_GetObjectItemCaseSensitive(document, "stability");
-    const cJSON *stable = cJSON_GetObjectItemCaseSensitive(stability, "stable");
-    const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
-    const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
-
-    if (stable != NULL)
-        cJSON_AddStringToObject(text, "verdict", cJSON_IsTrue(stable) ? "stable"
-                                               : cJSON_IsFalse(stable) ? "unstable" : "undecided");
-    for (int i = 0; i < 2; i++) {
-        const cJSON *value = cJSON_GetObjectItemCaseSensitive(mode, keys[i][0]);
-        const cJSON *error = cJSON_GetObjectItemCaseSensitive(std, keys[i][0]);
-        if (cJSON_IsNumber(value))
-            cJSON_AddNumberToObject(text, keys[i][0], value->valuedouble);
-        if (cJSON_IsNumber(error))
-            cJSON_AddNumberToObject(text, keys[i][1], error->valuedouble);
-    }
-}
-
-/* What a window gave, as a numbered event: the modes and the verdict of DOCUMENT, the ERROR, or both; either may be NULL. */
-void stream_result(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to, const struct wire_frame *document_text, const cJSON *error)
-{
-    cJSON *document = NULL, *text = event_of(c, s, "modes", epoch, from, to), *part, *edges;
-    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
-    struct transaction *t = transaction_new();
-
-    if (document_text != NULL)
-        json_read(document_text->data, document_text->size, &document, NULL);
-    edges = epoch == s->epoch ? alarms_judge(s->alarms, from, to, document) : NULL;
-    add_verdict(text, document);
-    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
-        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
-            cJSON_AddItemToObject(text, parts[i], part);
-    if (error != NULL)
-        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
-    add_lag(text, s, epoch, to);
-    put_event(c, s, t, text);
-    put_alarms(c, s, t, from, to, edges);
-    cJSON_Delete(document);
-    core_commit(c, t);
-}
-
-/* A window that killed each worker that had it: who watches is told so. */
-void stream_dropped(struct core *c, struct stream *s, uint64_t epoch, uint64_t from, uint64_t to)
-{
-    struct modal_error err;
-    cJSON *error;
-
-    modal_fail(&err, MODAL_WORKER_DIED, "the window is left out: %d workers died of it", s->died);
-    error = wire_error_object(&err, NULL);
-    stream_result(c, s, epoch, from, to, NULL, error);
-    cJSON_Delete(error);
-}
-
 /* ---- a full disk ------------------------------------------------------------------------------------------------- */
-
-/* The extent and the gaps of the committed segments of the present epoch. */
-static void measure(struct stream *s)
-{
-    bool any = false;
-
-    drop_gaps(s);
-    s->begin = s->next = 0;
-    for (size_t i = 0; i < s->segment_count; i++) {
-        const struct segment *one = &s->segments[i];
-        if (one->epoch != s->epoch)
-            continue;
-        if (!any)
-            s->begin = s->next = one->first;
-        if (one->first > s->next)
-            add_gap(s, s->next, one->first);
-        s->next = one->first + one->count;
-        any = true;
-    }
-}
-
-/* What is not committed is no part of it. */
-static void cut_segments(struct stream *s)
-{
-    uint64_t more = 0;
-
-    for (; s->segment_count > 0; s->segment_count--) {
-        struct segment *last = &s->segments[s->segment_count - 1];
-        uint64_t kept = last->epoch > s->durable_epoch || last->first >= s->durable ? 0
-                      : last->epoch < s->durable_epoch || s->durable - last->first > last->count ? last->count : s->durable - last->first;
-        more += last->count - kept;
-        last->count = kept;
-        if (kept > 0)
-            break;
-    }
-    s->bytes -= more * sample_bytes(s);
-    s->user->bytes -= (int64_t)(more * sample_bytes(s));
-}
 
 /* Back to what is committed.  Of the last window in memory a part may be overwritten, so windows begin anew. */
 static void roll_back(struct core *c, struct stream *s)
 {
-    cut_segments(s);
-    if (s->epoch != s->durable_epoch)
-        s->crc_count = 0;
-    s->epoch = s->durable_epoch;
-    measure(s);
-    s->durable = s->run_from = s->next;
-    if (s->crc_first + s->crc_count > s->next)
-        s->crc_count = s->next > s->crc_first ? s->next - s->crc_first : 0;
-    s->next_window = 0;
-    s->at_slot = -1;
-    alarms_reset(s->alarms);
+    segments_cut(s);
+    window_reset(s);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         say_full(c, &after->reply);
     after_free(s->askers);
@@ -1026,13 +621,8 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t)
 /* Its batch is sealed: what is left is the answer to who closes it again. */
 static void closed(struct core *c, struct stream *s)
 {
-    if (s->bytes > 0) {
-        struct task *task = grab(sizeof *task);
-        task->type = TASK_REMOVE_SAMPLES;
-        task->id = s->id;
-        c->tasks++;
-        core_act(c, (struct action) { .type = ACT_TASK, .task = task });
-    }
+    if (s->bytes > 0)
+        core_task(c, task_new(TASK_REMOVE_SAMPLES, s->id));
     s->closed = true;
     c->open_streams--;
     s->closed_ns = c->now.mono_ns;
@@ -1045,10 +635,10 @@ static void closed(struct core *c, struct stream *s)
     }
     free(s->segments);
     free(s->crcs);
-    free(s->recent);
+    free(s->window.recent);
     s->segments = NULL;
     s->crcs = NULL;
-    s->recent = NULL;
+    s->window.recent = NULL;
     s->segment_room = 0;
     s->crc_count = s->crc_room = 0;
 }
@@ -1116,10 +706,10 @@ void stream_load_segment(struct core *c, const struct segment_record *r)
         if (!any)
             s->begin = s->next = r->first;
         if (r->first > s->next)
-            add_gap(s, s->next, r->first);
+            gaps_add(s, s->next, r->first);
         s->next = s->durable = s->run_from = r->first + r->count;
     }
-    add_segment(s, r->epoch, r->first, r->count);
+    segments_add(s, r->epoch, r->first, r->count);
 }
 
 /* Closed streams are remembered for ten minutes, for who asks again; then until what was asked of the ledger is done, as its last window may be there. */
@@ -1129,7 +719,7 @@ void streams_retain(struct core *c)
 
     while (*link != NULL) {
         struct stream *s = *link;
-        bool over = s->closed && !s->live && s->closed_ns + 600 * SECOND <= c->now.mono_ns;
+        bool over = s->closed && !s->window.running && s->closed_ns + 600 * SECOND <= c->now.mono_ns;
         if (over && s->commits_awaited == 0)
             s->commits_awaited = c->commits + c->uncommitted;
         if (!over || c->commits < s->commits_awaited) {
@@ -1148,11 +738,9 @@ void stream_free(struct stream *s)
     after_free(s->askers);
     free(s->name);
     free(s->header);
-    free(s->options);
     free(s->segments);
     free(s->gaps);
     free(s->crcs);
-    free(s->recent);
-    alarms_free(s->alarms);
+    window_done(&s->window);
     free(s);
 }

@@ -156,7 +156,7 @@ static bool may_enter(struct core *c, struct submission *s)
 
     if (c->draining || c->terminating)
         answer_fail(c, &s->reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
-    else if (c->now.mono_ns < c->storage_full_until)
+    else if (room_is_full(c))
         answer_fail(c, &s->reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 5), "the disk is full");
     else if (c->state_counts[JOB_QUEUED] >= most)
         answer_fail(c, &s->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "the queue holds %lld jobs, at most %lld",

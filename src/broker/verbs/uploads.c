@@ -12,43 +12,16 @@
 
 enum { GROUP = 64 };                           /* chunks a task */
 
-struct filling *filling_new(int64_t touched_ns)
-{
-    struct filling *f = grab(sizeof *f);
-
-    f->slot = -1;
-    f->touched_ns = touched_ns;
-    return f;
-}
-
-void filling_free(struct filling *f)
-{
-    if (f == NULL)
-        return;
-    for (int i = 0; i < f->count; i++) {
-        blob_drop(f->chunks[i]);
-        after_free(f->writers[i]);
-    }
-    after_free(f->askers);
-    after_free(f->seal);
-    after_free(f->aborters);
-    free(f->key);
-    free(f);
-}
-
 static void run(struct core *c, struct input *input, enum task_type type)
 {
-    struct task *task = grab(sizeof *task);
+    struct task *task = task_new(type, input->id);
 
-    task->type = type;
-    task->id = input->id;
     task->shape = input->shape;
     task->upload = input->filling->upload;
     task->owner = input;
     task->offset = input->filling->durable;
     input->filling->busy = true;
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    core_task(c, task);
 }
 
 int64_t core_window(const struct core *c)
@@ -199,6 +172,26 @@ static void take_back(struct core *c, struct input *input, uint64_t to)
     f->count = 0;
 }
 
+/* What a worker makes is sealed, or with ERR has failed and goes: its job is told behind this. */
+static void end_output(struct core *c, struct input *input, const struct modal_error *err)
+{
+    struct filling *f = input->filling;
+    struct after *after;
+
+    if (f->slot < 0)
+        return;
+    after = after_new(AFTER_OUTPUT, NULL);
+    after->input = input;
+    after->value = f->slot;
+    if (err != NULL) {
+        after->err = grab(sizeof *after->err);
+        *after->err = *err;
+        f->slot = -1;
+        f->aborting = true;
+    }
+    after_append(&c->outputs, after);
+}
+
 static void written(struct core *c, struct input *input, struct task *task)
 {
     struct transaction *t;
@@ -212,8 +205,7 @@ static void written(struct core *c, struct input *input, struct task *task)
         give_up_seal(c, input->filling, &task->err);
         take_back(c, input, task->offset);
         input->filling->broken = true;             /* who knows what is in the file past that */
-        if (input->filling->slot >= 0)
-            worker_output(c, input, &task->err);
+        end_output(c, input, &task->err);
         return;
     }
     t = transaction_new();
@@ -246,8 +238,7 @@ static void sealed(struct core *c, struct input *input, struct task *task)
     }
     if (task->status != MODAL_OK) {
         give_up_seal(c, f, &task->err);
-        if (f->slot >= 0)
-            worker_output(c, input, &task->err);
+        end_output(c, input, &task->err);
         return;
     }
     f->sealing = false;                            /* done: upload_quiet must not seal it again */
@@ -284,8 +275,7 @@ static void begun(struct core *c, struct input *input, struct task *task)
     if (task->status != MODAL_OK) {
         fail_writers(c, f->askers, &task->err);
         drop_open(input->user, input);
-        if (f->slot >= 0)
-            worker_output(c, input, &task->err);
+        end_output(c, input, &task->err);
         input_forget(c, input);
         return;
     }
@@ -359,12 +349,11 @@ static void say_chunk(struct core *c, const struct after *after)
     answer_send(c, &after->reply, header, NULL);
 }
 
-void upload_after(struct core *c, struct after *after, enum modal_status status)
+void upload_after(struct core *c, struct after *after)
 {
     struct input *input = after->input;
     struct filling *f = input->filling;
 
-    (void)status;                                  /* these are not refusable: they pass, or the daemon ends */
     switch (after->type) {
     case AFTER_BEGIN:
         input->committed = true;
@@ -384,8 +373,7 @@ void upload_after(struct core *c, struct after *after, enum modal_status status)
             drop_open(input->user, input);
             run(c, input, TASK_CLOSE);
             input_index(input);
-            if (f->slot >= 0)
-                worker_output(c, input, NULL);
+            end_output(c, input, NULL);
             input->filling = NULL;
             filling_free(f);
         }
@@ -688,4 +676,27 @@ void output_seal(struct core *c, struct input *input)
 {
     input->filling->sealing = true;
     upload_quiet(c, input);
+}
+
+/* Is nothing of it under way, and has nobody touched it for long? */
+static bool is_idle(const struct core *c, const struct input *input)
+{
+    const struct filling *f = input->filling;
+
+    return f != NULL && f->slot < 0 && !f->busy && f->in_flight == 0
+        && f->touched_ns + c->settings.upload_idle_ns < c->now.utc_ns;
+}
+
+void uploads_retain(struct core *c)
+{
+    size_t at = 0;
+    struct input *input;
+
+    while ((input = map_next(&c->inputs, &at)) != NULL) {
+        if (input->state != INPUT_OPEN || !input->committed || input->going || !is_idle(c, input))
+            continue;
+        upload_quiet(c, input);                    /* who began it again is told what is here */
+        input->filling->aborting = true;
+        upload_quiet(c, input);
+    }
 }

@@ -12,26 +12,8 @@
 #include <string.h>
 #include <sys/wait.h>
 
-enum { LIVE_LIMIT_S = 60, LIVE_DEATHS_MOST = 3, DETAIL_MOST = 4096, PROGRESS_MOST = 4096,
+enum { DETAIL_MOST = 4096, PROGRESS_MOST = 4096,
        THREADS_MOST = 1024 };
-
-static void to_worker(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
-{
-    char *text = json_print(header);
-
-    cJSON_Delete(header);
-    if (text == NULL)
-        abort();
-    core_act(c, (struct action) { .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
-}
-
-/* A worker's error is text and code of this protocol, whatever it sent. */
-static void error_of_worker(const cJSON *error, struct modal_error *out)
-{
-    wire_error_read(error, out);
-    if (out->status == MODAL_OK)
-        out->status = MODAL_INTERNAL;
-}
 
 /* TEXT as the value of a logfmt member: one line without quotes in it. */
 static const char *one_line(char *text)
@@ -67,7 +49,7 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
         cJSON_AddNumberToObject(described, "offset", (double)input->offset);
         cJSON_AddNumberToObject(described, "crc32c", (double)input->crc);
     }
-    to_worker(c, slot, "RUN", header, blob_share(data));
+    worker_send(c, slot, "RUN", header, blob_share(data));
     if (limit > 0)
         core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
 }
@@ -76,18 +58,15 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
  * job_input_read goes on with it. */
 static void fetch(struct core *c, struct job *job, enum task_type type)
 {
-    struct task *task = grab(sizeof *task);
+    struct task *task = task_new(type, job->input->id);
 
-    task->type = type;
-    task->id = job->input->id;
     task->length = WIRE_INLINE_MOST;
     task->descriptor = -1;
     task->total = (uint64_t)job->id;
     task->after = after_new(AFTER_READ, NULL);
     task->after->value = job->id;
     task->after->attempts = job->attempts;
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    core_task(c, task);
 }
 
 static void start(struct core *c, struct job *job, int slot)
@@ -152,139 +131,13 @@ void job_input_read(struct core *c, struct task *task)
     run_on(c, job, job->slot, task->text);
 }
 
-static bool has_window(const struct core *c, const struct stream *stream, int slot)
-{
-    return stream->at_slot == slot && stream->at_process == c->slots[slot].process;
-}
-
-/* The worker that has the window is idle, or will be soon. */
-static bool is_awaited(const struct core *c, const struct stream *stream)
-{
-    const struct slot *own = stream->at_slot >= 0 ? &c->slots[stream->at_slot] : NULL;
-
-    return own != NULL && has_window(c, stream, stream->at_slot) && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
-}
-
-/* A stream whose window is due: one that this worker has, else one that no other worker is to go on with. */
-static struct stream *due_for(struct core *c, int slot)
-{
-    struct stream *found = NULL;
-
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream) {
-        if (s->live || !stream_due(s))
-            continue;
-        if (has_window(c, s, slot))
-            return s;
-        if (found == NULL && !is_awaited(c, s))
-            found = s;
-    }
-    return found;
-}
-
-static cJSON *live_header(struct slot *s, const struct stream *stream, uint64_t first)
-{
-    cJSON *header = cJSON_CreateObject(), *input = cJSON_Parse(stream->header), *live;
-    char name[24];
-
-    snprintf(name, sizeof name, "%lld", (long long)stream->id);
-    cJSON_AddStringToObject(header, "job", "live");
-    cJSON_AddNumberToObject(header, "attempt", s->attempt);
-    cJSON_AddStringToObject(header, "kind", "identify");
-    cJSON_AddRawToObject(header, "options", stream->options);
-    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
-    live = cJSON_AddObjectToObject(header, "live");
-    cJSON_AddStringToObject(live, "stream", name);
-    cJSON_AddNumberToObject(live, "epoch", (double)stream->epoch);
-    cJSON_AddNumberToObject(live, "to", (double)s->live_to);
-    cJSON_AddNumberToObject(live, "window", (double)stream->window);
-    cJSON_AddNumberToObject(live, "hop", (double)stream->hop);
-    cJSON_DeleteItemFromObject(input, "window");
-    cJSON_AddStringToObject(input, "content", "batch");
-    cJSON_AddNumberToObject(input, "samples", (double)(s->live_to + 1 - first));
-    cJSON_AddItemToObject(header, "input", input);
-    return header;
-}
-
-/* A live window goes before all jobs: it is small, and somebody watches.  The worker that had the last one gets only what is new. */
-static void start_live(struct core *c, int slot)
-{
-    struct slot *s = &c->slots[slot];
-    struct stream *stream = due_for(c, slot);
-    struct blob *data;
-    uint64_t from = 0, first = 0;
-
-    if (stream == NULL)
-        return;
-    data = stream_window(stream, has_window(c, stream, slot) ? stream->at_next : 0, &from, &first);
-    stream->live = true;
-    s->live = stream;
-    s->live_from = from;
-    s->live_to = from + stream->window - 1;
-    s->live_epoch = stream->epoch;
-    s->state = SLOT_BUSY;
-    s->attempt = ++c->live_attempts;
-    s->jobs++;
-    s->started_ns = s->heard_ns = c->now.mono_ns;
-    stream->at_slot = slot, stream->at_process = s->process, stream->at_next = s->live_to + 1;
-    to_worker(c, slot, "RUN", live_header(s, stream, first), data);
-}
-
-/* The window is due again, unless an epoch has begun since, whose samples are others. */
-static void try_again(struct stream *stream, const struct slot *s)
-{
-    if (stream->epoch == s->live_epoch)
-        stream->next_window = s->live_to + 1;
-}
-
-/* The worker of a live window died: once more on another, unless the window itself is to blame. */
-static void live_died(struct core *c, int slot)
-{
-    struct slot *s = &c->slots[slot];
-    struct stream *stream = s->live;
-
-    s->live = NULL;
-    stream->live = false;
-    stream->at_slot = -1;
-    if (++stream->died < LIVE_DEATHS_MOST) {
-        try_again(stream, s);
-        return;
-    }
-    stream_dropped(c, stream, s->live_epoch, s->live_from, s->live_to);
-    stream->died = 0;
-}
-
-/* The end of a live window, with its result or its error. */
-static void end_live(struct core *c, int slot, const struct wire_message *m)
-{
-    struct slot *s = &c->slots[slot];
-    struct stream *stream = s->live;
-    const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
-    struct modal_error err;
-    cJSON *error = NULL;
-
-    s->live = NULL;
-    stream->live = false;
-    stream->died = 0;
-    s->state = SLOT_TAKEN;
-    if (told != NULL) {
-        stream->at_slot = -1;
-        error_of_worker(told, &err);
-        error = wire_error_object(&err, NULL);
-    }
-    if (told != NULL && strcmp(err.field, "live") == 0)
-        try_again(stream, s);                         /* it dropped the window: once more, with all of it */
-    else
-        stream_result(c, stream, s->live_epoch, s->live_from, s->live_to, m->body_count > 0 ? &m->body[0] : NULL, error);
-    cJSON_Delete(error);
-}
-
 void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating || c->now.mono_ns < c->hold_until)
         return;
     for (int slot = 0; slot < c->slot_count; slot++)
         if (c->slots[slot].state == SLOT_IDLE)
-            start_live(c, slot);
+            window_start(c, slot);
     for (int slot = 0; slot < c->slot_count; slot++) {
         struct user *user;
         struct job *job;
@@ -330,15 +183,7 @@ void workers_fill(struct core *c)
         spawn(c, c->slot_count++);
     for (int slot = wanted; slot < c->slot_count; slot++)
         if (c->slots[slot].state == SLOT_IDLE || c->slots[slot].state == SLOT_STARTING)
-            to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
-}
-
-void worker_kill(struct core *c, int slot)
-{
-    if (slot < 0 || c->slots[slot].state == SLOT_KILLED || c->slots[slot].state == SLOT_EMPTY)
-        return;
-    c->slots[slot].state = SLOT_KILLED;
-    core_act(c, (struct action) { .type = ACT_KILL, .slot = slot });
+            worker_send(c, slot, "STOP", cJSON_CreateObject(), NULL);
 }
 
 void worker_timer(struct core *c, enum timer what, int64_t number)
@@ -355,7 +200,7 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
     s->watched = false;
     if (s->state == SLOT_EMPTY || s->state == SLOT_KILLED)
         return;
-    if (c->now.mono_ns < due && !(s->live != NULL && c->now.mono_ns - s->started_ns > LIVE_LIMIT_S * SECOND)) {
+    if (c->now.mono_ns < due && !window_late(c, s)) {
         watch(c, slot, due);
         return;
     }
@@ -472,7 +317,7 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
     int64_t again_ns = 0;
 
     if (s->live != NULL) {
-        live_died(c, slot);
+        window_died(c, slot);
         c->deaths++;
     }
     if (job != NULL) {
@@ -561,10 +406,8 @@ void job_result_put(struct core *c, struct task *task)
 
 static void publish(struct core *c, struct job *job, struct blob *document)
 {
-    struct task *task = grab(sizeof *task);
+    struct task *task = task_new(TASK_RESULT_PUT, job->id);
 
-    task->type = TASK_RESULT_PUT;
-    task->id = job->id;
     task->text = document;
     task->after = after_new(AFTER_READ, NULL);
     task->after->value = job->id;
@@ -577,8 +420,7 @@ static void publish(struct core *c, struct job *job, struct blob *document)
         task_free(task);
         return;
     }
-    c->tasks++;
-    core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+    core_task(c, task);
 }
 
 static void take_ready(struct core *c, int slot)
@@ -586,7 +428,7 @@ static void take_ready(struct core *c, int slot)
     struct slot *s = &c->slots[slot];
 
     if (slot >= c->settings.workers || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
-        to_worker(c, slot, "STOP", cJSON_CreateObject(), NULL);
+        worker_send(c, slot, "STOP", cJSON_CreateObject(), NULL);
         return;
     }
     s->state = SLOT_IDLE;
@@ -621,38 +463,19 @@ static void fail_attempt(struct core *c, int slot, const struct modal_error *err
     job_fail(c, job, JOB_FAILED, err, detail);
 }
 
-void worker_output(struct core *c, struct input *input, const struct modal_error *err)
+void worker_output(struct core *c, const struct after *after)
 {
-    int slot = input->filling->slot;
+    int slot = (int)after->value;
     struct slot *s = &c->slots[slot];
 
-    if (s->output != input)
+    if (s->output != after->input)
         return;
-    if (err != NULL) {
+    if (after->err != NULL) {
         s->output = NULL;
-        input->filling->slot = -1;
-        input->filling->aborting = true;
-        fail_attempt(c, slot, err, NULL);
+        fail_attempt(c, slot, after->err, NULL);
         worker_kill(c, slot);
-        return;
-    }
-    if (s->finishing)
+    } else if (s->finishing)
         finish(c, slot);
-}
-
-void worker_go(struct core *c, int slot)
-{
-    cJSON *header;
-    char ident[9];
-
-    if (c->slots[slot].job == NULL || c->slots[slot].state != SLOT_BUSY)
-        return;
-    c->slots[slot].parts--;
-    header = cJSON_CreateObject();
-    job_ident(c, c->slots[slot].job, ident);
-    cJSON_AddStringToObject(header, "job", ident);
-    cJSON_AddNumberToObject(header, "attempt", c->slots[slot].attempt);
-    to_worker(c, slot, "GO", header, NULL);
 }
 
 /* ---- what workers say ------------------------------------------------------------------------------------------- */
@@ -857,7 +680,7 @@ static void on_failed(struct core *c, int slot, const struct wire_message *m, st
 
     (void)body;
     take_cpu(c, slot, m);
-    error_of_worker(error, &err);
+    worker_error(error, &err);
     fail_attempt(c, slot, &err, detail_of(c, slot, error));
 }
 
@@ -913,7 +736,7 @@ void worker_message(struct core *c, const struct event *e)
         else if (!verbs[i].on_job || s->live == NULL)
             verbs[i].run(c, slot, m, e->body);
         else if (verbs[i].ends)
-            end_live(c, slot, m);
+            window_end(c, slot, m);
         return;
     }
     bad_worker(c, slot, "an unknown verb");

@@ -1,0 +1,471 @@
+/*
+ * windows.c - live windows: the last samples of a stream to a worker, and what it found in them to who watches
+ *
+ * A window is due when its last sample is on stable storage, every `hop` samples, and never over a gap or an epoch.  It
+ * goes before all jobs, being small, and rather to the worker that had the one before: that gets only what is new.  One
+ * that kills its worker goes to another, LIVE_DEATHS_MOST times.
+ */
+#include "broker/core/state.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Below 8 samples no mode of two real unknowns is told from noise by its own residuals. */
+enum { WINDOW_LEAST = 8 };
+/* A hop longer than any stream: one window, and no number of samples that a double does not hold. */
+#define HOP_MOST 1e15
+/* Seconds, periods or samples as a number in a request: more than any clock or stream has. */
+#define LENGTH_MOST 1e9
+enum {
+    LIVE_LIMIT_S = 60,        /* a window's run: who watches has long had the next hops by then */
+    LIVE_DEATHS_MOST = 3,     /* as often as a job is tried where it does not say */
+    EVENT_MOST = WIRE_HEADER_MOST / 4 * 3,   /* of an event's text: its number, time and subscription come to it */
+};
+
+/* A window as open describes it, in samples. */
+struct description { uint64_t samples, hop; const cJSON *options; };
+
+/* KEY of TEXT times UNIT, in samples, into *OUT where KEY is there. */
+static enum modal_status read_length(const cJSON *text, const char *key, double unit, double least,
+                                     double most, uint64_t *out, struct modal_error *err)
+{
+    double given = 0, n;
+    char path[128];
+    enum modal_status rc = json_get_number(text, "window", key, 0, LENGTH_MOST, &given, err);
+
+    if (rc != MODAL_OK || cJSON_GetObjectItemCaseSensitive(text, key) == NULL)
+        return rc;
+    json_path(path, "window", key);
+    n = floor(given * unit + 0.5);
+    if (unit == 1 && given != n)
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s is %g; accepted: a whole number of samples", path, given);
+    if (!(n >= least))
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s makes %g samples; accepted: at least %g", path, n, least);
+    if (!(n <= most))
+        return modal_fail_field(err, MODAL_TOO_LARGE, path,
+                                "%s makes %g samples; accepted: at most %g", path, n, most);
+    *out = (uint64_t)n;
+    return MODAL_OK;
+}
+
+/* Which of samples and periods gives the length: *PERIODS. */
+static enum modal_status read_unit(const cJSON *text, const struct wire_input *w, bool *periods,
+                                   struct modal_error *err)
+{
+    *periods = cJSON_HasObjectItem(text, "periods");
+    if (*periods == (bool)cJSON_HasObjectItem(text, "samples"))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window.samples",
+                                "window has %s; accepted: samples or periods",
+                                *periods ? "samples and periods" : "no length");
+    if (*periods && !(w->period > 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window.periods",
+                                "window.periods of a stream without period; accepted: "
+                                "window.samples");
+    return MODAL_OK;
+}
+
+/* TEXT for the channels, dt and period of W. */
+static enum modal_status read_window(const cJSON *text, const struct wire_input *w,
+                                     struct description *out, struct modal_error *err)
+{
+    static const char *const keys[] = { "samples", "periods", "hop", "options", "alarms", NULL };
+    const double most = floor(WIRE_BODY_MOST / 8.0 / (double)w->channels);
+    bool periods;
+    double unit;
+    enum modal_status rc = json_keys(text, "window", keys, err);
+
+    if (rc == MODAL_OK)
+        rc = read_unit(text, w, &periods, err);
+    if (rc != MODAL_OK)
+        return rc;
+    unit = periods ? w->period / w->dt : 1;
+    rc = read_length(text, periods ? "periods" : "samples", unit, WINDOW_LEAST, most,
+                     &out->samples, err);
+    out->hop = out->samples;
+    if (rc == MODAL_OK)
+        rc = read_length(text, "hop", unit, 1, HOP_MOST, &out->hop, err);
+    out->options = cJSON_GetObjectItemCaseSensitive(text, "options");
+    if (rc == MODAL_OK && out->options != NULL && !cJSON_IsObject(out->options))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.options",
+                              "window.options must be an object; accepted: the options of "
+                              "identify");
+    return rc;
+}
+
+enum modal_status window_check(const cJSON *text, const struct wire_input *w,
+                               struct modal_error *err)
+{
+    struct description d = { 0, 0, NULL };
+    struct alarms *alarms = NULL;
+    enum modal_status rc = text == NULL ? MODAL_OK : read_window(text, w, &d, err);
+
+    if (rc == MODAL_OK && text != NULL)
+        rc = alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), w->dt, d.samples,
+                        &alarms, err);
+    alarms_free(alarms);
+    return rc;
+}
+
+void window_init(struct stream *s, const cJSON *text, const struct wire_input *w)
+{
+    struct window *window = &s->window;
+    struct description d;
+
+    window->slot = -1;
+    if (text == NULL || window_check(text, w, NULL) != MODAL_OK)
+        return;
+    read_window(text, w, &d, NULL);
+    window->samples = d.samples;
+    window->hop = d.hop;
+    window->options = d.options != NULL ? grab_canonical(d.options) : grab_text("{}");
+    alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), s->dt, d.samples,
+               &window->alarms, NULL);
+}
+
+void window_done(struct window *w)
+{
+    free(w->options);
+    free(w->recent);
+    alarms_free(w->alarms);
+}
+
+void window_keep(struct stream *s, uint64_t first, uint64_t count, const char *data)
+{
+    struct window *w = &s->window;
+    uint64_t size = sample_bytes(s);
+
+    for (uint64_t i = 0; w->samples > 0 && i < count; i++) {
+        if (w->recent == NULL)
+            w->recent = grab(w->samples * size);
+        memcpy(w->recent + (first + i) % w->samples * size, data + i * size, size);
+    }
+}
+
+void window_reset(struct stream *s)
+{
+    s->window.next = 0;
+    s->window.slot = -1;
+    alarms_reset(s->window.alarms);
+}
+
+/* ---- to a worker ------------------------------------------------------------------------------------------------- */
+
+static bool is_due(struct stream *s)
+{
+    struct window *w = &s->window;
+    uint64_t least = s->run_from + w->samples;
+
+    if (w->samples == 0 || s->closed || w->recent == NULL || !is_durable(s) || s->durable < least)
+        return false;
+    if (w->next < least)
+        w->next = least;
+    return s->durable >= w->next;
+}
+
+static bool has_window(const struct core *c, const struct stream *s, int slot)
+{
+    return s->window.slot == slot && s->window.process == c->slots[slot].process;
+}
+
+/* The worker that has the window is idle, or will be soon. */
+static bool is_awaited(const struct core *c, const struct stream *s)
+{
+    const int slot = s->window.slot;
+    const struct slot *own = slot >= 0 ? &c->slots[slot] : NULL;
+
+    return own != NULL && has_window(c, s, slot)
+        && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
+}
+
+/* A stream whose window is due: one that this worker has, else one that no other worker is to go on with. */
+static struct stream *due_for(struct core *c, int slot)
+{
+    struct stream *found = NULL;
+
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream) {
+        if (s->window.running || !is_due(s))
+            continue;
+        if (has_window(c, s, slot))
+            return s;
+        if (found == NULL && !is_awaited(c, s))
+            found = s;
+    }
+    return found;
+}
+
+/* The window that is due, as raw samples from *FIRST on: those before KNOWN are where they are
+ * needed, unless that leaves a hole. */
+static struct blob *cut_window(struct stream *s, uint64_t known, uint64_t *first)
+{
+    struct window *w = &s->window;
+    uint64_t size = sample_bytes(s), count;
+    char *data;
+
+    w->epoch = s->epoch;
+    w->from = s->durable - w->samples;
+    w->to = s->durable - 1;
+    *first = known > w->from && known < s->durable ? known : w->from;
+    count = s->durable - *first;
+    data = grab(count * size);
+    for (uint64_t i = 0; i < count; i++)
+        memcpy(data + i * size, w->recent + (*first + i) % w->samples * size, size);
+    while (w->next <= s->durable)
+        w->next += w->hop;
+    return blob_take(data, count * size);
+}
+
+static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
+{
+    cJSON *header = cJSON_CreateObject(), *input = cJSON_Parse(s->header), *live;
+    const struct window *w = &s->window;
+    char name[24];
+
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    cJSON_AddStringToObject(header, "job", "live");
+    cJSON_AddNumberToObject(header, "attempt", attempt);
+    cJSON_AddStringToObject(header, "kind", "identify");
+    cJSON_AddRawToObject(header, "options", w->options);
+    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
+    live = cJSON_AddObjectToObject(header, "live");
+    cJSON_AddStringToObject(live, "stream", name);
+    cJSON_AddNumberToObject(live, "epoch", (double)w->epoch);
+    cJSON_AddNumberToObject(live, "to", (double)w->to);
+    cJSON_AddNumberToObject(live, "window", (double)w->samples);
+    cJSON_AddNumberToObject(live, "hop", (double)w->hop);
+    cJSON_DeleteItemFromObject(input, "window");
+    cJSON_AddStringToObject(input, "content", "batch");
+    cJSON_AddNumberToObject(input, "samples", (double)(w->to + 1 - first));
+    cJSON_AddItemToObject(header, "input", input);
+    return header;
+}
+
+void window_start(struct core *c, int slot)
+{
+    struct slot *worker = &c->slots[slot];
+    struct stream *s = due_for(c, slot);
+    struct window *w;
+    struct blob *data;
+    uint64_t first = 0;
+
+    if (s == NULL)
+        return;
+    w = &s->window;
+    data = cut_window(s, has_window(c, s, slot) ? w->to + 1 : 0, &first);
+    w->running = true;
+    w->slot = slot;
+    w->process = worker->process;
+    worker->live = s;
+    worker->state = SLOT_BUSY;
+    worker->attempt = ++c->live_attempts;
+    worker->jobs++;
+    worker->started_ns = worker->heard_ns = c->now.mono_ns;
+    worker_send(c, slot, "RUN", run_header(s, worker->attempt, first), data);
+}
+
+bool window_late(const struct core *c, const struct slot *worker)
+{
+    return worker->live != NULL && c->now.mono_ns - worker->started_ns > LIVE_LIMIT_S * SECOND;
+}
+
+/* ---- what it found ----------------------------------------------------------------------------------------------- */
+
+/* The present epoch may be another by the time a window is told: the run was taken up again from
+ * a checkpoint meanwhile. */
+static cJSON *event_of(const struct core *c, const struct stream *s, const char *event)
+{
+    cJSON *text = cJSON_CreateObject();
+    char ident[IDENT_TEXT];
+
+    ident_text(ident, ~c->settings.secret, s->id);
+    cJSON_AddStringToObject(text, "event", event);
+    cJSON_AddStringToObject(text, "stream", s->name);
+    cJSON_AddStringToObject(text, "stream_id", ident);
+    cJSON_AddNumberToObject(text, "epoch", (double)s->window.epoch);
+    cJSON_AddNumberToObject(text, "from", (double)s->window.from);
+    cJSON_AddNumberToObject(text, "to", (double)s->window.to);
+    return text;
+}
+
+/* The next number goes to TEXT, which is deleted. */
+static void put_event(struct core *c, struct stream *s, struct transaction *t, cJSON *text)
+{
+    struct after *after = transaction_after(t, AFTER_EVENT);
+    struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
+
+    after->text = json_print(text);
+    if (strlen(after->text) > EVENT_MOST) {        /* it must fit a header: the verdict alone */
+        cJSON_DeleteItemFromObject(text, "modes");
+        cJSON_DeleteItemFromObject(text, "diagnostics");
+        free(after->text);
+        after->text = json_print(text);
+    }
+    after->value = c->next_event;
+    after->ns = c->now.utc_ns;
+    after->stream = s;
+    change->event = (struct event_record) {
+        .number = c->next_event++, .ns = c->now.utc_ns,
+        .user = transaction_text(t, s->user->name), .topic = transaction_text(t, s->name),
+        .text = transaction_text(t, after->text) };
+    cJSON_Delete(text);
+}
+
+/* The alarms that a window raised or cleared, each an event behind its modes. */
+static void put_alarms(struct core *c, struct stream *s, struct transaction *t, cJSON *edges)
+{
+    cJSON *edge;
+
+    while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
+        cJSON *text = event_of(c, s, "alarm"), *part;
+        while ((part = edge->child) != NULL) {
+            cJSON_DetachItemViaPointer(edge, part);
+            cJSON_AddItemToObject(text, part->string, part);
+        }
+        cJSON_Delete(edge);
+        put_event(c, s, t, text);
+    }
+    cJSON_Delete(edges);
+}
+
+/* How far the samples are ahead of a window of the present epoch, and what is missing of them. */
+static void add_lag(cJSON *text, const struct stream *s)
+{
+    uint64_t end = s->window.to + 1, samples = s->next > end ? s->next - end : 0, missing = 0;
+    cJSON *lag, *gaps;
+
+    if (s->window.epoch != s->epoch)
+        return;
+    for (size_t i = 0; i < s->gap_count; i++)
+        missing += s->gaps[i][1] - s->gaps[i][0];
+    lag = cJSON_AddObjectToObject(text, "lag");
+    cJSON_AddNumberToObject(lag, "samples", (double)samples);
+    cJSON_AddNumberToObject(lag, "bytes", (double)(samples * sample_bytes(s)));
+    gaps = cJSON_AddObjectToObject(text, "gaps");
+    cJSON_AddNumberToObject(gaps, "count", (double)s->gap_count);
+    cJSON_AddNumberToObject(gaps, "samples", (double)missing);
+}
+
+/* The mode of least damping; NULL: none has one. */
+static const cJSON *least_damped(const cJSON *modes)
+{
+    const cJSON *mode, *least = NULL;
+    double lowest = HUGE_VAL;
+
+    cJSON_ArrayForEach(mode, modes) {
+        double ratio = cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(mode, "damping_ratio"));
+        if (ratio < lowest)
+            lowest = ratio, least = mode;
+    }
+    return least;
+}
+
+/* What a host reads between two of its steps, flat: the verdict of DOCUMENT and its least damped mode. */
+static void add_verdict(cJSON *text, const cJSON *document)
+{
+    static const char *const keys[][2] = {
+        { "frequency_hz", "frequency_hz_std" }, { "damping_ratio", "damping_ratio_std" },
+    };
+    const cJSON *stability = cJSON_GetObjectItemCaseSensitive(document, "stability");
+    const cJSON *stable = cJSON_GetObjectItemCaseSensitive(stability, "stable");
+    const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
+    const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
+
+    if (stable != NULL)
+        cJSON_AddStringToObject(text, "verdict", cJSON_IsTrue(stable) ? "stable"
+                                               : cJSON_IsFalse(stable) ? "unstable" : "undecided");
+    for (int i = 0; i < 2; i++) {
+        const cJSON *value = cJSON_GetObjectItemCaseSensitive(mode, keys[i][0]);
+        const cJSON *error = cJSON_GetObjectItemCaseSensitive(std, keys[i][0]);
+        if (cJSON_IsNumber(value))
+            cJSON_AddNumberToObject(text, keys[i][0], value->valuedouble);
+        if (cJSON_IsNumber(error))
+            cJSON_AddNumberToObject(text, keys[i][1], error->valuedouble);
+    }
+}
+
+/* What a window gave, as a numbered event: the modes and the verdict of FOUND, the ERROR, or
+ * both; either may be NULL. */
+static void tell_result(struct core *c, struct stream *s, const struct wire_frame *found,
+                        const cJSON *error)
+{
+    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
+    const struct window *w = &s->window;
+    cJSON *document = NULL, *text = event_of(c, s, "modes"), *part, *edges;
+    struct transaction *t = transaction_new();
+
+    if (found != NULL)
+        json_read(found->data, found->size, &document, NULL);
+    edges = w->epoch == s->epoch ? alarms_judge(w->alarms, w->from, w->to, document) : NULL;
+    add_verdict(text, document);
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
+        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
+            cJSON_AddItemToObject(text, parts[i], part);
+    if (error != NULL)
+        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
+    add_lag(text, s);
+    put_event(c, s, t, text);
+    put_alarms(c, s, t, edges);
+    cJSON_Delete(document);
+    core_commit(c, t);
+}
+
+/* ---- its end ----------------------------------------------------------------------------------------------------- */
+
+/* The window is due again, unless an epoch has begun since, whose samples are others. */
+static void try_again(struct stream *s)
+{
+    if (s->epoch == s->window.epoch)
+        s->window.next = s->window.to + 1;
+}
+
+/* A window that killed each worker that had it: who watches is told so. */
+static void give_up(struct core *c, struct stream *s)
+{
+    struct modal_error err;
+    cJSON *error;
+
+    modal_fail(&err, MODAL_WORKER_DIED, "the window is left out: %d workers died of it",
+               s->window.died);
+    error = wire_error_object(&err, NULL);
+    tell_result(c, s, NULL, error);
+    cJSON_Delete(error);
+    s->window.died = 0;
+}
+
+void window_died(struct core *c, int slot)
+{
+    struct stream *s = c->slots[slot].live;
+
+    c->slots[slot].live = NULL;
+    s->window.running = false;
+    s->window.slot = -1;
+    if (++s->window.died < LIVE_DEATHS_MOST)
+        try_again(s);
+    else
+        give_up(c, s);
+}
+
+void window_end(struct core *c, int slot, const struct wire_message *m)
+{
+    struct stream *s = c->slots[slot].live;
+    const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    struct modal_error err;
+    cJSON *error = NULL;
+
+    c->slots[slot].live = NULL;
+    c->slots[slot].state = SLOT_TAKEN;
+    s->window.running = false;
+    s->window.died = 0;
+    if (told != NULL) {
+        s->window.slot = -1;
+        worker_error(told, &err);
+        error = wire_error_object(&err, NULL);
+    }
+    if (told != NULL && strcmp(err.field, "live") == 0)
+        try_again(s);                              /* it dropped the window: once more, all of it */
+    else
+        tell_result(c, s, m->body_count > 0 ? &m->body[0] : NULL, error);
+    cJSON_Delete(error);
+}

@@ -1,0 +1,37 @@
+/* aft_state.h - what aft.c, aft_events.c and aft_derivative.c share */
+#ifndef MODAL_AFT_STATE_H
+#define MODAL_AFT_STATE_H
+#include "modal/steady/aft.h"
+
+static const double TWO_PI = 6.283185307179586477;
+
+struct aft_law {
+    const struct law *law;
+    int place[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];
+    struct orbit in[LAW_INPUTS_MOST];
+    struct law_pieces pieces;
+    bool exact, acts, undetermined, stiff;
+    long evaluations;
+    int memory;
+    double *f, *fd, *fv;                    /* samples: [i][N], [i][j][N] */
+    double *z;                              /* memory, twice */
+    double complex *F;                      /* [i][H+1] */
+    double complex *gain, *damp;            /* [i][j][2H+1], two-sided m >= 0 */
+    double complex *level, *cross;          /* pieces': [i][2H+1], [3H+1] */
+    bool levels, gains, damps, crosses;     /* which of them are not 0 throughout */
+    double complex *ends;                   /* e^{-i theta} where piece s begins, [2 s], and ends */
+    int ends_room;
+};
+
+struct aft {
+    int q, H, N, laws, room, HJ;          /* HJ: of derivatives */
+    bool located;
+    double omega;
+    struct orbit_grid *grid;
+    struct aft_law *law;
+    double complex *mask, *wave, *product;  /* `room` each */
+    double complex *before, *after;         /* e^{-i m theta} where a piece begins and ends, `room` each */
+    double *block, *samples;                /* (2H+1)^2; N */
+    double *inverse;                        /* 1 / (2 pi m) */
+};
+#endif

@@ -1,0 +1,296 @@
+/*
+ * condense_modes.c - the linear dofs eliminated by their modes; see condense.h for (1) and (2)
+ *
+ * Modes, where M and K are symmetric and C = alpha M + beta K: K_rr Phi = M_rr Phi diag(lambda), Phi^T M_rr Phi = 1,
+ * c_j = alpha + beta lambda_j; with a_j(s) = phi_j^T L_rq(s) and b_j = phi_j^T P_r,
+ *
+ *     S = L_qq - sum_j a_j^T a_j / (lambda_j - s^2 + i s c_j),  p = P_q - sum_j a_j^T b_j / (...).                   (3)
+ *
+ * A tridiagonal K_rr with diagonal M_rr, a chain, has its modes in O(n^2).
+ */
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/condense_state.h"
+
+static const double PROPORTIONAL = 1e-12;        /* damping off alpha M + beta K by less than this, relative: proportional */
+enum { MODES_MOST = 3000 };
+
+typedef double lanes __attribute__((vector_size(8 * sizeof(double))));   /* eight harmonics at a time */
+enum { LANES = 8 };
+
+/* sum_j weight_j / (lambda_j - s^2 + i s c_j) at eight s */
+static void modal_sums(const struct condense *c, const double *weight, const double s[LANES], double complex out[LANES])
+{
+    lanes s1, s2, re = { 0 }, im = { 0 };
+
+    memcpy(&s1, s, sizeof s1);
+    s2 = s1 * s1;
+    for (int m = 0; m < c->r; m++) {
+        lanes x = c->lambda[m] - s2, y = s1 * c->damping[m], scale = weight[m] / (x * x + y * y);
+
+        re += x * scale;
+        im -= y * scale;
+    }
+    for (int i = 0; i < LANES; i++)
+        out[i] = CMPLX(re[i], im[i]);
+}
+
+/* (3) for harmonics first .. first + 7 (those <= H), by products of the weights' parts: L_rq = (1 + i s beta) K_rq - s^2 M_rq
+ * has a_i a_j = (1 + i s beta)^2 k_i k_j - s^2 (1 + i s beta)(k_i m_j + m_i k_j) + s^4 m_i m_j. */
+static void modes_at(struct condense *c, int first, int H, double complex *S, double complex *p)
+{
+    int q = c->q, terms = c->massless ? 1 : 4;
+    double s[LANES];
+    double complex sum[4][LANES];
+
+    for (int i = 0; i < LANES; i++)
+        s[i] = (first + i <= H ? first + i : first) * c->omega;
+    for (int i = 0; i < q; i++)
+        for (int j = 0; j <= q; j++) {
+            const double *weight = c->weight + (size_t)(i * (q + 1) + j) * 4 * (size_t)c->r;
+
+            for (int t = 0; t < terms && j < q; t++)
+                modal_sums(c, weight + (size_t)t * (size_t)c->r, s, sum[t]);
+            for (int k = first; j < q && k < first + LANES && k <= H; k++) {
+                double sk = k * c->omega;
+                double complex b = 1 + I * (sk * c->beta), total = b * b * sum[0][k - first];
+
+                if (terms > 1)
+                    total += -sk * sk * b * (sum[1][k - first] + sum[2][k - first]) + sk * sk * sk * sk * sum[3][k - first];
+                S[((size_t)k * (size_t)q + (size_t)j) * (size_t)q + (size_t)i] -= total;
+            }
+        }
+    for (int l = 0; l < c->loads; l++) {
+        const struct condense_load *load = &c->load[l];
+        double sk = load->k * c->omega;
+        const double *phi;
+
+        if (load->k < first || load->k >= first + LANES || load->k > H || c->spot[load->dof] < 0)
+            continue;
+        phi = c->phi + c->spot[load->dof];
+        for (int i = 0; i < q; i++) {
+            double complex total = 0, value = c->level * load->value;
+
+            for (int m = 0; m < c->r; m++) {
+                double x = c->lambda[m] - sk * sk, y = sk * c->damping[m], scale = phi[(size_t)m * (size_t)c->r] / (x * x + y * y);
+                size_t at = (size_t)i * (size_t)c->r + (size_t)m;
+                double complex a = CMPLX(c->ak[at] - sk * sk * c->am[at], sk * c->beta * c->ak[at]);
+
+                total += a * CMPLX(x * scale, -y * scale);
+            }
+            p[load->k * q + i] -= total * value;
+        }
+    }
+}
+
+static void kept_block(struct condense *c, double s, double complex *S)
+{
+    for (int t = 0; t < 3; t++)
+        for (int i = 0; i < c->q; i++)
+            for (int e = c->p->constant[t].start[c->kept[i]]; e < c->p->constant[t].start[c->kept[i] + 1]; e++) {
+                int j = c->place[c->p->constant[t].index[e]];
+
+                if (j >= 0)
+                    S[j * c->q + i] += factor_of(t, s) * c->p->constant[t].value[e];
+            }
+}
+
+void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p)
+{
+    for (int k = 0; k <= H; k++)
+        kept_block(c, k * c->omega, S + (size_t)k * (size_t)c->q * (size_t)c->q);
+    for (int l = 0; l < c->loads; l++) {
+        const struct condense_load *load = &c->load[l];
+
+        if (load->k <= H && c->place[load->dof] >= 0)
+            p[load->k * c->q + c->place[load->dof]] += c->level * load->value;
+    }
+    for (int first = 0; first <= H; first += LANES)
+        modes_at(c, first, H, S, p);
+}
+
+/* Rows of the linear dofs of constant[t]: the square part into A (r x r), the columns of kept dofs into B (r x q). */
+static void spread(const struct condense *c, int t, double *A, double *B)
+{
+    const struct sparse *a = &c->p->constant[t];
+
+    for (int i = 0; i < c->n; i++)
+        for (int e = c->spot[i] >= 0 ? a->start[i] : 0; c->spot[i] >= 0 && e < a->start[i + 1]; e++) {
+            int j = a->index[e];
+
+            if (c->spot[j] >= 0)
+                A[(size_t)c->spot[j] * (size_t)c->r + (size_t)c->spot[i]] += a->value[e];
+            else
+                B[(size_t)c->place[j] * (size_t)c->r + (size_t)c->spot[i]] += a->value[e];
+        }
+}
+
+static bool symmetric(const struct sparse *a)
+{
+    for (int i = 0; i < a->m; i++)
+        for (int e = a->start[i]; e < a->start[i + 1]; e++) {
+            int j = a->index[e], low = a->start[j], high = a->start[j + 1];
+
+            while (low < high && a->index[low] < i)
+                low++;
+            if (low == high || a->index[low] != i || fabs(a->value[low] - a->value[e]) > 1e-14 * fabs(a->value[e]))
+                return false;
+        }
+    return true;
+}
+
+/* C = alpha M + beta K entry by entry, on the whole structure. */
+static bool proportional(const struct condense *c, double *alpha, double *beta)
+{
+    const struct sparse *M = &c->p->constant[PROGRAM_M], *C = &c->p->constant[PROGRAM_C], *K = &c->p->constant[PROGRAM_K];
+    double *row = calloc(3 * (size_t)c->n, sizeof *row), mm = 0, mk = 0, kk = 0, cm = 0, ck = 0, det, scale = 0, worst = 0;
+    double *m = row, *d = row + c->n, *k = row + 2 * c->n;
+    bool ok = row != NULL;
+
+    for (int pass = 0; ok && pass < 2; pass++)
+        for (int i = 0; i < c->n; i++) {
+            memset(row, 0, 3 * (size_t)c->n * sizeof *row);
+            for (int e = M->start[i]; e < M->start[i + 1]; e++) m[M->index[e]] += M->value[e];
+            for (int e = C->start[i]; e < C->start[i + 1]; e++) d[C->index[e]] += C->value[e];
+            for (int e = K->start[i]; e < K->start[i + 1]; e++) k[K->index[e]] += K->value[e];
+            for (int j = 0; j < c->n; j++) {
+                if (pass == 0) {
+                    mm += m[j] * m[j];
+                    mk += m[j] * k[j];
+                    kk += k[j] * k[j];
+                    cm += d[j] * m[j];
+                    ck += d[j] * k[j];
+                } else {
+                    worst = fmax(worst, fabs(d[j] - *alpha * m[j] - *beta * k[j]));
+                    scale = fmax(scale, fabs(d[j]));
+                }
+            }
+            if (pass == 0 && i == c->n - 1) {
+                det = mm * kk - mk * mk;
+                *alpha = det > 1e-12 * mm * kk ? (cm * kk - ck * mk) / det : mm > 0 ? cm / mm : 0;
+                *beta = det > 1e-12 * mm * kk ? (ck * mm - cm * mk) / det : 0;
+            }
+        }
+    free(row);
+    return ok && worst <= PROPORTIONAL * scale;
+}
+
+/* K_rr phi = M_rr phi lambda; a tridiagonal K with diagonal M by its own solver. */
+static bool modes_of(struct condense *c, double *K, double *M)
+{
+    int r = c->r;
+    bool tridiagonal = true;
+
+    for (int j = 0; j < r && tridiagonal; j++)
+        for (int i = 0; i < r; i++)
+            if ((K[(size_t)j * (size_t)r + (size_t)i] != 0 && abs(i - j) > 1) || (M[(size_t)j * (size_t)r + (size_t)i] != 0 && i != j)) {
+                tridiagonal = false;
+                break;
+            }
+    if (tridiagonal) {
+        double *e = calloc((size_t)r + 1, sizeof *e), *root = calloc((size_t)r + 1, sizeof *root);
+        bool ok = e != NULL && root != NULL;
+
+        for (int i = 0; ok && i < r; i++) {
+            double mass = M[(size_t)i * (size_t)(r + 1)];
+
+            ok = mass > 0;
+            root[i] = sqrt(mass);
+        }
+        for (int i = 0; ok && i < r; i++) {
+            c->lambda[i] = K[(size_t)i * (size_t)(r + 1)] / (root[i] * root[i]);
+            e[i] = i + 1 < r ? K[(size_t)i * (size_t)(r + 1) + 1] / (root[i] * root[i + 1]) : 0;
+        }
+        ok = ok && LAPACKE_dstevd(LAPACK_COL_MAJOR, 'V', r, c->lambda, e, c->phi, r) == 0;
+        for (int j = 0; ok && j < r; j++)
+            for (int i = 0; i < r; i++)
+                c->phi[(size_t)j * (size_t)r + (size_t)i] /= root[i];
+        free(e);
+        free(root);
+        return ok;
+    }
+    if (LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'L', r, K, r, M, r, c->lambda) != 0)
+        return false;
+    memcpy(c->phi, K, (size_t)r * (size_t)r * sizeof *K);
+    return true;
+}
+
+static void project(const struct condense *c, const double *B, double *out)       /* phi^T B, r x q */
+{
+    for (int j = 0; j < c->q; j++)
+        for (int m = 0; m < c->r; m++) {
+            double sum = 0;
+
+            for (int i = 0; i < c->r; i++)
+                sum += c->phi[(size_t)m * (size_t)c->r + (size_t)i] * B[(size_t)j * (size_t)c->r + (size_t)i];
+            out[(size_t)j * (size_t)c->r + (size_t)m] = sum;
+        }
+}
+
+/* The products that modes_at sums: k_i k_j, k_i m_j, m_i k_j, m_i m_j. */
+static void weights(struct condense *c)
+{
+    size_t r = (size_t)c->r;
+
+    c->massless = true;
+    for (size_t e = 0; e < r * (size_t)c->q; e++)
+        c->massless &= c->am[e] == 0;
+    for (int i = 0; i < c->q; i++)
+        for (int j = 0; j < c->q; j++) {
+            double *w = c->weight + (size_t)(i * (c->q + 1) + j) * 4 * r;
+            const double *ki = c->ak + (size_t)i * r, *kj = c->ak + (size_t)j * r, *mi = c->am + (size_t)i * r, *mj = c->am + (size_t)j * r;
+
+            for (size_t m = 0; m < r; m++) {
+                w[m] = ki[m] * kj[m];
+                w[r + m] = ki[m] * mj[m];
+                w[2 * r + m] = mi[m] * kj[m];
+                w[3 * r + m] = mi[m] * mj[m];
+            }
+        }
+}
+
+enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_error *err)
+{
+    size_t r = (size_t)c->r, q = (size_t)c->q;
+    double *K = NULL, *M = NULL, *Bk = NULL, *Bm = NULL, alpha = 0;
+    enum modal_status rc = MODAL_OK;
+
+    *done = c->reduced;
+    if (c->reduced || c->r < 1 || c->q < 1 || c->r > MODES_MOST || c->p->n_linear > 0 || !symmetric(&c->p->constant[PROGRAM_M])
+        || !symmetric(&c->p->constant[PROGRAM_K]) || !proportional(c, &alpha, &c->beta))
+        return MODAL_OK;
+    K = calloc(r * r, sizeof *K);
+    M = calloc(r * r, sizeof *M);
+    Bk = calloc(r * q, sizeof *Bk);
+    Bm = calloc(r * q, sizeof *Bm);
+    c->phi = calloc(r * r, sizeof *c->phi);
+    c->lambda = calloc(r, sizeof *c->lambda);
+    c->damping = calloc(r, sizeof *c->damping);
+    c->ak = calloc(r * q, sizeof *c->ak);
+    c->am = calloc(r * q, sizeof *c->am);
+    c->weight = calloc(4 * q * (q + 1) * r, sizeof *c->weight);
+    if (K == NULL || M == NULL || Bk == NULL || Bm == NULL || c->phi == NULL || c->lambda == NULL || c->damping == NULL || c->ak == NULL
+        || c->am == NULL || c->weight == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d modes", c->r);
+        goto out;
+    }
+    spread(c, PROGRAM_K, K, Bk);
+    spread(c, PROGRAM_M, M, Bm);
+    if (!modes_of(c, K, M))
+        goto out;
+    for (size_t m = 0; m < r; m++)
+        c->damping[m] = alpha + c->beta * c->lambda[m];
+    project(c, Bk, c->ak);
+    project(c, Bm, c->am);
+    /* C_rq = alpha M_rq + beta K_rq; (3) has the beta part only, so a mass that couples needs alpha to be 0 */
+    weights(c);
+    *done = c->reduced = c->massless || alpha == 0;
+out:
+    free(K);
+    free(M);
+    free(Bk);
+    free(Bm);
+    return rc;
+}

@@ -1,0 +1,41 @@
+/* condense_state.h - what condense.c and condense_modes.c share */
+#ifndef MODAL_CONDENSE_STATE_H
+#define MODAL_CONDENSE_STATE_H
+#include "modal/steady/condense.h"
+
+struct condense {
+    const struct program *p;
+    int n, q, r, order;              /* dofs, kept, linear; order = r + n_linear */
+    struct pattern *pattern;         /* of S */
+    int *place, *kept, *spot;        /* spot[dof]: row among the linear ones, or -1 */
+    int lower, upper, ld;            /* band of L_rr; ld = 2 lower + upper + 1 */
+    double complex *band, *right;    /* right: order x (q+1) */
+    double *size;                    /* of each column, before factoring */
+    int *pivot;
+    int highest;
+    struct condense_load { int dof, k; double complex value; } *load;    /* harmonics on the program's axes */
+    int loads;
+    /* of the last condense_at */
+    double omega, level;
+    int H;
+    double complex *kept_right;      /* (H+1) x order x (q+1): L_rr^-1 [L_rq, P_r]; NULL: not kept */
+    size_t kept_size;
+    /* modes */
+    bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
+    bool solved;                     /* kept_right is that of the last condense_at */
+    double beta;
+    double *phi;                     /* r x r */
+    double *lambda, *damping;
+    double *ak, *am;                 /* phi^T K_rq, M_rq: r x q */
+    double *weight;                  /* [i][j][4][r]: see weights() */
+};
+
+/* What a matrix of type T (PROGRAM_M, _C, _K) is multiplied by at s = k omega, (1) of condense.h. */
+static inline double complex factor_of(int t, double s)
+{
+    return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
+}
+
+/* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce is done. */
+void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p);
+#endif

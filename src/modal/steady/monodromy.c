@@ -1,0 +1,608 @@
+/*
+ * monodromy.c - see monodromy.h
+ *
+ * In theta = omega t the first-order form of (1) of stability.h is w' = A(theta) w, w = (y, dy/dtheta, z, c / gain).  The
+ * period is cut at every event of the exact laws and, where A varies in between, into equal steps.  On a cut with constant A,
+ * exp(h A) is exact; elsewhere the sixth-order Magnus method of [BCOR09] (their section 5.4, three Gauss points A_1 .. A_3),
+ *
+ *     a1 = h A_2, a2 = sqrt(15)/3 h (A_3 - A_1), a3 = 10/3 h (A_3 - 2 A_2 + A_1),  C1 = [a1, a2],
+ *     C2 = -1/60 [a1, 2 a3 + C1],  Omega = a1 + a3/12 + [-20 a1 - a3 + C1, a2 + C2] / 240,               (1)
+ *
+ * its steps doubled by stability.c until the multipliers settle.  Exponentials by scaling and squaring of the diagonal Pade approximant of
+ * degree 6, at norm 1/2 good to 3e-16 [ML03, method 3].
+ *
+ * At a cut, a slider that comes to rest takes c = sum ref_j y_j (pieces.h), one that leaves it loses c; the motion's speed is
+ * continuous there, so nothing else jumps.
+ *
+ * [BCOR09] Blanes, Casas, Oteo, Ros, Physics Reports 470 (2009) 151-238.
+ * [ML03]   Moler, Van Loan, SIAM Review 45 (2003) 3-49.
+ */
+#include "modal/steady/monodromy.h"
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/estimate.h"
+#include "modal/steady/stability.h"
+
+static const double TWO_PI = 6.283185307179586477;
+enum { EXTENDED = 2048 };
+
+static void *room(size_t count, size_t size) { return calloc(count + 1, size); }
+
+void monodromy_done(struct monodromy *m)
+{
+    for (int i = 0; m->in != NULL && i < m->p->laws * LAW_INPUTS_MOST; i++)
+        orbit_done(&m->in[i]);
+    for (int i = 0; m->pieces != NULL && i < m->p->laws; i++)
+        pieces_done(&m->pieces[i]);
+    for (int i = 0; i < 3; i++)
+        free(m->A[i]);
+    for (int i = 0; i < 6; i++)
+        free(m->work[i]);
+    for (int i = 0; i < 4; i++)
+        free(m->z[i]);
+    free(m->X);
+    free(m->first_slider);
+    free(m->in);
+    free(m->pieces);
+    free(m->exact);
+    free(m->Minv);
+    free(m->K);
+    free(m->C);
+    free(m->map);
+    free(m->cut);
+    free(m->pivot);
+}
+
+static void count_sliders(struct monodromy *m)
+{
+    m->sliders = 0;
+    for (int l = 0; l < m->p->laws; l++) {
+        m->first_slider[l] = m->sliders;
+        m->sliders += m->p->law[l].kind->pieces != NULL ? m->p->law[l].memory : 0;
+    }
+}
+
+/* (omega^2 M)^-1 at THETA into Minv. */
+static bool invert_mass(struct monodromy *m, double theta)
+{
+    int n = m->n;
+    double scale = 0, least = HUGE_VAL, square = m->point->omega * m->point->omega;
+    struct matrix M = { n, n, n, m->Minv };
+
+    memset(m->Minv, 0, (size_t)n * (size_t)n * sizeof *m->Minv);
+    sparse_add_to_dense(&m->p->constant[PROGRAM_M], square, &M);
+    for (int h = 0; m->mass_varies && h < m->p->harmonics; h++) {
+        const struct program_harmonic *a = &m->p->harmonic[h];
+
+        sparse_add_to_dense(&a->cosine[PROGRAM_M], square * cos(a->k * theta), &M);
+        sparse_add_to_dense(&a->sine[PROGRAM_M], square * sin(a->k * theta), &M);
+    }
+    for (int i = 0; i < n * n; i++)
+        scale = fmax(scale, fabs(m->Minv[i]));
+    if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, m->Minv, n, m->pivot) != 0)
+        return false;
+    for (int i = 0; i < n; i++)
+        least = fmin(least, fabs(m->Minv[i * n + i]));
+    if (!(least > 0) || scale / least > 1e300)
+        return false;
+    return LAPACKE_dgetri(LAPACK_COL_MAJOR, n, m->Minv, n, m->pivot) == 0;
+}
+
+/* E z' = A z + Bx y + Bv x' + Ba x'' (program.h, (2)) as dz/dtheta = z0 z + z1 y + z2 dy/dtheta + z3 d2y/dtheta2. */
+static enum modal_status linear_states(struct monodromy *m, struct modal_error *err)
+{
+    const struct sparse *in[4] = { &m->p->A, &m->p->Bx, &m->p->Bv, &m->p->Ba };
+    double omega = m->point->omega, scale[4] = { 1 / omega, 1 / omega, 1, omega };
+    int nz = m->nz, n = m->n;
+    double *E = room((size_t)nz * (size_t)nz, sizeof *E);
+    int *pivot = room((size_t)nz, sizeof *pivot);
+    struct matrix full = { nz, nz, nz, E };
+    enum modal_status rc = E == NULL || pivot == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        sparse_add_to_dense(&m->p->E, 1, &full);
+    if (rc == MODAL_OK && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot) != 0)
+        m->reason = "the linear states' equations are singular";
+    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < 4; i++) {
+        int columns = i == 0 ? nz : n;
+        struct matrix out = { nz, columns, nz, m->z[i] = room((size_t)nz * (size_t)columns, sizeof(double)) };
+
+        if (out.x == NULL) {
+            rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d linear states", nz);
+            break;
+        }
+        if (in[i]->m > 0)
+            sparse_add_to_dense(in[i], scale[i], &out);
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', nz, columns, E, nz, pivot, out.x, nz);
+    }
+    free(E);
+    free(pivot);
+    return rc;
+}
+
+/* Motions of each law's inputs, at full resolution, and its pieces. */
+static enum modal_status law_motions(struct monodromy *m, struct modal_error *err)
+{
+    int H = m->H, K = H + 1, N = 64;
+    const int *place = condense_place(m->point->c);
+    struct orbit_grid *g = NULL;
+    enum modal_status rc;
+
+    while (N < 4 * H + 2)
+        N *= 2;
+    N = N < m->point->N ? m->point->N : N;
+    rc = orbit_grid_new(N, &g, err);
+    for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
+        const struct law *law = &m->p->law[l];
+        const struct orbit *input[LAW_INPUTS_MOST] = { &m->in[l * LAW_INPUTS_MOST], &m->in[l * LAW_INPUTS_MOST + 1] };
+
+        for (int j = 0; rc == MODAL_OK && j < law->kind->inputs; j++) {
+            struct orbit *o = &m->in[l * LAW_INPUTS_MOST + j];
+
+            rc = orbit_init(o, H, N, err);
+            for (int k = 0; rc == MODAL_OK && k < K; k++)
+                o->D[k] = (law->dof[j] >= 0 ? m->X[place[law->dof[j]] * K + k] : 0)
+                        - (law->to[j] >= 0 ? m->X[place[law->to[j]] * K + k] : 0);
+            if (rc == MODAL_OK)
+                orbit_sample(o, g, m->point->omega);
+            if (rc == MODAL_OK && law->kind->pieces != NULL)
+                rc = orbit_find_turns(o, err);
+        }
+        m->exact[l] = law->kind->pieces != NULL;
+        if (rc == MODAL_OK && m->exact[l])
+            rc = law->kind->pieces(law, input, &m->pieces[l], err);
+        m->varies |= !m->exact[l];
+        if (law->kind->restart != NULL && law->kind->remembers(law))
+            m->reason = "a user's law remembers; its disturbances are not followed";
+    }
+    orbit_grid_free(g);
+    return rc;
+}
+
+/* Events move the multipliers by the motion's error there, H^-3: laws with events get the motion carried on to EXTENDED. */
+static enum modal_status choose_motion(struct monodromy *m, struct modal_error *err)
+{
+    const struct steady_point *point = m->point;
+    bool events = false, done = false;
+    int H2 = 16 * point->H > EXTENDED ? EXTENDED : 16 * point->H;
+    enum modal_status rc = MODAL_OK;
+
+    for (int l = 0; l < m->p->laws; l++)
+        events |= m->p->law[l].kind->pieces != NULL && point->acts[l];
+    m->H = events && H2 > point->H ? H2 : point->H;
+    m->X = room((size_t)point->q * ((size_t)m->H + 1), sizeof *m->X);
+    if (m->X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
+    if (m->H > point->H)
+        rc = steady_extend(m->s, point, m->H, m->X, &done, err);
+    if (!done) {
+        m->H = point->H;
+        memcpy(m->X, point->X, (size_t)point->q * ((size_t)point->H + 1) * sizeof *m->X);
+    }
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
+static int by_value(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
+static double wrap(double theta) { return theta - TWO_PI * floor(theta / TWO_PI); }
+
+static enum modal_status find_cuts(struct monodromy *m, struct modal_error *err)
+{
+    int most = 2;
+
+    for (int l = 0; l < m->p->laws; l++)
+        most += 2 * m->pieces[l].count;
+    m->cut = room((size_t)most, sizeof *m->cut);
+    if (m->cut == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d cuts", most);
+    m->cut[m->cuts++] = 0;
+    for (int l = 0; l < m->p->laws; l++)
+        for (int i = 0; i < m->pieces[l].count; i++) {
+            const struct law_piece *piece = &m->pieces[l].piece[i];
+
+            m->cut[m->cuts++] = wrap(piece->from);
+            m->cut[m->cuts++] = wrap(piece->to);
+            m->varies |= piece->cross != 0;
+            if (piece->jump != 0)
+                m->reason = "a motion that rigid friction makes jump is not linearised here";
+        }
+    qsort(m->cut, (size_t)m->cuts, sizeof *m->cut, by_value);
+    m->cut[m->cuts] = TWO_PI;
+    return MODAL_OK;
+}
+
+static bool covers(const struct law_piece *piece, double theta)
+{
+    return theta >= piece->from ? wrap(theta - piece->from) < piece->to - piece->from && theta < piece->to
+         : wrap(theta + TWO_PI - piece->from) < piece->to - piece->from;
+}
+
+/* Slopes of law l at theta, and for each slider whether it sticks there (its gain, else 0). */
+static enum modal_status slopes(struct monodromy *m, int l, double theta, double gd[2][2], double gv[2][2], double *held,
+                                struct modal_error *err)
+{
+    const struct law *law = &m->p->law[l];
+    const struct orbit *o = &m->in[l * LAW_INPUTS_MOST];
+    double omega = m->point->omega, at[LAW_INPUTS_MOST][3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], memory[1] = { 0 };
+    struct law_point point = { .t = theta / omega, .d = d, .v = v, .d_before = d, .memory_before = memory };
+    struct law_force f = { .memory = memory };
+    enum modal_status rc;
+
+    memset(gd, 0, 4 * sizeof(double));
+    memset(gv, 0, 4 * sizeof(double));
+    for (int i = 0; i < law->memory && m->exact[l]; i++)
+        held[i] = 0;
+    for (int j = 0; (m->varies || !m->exact[l]) && j < law->kind->inputs; j++) {
+        orbit_at(&o[j], theta, at[j]);
+        d[j] = at[j][0];
+        v[j] = omega * at[j][1];
+    }
+    for (int i = 0; m->exact[l] && i < m->pieces[l].count; i++) {
+        const struct law_piece *piece = &m->pieces[l].piece[i];
+
+        if (!covers(piece, theta))
+            continue;
+        for (int j = 0; j < law->kind->inputs; j++)
+            gd[piece->output][j] += piece->gain[j];
+        gv[piece->output][0] += piece->damp;
+        if (piece->cross != 0) {
+            gd[piece->output][0] += piece->cross * v[0];
+            gv[piece->output][0] += piece->cross * d[0];
+        }
+        if (piece->holds && piece->slider >= 0)
+            held[piece->slider] = piece->gain[law->kind->inputs - 1];
+    }
+    if (m->exact[l])
+        return MODAL_OK;
+    rc = law->kind->force(law, &point, &f, err);
+    for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
+        for (int j = 0; j < law->kind->inputs; j++) {
+            gd[i][j] = f.fd[i][j];
+            gv[i][j] = f.fv[i][j];
+        }
+    return rc;
+}
+
+/* column c of (omega^2 M)^-1 B, sign included, added times -value into rows of y'' */
+static void force_column(struct monodromy *m, double *A, int dof, int to, int column, double value)
+{
+    int n = m->n, order = m->order;
+
+    for (int i = 0; i < n; i++) {
+        double b = (dof >= 0 ? m->Minv[dof * n + i] : 0) - (to >= 0 ? m->Minv[to * n + i] : 0);
+
+        A[(size_t)column * (size_t)order + (size_t)(n + i)] -= b * value;
+    }
+}
+
+static void periodic_part(struct monodromy *m, double theta, double *K, double *C)
+{
+    struct matrix Km = { m->n, m->n, m->n, K }, Cm = { m->n, m->n, m->n, C };
+
+    for (int h = 0; h < m->p->harmonics; h++) {
+        const struct program_harmonic *a = &m->p->harmonic[h];
+        double c = cos(a->k * theta), s = sin(a->k * theta);
+
+        sparse_add_to_dense(&a->cosine[PROGRAM_K], c, &Km);
+        sparse_add_to_dense(&a->sine[PROGRAM_K], s, &Km);
+        sparse_add_to_dense(&a->cosine[PROGRAM_C], c * m->point->omega, &Cm);
+        sparse_add_to_dense(&a->sine[PROGRAM_C], s * m->point->omega, &Cm);
+    }
+}
+
+/* Columns of z in the rows of y'', then the rows of z: z3 times those of y'' and what acts on z itself. */
+static void build_linear_states(const struct monodromy *m, double *A)
+{
+    int n = m->n, nz = m->nz, order = m->order;
+    const struct sparse *F = &m->p->F;
+
+    for (int i = 0; F->m > 0 && i < n; i++)
+        for (int e = F->start[i]; e < F->start[i + 1]; e++)
+            cblas_daxpy(n, F->value[e], m->Minv + (size_t)i * (size_t)n, 1, A + (size_t)(2 * n + F->index[e]) * (size_t)order + n, 1);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, order, n, 1, m->z[3], nz, A + n, order, 0, A + 2 * n, order);
+    for (int i = 0; i < 3; i++) {
+        int columns = i == 0 ? nz : n, first = i == 0 ? 2 * n : i == 1 ? 0 : n;
+
+        for (int c = 0; c < columns; c++)
+            cblas_daxpy(nz, 1, m->z[i] + (size_t)c * (size_t)nz, 1, A + (size_t)(first + c) * (size_t)order + 2 * n, 1);
+    }
+}
+
+static enum modal_status build(struct monodromy *m, double theta, double *A, struct modal_error *err)
+{
+    int n = m->n, order = m->order;
+    double *K = m->work[4], *C = m->work[5], held[LAW_TERMS_MOST];
+    enum modal_status rc = MODAL_OK;
+
+    memset(A, 0, (size_t)order * (size_t)order * sizeof *A);
+    if (m->mass_varies && !invert_mass(m, theta))
+        m->reason = "the mass matrix is singular somewhere in the period";
+    memcpy(K, m->K, (size_t)n * (size_t)n * sizeof *K);
+    memcpy(C, m->C, (size_t)n * (size_t)n * sizeof *C);
+    periodic_part(m, theta, K, C);
+    for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
+        const struct law *law = &m->p->law[l];
+        double gd[2][2], gv[2][2];
+
+        rc = slopes(m, l, theta, gd, gv, held, err);
+        for (int i = 0; i < law->kind->inputs; i++)
+            for (int j = 0; j < law->kind->inputs; j++)
+                for (int side = 0; side < 4; side++) {
+                    int row = side < 2 ? law->dof[i] : law->to[i], column = side % 2 == 0 ? law->dof[j] : law->to[j];
+                    double sign = side == 0 || side == 3 ? 1 : -1;
+
+                    if (row < 0 || column < 0)
+                        continue;
+                    K[column * n + row] += sign * gd[i][j];
+                    C[column * n + row] += sign * m->point->omega * gv[i][j];
+                }
+        for (int e = 0; m->exact[l] && e < law->memory; e++)
+            if (held[e] != 0)
+                force_column(m, A, law->dof[law->kind->inputs - 1], law->to[law->kind->inputs - 1],
+                             2 * n + m->nz + m->first_slider[l] + e, held[e]);
+    }
+    for (int i = 0; i < n; i++)
+        A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, K, n, 1, A + n, order);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, C, n, 1, A + (size_t)n * (size_t)order + n, order);
+    if (m->nz > 0)
+        build_linear_states(m, A);
+    return rc;
+}
+
+static void multiply(int n, double alpha, const double *A, const double *B, double beta, double *out)
+{
+    if (n > 8) {
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta, out, n);
+        return;
+    }
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++) {
+            double sum = 0;
+
+            for (int k = 0; k < n; k++)
+                sum += A[k * n + i] * B[j * n + k];
+            out[j * n + i] = alpha * sum + (beta != 0 ? beta * out[j * n + i] : 0);
+        }
+}
+
+/* X <- exp(X); P, Q, T scratch */
+static bool exponential(int n, double *X, double *P, double *Q, double *T, int *pivot)
+{
+    static const double c[] = { 1, 0.5, 5.0 / 44, 1.0 / 66, 1.0 / 792, 1.0 / 15840, 1.0 / 665280 };
+    size_t size = (size_t)n * (size_t)n;
+    double norm = 0, sum;
+    int squarings = 0;
+
+    for (int i = 0; i < n; i++) {
+        sum = 0;
+        for (int j = 0; j < n; j++)
+            sum += fabs(X[(size_t)j * (size_t)n + (size_t)i]);
+        norm = fmax(norm, sum);
+    }
+    if (!isfinite(norm))
+        return false;
+    while (norm > 0.5 && squarings < 1000) {
+        norm /= 2;
+        squarings++;
+    }
+    for (size_t i = 0; i < size; i++)
+        X[i] = ldexp(X[i], -squarings);
+    memset(P, 0, size * sizeof *P);
+    memset(Q, 0, size * sizeof *Q);
+    memcpy(T, X, size * sizeof *T);
+    for (int i = 0; i < n; i++)
+        P[(size_t)i * (size_t)(n + 1)] = Q[(size_t)i * (size_t)(n + 1)] = 1;
+    double *power = T, *next = malloc(size * sizeof *next);
+    if (next == NULL)
+        return false;
+    for (int d = 1; d <= 6; d++) {
+        for (size_t i = 0; i < size; i++) {
+            P[i] += c[d] * power[i];
+            Q[i] += (d % 2 ? -c[d] : c[d]) * power[i];
+        }
+        if (d < 6) {
+            multiply(n, 1, X, power, 0, next);
+            memcpy(power, next, size * sizeof *power);
+        }
+    }
+    free(next);
+    if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, n, Q, n, pivot, P, n) != 0)
+        return false;
+    for (int s = 0; s < squarings; s++) {
+        multiply(n, 1, P, P, 0, T);
+        memcpy(P, T, size * sizeof *P);
+    }
+    memcpy(X, P, size * sizeof *X);
+    return true;
+}
+
+static void commutator(int n, const double *A, const double *B, double *out)
+{
+    multiply(n, 1, A, B, 0, out);
+    multiply(n, -1, B, A, 1, out);
+}
+
+/* (1), from A at the three Gauss points in m->A; Omega into m->A[0]. */
+static void magnus(struct monodromy *m, double h)
+{
+    int n = m->order;
+    size_t size = (size_t)n * (size_t)n;
+    double *a1 = m->work[0], *a2 = m->work[1], *a3 = m->work[2], *C1 = m->work[3], *C2 = m->work[4], *t = m->work[5];
+
+    for (size_t i = 0; i < size; i++) {
+        double A1 = m->A[0][i], A2 = m->A[1][i], A3 = m->A[2][i];
+
+        a1[i] = h * A2;
+        a2[i] = sqrt(15) / 3 * h * (A3 - A1);
+        a3[i] = 10.0 / 3 * h * (A3 - 2 * A2 + A1);
+    }
+    commutator(n, a1, a2, C1);
+    for (size_t i = 0; i < size; i++)
+        t[i] = 2 * a3[i] + C1[i];
+    commutator(n, a1, t, C2);
+    for (size_t i = 0; i < size; i++) {
+        C2[i] = a2[i] - C2[i] / 60;
+        t[i] = -20 * a1[i] - a3[i] + C1[i];
+    }
+    commutator(n, t, C2, m->A[0]);
+    for (size_t i = 0; i < size; i++)
+        m->A[0][i] = a1[i] + a3[i] / 12 + m->A[0][i] / 240;
+}
+
+/* Sliders that come to rest, or leave it, at theta: rows of c in the map. */
+static void at_cut(struct monodromy *m, double theta)
+{
+    int order = m->order;
+
+    for (int l = 0; l < m->p->laws; l++)
+        for (int i = 0; m->exact[l] && i < m->pieces[l].count; i++) {
+            const struct law_piece *piece = &m->pieces[l].piece[i];
+            const struct law *law = &m->p->law[l];
+            int row = 2 * m->n + m->nz + m->first_slider[l] + piece->slider, inputs = law->kind->inputs;
+            double gain = piece->gain[inputs - 1];
+
+            if (piece->slider < 0 || wrap(piece->from) != theta || (piece->holds && !piece->starts))
+                continue;
+            for (int c = 0; c < order; c++) {
+                double sum = 0;
+
+                for (int j = 0; piece->holds && j < inputs; j++)
+                    sum += piece->ref[j] * ((law->dof[j] >= 0 ? m->map[c * order + law->dof[j]] : 0)
+                                            - (law->to[j] >= 0 ? m->map[c * order + law->to[j]] : 0));
+                m->map[c * order + row] = piece->holds ? sum / gain : 0;
+            }
+        }
+}
+
+bool monodromy_is_finite(const struct monodromy *m)
+{
+    for (int i = 0; i < m->order * m->order; i++)
+        if (!isfinite(m->map[i]))
+            return false;
+    return true;
+}
+
+/* A slider that opens or slips at the end of a piece with no piece after it (a contact parted) loses c too: build() gives it
+ * no weight, and at_cut sets it anew.  Ends early where the map overflows. */
+static enum modal_status advance(struct monodromy *m, double a, double b, int steps, struct modal_error *err)
+{
+    static const double gauss[3] = { 0.5 - 0.38729833462074168852, 0.5, 0.5 + 0.38729833462074168852 };
+    int n = m->order;
+    size_t size = (size_t)n * (size_t)n;
+    double h = (b - a) / steps;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < steps && monodromy_is_finite(m); i++) {
+        if (m->varies) {
+            for (int g = 0; rc == MODAL_OK && g < 3; g++)
+                rc = build(m, a + (i + gauss[g]) * h, m->A[g], err);
+            magnus(m, h);
+        } else {
+            rc = build(m, 0.5 * (a + b), m->A[0], err);
+            for (size_t e = 0; e < size; e++)
+                m->A[0][e] *= h;
+        }
+        if (rc != MODAL_OK)
+            return rc;
+        if (!exponential(n, m->A[0], m->work[0], m->work[1], m->work[2], m->pivot)) {
+            m->reason = "the disturbances overflow";
+            return MODAL_OK;
+        }
+        multiply(n, 1, m->A[0], m->map, 0, m->work[0]);
+        memcpy(m->map, m->work[0], size * sizeof *m->map);
+    }
+    return rc;
+}
+
+enum modal_status monodromy_around(struct monodromy *m, int steps, struct modal_error *err)
+{
+    size_t size = (size_t)m->order * (size_t)m->order;
+    enum modal_status rc = MODAL_OK;
+
+    memset(m->map, 0, size * sizeof *m->map);
+    for (int i = 0; i < m->order; i++)
+        m->map[(size_t)i * (size_t)(m->order + 1)] = 1;
+    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < m->cuts && monodromy_is_finite(m); i++) {
+        double a = m->cut[i], b = m->cut[i + 1];
+        int here = m->varies ? (int)ceil(steps * (b - a) / TWO_PI) : 1;
+
+        at_cut(m, a);
+        if (b - a > 0)
+            rc = advance(m, a, b, here < 1 ? 1 : here, err);
+    }
+    return rc;
+}
+
+/* A bound of the angular frequency at rest, per radian of theta: sqrt |M^-1 K|. */
+double monodromy_fastest(const struct monodromy *m)
+{
+    double most = 0;
+
+    for (int i = 0; i < m->n; i++) {
+        double sum = 0;
+
+        for (int j = 0; j < m->n; j++) {
+            double entry = 0;
+
+            for (int k = 0; k < m->n; k++)
+                entry += m->Minv[k * m->n + i] * m->K[j * m->n + k];
+            sum += fabs(entry);
+        }
+        most = fmax(most, sum);
+    }
+    return sqrt(most);
+}
+
+enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err)
+{
+    size_t n = (size_t)m->n, order, laws = (size_t)m->p->laws;
+    struct matrix K, C;
+    enum modal_status rc = MODAL_OK;
+
+    m->first_slider = room(laws, sizeof *m->first_slider);
+    m->in = room(laws * LAW_INPUTS_MOST, sizeof *m->in);
+    m->pieces = room(laws, sizeof *m->pieces);
+    m->exact = room(laws, sizeof *m->exact);
+    m->Minv = room(n * n, sizeof *m->Minv);
+    m->K = room(n * n, sizeof *m->K);
+    m->C = room(n * n, sizeof *m->C);
+    if (m->first_slider == NULL || m->in == NULL || m->pieces == NULL || m->exact == NULL || m->Minv == NULL || m->K == NULL || m->C == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d dofs", m->n);
+    count_sliders(m);
+    m->order = 2 * m->n + m->nz + m->sliders;
+    if (m->order > STABILITY_STATES_MOST) {
+        m->reason = "more states than the monodromy matrix is computed for";
+        return MODAL_OK;
+    }
+    order = (size_t)m->order;
+    for (int i = 0; i < 3; i++)
+        m->A[i] = room(order * order, sizeof(double));
+    for (int i = 0; i < 6; i++)
+        m->work[i] = room(order * order, sizeof(double));
+    m->map = room(order * order, sizeof *m->map);
+    m->pivot = room(order, sizeof *m->pivot);
+    if (m->A[2] == NULL || m->work[5] == NULL || m->map == NULL || m->pivot == NULL || m->A[0] == NULL || m->A[1] == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d states", m->order);
+    K = (struct matrix) { m->n, m->n, m->n, m->K };
+    C = (struct matrix) { m->n, m->n, m->n, m->C };
+    sparse_add_to_dense(&m->p->constant[PROGRAM_K], 1, &K);
+    sparse_add_to_dense(&m->p->constant[PROGRAM_C], m->point->omega, &C);
+    if (!invert_mass(m, 0))
+        m->reason = "the mass matrix is singular";
+    if (m->nz > 0 && m->reason == NULL)
+        rc = linear_states(m, err);
+    if (rc == MODAL_OK && m->reason == NULL)
+        rc = choose_motion(m, err);
+    if (rc == MODAL_OK && m->reason == NULL)
+        rc = law_motions(m, err);
+    return rc == MODAL_OK && m->reason == NULL ? find_cuts(m, err) : rc;
+}

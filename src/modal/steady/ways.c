@@ -1,10 +1,14 @@
 /*
  * ways.c - see ways.h
  *
- * Attempts, in order, until one converges: Newton (or direct iteration) from the given start; Newton from rest, whose
- * first step is the motion with every law linearised at rest (sliders stuck); from the motion with the laws left out
- * ([CG89], section 3.1); the load ramped up from LEVEL_LOW and down from LEVEL_HIGH, each level from the last; and fewer
- * harmonics first.  Direct iteration goes first only where its gain, slope max |S_k^-1|, is below GAIN_DIRECT.
+ * A table, at the end, of starts for Newton's method (iterate.h) on one balance R(X) = 0, (1) of balance.h, gone through until one
+ * converges.  From rest its first step is the motion with every law linearised there, sliders stuck.  With the laws left out, as
+ * sliders that slip all the time nearly are, it is
+ *
+ *     X_k = S_k^-1 p_k                                                                                  (1)
+ *
+ * [CG89, section 3.1].  With p scaled by a level, solutions of small and of large loads are near that of rest and near (1): either is
+ * followed to level 1, each from the last.  Direct iteration goes first only where its gain, slope max |S_k^-1|, is below GAIN_DIRECT.
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
@@ -15,7 +19,7 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/solutions.h"
 
-enum { LEVELS_MOST = 60, FEW = 4, H_ROUGH = 5 };
+enum { LEVELS_MOST = 60, ITERATIONS_NEAR = 4, H_ROUGH = 5, ORDER_SMALL = 60, H_FEW = 12 };
 static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5, ON_THE_WAY = 1e-3;
 
 /* One attempt's best iterate, kept if it is better than what POINT has. */
@@ -60,7 +64,7 @@ static enum modal_status try_direct(struct steady *s, struct balance *b, double 
     return rc;
 }
 
-/* S^-1 p where S is regular: the laws left out. */
+/* (1) where S is regular. */
 static void laws_left_out(const struct balance *b, double complex *X)
 {
     int q = b->q, K = b->H + 1;
@@ -311,47 +315,131 @@ static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, do
     return rc;
 }
 
-/* What is left when Newton's method fails from everywhere near: ways in from other orders and levels. */
-static enum modal_status roundabout(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
-{
-    enum modal_status rc = b->H > 12 ? fewer_harmonics(s, b, X, point, err) : MODAL_OK;
+/* One balance on its way to a solution. */
+struct attempt {
+    struct steady *s;
+    struct balance *b;
+    const struct steady_start *start;   /* NULL: from rest */
+    double complex *X;                  /* filled by ways_begin from it, the next way's start */
+    struct steady_point *point;
+    bool ended;                         /* nothing is tried after this way */
+};
 
-    if (rc == MODAL_OK && !point->converged)
-        rc = ramp(s, b, LEVEL_LOW, X, point, err);
-    if (rc == MODAL_OK && !point->converged)
-        rc = ramp(s, b, LEVEL_HIGH, X, point, err);
-    if (rc == MODAL_OK && !point->converged)
-        rc = along_levels(s, b, X, point, err);
+static bool unsolved(const struct attempt *a) { return !a->point->converged; }
+
+static bool is_direct(const struct attempt *a) { return a->s->opt.method == STEADY_DIRECT; }
+
+static enum modal_status direct_alone(struct attempt *a, struct modal_error *err)
+{
+    if (a->start == NULL)
+        laws_left_out(a->b, a->X);
+    a->ended = true;
+    return try_direct(a->s, a->b, a->X, a->point, err);
+}
+
+/* Small systems are solved by Newton's method sooner than a gain is found. */
+static bool is_large(const struct attempt *a)
+{
+    return a->s->opt.method == STEADY_AUTO && a->b->order > ORDER_SMALL && !a->s->opt.by_differences;
+}
+
+static enum modal_status direct_by_gain(struct attempt *a, struct modal_error *err)
+{
+    enum modal_status rc = try_gain(a->s, a->b, a->X, a->point, err);
+
+    a->ended = rc != MODAL_OK;
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
+static enum modal_status newton_near(struct attempt *a, struct modal_error *err)
+{
+    enum modal_status rc = try_newton(a->s, a->b, "newton", a->X, a->point, err);
+
+    a->s->current = rc == MODAL_OK && a->point->converged;
     return rc;
 }
 
-/* From X, which `ways_begin` has filled from START. */
-enum modal_status ways_try(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
-                                  struct steady_point *point, struct modal_error *err)
+/* Whether Newton's method may have leapt between the solutions of smooth laws. */
+static bool may_have_leapt(const struct attempt *a)
 {
-    enum steady_method method = s->opt.method;
+    return a->s->opt.method == STEADY_AUTO && a->start == NULL && a->s->degree > 0 && !a->s->exact
+        && a->point->iterations > ITERATIONS_NEAR;
+}
+
+static enum modal_status branch_from_low(struct attempt *a, struct modal_error *err)
+{
+    a->s->current = false;
+    return from_low(a->s, a->b, a->X, a->point, err);
+}
+
+static bool had_start(const struct attempt *a) { return unsolved(a) && a->start != NULL; }
+
+static enum modal_status newton_from_rest(struct attempt *a, struct modal_error *err)
+{
+    return try_again(a->s, a->b, false, a->X, a->point, err);
+}
+
+static enum modal_status newton_without_laws(struct attempt *a, struct modal_error *err)
+{
+    return try_again(a->s, a->b, true, a->X, a->point, err);
+}
+
+/* What stops has no balance to ramp to. */
+static bool goes_round(const struct attempt *a)
+{
+    return unsolved(a) && !a->s->jumps && !a->s->brief;
+}
+
+static bool has_many_harmonics(const struct attempt *a)
+{
+    return goes_round(a) && a->b->H > H_FEW;
+}
+
+static enum modal_status from_fewer(struct attempt *a, struct modal_error *err)
+{
+    return fewer_harmonics(a->s, a->b, a->X, a->point, err);
+}
+
+static enum modal_status ramp_up(struct attempt *a, struct modal_error *err)
+{
+    return ramp(a->s, a->b, LEVEL_LOW, a->X, a->point, err);
+}
+
+static enum modal_status ramp_down(struct attempt *a, struct modal_error *err)
+{
+    return ramp(a->s, a->b, LEVEL_HIGH, a->X, a->point, err);
+}
+
+static enum modal_status over_levels(struct attempt *a, struct modal_error *err)
+{
+    return along_levels(a->s, a->b, a->X, a->point, err);
+}
+
+/* The ways, in the order they are gone: near ones first, cheap before costly. */
+static const struct {
+    bool (*applies)(const struct attempt *a);
+    enum modal_status (*go)(struct attempt *a, struct modal_error *err);
+} ways[] = {
+    { is_direct,          direct_alone },         /* as asked for, and nothing else */
+    { is_large,           direct_by_gain },       /* where its gain promises that it converges */
+    { unsolved,           newton_near },
+    { may_have_leapt,     branch_from_low },      /* though it converged */
+    { had_start,          newton_from_rest },
+    { unsolved,           newton_without_laws },  /* [CG89], section 3.1 */
+    { has_many_harmonics, from_fewer },
+    { goes_round,         ramp_up },
+    { goes_round,         ramp_down },
+    { goes_round,         over_levels },
+};
+
+enum modal_status ways_try(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
+                           struct steady_point *point, struct modal_error *err)
+{
+    struct attempt a = { s, b, start, X, point, false };
     enum modal_status rc = MODAL_OK;
 
-    if (method == STEADY_DIRECT) {
-        if (start == NULL)
-            laws_left_out(b, X);
-        return try_direct(s, b, X, point, err);
-    }
-    if (method == STEADY_AUTO && b->order > 60 && !s->opt.by_differences && (rc = try_gain(s, b, X, point, err)) != MODAL_OK)
-        return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
-    if (!point->converged) {
-        rc = try_newton(s, b, "newton", X, point, err);
-        s->current = rc == MODAL_OK && point->converged;
-    }
-    if (rc == MODAL_OK && method == STEADY_AUTO && start == NULL && s->degree > 0 && !s->exact && point->iterations > FEW) {
-        s->current = false;
-        rc = from_low(s, b, X, point, err);
-    }
-    if (rc == MODAL_OK && !point->converged && start != NULL)
-        rc = try_again(s, b, false, X, point, err);
-    if (rc == MODAL_OK && !point->converged)
-        rc = try_again(s, b, true, X, point, err);
-    if (rc == MODAL_OK && !point->converged && !s->jumps && !s->brief)    /* what stops has no balance to ramp to */
-        rc = roundabout(s, b, X, point, err);
+    for (size_t i = 0; rc == MODAL_OK && !a.ended && i < sizeof ways / sizeof *ways; i++)
+        if (ways[i].applies(&a))
+            rc = ways[i].go(&a, err);
     return rc;
 }

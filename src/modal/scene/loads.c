@@ -5,35 +5,90 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The types in the order of enum program_load_type; the row's keys are what an entry may hold. */
-static const struct {
-    const char *name;
-    const char *const keys[9];
-} types[] = {
-    [LOAD_HARMONIC]         = { "harmonic",         { "dof", "type", "frame", "k", "cos", "sin", NULL } },
-    [LOAD_IMPULSE]          = { "impulse",          { "dof", "type", "frame", "start", "amplitude", NULL } },
-    [LOAD_HALF_SINE]        = { "half_sine",        { "dof", "type", "frame", "start", "amplitude", "duration", NULL } },
-    [LOAD_ONE_MINUS_COSINE] = { "one_minus_cosine", { "dof", "type", "frame", "start", "amplitude", "duration", NULL } },
-    [LOAD_STEP]             = { "step",             { "dof", "type", "frame", "start", "amplitude", "duration", NULL } },
-    [LOAD_TABLE]            = { "table",            { "dof", "type", "frame", "start", "amplitude", "points", "time", "force", NULL } },
+enum { ABSENT = -1 };              /* a frame that is not given: that of the structure */
+enum { ROTATING, FIXED };
+static const char *const frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
+
+struct keys {                      /* of all types: each reads those of its own tables */
+    int dof, frame, k;
+    double cosine, sine, start, amplitude, duration;
+    const cJSON *points;
+    struct scene_numbers time, force;
 };
-enum { TYPES = sizeof types / sizeof *types };
 
-static enum modal_status read_harmonic(const struct lowering *l, const cJSON *json, const char *path, struct program_load *load,
-                                       struct modal_error *err)
-{
-    enum modal_status rc;
+static const struct scene_key load_keys[] = {          /* of all */
+    { "type", SCENE_TEXT, SCENE_ELSEWHERE, .otherwise = "\"harmonic\"", .means = "what it is in time" },
+    { "dof", SCENE_DOF, offsetof(struct keys, dof), .needed = true,
+      .means = "on which p(t) acts, positive along it", .example = "\"x1\"" },
+    { "frame", SCENE_WORD, offsetof(struct keys, frame), .words = frames, .standard = ABSENT,
+      .otherwise = "the structure's", .means = "on a shaft: axes on which the load keeps its direction",
+      .example = "\"fixed\"" },
+    { 0 },
+};
+static const struct scene_key harmonic_keys[] = {
+    { "k", SCENE_WHOLE, offsetof(struct keys, k), "", 0, LOWERING_HARMONIC_MOST,
+      .standard = 1, .means = "harmonic of the scene's omega; 0: constant", .example = "2" },
+    { "cos", SCENE_NUMBER, offsetof(struct keys, cosine), "N", -HUGE_VAL, HUGE_VAL,
+      .means = "a of a cos(k omega t)", .example = "1.5" },
+    { "sin", SCENE_NUMBER, offsetof(struct keys, sine), "N", -HUGE_VAL, HUGE_VAL,
+      .means = "b of b sin(k omega t)", .example = "-2" },
+    { 0 },
+};
+static const struct scene_key start_keys[] = {         /* of all but harmonics */
+    { "start", SCENE_NUMBER, offsetof(struct keys, start), "s", 0, HUGE_VAL,
+      .means = "when it begins; the motion begins at 0", .example = "0.1" },
+    { 0 },
+};
+static const struct scene_key impulse_keys[] = {
+    { "amplitude", SCENE_NUMBER, offsetof(struct keys, amplitude), "N s", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "jump of momentum at start", .example = "0.5" },
+    { 0 },
+};
+static const struct scene_key pulse_keys[] = {
+    { "amplitude", SCENE_NUMBER, offsetof(struct keys, amplitude), "N", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "a in the law", .example = "10" },
+    { "duration", SCENE_NUMBER, offsetof(struct keys, duration), "s", SCENE_POSITIVE, HUGE_VAL,
+      .needed = true, .means = "T in the law; 0 before and after", .example = "0.05" },
+    { 0 },
+};
+static const struct scene_key step_keys[] = {
+    { "amplitude", SCENE_NUMBER, offsetof(struct keys, amplitude), "N", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "from start on", .example = "10" },
+    { "duration", SCENE_NUMBER, offsetof(struct keys, duration), "s", SCENE_POSITIVE, HUGE_VAL,
+      .standard = HUGE_VAL, .otherwise = "without end", .means = "how long", .example = "2" },
+    { 0 },
+};
+static const struct scene_key table_keys[] = {
+    { "amplitude", SCENE_NUMBER, offsetof(struct keys, amplitude), "", -HUGE_VAL, HUGE_VAL,
+      .standard = 1, .means = "factor on all forces", .example = "2" },
+    { "points", SCENE_OWN, offsetof(struct keys, points), .needed = true, .unless = "time",
+      .means = "[t, force] in s after start and N, t ascending; linear between, 0 outside",
+      .example = "[[0, 1], [0.5, 2], [2, 0]]" },
+    { "time", SCENE_NUMBERS, offsetof(struct keys, time), "s", -HUGE_VAL, HUGE_VAL,
+      .otherwise = "points", .means = "t of the points, ascending", .example = "[0, 0.5]" },
+    { "force", SCENE_NUMBERS, offsetof(struct keys, force), "N", -HUGE_VAL, HUGE_VAL,
+      .otherwise = "points", .means = "force of the points, as many as time", .example = "[1, 2]" },
+    { 0 },
+};
 
-    load->k = 1;
-    rc = json_get_int(json, path, "k", 0, LOWERING_HARMONIC_MOST, &load->k, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, path, "cos", -HUGE_VAL, HUGE_VAL, &load->cosine, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, path, "sin", -HUGE_VAL, HUGE_VAL, &load->sine, err);
-    if (rc == MODAL_OK && load->k > 0)
-        rc = lowering_need_omega(l, "a harmonic excitation", err);
-    return rc;
-}
+/* In the order of enum program_load_type; tau = t - start. */
+const struct scene_table loads_types[] = {
+    [LOAD_HARMONIC] = { "excitation", "harmonic", NULL, { load_keys, harmonic_keys },
+                        "p = cos cos(k omega t) + sin sin(k omega t)" },
+    [LOAD_IMPULSE] = { "excitation", "impulse", NULL, { load_keys, start_keys, impulse_keys },
+                       "momentum jumps by amplitude at start" },
+    [LOAD_HALF_SINE] = { "excitation", "half_sine", NULL, { load_keys, start_keys, pulse_keys },
+                         "p = a sin(pi tau / T), 0 < tau < T" },
+    [LOAD_ONE_MINUS_COSINE] = { "excitation", "one_minus_cosine", NULL,
+                                { load_keys, start_keys, pulse_keys },
+                                "p = a (1 - cos(2 pi tau / T)), 0 < tau < T" },
+    [LOAD_STEP] = { "excitation", "step", NULL, { load_keys, start_keys, step_keys },
+                    "p = amplitude, tau > 0" },
+    [LOAD_TABLE] = { "excitation", "table", NULL, { load_keys, start_keys, table_keys },
+                     "p(tau) linear between its points" },
+    { 0 },
+};
+enum { TYPES = sizeof loads_types / sizeof *loads_types - 1 };
 
 /* `points` as two arrays. */
 static enum modal_status read_points(const cJSON *list, const char *path, struct program_load *load, struct modal_error *err)
@@ -58,27 +113,27 @@ static enum modal_status read_points(const cJSON *list, const char *path, struct
     return MODAL_OK;
 }
 
-static enum modal_status read_lists(const cJSON *json, const char *path, struct program_load *load, struct modal_error *err)
+/* `time` and `force` become the load's. */
+static enum modal_status move_lists(struct keys *k, const char *path, struct program_load *load, struct modal_error *err)
 {
-    size_t times = 0, forces = 0;
     char where[128];
-    enum modal_status rc = json_get_numbers(json, path, "time", -HUGE_VAL, HUGE_VAL, &load->time, &times, err);
 
-    if (rc == MODAL_OK)
-        rc = json_get_numbers(json, path, "force", -HUGE_VAL, HUGE_VAL, &load->force, &forces, err);
     json_path(where, path, "force");
-    if (rc == MODAL_OK && times != forces)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers, time has %zu; as many of each", where, forces, times);
-    if (rc == MODAL_OK && times <= LOWERING_POINTS_MOST)
-        load->points = (int)times;
-    return rc;
+    if (k->time.count != k->force.count)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers, time has %zu; as many of each", where,
+                                k->force.count, k->time.count);
+    if (k->time.count <= LOWERING_POINTS_MOST)
+        load->points = (int)k->time.count;
+    load->time = k->time.x;
+    load->force = k->force.x;
+    k->time.x = k->force.x = NULL;
+    return MODAL_OK;
 }
 
-static enum modal_status read_table(const cJSON *json, const char *path, struct program_load *load, struct modal_error *err)
+static enum modal_status read_table(struct keys *k, const char *path, struct program_load *load, struct modal_error *err)
 {
-    const cJSON *points = cJSON_GetObjectItemCaseSensitive(json, "points");
-    enum modal_status rc = points != NULL ? read_points(points, path, load, err) : read_lists(json, path, load, err);
-    const char *key = points != NULL ? "points" : "time";
+    enum modal_status rc = k->points != NULL ? read_points(k->points, path, load, err) : move_lists(k, path, load, err);
+    const char *key = k->points != NULL ? "points" : "time";
     char where[160];
 
     if (rc != MODAL_OK)
@@ -96,79 +151,73 @@ static enum modal_status read_table(const cJSON *json, const char *path, struct 
     return MODAL_OK;
 }
 
-static enum modal_status read_pulse(const cJSON *json, const char *path, struct program_load *load, struct modal_error *err)
-{
-    bool table = load->type == LOAD_TABLE, ends = load->type == LOAD_HALF_SINE || load->type == LOAD_ONE_MINUS_COSINE;
-    enum modal_status rc;
-
-    load->amplitude = 1;
-    rc = table ? json_get_number(json, path, "amplitude", -HUGE_VAL, HUGE_VAL, &load->amplitude, err)
-               : json_need_number(json, path, "amplitude", -HUGE_VAL, HUGE_VAL, &load->amplitude, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, path, "start", 0, HUGE_VAL, &load->start, err);
-    load->duration = load->type == LOAD_STEP ? HUGE_VAL : 0;
-    if (rc == MODAL_OK && ends)
-        rc = json_need_number(json, path, "duration", 1e-300, HUGE_VAL, &load->duration, err);
-    if (rc == MODAL_OK && load->type == LOAD_STEP)
-        rc = json_get_number(json, path, "duration", 1e-300, HUGE_VAL, &load->duration, err);
-    if (rc == MODAL_OK && table)
-        rc = read_table(json, path, load, err);
-    return rc;
-}
-
 /* A load fixed in space on turning axes acts on two dofs. */
-static enum modal_status read_frame(const struct lowering *l, const cJSON *json, const char *path, struct program_load *load,
+static enum modal_status read_frame(const struct lowering *l, int frame, const char *path, struct program_load *load,
                                     struct modal_error *err)
 {
-    static const char *const frames[] = { "rotating", "fixed", NULL };
-    int frame = -1;
     char where[128];
-    enum modal_status rc = json_get_choice(json, path, "frame", frames, &frame, err);
 
     load->dof_sine = -1;
-    frame = frame < 0 && l->p->seen_fixed ? 1 : frame;
-    if (rc != MODAL_OK || frame < 0)
-        return rc;
+    if (frame == ABSENT && l->p->seen_fixed)
+        frame = FIXED;
+    if (frame == ABSENT)
+        return MODAL_OK;
     json_path(where, path, "frame");
     if (!l->names_frames)
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the axes of a %s do not turn", where, l->structure->name);
-    if (frame == 0 && (l->turn_partner == NULL || l->p->seen_fixed))
+    if (frame == ROTATING && (l->turn_partner == NULL || l->p->seen_fixed))
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the structure's dofs are on fixed axes; a load on turning ones needs "
                                 "structure.frame \"rotating\"", where);
-    if (frame == 1 && l->turn_partner != NULL) {
+    if (frame == FIXED && l->turn_partner != NULL) {
         load->dof_sine = l->turn_partner[load->dof];
         load->turn = l->turn_sign[load->dof];
     }
     return MODAL_OK;
 }
 
+/* What K says into LOAD, whose type is set. */
+static enum modal_status fill_load(const struct lowering *l, struct keys *k, const char *path, struct program_load *load,
+                                   struct modal_error *err)
+{
+    char where[128];
+    enum modal_status rc;
+
+    json_path(where, path, "dof");
+    if ((load->dof = k->dof) < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the ground cannot be excited", where);
+    if ((rc = read_frame(l, k->frame, path, load, err)) != MODAL_OK)
+        return rc;
+    load->k = k->k;
+    load->cosine = k->cosine;
+    load->sine = k->sine;
+    load->amplitude = k->amplitude;
+    load->start = k->start;
+    load->duration = k->duration;
+    if (load->type == LOAD_HARMONIC && load->k > 0)
+        return lowering_need_omega(l, "a harmonic excitation", err);
+    return load->type == LOAD_TABLE ? read_table(k, path, load, err) : MODAL_OK;
+}
+
 static enum modal_status read_load(const struct lowering *l, const cJSON *json, const char *path, struct program_load *load,
                                    struct modal_error *err)
 {
     const char *names[TYPES + 1] = { NULL };
-    char where[128];
     int type = LOAD_HARMONIC;
+    struct keys k = { 0 };
     enum modal_status rc;
 
     for (int i = 0; i < TYPES; i++)
-        names[i] = types[i].name;
+        names[i] = loads_types[i].name;
     if (!cJSON_IsObject(json))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
-    rc = json_get_choice(json, path, "type", names, &type, err);
-    if (rc == MODAL_OK)
-        rc = json_keys(json, path, types[type].keys, err);
-    load->type = (enum program_load_type)type;
-    load->dof = -1;
-    if (rc == MODAL_OK)
-        rc = lowering_dof(l, json, path, "dof", true, &load->dof, err);
-    json_path(where, path, "dof");
-    if (rc == MODAL_OK && load->dof < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the ground cannot be excited", where);
-    if (rc == MODAL_OK)
-        rc = read_frame(l, json, path, load, err);
-    if (rc != MODAL_OK)
+    if ((rc = json_get_choice(json, path, "type", names, &type, err)) != MODAL_OK)
         return rc;
-    return load->type == LOAD_HARMONIC ? read_harmonic(l, json, path, load, err) : read_pulse(json, path, load, err);
+    load->type = (enum program_load_type)type;
+    rc = scene_keys_read(l, json, path, loads_types[type].keys, &k, err);
+    if (rc == MODAL_OK)
+        rc = fill_load(l, &k, path, load, err);
+    scene_keys_free(loads_types[type].keys, &k);
+    return rc;
 }
 
 enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struct modal_error *err)

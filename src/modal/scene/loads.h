@@ -3,12 +3,11 @@
 #define MODAL_SCENE_LOADS_H
 #include "modal/scene/lowering.h"
 
-/*
- * EXCITATION is the scene's list; NULL: none.  Each entry names its `dof` and is a harmonic (no type; k, cos, sin) or
- * of a `type`: impulse (amplitude in N s), half_sine, one_minus_cosine (amplitude (1 - cos(2 pi t / duration))), step
- * (duration optional), table (`points` [[t, f], ...], or `time` and `force`; times amplitude, default 1).  All but
- * harmonics take `start` [s], default 0.
- */
+/* The types, in the order of enum program_load_type, ended by one without `list`. */
+extern const struct scene_table loads_types[];
+
+/* EXCITATION is the scene's list, NULL: none; into l->p->load.  Fails with MODAL_BAD_INPUT,
+ * MODAL_TOO_LARGE, MODAL_NO_MEMORY; what was read is the program's to free. */
 enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struct modal_error *err);
 
 #endif

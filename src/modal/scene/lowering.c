@@ -175,12 +175,12 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
     return NULL;
 }
 
-enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, bool needed,
-                               int *dof, struct modal_error *err)
+enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, int *dof,
+                               struct modal_error *err)
 {
     const char *name = NULL;
     char path[128];
-    enum modal_status rc = needed ? json_need_string(json, base, key, &name, err) : json_get_string(json, base, key, &name, err);
+    enum modal_status rc = json_get_string(json, base, key, &name, err);
 
     if (rc != MODAL_OK || name == NULL)
         return rc;
@@ -198,22 +198,25 @@ enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, cons
     return MODAL_OK;
 }
 
-enum modal_status lowering_ends(const struct lowering *l, const struct scene_effect *e, struct local_ends *at,
-                                struct modal_error *err)
-{
-    struct local_ends ends = { -1, -1 };
-    char path[128];
-    enum modal_status rc = lowering_dof(l, e->json, e->path, "dof", true, &ends.dof, err);
+const char *const lowering_suffix[3] = { "", "_dot", "_ddot" };
 
-    if (rc == MODAL_OK)
-        rc = lowering_dof(l, e->json, e->path, "to", false, &ends.to, err);
-    if (rc != MODAL_OK)
-        return rc;
-    if (ends.dof == ends.to) {
-        json_path(path, e->path, ends.dof < 0 ? "dof" : "to");
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s: `dof` and `to` are one place; they must differ", e->path);
+const struct scene_key lowering_ends_keys[] = {
+    { "type", SCENE_TEXT, SCENE_ELSEWHERE, .means = "which effect it is" },
+    { "dof", SCENE_DOF, offsetof(struct local_ends, dof), .needed = true,
+      .means = "on which the force acts, and whose displacement counts positive in d", .example = "\"x1\"" },
+    { "to", SCENE_DOF, offsetof(struct local_ends, to), .otherwise = "\"ground\"",
+      .means = "the other end, with the opposite force: d = x_dof - x_to", .example = "\"ground\"" },
+    { 0 },
+};
+
+enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct modal_error *err)
+{
+    if (mu != 0 && l->structure->strain_rate != NULL)
+        return l->structure->strain_rate(l, mu, err);
+    for (int i = 0; mu != 0 && i < l->structural[PROGRAM_K]; i++) {
+        struct triplet t = l->constant[PROGRAM_K].x[i];
+        lowering_add(l, PROGRAM_C, t.i, t.j, mu * t.value);
     }
-    *at = ends;
     return MODAL_OK;
 }
 

@@ -1,20 +1,30 @@
 /* lowering.h - what structures and effects write a scene into: entries, states, laws, by name and path
  *
- * How to add an effect: write src/modal/scene/effects/<name>.c with one function `lower` and one row,
+ * How to add an effect: write src/modal/scene/effects/<name>.c with what its keys are read into, a row
+ * for each key (scene_key.h), one function `lower` and one row for the effect,
  *
- *     static const char *const keys[] = { "dof", "to", "stiffness", NULL };       (besides "type")
- *     static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+ *     struct spring { struct local_ends at; double stiffness; };
+ *
+ *     static const struct scene_key keys[] = {
+ *         { "stiffness", SCENE_NUMBER, offsetof(struct spring, stiffness), "N/m", -HUGE_VAL, HUGE_VAL,
+ *           .needed = true, .means = "k in f = k d, of any sign", .example = "1000" },
+ *         { 0 },
+ *     };
+ *
+ *     static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+ *                                    struct modal_error *err)
  *     {
- *         struct local_ends at;
- *         double k = 0;
- *         enum modal_status rc = lowering_ends(l, e, &at, err);
- *         if (rc == MODAL_OK)
- *             rc = json_need_number(e->json, e->path, "stiffness", 0, HUGE_VAL, &k, err);
- *         if (rc == MODAL_OK)
- *             lowering_between(l, PROGRAM_K, at, k);
- *         return rc;
+ *         const struct spring *s = e->values;
+ *
+ *         (void)err;
+ *         lowering_between(l, PROGRAM_K, s->at, s->stiffness);
+ *         return MODAL_OK;
  *     }
- *     const struct scene_effect_kind effect_spring = { "spring", keys, NULL, lower };
+ *
+ *     const struct scene_effect_kind effect_spring = {
+ *         .name = "spring", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct spring),
+ *         .law = "minus stiffness d on dof, d = x_dof - x_to", .lower = lower,
+ *     };
  *
  * and name the row in effects.c.  A structure is the same: one file, one row, one line in structures.c.
  *
@@ -27,6 +37,7 @@
 #include "base/error.h"
 #include "base/json.h"
 #include "modal/scene/program.h"
+#include "modal/scene/scene_key.h"
 
 enum {
     LOWERING_DOFS_MOST = 10000,
@@ -43,20 +54,27 @@ struct scene_effect {                  /* one entry of the scene's effects */
     const cJSON *json;
     const char *path;                  /* "effects[2]" */
     int index;                         /* its row of program.effect */
+    void *values;                      /* its keys, read as the rows of its kind say; freed after `lower` */
 };
 
 struct scene_effect_kind {
     const char *name;
-    const char *const *keys;           /* accepted besides "type", NULL-terminated; checked before `lower` */
+    const struct scene_key *keys[SCENE_TABLES_MOST];   /* read before `lower` into `size` zeroed bytes */
+    size_t size;
     const char *const *structures;     /* that take it, NULL-terminated; NULL: all */
+    const char *law;                   /* the force or matrix that it adds, with its sign; one line */
     enum modal_status (*lower)(struct lowering *l, const struct scene_effect *e, struct modal_error *err);
 };
 
 struct scene_structure_kind {
     const char *name;
-    const char *const *keys;           /* besides "type" */
-    /* Dofs, then M, C, K entries; what effects will ask for goes into l->mesh.  PATH is "structure". */
-    enum modal_status (*lower)(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err);
+    const struct scene_key *keys[SCENE_TABLES_MOST];   /* read before `lower` into `size` zeroed bytes */
+    size_t size;
+    const char *law;                   /* its equation of motion; one line */
+    const struct scene_table *sensors; /* what `sensor` reads, ended by one without `list`; NULL: none */
+    /* Dofs, then M, C, K entries; what effects will ask for goes into l->mesh.  VALUES: its keys, at the
+     * path "structure"; freed afterwards. */
+    enum modal_status (*lower)(struct lowering *l, void *values, struct modal_error *err);
     /* strain_rate_damping, C = mu K of the elastic members; NULL: mu times the structure's own K. */
     enum modal_status (*strain_rate)(struct lowering *l, double mu, struct modal_error *err);
     /* A sensor that names no dof of the program or names a frame (wing: station, position), into the output row, `name` too; NULL: none. */
@@ -116,6 +134,8 @@ int lowering_add_states(struct lowering *l, int count);
 void lowering_add_block(struct lowering *l, enum lowering_block block, int i, int j, double value);
 /* The law becomes the program's (LAW is emptied), with the effect being lowered; dof and to are already set. */
 void lowering_add_law(struct lowering *l, struct law *law);
+/* What a channel's name ends with that reads the 0th, 1st, 2nd derivative of what it is called after. */
+extern const char *const lowering_suffix[3];
 /* A term of an output row: quantity 0 x, 1 x', 2 x'', 3 z (program.h lists the turning ones). */
 void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j, double value);
 
@@ -123,14 +143,19 @@ void lowering_add_term(struct lowering *l, struct program_output *out, int quant
  * depend on an effect; the entry has not been checked yet. */
 const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJSON *after);
 
-/* The dof that KEY of JSON names, -1 for "ground"; unknown or (if NEEDED) absent: MODAL_BAD_INPUT with the path. */
-enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, bool needed,
+/* The dof that KEY of JSON names, -1 for "ground"; *DOF keeps its value where KEY is absent.  Unknown:
+ * MODAL_BAD_INPUT with the path. */
+enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key,
                                int *dof, struct modal_error *err);
 
-/* `dof` and `to` (default ground) of a local effect. */
+/* `type`, `dof` and `to` (default ground) of a local effect, whose values begin with the two ends; that
+ * they differ is checked where this table is one of an effect's. */
 struct local_ends { int dof, to; };
-enum modal_status lowering_ends(const struct lowering *l, const struct scene_effect *e, struct local_ends *at,
-                                struct modal_error *err);
+extern const struct scene_key lowering_ends_keys[];
+
+/* C = mu K of the structure's elastic members, for the effect being lowered. */
+enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct modal_error *err);
+
 /* value * [1 -1; -1 1] between the ends. */
 void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value);
 void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at, double cosine, double sine);

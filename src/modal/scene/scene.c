@@ -14,20 +14,21 @@
 #include "modal/scene/loads.h"
 #include "modal/scene/lowering.h"
 
+/* Of duration / dt: both decimals are off their doubles by DBL_EPSILON / 2, their quotient by as many;
+ * a thousandfold of it is still far below half a step of the longest record. */
+static const double QUOTIENT_ROUNDING = 1e-12;
+static const double STEP_ROUNDING = 1e-9;      /* steps: of a record of few samples, written with few digits */
+static const double CYCLE_ROUNDING = 1e-9;     /* of a period's cycles: period and omega with ten digits */
+
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
 }
 
-/* "type" and the keys of a row, checked. */
-static enum modal_status check_keys(const cJSON *json, const char *path, const char *const *keys, struct modal_error *err)
+/* SIZE zeroed bytes for what a part's keys are read into; scene_keys_free and free release them. */
+static void *values_new(size_t size)
 {
-    const char *all[32] = { "type" };
-    int n = 1;
-
-    for (int i = 0; keys[i] != NULL && n < 31; i++)
-        all[n++] = keys[i];
-    return json_keys(json, path, all, err);
+    return calloc(1, size > 0 ? size : 1);
 }
 
 static const struct scene_structure_kind *find_structure(const char *name)
@@ -38,11 +39,11 @@ static const struct scene_structure_kind *find_structure(const char *name)
     return NULL;
 }
 
-static enum modal_status lower_structure(struct lowering *l, const cJSON *scene, struct modal_error *err)
+static enum modal_status lower_structure(struct lowering *l, const cJSON *json, struct modal_error *err)
 {
-    const cJSON *json = cJSON_GetObjectItemCaseSensitive(scene, "structure");
     const char *type = NULL;
     char list[256] = "";
+    void *values;
     enum modal_status rc;
 
     if (!cJSON_IsObject(json))
@@ -54,9 +55,13 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *scene,
             snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "", scene_structures[i]->name);
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.type", "unknown structure \"%.40s\"; accepted: %s", type, list);
     }
-    rc = check_keys(json, "structure", l->structure->keys, err);
+    if ((values = values_new(l->structure->size)) == NULL)
+        return no_memory(err);
+    rc = scene_keys_read(NULL, json, "structure", l->structure->keys, values, err);
     if (rc == MODAL_OK)
-        rc = l->structure->lower(l, json, "structure", err);
+        rc = l->structure->lower(l, values, err);
+    scene_keys_free(l->structure->keys, values);
+    free(values);
     for (int i = 0; i < 3; i++)
         l->structural[i] = l->constant[i].count;
     return rc;
@@ -108,6 +113,38 @@ static int written(const struct lowering *l)
     return count;
 }
 
+/* `dof` and `to` of a local effect, with which its values begin, are two places. */
+static enum modal_status check_ends(const struct scene_effect_kind *kind, const struct scene_effect *e,
+                                    struct modal_error *err)
+{
+    const struct local_ends *at = e->values;
+    char where[128];
+
+    if (kind->keys[0] != lowering_ends_keys || at->dof != at->to)
+        return MODAL_OK;
+    json_path(where, e->path, at->dof < 0 ? "dof" : "to");
+    return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                            "%s: `dof` and `to` are one place; they must differ", e->path);
+}
+
+/* E, of KIND, read and lowered. */
+static enum modal_status lower_kind(struct lowering *l, const struct scene_effect_kind *kind,
+                                    struct scene_effect *e, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if ((e->values = values_new(kind->size)) == NULL)
+        return no_memory(err);
+    rc = scene_keys_read(l, e->json, e->path, kind->keys, e->values, err);
+    if (rc == MODAL_OK)
+        rc = check_ends(kind, e, err);
+    if (rc == MODAL_OK)
+        rc = kind->lower(l, e, err);
+    scene_keys_free(kind->keys, e->values);
+    free(e->values);
+    return rc;
+}
+
 static enum modal_status lower_effect(struct lowering *l, const struct scene_effect_kind *const *table, const cJSON *json, int position,
                                       struct modal_error *err)
 {
@@ -125,12 +162,10 @@ static enum modal_status lower_effect(struct lowering *l, const struct scene_eff
         return rc;
     if ((rc = find_effect(l, table, type, path, &kind, err)) != MODAL_OK)
         return rc;
-    if ((rc = check_keys(json, path, kind->keys, err)) != MODAL_OK)
-        return rc;
     if ((row->type = strdup(type)) == NULL)
         return no_memory(err);
     l->effect = l->p->effects++;
-    rc = kind->lower(l, &(struct scene_effect) { json, path, l->effect }, err);
+    rc = lower_kind(l, kind, &(struct scene_effect) { json, path, l->effect, NULL }, err);
     if (rc == MODAL_OK && (l->p->laws > laws || row->carrier > 0) && (row->law_text = json_print(json)) == NULL)
         rc = no_memory(err);
     row->active = written(l) > before && l->p->laws == laws;   /* laws say so themselves, when they act */
@@ -138,10 +173,10 @@ static enum modal_status lower_effect(struct lowering *l, const struct scene_eff
     return rc;
 }
 
-static enum modal_status lower_effects(struct lowering *l, const cJSON *scene, const struct scene_options *options,
+static enum modal_status lower_effects(struct lowering *l, const cJSON *list, const struct scene_options *options,
                                struct modal_error *err)
 {
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(scene, "effects"), *item;
+    const cJSON *item;
     const struct scene_effect_kind *const *table = options != NULL && options->effects != NULL ? options->effects : scene_effects;
     int position = 0, count;
     enum modal_status rc = MODAL_OK;
@@ -163,9 +198,20 @@ static enum modal_status lower_effects(struct lowering *l, const cJSON *scene, c
     return rc;
 }
 
-static enum modal_status read_state(const struct program *p, const cJSON *initial, const char *key, double *x, struct modal_error *err)
+struct initial { const cJSON *x, *v; };
+
+static const struct scene_key initial_keys[] = {
+    { "x", SCENE_OWN, offsetof(struct initial, x), "m", .otherwise = "all 0",
+      .means = "displacements at t = 0, by dof name", .example = "{\"x1\": 0.1}" },
+    { "v", SCENE_OWN, offsetof(struct initial, v), "m/s", .otherwise = "all 0",
+      .means = "velocities at t = 0, by dof name", .example = "{\"x1\": -1}" },
+    { 0 },
+};
+
+/* LIST, the member KEY of `initial`, into X. */
+static enum modal_status read_state(const struct program *p, const cJSON *list, const char *key, double *x, struct modal_error *err)
 {
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(initial, key), *item;
+    const cJSON *item;
     char path[128], base[32];
 
     snprintf(base, sizeof base, "initial.%s", key);
@@ -184,10 +230,10 @@ static enum modal_status read_state(const struct program *p, const cJSON *initia
     return MODAL_OK;
 }
 
-static enum modal_status read_initial(struct program *p, const cJSON *scene, struct modal_error *err)
+static enum modal_status read_initial(struct program *p, const cJSON *initial, struct modal_error *err)
 {
-    static const char *const keys[] = { "x", "v", NULL };
-    const cJSON *initial = cJSON_GetObjectItemCaseSensitive(scene, "initial");
+    static const struct scene_key *const tables[] = { initial_keys, NULL };
+    struct initial at = { 0 };
     enum modal_status rc;
 
     p->x0 = calloc((size_t)p->n, sizeof *p->x0);
@@ -196,38 +242,45 @@ static enum modal_status read_initial(struct program *p, const cJSON *scene, str
         return no_memory(err);
     if (initial == NULL)
         return MODAL_OK;
-    rc = json_keys(initial, "initial", keys, err);
+    rc = scene_keys_read(NULL, initial, "initial", tables, &at, err);
     if (rc == MODAL_OK)
-        rc = read_state(p, initial, "x", p->x0, err);
+        rc = read_state(p, at.x, "x", p->x0, err);
     if (rc == MODAL_OK)
-        rc = read_state(p, initial, "v", p->v0, err);
+        rc = read_state(p, at.v, "v", p->v0, err);
     return rc;
 }
+
+struct dof_sensor { int dof, derivative; const char *name; };
+
+static const struct scene_key dof_sensor_keys[] = {
+    { "dof", SCENE_DOF, offsetof(struct dof_sensor, dof), .needed = true, .means = "which is read",
+      .example = "\"x1\"" },
+    { "derivative", SCENE_WHOLE, offsetof(struct dof_sensor, derivative), "", 0, 2,
+      .means = "in time: displacement, velocity, acceleration", .example = "2" },
+    { "name", SCENE_TEXT, offsetof(struct dof_sensor, name), .otherwise = "the dof's, with _dot or _ddot",
+      .means = "of the channel", .example = "\"gauge\"" },
+    { 0 },
+};
+static const struct scene_table dof_sensors[] = {
+    { .list = "sensors", .keys = { dof_sensor_keys }, .law = "x, x' or x'' of a dof" },
+    { 0 },
+};
 
 /* A channel is called after its dof, with _dot or _ddot for rates and accelerations. */
 static enum modal_status dof_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out, struct modal_error *err)
 {
-    static const char *const keys[] = { "dof", "derivative", "name", NULL };
-    static const char *const suffix[] = { "", "_dot", "_ddot" };
-    const char *name = NULL;
     char text[96], where[128];
-    int dof = -1, derivative = 0;
-    enum modal_status rc = json_keys(json, path, keys, err);
+    struct dof_sensor s = { 0 };
+    enum modal_status rc = scene_keys_read(l, json, path, dof_sensors[0].keys, &s, err);
 
-    if (rc == MODAL_OK)
-        rc = lowering_dof(l, json, path, "dof", true, &dof, err);
     json_path(where, path, "dof");
-    if (rc == MODAL_OK && dof < 0)
+    if (rc == MODAL_OK && s.dof < 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the ground does not move", where);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "derivative", 0, 2, &derivative, err);
-    if (rc == MODAL_OK)
-        rc = json_get_string(json, path, "name", &name, err);
     if (rc != MODAL_OK)
         return rc;
-    snprintf(text, sizeof text, "%s%s", l->p->dofs[dof], suffix[derivative]);
-    lowering_add_term(l, out, derivative, dof, 1);
-    return (out->name = strdup(name != NULL ? name : text)) != NULL ? MODAL_OK : no_memory(err);
+    snprintf(text, sizeof text, "%s%s", l->p->dofs[s.dof], lowering_suffix[s.derivative]);
+    lowering_add_term(l, out, s.derivative, s.dof, 1);
+    return (out->name = strdup(s.name != NULL ? s.name : text)) != NULL ? MODAL_OK : no_memory(err);
 }
 
 /* On turning axes that are seen from fixed ones, what is given is x' at t = 0: q' = x' - W J x. */
@@ -262,9 +315,9 @@ static enum modal_status sense_dof(struct lowering *l, int i, struct modal_error
     return rc;
 }
 
-static enum modal_status read_sensors(struct lowering *l, const cJSON *scene, struct modal_error *err)
+static enum modal_status read_sensors(struct lowering *l, const cJSON *list, struct modal_error *err)
 {
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(scene, "sensors"), *item;
+    const cJSON *item;
     struct program *p = l->p;
     char path[32];
     int count;
@@ -332,14 +385,6 @@ static enum modal_status compress_all(struct lowering *l, struct modal_error *er
     return rc;
 }
 
-static bool has_key(const struct scene_structure_kind *kind, const char *key)
-{
-    for (int i = 0; kind->keys != NULL && kind->keys[i] != NULL; i++)
-        if (strcmp(kind->keys[i], key) == 0)
-            return true;
-    return false;
-}
-
 /* M_0 positive definite, by a Cholesky factor of its band: n b^2 operations, b the bandwidth. */
 static enum modal_status check_mass(const struct lowering *l, struct modal_error *err)
 {
@@ -362,7 +407,7 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
     if (info == 0)
         return MODAL_OK;
     return modal_fail_field(err, MODAL_BAD_INPUT,
-                            has_key(l->structure, "M") ? "structure.M" : "structure",
+                            json_member(json_member(l->scene, "structure"), "M") != NULL ? "structure.M" : "structure",
                             "the mass matrix is not positive definite (at dof %s)",
                             p->dofs[info > 0 ? info - 1 : 0]);
 }
@@ -372,66 +417,100 @@ static enum modal_status check_period(const struct program *p, struct modal_erro
 {
     for (int h = 0; h < p->harmonics && p->period > 0; h++) {
         double cycles = p->harmonic[h].k * p->omega * p->period / (2 * M_PI);
-        if (!(fabs(cycles - round(cycles)) <= 1e-9 * cycles) || round(cycles) < 1)
+        if (!(fabs(cycles - round(cycles)) <= CYCLE_ROUNDING * cycles) || round(cycles) < 1)
             return modal_fail_field(err, MODAL_BAD_INPUT, "period", "the period %g s holds %.10g cycles of the scene's harmonic %d of omega = %g rad/s; "
                                     "it must hold a whole number", p->period, cycles, p->harmonic[h].k, p->omega);
     }
     return MODAL_OK;
 }
 
-/* What stands in `time`, whoever will read it: 0 where it does not. */
-static enum modal_status read_time(const cJSON *json, struct scene_time *t, double *periods, struct modal_error *err)
-{
-    static const char *const keys[] = { "dt", "duration", "periods", "start", NULL };
-    enum modal_status rc = json_keys(json, "time", keys, err);
+struct time_keys { double dt, duration, periods, start; };
 
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "time", "dt", 1e-300, 1e300, &t->dt, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "time", "duration", 0, 1e300, &t->duration, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, "time", "periods", 0, 1e300, periods, err);
-    return rc == MODAL_OK ? json_get_number(json, "time", "start", 0, 1e300, &t->start, err) : rc;
+static const struct scene_key time_keys[] = {
+    { "dt", SCENE_NUMBER, offsetof(struct time_keys, dt), "s", SCENE_POSITIVE, SCENE_LARGE,
+      .otherwise = "none: simulating needs it", .means = "between samples", .example = "0.01" },
+    { "duration", SCENE_NUMBER, offsetof(struct time_keys, duration), "s", 0, SCENE_LARGE,
+      .otherwise = "none: simulating needs it or periods", .means = "of the record: duration/dt + 1 samples",
+      .example = "2" },
+    { "periods", SCENE_NUMBER, offsetof(struct time_keys, periods), "", 0, SCENE_LARGE,
+      .otherwise = "duration", .means = "the record's length in the scene's periods", .example = "10" },
+    { "start", SCENE_NUMBER, offsetof(struct time_keys, start), "s", 0, SCENE_LARGE,
+      .means = "of the record; the motion begins at 0", .example = "1" },
+    { 0 },
+};
+
+/* What stands in `time`, whoever will read it: 0 where it does not. */
+static enum modal_status read_time(const cJSON *json, struct time_keys *out, struct modal_error *err)
+{
+    static const struct scene_key *const tables[] = { time_keys, NULL };
+
+    return scene_keys_read(NULL, json, "time", tables, out, err);
 }
 
-static enum modal_status check_time(const cJSON *scene, struct modal_error *err)
-{
-    const cJSON *json = cJSON_GetObjectItemCaseSensitive(scene, "time");
-    struct scene_time t = { 0 };
-    double periods = 0;
+struct scene_keys {
+    double omega, period;
+    const char *units;
+    const cJSON *structure, *effects, *excitation, *initial, *sensors, *time, *steady;
+};
 
-    return json != NULL ? read_time(json, &t, &periods, err) : MODAL_OK;
+static const struct scene_key scene_keys[] = {
+    { "units", SCENE_TEXT, offsetof(struct scene_keys, units), .otherwise = "SI",
+      .means = "kept as provenance, never converted: one consistent system", .example = "\"ft, slug, s\"" },
+    { "omega", SCENE_NUMBER, offsetof(struct scene_keys, omega), "rad/s", SCENE_POSITIVE, SCENE_LARGE,
+      .otherwise = "a shaft's speed, else none", .means = "of harmonics in excitation and effects",
+      .example = "3" },
+    { "period", SCENE_NUMBER, offsetof(struct scene_keys, period), "s", SCENE_POSITIVE, SCENE_LARGE,
+      .otherwise = "2 pi / omega", .means = "of the system; whole cycles of each harmonic of omega",
+      .example = "2.0943951023931953" },
+    { "structure", SCENE_OWN, offsetof(struct scene_keys, structure), .needed = true,
+      .means = "an object of a type",
+      .example = "{\"type\": \"chain\", \"masses\": [1], \"springs\": [1, 0]}" },
+    { "effects", SCENE_OWN, offsetof(struct scene_keys, effects), .otherwise = "none",
+      .means = "a list of objects, each of a type", .example = "[]" },
+    { "excitation", SCENE_OWN, offsetof(struct scene_keys, excitation), .otherwise = "none",
+      .means = "a list of loads", .example = "[]" },
+    { "initial", SCENE_OWN, offsetof(struct scene_keys, initial), .otherwise = "rest",
+      .members = initial_keys, .means = "the state at t = 0", .example = "{}" },
+    { "sensors", SCENE_OWN, offsetof(struct scene_keys, sensors), .otherwise = "all dofs",
+      .means = "a list of what is recorded", .example = "[{\"dof\": \"x1\"}]" },
+    { "time", SCENE_OWN, offsetof(struct scene_keys, time), .otherwise = "none",
+      .members = time_keys, .means = "of the record that simulating makes", .example = "{\"dt\": 0.01}" },
+    { "steady", SCENE_OWN, offsetof(struct scene_keys, steady), .otherwise = "the method's",
+      .means = "options of the steady state", .example = "{}" },
+    { 0 },
+};
+
+static enum modal_status check_time(const cJSON *json, struct modal_error *err)
+{
+    struct time_keys t = { 0 };
+
+    return json != NULL ? read_time(json, &t, err) : MODAL_OK;
 }
 
 static enum modal_status read_scene(struct lowering *l, const cJSON *scene, const struct scene_options *options,
                                struct modal_error *err)
 {
-    static const char *const keys[] = { "structure", "effects", "excitation", "initial", "sensors", "omega", "period", "time", "steady",
-                                        "units", NULL };
-    const char *units = NULL;
-    enum modal_status rc = json_keys(scene, "", keys, err);
+    static const struct scene_key *const tables[] = { scene_keys, NULL };
+    struct scene_keys s = { 0 };
+    enum modal_status rc = scene_keys_read(NULL, scene, "", tables, &s, err);
 
+    l->p->omega = s.omega;
+    l->p->period = s.period;
     if (rc == MODAL_OK)
-        rc = json_get_string(scene, "", "units", &units, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(scene, "", "omega", 1e-300, 1e300, &l->p->omega, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(scene, "", "period", 1e-300, 1e300, &l->p->period, err);
-    if (rc == MODAL_OK)
-        rc = lower_structure(l, scene, err);
+        rc = lower_structure(l, s.structure, err);
     if (rc == MODAL_OK && l->no_memory)
         rc = no_memory(err);
     if (rc == MODAL_OK)
-        rc = lower_effects(l, scene, options, err);
+        rc = lower_effects(l, s.effects, options, err);
     if (rc == MODAL_OK)
-        rc = loads_lower(l, cJSON_GetObjectItemCaseSensitive(scene, "excitation"), err);
+        rc = loads_lower(l, s.excitation, err);
     if (rc == MODAL_OK)
-        rc = read_initial(l->p, scene, err);
+        rc = read_initial(l->p, s.initial, err);
     if (rc == MODAL_OK)
         turn_initial(l);
     if (rc == MODAL_OK)
-        rc = read_sensors(l, scene, err);
-    return rc == MODAL_OK ? check_time(scene, err) : rc;
+        rc = read_sensors(l, s.sensors, err);
+    return rc == MODAL_OK ? check_time(s.time, err) : rc;
 }
 
 static enum modal_status finish(struct lowering *l, struct modal_error *err)
@@ -492,33 +571,91 @@ enum modal_status scene_lower(const cJSON *scene, const struct scene_options *op
     return rc;
 }
 
+/* The record's length, by duration or by periods of P, one of them. */
+static enum modal_status duration_of(const cJSON *json, const struct program *p, const struct time_keys *t,
+                                     double *duration, struct modal_error *err)
+{
+    double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
+
+    *duration = t->duration;
+    if (json_member(json, "periods") == NULL)
+        return scene_key_need(json, "time", time_keys, "duration", err);
+    if (json_member(json, "duration") != NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time holds duration and periods; accepted: one of them");
+    if (period == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time.periods needs the scene's period or omega");
+    *duration = t->periods * period;
+    return MODAL_OK;
+}
+
 enum modal_status scene_time(const cJSON *scene, const struct program *p, struct scene_time *out, struct modal_error *err)
 {
     const cJSON *json = cJSON_GetObjectItemCaseSensitive(scene, "time");
-    struct scene_time t = { 0 };
-    double periods = 0, period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0, steps;
-    bool counted = json != NULL && cJSON_GetObjectItemCaseSensitive(json, "periods") != NULL;
+    struct time_keys t = { 0 };
+    double duration = 0, steps;
     enum modal_status rc;
 
     if (json == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "time", "simulating needs \"time\": {\"dt\", \"duration\" or \"periods\"}");
-    rc = read_time(json, &t, &periods, err);
+    rc = read_time(json, &t, err);
     if (rc == MODAL_OK)
-        rc = json_need_number(json, "time", "dt", 1e-300, 1e300, &t.dt, err);
-    if (rc == MODAL_OK && !counted)
-        rc = json_need_number(json, "time", "duration", 0, 1e300, &t.duration, err);
+        rc = scene_key_need(json, "time", time_keys, "dt", err);
+    if (rc == MODAL_OK)
+        rc = duration_of(json, p, &t, &duration, err);
     if (rc != MODAL_OK)
         return rc;
-    if (counted && cJSON_GetObjectItemCaseSensitive(json, "duration") != NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time holds duration and periods; accepted: one of them");
-    if (counted && period == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time.periods needs the scene's period or omega");
-    if (counted)
-        t.duration = periods * period;
-    steps = t.duration / t.dt;
+    steps = duration / t.dt;
     if (!(steps <= SCENE_SAMPLES_MOST - 1))
         return modal_fail_field(err, MODAL_TOO_LARGE, "time", "the record would have %.3g samples; at most %d", steps, SCENE_SAMPLES_MOST);
-    t.samples = (long)(floor(steps * (1 + 1e-12) + 1e-9)) + 1;       /* a duration of whole steps, up to rounding */
-    *out = t;
+    *out = (struct scene_time) {
+        .dt = t.dt, .start = t.start, .duration = duration,
+        /* a duration of whole steps, up to rounding: relative of the quotient, absolute of a short one */
+        .samples = (long)(floor(steps * (1 + QUOTIENT_ROUNDING) + STEP_ROUNDING)) + 1,
+    };
     return MODAL_OK;
+}
+
+/* ---- all tables, for whoever tells them ---- */
+
+/* What stands at I of TABLES, an array ended by one without `list`; else I less their count. */
+static bool in_tables(const struct scene_table *tables, int *i, struct scene_table *out)
+{
+    for (; tables != NULL && tables->list != NULL; tables++)
+        if ((*i)-- == 0) {
+            *out = *tables;
+            return true;
+        }
+    return false;
+}
+
+bool scene_tables(int i, struct scene_table *out)
+{
+    static const struct scene_table own[] = {
+        { .list = "", .keys = { scene_keys }, .law = "M x'' + C x' + K x + f(x, x') = p(t)" },
+        { .list = "initial", .keys = { initial_keys }, .law = "x(0), x'(0)" },
+        { .list = "time", .keys = { time_keys }, .law = "samples at start + j dt" },
+        { 0 },
+    };
+
+    if (in_tables(own, &i, out))
+        return true;
+    for (const struct scene_structure_kind *const *k = scene_structures; *k != NULL; k++)
+        if (i-- == 0) {
+            *out = (struct scene_table) { .list = "structure", .name = (*k)->name, .law = (*k)->law };
+            memcpy(out->keys, (*k)->keys, sizeof out->keys);
+            return true;
+        }
+    for (const struct scene_effect_kind *const *k = scene_effects; *k != NULL; k++)
+        if (i-- == 0) {
+            *out = (struct scene_table) { .list = "effects", .name = (*k)->name,
+                                          .structures = (*k)->structures, .law = (*k)->law };
+            memcpy(out->keys, (*k)->keys, sizeof out->keys);
+            return true;
+        }
+    if (in_tables(loads_types, &i, out) || in_tables(dof_sensors, &i, out))
+        return true;
+    for (const struct scene_structure_kind *const *k = scene_structures; *k != NULL; k++)
+        if (in_tables((*k)->sensors, &i, out))
+            return true;
+    return false;
 }

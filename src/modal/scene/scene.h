@@ -16,6 +16,7 @@
 
 struct scene_effect_kind;
 struct scene_structure_kind;
+struct scene_table;
 
 enum { SCENE_EFFECTS_MOST = 4096 };
 
@@ -46,5 +47,11 @@ enum modal_status scene_time(const cJSON *scene, const struct program *p, struct
 /* The accepted names of effects and structures, NULL-terminated, for messages and documents. */
 extern const struct scene_effect_kind *const scene_effects[];
 extern const struct scene_structure_kind *const scene_structures[];
+
+/*
+ * The I-th of all tables of keys (scene_key.h) into *OUT, from 0: the scene's own, structures, effects,
+ * excitations, sensors; false past the last.  Whoever tells what a scene may hold walks them.
+ */
+bool scene_tables(int i, struct scene_table *out);
 
 #endif

@@ -4,47 +4,14 @@
  * wing_model.c has the loads, inflow/ the models.  `speed`, `density`, `lift_slope` (2 pi), `x_qc` (aft positive from the
  * elastic axis), `stations` (9), `inflow` (none), `inflow_states` (the model's standard: see the rows of inflow/).
  */
-#include <math.h>
 #include <stdio.h>
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/wing.h"
 
-static enum modal_status read_inflow(const struct scene_effect *e, struct airloads *a, struct modal_error *err)
-{
-    const char *names[8] = { NULL };
-    char where[128];
-    int which = 0;
-    enum modal_status rc;
-
-    for (int i = 0; inflow_kinds[i] != NULL; i++)
-        names[i] = inflow_kinds[i]->name;
-    rc = json_get_choice(e->json, e->path, "inflow", names, &which, err);
-    a->inflow = inflow_kinds[which];
-    a->inflow_states = a->inflow->standard;
-    if (rc == MODAL_OK)
-        rc = json_get_int(e->json, e->path, "inflow_states", 0, 1000000, &a->inflow_states, err);
-    if (rc != MODAL_OK || a->inflow->valid(a->inflow_states))
-        return rc;
-    json_path(where, e->path, "inflow_states");
-    return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d; %s accepts %s", where, a->inflow_states, a->inflow->name, a->inflow->accepted);
-}
-
-static enum modal_status read_airloads(const struct scene_effect *e, struct airloads *a, struct modal_error *err)
-{
-    enum modal_status rc = json_need_number(e->json, e->path, "speed", 0, 1e300, &a->speed, err);
-
-    a->lift_slope = 2 * M_PI;
-    a->stations = 9;
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "density", 0, 1e300, &a->density, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "lift_slope", 0, 1e300, &a->lift_slope, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "x_qc", -1e300, 1e300, &a->x_qc, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(e->json, e->path, "stations", 1, WING_STATIONS_MOST, &a->stations, err);
-    return rc == MODAL_OK ? read_inflow(e, a, err) : rc;
-}
+enum {
+    INFLOW_STATES_ABSENT = -1,             /* the model's standard */
+    INFLOW_STATES_TOLD = 1000000,          /* any count is read, so that the model tells what it accepts */
+};
 
 static void add_rows(struct lowering *l, int matrix, const double *rows, int n)
 {
@@ -61,19 +28,61 @@ static void add_block(struct lowering *l, enum lowering_block block, int i0, int
             lowering_add_block(l, block, i0 + i, j0 + j, rows[i * n + j]);
 }
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+struct airloads_keys { struct airloads a; int inflow; };
+
+static const struct scene_key keys[] = {
+    { "speed", SCENE_NUMBER, offsetof(struct airloads_keys, a.speed), "m/s", 0, SCENE_LARGE,
+      .needed = true, .means = "of the stream, U", .example = "30" },
+    { "density", SCENE_NUMBER, offsetof(struct airloads_keys, a.density), "kg/m^3", 0, SCENE_LARGE,
+      .needed = true, .means = "of the air, rho", .example = "1.2" },
+    { "lift_slope", SCENE_NUMBER, offsetof(struct airloads_keys, a.lift_slope), "1/rad", 0, SCENE_LARGE,
+      .standard = 2 * M_PI, .means = "a0 in lift = a0 rho U b (normalwash - inflow)",
+      .example = "5.7" },
+    { "x_qc", SCENE_NUMBER, offsetof(struct airloads_keys, a.x_qc), "m", -SCENE_LARGE, SCENE_LARGE,
+      .needed = true, .means = "quarter chord from the elastic axis, aft positive",
+      .example = "-0.1" },
+    { "stations", SCENE_WHOLE, offsetof(struct airloads_keys, a.stations), "", 1, WING_STATIONS_MOST,
+      .standard = 9, .means = "of the quadrature along the span", .example = "9" },
+    { "inflow", SCENE_WORD, offsetof(struct airloads_keys, inflow), .words = inflow_names,
+      .means = "model of the induced velocity", .example = "\"peters_2d\"" },
+    { "inflow_states", SCENE_WHOLE, offsetof(struct airloads_keys, a.inflow_states), "", 0,
+      INFLOW_STATES_TOLD, .standard = INFLOW_STATES_ABSENT, .otherwise = "6 for peters_2d, 2 for jones, "
+      "30 for peters_he", .means = "states of each station; for peters_he of the wing",
+      .example = "6" },
+    { 0 },
+};
+
+/* The inflow's model and its states, which the model itself judges. */
+static enum modal_status find_inflow(const struct scene_effect *e, struct airloads_keys *k,
+                                     struct modal_error *err)
+{
+    struct airloads *a = &k->a;
+    char where[128];
+
+    a->inflow = inflow_kinds[k->inflow];
+    if (a->inflow_states == INFLOW_STATES_ABSENT)
+        a->inflow_states = a->inflow->standard;
+    if (a->inflow->valid(a->inflow_states))
+        return MODAL_OK;
+    json_path(where, e->path, "inflow_states");
+    return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d; %s accepts %s", where,
+                            a->inflow_states, a->inflow->name, a->inflow->accepted);
+}
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
 {
     struct wing_mesh *mesh = l->mesh;
     struct airloads_matrices *air = &mesh->air;
-    struct airloads a = { 0 };
-    enum modal_status rc = read_airloads(e, &a, err);
+    struct airloads_keys *k = e->values;
+    enum modal_status rc = find_inflow(e, k, err);
 
     if (rc == MODAL_OK && mesh->in_air)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, e->path, "%s: airloads are listed already", e->path);
     if (rc != MODAL_OK)
         return rc;
     mesh->in_air = true;                               /* from here on there is something to free */
-    rc = airloads_new(&mesh->wing, &a, air, err);
+    rc = airloads_new(&mesh->wing, &k->a, air, err);
     if (rc != MODAL_OK)
         return rc;
     mesh->state = air->nz > 0 ? lowering_add_states(l, air->nz) : 0;
@@ -91,6 +100,10 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     return MODAL_OK;
 }
 
-static const char *const keys[] = { "speed", "density", "lift_slope", "x_qc", "stations", "inflow", "inflow_states", NULL };
 static const char *const structures[] = { "wing", NULL };
-const struct scene_effect_kind effect_airloads = { "airloads", keys, structures, lower };
+const struct scene_effect_kind effect_airloads = {
+    .name = "airloads", .keys = { scene_type_keys, keys }, .size = sizeof(struct airloads_keys),
+    .structures = structures,
+    .law = "lift and moment of a thin section in a stream U at each station: apparent mass and "
+           "circulatory lift a0 rho U b (normalwash - inflow)", .lower = lower,
+};

@@ -3,7 +3,6 @@
  *
  * A compression P does the work P/2 int w'^2 dx, so K gains -P G, G the geometric matrix int N'^T N' dx.
  */
-#include <math.h>
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/beam.h"
 #include "modal/scene/hermite.h"
@@ -23,20 +22,33 @@ static void add_elements(struct lowering *l, const struct beam_mesh *mesh, doubl
             }
 }
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    double mean = 0, amplitude = 0;
-    enum modal_status rc = json_get_number(e->json, e->path, "mean", -HUGE_VAL, HUGE_VAL, &mean, err);
+struct axial { double mean, amplitude; };
 
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "amplitude", -HUGE_VAL, HUGE_VAL, &amplitude, err);
-    if (rc == MODAL_OK && amplitude != 0)
+static const struct scene_key keys[] = {
+    { "mean", SCENE_NUMBER, offsetof(struct axial, mean), "N", -HUGE_VAL, HUGE_VAL,
+      .means = "constant part, compression positive", .example = "10" },
+    { "amplitude", SCENE_NUMBER, offsetof(struct axial, amplitude), "N", -HUGE_VAL, HUGE_VAL,
+      .means = "of cos(omega t), compression positive; needs the scene's omega", .example = "5" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct axial *s = e->values;
+    enum modal_status rc = MODAL_OK;
+
+    if (s->amplitude != 0)
         rc = lowering_need_omega(l, "a pulsating axial_load", err);
     if (rc == MODAL_OK)
-        add_elements(l, l->mesh, mean, amplitude);
+        add_elements(l, l->mesh, s->mean, s->amplitude);
     return rc;
 }
 
-static const char *const keys[] = { "mean", "amplitude", NULL };
 static const char *const structures[] = { "beam", NULL };
-const struct scene_effect_kind effect_axial_load = { "axial_load", keys, structures, lower };
+const struct scene_effect_kind effect_axial_load = {
+    .name = "axial_load", .keys = { scene_type_keys, keys }, .size = sizeof(struct axial),
+    .structures = structures,
+    .law = "K gains -(mean + amplitude cos(omega t)) G, G the geometric matrix: compression softens",
+    .lower = lower,
+};

@@ -6,37 +6,49 @@
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/shaft.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct shaft *shaft = l->mesh;
-    double gap = 0, stiffness = 0, dissipation = 0, mass = 0;
-    int end = 0;
-    char where[128];
-    enum modal_status rc = shaft_end_of(l, e, &end, err);
+struct clearance { int at; double gap, stiffness, dissipation, journal_mass; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "gap", 0, 1e300, &gap, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "stiffness", 0, 1e300, &stiffness, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "dissipation", 0, 1e300, &dissipation, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "journal_mass", 0, 1e300, &mass, err);
-    if (rc != MODAL_OK)
-        return rc;
+static const struct scene_key keys[] = {
+    { "at", SCENE_WORD, offsetof(struct clearance, at), .needed = true, .words = shaft_ends,
+      .means = "the end of the shaft", .example = "\"left\"" },
+    { "gap", SCENE_NUMBER, offsetof(struct clearance, gap), "m", 0, SCENE_LARGE,
+      .needed = true, .means = "radial, between journal and race", .example = "1e-4" },
+    { "stiffness", SCENE_NUMBER, offsetof(struct clearance, stiffness), "N/m", 0, SCENE_LARGE,
+      .needed = true, .means = "of the contact, radial", .example = "1e7" },
+    { "dissipation", SCENE_NUMBER, offsetof(struct clearance, dissipation), "s/m", 0, SCENE_LARGE,
+      .means = "mu of the factor 1 + mu a', a the depth; it never pulls", .example = "0.1" },
+    { "journal_mass", SCENE_NUMBER, offsetof(struct clearance, journal_mass), "kg", 0, SCENE_LARGE,
+      .means = "of the journal", .example = "0.05" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct clearance *s = e->values;
+    struct shaft_end *end = &((struct shaft *)l->mesh)->end[s->at];
+    char where[128];
+
     json_path(where, e->path, "at");
-    if (shaft->end[end].clearance.listed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: this end of the shaft has a clearance already", where);
-    shaft->end[end].clearance.listed = true;
-    shaft->end[end].clearance.gap = gap;
-    shaft->end[end].clearance.stiffness = stiffness;
-    shaft->end[end].clearance.dissipation = dissipation;
-    shaft->end[end].clearance.journal_mass = mass;
-    shaft->end[end].clearance.effect = e->index;
-    l->p->effect[e->index].law_text = json_print(e->json);     /* the law is lowered with the shaft's ends */
-    return l->p->effect[e->index].law_text != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "clearance: out of memory");
+    if (end->clearance.listed)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s: this end of the shaft has a clearance already", where);
+    end->clearance.listed = true;
+    end->clearance.gap = s->gap;
+    end->clearance.stiffness = s->stiffness;
+    end->clearance.dissipation = s->dissipation;
+    end->clearance.journal_mass = s->journal_mass;
+    end->clearance.effect = e->index;
+    /* the law is lowered with the shaft's ends, past the place where scene.c would note its text */
+    l->p->effect[e->index].law_text = json_print(e->json);
+    return l->p->effect[e->index].law_text != NULL
+           ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "clearance: out of memory");
 }
 
-static const char *const keys[] = { "at", "gap", "stiffness", "dissipation", "journal_mass", NULL };
 static const char *const structures[] = { "shaft", NULL };
-const struct scene_effect_kind effect_clearance = { "clearance", keys, structures, lower };
+const struct scene_effect_kind effect_clearance = {
+    .name = "clearance", .keys = { scene_type_keys, keys }, .size = sizeof(struct clearance),
+    .structures = structures,
+    .law = "minus stiffness a (1 + dissipation a') radially on the journal where a = |d| - gap > 0",
+    .lower = lower,
+};

@@ -1,35 +1,49 @@
 /* contact_friction.c - contact and friction at one place: a normal spring under preload, a tangential slider whose bound is mu times
  * the momentary normal force.  `normal` and `tangential` name the dofs; the other side is the ground */
-#include <math.h>
 #include "modal/scene/effects/local_law.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    static const char *const names[] = { "normal_stiffness", "preload", "tangential_stiffness", "mu" };
-    struct law law;
-    double x[4] = { 0 };
-    int normal = -1, tangential = -1;
-    char where[128];
-    enum modal_status rc = lowering_dof(l, e->json, e->path, "normal", true, &normal, err);
+struct contact { int normal, tangential; double normal_stiffness, preload, tangential_stiffness, mu; };
 
-    if (rc == MODAL_OK)
-        rc = lowering_dof(l, e->json, e->path, "tangential", true, &tangential, err);
-    json_path(where, e->path, normal < 0 ? "normal" : "tangential");
-    if (rc == MODAL_OK && (normal < 0 || tangential < 0 || normal == tangential))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: `normal` and `tangential` must be two different dofs", e->path);
-    for (int i = 0; i < 4 && rc == MODAL_OK; i++)
-        rc = i == 1 ? json_get_number(e->json, e->path, names[i], -HUGE_VAL, HUGE_VAL, &x[i], err)
-                    : json_need_number(e->json, e->path, names[i], 0, HUGE_VAL, &x[i], err);
-    if (rc == MODAL_OK && x[0] == 0 && x[1] <= 0)          /* never in contact: it leaves nothing */
-        return rc;
-    if (rc == MODAL_OK)
-        rc = law_contact_friction(x[0], x[1], x[2], x[3], &law, err);
+static const struct scene_key keys[] = {
+    { "normal", SCENE_DOF, offsetof(struct contact, normal), .needed = true,
+      .means = "dof d_n into the contact", .example = "\"x1\"" },
+    { "tangential", SCENE_DOF, offsetof(struct contact, tangential), .needed = true,
+      .means = "dof d_t along the contact", .example = "\"x2\"" },
+    { "normal_stiffness", SCENE_NUMBER, offsetof(struct contact, normal_stiffness), "N/m", 0, HUGE_VAL,
+      .needed = true, .means = "k_n in N = max(0, preload + k_n d_n)", .example = "5000" },
+    { "preload", SCENE_NUMBER, offsetof(struct contact, preload), "N", -HUGE_VAL, HUGE_VAL,
+      .means = "normal force at d_n = 0; < 0 is an open gap", .example = "10" },
+    { "tangential_stiffness", SCENE_NUMBER, offsetof(struct contact, tangential_stiffness), "N/m", 0,
+      HUGE_VAL, .needed = true, .means = "of the spring before the slider", .example = "4000" },
+    { "mu", SCENE_NUMBER, offsetof(struct contact, mu), "", 0, HUGE_VAL,
+      .needed = true, .means = "friction bound over momentary normal force", .example = "0.3" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct contact *s = e->values;
+    struct law law;
+    char where[128];
+
+    json_path(where, e->path, s->normal < 0 ? "normal" : "tangential");
+    if (s->normal < 0 || s->tangential < 0 || s->normal == s->tangential)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s: `normal` and `tangential` must be two different dofs", e->path);
+    if (s->normal_stiffness == 0 && s->preload <= 0)       /* never in contact: it leaves nothing */
+        return MODAL_OK;
+    enum modal_status rc = law_contact_friction(s->normal_stiffness, s->preload,
+                                                s->tangential_stiffness, s->mu, &law, err);
     if (rc != MODAL_OK)
         return rc;
-    law.dof[1] = tangential;
+    law.dof[1] = s->tangential;
     law.to[1] = -1;
-    return local_law_add(l, e, rc, (struct local_ends) { normal, -1 }, &law, err);
+    return local_law_add(l, e, rc, (struct local_ends) { s->normal, -1 }, &law, err);
 }
 
-static const char *const keys[] = { "normal", "tangential", "normal_stiffness", "preload", "tangential_stiffness", "mu", NULL };
-const struct scene_effect_kind effect_contact_friction = { "contact_friction", keys, NULL, lower };
+const struct scene_effect_kind effect_contact_friction = {
+    .name = "contact_friction", .keys = { scene_type_keys, keys }, .size = sizeof(struct contact),
+    .law = "minus N = max(0, preload + normal_stiffness d_n) on normal; on tangential minus a friction "
+           "element of tangential_stiffness whose limit is mu N", .lower = lower,
+};

@@ -3,7 +3,6 @@
  *
  * Two of them side by side hold as one of both limits; nothing says how they share it.  The second's law is the first's.
  */
-#include <math.h>
 #include "modal/scene/effects/local_law.h"
 
 /* The rigid friction that already acts between the same dofs, or NULL. */
@@ -35,21 +34,29 @@ static enum modal_status strengthen(struct lowering *l, struct law *law, double 
     return MODAL_OK;
 }
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    struct law law;
-    double limit = 0;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct coulomb { struct local_ends at; double limit; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "limit", 0, HUGE_VAL, &limit, err);
-    if (rc != MODAL_OK || limit == 0)
-        return rc;
-    if (beside(l, at) != NULL)
-        return strengthen(l, beside(l, at), limit, err);
-    return local_law_add(l, e, law_coulomb(limit, &law, err), at, &law, err);
+static const struct scene_key keys[] = {
+    { "limit", SCENE_NUMBER, offsetof(struct coulomb, limit), "N", 0, HUGE_VAL,
+      .needed = true, .means = "against the motion; at rest whatever holds, up to it",
+      .example = "0.8" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct coulomb *s = e->values;
+    struct law law;
+
+    if (s->limit == 0)
+        return MODAL_OK;
+    if (beside(l, s->at) != NULL)
+        return strengthen(l, beside(l, s->at), s->limit, err);
+    return local_law_add(l, e, law_coulomb(s->limit, &law, err), s->at, &law, err);
 }
 
-static const char *const keys[] = { "dof", "to", "limit", NULL };
-const struct scene_effect_kind effect_coulomb = { "coulomb", keys, NULL, lower };
+const struct scene_effect_kind effect_coulomb = {
+    .name = "coulomb", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct coulomb),
+    .law = "minus limit sign(d') on dof; at d' = 0 what holds it, at most limit", .lower = lower,
+};

@@ -1,19 +1,25 @@
 /* damper.c - a linear damper: coefficient [N s/m] between `dof` and `to`, of any sign */
-#include <math.h>
 #include "modal/scene/lowering.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    double coefficient = 0;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct damper { struct local_ends at; double coefficient; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "coefficient", -HUGE_VAL, HUGE_VAL, &coefficient, err);
-    if (rc == MODAL_OK)
-        lowering_between(l, PROGRAM_C, at, coefficient);
-    return rc;
+static const struct scene_key keys[] = {
+    { "coefficient", SCENE_NUMBER, offsetof(struct damper, coefficient), "N s/m", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "c in f = c d', of any sign", .example = "2.5" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct damper *s = e->values;
+
+    (void)err;
+    lowering_between(l, PROGRAM_C, s->at, s->coefficient);
+    return MODAL_OK;
 }
 
-static const char *const keys[] = { "dof", "to", "coefficient", NULL };
-const struct scene_effect_kind effect_damper = { "damper", keys, NULL, lower };
+const struct scene_effect_kind effect_damper = {
+    .name = "damper", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct damper),
+    .law = "minus coefficient d' on dof, d = x_dof - x_to", .lower = lower,
+};

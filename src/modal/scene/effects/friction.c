@@ -1,23 +1,31 @@
 /* friction.c - an elastic, perfectly plastic (Jenkins) element: stiffness [N/m] in series with a slider of strength limit [N];
  * of either 0, it holds nothing and leaves nothing */
-#include <math.h>
 #include "modal/scene/effects/local_law.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    struct law law;
-    double stiffness = 0, limit = 0;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct friction { struct local_ends at; double stiffness, limit; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "stiffness", 0, HUGE_VAL, &stiffness, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "limit", 0, HUGE_VAL, &limit, err);
-    if (rc != MODAL_OK || stiffness == 0 || limit == 0)
-        return rc;
-    return local_law_add(l, e, law_jenkins(stiffness, limit, &law, err), at, &law, err);
+static const struct scene_key keys[] = {
+    { "stiffness", SCENE_NUMBER, offsetof(struct friction, stiffness), "N/m", 0, HUGE_VAL,
+      .needed = true, .means = "of the spring, while the slider holds", .example = "2000" },
+    { "limit", SCENE_NUMBER, offsetof(struct friction, limit), "N", 0, HUGE_VAL,
+      .needed = true, .means = "strength of the slider, which the force never exceeds",
+      .example = "0.8" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct friction *s = e->values;
+    struct law law;
+
+    if (s->stiffness == 0 || s->limit == 0)
+        return MODAL_OK;
+    return local_law_add(l, e, law_jenkins(s->stiffness, s->limit, &law, err), s->at, &law, err);
 }
 
-static const char *const keys[] = { "dof", "to", "stiffness", "limit", NULL };
-const struct scene_effect_kind effect_friction = { "friction", keys, NULL, lower };
+const struct scene_effect_kind effect_friction = {
+    .name = "friction", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct friction),
+    .law = "minus stiffness (d - z) on dof, z the slider's place, moved so that |force| <= limit",
+    .lower = lower,
+};

@@ -1,28 +1,41 @@
 /* gap.c - unilateral contact: stiffness (d - clearance) where d > clearance, times (1 + dissipation d') and never pulling;
  * a negative clearance [m] is a preload; both_sides adds the mirror image (clearance then >= 0) */
-#include <math.h>
 #include "modal/scene/effects/local_law.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    struct law law;
-    double stiffness = 0, clearance = 0, dissipation = 0;
-    bool both_sides = false;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct gap { struct local_ends at; double stiffness, clearance, dissipation; bool both_sides; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "stiffness", 0, HUGE_VAL, &stiffness, err);
-    if (rc == MODAL_OK)
-        rc = json_get_bool(e->json, e->path, "both_sides", &both_sides, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "clearance", both_sides ? 0 : -HUGE_VAL, HUGE_VAL, &clearance, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "dissipation", 0, HUGE_VAL, &dissipation, err);
-    if (rc != MODAL_OK || stiffness == 0)
-        return rc;
-    return local_law_add(l, e, law_gap(stiffness, clearance, dissipation, both_sides, &law, err), at, &law, err);
+static const struct scene_key keys[] = {
+    { "stiffness", SCENE_NUMBER, offsetof(struct gap, stiffness), "N/m", 0, HUGE_VAL,
+      .needed = true, .means = "of the stop, where d > clearance", .example = "1e5" },
+    { "clearance", SCENE_NUMBER, offsetof(struct gap, clearance), "m", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "the d at which contact begins; < 0 is a preload, not with both_sides",
+      .example = "1e-3" },
+    { "dissipation", SCENE_NUMBER, offsetof(struct gap, dissipation), "s/m", 0, HUGE_VAL,
+      .means = "mu of the factor 1 + mu d', which never makes it pull", .example = "0.1" },
+    { "both_sides", SCENE_TRUTH, offsetof(struct gap, both_sides),
+      .means = "contact also where d < -clearance", .example = "true" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct gap *s = e->values;
+    char where[128];
+    struct law law;
+
+    json_path(where, e->path, "clearance");
+    if (s->both_sides && s->clearance < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %g; accepted with both_sides: "
+                                "a number of at least 0", where, s->clearance);
+    if (s->stiffness == 0)
+        return MODAL_OK;
+    return local_law_add(l, e, law_gap(s->stiffness, s->clearance, s->dissipation, s->both_sides,
+                                       &law, err), s->at, &law, err);
 }
 
-static const char *const keys[] = { "dof", "to", "stiffness", "clearance", "dissipation", "both_sides", NULL };
-const struct scene_effect_kind effect_gap = { "gap", keys, NULL, lower };
+const struct scene_effect_kind effect_gap = {
+    .name = "gap", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct gap),
+    .law = "minus stiffness (d - clearance)(1 + dissipation d') on dof where d > clearance, else 0",
+    .lower = lower,
+};

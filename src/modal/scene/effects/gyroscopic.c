@@ -13,6 +13,9 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     return MODAL_OK;
 }
 
-static const char *const keys[] = { NULL };
 static const char *const structures[] = { "shaft", NULL };
-const struct scene_effect_kind effect_gyroscopic = { "gyroscopic", keys, structures, lower };
+const struct scene_effect_kind effect_gyroscopic = {
+    .name = "gyroscopic", .keys = { scene_type_keys }, .structures = structures,
+    .law = "C gains -speed Mg J, Mg the polar inertia of disk and sections, J turning y into z",
+    .lower = lower,
+};

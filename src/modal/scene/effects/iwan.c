@@ -1,38 +1,49 @@
 /* iwan.c - Jenkins elements side by side: stiffnesses [N/m] and limits [N], as many of each; those of stiffness or limit 0 are left out */
-#include <math.h>
-#include <stdlib.h>
 #include "modal/scene/effects/local_law.h"
 
+/* Each slider is a state that is stepped and sampled at every instant: a backbone of as many straight
+ * pieces is within 1/256 of any smooth one. */
 enum { SLIDERS_MOST = 256 };
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+struct iwan { struct local_ends at; struct scene_numbers stiffnesses, limits; };
+
+static const struct scene_key keys[] = {
+    { "stiffnesses", SCENE_NUMBERS, offsetof(struct iwan, stiffnesses), "N/m", 0, HUGE_VAL,
+      .needed = true, .means = "of each element's spring", .example = "[1000, 500]" },
+    { "limits", SCENE_NUMBERS, offsetof(struct iwan, limits), "N", 0, HUGE_VAL,
+      .needed = true, .means = "of each element's slider, as many as stiffnesses",
+      .example = "[0.5, 1]" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
 {
-    struct local_ends at;
+    const struct iwan *s = e->values;
+    double *k = s->stiffnesses.x, *limit = s->limits.x;
+    size_t springs = s->stiffnesses.count;
+    bool fits = springs >= 1 && springs <= SLIDERS_MOST;
     struct law law;
-    double *stiffness = NULL, *limit = NULL;
-    size_t springs = 0, sliders = 0;
     int count = 0;
     char where[128];
-    enum modal_status rc = lowering_ends(l, e, &at, err);
 
-    if (rc == MODAL_OK)
-        rc = json_get_numbers(e->json, e->path, "stiffnesses", 0, HUGE_VAL, &stiffness, &springs, err);
-    if (rc == MODAL_OK)
-        rc = json_get_numbers(e->json, e->path, "limits", 0, HUGE_VAL, &limit, &sliders, err);
-    json_path(where, e->path, springs < 1 || springs > SLIDERS_MOST ? "stiffnesses" : "limits");
-    if (rc == MODAL_OK && (springs < 1 || springs > SLIDERS_MOST || springs != sliders))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: stiffnesses and limits must be 1 to %d numbers, as many of each", e->path, SLIDERS_MOST);
-    for (size_t i = 0; rc == MODAL_OK && i < springs; i++)
-        if (stiffness[i] > 0 && limit[i] > 0) {
-            stiffness[count] = stiffness[i];
+    json_path(where, e->path, fits ? "limits" : "stiffnesses");
+    if (!fits || springs != s->limits.count)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; accepted: 1 to %d "
+                                "stiffnesses and as many limits", where,
+                                fits ? s->limits.count : springs, SLIDERS_MOST);
+    for (size_t i = 0; i < springs; i++)
+        if (k[i] > 0 && limit[i] > 0) {
+            k[count] = k[i];
             limit[count++] = limit[i];
         }
-    if (rc == MODAL_OK && count > 0)
-        rc = local_law_add(l, e, law_iwan(stiffness, limit, count, &law, err), at, &law, err);
-    free(stiffness);
-    free(limit);
-    return rc;
+    if (count == 0)
+        return MODAL_OK;
+    return local_law_add(l, e, law_iwan(k, limit, count, &law, err), s->at, &law, err);
 }
 
-static const char *const keys[] = { "dof", "to", "stiffnesses", "limits", NULL };
-const struct scene_effect_kind effect_iwan = { "iwan", keys, NULL, lower };
+const struct scene_effect_kind effect_iwan = {
+    .name = "iwan", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct iwan),
+    .law = "minus the sum over i of a friction element of stiffnesses[i], limits[i] on dof",
+    .lower = lower,
+};

@@ -1,25 +1,31 @@
 /* lua.c - a user's force(t, x, v, memory) in Lua: `source`, its sign that of the other effects */
-#include <math.h>
 #include <string.h>
 #include "modal/scene/effects/local_law.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    struct law law;
-    const char *source = NULL;
-    char where[128];
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct lua { struct local_ends at; const char *source; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_string(e->json, e->path, "source", &source, err);
+static const struct scene_key keys[] = {
+    { "source", SCENE_TEXT, offsetof(struct lua, source), .needed = true,
+      .means = "Lua that defines force(t, x, v, memory), x = d in m, v = d' in m/s, giving N",
+      .example = "\"function force(t, x, v, memory) return 3 * x end\"" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct lua *s = e->values;
+    struct law law;
+    char where[128];
+
     json_path(where, e->path, "source");
-    if (rc == MODAL_OK && strlen(source) > LAW_SOURCE_MOST)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, where, "%s has %zu bytes; at most %d", where, strlen(source), LAW_SOURCE_MOST);
-    if (rc != MODAL_OK)
-        return rc;
-    return local_law_add(l, e, law_lua(source, &l->p->lua_bytes, &law, err), at, &law, err);
+    if (strlen(s->source) > LAW_SOURCE_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s has %zu bytes; at most %d", where,
+                                strlen(s->source), LAW_SOURCE_MOST);
+    return local_law_add(l, e, law_lua(s->source, &l->p->lua_bytes, &law, err), s->at, &law, err);
 }
 
-static const char *const keys[] = { "dof", "to", "source", NULL };
-const struct scene_effect_kind effect_lua = { "lua", keys, NULL, lower };
+const struct scene_effect_kind effect_lua = {
+    .name = "lua", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct lua),
+    .law = "minus force(t, d, d', memory) on dof", .lower = lower,
+};

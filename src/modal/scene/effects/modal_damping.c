@@ -7,11 +7,14 @@
  */
 #include <lapacke.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include "modal/scene/lowering.h"
 
+/* C is full: at 1000 dofs it has 1e6 entries, a twentieth of LOWERING_ENTRIES_MOST, and the modes take
+ * some seconds. */
 enum { MODAL_DAMPING_DOFS_MOST = 1000 };
+#define RATIO_MOST 1e6             /* far past any critical damping; 2 zeta w stays far from overflow */
+#define RIGID 1e-12                /* of the largest w^2: rounding of a zero one is some n DBL_EPSILON */
 
 /* Columns of M Phi in M's place: K is overwritten by Phi, w2 by the squared frequencies. */
 static enum modal_status modes(struct lowering *l, double **M, double **K, double *w2, struct modal_error *err)
@@ -54,7 +57,7 @@ static enum modal_status add_ratios(struct lowering *l, const struct scene_effec
     enum modal_status rc = w2 != NULL ? modes(l, &M, &K, w2, err) : modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
 
     for (int i = 0; rc == MODAL_OK && i < n && (size_t)i < count; i++) {
-        if (ratios[i] == 0 || fabs(w2[i]) <= 1e-12 * fabs(w2[n - 1]))     /* a rigid motion has no ratio */
+        if (ratios[i] == 0 || fabs(w2[i]) <= RIGID * fabs(w2[n - 1]))     /* a rigid motion has no ratio */
             continue;
         if (w2[i] < 0) {
             rc = modal_fail_field(err, MODAL_BAD_INPUT, e->path, "mode %d of the structure diverges (w^2 = %g): it has no damping ratio", i + 1, w2[i]);
@@ -68,32 +71,43 @@ static enum modal_status add_ratios(struct lowering *l, const struct scene_effec
     return rc;
 }
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    double ratio = 0, *ratios = NULL;
-    size_t count = 0;
-    char where[128];
-    enum modal_status rc = json_get_numbers(e->json, e->path, "ratios", -1e6, 1e6, &ratios, &count, err);
+struct modal_damping { double ratio; struct scene_numbers ratios; };
 
-    if (rc == MODAL_OK && ratios == NULL)
-        rc = json_need_number(e->json, e->path, "ratio", -1e6, 1e6, &ratio, err);
+static const struct scene_key keys[] = {
+    { "ratio", SCENE_NUMBER, offsetof(struct modal_damping, ratio), "", -RATIO_MOST, RATIO_MOST,
+      .needed = true, .unless = "ratios", .means = "zeta of every mode", .example = "0.02" },
+    { "ratios", SCENE_NUMBERS, offsetof(struct modal_damping, ratios), "", -RATIO_MOST, RATIO_MOST,
+      .otherwise = "ratio for every mode",
+      .means = "zeta of each mode in ascending frequency; modes past the list get none",
+      .example = "[0.02]" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    struct modal_damping *s = e->values;
+    size_t modes = (size_t)l->p->n;
+    char where[128];
+
     json_path(where, e->path, "ratios");
-    if (rc == MODAL_OK && count > (size_t)l->p->n)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; the structure has %d modes", where, count, l->p->n);
-    if (rc == MODAL_OK && l->p->n > MODAL_DAMPING_DOFS_MOST)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, e->path, "modal_damping fills a matrix: at most %d dofs, not %d", MODAL_DAMPING_DOFS_MOST, l->p->n);
-    if (rc == MODAL_OK && ratios == NULL) {
-        count = (size_t)l->p->n;
-        if ((ratios = malloc(count * sizeof *ratios)) == NULL)
+    if (s->ratios.count > modes)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; the structure has "
+                                "%zu modes", where, s->ratios.count, modes);
+    if (l->p->n > MODAL_DAMPING_DOFS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, e->path, "modal_damping fills a matrix: at most "
+                                "%d dofs, not %d", MODAL_DAMPING_DOFS_MOST, l->p->n);
+    if (s->ratios.x == NULL) {
+        if ((s->ratios.x = malloc(modes * sizeof *s->ratios.x)) == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
-        for (size_t i = 0; i < count; i++)
-            ratios[i] = ratio;
+        while (s->ratios.count < modes)
+            s->ratios.x[s->ratios.count++] = s->ratio;
     }
-    if (rc == MODAL_OK)
-        rc = add_ratios(l, e, ratios, count, err);
-    free(ratios);
-    return rc;
+    return add_ratios(l, e, s->ratios.x, s->ratios.count, err);
 }
 
-static const char *const keys[] = { "ratio", "ratios", NULL };
-const struct scene_effect_kind effect_modal_damping = { "modal_damping", keys, NULL, lower };
+const struct scene_effect_kind effect_modal_damping = {
+    .name = "modal_damping", .keys = { scene_type_keys, keys }, .size = sizeof(struct modal_damping),
+    .law = "C gains sum_i 2 zeta_i w_i (M phi_i)(M phi_i)^T over the structure's modes",
+    .lower = lower,
+};

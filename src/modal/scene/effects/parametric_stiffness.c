@@ -3,28 +3,34 @@
  *
  * cos(k omega t + phase) = cos(phase) cos(k omega t) - sin(phase) sin(k omega t).  k is a whole number, default 1.
  */
-#include <math.h>
 #include "modal/scene/lowering.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+struct parametric { struct local_ends at; double stiffness, phase; int k; };
+
+static const struct scene_key keys[] = {
+    { "stiffness", SCENE_NUMBER, offsetof(struct parametric, stiffness), "N/m", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "amplitude of the pulsation, of any sign", .example = "50" },
+    { "k", SCENE_WHOLE, offsetof(struct parametric, k), "", 0, LOWERING_HARMONIC_MOST,
+      .standard = 1, .means = "its harmonic of omega; 0: constant", .example = "2" },
+    { "phase", SCENE_NUMBER, offsetof(struct parametric, phase), "rad", -HUGE_VAL, HUGE_VAL,
+      .means = "of the pulsation at t = 0", .example = "0.5" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
 {
-    struct local_ends at;
-    double stiffness = 0, phase = 0;
-    int k = 1;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+    const struct parametric *s = e->values;
+    enum modal_status rc = s->k > 0 ? lowering_need_omega(l, "parametric_stiffness", err) : MODAL_OK;
 
     if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "stiffness", -HUGE_VAL, HUGE_VAL, &stiffness, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "phase", -HUGE_VAL, HUGE_VAL, &phase, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(e->json, e->path, "k", 0, LOWERING_HARMONIC_MOST, &k, err);
-    if (rc == MODAL_OK && k > 0)
-        rc = lowering_need_omega(l, "parametric_stiffness", err);
-    if (rc == MODAL_OK)
-        lowering_between_harmonic(l, PROGRAM_K, k, at, stiffness * cos(phase), phase != 0 ? -stiffness * sin(phase) : 0);
+        lowering_between_harmonic(l, PROGRAM_K, s->k, s->at, s->stiffness * cos(s->phase),
+                                  s->phase != 0 ? -s->stiffness * sin(s->phase) : 0);
     return rc;
 }
 
-static const char *const keys[] = { "dof", "to", "stiffness", "k", "phase", NULL };
-const struct scene_effect_kind effect_parametric_stiffness = { "parametric_stiffness", keys, NULL, lower };
+const struct scene_effect_kind effect_parametric_stiffness = {
+    .name = "parametric_stiffness", .keys = { lowering_ends_keys, keys },
+    .size = sizeof(struct parametric), .law = "minus stiffness cos(k omega t + phase) d on dof",
+    .lower = lower,
+};

@@ -1,10 +1,21 @@
 /* polynomial_damper.c - the sum of coefficients[i] d^i d'; a constant one is a linear damper and becomes one */
 #include "modal/scene/effects/local_law.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+static const struct scene_key keys[] = {
+    { "coefficients", SCENE_NUMBERS, offsetof(struct local_polynomial, coefficients), "N s/m^(i+1)",
+      -HUGE_VAL, HUGE_VAL, .needed = true, .means = "c_i of f = sum c_i d^i d', i from 0; van der Pol: [-mu, 0, mu]",
+      .example = "[-0.1, 0, 0.1]" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
 {
     return local_law_polynomial(l, e, PROGRAM_C, law_polynomial_damper, err);
 }
 
-static const char *const keys[] = { "dof", "to", "coefficients", NULL };
-const struct scene_effect_kind effect_polynomial_damper = { "polynomial_damper", keys, NULL, lower };
+const struct scene_effect_kind effect_polynomial_damper = {
+    .name = "polynomial_damper", .keys = { lowering_ends_keys, keys },
+    .size = sizeof(struct local_polynomial),
+    .law = "minus the sum of coefficients[i] d^i d' on dof", .lower = lower,
+};

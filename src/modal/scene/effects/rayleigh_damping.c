@@ -2,7 +2,6 @@
  *
  * Where members turn, beta damps their strain on their own axes and alpha acts against still air.
  */
-#include <math.h>
 #include "modal/scene/lowering.h"
 
 static void add_alpha(struct lowering *l, double alpha)
@@ -13,29 +12,26 @@ static void add_alpha(struct lowering *l, double alpha)
     }
 }
 
-static enum modal_status add_beta(struct lowering *l, double beta, struct modal_error *err)
+struct rayleigh { double alpha, beta; };
+
+static const struct scene_key keys[] = {
+    { "alpha", SCENE_NUMBER, offsetof(struct rayleigh, alpha), "1/s", -HUGE_VAL, HUGE_VAL,
+      .means = "C gains alpha M of the structure", .example = "0.5" },
+    { "beta", SCENE_NUMBER, offsetof(struct rayleigh, beta), "s", -HUGE_VAL, HUGE_VAL,
+      .means = "C gains beta K of the structure", .example = "1e-4" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
 {
-    if (beta != 0 && l->structure->strain_rate != NULL)
-        return l->structure->strain_rate(l, beta, err);
-    for (int i = 0; beta != 0 && i < l->structural[PROGRAM_K]; i++) {
-        struct triplet t = l->constant[PROGRAM_K].x[i];
-        lowering_add(l, PROGRAM_C, t.i, t.j, beta * t.value);
-    }
-    return MODAL_OK;
+    const struct rayleigh *s = e->values;
+
+    add_alpha(l, s->alpha);
+    return lowering_strain_rate(l, s->beta, err);
 }
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    double alpha = 0, beta = 0;
-    enum modal_status rc = json_get_number(e->json, e->path, "alpha", -HUGE_VAL, HUGE_VAL, &alpha, err);
-
-    if (rc == MODAL_OK)
-        rc = json_get_number(e->json, e->path, "beta", -HUGE_VAL, HUGE_VAL, &beta, err);
-    if (rc != MODAL_OK)
-        return rc;
-    add_alpha(l, alpha);
-    return add_beta(l, beta, err);
-}
-
-static const char *const keys[] = { "alpha", "beta", NULL };
-const struct scene_effect_kind effect_rayleigh_damping = { "rayleigh_damping", keys, NULL, lower };
+const struct scene_effect_kind effect_rayleigh_damping = {
+    .name = "rayleigh_damping", .keys = { scene_type_keys, keys }, .size = sizeof(struct rayleigh),
+    .law = "C gains alpha M + beta K of the structure", .lower = lower,
+};

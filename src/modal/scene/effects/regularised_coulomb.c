@@ -1,22 +1,30 @@
 /* regularised_coulomb.c - limit tanh(d' / velocity), limit in N, velocity > 0 in m/s */
-#include <math.h>
 #include "modal/scene/effects/local_law.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    struct law law;
-    double limit = 0, velocity = 0;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct regularised { struct local_ends at; double limit, velocity; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "limit", 0, HUGE_VAL, &limit, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "velocity", 1e-300, HUGE_VAL, &velocity, err);
-    if (rc != MODAL_OK || limit == 0)
-        return rc;
-    return local_law_add(l, e, law_regularised_coulomb(limit, velocity, &law, err), at, &law, err);
+static const struct scene_key keys[] = {
+    { "limit", SCENE_NUMBER, offsetof(struct regularised, limit), "N", 0, HUGE_VAL,
+      .needed = true, .means = "the force at speeds far above velocity", .example = "0.8" },
+    { "velocity", SCENE_NUMBER, offsetof(struct regularised, velocity), "m/s", SCENE_POSITIVE, HUGE_VAL,
+      .needed = true, .means = "width of the rounded step about d' = 0", .example = "1e-3" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct regularised *s = e->values;
+    struct law law;
+
+    if (s->limit == 0)
+        return MODAL_OK;
+    return local_law_add(l, e, law_regularised_coulomb(s->limit, s->velocity, &law, err), s->at, &law,
+                         err);
 }
 
-static const char *const keys[] = { "dof", "to", "limit", "velocity", NULL };
-const struct scene_effect_kind effect_regularised_coulomb = { "regularised_coulomb", keys, NULL, lower };
+const struct scene_effect_kind effect_regularised_coulomb = {
+    .name = "regularised_coulomb", .keys = { lowering_ends_keys, keys },
+    .size = sizeof(struct regularised), .law = "minus limit tanh(d' / velocity) on dof",
+    .lower = lower,
+};

@@ -1,19 +1,25 @@
 /* spring.c - a linear spring: stiffness [N/m] between `dof` and `to`, of any sign */
-#include <math.h>
 #include "modal/scene/lowering.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    struct local_ends at;
-    double stiffness = 0;
-    enum modal_status rc = lowering_ends(l, e, &at, err);
+struct spring { struct local_ends at; double stiffness; };
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(e->json, e->path, "stiffness", -HUGE_VAL, HUGE_VAL, &stiffness, err);
-    if (rc == MODAL_OK)
-        lowering_between(l, PROGRAM_K, at, stiffness);
-    return rc;
+static const struct scene_key keys[] = {
+    { "stiffness", SCENE_NUMBER, offsetof(struct spring, stiffness), "N/m", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "k in f = k d, of any sign", .example = "1000" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct spring *s = e->values;
+
+    (void)err;
+    lowering_between(l, PROGRAM_K, s->at, s->stiffness);
+    return MODAL_OK;
 }
 
-static const char *const keys[] = { "dof", "to", "stiffness", NULL };
-const struct scene_effect_kind effect_spring = { "spring", keys, NULL, lower };
+const struct scene_effect_kind effect_spring = {
+    .name = "spring", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct spring),
+    .law = "minus stiffness d on dof, d = x_dof - x_to", .lower = lower,
+};

@@ -1,22 +1,23 @@
 /* strain_rate_damping.c - C = mu K of the elastic members, mu in s; a structure whose members turn says how itself */
-#include <math.h>
 #include "modal/scene/lowering.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
-{
-    double mu = 0;
-    enum modal_status rc = json_need_number(e->json, e->path, "mu", -HUGE_VAL, HUGE_VAL, &mu, err);
+struct strain_rate { double mu; };
 
-    if (rc != MODAL_OK || mu == 0)
-        return rc;
-    if (l->structure->strain_rate != NULL)
-        return l->structure->strain_rate(l, mu, err);
-    for (int i = 0; i < l->structural[PROGRAM_K]; i++) {
-        struct triplet t = l->constant[PROGRAM_K].x[i];
-        lowering_add(l, PROGRAM_C, t.i, t.j, mu * t.value);
-    }
-    return MODAL_OK;
+static const struct scene_key keys[] = {
+    { "mu", SCENE_NUMBER, offsetof(struct strain_rate, mu), "s", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "stress per strain rate over stress per strain", .example = "1e-4" },
+    { 0 },
+};
+
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
+{
+    const struct strain_rate *s = e->values;
+
+    return lowering_strain_rate(l, s->mu, err);
 }
 
-static const char *const keys[] = { "mu", NULL };
-const struct scene_effect_kind effect_strain_rate_damping = { "strain_rate_damping", keys, NULL, lower };
+const struct scene_effect_kind effect_strain_rate_damping = {
+    .name = "strain_rate_damping", .keys = { scene_type_keys, keys },
+    .size = sizeof(struct strain_rate), .law = "C gains mu K of the elastic members", .lower = lower,
+};

@@ -17,6 +17,7 @@ static enum modal_status fill_none(const struct inflow_wing *wing, int states, s
 }
 
 const struct inflow_kind inflow_none = { "none", 0, 1, "0", no_states, fill_none };
+const char *const inflow_names[] = { "none", "peters_2d", "jones", "peters_he", NULL };
 const struct inflow_kind *const inflow_kinds[] = { &inflow_none, &inflow_peters_2d, &inflow_jones, &inflow_peters_he, NULL };
 
 enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err)

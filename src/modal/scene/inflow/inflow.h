@@ -40,6 +40,7 @@ struct inflow_kind {
 
 extern const struct inflow_kind inflow_none, inflow_peters_2d, inflow_jones, inflow_peters_he;
 extern const struct inflow_kind *const inflow_kinds[];    /* NULL-terminated */
+extern const char *const inflow_names[];                  /* theirs, in the same order, NULL-terminated */
 
 /* Row KIND at WING into *OUT with `inflow_states` STATES (valid); inflow_done frees.  Fails with MODAL_NO_MEMORY. */
 enum modal_status inflow_new(const struct inflow_kind *kind, const struct inflow_wing *wing, int states,

@@ -5,7 +5,6 @@
  * `free` nothing.  Consistent mass; the frequencies of pinned beams converge from above like h^4.
  */
 #include "modal/scene/structures/beam.h"
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,10 +13,27 @@
 
 enum support { PINNED, CLAMPED, FREE };
 
-static enum modal_status read_supports(const cJSON *json, enum support ends[2], struct modal_error *err)
+struct beam { double length, EI, mass_per_length; int elements; const cJSON *supports; };
+
+static const struct scene_key keys[] = {
+    { "length", SCENE_NUMBER, offsetof(struct beam, length), "m", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "between the ends", .example = "2" },
+    { "elements", SCENE_WHOLE, offsetof(struct beam, elements), "", 1, BEAM_ELEMENTS_MOST,
+      .needed = true, .means = "of equal length; errors of frequencies fall with their 4th power",
+      .example = "8" },
+    { "EI", SCENE_NUMBER, offsetof(struct beam, EI), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "bending stiffness", .example = "100" },
+    { "mass_per_length", SCENE_NUMBER, offsetof(struct beam, mass_per_length), "kg/m", SCENE_POSITIVE,
+      SCENE_LARGE, .needed = true, .means = "m of m w_tt + EI w_xxxx = p", .example = "1.5" },
+    { "supports", SCENE_OWN, offsetof(struct beam, supports), .otherwise = "[\"pinned\", \"pinned\"]",
+      .means = "of both ends: \"pinned\" holds w, \"clamped\" w and th, \"free\" nothing",
+      .example = "[\"clamped\", \"free\"]" },
+    { 0 },
+};
+
+static enum modal_status read_supports(const cJSON *list, enum support ends[2], struct modal_error *err)
 {
-    static const char *const words[] = { "pinned", "clamped", "free" };
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(json, "supports");
+    static const char *const words[] = { [PINNED] = "pinned", [CLAMPED] = "clamped", [FREE] = "free" };
     char where[48] = "structure.supports";
 
     for (int i = 0; list != NULL && i < 2; i++) {
@@ -55,42 +71,35 @@ static void add_nodes(struct lowering *l, struct beam_mesh *mesh, const enum sup
     }
 }
 
-static enum modal_status lower(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
+static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
-    double length = 0, EI = 0, m = 0, Me[16], Ke[16];
-    int elements = 0;
+    const struct beam *b = values;
+    double Me[16], Ke[16];
     enum support ends[2] = { PINNED, PINNED };
     struct beam_mesh *mesh;
-    enum modal_status rc = json_need_number(json, path, "length", 1e-300, 1e300, &length, err);
+    enum modal_status rc = read_supports(b->supports, ends, err);
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(json, path, "elements", 1, BEAM_ELEMENTS_MOST, &m, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "elements", 1, BEAM_ELEMENTS_MOST, &elements, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(json, path, "EI", 1e-300, 1e300, &EI, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(json, path, "mass_per_length", 1e-300, 1e300, &m, err);
-    if (rc == MODAL_OK)
-        rc = read_supports(json, ends, err);
     if (rc != MODAL_OK)
         return rc;
-    if (elements == 1 && ends[0] == CLAMPED && ends[1] == CLAMPED)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements", "one element clamped at both ends has no dof; at least 2 elements");
+    if (b->elements == 1 && ends[0] == CLAMPED && ends[1] == CLAMPED)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements",
+                                "one element clamped at both ends has no dof; at least 2 elements");
     if ((l->mesh = mesh = calloc(1, sizeof *mesh)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
-    mesh->elements = elements;
-    mesh->h = length / elements;
-    l->mass_per_length = m;
+    mesh->elements = b->elements;
+    mesh->h = b->length / b->elements;
+    l->mass_per_length = b->mass_per_length;
     add_nodes(l, mesh, ends);
-    hermite_mass(m, mesh->h, Me);
-    hermite_stiffness(EI, mesh->h, Ke);
-    for (int e = 0; e < elements; e++) {
+    hermite_mass(b->mass_per_length, mesh->h, Me);
+    hermite_stiffness(b->EI, mesh->h, Ke);
+    for (int e = 0; e < b->elements; e++) {
         lowering_add_element(l, PROGRAM_M, 4, &mesh->dof[2 * e], Me);
         lowering_add_element(l, PROGRAM_K, 4, &mesh->dof[2 * e], Ke);
     }
     return MODAL_OK;
 }
 
-static const char *const keys[] = { "length", "elements", "EI", "mass_per_length", "supports", NULL };
-const struct scene_structure_kind structure_beam = { .name = "beam", .keys = keys, .lower = lower };
+const struct scene_structure_kind structure_beam = {
+    .name = "beam", .keys = { scene_type_keys, keys }, .size = sizeof(struct beam),
+    .law = "mass_per_length w_tt + EI w_xxxx = p, w and th = w_x at the nodes", .lower = lower,
+};

@@ -2,80 +2,73 @@
  * chain.c - masses in a row, springs and dampers between neighbours and to the ground at both ends
  *
  * Spring i of 0..n joins mass i-1 to mass i; masses -1 and n are the ground.  A spring or damper of 0 is none.
- * Keys: masses [kg] (n, > 0), springs [N/m] (n+1), dampers [N s/m] (n+1, default none).
  */
-#include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include "modal/scene/lowering.h"
 
-static enum modal_status add_masses(struct lowering *l, const double *m, size_t n, const char *path, struct modal_error *err)
-{
-    char where[128], name[32];
+struct chain { struct scene_numbers masses, springs, dampers; };
 
-    for (size_t i = 0; i < n; i++) {
-        if (m[i] <= 0) {
-            snprintf(where, sizeof where, "%s.masses[%zu]", path, i);
-            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %g; a mass is > 0", where, m[i]);
+static const struct scene_key keys[] = {
+    { "masses", SCENE_NUMBERS, offsetof(struct chain, masses), "kg", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "n of them, from left to right, each > 0", .example = "[1, 2]" },
+    { "springs", SCENE_NUMBERS, offsetof(struct chain, springs), "N/m", -HUGE_VAL, HUGE_VAL,
+      .needed = true, .means = "n + 1 from ground to ground, of any sign; 0: none",
+      .example = "[100, 50, 100]" },
+    { "dampers", SCENE_NUMBERS, offsetof(struct chain, dampers), "N s/m", -HUGE_VAL, HUGE_VAL,
+      .otherwise = "none", .means = "n + 1 from ground to ground, of any sign; 0: none",
+      .example = "[0.1, 0.2, 0]" },
+    { 0 },
+};
+
+static enum modal_status add_masses(struct lowering *l, const struct scene_numbers *m,
+                                    struct modal_error *err)
+{
+    char where[64], name[32];
+
+    for (size_t i = 0; i < m->count; i++) {
+        if (m->x[i] <= 0) {
+            snprintf(where, sizeof where, "structure.masses[%zu]", i);
+            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %g; a mass is > 0", where,
+                                    m->x[i]);
         }
         snprintf(name, sizeof name, "x%zu", i + 1);
         lowering_add_dof(l, name);
-        lowering_add(l, PROGRAM_M, (int)i, (int)i, m[i]);
+        lowering_add(l, PROGRAM_M, (int)i, (int)i, m->x[i]);
     }
     return MODAL_OK;
 }
 
-/* n + 1 elements of KEY into MATRIX. */
-static enum modal_status add_elements(struct lowering *l, int matrix, const char *key, size_t n, const cJSON *json,
-                                      const char *path, struct modal_error *err)
+/* The n + 1 elements K, which stand at WHERE, into MATRIX; an absent list has none. */
+static enum modal_status add_elements(struct lowering *l, int matrix, size_t n,
+                                      const struct scene_numbers *k, const char *where,
+                                      struct modal_error *err)
 {
-    double *k = NULL;
-    size_t count = 0;
-    char where[128];
-    enum modal_status rc = json_get_numbers(json, path, key, -HUGE_VAL, HUGE_VAL, &k, &count, err);
+    if (k->x != NULL && k->count != n + 1)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; %zu masses take %zu, "
+                                "ground to ground", where, k->count, n, n + 1);
+    for (size_t i = 0; i < k->count; i++)
+        lowering_between(l, matrix, (struct local_ends) { i < n ? (int)i : -1, (int)i - 1 }, k->x[i]);
+    return MODAL_OK;
+}
 
-    if (rc == MODAL_OK && k != NULL && count != n + 1) {
-        json_path(where, path, key);
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; %zu masses take %zu, ground to ground", where, count, n, n + 1);
-    }
-    for (size_t i = 0; rc == MODAL_OK && k != NULL && i <= n; i++)
-        lowering_between(l, matrix, (struct local_ends) { i < n ? (int)i : -1, (int)i - 1 }, k[i]);
-    free(k);
+static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
+{
+    const struct chain *c = values;
+    size_t n = c->masses.count;
+    enum modal_status rc;
+
+    if (n < 1 || n > LOWERING_DOFS_MOST)
+        return modal_fail_field(err, n < 1 ? MODAL_BAD_INPUT : MODAL_TOO_LARGE, "structure.masses",
+                                "a chain has 1 to %d masses, not %zu", LOWERING_DOFS_MOST, n);
+    rc = add_masses(l, &c->masses, err);
+    if (rc == MODAL_OK)
+        rc = add_elements(l, PROGRAM_K, n, &c->springs, "structure.springs", err);
+    if (rc == MODAL_OK)
+        rc = add_elements(l, PROGRAM_C, n, &c->dampers, "structure.dampers", err);
     return rc;
 }
 
-static enum modal_status need(const cJSON *json, const char *path, const char *key, struct modal_error *err)
-{
-    char where[128];
-
-    if (cJSON_GetObjectItemCaseSensitive(json, key) != NULL)
-        return MODAL_OK;
-    json_path(where, path, key);
-    return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is missing; accepted: a list of numbers", where);
-}
-
-static enum modal_status lower(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
-{
-    double *m = NULL;
-    size_t n = 0;
-    enum modal_status rc = need(json, path, "masses", err);
-
-    if (rc == MODAL_OK)
-        rc = need(json, path, "springs", err);
-    if (rc == MODAL_OK)
-        rc = json_get_numbers(json, path, "masses", -HUGE_VAL, HUGE_VAL, &m, &n, err);
-    if (rc == MODAL_OK && (n < 1 || n > LOWERING_DOFS_MOST))
-        rc = modal_fail_field(err, n < 1 ? MODAL_BAD_INPUT : MODAL_TOO_LARGE, "structure.masses", "a chain has 1 to %d masses, not %zu",
-                              LOWERING_DOFS_MOST, n);
-    if (rc == MODAL_OK)
-        rc = add_masses(l, m, n, path, err);
-    if (rc == MODAL_OK)
-        rc = add_elements(l, PROGRAM_K, "springs", n, json, path, err);
-    if (rc == MODAL_OK)
-        rc = add_elements(l, PROGRAM_C, "dampers", n, json, path, err);
-    free(m);
-    return rc;
-}
-
-static const char *const keys[] = { "masses", "springs", "dampers", NULL };
-const struct scene_structure_kind structure_chain = { .name = "chain", .keys = keys, .lower = lower };
+const struct scene_structure_kind structure_chain = {
+    .name = "chain", .keys = { scene_type_keys, keys }, .size = sizeof(struct chain),
+    .law = "m_i x_i'' + the forces of springs and dampers i and i + 1 = p_i", .lower = lower,
+};

@@ -10,6 +10,28 @@
 #include <string.h>
 #include "modal/scene/lowering.h"
 
+struct matrices { const cJSON *M, *C, *K, *G, *dofs, *file; double speed; };
+
+static const struct scene_key keys[] = {
+    { "M", SCENE_OWN, offsetof(struct matrices, M), "kg", .needed = true, .unless = "file",
+      .means = "mass: symmetric, positive definite; a list of rows, or sparse",
+      .example = "[[2, 0], [0, 3]]" },
+    { "C", SCENE_OWN, offsetof(struct matrices, C), "N s/m", .otherwise = "none",
+      .means = "damping, of any form", .example = "[[0.1, 0], [0, 0.1]]" },
+    { "K", SCENE_OWN, offsetof(struct matrices, K), "N/m", .needed = true, .unless = "file",
+      .means = "stiffness, of any form: follower forces make it unsymmetric",
+      .example = "[[30, -10], [-10, 30]]" },
+    { "G", SCENE_OWN, offsetof(struct matrices, G), "kg", .otherwise = "none",
+      .means = "gyroscopic, skew; speed G adds to C", .example = "[[0, 1], [-1, 0]]" },
+    { "speed", SCENE_NUMBER, offsetof(struct matrices, speed), "rad/s", -HUGE_VAL, HUGE_VAL,
+      .with = "G", .means = "of G, which needs it", .example = "2" },
+    { "dofs", SCENE_OWN, offsetof(struct matrices, dofs), .otherwise = "x1, x2, ..",
+      .means = "names, one a row", .example = "[\"a\", \"b\"]" },
+    { "file", SCENE_OWN, offsetof(struct matrices, file), .otherwise = "none",
+      .means = "HDF5 with M, C, K, G, which clients put in its place", .example = "\"X.h5\"" },
+    { 0 },
+};
+
 struct entries { struct triplet *x; int count, m, n; };
 
 static enum modal_status shape_error(const char *where, const char *what, struct modal_error *err)
@@ -77,13 +99,13 @@ static enum modal_status check_rows(const double *start, size_t starts, const do
 
 static enum modal_status read_sparse(const cJSON *json, const char *where, struct entries *out, struct modal_error *err)
 {
-    static const char *const keys[] = { "shape", "row_pointers", "columns", "values", NULL };
+    static const char *const parts[] = { "shape", "row_pointers", "columns", "values", NULL };
     double *x[4] = { NULL };
     size_t count[4] = { 0 };
-    enum modal_status rc = json_keys(json, where, keys, err);
+    enum modal_status rc = json_keys(json, where, parts, err);
 
     for (int i = 0; i < 4 && rc == MODAL_OK; i++)
-        rc = json_get_numbers(json, where, keys[i], i < 3 ? 0 : -HUGE_VAL, i < 3 ? LOWERING_ENTRIES_MOST : HUGE_VAL, &x[i], &count[i], err);
+        rc = json_get_numbers(json, where, parts[i], i < 3 ? 0 : -HUGE_VAL, i < 3 ? LOWERING_ENTRIES_MOST : HUGE_VAL, &x[i], &count[i], err);
     if (rc == MODAL_OK && (count[0] != 2 || count[1] < 1))
         rc = shape_error(where, "a key is missing or empty", err);
     if (rc == MODAL_OK && (x[0][0] < 1 || x[0][0] > LOWERING_DOFS_MOST || x[0][1] < 1 || x[0][1] > LOWERING_DOFS_MOST))
@@ -104,17 +126,14 @@ static enum modal_status read_sparse(const cJSON *json, const char *where, struc
     return rc;
 }
 
-/* The member KEY, n x n where N > 0; absent and not NEEDED: out->m stays 0.  The caller frees out->x. */
-static enum modal_status read_matrix(const cJSON *json, const char *path, const char *key, int n, bool needed, struct entries *out,
+/* ITEM, which stands at WHERE, n x n where N > 0; NULL: out->m stays 0.  The caller frees out->x. */
+static enum modal_status read_matrix(const cJSON *item, const char *where, int n, struct entries *out,
                                      struct modal_error *err)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(json, key);
-    char where[128];
     enum modal_status rc;
 
-    json_path(where, path, key);
     if (item == NULL)
-        return needed ? modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is missing", where) : MODAL_OK;
+        return MODAL_OK;
     if (!cJSON_IsArray(item) && !cJSON_IsObject(item))
         return shape_error(where, "not a matrix", err);
     rc = cJSON_IsArray(item) ? read_dense(item, where, out, err) : read_sparse(item, where, out, err);
@@ -158,16 +177,15 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
     return rc;
 }
 
-static enum modal_status add_matrix(struct lowering *l, const cJSON *json, const char *path, const char *key, int matrix,
-                                    double factor, struct modal_error *err)
+/* FACTOR times ITEM, which stands at WHERE, into MATRIX; SIGN: it must be its transpose times that (0: any). */
+static enum modal_status add_matrix(struct lowering *l, const cJSON *item, const char *where, int matrix,
+                                    double factor, double sign, struct modal_error *err)
 {
     struct entries e = { 0 };
-    char where[128];
-    enum modal_status rc = read_matrix(json, path, key, l->p->n, matrix != PROGRAM_C, &e, err);
+    enum modal_status rc = read_matrix(item, where, l->p->n, &e, err);
 
-    json_path(where, path, key);
-    if (rc == MODAL_OK && (key[0] == 'M' || key[0] == 'G'))
-        rc = check_symmetry(&e, key[0] == 'M' ? 1 : -1, where, err);
+    if (rc == MODAL_OK && sign != 0)
+        rc = check_symmetry(&e, sign, where, err);
     for (int k = 0; rc == MODAL_OK && k < e.count; k++)
         lowering_add(l, matrix, e.x[k].i, e.x[k].j, factor * e.x[k].value);
     free(e.x);
@@ -175,9 +193,9 @@ static enum modal_status add_matrix(struct lowering *l, const cJSON *json, const
 }
 
 /* The names in `dofs`, default x1, x2, ...: n of them, none twice. */
-static enum modal_status add_dofs(struct lowering *l, const cJSON *json, int n, struct modal_error *err)
+static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n, struct modal_error *err)
 {
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(json, "dofs"), *item = NULL;
+    const cJSON *item = NULL;
     char name[64];
 
     if (list != NULL && (!cJSON_IsArray(list) || cJSON_GetArraySize(list) != n))
@@ -197,33 +215,31 @@ static enum modal_status add_dofs(struct lowering *l, const cJSON *json, int n, 
     return MODAL_OK;
 }
 
-static enum modal_status lower(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
+static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
+    const struct matrices *s = values;
     struct entries M = { 0 };
-    double speed = 0;
-    bool has_G = cJSON_GetObjectItemCaseSensitive(json, "G") != NULL;
     enum modal_status rc;
 
-    if (cJSON_GetObjectItemCaseSensitive(json, "file") != NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.file", "files are opened by clients, which put the matrices in its place");
-    rc = read_matrix(json, path, "M", 0, true, &M, err);
-    int n = M.m;
-    free(M.x);
+    if (s->file != NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.file",
+                                "files are opened by clients, which put the matrices in its place");
+    rc = read_matrix(s->M, "structure.M", 0, &M, err);
+    free(M.x);                              /* read for its size: entries come once there are dofs */
     if (rc == MODAL_OK)
-        rc = has_G ? json_need_number(json, path, "speed", -HUGE_VAL, HUGE_VAL, &speed, err)
-                   : json_get_number(json, path, "speed", -HUGE_VAL, HUGE_VAL, &speed, err);
+        rc = add_dofs(l, s->dofs, M.m, err);
     if (rc == MODAL_OK)
-        rc = add_dofs(l, json, n, err);
+        rc = add_matrix(l, s->M, "structure.M", PROGRAM_M, 1, 1, err);
     if (rc == MODAL_OK)
-        rc = add_matrix(l, json, path, "M", PROGRAM_M, 1, err);
+        rc = add_matrix(l, s->C, "structure.C", PROGRAM_C, 1, 0, err);
+    if (rc == MODAL_OK && s->G != NULL)
+        rc = add_matrix(l, s->G, "structure.G", PROGRAM_C, s->speed, -1, err);
     if (rc == MODAL_OK)
-        rc = add_matrix(l, json, path, "C", PROGRAM_C, 1, err);
-    if (rc == MODAL_OK && has_G)
-        rc = add_matrix(l, json, path, "G", PROGRAM_C, speed, err);
-    if (rc == MODAL_OK)
-        rc = add_matrix(l, json, path, "K", PROGRAM_K, 1, err);
+        rc = add_matrix(l, s->K, "structure.K", PROGRAM_K, 1, 0, err);
     return rc;
 }
 
-static const char *const keys[] = { "M", "C", "K", "G", "speed", "dofs", "file", NULL };
-const struct scene_structure_kind structure_matrices = { .name = "matrices", .keys = keys, .lower = lower };
+const struct scene_structure_kind structure_matrices = {
+    .name = "matrices", .keys = { scene_type_keys, keys }, .size = sizeof(struct matrices),
+    .law = "M x'' + (C + speed G) x' + K x = p", .lower = lower,
+};

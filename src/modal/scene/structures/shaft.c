@@ -31,19 +31,14 @@
 #include <string.h>
 #include "modal/scene/hermite.h"
 
+/* A decimal fraction such as 0.3 is off its double by DBL_EPSILON/2, and so is its product with the
+ * elements; these are what a person means to write, not what rounding does to it. */
+static const double NODE_ROUNDING = 1e-9;      /* of the elements: how far a position is off its node */
+static const double OMEGA_ROUNDING = 1e-12;    /* of the speed: how far 2 speed is off k omega */
+
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "shaft: out of memory");
-}
-
-enum modal_status shaft_end_of(struct lowering *l, const struct scene_effect *e, int *end, struct modal_error *err)
-{
-    static const char *const ends[] = { "left", "right", NULL };
-    const char *word = NULL;
-    enum modal_status rc = json_need_string(e->json, e->path, "at", &word, err);
-
-    (void)l;
-    return rc == MODAL_OK ? json_get_choice(e->json, e->path, "at", ends, end, err) : rc;
 }
 
 /* ---- finite elements ---- */
@@ -172,78 +167,100 @@ static enum modal_status finish_elements(struct lowering *l, struct modal_error 
 
 /* ---- the row ---- */
 
+struct disk { double position, mass, radius; };
+
+static const struct scene_key disk_keys[] = {
+    { "position", SCENE_NUMBER, offsetof(struct disk, position), "", 0, 1,
+      .standard = 0.5, .means = "of the length from the left end; on a node", .example = "0.5" },
+    { "mass", SCENE_NUMBER, offsetof(struct disk, mass), "kg", 0, SCENE_LARGE,
+      .needed = true, .means = "M; > 0 on a massless shaft", .example = "5" },
+    { "radius", SCENE_NUMBER, offsetof(struct disk, radius), "m", 0, SCENE_LARGE,
+      .means = "r of the diametral inertia M r^2/4 and the polar M r^2/2", .example = "0.1" },
+    { 0 },
+};
+
+struct keys {
+    double length, mass_per_length, speed;
+    int elements, frame, model;
+    struct scene_numbers EI;
+    const cJSON *disk;
+};
+
+enum { ROTATING, FIXED };          /* shaft_frames; models are told by SHAFT->massless */
+const char *const shaft_frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
+static const char *const models[] = { "finite_elements", "massless", NULL };
+
+static const struct scene_key keys[] = {
+    { "frame", SCENE_WORD, offsetof(struct keys, frame), .words = shaft_frames,
+      .means = "axes of the dofs: \"rotating\", constant coefficients; \"fixed\", periodic ones",
+      .example = "\"rotating\"" },
+    { "model", SCENE_WORD, offsetof(struct keys, model), .words = models,
+      .means = "\"massless\": the disk alone has mass", .example = "\"finite_elements\"" },
+    { "length", SCENE_NUMBER, offsetof(struct keys, length), "m", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "between the ends", .example = "0.6" },
+    { "elements", SCENE_WHOLE, offsetof(struct keys, elements), "", 1, SHAFT_ELEMENTS_MOST,
+      .needed = true, .unless = "model", .standard = 0, .otherwise = "2 where massless",
+      .means = "of equal length; where massless they say where the disk may be", .example = "4" },
+    { "EI", SCENE_NUMBERS, offsetof(struct keys, EI), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "bending stiffness of plane y (along e2) and plane z (along e3)",
+      .example = "[98.9, 175]" },
+    { "mass_per_length", SCENE_NUMBER, offsetof(struct keys, mass_per_length), "kg/m", 0, SCENE_LARGE,
+      .needed = true, .unless = "model", .otherwise = "none where massless",
+      .means = "of the shaft; > 0 but where massless", .example = "0.8" },
+    { "speed", SCENE_NUMBER, offsetof(struct keys, speed), "rad/s", 0, SCENE_LARGE,
+      .means = "W, from e2 to e3 positive; omega's default", .example = "24" },
+    { "disk", SCENE_OWN, offsetof(struct keys, disk), .otherwise = "none, but where massless",
+      .members = disk_keys, .means = "a rigid disk", .example = "{\"position\": 0.5, \"mass\": 5}" },
+    { 0 },
+};
+
 static enum modal_status read_disk(const cJSON *json, struct shaft *s, struct modal_error *err)
 {
-    static const char *const keys[] = { "position", "mass", "radius", NULL };
-    const cJSON *disk = cJSON_GetObjectItemCaseSensitive(json, "disk");
+    static const struct scene_key *const tables[] = { disk_keys, NULL };
     const char *path = "structure.disk";
-    double position = 0.5, node;
-    enum modal_status rc;
+    struct disk disk = { 0 };
+    double node;
 
-    if (disk == NULL)
+    if (json == NULL)
         return s->massless ? modal_fail_field(err, MODAL_BAD_INPUT, path, "a massless shaft needs a disk") : MODAL_OK;
-    if (!cJSON_IsObject(disk))
+    if (!cJSON_IsObject(json))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "structure.disk must be an object {position, mass, radius}");
-    rc = json_keys(disk, path, keys, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(disk, path, "position", 0, 1, &position, err);
-    if (rc == MODAL_OK)
-        rc = json_need_number(disk, path, "mass", s->massless ? 1e-300 : 0, 1e300, &s->disk_mass, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(disk, path, "radius", 0, 1e300, &s->disk_radius, err);
+    enum modal_status rc = scene_keys_read(NULL, json, path, tables, &disk, err);
     if (rc != MODAL_OK)
         return rc;
-    node = round(position * s->elements);
-    if (fabs(node - position * s->elements) > 1e-9 * s->elements)
+    if (s->massless && disk.mass < SCENE_POSITIVE)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.mass", "structure.disk.mass is %g; "
+                                "accepted where nothing else has mass: a positive number (kg)", disk.mass);
+    node = round(disk.position * s->elements);
+    if (fabs(node - disk.position * s->elements) > NODE_ROUNDING * s->elements)
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position", "position %g of %d elements is no node; accepted: i/%d",
-                                position, s->elements, s->elements);
-    s->disk = true;
+                                disk.position, s->elements, s->elements);
+    s->disk_mass = disk.mass;
+    s->disk_radius = disk.radius;
     s->disk_node = (int)node;
     if (s->massless && (s->disk_node == 0 || s->disk_node == s->elements))
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position", "the disk of a massless shaft lies between its ends");
     return MODAL_OK;
 }
 
-static enum modal_status read_stiffness(const cJSON *json, struct shaft *s, struct modal_error *err)
+static enum modal_status read_shaft(const struct keys *k, struct shaft *s, struct modal_error *err)
 {
-    double *EI = NULL;
-    size_t count = 0;
-    enum modal_status rc = json_get_numbers(json, "structure", "EI", 1e-300, 1e300, &EI, &count, err);
-
-    if (rc == MODAL_OK && count != 2)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "structure.EI", "structure.EI must be [EI of plane y, EI of plane z], in N m^2");
-    for (int i = 0; rc == MODAL_OK && i < 2; i++)
-        s->EI[i] = EI[i];
-    free(EI);
-    return rc;
-}
-
-static enum modal_status read_shaft(const cJSON *json, struct shaft *s, struct modal_error *err)
-{
-    static const char *const frames[] = { "rotating", "fixed", NULL }, *const models[] = { "finite_elements", "massless", NULL };
-    const char *path = "structure";
-    int frame = 0, model = 0;
-    enum modal_status rc = json_get_choice(json, path, "frame", frames, &frame, err);
-
-    if (rc == MODAL_OK)
-        rc = json_get_choice(json, path, "model", models, &model, err);
-    s->massless = model == 1;
-    s->elements = s->massless ? 2 : 0;
-    if (rc == MODAL_OK)
-        rc = json_need_number(json, path, "length", 1e-300, 1e300, &s->length, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "elements", 1, SHAFT_ELEMENTS_MOST, &s->elements, err);
-    if (rc == MODAL_OK && s->elements == 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements", "structure.elements is needed: 1 .. %d", SHAFT_ELEMENTS_MOST);
-    if (rc == MODAL_OK)
-        rc = read_stiffness(json, s, err);
-    if (rc == MODAL_OK)
-        rc = s->massless ? json_get_number(json, path, "mass_per_length", 0, 1e300, &s->mass_per_length, err)
-                         : json_need_number(json, path, "mass_per_length", 1e-300, 1e300, &s->mass_per_length, err);
-    if (rc == MODAL_OK)
-        rc = json_get_number(json, path, "speed", 0, 1e300, &s->speed, err);
-    s->fixed = frame == 1 && s->speed > 0;
-    return rc == MODAL_OK ? read_disk(json, s, err) : rc;
+    s->massless = k->model == 1;
+    s->length = k->length;
+    s->elements = k->elements > 0 || !s->massless ? k->elements : 2;
+    s->mass_per_length = k->mass_per_length;
+    s->speed = k->speed;
+    s->fixed = k->frame == FIXED && s->speed > 0;
+    if (s->elements == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements", "structure.elements is needed: 1 .. %d", SHAFT_ELEMENTS_MOST);
+    if (k->EI.count != 2)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.EI", "structure.EI must be [EI of plane y, EI of plane z], in N m^2");
+    for (int i = 0; i < 2; i++)
+        s->EI[i] = k->EI.x[i];
+    if (!s->massless && s->mass_per_length < SCENE_POSITIVE)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.mass_per_length", "structure.mass_per_length is %g; "
+                                "accepted but with model \"massless\": a positive number (kg/m)", s->mass_per_length);
+    return read_disk(k->disk, s, err);
 }
 
 /* `omega` defaults to the speed; on fixed axes the stiffness turns with a whole harmonic of it. */
@@ -259,7 +276,7 @@ static enum modal_status read_omega(struct lowering *l, struct modal_error *err)
     if (!s->fixed && !s->seen_fixed)
         return MODAL_OK;
     k = round(2 * s->speed / l->p->omega);
-    if (k < 1 || k > LOWERING_HARMONIC_MOST || fabs(k * l->p->omega - 2 * s->speed) > 1e-12 * s->speed)
+    if (k < 1 || k > LOWERING_HARMONIC_MOST || fabs(k * l->p->omega - 2 * s->speed) > OMEGA_ROUNDING * s->speed)
         return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "on fixed axes twice the speed, %g rad/s, must be a whole multiple of omega = %g",
                                 2 * s->speed, l->p->omega);
     s->harmonic = (int)k;
@@ -285,16 +302,15 @@ static enum modal_status turn_axes(struct lowering *l, struct modal_error *err)
     return partner != NULL && sign != NULL ? MODAL_OK : no_memory(err);
 }
 
-static enum modal_status lower(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
+static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
     struct shaft *s = calloc(1, sizeof *s);
     enum modal_status rc;
 
-    (void)path;
     if ((l->mesh = s) == NULL)
         return no_memory(err);
     s->journal = s->state = -1;
-    rc = read_shaft(json, s, err);
+    rc = read_shaft(values, s, err);
     if (rc == MODAL_OK && s->massless && s->fixed && shaft_has_end_states(l))
         rc = shaft_see_from_fixed_axes(l, err);
     if (rc == MODAL_OK)
@@ -332,7 +348,9 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
     return rc;
 }
 
-static const char *const keys[] = { "length", "elements", "EI", "mass_per_length", "disk", "speed", "frame", "model", NULL };
 const struct scene_structure_kind structure_shaft = {
-    .name = "shaft", .keys = keys, .lower = lower, .strain_rate = strain_rate, .sensor = shaft_sensor, .finish = finish,
+    .name = "shaft", .keys = { scene_type_keys, keys }, .size = sizeof(struct keys),
+    .law = "two planes of bending and a disk, turning at speed: (1), (2) of shaft.c",
+    .sensors = shaft_sensors, .lower = lower, .strain_rate = strain_rate, .sensor = shaft_sensor,
+    .finish = finish,
 };

@@ -11,6 +11,7 @@
 
 enum { SHAFT_ELEMENTS_MOST = 500 };
 enum { SHAFT_LEFT, SHAFT_RIGHT };
+extern const char *const shaft_ends[];         /* their names, NULL-terminated */
 
 struct shaft_spring {              /* of a bearing or a coupling; a stiffness not given is no link of the series */
     bool listed, has_transverse, has_rotational;
@@ -31,7 +32,6 @@ struct shaft_end {
 struct shaft {
     double length, EI[2], mass_per_length;     /* EI of plane y, plane z */
     int elements;
-    bool disk;
     int disk_node;
     double disk_mass, disk_radius;
     double speed;
@@ -55,8 +55,5 @@ struct shaft {
     double journal_stiffness[2];               /* of the shaft there, by plane */
     double journal_map[2][2];                  /* by plane: sD = map[0] uD + map[1] free end */
 };
-
-/* `at` of EFFECT as an end of the shaft. */
-enum modal_status shaft_end_of(struct lowering *l, const struct scene_effect *e, int *end, struct modal_error *err);
 
 #endif

@@ -46,7 +46,9 @@ void shaft_coordinate_name(const struct shaft *s, int c, bool free_end, char out
 void shaft_lower_massless(struct lowering *l);
 enum modal_status shaft_finish_massless(struct lowering *l, struct modal_error *err);
 
-/* scene_structure_kind.sensor of the shaft. */
+extern const char *const shaft_frames[];       /* "rotating", "fixed", NULL */
+/* scene_structure_kind.sensor of the shaft, and the table it reads by. */
+extern const struct scene_table shaft_sensors[];
 enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path,
                                struct program_output *out, struct modal_error *err);
 #endif

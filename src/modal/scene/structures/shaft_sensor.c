@@ -113,39 +113,53 @@ static bool turned_terms(struct lowering *l, int c, int derivative, struct progr
     return found;
 }
 
-enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                                struct modal_error *err)
-{
-    static const char *const keys[] = { "dof", "derivative", "frame", "name", NULL }, *const frames[] = { "rotating", "fixed", NULL };
-    static const char *const suffix[] = { "", "_dot", "_ddot" };
-    const struct shaft *s = l->mesh;
-    const char *dof = NULL, *name = NULL;
-    int derivative = 0, face = s->fixed || s->seen_fixed ? 1 : 0, frame = face, own = s->fixed ? 1 : 0, c;
-    char where[128], text[96];
-    enum modal_status rc = json_keys(json, path, keys, err);
+enum { ABSENT = -1 };              /* a frame that is not given: that of the structure */
 
-    if (rc == MODAL_OK)
-        rc = json_need_string(json, path, "dof", &dof, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "derivative", 0, 2, &derivative, err);
-    if (rc == MODAL_OK)
-        rc = json_get_choice(json, path, "frame", frames, &frame, err);
-    if (rc == MODAL_OK)
-        rc = json_get_string(json, path, "name", &name, err);
+struct keys { const char *dof, *name; int derivative, frame; };
+
+static const char *const of_shaft[] = { "shaft", NULL };
+static const struct scene_key keys[] = {
+    { "dof", SCENE_TEXT, offsetof(struct keys, dof), .needed = true,
+      .means = "y<i>, sy<i>, z<i>, sz<i> of node i; a massless shaft's ends too", .example = "\"y1\"" },
+    { "derivative", SCENE_WHOLE, offsetof(struct keys, derivative), "", 0, 2,
+      .means = "in time", .example = "1" },
+    { "frame", SCENE_WORD, offsetof(struct keys, frame), .words = shaft_frames, .standard = ABSENT,
+      .otherwise = "the structure's", .means = "axes on which it is read", .example = "\"fixed\"" },
+    { "name", SCENE_TEXT, offsetof(struct keys, name), .otherwise = "the dof's, with _dot or _ddot",
+      .means = "of the channel", .example = "\"disk\"" },
+    { 0 },
+};
+const struct scene_table shaft_sensors[] = {
+    { .list = "sensors", .structures = of_shaft, .keys = { keys },
+      .law = "a dof or a coordinate without mass, on turning or on fixed axes" },
+    { 0 },
+};
+
+enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
+                               struct modal_error *err)
+{
+    const struct shaft *s = l->mesh;
+    struct keys k = { 0 };
+    int face = s->fixed || s->seen_fixed ? 1 : 0, own = s->fixed ? 1 : 0, c;
+    char where[128], text[96];
+    enum modal_status rc = scene_keys_read(l, json, path, shaft_sensors[0].keys, &k, err);
+
     if (rc != MODAL_OK)
         return rc;
+    if (k.frame == ABSENT)
+        k.frame = face;
     json_path(where, path, "dof");
-    if ((c = coordinate_of(l, dof)) < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", dof, l->p->dofs[0],
+    if ((c = coordinate_of(l, k.dof)) < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", k.dof, l->p->dofs[0],
                                 l->p->dofs[l->p->n - 1]);
-    if (frame == 0 && face == 1) {
+    if (k.frame == 0 && face == 1) {
         json_path(where, path, "frame");
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: on fixed axes sensors are fixed too; use structure.frame \"rotating\"", where);
     }
-    if (!(frame == own ? coordinate_terms(l, c, derivative, 1, out) : turned_terms(l, c, derivative, out)))
+    if (!(k.frame == own ? coordinate_terms(l, c, k.derivative, 1, out) : turned_terms(l, c, k.derivative, out)))
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: \"%.40s\" has no output row of derivative %d in this model (an end without mass)",
-                                where, dof, derivative);
-    snprintf(text, sizeof text, "%.40s%s%s", dof, suffix[derivative], frame == face ? "" : "_fixed");
-    out->name = strdup(name != NULL ? name : text);
+                                where, k.dof, k.derivative);
+    snprintf(text, sizeof text, "%.40s%s%s", k.dof, lowering_suffix[k.derivative], k.frame == face ? "" : "_fixed");
+    out->name = strdup(k.name != NULL ? k.name : text);
     return out->name != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "shaft: out of memory");
 }

@@ -4,6 +4,8 @@
 #include "modal/scene/structures/shaft_parts.h"
 #include <stdio.h>
 
+const char *const shaft_ends[] = { [SHAFT_LEFT] = "left", [SHAFT_RIGHT] = "right", NULL };
+
 /* Bearing and coupling in series: what is not given is no link; none given: no spring. */
 static double series(bool has_a, double a, bool has_b, double b)
 {

@@ -15,24 +15,27 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "wing: out of memory");
 }
 
-static enum modal_status read_wing(const cJSON *json, const char *path, struct wing *w, struct modal_error *err)
-{
-    const struct { const char *key; double low; double *out; } numbers[] = {
-        { "length", 1e-300, &w->length },         { "chord", 1e-300, &w->chord }, { "EI", 1e-300, &w->EI },
-        { "GJ", 1e-300, &w->GJ },                 { "mass_per_length", 1e-300, &w->mass_per_length },
-        { "I_rho", 1e-300, &w->I_rho },           { "x_cg", -1e300, &w->x_cg },
-    };
-    enum modal_status rc = json_get_int(json, path, "elements", 1, WING_ELEMENTS_MOST, &w->elements, err);
-
-    if (rc == MODAL_OK && w->elements == 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements", "structure.elements is needed: 1 .. %d", WING_ELEMENTS_MOST);
-    for (size_t i = 0; i < sizeof numbers / sizeof *numbers && rc == MODAL_OK; i++)
-        rc = json_need_number(json, path, numbers[i].key, numbers[i].low, 1e300, numbers[i].out, err);
-    if (rc == MODAL_OK && !(w->I_rho > w->mass_per_length * w->x_cg * w->x_cg))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "structure.I_rho", "I_rho = %g about the elastic axis must exceed mass_per_length x_cg^2 = %g",
-                              w->I_rho, w->mass_per_length * w->x_cg * w->x_cg);
-    return rc;
-}
+static const struct scene_key keys[] = {
+    { "elements", SCENE_WHOLE, offsetof(struct wing, elements), "", 1, WING_ELEMENTS_MOST,
+      .needed = true, .means = "of equal length", .example = "4" },
+    { "length", SCENE_NUMBER, offsetof(struct wing, length), "m", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "from the clamped root to the tip", .example = "6" },
+    { "chord", SCENE_NUMBER, offsetof(struct wing, chord), "m", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "2 b", .example = "1.8" },
+    { "EI", SCENE_NUMBER, offsetof(struct wing, EI), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "bending stiffness", .example = "9.8e6" },
+    { "GJ", SCENE_NUMBER, offsetof(struct wing, GJ), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "torsional stiffness", .example = "9.9e5" },
+    { "mass_per_length", SCENE_NUMBER, offsetof(struct wing, mass_per_length), "kg/m", SCENE_POSITIVE,
+      SCENE_LARGE, .needed = true, .means = "m", .example = "35.7" },
+    { "I_rho", SCENE_NUMBER, offsetof(struct wing, I_rho), "kg m", SCENE_POSITIVE, SCENE_LARGE,
+      .needed = true, .means = "mass moment of inertia per length about the elastic axis, > m x_cg^2",
+      .example = "8.6" },
+    { "x_cg", SCENE_NUMBER, offsetof(struct wing, x_cg), "m", -SCENE_LARGE, SCENE_LARGE,
+      .needed = true, .means = "centre of gravity from the elastic axis, aft positive",
+      .example = "0.18" },
+    { 0 },
+};
 
 static void add_dofs(struct lowering *l, const struct wing *w)
 {
@@ -48,23 +51,24 @@ static void add_dofs(struct lowering *l, const struct wing *w)
     }
 }
 
-static enum modal_status lower(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
+static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
+    const struct wing *w = values;
     struct wing_mesh *mesh = calloc(1, sizeof *mesh);
-    double M[64], K[64];
+    double M[64], K[64], least = w->mass_per_length * w->x_cg * w->x_cg;
     int dof[8];
-    enum modal_status rc;
 
     if ((l->mesh = mesh) == NULL)
         return no_memory(err);
-    rc = read_wing(json, path, &mesh->wing, err);
-    if (rc != MODAL_OK)
-        return rc;
-    l->mass_per_length = mesh->wing.mass_per_length;
-    add_dofs(l, &mesh->wing);
-    wing_element(&mesh->wing, M, K);
-    for (int e = 0; e < mesh->wing.elements; e++) {
-        wing_element_dofs(&mesh->wing, e, dof);
+    if (!(w->I_rho > least))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.I_rho", "I_rho = %g about the elastic "
+                                "axis must exceed mass_per_length x_cg^2 = %g", w->I_rho, least);
+    mesh->wing = *w;
+    l->mass_per_length = w->mass_per_length;
+    add_dofs(l, w);
+    wing_element(w, M, K);
+    for (int e = 0; e < w->elements; e++) {
+        wing_element_dofs(w, e, dof);
         lowering_add_element(l, PROGRAM_M, 8, dof, M);
         lowering_add_element(l, PROGRAM_K, 8, dof, K);
     }
@@ -80,73 +84,97 @@ static void mesh_free(void *mesh)
 
 /* ---- sensors ---- */
 
-/* {"station": i, "quantity": "lift" | "moment"} */
+struct station { int station, quantity; };
+struct position { double position; int quantity, derivative; };
+
+static const char *const loads[] = { "lift", "moment", NULL }, *const motions[] = { "w", "phi", NULL };
+
+static const struct scene_key station_keys[] = {
+    { "station", SCENE_WHOLE, offsetof(struct station, station), "", 0, WING_STATIONS_MOST - 1,
+      .needed = true, .means = "of the airloads, from the root, from 0", .example = "0" },
+    { "quantity", SCENE_WORD, offsetof(struct station, quantity), .needed = true, .words = loads,
+      .means = "per length: up; about the elastic axis, nose-up", .example = "\"lift\"" },
+    { "name", SCENE_TEXT, SCENE_ELSEWHERE, .otherwise = "<quantity>_<station>",
+      .means = "of the channel", .example = "\"root lift\"" },
+    { 0 },
+};
+static const struct scene_key position_keys[] = {
+    { "position", SCENE_NUMBER, offsetof(struct position, position), "m", 0, SCENE_LARGE,
+      .needed = true, .means = "along the span from the root, at most its length", .example = "1.5" },
+    { "quantity", SCENE_WORD, offsetof(struct position, quantity), .needed = true, .words = motions,
+      .means = "bending, up; twist, nose-up", .example = "\"phi\"" },
+    { "derivative", SCENE_WHOLE, offsetof(struct position, derivative), "", 0, 2,
+      .means = "in time", .example = "1" },
+    { "name", SCENE_TEXT, SCENE_ELSEWHERE, .otherwise = "<quantity>(<position>)",
+      .means = "of the channel", .example = "\"tip\"" },
+    { 0 },
+};
+static const char *const of_wing[] = { "wing", NULL };
+static const struct scene_table sensors[] = {
+    { .list = "sensors", .structures = of_wing, .keys = { station_keys },
+      .law = "what the airloads put on a station" },
+    { .list = "sensors", .structures = of_wing, .keys = { position_keys },
+      .law = "the elastic axis at a place along the span" },
+    { 0 },
+};
+
 static enum modal_status station_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
                                         char name[96], struct modal_error *err)
 {
-    static const char *const keys[] = { "station", "quantity", "name", NULL }, *const words[] = { "lift", "moment", NULL };
     const struct wing_mesh *mesh = l->mesh;
     const struct airloads_matrices *air = &mesh->air;
-    const char *word = NULL;
+    struct station s = { 0 };
     char where[128];
-    int station = 0, what = 0;
-    enum modal_status rc = json_keys(json, path, keys, err);
+    enum modal_status rc = scene_keys_read(l, json, path, sensors[0].keys, &s, err);
 
     json_path(where, path, "station");
-    if (rc == MODAL_OK && !mesh->in_air)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: without airloads there are no stations", where);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "station", 0, air->ns - 1, &station, err);
-    if (rc == MODAL_OK)
-        rc = json_need_string(json, path, "quantity", &word, err);
-    if (rc == MODAL_OK)
-        rc = json_get_choice(json, path, "quantity", words, &what, err);
     if (rc != MODAL_OK)
         return rc;
+    if (!mesh->in_air)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: without airloads there are no stations",
+                                where);
+    if (s.station >= air->ns)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d; accepted: a whole number from 0 to "
+                                "%d, the last of the airloads' stations", where, s.station, air->ns - 1);
     for (int q = 0; q < 3; q++)
         for (int j = 0; j < air->n; j++) {
-            double value = (what == 0 ? air->lift : air->moment)[q][station * air->n + j];
+            double value = (s.quantity == 0 ? air->lift : air->moment)[q][s.station * air->n + j];
             if (value != 0)
                 lowering_add_term(l, out, q, j, value);
         }
     for (int j = 0; j < air->nz; j++) {
-        double value = (what == 0 ? air->lift_z : air->moment_z)[station * air->nz + j];
+        double value = (s.quantity == 0 ? air->lift_z : air->moment_z)[s.station * air->nz + j];
         if (value != 0)
             lowering_add_term(l, out, 3, mesh->state + j, value);
     }
-    snprintf(name, 96, "%s_%d", words[what], station);
+    snprintf(name, 96, "%s_%d", loads[s.quantity], s.station);
     return MODAL_OK;
 }
 
-/* {"position": y, "quantity": "w" | "phi"} */
 static enum modal_status position_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
                                          char name[96], struct modal_error *err)
 {
-    static const char *const keys[] = { "position", "quantity", "derivative", "name", NULL }, *const words[] = { "w", "phi", NULL };
-    static const char *const suffix[] = { "", "_dot", "_ddot" };
-    const struct wing_mesh *mesh = l->mesh;
-    const char *word = NULL;
-    double y = 0, *row = calloc((size_t)l->p->n + 1, sizeof *row);
-    int what = 0, derivative = 0;
-    enum modal_status rc = row == NULL ? no_memory(err) : json_keys(json, path, keys, err);
+    const struct wing *wing = &((struct wing_mesh *)l->mesh)->wing;
+    struct position s = { 0 };
+    double *row;
+    char where[128];
+    enum modal_status rc = scene_keys_read(l, json, path, sensors[1].keys, &s, err);
 
-    if (rc == MODAL_OK)
-        rc = json_need_number(json, path, "position", 0, mesh->wing.length, &y, err);
-    if (rc == MODAL_OK)
-        rc = json_need_string(json, path, "quantity", &word, err);
-    if (rc == MODAL_OK)
-        rc = json_get_choice(json, path, "quantity", words, &what, err);
-    if (rc == MODAL_OK)
-        rc = json_get_int(json, path, "derivative", 0, 2, &derivative, err);
-    if (rc == MODAL_OK) {
-        wing_rows(&mesh->wing, y, what == 0 ? row : NULL, what == 1 ? row : NULL);
-        for (int j = 0; j < l->p->n; j++)
-            if (row[j] != 0)
-                lowering_add_term(l, out, derivative, j, row[j]);
-        snprintf(name, 96, "%s(%.12g)%s", words[what], y, suffix[derivative]);
-    }
+    json_path(where, path, "position");
+    if (rc == MODAL_OK && s.position > wing->length)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %g; accepted: a number from 0 to %g, the "
+                              "wing's length", where, s.position, wing->length);
+    if (rc != MODAL_OK)
+        return rc;
+    if ((row = calloc((size_t)l->p->n + 1, sizeof *row)) == NULL)
+        return no_memory(err);
+    wing_rows(wing, s.position, s.quantity == 0 ? row : NULL, s.quantity == 1 ? row : NULL);
+    for (int j = 0; j < l->p->n; j++)
+        if (row[j] != 0)
+            lowering_add_term(l, out, s.derivative, j, row[j]);
+    snprintf(name, 96, "%s(%.12g)%s", motions[s.quantity], s.position, lowering_suffix[s.derivative]);
     free(row);
-    return rc;
+    return MODAL_OK;
 }
 
 static enum modal_status sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
@@ -174,7 +202,8 @@ static enum modal_status sensor(struct lowering *l, const cJSON *json, const cha
     return out->name != NULL ? MODAL_OK : no_memory(err);
 }
 
-static const char *const keys[] = { "length", "chord", "elements", "EI", "GJ", "mass_per_length", "I_rho", "x_cg", NULL };
 const struct scene_structure_kind structure_wing = {
-    .name = "wing", .keys = keys, .lower = lower, .sensor = sensor, .mesh_free = mesh_free,
+    .name = "wing", .keys = { scene_type_keys, keys }, .size = sizeof(struct wing),
+    .law = "bending w and twist phi of a clamped wing, coupled by x_cg: wing_model.c", .sensors = sensors,
+    .lower = lower, .sensor = sensor, .mesh_free = mesh_free,
 };

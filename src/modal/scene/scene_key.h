@@ -9,8 +9,8 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
-#include "modal/error.h"
-#include "modal/json.h"
+#include "base/error.h"
+#include "base/json.h"
 
 /* Ends of ranges, besides 0 and +-HUGE_VAL (any double: JSON has neither NaN nor infinity here). */
 #define SCENE_POSITIVE 1e-300      /* the least that counts as > 0: its reciprocal is a double too */

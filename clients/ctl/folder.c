@@ -5,7 +5,9 @@
 #include <string.h>
 #include <unistd.h>
 #include "outcome.h"
+#include "store/backup.h"
 #include "store/check.h"
+#include "store/dump.h"
 #include "verbs.h"
 
 /* DIR is --data, else the first of at least WORDS words behind the verb. */
@@ -89,7 +91,7 @@ int run_dump(const struct verb *verb, const struct args *args)
     const char *dir = folder_of(args, 1, &err);
 
     (void)verb;
-    if (dir == NULL || check_dump(dir, print_line, NULL, &err) != MODAL_OK)
+    if (dir == NULL || dump_folder(dir, print_line, NULL, &err) != MODAL_OK)
         return outcome_failure(args->json, &err, NULL);
     return 0;
 }
@@ -101,7 +103,7 @@ int run_backup(const struct verb *verb, const struct args *args)
     cJSON *document;
 
     (void)verb;
-    if (dir == NULL || check_backup(dir, to, &err) != MODAL_OK)
+    if (dir == NULL || backup_folder(dir, to, &err) != MODAL_OK)
         return outcome_failure(args->json, &err, NULL);
     document = cJSON_CreateObject();
     cJSON_AddStringToObject(document, "folder", dir);

@@ -1,4 +1,4 @@
-/* check.h - a data folder looked over, written out, and copied, beside a running daemon or without one */
+/* check.h - a data folder looked over, beside a running daemon or without one */
 #ifndef STORE_CHECK_H
 #define STORE_CHECK_H
 #include <stdint.h>
@@ -17,15 +17,4 @@ struct check_report {
  */
 enum modal_status check_folder(const char *dir, void (*problem)(void *context, const char *line), void *context,
                                struct check_report *out, struct modal_error *err);
-
-/* All rows of DIR's ledger as JSON, one object a call: {"row":"job", ...}.  Data and results are told by size, not written out. */
-enum modal_status check_dump(const char *dir, void (*line)(void *context, const char *json), void *context, struct modal_error *err);
-
-/*
- * A copy of DIR that a daemon can be started on, made while one may run: the ledger by SQLite's backup, sealed inputs and
- * results as hard links (copies on another file system), open uploads and the samples of open streams copied.  TO must not
- * exist; it is there whole and synced, or not at all: until then it is TO.unfinished, which a backup that was ended leaves and
- * the next one to TO replaces.
- */
-enum modal_status check_backup(const char *dir, const char *to, struct modal_error *err);
 #endif

@@ -5,7 +5,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "base/json.h"
+#include "store/backup.h"
 #include "store/check.h"
+#include "store/dump.h"
 #include "base/crc32c.h"
 #include "store/ledger.h"
 #include "store/spool.h"
@@ -171,7 +173,7 @@ TEST(a_folder_without_a_ledger_is_not_found)
     struct modal_error err;
 
     CHECK(check_folder("/tmp/modald-no-such-folder", NULL, NULL, &report, &err) == MODAL_NOT_FOUND);
-    CHECK(check_dump("/tmp/modald-no-such-folder", collect, rows, &err) != MODAL_OK);
+    CHECK(dump_folder("/tmp/modald-no-such-folder", collect, rows, &err) != MODAL_OK);
 }
 
 TEST(every_row_is_dumped_as_json)
@@ -180,7 +182,7 @@ TEST(every_row_is_dumped_as_json)
     int count = 0;
 
     rows[0] = 0;
-    CHECK(check_dump(dir, collect, rows, NULL) == MODAL_OK);
+    CHECK(dump_folder(dir, collect, rows, NULL) == MODAL_OK);
     for (char *line = strtok(rows, "\n"); line != NULL; line = strtok(NULL, "\n"), count++) {
         cJSON *row = NULL;
         CHECK(json_read(line, strlen(line), &row, NULL) == MODAL_OK);
@@ -205,7 +207,7 @@ TEST(a_backup_taken_beside_the_daemon_is_a_store_of_its_own)
     char copy[80], a[128], b[128];
 
     snprintf(copy, sizeof copy, "%s.copy", dir);
-    CHECK(check_backup(dir, copy, &err) == MODAL_OK);
+    CHECK(backup_folder(dir, copy, &err) == MODAL_OK);
     CHECK(look(copy).problems == 0);
     CHECK(look(copy).jobs == 2 && look(copy).chunks == 6);
     snprintf(a, sizeof a, "%s/spool/2.h5", dir);
@@ -214,7 +216,7 @@ TEST(a_backup_taken_beside_the_daemon_is_a_store_of_its_own)
     snprintf(a, sizeof a, "%s/spool/3.part", dir);
     snprintf(b, sizeof b, "%s/spool/3.part", copy);
     CHECK(stat(a, &here) == 0 && stat(b, &there) == 0 && here.st_ino != there.st_ino);      /* still written to: copied */
-    CHECK(check_backup(dir, copy, &err) == MODAL_BAD_INPUT);
+    CHECK(backup_folder(dir, copy, &err) == MODAL_BAD_INPUT);
     ledger_close(ledger);
     CHECK(ledger_open(copy, &second, NULL) == MODAL_OK);
     stop(second);

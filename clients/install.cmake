@@ -41,7 +41,7 @@ Libs.private: ${LIBS_PRIVATE}
 ")
   install(FILES ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
 endfunction()
-pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "lapacke, openblas, fftw3, lua5.4"
+pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "libcrypto, lapacke, openblas, fftw3, lua5.4"
            "-lumfpack -lm -lpthread" "-I\${includedir}/modal")
 pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq" "-lm -lpthread")
 if(TARGET modald_fortran)

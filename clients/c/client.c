@@ -53,27 +53,24 @@ static void describe(cJSON *header, const struct client_input *input)
     cJSON_Delete(names);
 }
 
-static enum modal_status identity(const struct client_input *input, char sha256[65], struct modal_error *err)
+static void identity(const struct client_input *input, char sha256[65])
 {
     struct input_shape shape = { .type = INPUT_SCENE };
     uint8_t digest[32];
     size_t length;
     const void *bytes = client_input_bytes(input, &length);
-    enum modal_status rc;
 
     if (input->sha256 != NULL) {
         snprintf(sha256, 65, "%s", input->sha256);
-        return MODAL_OK;
+        return;
     }
     shape.length = length;
     if (input->batch != NULL)
         shape = (struct input_shape) { .type = INPUT_BATCH, .samples = input->batch->samples, .channels = input->batch->channels,
                                        .dt = input->batch->dt, .period = input->batch->period, .units = input->batch->units,
                                        .names = input->batch->names };
-    rc = identity_of(&shape, bytes, length, digest, err);
-    if (rc == MODAL_OK)
-        identity_hex(digest, sha256);
-    return rc;
+    identity_of(&shape, bytes, length, digest);
+    sha256_hex(digest, sha256);
 }
 
 struct upload {
@@ -192,8 +189,9 @@ enum modal_status client_upload(struct link *link, const struct client_input *in
     const char *bytes = client_input_bytes(input, &up.total);
     char sha256[65];
     cJSON *why = NULL;
-    enum modal_status rc = identity(input, sha256, err);
+    enum modal_status rc = MODAL_OK;
 
+    identity(input, sha256);
     while (rc == MODAL_OK) {
         rc = begin(link, input, sha256, deadline, &up, &why, err);
         if (rc == MODAL_OK && !up.sealed)

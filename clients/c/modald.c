@@ -121,12 +121,11 @@ int modald_upload(struct modald *connection, const struct modald_batch *batch, d
     cJSON *detail = NULL;
     uint8_t digest[32];
     char id[128];
-    enum modal_status rc = identity_of(&shape, b.signals, b.samples * b.channels * sizeof(double), digest, &err);
+    enum modal_status rc;
 
-    if (rc == MODAL_OK) {
-        identity_hex(digest, sha256);
-        rc = client_upload(connection->link, &input, NULL, deadline_of(timeout), id, &detail, &err);
-    }
+    identity_of(&shape, b.signals, b.samples * b.channels * sizeof(double), digest);
+    sha256_hex(digest, sha256);
+    rc = client_upload(connection->link, &input, NULL, deadline_of(timeout), id, &detail, &err);
     return ended(rc, &err, detail, error);
 }
 

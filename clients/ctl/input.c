@@ -7,30 +7,26 @@
 #include "store/identity.h"
 
 /* A batch that is larger than the memory limit. */
-static enum modal_status hash_in_order(const struct batch *b, const struct input_shape *shape, uint8_t digest[32], struct modal_error *err)
+static void hash_in_order(const struct batch *b, const struct input_shape *shape, uint8_t digest[32])
 {
     const size_t part = (size_t)1 << 19, count = b->samples * b->channels;
-    struct identity *identity = identity_new(shape);
-    enum modal_status rc = identity != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "input: no memory for its hash");
+    struct sha256 hash;
 
-    for (size_t i = 0, n; rc == MODAL_OK && i < count; i += n) {
+    identity_begin(&hash, shape);
+    for (size_t i = 0, n; i < count; i += n) {
         n = count - i < part ? count - i : part;
-        rc = identity_add(identity, b->signals + i, n * sizeof *b->signals, err);
+        sha256_add(&hash, b->signals + i, n * sizeof *b->signals);
         b->release(b->signals + i, n * sizeof *b->signals);
     }
-    if (rc == MODAL_OK)
-        rc = identity_end(identity, digest, err);
-    identity_free(identity);
-    return rc;
+    sha256_end(&hash, digest);
 }
 
-static enum modal_status hash(struct input *input, struct modal_error *err)
+static void hash(struct input *input)
 {
     struct input_shape shape = { .type = INPUT_SCENE };
     const void *data = input->scene_text;
     size_t length;
     uint8_t digest[32];
-    enum modal_status rc;
 
     if (input->scene != NULL) {
         length = strlen(input->scene_text);
@@ -42,10 +38,11 @@ static enum modal_status hash(struct input *input, struct modal_error *err)
         data = input->batch.signals;
         length = input->batch.samples * input->batch.channels * sizeof(double);
     }
-    rc = input->batch.release != NULL ? hash_in_order(&input->batch, &shape, digest, err) : identity_of(&shape, data, length, digest, err);
-    if (rc == MODAL_OK)
-        identity_hex(digest, input->sha256);
-    return rc;
+    if (input->batch.release != NULL)
+        hash_in_order(&input->batch, &shape, digest);
+    else
+        identity_of(&shape, data, length, digest);
+    sha256_hex(digest, input->sha256);
 }
 
 static enum modal_status read_scene(const char *path, struct input *out, struct modal_error *err)
@@ -115,7 +112,7 @@ enum modal_status input_read(const char *kind, const char *of, const char *path,
     if (rc == MODAL_OK)
         rc = wants_scene(out, of, path) ? read_scene(path, out, err) : read_batch(path, args, out, err);
     if (rc == MODAL_OK)
-        rc = hash(out, err);
+        hash(out);
     if (rc != MODAL_OK)
         input_done(out);
     return rc;

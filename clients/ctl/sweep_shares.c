@@ -15,7 +15,7 @@
 #include "outcome.h"
 #include "field.h"
 #include "job/sweep.h"
-#include "modal/sha256.h"
+#include "base/sha256.h"
 #include "verbs.h"
 #include "wire/protocol.h"
 
@@ -47,14 +47,16 @@ static enum modal_status set_stem(struct grid *g, struct modal_error *err)
 {
     char hex[65], *options = json_print(g->input->options);
     struct sha256 hash;
+    uint8_t digest[32];
 
     if (options == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "sweep: out of memory");
-    sha256_start(&hash);
+    sha256_init(&hash);
     add_text(&hash, MODALD_VERSION);
     add_text(&hash, g->input->sha256);
     add_text(&hash, options);
-    sha256_hex(&hash, hex);
+    sha256_end(&hash, digest);
+    sha256_hex(digest, hex);
     free(options);
     if (g->args->key != NULL && strlen(g->args->key) > STEM_MOST)
         return modal_fail_field(err, MODAL_BAD_INPUT, "key", "the key of a sweep has at most %d bytes", STEM_MOST);

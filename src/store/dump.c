@@ -38,7 +38,7 @@ static void add_digest(cJSON *object, const char *name, const uint8_t digest[32]
 {
     char hex[65];
 
-    identity_hex(digest, hex);
+    sha256_hex(digest, hex);
     cJSON_AddStringToObject(object, name, hex);
 }
 

@@ -11,7 +11,7 @@
 #define STORE_IDENTITY_H
 #include <stddef.h>
 #include <stdint.h>
-#include "base/error.h"
+#include "base/sha256.h"
 
 enum input_type { INPUT_BATCH, INPUT_SCENE };
 
@@ -29,20 +29,9 @@ struct input_shape {
 /* Bytes of data: 8 samples channels, or length.  0 where it overflows. */
 uint64_t input_bytes(const struct input_shape *shape);
 
-struct identity;                 /* a hash under way */
-/* Start with SHAPE's header; NULL when memory runs out. */
-struct identity *identity_new(const struct input_shape *shape);
-enum modal_status identity_add(struct identity *identity, const void *data, size_t length, struct modal_error *err);
-/* The digest of what was added; IDENTITY may not be added to after. */
-enum modal_status identity_end(struct identity *identity, uint8_t sha256[32], struct modal_error *err);
-void identity_free(struct identity *identity);
+/* Begin HASH with SHAPE's header; the data are the caller's to add, and the digest is the identity. */
+void identity_begin(struct sha256 *hash, const struct input_shape *shape);
 
 /* All at once. */
-enum modal_status identity_of(const struct input_shape *shape, const void *data, size_t length, uint8_t sha256[32],
-                              struct modal_error *err);
-/* Plain SHA-256 of LENGTH bytes. */
-enum modal_status identity_sha256(const void *data, size_t length, uint8_t sha256[32], struct modal_error *err);
-/* 64 hex digits and a zero byte; back again, false where TEXT is not 64 hex digits. */
-void identity_hex(const uint8_t sha256[32], char text[65]);
-int identity_from_hex(const char *text, uint8_t sha256[32]);
+void identity_of(const struct input_shape *shape, const void *data, size_t length, uint8_t sha256[32]);
 #endif

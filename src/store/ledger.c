@@ -352,13 +352,13 @@ static enum modal_status take_lock(struct ledger *ledger, struct modal_error *er
 static enum modal_status take_name(struct ledger *ledger, struct modal_error *err)
 {
     struct sockaddr_un name = { .sun_family = AF_UNIX };
-    uint8_t digest[32] = { 0 };
+    uint8_t digest[32];
     char hex[65];
     int length;
 
     snprintf(hex, sizeof hex, "name %s", ledger->store);
-    identity_sha256(hex, strlen(hex), digest, NULL);
-    identity_hex(digest, hex);
+    sha256_of(hex, strlen(hex), digest);
+    sha256_hex(digest, hex);
     length = snprintf(name.sun_path + 1, sizeof name.sun_path - 1, "modald-store-%.32s", hex);
 
     ledger->socket = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);

@@ -32,7 +32,7 @@ struct upload {
     int fd;
     uint64_t offset, bytes, received, hashed;
     uint32_t crc;
-    struct identity *identity;
+    struct sha256 identity;
     bool is_sealed;            /* the file has its final name already */
     bool ended;                /* the identity was taken */
 };
@@ -142,12 +142,8 @@ static struct upload *upload_new(const char *dir, int64_t id, const struct input
         return NULL;
     upload->fd = -1;
     upload->bytes = input_bytes(shape);
-    upload->identity = identity_new(shape);
+    identity_begin(&upload->identity, shape);
     set_paths(upload, dir, id);
-    if (upload->identity == NULL) {
-        upload_close(upload);
-        return NULL;
-    }
     return upload;
 }
 
@@ -214,10 +210,9 @@ static enum modal_status read_back(struct upload *upload, const struct chunk_rec
         enum modal_status rc = file_read(upload->fd, buffer, want, upload->offset + chunk->offset + done, &got, err);
         if (rc == MODAL_OK && got < want)
             rc = modal_fail(err, MODAL_CORRUPT, "%s ends within the chunk at %llu", upload->part, (unsigned long long)chunk->offset);
-        if (rc == MODAL_OK)
-            rc = identity_add(upload->identity, buffer, got, err);
         if (rc != MODAL_OK)
             return rc;
+        sha256_add(&upload->identity, buffer, got);
         crc = crc32c(crc, buffer, got);
         upload->crc = crc32c(upload->crc, buffer, got);
         done += got;
@@ -314,15 +309,12 @@ enum modal_status upload_write(struct upload *upload, uint64_t offset, const str
     return rc;
 }
 
-enum modal_status upload_hash(struct upload *upload, const struct upload_part *parts, size_t count, struct modal_error *err)
+void upload_hash(struct upload *upload, const struct upload_part *parts, size_t count)
 {
-    enum modal_status rc = MODAL_OK;
-
-    for (size_t i = 0; rc == MODAL_OK && i < count; i++) {
-        rc = identity_add(upload->identity, parts[i].data, parts[i].length, err);
+    for (size_t i = 0; i < count; i++) {
+        sha256_add(&upload->identity, parts[i].data, parts[i].length);
         upload->hashed += parts[i].length;
     }
-    return rc;
 }
 
 enum modal_status upload_sync(struct upload *upload, struct modal_error *err)
@@ -348,7 +340,8 @@ enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct 
     if (rc != MODAL_OK)
         return rc;
     upload->ended = true;
-    return identity_end(upload->identity, sha256, err);
+    sha256_end(&upload->identity, sha256);
+    return MODAL_OK;
 }
 
 void upload_close(struct upload *upload)
@@ -357,7 +350,6 @@ void upload_close(struct upload *upload)
         return;
     if (upload->fd >= 0)
         close(upload->fd);
-    identity_free(upload->identity);
     free(upload);
 }
 

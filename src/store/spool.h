@@ -44,7 +44,7 @@ uint32_t upload_crc(const struct upload *upload);        /* CRC-32C of the bytes
 struct upload_part { const void *data; size_t length; uint32_t crc; };
 enum modal_status upload_write(struct upload *upload, uint64_t offset, const struct upload_part *parts, size_t count, struct modal_error *err);
 /* The same chunks into the identity, in the same order; another thread may do it while they are written and synced. */
-enum modal_status upload_hash(struct upload *upload, const struct upload_part *parts, size_t count, struct modal_error *err);
+void upload_hash(struct upload *upload, const struct upload_part *parts, size_t count);
 enum modal_status upload_sync(struct upload *upload, struct modal_error *err);
 /* Seal it; its identity into SHA256.  MODAL_BAD_FRAME where bytes are missing.  The handle remains, to be closed. */
 enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err);

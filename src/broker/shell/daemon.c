@@ -873,9 +873,9 @@ static void name_store(struct settings *s, const char *ledger_id)
     uint8_t digest[32];
     int length = snprintf(text, sizeof text, "modald/store/1 %s", ledger_id);
 
-    identity_sha256(ledger_id, strlen(ledger_id), digest, NULL);
+    sha256_of(ledger_id, strlen(ledger_id), digest);
     memcpy(&s->secret, digest, sizeof s->secret);
-    identity_sha256(text, (size_t)length, digest, NULL);
+    sha256_of(text, (size_t)length, digest);
     for (size_t i = 0; i < 16; i++)
         snprintf(s->store_id + 2 * i, 3, "%02x", digest[i]);
 }

@@ -30,8 +30,6 @@ struct hashing {
     const struct upload_part *parts;
     size_t count;
     enum { OFFERED, TAKEN, HASHED } state;
-    enum modal_status status;
-    struct modal_error err;
 };
 
 struct spool_threads {
@@ -146,7 +144,7 @@ static struct hashing *take_offer(struct spool_threads *s, const struct hashing 
 
 static void hash(struct spool_threads *s, struct hashing *h)
 {
-    h->status = upload_hash(h->upload, h->parts, h->count, &h->err);
+    upload_hash(h->upload, h->parts, h->count);
     pthread_mutex_lock(&s->mutex);
     h->state = HASHED;
     pthread_cond_broadcast(&s->hashed);
@@ -165,22 +163,19 @@ static void hash_own(struct spool_threads *s, struct hashing *h)
         hash(s, h);
 }
 
-static enum modal_status hash_wait(struct spool_threads *s, struct hashing *h, struct modal_error *err)
+static void hash_wait(struct spool_threads *s, struct hashing *h)
 {
     pthread_mutex_lock(&s->mutex);
     while (h->state != HASHED)
         pthread_cond_wait(&s->hashed, &s->mutex);
     pthread_mutex_unlock(&s->mutex);
-    if (h->status != MODAL_OK)
-        *err = h->err;
-    return h->status;
 }
 
 static enum modal_status write_chunks(struct spool_threads *s, struct task *task)
 {
     struct upload_part parts[sizeof task->chunks / sizeof *task->chunks];
     struct hashing own = { .upload = task->upload, .parts = parts, .count = (size_t)task->count };
-    enum modal_status rc, hashed;
+    enum modal_status rc;
 
     for (int i = 0; i < task->count; i++)
         parts[i] = (struct upload_part) { task->chunks[i]->data, task->chunks[i]->size, task->crcs[i] };
@@ -189,8 +184,8 @@ static enum modal_status write_chunks(struct spool_threads *s, struct task *task
     hash_own(s, &own);
     if (rc == MODAL_OK)
         rc = upload_sync(task->upload, &task->err);
-    hashed = hash_wait(s, &own, rc == MODAL_OK ? &task->err : &own.err);
-    return rc == MODAL_OK ? hashed : rc;
+    hash_wait(s, &own);
+    return rc;
 }
 
 static enum modal_status seal(struct task *task)
@@ -214,7 +209,7 @@ static enum modal_status append(struct reading *s, const void *data, size_t leng
     enum modal_status rc = upload_write(task->upload, task->written, &part, 1, &task->err);
 
     if (rc == MODAL_OK)
-        rc = upload_hash(task->upload, &part, 1, &task->err);
+        upload_hash(task->upload, &part, 1);
     if (rc == MODAL_OK)
         rc = sums_add(&task->sums, length, crc, &task->err);
     task->written += length;

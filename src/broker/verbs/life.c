@@ -57,7 +57,7 @@ static void load_tag(struct job *job, const char *tag)
     json_get_int(object, "", "max_attempts", 1, WIRE_ATTEMPTS_MOST, &job->max_attempts, NULL);
     json_get_bool(object, "", "hidden", &job->hidden, NULL);
     if (json_get_string(object, "", "settings", &settings, NULL) == MODAL_OK && settings != NULL)
-        identity_from_hex(settings, job->settings);
+        sha256_from_hex(settings, job->settings);
     if (json_get_string(object, "", "source", &source, NULL) == MODAL_OK && source != NULL)
         job->source = strtoll(source, NULL, 10);
     cJSON_Delete(object);
@@ -168,7 +168,7 @@ static void load_upload_note(struct core *c, const struct note_record *r)
     json_get_string(object, "", "key", &key, NULL);
     json_get_string(object, "", "sha256", &hash, NULL);
     input->filling->key = grab_text(key);
-    input->filling->has_declared = hash != NULL && identity_from_hex(hash, input->filling->declared);
+    input->filling->has_declared = hash != NULL && sha256_from_hex(hash, input->filling->declared);
     cJSON_Delete(object);
 }
 

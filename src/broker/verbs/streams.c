@@ -59,7 +59,7 @@ static void say(struct core *c, const struct reply *reply, const struct stream *
         cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
         add_gaps(header, s);
         if (s->has_batch) {
-            identity_hex(s->sha256, hex);
+            sha256_hex(s->sha256, hex);
             cJSON_AddStringToObject(header, "sha256", hex);
         }
     }

@@ -17,8 +17,7 @@ static void hash_settings(struct core *c, const char *kind, const char *options,
     if (text == NULL || strncmp(text, kind, n_kind) != 0 || text[n_kind] != '\n' || strcmp(text + n_kind + 1, options) != 0) {
         free(text);
         text = c->asked.text = grab_format("%s\n%s", kind, options);
-        if (identity_sha256(text, strlen(text), c->asked.settings, NULL) != MODAL_OK)
-            abort();
+        sha256_of(text, strlen(text), c->asked.settings);
     }
     memcpy(settings, c->asked.settings, 32);
 }
@@ -30,8 +29,7 @@ static void hash_both(const uint8_t settings[32], const uint8_t content[32], uin
 
     memcpy(both, settings, 32);
     memcpy(both + 32, content, 32);
-    if (identity_sha256(both, sizeof both, fingerprint, NULL) != MODAL_OK)
-        abort();
+    sha256_of(both, sizeof both, fingerprint);
 }
 
 /* ---- a submission under way ------------------------------------------------------------------------------------- */
@@ -66,7 +64,7 @@ static bool find_named(struct core *c, struct submission *s)
 {
     uint8_t hash[32];
 
-    if (s->r->submit.sha256 != NULL && identity_from_hex(s->r->submit.sha256, hash))
+    if (s->r->submit.sha256 != NULL && sha256_from_hex(s->r->submit.sha256, hash))
         s->input = input_of_identity(s->user, hash);
     if (s->r->submit.upload != NULL)
         s->input = input_by_id(c, ident_number(~c->settings.secret, s->r->submit.upload));
@@ -96,27 +94,20 @@ static struct blob *gather(const struct wire_message *m)
     return data;
 }
 
-static bool take_inline(struct core *c, struct submission *s, const struct wire_message *m)
+static void take_inline(struct submission *s, const struct wire_message *m)
 {
     const struct wire_input *w = &s->r->submit.input;
     struct input_shape shape;
     const char **names;
-    struct modal_error err;
-    enum modal_status rc;
 
     s->data = gather(m);
     input_shape_of(w, &shape, &names);
-    rc = identity_of(&shape, s->data->data, s->data->size, s->sha256, &err);
+    identity_of(&shape, s->data->data, s->data->size, s->sha256);
     free(names);
-    if (rc != MODAL_OK) {
-        answer_error(c, &s->reply, &err, NULL);
-        return false;
-    }
     input_content(s->sha256, w->attributes, s->content);
     s->input = input_sealed(s->user, s->content);
     if (s->input != NULL && s->input->going)
         s->input = NULL;
-    return true;
 }
 
 /* Whether JOB is what S asks for.  Fingerprints of folders of before attributes were part of them are not, so what they stand for decides. */
@@ -173,7 +164,7 @@ static void put_job_row(struct transaction *t, const struct job *job, const stru
     struct json_text tag = { 0 };
     char hex[65], source[24];
 
-    identity_hex(job->settings, hex);
+    sha256_hex(job->settings, hex);
     snprintf(source, sizeof source, "%lld", (long long)job->source);
     json_text_open(&tag, NULL);
     json_text_number(&tag, "max_attempts", job->max_attempts);
@@ -267,8 +258,10 @@ static void submit(struct core *c, const struct wire_message *m, const struct wi
     bool named = r->submit.upload != NULL || r->submit.sha256 != NULL;
     struct job *source;
 
-    if (!find_kind(c, &s) || !(named ? find_named(c, &s) : take_inline(c, &s, m)))
+    if (!find_kind(c, &s) || (named && !find_named(c, &s)))
         goto out;
+    if (!named)
+        take_inline(&s, m);
     s.options = grab_canonical(r->submit.options);
     hash_settings(c, s.kind->name, s.options, s.settings);
     hash_both(s.settings, s.content, s.fingerprint);

@@ -48,7 +48,7 @@ static void say_state(struct core *c, const struct reply *reply, const struct in
     cJSON_AddNumberToObject(header, "present", (double)(input->state == INPUT_SEALED ? input->bytes : input->filling->durable));
     cJSON_AddNumberToObject(header, "credit", (double)core_window(c));
     if (input->state == INPUT_SEALED) {
-        identity_hex(input->sha256, hex);
+        sha256_hex(input->sha256, hex);
         cJSON_AddStringToObject(header, "sha256", hex);
     }
     answer_send(c, reply, header, NULL);
@@ -289,7 +289,7 @@ static void begun(struct core *c, struct input *input, struct task *task)
     if (f->key != NULL)
         cJSON_AddStringToObject(text, "key", f->key);
     if (f->has_declared) {
-        identity_hex(f->declared, hex);
+        sha256_hex(f->declared, hex);
         cJSON_AddStringToObject(text, "sha256", hex);
     }
     note = json_print(text);
@@ -402,7 +402,7 @@ static void say_wrong(struct core *c, const struct filling *f, const struct repl
     cJSON *detail = cJSON_CreateObject();
     char hex[65];
 
-    identity_hex(f->found, hex);
+    sha256_hex(f->found, hex);
     cJSON_AddStringToObject(detail, "found", hex);
     answer_fail(c, reply, MODAL_BAD_INPUT, "sha256", detail,
                 "the bytes have another SHA-256; begin again");
@@ -491,7 +491,7 @@ static void begin(struct core *c, const struct event *e, const struct wire_reque
     uint8_t declared[32] = { 0 }, content[32];
     struct input *input = NULL;
 
-    if (r->upload.sha256 != NULL && identity_from_hex(r->upload.sha256, declared)) {
+    if (r->upload.sha256 != NULL && sha256_from_hex(r->upload.sha256, declared)) {
         input_content(declared, r->upload.input.attributes, content);
         input = input_sealed(user, content);
     }
@@ -589,7 +589,7 @@ static void seal(struct core *c, const struct event *e, const struct wire_reques
     struct filling *f = input->filling;
     uint8_t wanted[32];
 
-    identity_from_hex(r->upload.sha256, wanted);
+    sha256_from_hex(r->upload.sha256, wanted);
     if (input->state == INPUT_SEALED) {
         if (memcmp(wanted, input->sha256, 32) == 0 && f == NULL)
             say_state(c, &reply, input, "sealed");

@@ -41,7 +41,7 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
     cJSON_AddNumberToObject(header, "run_limit_s", (double)limit / 1e9);
     described = cJSON_AddObjectToObject(header, "input");
     input_describe(input, described);
-    identity_hex(input->sha256, hex);
+    sha256_hex(input->sha256, hex);
     cJSON_AddStringToObject(described, "sha256", hex);
     if (!input->inline_data) {
         spool_path(path, c->settings.dir, input->id);

@@ -8,7 +8,7 @@
 #include "modal/scene/program.h"
 #include <stdlib.h>
 #include <string.h>
-#include "modal/sha256.h"
+#include "base/sha256.h"
 
 static void add_int(struct sha256 *s, int64_t x)
 {
@@ -100,9 +100,10 @@ static void add_matrices(struct sha256 *s, const struct program *p)
 void program_hash(struct program *p)
 {
     struct sha256 s;
+    uint8_t digest[32];
     const double numbers[] = { p->omega, p->period, p->seen_fixed ? -p->frame_speed : p->frame_speed };
 
-    sha256_start(&s);
+    sha256_init(&s);
     add_int(&s, p->n);
     for (int i = 0; i < p->n; i++)
         add_text(&s, p->dofs[i]);
@@ -125,7 +126,8 @@ void program_hash(struct program *p)
     add_doubles(&s, p->x0, p->n);
     add_doubles(&s, p->v0, p->n);
     add_doubles(&s, numbers, 3);
-    sha256_hex(&s, p->hash);
+    sha256_end(&s, digest);
+    sha256_hex(digest, p->hash);
 }
 
 enum program_class program_class(const struct program *p)

@@ -630,7 +630,7 @@ static void ask_upload(int user, int key, const char *op, uint64_t offset)
     w->asked[n].offset = offset;
     memcpy(w->asked[n].ident, v->ident, sizeof v->ident);
     hash_of(strcmp(op, "spoil") == 0 ? samples + 1 : samples, sha256);
-    identity_hex(sha256, hex);
+    sha256_hex(sha256, hex);
     if (strcmp(op, "begin") == 0)
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"begin\",\"key\":\"u%d\",\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":1}", n, key, (int)samples);
     else if (strcmp(op, "chunk") == 0)

@@ -52,7 +52,8 @@ static struct ledger *start(void)
             group[n].input_id = id;
             group[n].chunk = (struct chunk_record) { .offset = at, .length = CHUNK, .crc = crc32c(0, (char *)x + at, CHUNK) };
             struct upload_part part = { (char *)x + at, CHUNK, group[n].chunk.crc };
-            CHECK(upload_write(upload, at, &part, 1, NULL) == MODAL_OK && upload_hash(upload, &part, 1, NULL) == MODAL_OK);
+            CHECK(upload_write(upload, at, &part, 1, NULL) == MODAL_OK);
+            upload_hash(upload, &part, 1);
         }
         if (id == 2)
             CHECK(upload_seal(upload, digest, NULL) == MODAL_OK);

@@ -45,7 +45,9 @@ static enum modal_status put(struct upload *upload, uint64_t at, const void *dat
     struct upload_part part = { data, length, crc32c(0, data, length) };
     enum modal_status rc = upload_write(upload, at, &part, 1, NULL);
 
-    return rc == MODAL_OK ? upload_hash(upload, &part, 1, NULL) : rc;
+    if (rc == MODAL_OK)
+        upload_hash(upload, &part, 1);
+    return rc;
 }
 
 /* Write from upload_received to END in chunks, their records to CHUNKS; how many. */
@@ -72,7 +74,7 @@ static void check_sealed(int64_t id, uint64_t offset, uint32_t crc, const uint8_
     struct mapping map;
     char path[4096];
 
-    CHECK(identity_of(&shape, x, BYTES, expected, NULL) == MODAL_OK);
+    identity_of(&shape, x, BYTES, expected);
     CHECK(memcmp(digest, expected, 32) == 0);
     CHECK(crc == crc32c(0, x, BYTES));
     spool_path(path, dir, id);
@@ -201,7 +203,7 @@ TEST(a_scene_and_the_smallest_batch_are_spooled)
         CHECK(upload_begin(dir, 4, cases[i].shape, &upload, NULL) == MODAL_OK);
         CHECK(put(upload, 0, cases[i].data, cases[i].length) == MODAL_OK);
         CHECK(upload_seal(upload, digest, NULL) == MODAL_OK);
-        CHECK(identity_of(cases[i].shape, cases[i].data, cases[i].length, expected, NULL) == MODAL_OK);
+        identity_of(cases[i].shape, cases[i].data, cases[i].length, expected);
         CHECK(memcmp(digest, expected, 32) == 0);
         spool_path(path, dir, 4);
         CHECK(spool_map(path, upload_offset(upload), cases[i].length, upload_crc(upload), &map, NULL) == MODAL_OK);

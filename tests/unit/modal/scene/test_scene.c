@@ -3,7 +3,6 @@
 #include "base/json.h"
 #include "modal/scene/lowering.h"
 #include "modal/scene/scene.h"
-#include "modal/sha256.h"
 #include "scene_text.h"
 
 /* TEXT fails with STATUS at FIELD, and the output is left alone. */
@@ -414,24 +413,5 @@ TEST(a_record_has_duration_over_dt_plus_one_samples)
         CHECK(t.samples == cases[i].samples);
         cJSON_Delete(scene);
         program_free(p);
-    }
-}
-
-/* The examples published with FIPS 180: "abc", and 56 bytes, where the length no longer fits the first block. */
-TEST(the_hash_is_sha_256)
-{
-    static const char *const cases[][2] = {
-        { "abc", "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" },
-        { "abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq", "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1" },
-        { "", "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855" } };
-
-    for (int i = 0; i < 3; i++) {
-        struct sha256 s;
-        char hex[65];
-        sha256_start(&s);
-        for (const char *c = cases[i][0]; *c != '\0'; c++)
-            sha256_add(&s, c, 1);
-        sha256_hex(&s, hex);
-        CHECK_STRING(hex, cases[i][1]);
     }
 }

@@ -42,7 +42,11 @@ void json_text_key(struct json_text *text, const char *key);
 void json_text_string(struct json_text *text, const char *key, const char *value);
 void json_text_number(struct json_text *text, const char *key, double value);
 void json_text_bool(struct json_text *text, const char *key, bool value);
-void json_text_raw(struct json_text *text, const char *json);      /* after a key: a value that is JSON already */
+
+/* Without a key: JSON as it is, also behind json_text_key; COUNT bytes of any text as they are; a string in its quotes. */
+void json_text_raw(struct json_text *text, const char *json);
+void json_text_bytes(struct json_text *text, const char *bytes, size_t count);
+void json_text_quoted(struct json_text *text, const char *value);
 
 /* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" -> "a". */
 void json_path(char out[128], const char *base, const char *key);

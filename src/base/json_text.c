@@ -40,7 +40,7 @@ static void written(struct json_text *t, char *end)
     t->length = (size_t)(end - t->x);
 }
 
-static void put(struct json_text *t, const char *bytes, size_t n)
+void json_text_bytes(struct json_text *t, const char *bytes, size_t n)
 {
     char *p = room_for(t, n);
 
@@ -73,7 +73,7 @@ static void put_quoted(struct json_text *t, const char *s, size_t n)
 }
 
 /* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can be read. */
-static void put_string(struct json_text *t, const char *s)
+void json_text_quoted(struct json_text *t, const char *s)
 {
     const char *end, *from = s;                    /* from: what is not put yet */
     size_t simple = plain_length(s);
@@ -84,24 +84,24 @@ static void put_string(struct json_text *t, const char *s)
         return;
     }
     end = s + simple + strlen(s + simple);
-    put(t, "\"", 1);
+    json_text_bytes(t, "\"", 1);
     for (; s < end; s += n > 0 ? n : 1) {
         char escape[8];
         bool plain = *s != '"' && *s != '\\' && (unsigned char)*s >= 0x20;
         n = (unsigned char)*s < 0x80 ? 1 : utf8_length(s, end);
         if (plain && n > 0)
             continue;
-        put(t, from, (size_t)(s - from));
+        json_text_bytes(t, from, (size_t)(s - from));
         from = s + 1;
         if (n == 0)
-            put(t, "\xef\xbf\xbd", 3);
+            json_text_bytes(t, "\xef\xbf\xbd", 3);
         else if ((unsigned char)*s < 0x20)
-            put(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
+            json_text_bytes(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
         else
-            put(t, (char[]) { '\\', *s }, 2);
+            json_text_bytes(t, (char[]) { '\\', *s }, 2);
     }
-    put(t, from, strlen(from));
-    put(t, "\"", 1);
+    json_text_bytes(t, from, strlen(from));
+    json_text_bytes(t, "\"", 1);
 }
 
 /* The digits of a whole number below 1e15, as %g would write them. */
@@ -115,7 +115,7 @@ static void put_whole(struct json_text *t, int64_t x)
     while ((left /= 10) != 0);
     if (x < 0)
         *--p = '-';
-    put(t, p, (size_t)(s + sizeof s - p));
+    json_text_bytes(t, p, (size_t)(s + sizeof s - p));
 }
 
 /* THOUSANDTHS / 1000 in full, as %.15g writes it: instants are in whole milliseconds. */
@@ -124,9 +124,9 @@ static void put_thousandths(struct json_text *t, int64_t thousandths)
     int part = (int)(thousandths < 0 ? -(thousandths % 1000) : thousandths % 1000), n = part % 10 != 0 ? 3 : part % 100 != 0 ? 2 : 1;
 
     if (thousandths < 0 && thousandths > -1000)
-        put(t, "-", 1);
+        json_text_bytes(t, "-", 1);
     put_whole(t, thousandths / 1000);
-    put(t, (char[]) { '.', (char)('0' + part / 100), (char)('0' + part / 10 % 10), (char)('0' + part % 10) }, (size_t)n + 1);
+    json_text_bytes(t, (char[]) { '.', (char)('0' + part / 100), (char)('0' + part / 10 % 10), (char)('0' + part % 10) }, (size_t)n + 1);
 }
 
 static void put_number(struct json_text *t, double x)
@@ -135,7 +135,7 @@ static void put_number(struct json_text *t, double x)
     int n = 0;
 
     if (!isfinite(x)) {
-        put(t, "null", 4);
+        json_text_bytes(t, "null", 4);
         return;
     }
     if (fabs(x) < 1e15 && x == floor(x) && !(x == 0 && signbit(x))) {
@@ -155,32 +155,32 @@ static void put_number(struct json_text *t, double x)
     point = memchr(s, localeconv()->decimal_point[0], (size_t)n);
     if (point != NULL)
         *point = '.';
-    put(t, s, (size_t)n);
+    json_text_bytes(t, s, (size_t)n);
 }
 
 static void put_value(struct json_text *t, const cJSON *v)
 {
     if (cJSON_IsObject(v) || cJSON_IsArray(v)) {
-        put(t, cJSON_IsObject(v) ? "{" : "[", 1);
+        json_text_bytes(t, cJSON_IsObject(v) ? "{" : "[", 1);
         for (const cJSON *child = v->child; child != NULL; child = child->next) {
             if (child != v->child)
-                put(t, ",", 1);
+                json_text_bytes(t, ",", 1);
             if (cJSON_IsObject(v)) {
-                put_string(t, child->string);
-                put(t, ":", 1);
+                json_text_quoted(t, child->string);
+                json_text_bytes(t, ":", 1);
             }
             put_value(t, child);
         }
-        put(t, cJSON_IsObject(v) ? "}" : "]", 1);
+        json_text_bytes(t, cJSON_IsObject(v) ? "}" : "]", 1);
     } else if (cJSON_IsString(v)) {
-        put_string(t, v->valuestring);
+        json_text_quoted(t, v->valuestring);
     } else if (cJSON_IsNumber(v)) {
         put_number(t, v->valuedouble);
     } else if (cJSON_IsRaw(v)) {
-        put(t, v->valuestring, strlen(v->valuestring));
+        json_text_bytes(t, v->valuestring, strlen(v->valuestring));
     } else {
         const char *word = cJSON_IsTrue(v) ? "true" : cJSON_IsFalse(v) ? "false" : "null";
-        put(t, word, strlen(word));
+        json_text_bytes(t, word, strlen(word));
     }
 }
 
@@ -200,7 +200,7 @@ char *json_print(const cJSON *value)
 
 void json_text_raw(struct json_text *t, const char *text)
 {
-    put(t, text, strlen(text));
+    json_text_bytes(t, text, strlen(text));
 }
 
 void json_text_open(struct json_text *t, const char *key)
@@ -208,13 +208,13 @@ void json_text_open(struct json_text *t, const char *key)
     if (key != NULL)
         json_text_key(t, key);
     else if (t->length > 0 && strchr("[{", t->x[t->length - 1]) == NULL)
-        put(t, ",", 1);
-    put(t, "{", 1);
+        json_text_bytes(t, ",", 1);
+    json_text_bytes(t, "{", 1);
 }
 
 void json_text_close(struct json_text *t)
 {
-    put(t, "}", 1);
+    json_text_bytes(t, "}", 1);
 }
 
 void json_text_key(struct json_text *t, const char *key)
@@ -236,9 +236,9 @@ void json_text_string(struct json_text *t, const char *key, const char *value)
 {
     json_text_key(t, key);
     if (value != NULL)
-        put_string(t, value);
+        json_text_quoted(t, value);
     else
-        put(t, "null", 4);
+        json_text_bytes(t, "null", 4);
 }
 
 void json_text_number(struct json_text *t, const char *key, double value)
@@ -250,5 +250,5 @@ void json_text_number(struct json_text *t, const char *key, double value)
 void json_text_bool(struct json_text *t, const char *key, bool value)
 {
     json_text_key(t, key);
-    put(t, value ? "true" : "false", value ? 4 : 5);
+    json_text_bytes(t, value ? "true" : "false", value ? 4 : 5);
 }

@@ -73,7 +73,7 @@ def test_a_workers_last_words_are_one_line_of_the_log():
         c = d.client()
         assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=250)["state"] == "dead"
         lines = [line for line in d.text().splitlines() if "event=worker_exit" in line]
-        assert len(lines) == 3 and all("status=9 said=\"the 'end' level=forged" in line for line in lines)
+        assert len(lines) == 3 and all(r'status=9 said="the \"end\"\u000alevel=forged' in line for line in lines)
 
 
 def test_the_metrics_file_is_written_whole(tmp_path):

@@ -1,4 +1,5 @@
 /* answer.c - actions, replies, errors and queue documents, as proto/PROTOCOL.md sections 3 and 5 */
+#include "base/log.h"
 #include "broker/core/state.h"
 #include <stdarg.h>
 #include <stdio.h>
@@ -16,13 +17,14 @@ void core_act(struct core *c, struct action action)
 
 void core_log(struct core *c, const char *format, ...)
 {
-    char *line = NULL;
     va_list args;
+    char *line;
 
     va_start(args, format);
-    if (vasprintf(&line, format, args) < 0)
-        abort();
+    line = log_vtext(format, args);
     va_end(args);
+    if (line == NULL)
+        abort();
     core_act(c, (struct action) { .type = ACT_LOG, .header = line });
 }
 

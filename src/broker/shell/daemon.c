@@ -4,6 +4,7 @@
  * One thread owns the core and all sockets; it never waits for a disk.  A round: wait, take in what came (a bounded
  * number from each source, so that none starves another), step the core for each, carry out what it asks for.
  */
+#include "base/log.h"
 #include "broker/shell/daemon.h"
 #include "broker/shell/accept.h"
 #include "broker/shell/hangup.h"
@@ -78,7 +79,7 @@ static struct moment moment_now(void)
 }
 
 /* One line of logfmt, with its time: written before the answer that it is about, unless it is one of the many. */
-static void log_line(const char *text)
+static void write_line(const char *text)
 {
     static char stamp[48];                         /* of the millisecond `stamped`: only one thread writes lines */
     static int64_t stamped = -1;
@@ -100,12 +101,25 @@ static void log_line(const char *text)
         fflush(stderr);
 }
 
+static void log_line(const char *format, ...) __attribute__((format(printf, 1, 2)));
+static void log_line(const char *format, ...)
+{
+    va_list args;
+    char *text;
+
+    va_start(args, format);
+    text = log_vtext(format, args);
+    va_end(args);
+    if (text == NULL)
+        abort();
+    write_line(text);
+    free(text);
+}
+
 static void log_error(const char *event, const struct modal_error *err)
 {
-    char line[800];
-
-    snprintf(line, sizeof line, "level=error event=%s code=%s field=\"%s\" message=\"%s\"", event, modal_status_code(err->status), err->field, err->message);
-    log_line(line);
+    log_line("level=error event=%s code=%s field=\"%s\" message=\"%s\"", event,
+             modal_status_code(err->status), err->field, err->message);
 }
 
 /* ---- carrying out what the core asks for ------------------------------------------------------------------------ */
@@ -175,7 +189,7 @@ static void carry_out(struct daemon *d, struct action *a)
     case ACT_HAND:   hand_over(d, a); break;
     case ACT_SPAWN:  spawn(d, a->slot); break;
     case ACT_KILL:   pool_kill(&d->pool, a->slot); break;
-    case ACT_LOG:    log_line(a->header); free(a->header); break;
+    case ACT_LOG:    write_line(a->header); free(a->header); break;
     case ACT_STOP:   d->stop = true; d->status = a->slot; break;
     }
 }
@@ -509,25 +523,21 @@ static void take_signals(struct daemon *d)
 /* Keys that are on no list, one line for all of a while: a flood of them is not one of the log. */
 static void log_strangers(struct daemon *d)
 {
-    char line[256];
-
-    snprintf(line, sizeof line, "level=notice event=audit what=refused keys=%lld key=%s address=%s", (long long)d->strangers.count,
+    log_line("level=notice event=audit what=refused keys=%lld key=%s address=%s",
+             (long long)d->strangers.count,
              d->strangers.key[0] != 0 ? d->strangers.key : "-", d->strangers.address);
-    log_line(line);
     d->strangers.count = 0;
 }
 
 /* The same for connections that were ended for what they sent. */
 static void log_ended(struct daemon *d)
 {
-    char line[200];
     long ended = intake_ended();
 
-    snprintf(line, sizeof line, "level=warning event=connections_ended count=%ld "
+    log_line("level=warning event=connections_ended count=%ld "
              "message=\"not ZMTP 3, or more bytes than messages hold; see section 8 of "
              "PROTOCOL.md\"",
              ended - d->ended_told);
-    log_line(line);
     d->ended_told = ended;
 }
 
@@ -854,15 +864,12 @@ static void raise_descriptors(void)
 static void warn_of_others(const char *folder)
 {
     struct stat known;
-    char *line;
 
     if (stat(folder, &known) != 0 || (known.st_mode & 07) == 0)
         return;
-    line = grab_format("level=warning event=data_open mode=%04o data=%s "
-                       "message=\"the data folder is open to other users; accepted: 0750 or less\"",
-                       (unsigned)known.st_mode & 07777, folder);
-    log_line(line);
-    free(line);
+    log_line("level=warning event=data_open mode=%04o data=%s "
+             "message=\"the data folder is open to other users; accepted: 0750 or less\"",
+             (unsigned)known.st_mode & 07777, folder);
 }
 
 /* Identifiers are mixed by the ledger's id; what HELLO tells of it is a way that does not lead
@@ -909,12 +916,11 @@ static enum modal_status open_store(struct daemon *d, struct modal_error *err)
 static void remove_orphan(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path)
 {
     struct daemon *d = context;
-    char line[4400];
 
     if (what == SPOOL_OTHER || core_has_file(d->core, what, id) || file_unlink(path, NULL) != MODAL_OK)
         return;
-    snprintf(line, sizeof line, "level=notice event=orphan_removed bytes=%llu file=%.4096s", (unsigned long long)bytes, path);
-    log_line(line);
+    log_line("level=notice event=orphan_removed bytes=%llu file=%s", (unsigned long long)bytes,
+             path);
 }
 
 static enum modal_status replay(struct daemon *d, struct modal_error *err)
@@ -1030,19 +1036,16 @@ static void end(struct daemon *d)
 
 static void log_ready(const struct config *config)
 {
-    char *endpoints = grab_text(config->bind[0]), *line;
+    char *endpoints = grab_text(config->bind[0]);
 
     for (int i = 1; i < config->bind_count; i++) {
         char *longer = grab_format("%s,%s", endpoints, config->bind[i]);
         free(endpoints);
         endpoints = longer;
     }
-    line = grab_format("level=notice event=ready version=%s endpoint=%s data=%s workers=%d",
-                       MODALD_VERSION,
-                       endpoints, config->settings.dir, config->workers);
-    log_line(line);
+    log_line("level=notice event=ready version=%s endpoint=%s data=%s workers=%d",
+             MODALD_VERSION, endpoints, config->settings.dir, config->workers);
     free(endpoints);
-    free(line);
 }
 
 int daemon_run(struct config *config, config_again *again, void *context)

@@ -15,15 +15,6 @@
 enum { DETAIL_MOST = 4096, PROGRESS_MOST = 4096,
        THREADS_MOST = 1024 };
 
-/* TEXT as the value of a logfmt member: one line without quotes in it. */
-static const char *one_line(char *text)
-{
-    for (char *at = text; *at != 0; at++)
-        if ((unsigned char)*at < 0x20 || *at == 0x7f || *at == '"')
-            *at = *at == '"' ? '\'' : ' ';
-    return text;
-}
-
 /* ---- starting a job --------------------------------------------------------------------------------------------- */
 
 static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
@@ -302,12 +293,11 @@ static void ended_early(struct core *c, struct job *job, enum ending ending, int
 /* The end of what a process said that nobody had told to end, as one line. */
 static void log_exit(struct core *c, int slot, int status, const char *stderr_text)
 {
-    char said[1024];
-    size_t length = stderr_text == NULL ? 0 : strlen(stderr_text), from = length < sizeof said ? 0 : length - sizeof said + 1;
+    enum { SAID_MOST = 1023 };                     /* bytes: the reason stands at the end, and a line is read by people */
+    size_t length = stderr_text == NULL ? 0 : strlen(stderr_text);
 
-    snprintf(said, sizeof said, "%s", length == 0 ? "" : stderr_text + from);
     core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status,
-             one_line(said));
+             length == 0 ? "" : stderr_text + (length > SAID_MOST ? length - SAID_MOST : 0));
 }
 
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
@@ -516,10 +506,7 @@ static void on_progress(struct core *c, int slot, const struct wire_message *m, 
 
 static void bad_worker(struct core *c, int slot, const char *what)
 {
-    char text[512];
-
-    snprintf(text, sizeof text, "%s", what);
-    core_log(c, "level=error event=worker_protocol slot=%d what=\"%s\"", slot, one_line(text));
+    core_log(c, "level=error event=worker_protocol slot=%d what=\"%.511s\"", slot, what);
     worker_kill(c, slot);
 }
 

@@ -42,10 +42,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 
     if (header == NULL)
         return 0;
-    s = (modald_stream) { .spill_fd = -1, .ring_fd = -1, .channels = 1, .told = true,
+    s = (modald_stream) { .spill_fd = -1, .ring_fd = -1, .channels = 1, .warned = true,
                           .stream = "abcd", .opened = (data[0] & 4) != 0, .next_id = 4,
                           .opening = (data[0] & 8) != 0, .open_id = 1, .events_id = 2 };
-    take_message(&s, kinds[data[0] % 3], header);
+    on_message(&s, kinds[data[0] % 3], header);
     compare_members(header);
     free(header);
     if (!isfinite(s.estimate.frequency_hz) || !isfinite(s.estimate.damping_ratio)

@@ -11,34 +11,34 @@
 #include <zmq.h>
 
 /* The daemon is there, and does not let us in. */
-static void say_refused(modald_stream *s, uint16_t event, uint32_t value)
+static void warn_refused(modald_stream *s, uint16_t event, uint32_t value)
 {
     bool keys = s->keys[0][0] != 0;
 
     if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
-        say(s, "the daemon refused our key; the run goes on without it");
+        warn_once(s, "the daemon refused our key; the run goes on without it");
     else if (value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
-        say(s, keys ? "the daemon takes no keys (MODALD_KEYFILE); the run goes on without it"
+        warn_once(s, keys ? "the daemon takes no keys (MODALD_KEYFILE); the run goes on without it"
                     : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
 }
 
 /* A daemon that hangs up before its reason is read gives none: the failures are counted. */
-static void note(modald_stream *s, uint16_t event, uint32_t value)
+static void on_monitor_event(modald_stream *s, uint16_t event, uint32_t value)
 {
     if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
-        forget_link(s);
+        reset_link(s);
         s->ready = true;
     } else if (event == ZMQ_EVENT_DISCONNECTED) {
         s->lost = true;
-        if (!s->ready && ++s->failures == FAILURES && !s->told)
-            tell(s->name, "somebody is there, but no handshake succeeds: it may want a key, or "
+        if (!s->ready && ++s->failures == FAILURES && !s->warned)
+            warn(s->name, "somebody is there, but no handshake succeeds: it may want a key, or "
                           "another than ours (MODALD_KEYFILE), or be no modald; the run goes on");
     } else {
-        say_refused(s, event, value);
+        warn_refused(s, event, value);
     }
 }
 
-static void listen(modald_stream *s)
+static void read_monitor(modald_stream *s)
 {
     zmq_msg_t part;
     uint16_t event;
@@ -50,7 +50,7 @@ static void listen(modald_stream *s)
             continue;
         memcpy(&event, zmq_msg_data(&part), sizeof event);
         memcpy(&value, (const char *)zmq_msg_data(&part) + sizeof event, sizeof value);
-        note(s, event, value);
+        on_monitor_event(s, event, value);
     }
     zmq_msg_close(&part);
 }
@@ -89,7 +89,7 @@ static bool read_keys(modald_stream *s)
     return good;
 }
 
-static void *pass(void *gate)
+static void *wait_at_gate(void *gate)
 {
     pthread_mutex_lock(gate);
     pthread_mutex_unlock(gate);
@@ -104,7 +104,7 @@ static bool may_begin(void)
     int fds[DESCRIPTORS], made = 0, opened = 0;
 
     pthread_mutex_lock(&gate);
-    while (made < 2 && pthread_create(&threads[made], NULL, pass, &gate) == 0)
+    while (made < 2 && pthread_create(&threads[made], NULL, wait_at_gate, &gate) == 0)
         made++;
     while (opened < DESCRIPTORS && (fds[opened] = eventfd(0, EFD_CLOEXEC)) >= 0)
         opened++;
@@ -178,7 +178,7 @@ static bool open_link(modald_stream *s)
 /* Nothing more is said or heard on this link; the next begins after a pause. */
 static void drop_link(modald_stream *s)
 {
-    forget_link(s);
+    reset_link(s);
     close_link(s);
     s->begin_at = now() + s->pause;
     s->pause = fmin(2 * s->pause, pause_most);
@@ -187,7 +187,7 @@ static void drop_link(modald_stream *s)
 static bool connect_socket(modald_stream *s)
 {
     if (!read_keys(s)) {
-        say(s, "the key file is not one of mode 0600 with three keys; "
+        warn_once(s, "the key file is not one of mode 0600 with three keys; "
                "the run goes on without modald");
         return false;
     }

@@ -17,5 +17,5 @@ static bool open_link(modald_stream *s);
 static void drop_link(modald_stream *s);
 
 /* Take in what the monitor has to say: S->ready, S->lost, or a line on why we are not let in. */
-static void listen(modald_stream *s);
+static void read_monitor(modald_stream *s);
 #endif

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool make_frames(modald_stream *s)
+static bool frames_new(modald_stream *s)
 {
     size_t sample = (size_t)s->channels * sizeof(double);
 
@@ -106,7 +106,7 @@ static bool resample(modald_stream *s, double until)
     return true;
 }
 
-static void remember(modald_stream *s, double t, const double *y)
+static void add_point(modald_stream *s, double t, const double *y)
 {
     if (s->points == HISTORY) {
         struct point oldest = s->history[0];
@@ -130,12 +130,12 @@ static bool add_uneven(modald_stream *s, double t, const double *y)
         s->next_grid = (uint64_t)fmax(0, ceil(t / s->dt - 1e-9));
     if (s->points == HISTORY && !resample(s, s->history[HISTORY - 2].t))
         return false;
-    remember(s, t, y);
+    add_point(s, t, y);
     return true;
 }
 
 /* Slots into frames while there is room. */
-static void take(modald_stream *s)
+static void build_frames(modald_stream *s)
 {
     uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire);
 

@@ -5,10 +5,10 @@
 
 /* The memory of the window, of the frame being built and of what resampling needs, which stays with S
  * until it is freed; false: there is none. */
-static bool make_frames(modald_stream *s);
+static bool frames_new(modald_stream *s);
 
 /* Slots into frames while there is room. */
-static void take(modald_stream *s);
+static void build_frames(modald_stream *s);
 
 /* The frame being built into the window, or, while spilling, into the file; false: no room now. */
 static bool finish_build(modald_stream *s);

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <zmq.h>
 
-static void make_id(modald_stream *s, char *text, size_t size, int64_t *id)
+static void append_id(modald_stream *s, char *text, size_t size, int64_t *id)
 {
     *id = ++s->next_id;
     snprintf(text, size, "{\"id\":%lld", (long long)*id);
@@ -46,7 +46,7 @@ static void send_open(modald_stream *s)
 
     if (text == NULL)
         return;
-    make_id(s, text, HEADER_MOST, &s->open_id);
+    append_id(s, text, HEADER_MOST, &s->open_id);
     open_header(s, text, HEADER_MOST);
     s->opening = send_message(s, "STREAM", text, NULL, 0);
     s->asked_at = now();
@@ -54,10 +54,10 @@ static void send_open(modald_stream *s)
     if (!s->opening)
         return;
     char events[1024] = "";
-    make_id(s, events, sizeof events, &s->events_id);
-    add(events, sizeof events, ",\"stream\":");
-    add_string(events, sizeof events, s->name);
-    add(events, sizeof events, "}");
+    append_id(s, events, sizeof events, &s->events_id);
+    append(events, sizeof events, ",\"stream\":");
+    append_string(events, sizeof events, s->name);
+    append(events, sizeof events, "}");
     send_message(s, "EVENTS", events, NULL, 0);
 }
 
@@ -67,10 +67,10 @@ static bool send_frame(modald_stream *s, struct frame *f)
     char text[512];
     int64_t id;
 
-    make_id(s, text, sizeof text, &id);
-    add(text, sizeof text, ",\"op\":\"push\",\"stream\":");
-    add_string(text, sizeof text, s->stream);
-    add(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}", (unsigned long long)s->epoch, (unsigned long long)f->first,
+    append_id(s, text, sizeof text, &id);
+    append(text, sizeof text, ",\"op\":\"push\",\"stream\":");
+    append_string(text, sizeof text, s->stream);
+    append(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}", (unsigned long long)s->epoch, (unsigned long long)f->first,
         (unsigned long long)f->count, (unsigned long)f->crc);
     if (!send_message(s, "STREAM", text, f->data, length))
         return false;
@@ -84,10 +84,10 @@ static void send_close(modald_stream *s)
 {
     char text[512];
 
-    make_id(s, text, sizeof text, &s->close_id);
-    add(text, sizeof text, ",\"op\":\"close\",\"stream\":");
-    add_string(text, sizeof text, s->stream);
-    add(text, sizeof text, "%s}", atomic_load(&s->stop) == 2 ? ",\"broken\":true" : "");
+    append_id(s, text, sizeof text, &s->close_id);
+    append(text, sizeof text, ",\"op\":\"close\",\"stream\":");
+    append_string(text, sizeof text, s->stream);
+    append(text, sizeof text, "%s}", atomic_load(&s->stop) == 2 ? ",\"broken\":true" : "");
     s->closing = send_message(s, "STREAM", text, NULL, 0);
     s->asked_at = now();
 }
@@ -105,7 +105,7 @@ static void send_frames(modald_stream *s)
 }
 
 /* The link is new or gone: nothing that was sent counts. */
-static void forget_link(modald_stream *s)
+static void reset_link(modald_stream *s)
 {
     s->opened = s->opening = s->closing = false;
     s->first_id = s->next_id + 1;
@@ -139,7 +139,7 @@ static const char *const member_names[MEMBERS] = {
     [STABILITY] = "stability", [MODES] = "modes",
 };
 
-static void take_reply(modald_stream *s, const char *const *members)
+static void on_reply(modald_stream *s, const char *const *members)
 {
     int64_t id = (int64_t)count_at(members[ID], 0);
 
@@ -162,7 +162,7 @@ static void take_reply(modald_stream *s, const char *const *members)
         s->flying -= s->flying >= length ? length : s->flying;
         uint64_t epoch = count_at(members[EPOCH], s->epoch);
         if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)       /* and we did not go back */
-            say(s, "another run pushes to a stream of this name; each begins the record anew");
+            warn_once(s, "another run pushes to a stream of this name; each begins the record anew");
         s->went_on = f->first + f->count;
         set_epoch(s, epoch);
     }
@@ -171,7 +171,7 @@ static void take_reply(modald_stream *s, const char *const *members)
 
 /* Errors that pass (busy, quota, storage_full, draining) are tried again, and so is a stream that
  * somebody else closed; others end the sending, not the host. */
-static void take_error(modald_stream *s, const char *const *members)
+static void on_error(modald_stream *s, const char *const *members)
 {
     static const char *const passing[] = {
         "busy", "quota", "storage_full", "draining", "not_found"
@@ -189,13 +189,13 @@ static void take_error(modald_stream *s, const char *const *members)
     if (passes) {
         double after = number_at(member(member(error, "detail"), "retry_after_s"), 0.5);
         s->quiet_until = now() + fmin(fmax(after, 0.05), 0.5);
-        forget_link(s);                             /* open again: what was taken is known then */
+        reset_link(s);                             /* open again: what was taken is known then */
         return;
     }
     if (!read_string(member(error, "message"), message, sizeof message))
         snprintf(message, sizeof message, "%.150s", error ? error : "it gave no reason");
     snprintf(text, sizeof text, "the daemon refused it (%s); the run goes on without it", message);
-    say(s, text);
+    warn_once(s, text);
     s->refused = true;
 }
 
@@ -251,7 +251,7 @@ static int flat_verdict(const char *word)
 }
 
 /* The verdict of a live result, and its least damped mode where it has one. */
-static void take_event(modald_stream *s, const char *const *members)
+static void on_event(modald_stream *s, const char *const *members)
 {
     struct modald_estimate best = estimate_of(members[FREQUENCY], members[FREQUENCY_STD],
                                               members[DAMPING], members[DAMPING_STD]);
@@ -271,20 +271,20 @@ static void take_event(modald_stream *s, const char *const *members)
 
 /* A message of KIND, its header as text that is ours to read; one that is no whole object, or says
  * what we read twice, is passed over. */
-static void take_message(modald_stream *s, const char *kind, const char *header)
+static void on_message(modald_stream *s, const char *kind, const char *header)
 {
     static const struct {
         const char *kind;
-        void (*take)(modald_stream *, const char *const *);
+        void (*on)(modald_stream *, const char *const *);
     } kinds[] = {
-        { "REPLY", take_reply }, { "ERROR", take_error }, { "EVENT", take_event },
+        { "REPLY", on_reply }, { "ERROR", on_error }, { "EVENT", on_event },
     };
     const char *members[MEMBERS];
     const char *end = read_object(skip_space(header), member_names, MEMBERS, members);
 
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (end != NULL && *skip_space(end) == 0 && strcmp(kind, kinds[i].kind) == 0)
-            kinds[i].take(s, members);
+            kinds[i].on(s, members);
 }
 
 /* One message: what it cost; 0: there is none. */
@@ -309,7 +309,7 @@ static size_t receive(modald_stream *s)
     }
     zmq_msg_close(&part);
     if (header != NULL)
-        take_message(s, kind, header);
+        on_message(s, kind, header);
     free(header);
     return cost;
 }

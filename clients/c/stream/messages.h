@@ -13,7 +13,7 @@ static void send_frames(modald_stream *s);
 static void send_close(modald_stream *s);
 
 /* The link is new or gone: nothing that was sent counts. */
-static void forget_link(modald_stream *s);
+static void reset_link(modald_stream *s);
 
 /* Take in one message; its cost in bytes of libzmq's memory; 0: there is none. */
 static size_t receive(modald_stream *s);

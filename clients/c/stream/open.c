@@ -46,12 +46,12 @@ void modald_get_report(const modald_stream *s, struct modald_report *out)
     out->refused = atomic_load(&s->refused);
 }
 
-static void add_attribute(char *text, size_t size, const char *key, const char *value, bool *first)
+static void append_attribute(char *text, size_t size, const char *key, const char *value, bool *first)
 {
     if (value == NULL || *value == 0)
         return;
-    add(text, size, "%s\"%s\":", *first ? "" : ",", key);
-    add_string(text, size, value);
+    append(text, size, "%s\"%s\":", *first ? "" : ",", key);
+    append_string(text, size, value);
     *first = false;
 }
 
@@ -69,13 +69,13 @@ static char *describe_run(void)
     if (text == NULL)
         return NULL;
     gethostname(host, sizeof host - 1);
-    add(text, SIZE, "{");
-    add_attribute(text, SIZE, "host", host, &first);
+    append(text, SIZE, "{");
+    append_attribute(text, SIZE, "host", host, &first);
     for (size_t i = 0; i < sizeof environment / sizeof environment[0]; i++) {
         const char *value = getenv(environment[i][1]);
-        add_attribute(text, SIZE, environment[i][0], value && strlen(value) < 128 ? value : NULL, &first);
+        append_attribute(text, SIZE, environment[i][0], value && strlen(value) < 128 ? value : NULL, &first);
     }
-    add(text, SIZE, "}");
+    append(text, SIZE, "}");
     return text;
 }
 
@@ -105,7 +105,7 @@ static void absolute(char *out, size_t size, const char *path)
 }
 
 /* A closed stream's handle: what is done to it does nothing, until so many were closed after it. */
-static void bury(modald_stream *s)
+static void free_later(modald_stream *s)
 {
     static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
     static modald_stream *closed[CLOSED_KEPT];
@@ -141,7 +141,7 @@ static void stream_free(modald_stream *s)
     free(s->run);
     sem_destroy(&s->begun);
     s->forks = CLOSED;
-    bury(s);
+    free_later(s);
 }
 
 /* A relative path of ipc is the host's folder's too, where the longer name fits (107 bytes). */
@@ -201,7 +201,7 @@ static modald_stream *stream_new(const char *name, int channels, double dt, cons
     s->options = copy_of("MODALD_OPTIONS");
     s->alarms = copy_of("MODALD_ALARMS");
     s->run = describe_run();
-    if (s->url == NULL || !make_ring(s, ring, ring_file) || !make_frames(s)) {
+    if (s->url == NULL || !ring_open(s, ring, ring_file) || !frames_new(s)) {
         if (s->ring_fd >= 0)
             close(s->ring_fd);
         stream_free(s);
@@ -239,7 +239,7 @@ modald_stream *modald_open(const char *name, int channels, double dt)
     if (url == NULL || *url == 0)
         return NULL;
     if (name == NULL || *name == 0 || strlen(name) > 128 || channels < 1 || channels > CHANNELS_MOST || !(dt > 0) || !isfinite(dt)) {
-        tell(NULL, "modald_open: a name of 1 to 128 bytes, 1 to 65536 channels and a positive dt are needed");
+        warn(NULL, "modald_open: a name of 1 to 128 bytes, 1 to 65536 channels and a positive dt are needed");
         return NULL;
     }
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);       /* numbers have a point */
@@ -251,7 +251,7 @@ modald_stream *modald_open(const char *name, int channels, double dt)
         s = NULL;
     }
     if (s == NULL)
-        tell(name, "no memory or no thread; the run goes on without it");
+        warn(name, "no memory or no thread; the run goes on without it");
     return s;
 }
 
@@ -264,13 +264,13 @@ void modald_describe(modald_stream *s, const char *const *names, const char *uni
     s->period = period;
     if (names != NULL && s->names == NULL && (s->names = calloc(1, size)) != NULL) {
         for (int i = 0; i < s->channels; i++) {
-            add(s->names, size, i ? "," : "[");
-            add_string(s->names, size, names[i]);
+            append(s->names, size, i ? "," : "[");
+            append_string(s->names, size, names[i]);
         }
-        add(s->names, size, "]");
+        append(s->names, size, "]");
     }
     if (units != NULL && s->units == NULL && (s->units = calloc(1, 1024)) != NULL)
-        add_string(s->units, 1024, units);
+        append_string(s->units, 1024, units);
 }
 
 void modald_window(modald_stream *s, long samples, long hop, const char *options)
@@ -285,7 +285,7 @@ void modald_window(modald_stream *s, long samples, long hop, const char *options
     }
 }
 
-static void end(modald_stream *s, int how)
+static void end_stream(modald_stream *s, int how)
 {
     double until;
 
@@ -294,7 +294,7 @@ static void end(modald_stream *s, int how)
     until = now() + s->close_wait + 1;
     atomic_store(&s->stop, how);
     while (!atomic_load(&s->finished) && now() < until)
-        rest(0.0005);
+        sleep_for(0.0005);
     if (atomic_load(&s->finished)) {
         pthread_join(s->thread, NULL);
         stream_free(s);
@@ -306,10 +306,10 @@ static void end(modald_stream *s, int how)
 
 void modald_close(modald_stream *s)
 {
-    end(s, 1);
+    end_stream(s, 1);
 }
 
 void modald_abandon(modald_stream *s)
 {
-    end(s, 2);
+    end_stream(s, 2);
 }

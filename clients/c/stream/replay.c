@@ -71,13 +71,13 @@ static modald_stream *from_ring(int fd, const char *path, const char *url, char 
 }
 
 /* What of a file was not what was written; "": all was. */
-static void tell_damage(const modald_stream *s, char *message, size_t size)
+static void describe_damage(const modald_stream *s, char *message, size_t size)
 {
     message[0] = 0;
     if (s->damaged > 0)
-        add(message, size, "%llu samples were damaged and left out", (unsigned long long)s->damaged);
+        append(message, size, "%llu samples were damaged and left out", (unsigned long long)s->damaged);
     if (s->torn > 0)
-        add(message, size, "%sthe last %llu bytes were torn", s->damaged > 0 ? ", " : "", (unsigned long long)s->torn);
+        append(message, size, "%sthe last %llu bytes were torn", s->damaged > 0 ? ", " : "", (unsigned long long)s->torn);
 }
 
 /* All of it, in at most TIMEOUT seconds? */
@@ -93,7 +93,7 @@ static bool send_all(modald_stream *s, double timeout, char *message, size_t siz
     finish(s, now() + timeout);
     good = drained(s) && s->closed;
     if (good)
-        tell_damage(s, message, size);
+        describe_damage(s, message, size);
     else
         snprintf(message, size, "%s", s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
     return good;

@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 /* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
-static inline double *room(modald_stream *s)
+static inline double *next_slot(modald_stream *s)
 {
     if (is_dead(s))
         return NULL;
@@ -42,7 +42,7 @@ static inline void publish(modald_stream *s, double *at, double t)
 
 /* Few values one by one: each comes straight from the host's own store, made a moment ago.  A wider load over several of those has to wait until they are in
  * the cache, and whatever the host computed them from before that: 100 ns of a step of 1 us.  (Volatile, so that no compiler makes a memcpy of it.) */
-static inline void copy(double *to, const double *y, int channels)
+static inline void copy_sample(double *to, const double *y, int channels)
 {
     if (channels > NARROW_MOST) {
         memcpy(to, y, (size_t)channels * sizeof *y);
@@ -56,9 +56,9 @@ void modald_push(modald_stream *s, const double *y)
 {
     double *at;
 
-    if (s == NULL || (at = room(s)) == NULL)
+    if (s == NULL || (at = next_slot(s)) == NULL)
         return;
-    copy(at + 2, y, s->channels);
+    copy_sample(at + 2, y, s->channels);
     publish(s, at, NAN);
 }
 
@@ -72,7 +72,7 @@ void modald_push_float(modald_stream *s, const float *y)
 {
     double *at;
 
-    if (s == NULL || (at = room(s)) == NULL)
+    if (s == NULL || (at = next_slot(s)) == NULL)
         return;
     for (int i = 0; i < s->channels; i++)
         *(volatile double *)(at + 2 + i) = y[i];
@@ -83,9 +83,9 @@ void modald_push_at(modald_stream *s, double t, const double *y)
 {
     double *at;
 
-    if (s == NULL || !isfinite(t) || (at = room(s)) == NULL)
+    if (s == NULL || !isfinite(t) || (at = next_slot(s)) == NULL)
         return;
-    copy(at + 2, y, s->channels);
+    copy_sample(at + 2, y, s->channels);
     publish(s, at, t);
 }
 
@@ -102,7 +102,7 @@ static void release(modald_stream *s, uint64_t tail)
 }
 
 /* Every page is there, and known to this processor, before the first push. */
-static void touch(void *base, size_t bytes)
+static void touch_pages(void *base, size_t bytes)
 {
     for (volatile char *p = base; p < (volatile char *)base + bytes; p += PAGE)
         *p = *p;
@@ -130,7 +130,7 @@ static void *map_memory(size_t bytes)
         base += before;
         madvise(base, bytes, MADV_HUGEPAGE);
     }
-    touch(base, bytes);
+    touch_pages(base, bytes);
     return base;
 }
 
@@ -143,7 +143,7 @@ static bool allocate(int fd, size_t bytes)
 }
 
 /* What an earlier run left in the file is kept: is it a ring like ours? */
-static bool is_left(const modald_stream *s, const struct ring_page *page)
+static bool is_ring_of(const modald_stream *s, const struct ring_page *page)
 {
     uint64_t waiting = atomic_load(&page->head) - atomic_load(&page->tail);
 
@@ -190,11 +190,11 @@ static void *map_file(modald_stream *s, const char *file)
     n = snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : (int)strlen(file), file, mark ? name : "", mark ? mark + 2 : "");
     fd = n < (int)sizeof path ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600) : -1;
     if (fd >= 0 && flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
-        tell(s->name, "another stream has the ring's file; this one is kept in memory");
+        warn(s->name, "another stream has the ring's file; this one is kept in memory");
     else if (fd >= 0 && begin_file(s, fd, &fresh) && allocate(fd, s->ring_bytes))
         base = mmap(NULL, s->ring_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     else
-        tell(s->name, "the ring's file cannot be used; it is kept in memory");
+        warn(s->name, "the ring's file cannot be used; it is kept in memory");
     if (base == MAP_FAILED) {
         if (fresh)
             unlink(path);
@@ -202,13 +202,13 @@ static void *map_file(modald_stream *s, const char *file)
             close(fd);
         return NULL;
     }
-    touch(base, s->ring_bytes);
+    touch_pages(base, s->ring_bytes);
     s->ring_fd = fd;
     return base;
 }
 
 /* The ring, in memory or in a file. */
-static bool make_ring(modald_stream *s, size_t bytes, const char *file)
+static bool ring_open(modald_stream *s, size_t bytes, const char *file)
 {
     size_t slot;
 
@@ -227,7 +227,7 @@ static bool make_ring(modald_stream *s, size_t bytes, const char *file)
     if (s->page == NULL)
         return false;
     s->ring = (double *)((char *)s->page + RING_HEAD);
-    if (!is_left(s, s->page))
+    if (!is_ring_of(s, s->page))
         fill_head(s, s->page);
     s->head = atomic_load(&s->page->head);
     s->taken = s->tail_seen = atomic_load(&s->page->tail);

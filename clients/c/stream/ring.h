@@ -5,7 +5,7 @@
 
 /* Make the ring of S in BYTES of memory or in FILE (NULL or "": memory; %s in it: the stream's name);
  * where the file cannot be used, a line on stderr and memory.  False: no memory. */
-static bool make_ring(modald_stream *s, size_t bytes, const char *file);
+static bool ring_open(modald_stream *s, size_t bytes, const char *file);
 
 /* Slots before TAIL are the host's again; a TAIL that is behind it changes nothing. */
 static void release(modald_stream *s, uint64_t tail);

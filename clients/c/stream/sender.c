@@ -13,13 +13,13 @@
 #include <unistd.h>
 
 /* What came in.  True: something did. */
-static bool hear(modald_stream *s)
+static bool receive_all(modald_stream *s)
 {
     size_t taken = 0, cost = 1;
 
     if (s->socket == NULL && (now() < s->begin_at || !open_link(s)))
         return false;
-    listen(s);
+    read_monitor(s);
     for (; cost > 0 && taken <= BACKLOG_MOST; taken += cost)
         cost = receive(s);
     if (taken > BACKLOG_MOST)
@@ -39,13 +39,13 @@ static bool drained(const modald_stream *s)
 static bool turn(modald_stream *s, bool flush)
 {
     uint64_t before = s->taken;
-    bool moved = hear(s);
+    bool moved = receive_all(s);
 
     if (s->refused) {                                   /* nobody wants them: the ring stays empty */
         release(s, s->taken = atomic_load(&s->page->head));
         return false;
     }
-    take(s);
+    build_frames(s);
     if (s->build.count > 0 && (flush || now() > s->build_since + 0.02))
         finish_build(s);
     spill_if_needed(s, false);
@@ -69,19 +69,19 @@ static void finish(modald_stream *s, double until)
         if (drained(s) && s->opened && !s->closing)
             send_close(s);
         if (!moved)
-            rest(0.0005);
+            sleep_for(0.0005);
     }
 }
 
 /* What could not be sent goes into the spill file. */
-static void keep(modald_stream *s)
+static void spill_unsent(modald_stream *s)
 {
     if (s->refused || drained(s))
         return;
     do {
         finish_build(s);
         spill_if_needed(s, true);
-        take(s);
+        build_frames(s);
     } while (!s->spill_failed && s->spill_most > 0 && s->taken < atomic_load(&s->page->head));
     end_resampling(s);
     finish_build(s);
@@ -89,7 +89,7 @@ static void keep(modald_stream *s)
 }
 
 /* A table of descriptors of our own: stderr and the ring's lock from the host's, nothing on 0 and 1.  A kernel before 5.9 has no such call, and it is shared. */
-static void take_descriptors(modald_stream *s)
+static void unshare_descriptors(modald_stream *s)
 {
     unsigned keep = s->ring_fd > 2 ? (unsigned)s->ring_fd : 2, unshare_too = 2;
     int null;
@@ -120,7 +120,7 @@ static void end_spill(modald_stream *s)
         unlink(s->spill_path);
     snprintf(text, sizeof text, "some samples could not be sent; `modalctl replay %s` sends them", s->spill_path);
     if (left)
-        tell(s->name, text);
+        warn(s->name, text);
 }
 
 static void end_sending(modald_stream *s)
@@ -131,7 +131,7 @@ static void end_sending(modald_stream *s)
     close_socket(s);
     snprintf(text, sizeof text, "%llu samples were dropped; the record shows the gap", (unsigned long long)dropped);
     if (dropped > 0)
-        tell(s->name, text);
+        warn(s->name, text);
     end_spill(s);
     if (s->ring_fd >= 0)
         close(s->ring_fd);
@@ -144,21 +144,21 @@ static void *sender(void *argument)
     double idle = 0.0005;
 
     uselocale(c);
-    take_descriptors(s);
+    unshare_descriptors(s);
     sem_post(&s->begun);
     if (!connect_socket(s)) {
         s->refused = true;
-        say(s, "no socket to the daemon; the run goes on without it");
+        warn_once(s, "no socket to the daemon; the run goes on without it");
     }
     while (atomic_load(&s->stop) == 0) {
         bool moved = s->refused ? (release(s, s->taken = atomic_load(&s->page->head)), false) : turn(s, false);
         idle = moved ? 0.0005 : fmin(2 * idle, 0.005);
-        rest(idle);
+        sleep_for(idle);
     }
     s->seal = atomic_load(&s->page->head) > 0;
     if (!s->refused) {
         finish(s, now() + s->close_wait);
-        keep(s);
+        spill_unsent(s);
     }
     end_sending(s);
     uselocale(LC_GLOBAL_LOCALE);

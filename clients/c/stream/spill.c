@@ -87,7 +87,7 @@ static bool spill_write(modald_stream *s, struct frame *f)
         snprintf(text, sizeof text, "%s %s; samples past the ring are counted as a gap", s->spill_fd < 0 ? "no spill file can be made in" : "there is no more room for",
                  s->spill_fd < 0 ? s->spill_folder : s->spill_path);
         if (!s->spill_failed && s->spill_most > 0)
-            say(s, text);
+            warn_once(s, text);
         s->spill_failed = true;
         return false;
     }

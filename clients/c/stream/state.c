@@ -16,7 +16,7 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void rest(double seconds)
+static void sleep_for(double seconds)
 {
     struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
 
@@ -45,7 +45,7 @@ static inline bool is_dead(const modald_stream *s)
 }
 
 /* One line on stderr: no lock of stdio's is taken, and where nobody reads it the signal is not the host's. */
-static void tell(const char *name, const char *what)
+static void warn(const char *name, const char *what)
 {
     char text[1024];
     sigset_t pipe, before, pending;
@@ -63,11 +63,11 @@ static void tell(const char *name, const char *what)
 }
 
 /* The same, once a stream. */
-static void say(modald_stream *s, const char *what)
+static void warn_once(modald_stream *s, const char *what)
 {
-    if (!s->told)
-        tell(s->name, what);
-    s->told = true;
+    if (!s->warned)
+        warn(s->name, what);
+    s->warned = true;
 }
 
 static double *loan_new(size_t bytes)

@@ -172,7 +172,7 @@ struct modald_stream {
     uint64_t spill_end, spill_read, spill_acknowledged, spill_most, spill_start;
     uint64_t damaged, torn;                  /* samples of records passed over; bytes of what was being written */
     char spill_path[512];
-    bool spill_failed, told, seal;           /* seal: the stream is to be closed at the end */
+    bool spill_failed, warned, seal;           /* seal: the stream is to be closed at the end */
     char *open_text;                         /* of a replay: the members of `open` as they were */
     int64_t events_id;
 };
@@ -181,7 +181,7 @@ struct modald_stream {
 static double now(void);
 
 /* Sleep for SECONDS, or until a signal. */
-static void rest(double seconds);
+static void sleep_for(double seconds);
 
 /* Count this process's forks from now on, once a process. */
 static void watch_forks(void);
@@ -190,10 +190,10 @@ static void watch_forks(void);
 static inline bool is_dead(const modald_stream *s);
 
 /* WHAT about the stream NAME (NULL: of none) as one line on stderr. */
-static void tell(const char *name, const char *what);
+static void warn(const char *name, const char *what);
 
 /* The same, once a stream. */
-static void say(modald_stream *s, const char *what);
+static void warn_once(modald_stream *s, const char *what);
 
 /* Room of BYTES with one holder, whose end is loan_drop; NULL: no memory. */
 static double *loan_new(size_t bytes);

@@ -8,8 +8,8 @@
 #include <unistd.h>
 
 /* Append, never past SIZE; too long a text ends short and is refused by the daemon. */
-static void add(char *text, size_t size, const char *format, ...) __attribute__((format(printf, 3, 4)));
-static void add(char *text, size_t size, const char *format, ...)
+static void append(char *text, size_t size, const char *format, ...) __attribute__((format(printf, 3, 4)));
+static void append(char *text, size_t size, const char *format, ...)
 {
     size_t used = strlen(text);
     va_list args;
@@ -20,17 +20,17 @@ static void add(char *text, size_t size, const char *format, ...)
     va_end(args);
 }
 
-static void add_string(char *text, size_t size, const char *string)
+static void append_string(char *text, size_t size, const char *string)
 {
-    add(text, size, "\"");
+    append(text, size, "\"");
     for (const unsigned char *p = (const unsigned char *)string; *p != 0; p++)
         if (*p == '"' || *p == '\\')
-            add(text, size, "\\%c", *p);
+            append(text, size, "\\%c", *p);
         else if (*p < 0x20)
-            add(text, size, "\\u%04x", *p);
+            append(text, size, "\\u%04x", *p);
         else
-            add(text, size, "%c", *p);
-    add(text, size, "\"");
+            append(text, size, "%c", *p);
+    append(text, size, "\"");
 }
 
 /* JSON is read where it lies, up to its 0.  A P below is where a value begins; NULL: there is none,
@@ -188,21 +188,21 @@ static bool read_string(const char *p, char *out, size_t size)
 static void open_header(modald_stream *s, char *text, size_t size)
 {
     if (s->open_text != NULL) {
-        add(text, size, "%s", s->open_text);
+        append(text, size, "%s", s->open_text);
         return;
     }
-    add(text, size, ",\"op\":\"open\",\"name\":");
-    add_string(text, size, s->name);
-    add(text, size, ",\"channels\":%d,\"dt\":%.17g", s->channels, s->dt);
+    append(text, size, ",\"op\":\"open\",\"name\":");
+    append_string(text, size, s->name);
+    append(text, size, ",\"channels\":%d,\"dt\":%.17g", s->channels, s->dt);
     if (s->period > 0)
-        add(text, size, ",\"period\":%.17g", s->period);
+        append(text, size, ",\"period\":%.17g", s->period);
     if (s->names != NULL)
-        add(text, size, ",\"names\":%s", s->names);
+        append(text, size, ",\"names\":%s", s->names);
     if (s->units != NULL)
-        add(text, size, ",\"units\":%s", s->units);
-    add(text, size, ",\"attributes\":%s", s->run ? s->run : "{}");
+        append(text, size, ",\"units\":%s", s->units);
+    append(text, size, ",\"attributes\":%s", s->run ? s->run : "{}");
     if (s->window_samples > 0)
-        add(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
+        append(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
             s->options ? ",\"options\":" : "", s->options ? s->options : "", s->alarms ? ",\"alarms\":" : "", s->alarms ? s->alarms : "");
-    add(text, size, "}");
+    append(text, size, "}");
 }

@@ -4,11 +4,11 @@
 #include "state.h"
 
 /* Append to TEXT, never past SIZE; too long a text ends short and is refused by the daemon. */
-static void add(char *text, size_t size, const char *format, ...)
+static void append(char *text, size_t size, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
 /* Append STRING as JSON writes it, in quotes. */
-static void add_string(char *text, size_t size, const char *string);
+static void append_string(char *text, size_t size, const char *string);
 
 /* P behind its white space. */
 static const char *skip_space(const char *p);

@@ -11,13 +11,13 @@ static void hear_said(const char *kind, const char *text)
 {
     char *exact = strdup(text);          /* of its size: a sanitizer sees a byte too many */
 
-    take_message(&s, kind, exact);
+    on_message(&s, kind, exact);
     free(exact);
 }
 
 static void begin(void)
 {
-    s = (modald_stream) { .spill_fd = -1, .ring_fd = -1, .channels = 1, .told = true, .credit = 77,
+    s = (modald_stream) { .spill_fd = -1, .ring_fd = -1, .channels = 1, .warned = true, .credit = 77,
                           .stream = "abcd", .epoch = 3, .opened = true, .open_id = 1,
                           .next_id = 8, .first_id = 5 };
 }
@@ -160,7 +160,7 @@ TEST(a_string_comes_back_as_it_was_written)
     for (int i = 1; i < 256; i++)
         name[i - 1] = (char)i;
     name[255] = 0;
-    add_string(text, sizeof text, name);
+    append_string(text, sizeof text, name);
     CHECK(read_string(text, back, sizeof back) && strcmp(back, name) == 0);
     CHECK(!read_string(text, back, sizeof back - 1) && back[0] == 0);
     CHECK(!read_string("\"no end", back, sizeof back));

@@ -34,7 +34,8 @@ static void tell(const struct client_progress *progress, const char *what, doubl
 
 const void *client_input_bytes(const struct client_input *input, size_t *length)
 {
-    *length = input->batch ? input->batch->samples * input->batch->channels * sizeof(double) : strlen(input->scene);
+    *length = input->batch ? input->batch->samples * input->batch->channels * sizeof(double)
+                           : strlen(input->scene);
     return input->batch ? (const void *)input->batch->signals : input->scene;
 }
 
@@ -43,11 +44,19 @@ static void describe(cJSON *header, const struct client_input *input)
 {
     const struct batch *b = input->batch;
     struct wire_input w = { .content = WIRE_SCENE };
-    cJSON *names = b && b->names ? cJSON_CreateStringArray((const char **)b->names, (int)b->channels) : NULL;
+    cJSON *names = b && b->names
+                     ? cJSON_CreateStringArray((const char **)b->names, (int)b->channels)
+                     : NULL;
 
     if (b != NULL)
-        w = (struct wire_input) { .content = WIRE_BATCH, .samples = b->samples, .channels = b->channels, .dt = b->dt, .period = b->period,
-                                  .names = names, .units = b->units && b->units[0] ? b->units : NULL, .attributes = input->attributes };
+        w = (struct wire_input) { .content = WIRE_BATCH,
+                                  .samples = b->samples,
+                                  .channels = b->channels,
+                                  .dt = b->dt,
+                                  .period = b->period,
+                                  .names = names,
+                                  .units = b->units && b->units[0] ? b->units : NULL,
+                                  .attributes = input->attributes };
     client_input_bytes(input, &w.bytes);
     wire_input_write(header, &w);
     cJSON_Delete(names);
@@ -66,8 +75,12 @@ static void identity(const struct client_input *input, char sha256[65])
     }
     shape.length = length;
     if (input->batch != NULL)
-        shape = (struct input_shape) { .type = INPUT_BATCH, .samples = input->batch->samples, .channels = input->batch->channels,
-                                       .dt = input->batch->dt, .period = input->batch->period, .units = input->batch->units,
+        shape = (struct input_shape) { .type = INPUT_BATCH,
+                                       .samples = input->batch->samples,
+                                       .channels = input->batch->channels,
+                                       .dt = input->batch->dt,
+                                       .period = input->batch->period,
+                                       .units = input->batch->units,
                                        .names = input->batch->names };
     identity_of(&shape, bytes, length, digest);
     sha256_hex(digest, sha256);
@@ -98,8 +111,9 @@ static cJSON *upload_header(const char *op, const char *id)
     return header;
 }
 
-static enum modal_status begin(struct link *link, const struct client_input *input, const char *sha256, double deadline,
-                               struct upload *up, cJSON **detail, struct modal_error *err)
+static enum modal_status begin(struct link *link, const struct client_input *input,
+                               const char *sha256, double deadline, struct upload *up,
+                               cJSON **detail, struct modal_error *err)
 {
     cJSON *header = upload_header("begin", NULL), *answer = NULL;
     enum modal_status rc;
@@ -113,22 +127,28 @@ static enum modal_status begin(struct link *link, const struct client_input *inp
     return rc;
 }
 
-static enum modal_status send_chunk(struct link *link, const struct upload *up, size_t offset, const char *data, size_t length,
-                                    double deadline, struct modal_error *err)
+static enum modal_status send_chunk(struct link *link, const struct upload *up, size_t offset,
+                                    const char *data, size_t length, double deadline,
+                                    struct modal_error *err)
 {
     cJSON *header = upload_header("chunk", up->id);
     int64_t id;
 
     cJSON_AddNumberToObject(header, "offset", (double)offset);
     cJSON_AddNumberToObject(header, "crc32c", crc32c(0, data, length));
-    return link_send(link, &(struct link_ask) { .verb = "UPLOAD", .header = header, .body = data, .length = length }, deadline, &id, err);
+    return link_send(
+        link,
+        &(struct link_ask) { .verb = "UPLOAD", .header = header, .body = data, .length = length },
+        deadline, &id, err);
 }
 
 /* One message about our chunks into UP.  MODAL_NO_SERVER, MODAL_BUSY: begin again. */
-static enum modal_status take_answer(struct link *link, struct upload *up, double deadline, cJSON **detail, struct modal_error *err)
+static enum modal_status take_answer(struct link *link, struct upload *up, double deadline,
+                                     cJSON **detail, struct modal_error *err)
 {
     struct link_message message;
-    enum modal_status rc = link_receive(link, fmin(deadline, link_now() + chunk_patience), &message, err);
+    enum modal_status rc = link_receive(link, fmin(deadline, link_now() + chunk_patience), &message,
+                                        err);
 
     if (rc == MODAL_TIMEOUT && link_now() < deadline)
         return MODAL_NO_SERVER;
@@ -143,8 +163,9 @@ static enum modal_status take_answer(struct link *link, struct upload *up, doubl
 }
 
 /* Chunks from what is present to the end, as far ahead as the credit lets us. */
-static enum modal_status send_chunks(struct link *link, const char *bytes, struct upload *up, const struct client_progress *progress,
-                                     double deadline, cJSON **detail, struct modal_error *err)
+static enum modal_status send_chunks(struct link *link, const char *bytes, struct upload *up,
+                                     const struct client_progress *progress, double deadline,
+                                     cJSON **detail, struct modal_error *err)
 {
     size_t sent = up->present;
     enum modal_status rc = MODAL_OK;
@@ -172,7 +193,8 @@ static void rest(const cJSON *detail)
     nanosleep(&t, NULL);
 }
 
-static enum modal_status seal(struct link *link, const char *sha256, struct upload *up, double deadline, cJSON **detail, struct modal_error *err)
+static enum modal_status seal(struct link *link, const char *sha256, struct upload *up,
+                              double deadline, cJSON **detail, struct modal_error *err)
 {
     cJSON *header = upload_header("seal", up->id), *answer = NULL;
 
@@ -182,8 +204,9 @@ static enum modal_status seal(struct link *link, const char *sha256, struct uplo
     return rc;
 }
 
-enum modal_status client_upload(struct link *link, const struct client_input *input, const struct client_progress *progress,
-                                double deadline, char id[128], cJSON **detail, struct modal_error *err)
+enum modal_status client_upload(struct link *link, const struct client_input *input,
+                                const struct client_progress *progress, double deadline,
+                                char id[128], cJSON **detail, struct modal_error *err)
 {
     struct upload up = { 0 };
     const char *bytes = client_input_bytes(input, &up.total);
@@ -198,7 +221,8 @@ enum modal_status client_upload(struct link *link, const struct client_input *in
             rc = send_chunks(link, bytes, &up, progress, deadline, &why, err);
         if (rc == MODAL_OK)
             break;
-        if ((rc != MODAL_BUSY && rc != MODAL_NO_SERVER) || link_now() >= deadline || link_lost(link))
+        if ((rc != MODAL_BUSY && rc != MODAL_NO_SERVER) || link_now() >= deadline
+            || link_lost(link))
             break;
         rest(why);
         cJSON_Delete(why);
@@ -216,7 +240,8 @@ enum modal_status client_upload(struct link *link, const struct client_input *in
     return rc;
 }
 
-cJSON *client_submit_header(const struct client_job *job, const struct client_input *input, const char *upload)
+cJSON *client_submit_header(const struct client_job *job, const struct client_input *input,
+                            const char *upload)
 {
     cJSON *header = cJSON_CreateObject(), *in = cJSON_CreateObject();
 
@@ -254,16 +279,19 @@ static cJSON *document(struct link_message *message)
     return doc;
 }
 
-enum modal_status client_submit(struct link *link, const struct client_job *job, const struct client_input *input,
-                                const struct client_progress *progress, double deadline, cJSON **doc, cJSON **detail,
-                                struct modal_error *err)
+enum modal_status client_submit(struct link *link, const struct client_job *job,
+                                const struct client_input *input,
+                                const struct client_progress *progress, double deadline,
+                                cJSON **doc, cJSON **detail, struct modal_error *err)
 {
     struct link_ask ask = { .verb = "SUBMIT", .once = job->key == NULL };
     struct link_message answer;
     char upload[128];
     const void *bytes = client_input_bytes(input, &ask.length);
     bool small = ask.length <= WIRE_INLINE_MOST;
-    enum modal_status rc = small ? MODAL_OK : client_upload(link, input, progress, deadline, upload, detail, err);
+    enum modal_status rc = small
+                             ? MODAL_OK
+                             : client_upload(link, input, progress, deadline, upload, detail, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -277,11 +305,13 @@ enum modal_status client_submit(struct link *link, const struct client_job *job,
     return MODAL_OK;
 }
 
-enum modal_status client_ask(struct link *link, const char *verb, cJSON *header, double deadline, cJSON **answer, char **body,
-                             cJSON **detail, struct modal_error *err)
+enum modal_status client_ask(struct link *link, const char *verb, cJSON *header, double deadline,
+                             cJSON **answer, char **body, cJSON **detail, struct modal_error *err)
 {
     struct link_message message;
-    enum modal_status rc = link_question(link, &(struct link_ask) { .verb = verb, .header = header }, deadline, &message, detail, err);
+    enum modal_status rc = link_question(link,
+                                         &(struct link_ask) { .verb = verb, .header = header },
+                                         deadline, &message, detail, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -302,8 +332,8 @@ static cJSON *job_header(const char *job)
     return header;
 }
 
-enum modal_status client_do(struct link *link, const char *verb, const char *job, double deadline, cJSON **doc, cJSON **detail,
-                            struct modal_error *err)
+enum modal_status client_do(struct link *link, const char *verb, const char *job, double deadline,
+                            cJSON **doc, cJSON **detail, struct modal_error *err)
 {
     return client_ask(link, verb, job_header(job), deadline, doc, NULL, detail, err);
 }
@@ -319,7 +349,8 @@ bool client_ended(const cJSON *doc)
 }
 
 /* One WAIT of at most SLICE seconds. */
-static enum modal_status wait_once(struct link *link, const char *job, double slice, double deadline, cJSON **doc, cJSON **detail,
+static enum modal_status wait_once(struct link *link, const char *job, double slice,
+                                   double deadline, cJSON **doc, cJSON **detail,
                                    struct modal_error *err)
 {
     struct link_ask ask = { .verb = "WAIT", .header = job_header(job), .patience = slice + 5 };
@@ -327,7 +358,8 @@ static enum modal_status wait_once(struct link *link, const char *job, double sl
     enum modal_status rc;
 
     cJSON_AddNumberToObject(ask.header, "timeout_s", fmax(0, fmin(slice, deadline - link_now())));
-    rc = link_question(link, &ask, deadline + 1, &answer, detail, err);    /* the daemon's timer ends first */
+    /* the daemon's timer ends first */
+    rc = link_question(link, &ask, deadline + 1, &answer, detail, err);
     if (rc != MODAL_OK)
         return rc;
     cJSON_Delete(*doc);
@@ -336,8 +368,9 @@ static enum modal_status wait_once(struct link *link, const char *job, double sl
     return MODAL_OK;
 }
 
-enum modal_status client_wait(struct link *link, const char *job, const struct client_progress *progress, double deadline,
-                              cJSON **doc, cJSON **detail, struct modal_error *err)
+enum modal_status client_wait(struct link *link, const char *job,
+                              const struct client_progress *progress, double deadline, cJSON **doc,
+                              cJSON **detail, struct modal_error *err)
 {
     double slice = progress != NULL && progress->tell != NULL ? watched_slice : wait_slice;
     enum modal_status rc;
@@ -347,25 +380,30 @@ enum modal_status client_wait(struct link *link, const char *job, const struct c
         rc = wait_once(link, job, slice, deadline, doc, detail, err);
         if (rc != MODAL_OK || client_ended(*doc))
             return rc;
-        tell(progress, text(*doc, "state"), number(cJSON_GetObjectItemCaseSensitive(*doc, "progress"), "fraction", 0));
+        tell(progress, text(*doc, "state"),
+             number(cJSON_GetObjectItemCaseSensitive(*doc, "progress"), "fraction", 0));
         if (link_now() >= deadline)
-            return modal_fail(err, MODAL_TIMEOUT, "job %.64s is %s; not finished in time", job, text(*doc, "state"));
+            return modal_fail(err, MODAL_TIMEOUT, "job %.64s is %s; not finished in time", job,
+                              text(*doc, "state"));
     }
 }
 
 /* Bytes from OFFSET on, up to one frame of them. */
-static enum modal_status fetch(struct link *link, const char *job, const char *part, size_t offset, double deadline,
-                               struct link_message *answer, cJSON **detail, struct modal_error *err)
+static enum modal_status fetch(struct link *link, const char *job, const char *part, size_t offset,
+                               double deadline, struct link_message *answer, cJSON **detail,
+                               struct modal_error *err)
 {
     cJSON *header = job_header(job);
 
     cJSON_AddStringToObject(header, "part", part);
     cJSON_AddNumberToObject(header, "offset", (double)offset);
-    return link_question(link, &(struct link_ask) { .verb = "RESULT", .header = header }, deadline, answer, detail, err);
+    return link_question(link, &(struct link_ask) { .verb = "RESULT", .header = header }, deadline,
+                         answer, detail, err);
 }
 
-enum modal_status client_result(struct link *link, const char *job, const char *part, double deadline, char **bytes, size_t *length,
-                                cJSON **description, cJSON **detail, struct modal_error *err)
+enum modal_status client_result(struct link *link, const char *job, const char *part,
+                                double deadline, char **bytes, size_t *length, cJSON **description,
+                                cJSON **detail, struct modal_error *err)
 {
     size_t used = 0, total = 1;
     char *all = NULL;
@@ -378,9 +416,12 @@ enum modal_status client_result(struct link *link, const char *job, const char *
             break;
         total = (size_t)number(answer.header, "total", 0);
         if (all == NULL && (all = malloc(total + 1)) == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of job %.64s", total, job);
+            rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of job %.64s", total,
+                            job);
         else if (used + answer.length > total || (answer.length == 0 && total > 0))
-            rc = modal_fail(err, MODAL_BAD_FRAME, "the daemon's answer to RESULT has %zu bytes at %zu of %zu", answer.length, used, total);
+            rc = modal_fail(err, MODAL_BAD_FRAME,
+                            "the daemon's answer to RESULT has %zu bytes at %zu of %zu",
+                            answer.length, used, total);
         else {
             memcpy(all + used, answer.body ? answer.body : "", answer.length);
             used += answer.length;

@@ -20,7 +20,9 @@ void keyfile_wipe(struct keyfile *keys)
 static bool take_line(char *line, struct keyfile *keys)
 {
     struct { const char *name; char *to; } rows[] = {
-        { "public-key", keys->public }, { "secret-key", keys->secret }, { "server-key", keys->server },
+        { "public-key", keys->public },
+        { "secret-key", keys->secret },
+        { "server-key", keys->server },
     };
     char name[32], value[64];
 
@@ -38,17 +40,21 @@ static bool take_line(char *line, struct keyfile *keys)
     return false;
 }
 
-static enum modal_status read_lines(FILE *file, const char *path, struct keyfile *keys, struct modal_error *err)
+static enum modal_status read_lines(FILE *file, const char *path, struct keyfile *keys,
+                                    struct modal_error *err)
 {
     char line[256];
 
     for (int number = 1; fgets(line, sizeof line, file) != NULL; number++)
         if (!take_line(line, keys)) {
             explicit_bzero(line, sizeof line);
-            return BAD("%s: line %d: accepted: public-key, secret-key or server-key = \"40 signs of Z85\"", path, number);
+            return BAD(
+                "%s: line %d: accepted: public-key, secret-key or server-key = \"40 signs of Z85\"",
+                path, number);
         }
     explicit_bzero(line, sizeof line);
-    return keys->public[0] && keys->secret[0] ? MODAL_OK : BAD("%s: no public-key or no secret-key", path);
+    return keys->public[0] && keys->secret[0] ? MODAL_OK
+                                              : BAD("%s: no public-key or no secret-key", path);
 }
 
 enum modal_status keyfile_read(const char *path, struct keyfile *keys, struct modal_error *err)
@@ -61,7 +67,8 @@ enum modal_status keyfile_read(const char *path, struct keyfile *keys, struct mo
     if (file == NULL)
         return BAD("%s: %s", path, strerror(errno));
     if (fstat(fileno(file), &st) != 0 || !S_ISREG(st.st_mode) || (st.st_mode & 077) != 0)
-        rc = BAD("%s: others may read it (mode %04o); accepted: a file of mode 0600", path, st.st_mode & 07777u);
+        rc = BAD("%s: others may read it (mode %04o); accepted: a file of mode 0600", path,
+                 st.st_mode & 07777u);
     else if (st.st_uid != geteuid() && geteuid() != 0)
         rc = BAD("%s: belongs to another user", path);
     if (rc == MODAL_OK)
@@ -72,7 +79,8 @@ enum modal_status keyfile_read(const char *path, struct keyfile *keys, struct mo
     return rc;
 }
 
-enum modal_status keyfile_make(const char *path, const char *server, char *public, struct modal_error *err)
+enum modal_status keyfile_make(const char *path, const char *server, char *public,
+                               struct modal_error *err)
 {
     struct keyfile keys = { 0 };
     char text[512];
@@ -80,12 +88,15 @@ enum modal_status keyfile_make(const char *path, const char *server, char *publi
     int length, fd;
 
     if (server != NULL && strlen(server) != 40)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "server-key", "accepted: the daemon's public key, 40 signs of Z85");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "server-key",
+                                "accepted: the daemon's public key, 40 signs of Z85");
     if (zmq_curve_keypair(keys.public, keys.secret) != 0)
         return modal_fail(err, MODAL_INTERNAL, "libzmq cannot make keys: %s", zmq_strerror(errno));
-    length = snprintf(text, sizeof text, "# modald key file: keep it secret, mode 0600\npublic-key = \"%s\"\nsecret-key = \"%s\"\n", keys.public, keys.secret);
+    length = snprintf(text, sizeof text, "# modald key file: keep it secret, mode 0600\n"
+                      "public-key = \"%s\"\nsecret-key = \"%s\"\n", keys.public, keys.secret);
     if (server != NULL)
-        length += snprintf(text + length, sizeof text - (size_t)length, "server-key = \"%s\"\n", server);
+        length += snprintf(text + length, sizeof text - (size_t)length, "server-key = \"%s\"\n",
+                           server);
     fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
     if (fd < 0)
         rc = BAD("%s: %s", path, strerror(errno));

@@ -25,7 +25,7 @@
 #include "wire/protocol.h"
 
 static const double first_patience = 2;      /* s: nobody there at the start */
-static const double lost_patience = 30;      /* s: a daemon that was there comes back in this time */
+static const double lost_patience = 30;      /* s: in which a daemon that was there comes back */
 static const double usual_patience = 5;      /* s: no answer, ask again */
 
 static const double pause_least = 0.05, pause_most = 1;      /* s between two connections */
@@ -170,7 +170,8 @@ out:
     return rc;
 }
 
-enum modal_status link_open(const char *endpoint, const char *keyfile, struct link **out, struct modal_error *err)
+enum modal_status link_open(const char *endpoint, const char *keyfile, struct link **out,
+                            struct modal_error *err)
 {
     struct link *link = calloc(1, sizeof *link);
     enum modal_status rc;
@@ -317,7 +318,9 @@ static void take_frame(int count, zmq_msg_t *frame, struct link_message *out, bo
         *good = length == strlen(WIRE_VERSION) && memcmp(data, WIRE_VERSION, length) == 0;
         break;
     case 1:
-        out->type = length == 5 && memcmp(data, "REPLY", 5) == 0 ? LINK_REPLY : length == 5 && memcmp(data, "EVENT", 5) == 0 ? LINK_EVENT : LINK_ERROR;
+        out->type = length == 5 && memcmp(data, "REPLY", 5) == 0 ? LINK_REPLY
+                  : length == 5 && memcmp(data, "EVENT", 5) == 0 ? LINK_EVENT
+                                                                 : LINK_ERROR;
         break;
     case 2:
         *good = *good && json_read(data, length, &out->header, &ignored) == MODAL_OK;
@@ -390,7 +393,8 @@ int64_t link_message_id(const struct link_message *message)
     return good ? (int64_t)id->valuedouble : -1;
 }
 
-enum modal_status link_error(const struct link_message *message, cJSON **detail, struct modal_error *err)
+enum modal_status link_error(const struct link_message *message, cJSON **detail,
+                             struct modal_error *err)
 {
     const cJSON *error = cJSON_GetObjectItemCaseSensitive(message->header, "error");
     const char *code = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(error, "code"));
@@ -400,7 +404,8 @@ enum modal_status link_error(const struct link_message *message, cJSON **detail,
 
     if (detail != NULL && more != NULL)
         *detail = cJSON_Duplicate(more, true);
-    return modal_fail_field(err, modal_status_from_code(code), field ? field : "", "%s", text ? text : "the daemon gave no reason");
+    return modal_fail_field(err, modal_status_from_code(code), field ? field : "", "%s",
+                            text ? text : "the daemon gave no reason");
 }
 
 /* Is the endpoint a socket of this host that we may not open? */
@@ -479,7 +484,8 @@ static enum modal_status nobody(const struct link *link, struct modal_error *err
 }
 
 /* HEADER, which is freed, as text with the next id; the caller frees it. */
-static enum modal_status header_text(struct link *link, cJSON *header, int64_t *id, char **out, struct modal_error *err)
+static enum modal_status header_text(struct link *link, cJSON *header, int64_t *id, char **out,
+                                     struct modal_error *err)
 {
     char *text;
 
@@ -493,14 +499,17 @@ static enum modal_status header_text(struct link *link, cJSON *header, int64_t *
     if (strlen(text) > WIRE_HEADER_MOST) {
         size_t length = strlen(text);
         free(text);
-        return modal_fail_field(err, MODAL_TOO_LARGE, "header", "options, names and attributes are %zu bytes of a message; accepted: at most %d",
-                                length, WIRE_HEADER_MOST);
+        return modal_fail_field(
+            err, MODAL_TOO_LARGE, "header",
+            "options, names and attributes are %zu bytes of a message; accepted: at most %d",
+            length, WIRE_HEADER_MOST);
     }
     *out = text;
     return MODAL_OK;
 }
 
-enum modal_status link_send(struct link *link, const struct link_ask *ask, double deadline, int64_t *id, struct modal_error *err)
+enum modal_status link_send(struct link *link, const struct link_ask *ask, double deadline,
+                            int64_t *id, struct modal_error *err)
 {
     char *header;
     enum modal_status rc = header_text(link, ask->header, id, &header, err);
@@ -515,7 +524,9 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
             break;
         }
         if (now >= deadline) {
-            rc = link->ready ? modal_fail(err, MODAL_TIMEOUT, "%s takes no more messages", link->endpoint) : nobody(link, err);
+            rc = link->ready
+                   ? modal_fail(err, MODAL_TIMEOUT, "%s takes no more messages", link->endpoint)
+                   : nobody(link, err);
             break;
         }
         if (link->lost)
@@ -526,7 +537,8 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
     return rc;
 }
 
-enum modal_status link_receive(struct link *link, double deadline, struct link_message *out, struct modal_error *err)
+enum modal_status link_receive(struct link *link, double deadline, struct link_message *out,
+                               struct modal_error *err)
 {
     for (;;) {
         listen(link);
@@ -546,10 +558,12 @@ enum modal_status link_receive(struct link *link, double deadline, struct link_m
 struct sending { bool sent; unsigned generation; double at; };
 
 /* Bring the question on its way, once a connection; false: it may not be asked again. */
-static bool keep_asking(struct link *link, const struct link_ask *ask, const char *header, struct sending *state)
+static bool keep_asking(struct link *link, const struct link_ask *ask, const char *header,
+                        struct sending *state)
 {
     double patience = ask->patience > 0 ? ask->patience : usual_patience, now = link_now();
-    bool lost = state->sent && (state->generation != link->generation || now > state->at + patience);
+    bool lost = state->sent
+             && (state->generation != link->generation || now > state->at + patience);
 
     if (lost && ask->once)
         return state->generation == link->generation;
@@ -558,13 +572,15 @@ static bool keep_asking(struct link *link, const struct link_ask *ask, const cha
     return true;
 }
 
-/* An error whose id is null answers a header that could not be read: ours, the only one on its way. */
+/* An error whose id is null answers a header that could not be read: ours, the one on its way. */
 static bool is_of_nobody(const struct link_message *message)
 {
-    return message->type == LINK_ERROR && cJSON_IsNull(cJSON_GetObjectItemCaseSensitive(message->header, "id"));
+    return message->type == LINK_ERROR
+        && cJSON_IsNull(cJSON_GetObjectItemCaseSensitive(message->header, "id"));
 }
 
-static enum modal_status wait_answer(struct link *link, const struct link_ask *ask, const char *header, int64_t id, double deadline,
+static enum modal_status wait_answer(struct link *link, const struct link_ask *ask,
+                                     const char *header, int64_t id, double deadline,
                                      struct link_message *out, struct modal_error *err)
 {
     struct sending state = { 0 };
@@ -583,13 +599,15 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
         if (given_up(link, now))
             return nobody(link, err);
         if (now >= deadline)
-            return link->ready ? modal_fail(err, MODAL_TIMEOUT, "%s: no answer to %s in time", link->endpoint, ask->verb) : nobody(link, err);
+            return link->ready ? modal_fail(err, MODAL_TIMEOUT, "%s: no answer to %s in time",
+                                            link->endpoint, ask->verb)
+                               : nobody(link, err);
         sleep_on(link, fmin(deadline - now, state.sent ? 1 : 0.05));
     }
 }
 
-enum modal_status link_question(struct link *link, const struct link_ask *ask, double deadline, struct link_message *out,
-                                cJSON **detail, struct modal_error *err)
+enum modal_status link_question(struct link *link, const struct link_ask *ask, double deadline,
+                                struct link_message *out, cJSON **detail, struct modal_error *err)
 {
     int64_t id;
     char *header;

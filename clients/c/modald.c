@@ -11,7 +11,8 @@
 struct modald { struct link *link; };
 
 /* The end of each call: STATUS and what it says into ERROR. */
-static int ended(enum modal_status rc, const struct modal_error *err, cJSON *detail, struct modald_error *error)
+static int ended(enum modal_status rc, const struct modal_error *err, cJSON *detail,
+                 struct modald_error *error)
 {
     const cJSON *retry = cJSON_GetObjectItemCaseSensitive(detail, "retry_after_s");
 
@@ -38,11 +39,13 @@ static enum modal_status print_into(const cJSON *doc, char **out, struct modal_e
     return *out ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "no memory for a document");
 }
 
-int modald_connect(const char *endpoint, const char *keyfile, struct modald **out, struct modald_error *error)
+int modald_connect(const char *endpoint, const char *keyfile, struct modald **out,
+                   struct modald_error *error)
 {
     struct modald *connection = calloc(1, sizeof *connection);
     struct modal_error err = { 0 };
-    enum modal_status rc = connection ? link_open(endpoint, keyfile, &connection->link, &err) : modal_fail(&err, MODAL_NO_MEMORY, "no memory");
+    enum modal_status rc = connection ? link_open(endpoint, keyfile, &connection->link, &err)
+                                      : modal_fail(&err, MODAL_NO_MEMORY, "no memory");
 
     if (rc == MODAL_OK)
         *out = connection;
@@ -60,15 +63,24 @@ void modald_disconnect(struct modald *connection)
 
 static struct batch batch_of(const struct modald_batch *b)
 {
-    return (struct batch) { .samples = b->samples, .channels = b->channels, .signals = b->signals, .dt = b->dt, .period = b->period,
-                            .names = b->names, .units = b->units };
+    return (struct batch) { .samples = b->samples,
+                            .channels = b->channels,
+                            .signals = b->signals,
+                            .dt = b->dt,
+                            .period = b->period,
+                            .names = b->names,
+                            .units = b->units };
 }
 
-static enum modal_status submit(struct modald *connection, const struct modald_job *job, const struct client_input *input,
-                                const char *key, double deadline, cJSON **doc, cJSON **detail, struct modal_error *err)
+static enum modal_status submit(struct modald *connection, const struct modald_job *job,
+                                const struct client_input *input, const char *key, double deadline,
+                                cJSON **doc, cJSON **detail, struct modal_error *err)
 {
-    struct client_job ask = { .kind = job->kind ? job->kind : "identify", .key = key, .priority = job->priority > 0 ? job->priority : -1,
-                              .run_limit = job->run_limit, .deadline = job->deadline };
+    struct client_job ask = { .kind = job->kind ? job->kind : "identify",
+                              .key = key,
+                              .priority = job->priority > 0 ? job->priority : -1,
+                              .run_limit = job->run_limit,
+                              .deadline = job->deadline };
     cJSON *options = NULL;
     enum modal_status rc = MODAL_OK;
 
@@ -83,12 +95,14 @@ static enum modal_status submit(struct modald *connection, const struct modald_j
     return rc;
 }
 
-static int submit_and_print(struct modald *connection, const struct modald_job *job, const struct client_input *input, double timeout,
-                            char **document, struct modald_error *error)
+static int submit_and_print(struct modald *connection, const struct modald_job *job,
+                            const struct client_input *input, double timeout, char **document,
+                            struct modald_error *error)
 {
     struct modal_error err = { 0 };
     cJSON *doc = NULL, *detail = NULL;
-    enum modal_status rc = submit(connection, job, input, job->key, deadline_of(timeout), &doc, &detail, &err);
+    enum modal_status rc = submit(connection, job, input, job->key, deadline_of(timeout), &doc,
+                                  &detail, &err);
 
     if (rc == MODAL_OK)
         rc = print_into(doc, document, &err);
@@ -96,26 +110,34 @@ static int submit_and_print(struct modald *connection, const struct modald_job *
     return ended(rc, &err, detail, error);
 }
 
-int modald_submit(struct modald *connection, const struct modald_job *job, const struct modald_batch *batch, double timeout,
-                  char **document, struct modald_error *error)
-{
-    struct batch b = batch_of(batch);
-
-    return submit_and_print(connection, job, &(struct client_input) { .batch = &b }, timeout, document, error);
-}
-
-int modald_submit_scene(struct modald *connection, const struct modald_job *job, const char *scene, double timeout,
-                        char **document, struct modald_error *error)
-{
-    return submit_and_print(connection, job, &(struct client_input) { .scene = scene }, timeout, document, error);
-}
-
-int modald_upload(struct modald *connection, const struct modald_batch *batch, double timeout, char sha256[65],
+int modald_submit(struct modald *connection, const struct modald_job *job,
+                  const struct modald_batch *batch, double timeout, char **document,
                   struct modald_error *error)
 {
     struct batch b = batch_of(batch);
-    struct input_shape shape = { .type = INPUT_BATCH, .samples = b.samples, .channels = b.channels, .dt = b.dt, .period = b.period,
-                                 .units = b.units, .names = b.names };
+
+    return submit_and_print(connection, job, &(struct client_input) { .batch = &b }, timeout,
+                            document, error);
+}
+
+int modald_submit_scene(struct modald *connection, const struct modald_job *job, const char *scene,
+                        double timeout, char **document, struct modald_error *error)
+{
+    return submit_and_print(connection, job, &(struct client_input) { .scene = scene }, timeout,
+                            document, error);
+}
+
+int modald_upload(struct modald *connection, const struct modald_batch *batch, double timeout,
+                  char sha256[65], struct modald_error *error)
+{
+    struct batch b = batch_of(batch);
+    struct input_shape shape = { .type = INPUT_BATCH,
+                                 .samples = b.samples,
+                                 .channels = b.channels,
+                                 .dt = b.dt,
+                                 .period = b.period,
+                                 .units = b.units,
+                                 .names = b.names };
     struct client_input input = { .batch = &b, .sha256 = sha256 };
     struct modal_error err = { 0 };
     cJSON *detail = NULL;
@@ -129,11 +151,13 @@ int modald_upload(struct modald *connection, const struct modald_batch *batch, d
     return ended(rc, &err, detail, error);
 }
 
-static int ask_about(struct modald *connection, const char *verb, const char *job, double timeout, char **document, struct modald_error *error)
+static int ask_about(struct modald *connection, const char *verb, const char *job, double timeout,
+                     char **document, struct modald_error *error)
 {
     struct modal_error err = { 0 };
     cJSON *doc = NULL, *detail = NULL;
-    enum modal_status rc = client_do(connection->link, verb, job, deadline_of(timeout), &doc, &detail, &err);
+    enum modal_status rc = client_do(connection->link, verb, job, deadline_of(timeout), &doc,
+                                     &detail, &err);
 
     if (rc == MODAL_OK)
         rc = print_into(doc, document, &err);
@@ -141,12 +165,14 @@ static int ask_about(struct modald *connection, const char *verb, const char *jo
     return ended(rc, &err, detail, error);
 }
 
-int modald_status(struct modald *connection, const char *job, double timeout, char **document, struct modald_error *error)
+int modald_status(struct modald *connection, const char *job, double timeout, char **document,
+                  struct modald_error *error)
 {
     return ask_about(connection, "STATUS", job, timeout, document, error);
 }
 
-int modald_cancel(struct modald *connection, const char *job, double timeout, char **document, struct modald_error *error)
+int modald_cancel(struct modald *connection, const char *job, double timeout, char **document,
+                  struct modald_error *error)
 {
     return ask_about(connection, "CANCEL", job, timeout, document, error);
 }
@@ -164,11 +190,13 @@ static enum modal_status outcome(const cJSON *doc, cJSON **detail, struct modal_
     return modal_fail(err, MODAL_CANCELLED, "the job is %s", state ? state : "in no state");
 }
 
-int modald_wait(struct modald *connection, const char *job, double timeout, char **document, struct modald_error *error)
+int modald_wait(struct modald *connection, const char *job, double timeout, char **document,
+                struct modald_error *error)
 {
     struct modal_error err = { 0 };
     cJSON *doc = NULL, *detail = NULL;
-    enum modal_status rc = client_wait(connection->link, job, NULL, deadline_of(timeout), &doc, &detail, &err);
+    enum modal_status rc = client_wait(connection->link, job, NULL, deadline_of(timeout), &doc,
+                                       &detail, &err);
 
     if (rc == MODAL_OK)
         rc = outcome(doc, &detail, &err);
@@ -178,12 +206,14 @@ int modald_wait(struct modald *connection, const char *job, double timeout, char
     return ended(rc, &err, detail, error);
 }
 
-int modald_result(struct modald *connection, const char *job, double timeout, char **result, struct modald_error *error)
+int modald_result(struct modald *connection, const char *job, double timeout, char **result,
+                  struct modald_error *error)
 {
     struct modal_error err = { 0 };
     cJSON *detail = NULL;
     size_t length;
-    enum modal_status rc = client_result(connection->link, job, "document", deadline_of(timeout), result, &length, NULL, &detail, &err);
+    enum modal_status rc = client_result(connection->link, job, "document", deadline_of(timeout),
+                                         result, &length, NULL, &detail, &err);
 
     return ended(rc, &err, detail, error);
 }
@@ -200,8 +230,9 @@ static void make_key(char key[40])
         snprintf(key + 4 + 2 * i, 3, "%02x", bytes[i]);
 }
 
-int modald_run(struct modald *connection, const struct modald_job *job, const struct modald_batch *batch, double timeout,
-               char **result, struct modald_error *error)
+int modald_run(struct modald *connection, const struct modald_job *job,
+               const struct modald_batch *batch, double timeout, char **result,
+               struct modald_error *error)
 {
     struct batch b = batch_of(batch);
     struct modal_error err = { 0 };
@@ -212,14 +243,16 @@ int modald_run(struct modald *connection, const struct modald_job *job, const st
     enum modal_status rc;
 
     make_key(key);
-    rc = submit(connection, job, &(struct client_input) { .batch = &b }, job->key ? job->key : key, deadline, &doc, &detail, &err);
+    rc = submit(connection, job, &(struct client_input) { .batch = &b }, job->key ? job->key : key,
+                deadline, &doc, &detail, &err);
     const char *id = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(doc, "job"));
     if (rc == MODAL_OK)
         rc = client_wait(connection->link, id ? id : "", NULL, deadline, &end, &detail, &err);
     if (rc == MODAL_OK)
         rc = outcome(end, &detail, &err);
     if (rc == MODAL_OK)
-        rc = client_result(connection->link, id, "document", deadline, result, &length, NULL, &detail, &err);
+        rc = client_result(connection->link, id, "document", deadline, result, &length, NULL,
+                           &detail, &err);
     cJSON_Delete(doc);
     cJSON_Delete(end);
     return ended(rc, &err, detail, error);

@@ -1,6 +1,7 @@
 /* identify.c - modes of a batch from C by modald.h
  *
- * usage: example_identify CHANNELS DT [OPTIONS-JSON] < SIGNALS     raw doubles, sample by sample; prints the result's JSON
+ * usage: example_identify CHANNELS DT [OPTIONS-JSON] < SIGNALS
+ * The signals are raw doubles, sample by sample; prints the result's JSON.
  */
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,11 +1,13 @@
 /* loop.c - a time-stepping loop with the three lines of modald_stream.h
  *
- * Two masses on springs, lightly damped, by the velocity form of Newmark's method (beta = 1/4, gamma = 1/2):
+ * Two masses on springs, lightly damped, by the velocity form of Newmark's method (beta = 1/4,
+ * gamma = 1/2):
  *
  *     m x'' + c x' + K x = 0,   K = k [2 -1; -1 2],   x(0) = (1, 0).
  *
- * usage: example_loop NAME STEPS [C] [SECONDS]   C the damping (negative: grows), SECONDS of real time for each step
- * The states go to stdout too, so that a test can compare the run with and without a daemon.
+ * usage: example_loop NAME STEPS [C] [SECONDS]
+ * C is the damping (negative: grows), SECONDS the real time of each step.  The states go to stdout
+ * too, so that a test can compare the run with and without a daemon.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE          /* POSIX, where the build asks for bare C */

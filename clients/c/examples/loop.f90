@@ -1,6 +1,7 @@
 ! loop.f90 - a time-stepping loop in Fortran with the three lines of modald.f90
 !
-! x'' + c x' + k x = 0, x(0) = 1, by the exact step of the damped oscillator; arguments: the stream's name, the steps (2000).
+! x'' + c x' + k x = 0, x(0) = 1, by the exact step of the damped oscillator; arguments: the
+! stream's name, the steps (2000).
 program loop
     use, intrinsic :: iso_fortran_env, only: real64, int64
     use modald

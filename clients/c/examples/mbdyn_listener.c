@@ -1,10 +1,11 @@
 /* mbdyn_listener.c - MBDyn's stream output on one side, a modald stream on the other
  *
- * MBDyn's `stream motion output` or `stream output` element connects to a TCP or local socket and writes n doubles of the
- * host's byte order each output step, nothing else.  The listener binds, takes one connection, pushes each row, and ends with
- * the connection, or on SIGTERM.
+ * MBDyn's `stream motion output` or `stream output` element connects to a TCP or local socket and
+ * writes n doubles of the host's byte order each output step, nothing else.  The listener binds,
+ * takes one connection, pushes each row, and ends with the connection, or on SIGTERM.
  *
- * usage: mbdyn_listener PORT|PATH NAME CHANNELS DT        (a port of 127.0.0.1, or the path of a local socket)
+ * usage: mbdyn_listener PORT|PATH NAME CHANNELS DT
+ * PORT is of 127.0.0.1, PATH that of a local socket.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE          /* accept4 */
@@ -32,14 +33,17 @@ static void on_signal(int number)
 
 static int listen_on(const char *where)
 {
-    struct sockaddr_in in = { .sin_family = AF_INET, .sin_port = htons((uint16_t)atoi(where)), .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
+    struct sockaddr_in in = { .sin_family = AF_INET,
+                              .sin_port = htons((uint16_t)atoi(where)),
+                              .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
     struct sockaddr_un un = { .sun_family = AF_UNIX };
     bool local = strchr(where, '/') != NULL;
     int fd = socket(local ? AF_UNIX : AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0), yes = 1;
 
     snprintf(un.sun_path, sizeof un.sun_path, "%s", where);
     setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-    if (bind(fd, local ? (struct sockaddr *)&un : (struct sockaddr *)&in, local ? sizeof un : sizeof in) != 0 || listen(fd, 1) != 0) {
+    const struct sockaddr *at = local ? (struct sockaddr *)&un : (struct sockaddr *)&in;
+    if (bind(fd, at, local ? sizeof un : sizeof in) != 0 || listen(fd, 1) != 0) {
         fprintf(stderr, "mbdyn_listener: %s: %s\n", where, strerror(errno));
         return -1;
     }
@@ -53,7 +57,8 @@ static int accept_one(int fd)
     int from;
 
     setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &look, sizeof look);
-    while ((from = accept4(fd, NULL, NULL, SOCK_CLOEXEC)) < 0 && (errno == EINTR || errno == EAGAIN) && !ended)
+    while ((from = accept4(fd, NULL, NULL, SOCK_CLOEXEC)) < 0 && (errno == EINTR || errno == EAGAIN)
+           && !ended)
         ;
     if (from >= 0)
         setsockopt(from, SOL_SOCKET, SO_RCVTIMEO, &look, sizeof look);
@@ -82,12 +87,14 @@ int main(int argc, char **argv)
     int channels = argc == 5 ? atoi(argv[3]) : 0, fd, from;
     double *row;
 
-    if (channels < 1 || channels > 65536 || !(atof(argv[4]) > 0) || (strchr(argv[1], '/') == NULL && (atoi(argv[1]) < 1 || atoi(argv[1]) > 65535))) {
+    if (channels < 1 || channels > 65536 || !(atof(argv[4]) > 0)
+        || (strchr(argv[1], '/') == NULL && (atoi(argv[1]) < 1 || atoi(argv[1]) > 65535))) {
         fprintf(stderr, "usage: mbdyn_listener PORT|PATH NAME CHANNELS DT\n");
         return 2;
     }
     if (getenv("MODALD_URL") == NULL)
-        fprintf(stderr, "mbdyn_listener: MODALD_URL is not set: rows are read, nothing is sent on\n");
+        fprintf(stderr,
+                "mbdyn_listener: MODALD_URL is not set: rows are read, nothing is sent on\n");
     sigaction(SIGTERM, &stop, NULL);
     sigaction(SIGINT, &stop, NULL);
     row = malloc((size_t)channels * sizeof *row);

@@ -1,14 +1,17 @@
 /* rosco_bridge.c - ROSCO's ZeroMQ interface on one side, a modald stream on the other
  *
- * ROSCO (ZMQ_Mode 1) opens a REQ socket each time and sends its measurements as text, numbers parted by commas; it waits
- * for set points as text in the same form.  The bridge answers at once with the neutral ones, so that the controller is as
- * without it, and pushes the numbers behind the turbine's id, the status and the time (number 2) to a stream a turbine.  The
- * last call of a simulation has a negative status: its stream is closed, and the turbine's next message begins another.
+ * ROSCO (ZMQ_Mode 1) opens a REQ socket each time and sends its measurements as text, numbers
+ * parted by commas; it waits for set points as text in the same form.  The bridge answers at once
+ * with the neutral ones, so that the controller is as without it, and pushes the numbers behind the
+ * turbine's id, the status and the time (number 2) to a stream a turbine.  The last call of a
+ * simulation has a negative status: its stream is closed, and the turbine's next message begins
+ * another.
  *
- * usage: rosco_bridge ENDPOINT [COUNT]      such as tcp://127.0.0.1:5555; ends after COUNT messages (0: never), or on SIGTERM
+ * usage: rosco_bridge ENDPOINT [COUNT]
+ * ENDPOINT is such as tcp://127.0.0.1:5555; ends after COUNT messages (0: never), or on SIGTERM.
  *
- * Neutral: yaw offset, torque offset, blade pitch offsets, then set points of power, all 0 but the last three references,
- * which are 1 of rated (read with PRC_Comm = 2 only).
+ * Neutral: yaw offset, torque offset, blade pitch offsets, then set points of power, all 0 but the
+ * last three references, which are 1 of rated (read with PRC_Comm = 2 only).
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE          /* POSIX, where the build asks for bare C */
@@ -22,8 +25,12 @@
 #include <zmq.h>
 #include "modald_stream.h"
 
-enum { NUMBERS_MOST = 64, TURBINES_MOST = 256, LEADING = 3,      /* id, status, time stand before the channels */
-       LOOK_MS = 200 };                                           /* between two looks for a signal */
+enum {
+    NUMBERS_MOST = 64,      /* of a message: ROSCO sends 20 or so */
+    TURBINES_MOST = 256,    /* as many as a user may have streams */
+    LEADING = 3,            /* id, status, time stand before the channels */
+    LOOK_MS = 200,          /* between two looks for a signal */
+};
 
 static const char neutral[] = "0.0,0.0,0.0,0.0,0.0,1.0,1.0,1.0";
 static volatile sig_atomic_t ended;
@@ -64,7 +71,8 @@ static void take(struct turbine *all, int *count, const double *x, int n)
     struct turbine *turbine = n > LEADING ? find(all, count, (int)x[0], n, x[2]) : NULL;
     char name[64];
 
-    if (turbine == NULL || n != turbine->numbers)       /* a message of another length is another program's */
+    /* a message of another length is another program's */
+    if (turbine == NULL || n != turbine->numbers)
         return;
     if (turbine->stream == NULL && x[2] > turbine->before) {
         snprintf(name, sizeof name, "rosco-%d", turbine->id);
@@ -101,11 +109,13 @@ int main(int argc, char **argv)
     void *context = zmq_ctx_new(), *socket = zmq_socket(context, ZMQ_REP);
 
     if (argc < 2 || zmq_bind(socket, argv[1]) != 0) {
-        fprintf(stderr, "usage: rosco_bridge ENDPOINT [COUNT]: %s\n", argc < 2 ? "an endpoint is needed" : zmq_strerror(zmq_errno()));
+        fprintf(stderr, "usage: rosco_bridge ENDPOINT [COUNT]: %s\n",
+                argc < 2 ? "an endpoint is needed" : zmq_strerror(zmq_errno()));
         return 2;
     }
     if (getenv("MODALD_URL") == NULL)
-        fprintf(stderr, "rosco_bridge: MODALD_URL is not set: ROSCO is answered, nothing is sent on\n");
+        fprintf(stderr,
+                "rosco_bridge: MODALD_URL is not set: ROSCO is answered, nothing is sent on\n");
     sigaction(SIGTERM, &stop, NULL);
     sigaction(SIGINT, &stop, NULL);
     zmq_setsockopt(socket, ZMQ_RCVTIMEO, &(int) { LOOK_MS }, sizeof(int));

@@ -55,7 +55,8 @@ static void read_monitor(modald_stream *s)
     zmq_msg_close(&part);
 }
 
-/* The key of NAME in TEXT, where a line says: NAME = "40 signs".  Other lines, and comments, do not. */
+/* The key of NAME in TEXT, where a line says: NAME = "40 signs".  Other lines, and comments, do
+ * not. */
 static bool read_key(char key[KEY_SIGNS + 1], const char *text, const char *name)
 {
     char of[32], mark;
@@ -96,7 +97,8 @@ static void *wait_at_gate(void *gate)
     return NULL;
 }
 
-/* libzmq ends the process where it gets no thread or no descriptor: there are as many as it takes, tried together. */
+/* libzmq ends the process where it gets no thread or no descriptor: there are as many as it takes,
+ * tried together. */
 static bool may_begin(void)
 {
     pthread_mutex_t gate = PTHREAD_MUTEX_INITIALIZER;

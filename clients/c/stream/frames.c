@@ -7,6 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Of a step: a host's time that is a multiple of dt but for its rounding is on the grid. */
+static const double grid_slack = 1e-9;
+enum { RMS_LEAST = 8 };          /* samples beyond which their rms is a scale for the error */
+
 static bool frames_new(modald_stream *s)
 {
     size_t sample = (size_t)s->channels * sizeof(double);
@@ -24,7 +28,8 @@ static bool frames_new(modald_stream *s)
     return s->build.data && s->rms && s->sample;
 }
 
-/* The frame being built into the window, or, while spilling, into the file; false: no room for it now. */
+/* The frame being built into the window, or, while spilling, into the file; false: no room for it
+ * now. */
 static bool finish_build(modald_stream *s)
 {
     if (s->build.count == 0)
@@ -52,7 +57,8 @@ static bool finish_build(modald_stream *s)
 /* One sample of equal steps into the frame being built; false: no room, nothing was changed. */
 static bool add_sample(modald_stream *s, uint64_t index, const double *y)
 {
-    bool fits = s->build.count > 0 && index == s->build.first + s->build.count && s->build.count < s->frame_samples;
+    bool fits = s->build.count > 0 && index == s->build.first + s->build.count
+             && s->build.count < s->frame_samples;
 
     if (!fits) {
         if (!finish_build(s) || !loan_own(&s->build.data, frame_bytes(s)))
@@ -60,7 +66,8 @@ static bool add_sample(modald_stream *s, uint64_t index, const double *y)
         s->build.first = index;
         s->build_since = now();
     }
-    memcpy(s->build.data + s->build.count++ * (size_t)s->channels, y, (size_t)s->channels * sizeof *y);
+    memcpy(s->build.data + s->build.count++ * (size_t)s->channels, y,
+           (size_t)s->channels * sizeof *y);
     return true;
 }
 
@@ -82,11 +89,12 @@ static double interpolate(const modald_stream *s, int n, int channel, double t)
 static void resample_at(modald_stream *s, double t)
 {
     for (int c = 0; c < s->channels; c++) {
-        double y = interpolate(s, s->points, c, t), coarse = interpolate(s, s->points > 2 ? s->points - 1 : s->points, c, t);
+        double y = interpolate(s, s->points, c, t),
+               coarse = interpolate(s, s->points > 2 ? s->points - 1 : s->points, c, t);
         s->sample[c] = y;
         s->rms[c] += (y * y - s->rms[c]) / (double)(s->rms_count + 1);
         double error = fabs(y - coarse) / sqrt(s->rms[c] > 0 ? s->rms[c] : 1);
-        if (s->rms_count > 8 && error > s->resampling_error)
+        if (s->rms_count > RMS_LEAST && error > s->resampling_error)
             s->resampling_error = error;
     }
     s->rms_count++;
@@ -95,7 +103,7 @@ static void resample_at(modald_stream *s, double t)
 /* The grid's samples up to UNTIL from the history; false: no room, asked again later. */
 static bool resample(modald_stream *s, double until)
 {
-    double slack = 1e-9 * s->dt;
+    double slack = grid_slack * s->dt;
 
     while ((double)s->next_grid * s->dt <= until + slack) {
         resample_at(s, (double)s->next_grid * s->dt);
@@ -118,16 +126,18 @@ static void add_point(modald_stream *s, double t, const double *y)
     memcpy(s->history[s->points++].y, y, (size_t)s->channels * sizeof *y);
 }
 
-/* A sample at time T of its own.  The grid is filled up to the last but one point, so that (1) has a point beyond. */
+/* A sample at time T of its own.  The grid is filled up to the last but one point, so that (1) has
+ * a point beyond. */
 static bool add_uneven(modald_stream *s, double t, const double *y)
 {
-    if (s->points > 0 && t <= s->history[s->points - 1].t) {       /* a repeat, or back in time: begin anew */
+    /* a repeat, or back in time: begin anew */
+    if (s->points > 0 && t <= s->history[s->points - 1].t) {
         if (s->points > 1 && !resample(s, s->history[s->points - 1].t))
             return false;
         s->points = 0;
     }
     if (s->points == 0)
-        s->next_grid = (uint64_t)fmax(0, ceil(t / s->dt - 1e-9));
+        s->next_grid = (uint64_t)fmax(0, ceil(t / s->dt - grid_slack));
     if (s->points == HISTORY && !resample(s, s->history[HISTORY - 2].t))
         return false;
     add_point(s, t, y);
@@ -157,12 +167,15 @@ static void end_resampling(modald_stream *s)
     s->points = 0;
 }
 
-/* The ring is half full: the daemon does not keep up, and from now on everything goes through the file. */
+/* The ring is half full: the daemon does not keep up, and from now on everything goes through the
+ * file. */
 static void spill_if_needed(modald_stream *s, bool all)
 {
-    uint64_t waiting = atomic_load_explicit(&s->page->head, memory_order_acquire) - atomic_load_explicit(&s->page->tail, memory_order_relaxed);
+    uint64_t waiting = atomic_load_explicit(&s->page->head, memory_order_acquire)
+                     - atomic_load_explicit(&s->page->tail, memory_order_relaxed);
 
-    if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed || (!all && waiting < s->slots / 2))
+    if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed
+        || (!all && waiting < s->slots / 2))
         return;
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);

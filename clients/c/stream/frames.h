@@ -3,8 +3,8 @@
 #define STREAM_FRAMES_H
 #include "state.h"
 
-/* The memory of the window, of the frame being built and of what resampling needs, which stays with S
- * until it is freed; false: there is none. */
+/* The memory of the window, of the frame being built and of what resampling needs, which stays with
+ * S until it is freed; false: there is none. */
 static bool frames_new(modald_stream *s);
 
 /* Slots into frames while there is room. */
@@ -16,8 +16,8 @@ static bool finish_build(modald_stream *s);
 /* The rest of an uneven record: its last point has none beyond. */
 static void end_resampling(modald_stream *s);
 
-/* Where the ring is half full (ALL: in any case) the window goes into the spill file: the daemon does
- * not keep up, and from now on everything goes through it. */
+/* Where the ring is half full (ALL: in any case) the window goes into the spill file: the daemon
+ * does not keep up, and from now on everything goes through it. */
 static void spill_if_needed(modald_stream *s, bool all);
 
 /* Frames from the spill file into the window, as many as have room. */

@@ -31,7 +31,8 @@ static bool send_body(modald_stream *s, double *data, size_t length)
     return sent;
 }
 
-static bool send_message(modald_stream *s, const char *verb, const char *header, double *body, size_t length)
+static bool send_message(modald_stream *s, const char *verb, const char *header, double *body,
+                         size_t length)
 {
     if (!s->ready || zmq_send(s->socket, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
         return false;
@@ -70,8 +71,9 @@ static bool send_frame(modald_stream *s, struct frame *f)
     append_id(s, text, sizeof text, &id);
     append(text, sizeof text, ",\"op\":\"push\",\"stream\":");
     append_string(text, sizeof text, s->stream);
-    append(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}", (unsigned long long)s->epoch, (unsigned long long)f->first,
-        (unsigned long long)f->count, (unsigned long)f->crc);
+    append(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}",
+           (unsigned long long)s->epoch, (unsigned long long)f->first, (unsigned long long)f->count,
+           (unsigned long)f->crc);
     if (!send_message(s, "STREAM", text, f->data, length))
         return false;
     f->id = id;
@@ -161,13 +163,18 @@ static void on_reply(modald_stream *s, const char *const *members)
         f->acknowledged = true;
         s->flying -= s->flying >= length ? length : s->flying;
         uint64_t epoch = count_at(members[EPOCH], s->epoch);
-        if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)       /* and we did not go back */
-            warn_once(s, "another run pushes to a stream of this name; each begins the record anew");
+        /* and we did not go back */
+        if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)
+            warn_once(s, "another run pushes to a stream of this name; "
+                         "each begins the record anew");
         s->went_on = f->first + f->count;
         set_epoch(s, epoch);
     }
     retire(s);
 }
+
+/* s before a busy daemon is asked again, whatever it says. */
+static const double quiet_least = 0.05, quiet_most = 0.5;
 
 /* Errors that pass (busy, quota, storage_full, draining) are tried again, and so is a stream that
  * somebody else closed; others end the sending, not the host. */
@@ -187,8 +194,8 @@ static void on_error(modald_stream *s, const char *const *members)
     for (size_t i = 0; i < sizeof passing / sizeof passing[0]; i++)
         passes |= is_text(code, passing[i]);
     if (passes) {
-        double after = number_at(member(member(error, "detail"), "retry_after_s"), 0.5);
-        s->quiet_until = now() + fmin(fmax(after, 0.05), 0.5);
+        double after = number_at(member(member(error, "detail"), "retry_after_s"), quiet_most);
+        s->quiet_until = now() + fmin(fmax(after, quiet_least), quiet_most);
         reset_link(s);                             /* open again: what was taken is known then */
         return;
     }
@@ -223,7 +230,8 @@ static struct modald_estimate estimate_of(const char *frequency, const char *fre
 /* A daemon of before flat members tells what it found in `stability` and `modes` alone. */
 static int nested_verdict(const char *const *members, struct modald_estimate *best)
 {
-    const char *stable = member(members[STABILITY], "stable"), *mode = first_element(members[MODES]);
+    const char *stable = member(members[STABILITY], "stable"),
+               *mode = first_element(members[MODES]);
 
     for (; mode != NULL; mode = next_element(mode)) {
         const char *std = member(mode, "std");

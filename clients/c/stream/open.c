@@ -13,20 +13,34 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+enum {
+    TRIES = 1000,                /* to read an estimate that is being written: the writer has five
+                                  * stores to make, and may be held up in them */
+    VALUE_MOST = 128,            /* bytes of a variable that names the run: longer ones do not */
+    RUN_BYTES = 2048,            /* of all of those, written out */
+    UNITS_BYTES = 1024,          /* of the units, written out */
+};
+static const size_t ring_usual = 8388608;              /* bytes: as many as a window of frames */
+static const size_t spill_usual = 1073741824;          /* bytes */
+static const double size_most = 1e15;                  /* bytes that a variable may ask for */
+static const double wait_usual = 5, wait_most = 1e6;   /* s that a close may take */
+
 int modald_verdict(const modald_stream *s)
 {
-    return s == NULL || is_dead(s) ? MODALD_UNKNOWN : atomic_load_explicit(&s->verdict, memory_order_relaxed);
+    return s == NULL || is_dead(s) ? MODALD_UNKNOWN
+                                   : atomic_load_explicit(&s->verdict, memory_order_relaxed);
 }
 
 int modald_get_estimate(const modald_stream *s, struct modald_estimate *out)
 {
-    for (int tries = 0; s != NULL && !is_dead(s) && tries < 1000; tries++) {
+    for (int tries = 0; s != NULL && !is_dead(s) && tries < TRIES; tries++) {
         unsigned before = atomic_load_explicit(&s->estimate_version, memory_order_acquire);
         if (before == atomic_load_explicit(&s->estimate_past, memory_order_relaxed))
             return 0;
         *out = s->estimate;
         atomic_thread_fence(memory_order_acquire);
-        if (before % 2 == 0 && atomic_load_explicit(&s->estimate_version, memory_order_relaxed) == before)
+        if (before % 2 == 0
+            && atomic_load_explicit(&s->estimate_version, memory_order_relaxed) == before)
             return 1;
     }
     return 0;
@@ -46,7 +60,8 @@ void modald_get_report(const modald_stream *s, struct modald_report *out)
     out->refused = atomic_load(&s->refused);
 }
 
-static void append_attribute(char *text, size_t size, const char *key, const char *value, bool *first)
+static void append_attribute(char *text, size_t size, const char *key, const char *value,
+                             bool *first)
 {
     if (value == NULL || *value == 0)
         return;
@@ -59,23 +74,25 @@ static void append_attribute(char *text, size_t size, const char *key, const cha
 static char *describe_run(void)
 {
     static const char *const environment[][2] = {
-        { "slurm_job", "SLURM_JOB_ID" }, { "slurm_array_task", "SLURM_ARRAY_TASK_ID" }, { "slurm_node", "SLURMD_NODENAME" },
+        { "slurm_job", "SLURM_JOB_ID" },
+        { "slurm_array_task", "SLURM_ARRAY_TASK_ID" },
+        { "slurm_node", "SLURMD_NODENAME" },
         { "slurm_restarts", "SLURM_RESTART_COUNT" },
     };
-    enum { SIZE = 2048 };
-    char host[128] = "", *text = calloc(1, SIZE);
+    char host[128] = "", *text = calloc(1, RUN_BYTES);
     bool first = true;
 
     if (text == NULL)
         return NULL;
     gethostname(host, sizeof host - 1);
-    append(text, SIZE, "{");
-    append_attribute(text, SIZE, "host", host, &first);
+    append(text, RUN_BYTES, "{");
+    append_attribute(text, RUN_BYTES, "host", host, &first);
     for (size_t i = 0; i < sizeof environment / sizeof environment[0]; i++) {
         const char *value = getenv(environment[i][1]);
-        append_attribute(text, SIZE, environment[i][0], value && strlen(value) < 128 ? value : NULL, &first);
+        bool fits = value != NULL && strlen(value) < VALUE_MOST;
+        append_attribute(text, RUN_BYTES, environment[i][0], fits ? value : NULL, &first);
     }
-    append(text, SIZE, "}");
+    append(text, RUN_BYTES, "}");
     return text;
 }
 
@@ -90,7 +107,7 @@ static double number_from(const char *name, double otherwise, double most)
 
 static size_t size_from(const char *name, size_t otherwise)
 {
-    return (size_t)number_from(name, (double)otherwise, 1e15);
+    return (size_t)number_from(name, (double)otherwise, size_most);
 }
 
 /* PATH from the root, whatever the host's folder is later. */
@@ -144,16 +161,16 @@ static void stream_free(modald_stream *s)
     free_later(s);
 }
 
-/* A relative path of ipc is the host's folder's too, where the longer name fits (107 bytes). */
+/* A relative path of ipc is the host's folder's too, where the longer name fits (URL_PATH_MOST). */
 static char *copy_url(const char *url)
 {
-    char path[108 + 256];
+    char path[URL_PATH_MOST + 256];
 
     if (strncmp(url, "ipc://", 6) != 0 || url[6] == '/' || url[6] == '@')
         return strdup(url);
     snprintf(path, 7, "ipc://");
     absolute(path + 6, sizeof path - 6, url + 6);
-    return strdup(strlen(path) - 6 < 108 ? path : url);
+    return strdup(strlen(path) - 6 <= URL_PATH_MOST ? path : url);
 }
 
 static char *copy_keyfile(void)
@@ -175,7 +192,8 @@ static char *copy_of(const char *name)
 }
 
 /* Everything that the environment says is read here, in the host's thread. */
-static modald_stream *stream_new(const char *name, int channels, double dt, const char *url, size_t ring, const char *ring_file)
+static modald_stream *stream_new(const char *name, int channels, double dt, const char *url,
+                                 size_t ring, const char *ring_file)
 {
     const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
     modald_stream *s = aligned_alloc(LINE, sizeof *s);
@@ -190,9 +208,10 @@ static modald_stream *stream_new(const char *name, int channels, double dt, cons
     s->dt = dt;
     s->spill_fd = s->ring_fd = -1;
     sem_init(&s->begun, 0, 0);
-    s->spill_most = size_from("MODALD_SPILL_MAX", (size_t)1 << 30);
-    absolute(s->spill_folder, sizeof s->spill_folder, folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp");
-    s->close_wait = number_from("MODALD_CLOSE_WAIT", 5, 1e6);
+    s->spill_most = size_from("MODALD_SPILL_MAX", spill_usual);
+    absolute(s->spill_folder, sizeof s->spill_folder,
+             folder && *folder ? folder : tmp && *tmp ? tmp : "/tmp");
+    s->close_wait = number_from("MODALD_CLOSE_WAIT", wait_usual, wait_most);
     s->window_samples = (long)size_from("MODALD_WINDOW", 0);
     s->window_hop = (long)size_from("MODALD_HOP", 0);
     s->credit = FRAME_BYTES;
@@ -210,7 +229,8 @@ static modald_stream *stream_new(const char *name, int channels, double dt, cons
     return s;
 }
 
-/* The sender's thread; no signal is ever its own.  A host with more of its own data a thread than SENDER_STACK gets the usual stack. */
+/* The sender's thread; no signal is ever its own.  A host with more of its own data a thread than
+ * SENDER_STACK gets the usual stack. */
 static bool start(modald_stream *s)
 {
     pthread_attr_t attr;
@@ -221,7 +241,8 @@ static bool start(modald_stream *s)
     pthread_sigmask(SIG_BLOCK, &all, &before);
     pthread_attr_init(&attr);
     pthread_attr_setstacksize(&attr, SENDER_STACK);
-    good = pthread_create(&s->thread, &attr, sender, s) == 0 || pthread_create(&s->thread, NULL, sender, s) == 0;
+    good = pthread_create(&s->thread, &attr, sender, s) == 0
+        || pthread_create(&s->thread, NULL, sender, s) == 0;
     pthread_attr_destroy(&attr);
     while (good && sem_wait(&s->begun) != 0)
         ;
@@ -238,12 +259,16 @@ modald_stream *modald_open(const char *name, int channels, double dt)
 
     if (url == NULL || *url == 0)
         return NULL;
-    if (name == NULL || *name == 0 || strlen(name) > 128 || channels < 1 || channels > CHANNELS_MOST || !(dt > 0) || !isfinite(dt)) {
-        warn(NULL, "modald_open: a name of 1 to 128 bytes, 1 to 65536 channels and a positive dt are needed");
+    if (name == NULL || *name == 0 || strlen(name) > NAME_MOST || channels < 1
+        || channels > CHANNELS_MOST || !(dt > 0) || !isfinite(dt)) {
+        warn(NULL, "modald_open: a name of 1 to 128 bytes, 1 to 65536 channels and a positive dt "
+                   "are needed");
         return NULL;
     }
-    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);       /* numbers have a point */
-    s = stream_new(name, channels, dt, url, size_from("MODALD_RING", (size_t)8 << 20), getenv("MODALD_RING_FILE"));
+    /* numbers have a point */
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);
+    s = stream_new(name, channels, dt, url, size_from("MODALD_RING", ring_usual),
+                   getenv("MODALD_RING_FILE"));
     uselocale(before);
     freelocale(c);
     if (s != NULL && !start(s)) {
@@ -269,8 +294,8 @@ void modald_describe(modald_stream *s, const char *const *names, const char *uni
         }
         append(s->names, size, "]");
     }
-    if (units != NULL && s->units == NULL && (s->units = calloc(1, 1024)) != NULL)
-        append_string(s->units, 1024, units);
+    if (units != NULL && s->units == NULL && (s->units = calloc(1, UNITS_BYTES)) != NULL)
+        append_string(s->units, UNITS_BYTES, units);
 }
 
 void modald_window(modald_stream *s, long samples, long hop, const char *options)
@@ -294,11 +319,11 @@ static void end_stream(modald_stream *s, int how)
     until = now() + s->close_wait + 1;
     atomic_store(&s->stop, how);
     while (!atomic_load(&s->finished) && now() < until)
-        sleep_for(0.0005);
+        sleep_for(moment);
     if (atomic_load(&s->finished)) {
         pthread_join(s->thread, NULL);
         stream_free(s);
-    } else {                                            /* the thread hangs in a file system: leave it */
+    } else { /* the thread hangs in a file system: leave it */
         pthread_detach(s->thread);
         s->forks = CLOSED;
     }

@@ -3,8 +3,9 @@
 #define STREAM_OPEN_H
 #include "state.h"
 
-/* A stream that is not sending yet, of CHANNELS and DT seconds to URL, its ring in RING bytes of memory
- * or in RING_FILE (may be NULL).  The environment is read here, in the host's thread.  NULL: no memory. */
+/* A stream that is not sending yet, of CHANNELS and DT seconds to URL, its ring in RING bytes of
+ * memory or in RING_FILE (may be NULL).  The environment is read here, in the host's thread.  NULL:
+ * no memory. */
 static modald_stream *stream_new(const char *name, int channels, double dt, const char *url,
                                  size_t ring, const char *ring_file);
 

@@ -27,14 +27,16 @@ static modald_stream *from_spill(int fd, const char *url, char *message, size_t 
         free(text);
         return NULL;
     }
-    if (text != NULL && pread(fd, &length, sizeof length, sizeof spill_magic) == (ssize_t)sizeof length && length <= HEADER_MOST
+    if (text != NULL
+        && pread(fd, &length, sizeof length, sizeof spill_magic) == (ssize_t)sizeof length
+        && length <= HEADER_MOST
         && pread(fd, text, length, sizeof spill_magic + sizeof length) == (ssize_t)length) {
         text[0] = '{';                                  /* as the message has an id before it */
         uint64_t channels = count_at(member(text, "channels"), 0);
         double dt = number_at(member(text, "dt"), 0);
         if (channels >= 1 && channels <= CHANNELS_MOST && dt > 0
             && read_string(member(text, "name"), name, sizeof name) && name[0] != 0)
-            s = stream_new(name, (int)channels, dt, url, 4096, NULL);
+            s = stream_new(name, (int)channels, dt, url, RING_HEAD, NULL);
         text[0] = ',';
     }
     if (s == NULL) {
@@ -45,20 +47,27 @@ static modald_stream *from_spill(int fd, const char *url, char *message, size_t 
     s->open_text = text;
     s->spill_fd = fd;
     s->spill_most = 0;
-    s->spill_start = s->spill_read = s->spill_acknowledged = sizeof spill_magic + sizeof length + length;
+    s->spill_start = s->spill_read = s->spill_acknowledged = sizeof spill_magic + sizeof length
+                                                           + length;
     s->spill_end = (uint64_t)lseek(fd, 0, SEEK_END);
     return s;
 }
 
+/* Slots that a ring may say it has: the bytes of so many, of any channels, are still counted. */
+static const uint64_t slots_most = (uint64_t)1 << 40;
+
 /* A stream whose ring is the file at PATH. */
-static modald_stream *from_ring(int fd, const char *path, const char *url, char *message, size_t size)
+static modald_stream *from_ring(int fd, const char *path, const char *url, char *message,
+                                size_t size)
 {
     struct ring_page page;
     modald_stream *s = NULL;
 
-    if (pread(fd, &page, sizeof page, 0) == (ssize_t)sizeof page && page.channels >= 1 && page.channels <= CHANNELS_MOST && page.dt > 0
-        && page.slots >= 8 && page.slots < (uint64_t)1 << 40 && memchr(page.name, 0, sizeof page.name) != NULL)
-        s = stream_new(page.name, (int)page.channels, page.dt, url, page.slots * (page.channels + 2) * sizeof(double), path);
+    if (pread(fd, &page, sizeof page, 0) == (ssize_t)sizeof page && page.channels >= 1
+        && page.channels <= CHANNELS_MOST && page.dt > 0 && page.slots >= SLOTS_LEAST
+        && page.slots < slots_most && memchr(page.name, 0, sizeof page.name) != NULL)
+        s = stream_new(page.name, (int)page.channels, page.dt, url,
+                       page.slots * (page.channels + 2) * sizeof(double), path);
     if (s == NULL)
         snprintf(message, size, "its head cannot be read");
     close(fd);
@@ -75,9 +84,11 @@ static void describe_damage(const modald_stream *s, char *message, size_t size)
 {
     message[0] = 0;
     if (s->damaged > 0)
-        append(message, size, "%llu samples were damaged and left out", (unsigned long long)s->damaged);
+        append(message, size, "%llu samples were damaged and left out",
+               (unsigned long long)s->damaged);
     if (s->torn > 0)
-        append(message, size, "%sthe last %llu bytes were torn", s->damaged > 0 ? ", " : "", (unsigned long long)s->torn);
+        append(message, size, "%sthe last %llu bytes were torn", s->damaged > 0 ? ", " : "",
+               (unsigned long long)s->torn);
 }
 
 /* All of it, in at most TIMEOUT seconds? */
@@ -95,7 +106,10 @@ static bool send_all(modald_stream *s, double timeout, char *message, size_t siz
     if (good)
         describe_damage(s, message, size);
     else
-        snprintf(message, size, "%s", s->refused ? "the daemon refused it" : s->ready ? "not all of it was acknowledged in time" : "no server");
+        snprintf(message, size, "%s",
+                 s->refused ? "the daemon refused it"
+                 : s->ready ? "not all of it was acknowledged in time"
+                            : "no server");
     return good;
 }
 
@@ -109,7 +123,8 @@ int modald_replay(const char *path, double timeout, double *samples, char *messa
     bool good = false;
 
     snprintf(message, size, "%s", fd < 0 ? strerror(errno) : "it is no spill or ring file");
-    if (fd >= 0 && pread(fd, magic, sizeof magic, 0) == (ssize_t)sizeof magic && memcmp(magic, spill_magic, sizeof magic) == 0)
+    if (fd >= 0 && pread(fd, magic, sizeof magic, 0) == (ssize_t)sizeof magic
+        && memcmp(magic, spill_magic, sizeof magic) == 0)
         s = from_spill(fd, url ? url : "", message, size);
     else if (fd >= 0 && memcmp(magic, ring_magic, sizeof magic) == 0)
         s = from_ring(fd, path, url ? url : "", message, size);

@@ -40,8 +40,10 @@ static inline void publish(modald_stream *s, double *at, double t)
         __builtin_prefetch((const char *)at + AHEAD + i, 1);
 }
 
-/* Few values one by one: each comes straight from the host's own store, made a moment ago.  A wider load over several of those has to wait until they are in
- * the cache, and whatever the host computed them from before that: 100 ns of a step of 1 us.  (Volatile, so that no compiler makes a memcpy of it.) */
+/* Few values one by one: each comes straight from the host's own store, made a moment ago.  A wider
+ * load over several of those has to wait until they are in the cache, and whatever the host
+ * computed them from before that: 100 ns of a step of 1 us.  (Volatile, so that no compiler makes a
+ * memcpy of it.) */
 static inline void copy_sample(double *to, const double *y, int channels)
 {
     if (channels > NARROW_MOST) {
@@ -91,7 +93,7 @@ void modald_push_at(modald_stream *s, double t, const double *y)
 
 void modald_seek(modald_stream *s, double index)
 {
-    if (s != NULL && !is_dead(s) && index >= 0 && index < 9007199254740992.0)
+    if (s != NULL && !is_dead(s) && index >= 0 && index < integer_most)
         s->index = (uint64_t)index;
 }
 
@@ -112,7 +114,8 @@ static void touch_pages(void *base, size_t bytes)
 static void *map_memory(size_t bytes)
 {
     size_t spare = bytes >= HUGE_PAGE ? HUGE_PAGE : 0, before;
-    char *base = mmap(NULL, bytes + spare, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    char *base = mmap(NULL, bytes + spare, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1,
+                      0);
 
     if (base == MAP_FAILED && spare > 0) {
         spare = 0;
@@ -134,12 +137,14 @@ static void *map_memory(size_t bytes)
     return base;
 }
 
-/* Has the file of FD room for BYTES?  Its blocks too: a mapped page that the disk is too full for would end the host. */
+/* Has the file of FD room for BYTES?  Its blocks too: a mapped page that the disk is too full for
+ * would end the host. */
 static bool allocate(int fd, size_t bytes)
 {
     struct stat st;
 
-    return fstat(fd, &st) == 0 && posix_fallocate(fd, 0, (off_t)bytes) == 0 && ((size_t)st.st_size <= bytes || ftruncate(fd, (off_t)bytes) == 0);
+    return fstat(fd, &st) == 0 && posix_fallocate(fd, 0, (off_t)bytes) == 0
+        && ((size_t)st.st_size <= bytes || ftruncate(fd, (off_t)bytes) == 0);
 }
 
 /* What an earlier run left in the file is kept: is it a ring like ours? */
@@ -147,7 +152,8 @@ static bool is_ring_of(const modald_stream *s, const struct ring_page *page)
 {
     uint64_t waiting = atomic_load(&page->head) - atomic_load(&page->tail);
 
-    return memcmp(page->magic, ring_magic, sizeof ring_magic) == 0 && page->channels == (uint64_t)s->channels && page->slots == s->slots && page->dt == s->dt
+    return memcmp(page->magic, ring_magic, sizeof ring_magic) == 0
+        && page->channels == (uint64_t)s->channels && page->slots == s->slots && page->dt == s->dt
         && strcmp(page->name, s->name) == 0 && waiting <= s->slots;
 }
 
@@ -161,21 +167,24 @@ static void fill_head(const modald_stream *s, struct ring_page *page)
     memcpy(page->magic, ring_magic, sizeof ring_magic);
 }
 
-/* A file that is new has its head at once: a host killed while the rest is made leaves an empty ring, not a file of nothing. */
+/* A file that is new has its head at once: a host killed while the rest is made leaves an empty
+ * ring, not a file of nothing. */
 static bool begin_file(const modald_stream *s, int fd, bool *fresh)
 {
     struct ring_page page;
     struct rlimit most;
     struct stat st;
 
-    if (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode) || getrlimit(RLIMIT_FSIZE, &most) != 0 || most.rlim_cur < s->ring_bytes)
-        return false;                                   /* a file past that limit is a signal to the host */
+    if (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode) || getrlimit(RLIMIT_FSIZE, &most) != 0
+        || most.rlim_cur < s->ring_bytes)
+        return false; /* a file past that limit is a signal to the host */
     *fresh = st.st_size == 0;
     fill_head(s, &page);
     return !*fresh || pwrite(fd, &page, sizeof page, 0) == (ssize_t)sizeof page;
 }
 
-/* The ring in the file at PATH (%s: the stream's name), locked as long as it is ours; NULL: it cannot be there. */
+/* The ring in the file at PATH (%s: the stream's name), locked as long as it is ours; NULL: it
+ * cannot be there. */
 static void *map_file(modald_stream *s, const char *file)
 {
     const char *mark = strstr(file, "%s");
@@ -187,7 +196,8 @@ static void *map_file(modald_stream *s, const char *file)
     snprintf(name, sizeof name, "%s", s->name);
     for (char *p = name; *p != 0; p++)
         *p = *p == '/' ? '_' : *p;
-    n = snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : (int)strlen(file), file, mark ? name : "", mark ? mark + 2 : "");
+    n = snprintf(path, sizeof path, "%.*s%s%s", mark ? (int)(mark - file) : (int)strlen(file), file,
+                 mark ? name : "", mark ? mark + 2 : "");
     fd = n < (int)sizeof path ? open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600) : -1;
     if (fd >= 0 && flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
         warn(s->name, "another stream has the ring's file; this one is kept in memory");
@@ -215,12 +225,13 @@ static bool ring_open(modald_stream *s, size_t bytes, const char *file)
     s->stride = (size_t)s->channels + 2;
     slot = s->stride * sizeof(double);
     if (file != NULL && *file != 0) {
-        s->slots = bytes / slot < 8 ? 8 : bytes / slot;
+        s->slots = bytes / slot < SLOTS_LEAST ? SLOTS_LEAST : bytes / slot;
         s->ring_bytes = RING_HEAD + s->slots * slot;
         s->page = map_file(s, file);
     }
-    if (s->page == NULL) {                              /* its head included, so that 8 MiB are four huge pages */
-        s->slots = bytes < RING_HEAD + 8 * slot ? 8 : (bytes - RING_HEAD) / slot;
+    if (s->page == NULL) { /* its head included, so that 8 MiB are four huge pages */
+        s->slots = bytes < RING_HEAD + SLOTS_LEAST * slot ? SLOTS_LEAST
+                 : (bytes - RING_HEAD) / slot;
         s->ring_bytes = RING_HEAD + s->slots * slot;
         s->page = map_memory(s->ring_bytes);
     }

@@ -12,6 +12,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+static const double frame_age_most = 0.02;     /* s: then it goes out, full or not */
+static const double idle_most = 0.005;         /* s between two looks, where nothing comes */
+
 /* What came in.  True: something did. */
 static bool receive_all(modald_stream *s)
 {
@@ -32,7 +35,8 @@ static bool receive_all(modald_stream *s)
 /* Is everything that was pushed acknowledged? */
 static bool drained(const modald_stream *s)
 {
-    return s->taken == atomic_load(&s->page->head) && s->build.count == 0 && s->frames == 0 && !spilling(s);
+    return s->taken == atomic_load(&s->page->head) && s->build.count == 0 && s->frames == 0
+        && !spilling(s);
 }
 
 /* One turn: what came in, what was pushed, what goes out.  True: something moved. */
@@ -41,12 +45,12 @@ static bool turn(modald_stream *s, bool flush)
     uint64_t before = s->taken;
     bool moved = receive_all(s);
 
-    if (s->refused) {                                   /* nobody wants them: the ring stays empty */
+    if (s->refused) { /* nobody wants them: the ring stays empty */
         release(s, s->taken = atomic_load(&s->page->head));
         return false;
     }
     build_frames(s);
-    if (s->build.count > 0 && (flush || now() > s->build_since + 0.02))
+    if (s->build.count > 0 && (flush || now() > s->build_since + frame_age_most))
         finish_build(s);
     spill_if_needed(s, false);
     fill_window(s);
@@ -69,7 +73,7 @@ static void finish(modald_stream *s, double until)
         if (drained(s) && s->opened && !s->closing)
             send_close(s);
         if (!moved)
-            sleep_for(0.0005);
+            sleep_for(moment);
     }
 }
 
@@ -88,7 +92,8 @@ static void spill_unsent(modald_stream *s)
     spill_if_needed(s, true);
 }
 
-/* A table of descriptors of our own: stderr and the ring's lock from the host's, nothing on 0 and 1.  A kernel before 5.9 has no such call, and it is shared. */
+/* A table of descriptors of our own: stderr and the ring's lock from the host's, nothing on 0
+ * and 1.  A kernel before 5.9 has no such call, and it is shared. */
 static void unshare_descriptors(modald_stream *s)
 {
     unsigned keep = s->ring_fd > 2 ? (unsigned)s->ring_fd : 2, unshare_too = 2;
@@ -118,7 +123,8 @@ static void end_spill(modald_stream *s)
     close(s->spill_fd);
     if (!left)
         unlink(s->spill_path);
-    snprintf(text, sizeof text, "some samples could not be sent; `modalctl replay %s` sends them", s->spill_path);
+    snprintf(text, sizeof text, "some samples could not be sent; `modalctl replay %s` sends them",
+             s->spill_path);
     if (left)
         warn(s->name, text);
 }
@@ -129,7 +135,8 @@ static void end_sending(modald_stream *s)
     char text[100];
 
     close_socket(s);
-    snprintf(text, sizeof text, "%llu samples were dropped; the record shows the gap", (unsigned long long)dropped);
+    snprintf(text, sizeof text, "%llu samples were dropped; the record shows the gap",
+             (unsigned long long)dropped);
     if (dropped > 0)
         warn(s->name, text);
     end_spill(s);
@@ -141,7 +148,7 @@ static void *sender(void *argument)
 {
     modald_stream *s = argument;
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-    double idle = 0.0005;
+    double idle = moment;
 
     uselocale(c);
     unshare_descriptors(s);
@@ -151,8 +158,9 @@ static void *sender(void *argument)
         warn_once(s, "no socket to the daemon; the run goes on without it");
     }
     while (atomic_load(&s->stop) == 0) {
-        bool moved = s->refused ? (release(s, s->taken = atomic_load(&s->page->head)), false) : turn(s, false);
-        idle = moved ? 0.0005 : fmin(2 * idle, 0.005);
+        bool moved = s->refused ? (release(s, s->taken = atomic_load(&s->page->head)), false)
+                                : turn(s, false);
+        idle = moved ? moment : fmin(2 * idle, idle_most);
         sleep_for(idle);
     }
     s->seal = atomic_load(&s->page->head) > 0;

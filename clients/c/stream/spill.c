@@ -27,8 +27,9 @@ static bool write_all(int fd, const void *data, size_t length, uint64_t at)
 
 enum { SPILL_NAMES = 10000 };
 
-/* A file that was not there: FOLDER/modald-NAME-PID.spill, or PID-2, -3, ...  What is there may hold samples that were never sent: of an earlier stream of
- * that name, or of another life of that PID, which in a container is the same every time. */
+/* A file that was not there: FOLDER/modald-NAME-PID.spill, or PID-2, -3, ...  What is there may
+ * hold samples that were never sent: of an earlier stream of that name, or of another life of that
+ * PID, which in a container is the same every time. */
 static void spill_create(modald_stream *s)
 {
     char clean[64] = "", number[16] = "";
@@ -36,10 +37,11 @@ static void spill_create(modald_stream *s)
     for (size_t i = 0; s->name[i] != 0 && i < sizeof clean - 1; i++)
         clean[i] = strchr("/ .", s->name[i]) ? '_' : s->name[i];
     for (int n = 2; n < SPILL_NAMES; n++) {
-        snprintf(s->spill_path, sizeof s->spill_path, "%s/modald-%s-%d%s.spill", s->spill_folder, clean, (int)getpid(), number);
+        snprintf(s->spill_path, sizeof s->spill_path, "%s/modald-%s-%d%s.spill", s->spill_folder,
+                 clean, (int)getpid(), number);
         s->spill_fd = open(s->spill_path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
         if (s->spill_fd >= 0)
-            flock(s->spill_fd, LOCK_EX | LOCK_NB);      /* a replay leaves it alone until it is ours no more */
+            flock(s->spill_fd, LOCK_EX | LOCK_NB);      /* a replay leaves it alone meanwhile */
         if (s->spill_fd >= 0 || errno != EEXIST)
             return;
         snprintf(number, sizeof number, "-%d", n);
@@ -63,8 +65,10 @@ static bool spill_open(modald_stream *s)
     }
     open_header(s, head, HEADER_MOST);
     length = (uint32_t)strlen(head);
-    s->spill_start = s->spill_end = s->spill_read = s->spill_acknowledged = sizeof spill_magic + sizeof length + length;
-    good = write_all(s->spill_fd, spill_magic, sizeof spill_magic, 0) && write_all(s->spill_fd, &length, sizeof length, sizeof spill_magic)
+    s->spill_start = s->spill_end = s->spill_read = s->spill_acknowledged = sizeof spill_magic
+                                                                          + sizeof length + length;
+    good = write_all(s->spill_fd, spill_magic, sizeof spill_magic, 0)
+        && write_all(s->spill_fd, &length, sizeof length, sizeof spill_magic)
         && write_all(s->spill_fd, head, length, sizeof spill_magic + sizeof length);
     free(head);
     if (!good) {
@@ -82,9 +86,11 @@ static bool spill_write(modald_stream *s, struct frame *f)
     struct spill_head head = { f->first, f->count, f->crc, 0 };
 
     if (!spill_open(s) || s->spill_end + sizeof head + length > s->spill_most
-        || !write_all(s->spill_fd, f->data, length, s->spill_end + sizeof head) || !write_all(s->spill_fd, &head, sizeof head, s->spill_end)) {
+        || !write_all(s->spill_fd, f->data, length, s->spill_end + sizeof head)
+        || !write_all(s->spill_fd, &head, sizeof head, s->spill_end)) {
         char text[600];
-        snprintf(text, sizeof text, "%s %s; samples past the ring are counted as a gap", s->spill_fd < 0 ? "no spill file can be made in" : "there is no more room for",
+        snprintf(text, sizeof text, "%s %s; samples past the ring are counted as a gap",
+                 s->spill_fd < 0 ? "no spill file can be made in" : "there is no more room for",
                  s->spill_fd < 0 ? s->spill_folder : s->spill_path);
         if (!s->spill_failed && s->spill_most > 0)
             warn_once(s, text);
@@ -100,10 +106,13 @@ static bool spill_write(modald_stream *s, struct frame *f)
 /* Whether the record of HEAD may be what it says: it lies in the file, and in its order. */
 static bool is_record(const modald_stream *s, const struct spill_head *head)
 {
-    return head->count > 0 && head->count <= s->frame_samples && s->spill_read + sizeof *head + head->count * (size_t)s->channels * sizeof(double) <= s->spill_end;
+    return head->count > 0 && head->count <= s->frame_samples
+        && s->spill_read + sizeof *head + head->count * (size_t)s->channels * sizeof(double)
+               <= s->spill_end;
 }
 
-/* A record whose samples are not what was written is passed over: the record on the daemon's side shows the gap. */
+/* A record whose samples are not what was written is passed over: the record on the daemon's side
+ * shows the gap. */
 static void spill_skip(modald_stream *s, const struct spill_head *head)
 {
     s->spill_read += sizeof *head + head->count * (size_t)s->channels * sizeof(double);
@@ -115,7 +124,8 @@ static void spill_skip(modald_stream *s, const struct spill_head *head)
         s->spill_acknowledged = s->spill_read;
 }
 
-/* The next frame of the file into F; false: no more.  What a killed host was writing is torn, and the file ends before it. */
+/* The next frame of the file into F; false: no more.  What a killed host was writing is torn, and
+ * the file ends before it. */
 static bool spill_next(modald_stream *s, struct frame *f)
 {
     struct spill_head head;
@@ -126,13 +136,16 @@ static bool spill_next(modald_stream *s, struct frame *f)
     for (;;) {
         if (s->spill_read >= s->spill_end)
             return false;
-        if (pread(s->spill_fd, &head, sizeof head, (off_t)s->spill_read) != (ssize_t)sizeof head || !is_record(s, &head)) {
+        if (pread(s->spill_fd, &head, sizeof head, (off_t)s->spill_read) != (ssize_t)sizeof head
+            || !is_record(s, &head)) {
             s->torn += s->spill_end - s->spill_read;
             s->spill_end = s->spill_read;
             return false;
         }
         length = head.count * (size_t)s->channels * sizeof(double);
-        if (pread(s->spill_fd, f->data, length, (off_t)(s->spill_read + sizeof head)) == (ssize_t)length && crc32c(0, f->data, length) == head.crc)
+        if (pread(s->spill_fd, f->data, length, (off_t)(s->spill_read + sizeof head))
+                == (ssize_t)length
+            && crc32c(0, f->data, length) == head.crc)
             break;
         spill_skip(s, &head);
     }

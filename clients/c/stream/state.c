@@ -23,8 +23,8 @@ static void sleep_for(double seconds)
     nanosleep(&t, NULL);
 }
 
-/* A child of the host has a copy of each stream, but no thread to send, and of a ring in a file the very same: there its streams do nothing.  Nor does
- * one that is closed. */
+/* A child of the host has a copy of each stream, but no thread to send, and of a ring in a file the
+ * very same: there its streams do nothing.  Nor does one that is closed. */
 enum { CLOSED = 0x7fffffff };
 static atomic_uint forks;
 static pthread_once_t fork_once = PTHREAD_ONCE_INIT;
@@ -44,12 +44,14 @@ static inline bool is_dead(const modald_stream *s)
     return s->forks != atomic_load_explicit(&forks, memory_order_relaxed);
 }
 
-/* One line on stderr: no lock of stdio's is taken, and where nobody reads it the signal is not the host's. */
+/* One line on stderr: no lock of stdio's is taken, and where nobody reads it the signal is not the
+ * host's. */
 static void warn(const char *name, const char *what)
 {
     char text[1024];
     sigset_t pipe, before, pending;
-    int n = snprintf(text, sizeof text, "modald: %s%s%s%.700s\n", name ? "stream " : "", name ? name : "", name ? ": " : "", what);
+    int n = snprintf(text, sizeof text, "modald: %s%s%s%.700s\n", name ? "stream " : "",
+                     name ? name : "", name ? ": " : "", what);
 
     for (int i = 0; i < n - 1; i++)                     /* a server's words, too */
         text[i] = (unsigned char)text[i] < 0x20 || text[i] == 0x7f ? '?' : text[i];
@@ -72,7 +74,7 @@ static void warn_once(modald_stream *s, const char *what)
 
 static double *loan_new(size_t bytes)
 {
-    struct loan *loan = aligned_alloc(64, (sizeof *loan + bytes + 63) / 64 * 64);
+    struct loan *loan = aligned_alloc(LINE, (sizeof *loan + bytes + LINE - 1) / LINE * LINE);
 
     if (loan == NULL)
         return NULL;
@@ -87,7 +89,8 @@ static struct loan *loan_of(double *data)
 
 static void loan_drop(double *data)
 {
-    if (data != NULL && atomic_fetch_sub_explicit(&loan_of(data)->holders, 1, memory_order_acq_rel) == 1)
+    if (data != NULL
+        && atomic_fetch_sub_explicit(&loan_of(data)->holders, 1, memory_order_acq_rel) == 1)
         free(loan_of(data));
 }
 
@@ -97,7 +100,8 @@ static void give_back(void *data, void *hint)
     loan_drop(data);
 }
 
-/* Room of BYTES that may be written: *DATA, or in its place other room while a message of an old connection still has that.  False: no memory. */
+/* Room of BYTES that may be written: *DATA, or in its place other room while a message of an old
+ * connection still has that.  False: no memory. */
 static bool loan_own(double **data, size_t bytes)
 {
     double *other;

@@ -1,38 +1,43 @@
 /* state.h - a stream of samples to modald: what its parts share, and how they work together
  *
  * The parts of this folder are one translation unit: the build writes them one behind the other as
- * modald_stream.c, which hosts link or copy.  So all but the calls of modald_stream.h is static, and
- * a host meets no other name of ours.  Each part calls those before it only: text, state, ring,
+ * modald_stream.c, which hosts link or copy.  So all but the calls of modald_stream.h is static,
+ * and a host meets no other name of ours.  Each part calls those before it only: state, text, ring,
  * spill, frames, messages, connection, sender, open, replay.
  *
  *   host's thread                     the sender's thread
- *   push -> ring slots -> take -> frames of equal steps -> window -> daemon
- *                                          |                  ^
- *                                          +-> spill file ----+      when the daemon does not keep up
+ *   push -> ring slots -> frames of equal steps -> window -> daemon
+ *                                |                  ^
+ *                                +-> spill file ----+     when the daemon does not keep up
  *
- * Ring: one writer, one reader; `head` and `tail` count slots since the start.  A slot is its sample's index, its time, and
- * its channels.  The tail moves only when the slot's samples are acknowledged or in the spill file, so that a ring in a file
- * holds, after a kill, whatever the daemon has not.
+ * Ring: one writer, one reader; `head` and `tail` count slots since the start.  A slot is its
+ * sample's index, its time, and its channels.  The tail moves only when the slot's samples are
+ * acknowledged or in the spill file, so that a ring in a file holds, after a kill, whatever the
+ * daemon has not.
  *
- * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in order, within the
- * daemon's credit; a lost connection makes all of them unsent.  Repeats are harmless: a sample is known by its index.
+ * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in
+ * order, within the daemon's credit; a lost connection makes all of them unsent.  Repeats are
+ * harmless: a sample is known by its index.
  *
- * Spilling begins when the ring is half full: the window's frames go to the file first, then everything that is taken, and
- * the window is filled from the file until it is empty again.  So the order is kept.
+ * Spilling begins when the ring is half full: the window's frames go to the file first, then
+ * everything that is built, and the window is filled from the file until it is empty again.  So the
+ * order is kept.
  *
- * push_at: the samples at k dt between times t_1 <= k dt <= t_2 are those of the cubic through (t_0, t_1, t_2, t_3):
- *     y(t) = sum_j y_j prod_{m != j} (t - t_m) / (t_j - t_m).                                              (1)
- * Its error is estimated by the difference to the quadratic through (t_0, t_1, t_2), which is larger than that of (1) where
- * steps are small against the motion.
+ * push_at: the samples at k dt between times t_1 <= k dt <= t_2 are those of the cubic through
+ * (t_0, t_1, t_2, t_3):
+ *     y(t) = sum_j y_j prod_{m != j} (t - t_m) / (t_j - t_m).                                (1)
+ * Its error is estimated by the difference to the quadratic through (t_0, t_1, t_2), which is
+ * larger than that of (1) where steps are small against the motion.
  *
- * What a push costs beyond its copy is memory that is not at hand: the first touch of a page, the walk through the tables of
- * pages, and the lines themselves.  So every page is touched at open, in huge ones where there are any, and each push asks
- * for the lines of the slot AHEAD bytes on.  (8 channels: one push in 51 comes to a new page, so the 99th percentile shows
- * each of the three.)
+ * What a push costs beyond its copy is memory that is not at hand: the first touch of a page, the
+ * walk through the tables of pages, and the lines themselves.  So every page is touched at open, in
+ * huge ones where there are any, and each push asks for the lines of the slot AHEAD bytes on.  (8
+ * channels: one push in 51 comes to a new page, so the 99th percentile shows each of the three.)
  *
- * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all of libzmq's and the spill
- * file's in it: the host may close every number it finds, run out of them, and count on the next.  It is given no signals, reads no
- * environment and no locale, and a closed stream's handle stays what it is, so that a push after it does nothing.
+ * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all
+ * of libzmq's and the spill file's in it: the host may close every number it finds, run out of
+ * them, and count on the next.  It is given no signals, reads no environment and no locale, and a
+ * closed stream's handle stays what it is, so that a push after it does nothing.
  *
  * No server ends the host.  libzmq 4.3.4 has two assertions that a peer can reach from outside:
  *   !_io_error   input had stopped (the pipe to us was full, or is being closed), the peer hung up,
@@ -54,27 +59,47 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* What a daemon, a kernel or a processor asks for. */
 enum {
-    CHANNELS_MOST = 65536,
-    FRAME_BYTES = 131072,            /* of a push; at least one sample */
-    WINDOW = 64,                     /* frames in flight; their memory is touched as far as it is used */
-    HEADER_MOST = 65536,
-    RING_HEAD = 4096,                /* of a ring in a file */
-    HISTORY = 4,                     /* points of (1) */
-    LINE = 64, PAGE = 4096, HUGE_PAGE = 2097152,
-    AHEAD = 2048, AHEAD_MOST = 1024, /* bytes: how far before its slot a push reads on, and how much of a large one */
-    DESCRIPTORS = 32,                /* that libzmq may need: it ends the process where it gets none */
-    NARROW_MOST = 64,                /* channels copied one by one */
-    CLOSED_KEPT = 256,               /* handles */
-    HEARD_MOST = 1048576,            /* bytes of a frame that comes: proto/PROTOCOL.md, section 2 */
-    BACKLOG_MOST = 4194304,          /* bytes in a turn; kernel and daemon keep less: 64 messages */
-    MESSAGE_COST = 64,               /* of a frame in libzmq's pipe, beside its bytes */
-    SENDER_STACK = 262144,
+    CHANNELS_MOST = 65536,      /* of a stream; the daemon may take fewer, and says so */
+    NAME_MOST = 128,            /* bytes of a stream's name: proto/PROTOCOL.md, section 11 */
+    HEADER_MOST = 65536,        /* bytes of a message's header: section 2 */
+    HEARD_MOST = 1048576,       /* bytes of a frame that comes: section 2 */
+    KEYS = 3,                   /* the host's public and secret one, the daemon's public one */
+    KEY_SIGNS = 40,             /* of a key in Z85: 32 bytes, five signs for four */
+    LINE = 64,                  /* bytes of a line of the cache */
+    PAGE = 4096,                /* bytes of a page */
+    HUGE_PAGE = 2097152,        /* bytes of one where the system gives them */
+    URL_PATH_MOST = 107,        /* bytes of a local socket's path: sun_path without its 0 */
 };
+
+/* How much is held, and for how long. */
+enum {
+    FRAME_BYTES = 131072,       /* of a push, at least one sample: WINDOW of them are 8 MiB, which
+                                 * is the ring's usual size */
+    WINDOW = 64,                /* frames in flight; memory is touched as far as it is used */
+    RING_HEAD = PAGE,           /* of a ring in a file: its samples begin on a page */
+    SLOTS_LEAST = 8,            /* of a ring, however small it is asked to be */
+    HISTORY = 4,                /* points of (1) */
+    AHEAD = 2048,               /* bytes from its slot that a push reads on: 25 slots of 8 */
+    AHEAD_MOST = 1024,          /* bytes of a slot read on; a copy of more comes by itself */
+    NARROW_MOST = 64,           /* channels copied one by one: about as many stores as wait in a
+                                 * processor for its cache */
+    DESCRIPTORS = 32,           /* that libzmq may need: it ends the process where it gets none */
+    CLOSED_KEPT = 256,          /* handles of closed streams, for hosts that push once more */
+    BACKLOG_MOST = 4194304,     /* bytes in a turn; kernel and daemon keep less: 64 messages */
+    MESSAGE_COST = 64,          /* of a frame in libzmq's pipe, beside its bytes */
+    SENDER_STACK = 262144,      /* bytes; its own buffers take a few thousand */
+    FAILURES = 4,               /* handshakes until somebody who hangs up is told of: with the
+                                 * pauses a third of a second, in which a daemon starts again */
+};
+static const double pause_least = 0.05;      /* s between links; doubled until one is good */
+static const double pause_most = 1;          /* s */
+static const double answer_patience = 10;    /* s: then the link is as good as lost */
+static const double moment = 0.0005;         /* s between two looks at what came */
+static const double integer_most = 0x1p53; /* beyond it doubles skip some */
+
 static const char version[] = "MODALD1";
-/* Seconds between links; doubled until one is good. */
-static const double pause_least = 0.05, pause_most = 1;
-static const double answer_patience = 10;                /* s: then the link is as good as lost */
 static const char spill_magic[8] = "MDSPILL1", ring_magic[8] = "MDRING01";
 
 /* A ring's head page: in memory, or the first page of its file. */
@@ -83,40 +108,40 @@ struct ring_page {
     uint64_t channels, slots;
     double dt;
     char name[256];
-    _Alignas(64) _Atomic uint64_t head;      /* written by the host only */
-    _Alignas(64) _Atomic uint64_t tail;      /* written by the sender only */
+    _Alignas(LINE) _Atomic uint64_t head;    /* written by the host only */
+    _Alignas(LINE) _Atomic uint64_t tail;    /* written by the sender only */
 };
 
 struct frame {
     uint64_t first, count;
-    double *data;                            /* of a loan: FRAME_BYTES, or one sample */
-    uint32_t crc;                            /* CRC-32C of the samples, once it is built */
-    uint64_t ring_end;                       /* the tail once it is acknowledged; 0: it came from the spill file */
-    uint64_t file_end;                       /* the spill's offset once it is acknowledged */
-    int64_t id;                              /* of the message; 0: not sent */
+    double *data;               /* of a loan: FRAME_BYTES, or one sample */
+    uint32_t crc;               /* CRC-32C of the samples, once it is built */
+    uint64_t ring_end;          /* the tail once it is acknowledged; 0: it came from the file */
+    uint64_t file_end;          /* the spill's offset once it is acknowledged */
+    int64_t id;                 /* of the message; 0: not sent */
     bool acknowledged;
 };
 
-/* Samples of a frame: libzmq is lent them instead of taking a copy, and gives them back from a thread of its own. */
-struct loan { atomic_uint holders; _Alignas(64) double data[]; };       /* holders: the frame, and messages */
+/* Samples of a frame: libzmq is lent them instead of taking a copy, and gives them back from a
+ * thread of its own. */
+struct loan {
+    atomic_uint holders;        /* the frame, and messages */
+    _Alignas(LINE) double data[];
+};
 
+/* Of a record in the spill file; its samples follow. */
 struct spill_head { uint64_t first, count; uint32_t crc, zero; };
 
+/* A sample at a time of its own. */
 struct point { double t; double *y; };
-
-enum { KEYS = 3, KEY_SIGNS = 40 };           /* a key in Z85: 32 bytes, five signs for four */
-
-/* Handshakes that fail until that is told: with the pauses between two links, 0.05 s doubled, a
- * third of a second, so that a daemon that is just being started again is not spoken ill of. */
-enum { FAILURES = 4 };
 
 struct modald_stream {
     /* written at open only: both threads have this line */
     _Alignas(LINE) struct ring_page *page;
     double *ring;
     uint64_t slots;
-    size_t stride;                           /* doubles of a slot: index, time, channels */
-    unsigned forks;                          /* of the process, when it was opened; CLOSED */
+    size_t stride;              /* doubles of a slot: index, time, channels */
+    unsigned forks;             /* of the process, when it was opened; CLOSED */
     int channels;
     double dt;
 
@@ -126,55 +151,60 @@ struct modald_stream {
 
     /* both */
     _Alignas(LINE) _Atomic uint64_t dropped;
-    _Atomic int verdict, stop;               /* stop: 1 close, 2 broken off */
+    _Atomic int verdict, stop;  /* stop: 1 close, 2 broken off */
     _Atomic bool finished, refused;
     _Atomic uint64_t acknowledged;
     _Atomic uint64_t spilled;
     _Atomic unsigned estimate_version;       /* odd while it is written */
-    _Atomic unsigned estimate_past;          /* the version that is of an epoch before; 0: none was */
+    _Atomic unsigned estimate_past;          /* the version of an epoch before; 0: none was */
     struct modald_estimate estimate;
     double resampling_error;
-    char name[256], *names, *units, *options, *alarms, *url, *keyfile, *run;      /* run: attributes of the run, JSON */
+    char name[256], *names, *units, *options, *alarms, *url, *keyfile;
+    char *run;                  /* attributes of the run, JSON */
     char spill_folder[400];
     double period, close_wait;
     long window_samples, window_hop;
     size_t ring_bytes;
-    int ring_fd;                             /* of a ring in a file: holds its lock; else -1 */
+    int ring_fd;                /* of a ring in a file: holds its lock; else -1 */
     bool own_descriptors;
     pthread_t thread;
-    sem_t begun;                             /* the sender has a table of its own */
+    sem_t begun;                /* the sender has a table of its own */
 
-    /* the sender's */
+    /* the sender's: its link */
     void *context, *socket, *monitor;        /* socket NULL: between two links */
     char keys[KEYS][KEY_SIGNS + 1];          /* "": none */
-    unsigned links;                          /* begun so far */
-    unsigned failures;                       /* of them without a handshake, though connected */
+    unsigned links;             /* begun so far */
+    unsigned failures;          /* of them without a handshake, though connected */
     bool ready, lost, opened, opening, closing, closed;
-    double begin_at, pause;                  /* when the next link begins; after which pause */
-    double quiet_until;                      /* nothing is asked before: the daemon said so */
-    int64_t next_id, first_id;               /* first_id: what was asked before counts no more */
-    int64_t open_id, close_id;
+    double begin_at, pause;     /* when the next link begins; after which pause */
+    double quiet_until;         /* nothing is asked before: the daemon said so */
+    int64_t next_id, first_id;  /* first_id: what was asked before counts no more */
+    int64_t open_id, close_id, events_id;
     double asked_at;
     char stream[128];
-    uint64_t epoch, went_on;                 /* went_on: the index behind the last sample acknowledged */
+    uint64_t epoch, went_on;    /* went_on: the index behind the last sample acknowledged */
     size_t credit, flying;
+
+    /* the sender's: its frames */
     struct frame window[WINDOW], build;
-    int first_frame, frames;                 /* the window is a ring of its own */
-    uint64_t taken;                          /* slots put into frames */
+    int first_frame, frames;    /* the window is a ring of its own */
+    uint64_t taken;             /* slots put into frames */
     double build_since;
     size_t frame_samples;
     struct point history[HISTORY];
     int points;
     uint64_t next_grid;
-    double *rms, *sample;                    /* channels each: mean square so far; one resampled sample */
+    double *rms, *sample;       /* a channel each: mean square so far; one resampled sample */
     uint64_t rms_count;
+
+    /* the sender's: its spill file */
     int spill_fd;
     uint64_t spill_end, spill_read, spill_acknowledged, spill_most, spill_start;
-    uint64_t damaged, torn;                  /* samples of records passed over; bytes of what was being written */
+    uint64_t damaged, torn;     /* samples of records passed over; bytes that were being written */
     char spill_path[512];
-    bool spill_failed, warned, seal;           /* seal: the stream is to be closed at the end */
-    char *open_text;                         /* of a replay: the members of `open` as they were */
-    int64_t events_id;
+    bool spill_failed, warned;
+    bool seal;                  /* the stream is to be closed at the end */
+    char *open_text;            /* of a replay: the members of `open` as they were */
 };
 
 /* Seconds of the monotonic clock. */

@@ -7,8 +7,6 @@
 #include <string.h>
 #include <unistd.h>
 
-/* Append, never past SIZE; too long a text ends short and is refused by the daemon. */
-static void append(char *text, size_t size, const char *format, ...) __attribute__((format(printf, 3, 4)));
 static void append(char *text, size_t size, const char *format, ...)
 {
     size_t used = strlen(text);
@@ -67,7 +65,8 @@ static const char *skip_value(const char *p)
     return p;
 }
 
-/* The pair at P, its value noted if the key is one of KEYS.  Behind it; NULL: no pair, or noted before. */
+/* The pair at P, its value noted if the key is one of KEYS.  Behind it; NULL: no pair, or noted
+ * before. */
 static const char *read_pair(const char *p, const char *const *keys, size_t count,
                              const char **values)
 {
@@ -147,7 +146,7 @@ static double number_at(const char *p, double otherwise)
 static uint64_t count_at(const char *p, uint64_t otherwise)
 {
     double value = number_at(p, -1);
-    bool good = value >= 0 && value <= 9007199254740992.0 && value == floor(value);
+    bool good = value >= 0 && value <= integer_most && value == floor(value);
 
     return good ? (uint64_t)value : otherwise;
 }
@@ -202,7 +201,9 @@ static void open_header(modald_stream *s, char *text, size_t size)
         append(text, size, ",\"units\":%s", s->units);
     append(text, size, ",\"attributes\":%s", s->run ? s->run : "{}");
     if (s->window_samples > 0)
-        append(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s%s%s}", s->window_samples, s->window_hop > 0 ? s->window_hop : s->window_samples,
-            s->options ? ",\"options\":" : "", s->options ? s->options : "", s->alarms ? ",\"alarms\":" : "", s->alarms ? s->alarms : "");
+        append(text, size, ",\"window\":{\"samples\":%ld,\"hop\":%ld%s%s%s%s}", s->window_samples,
+               s->window_hop > 0 ? s->window_hop : s->window_samples,
+               s->options ? ",\"options\":" : "", s->options ? s->options : "",
+               s->alarms ? ",\"alarms\":" : "", s->alarms ? s->alarms : "");
     append(text, size, "}");
 }

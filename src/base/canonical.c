@@ -23,7 +23,8 @@ static cJSON *sorted(const cJSON *value)
         members[i] = child;
     if (cJSON_IsObject(value))
         qsort(members, count, sizeof *members, by_key);
-    while (done < count && cJSON_AddItemToArray(copy, sorted(members[done])))      /* with its name */
+    /* with its name */
+    while (done < count && cJSON_AddItemToArray(copy, sorted(members[done])))
         done++;
     if (done == count) {
         whole = copy;
@@ -41,7 +42,8 @@ static bool is_sorted(const cJSON *value)
     bool object = cJSON_IsObject(value);
 
     for (const cJSON *child = value->child; child != NULL; child = child->next)
-        if ((object && child->next != NULL && strcmp(child->string, child->next->string) > 0) || !is_sorted(child))
+        if ((object && child->next != NULL && strcmp(child->string, child->next->string) > 0)
+            || !is_sorted(child))
             return false;
     return true;
 }

@@ -1,11 +1,12 @@
 /*
  * crc32c.c - CRC-32C by the processor's instruction, or by eight tables
  *
- * The check is the remainder of the message, bits reflected, by the polynomial 0x1edc6f41 (reflected 0x82f63b78), started
- * from and ended with all ones [RFC 3720, 12.1].  SSE4.2's crc32 does one step of eight bytes in three cycles.  Elsewhere
- * table[j][b] holds the remainder of byte b followed by j zero bytes, so that the remainders of eight bytes are looked up
- * independently and added.  The remainder being linear, a row of the table is made of those of its
- * eight single bits, by the compiler: there is nothing to fill in at run time.
+ * The check is the remainder of the message, bits reflected, by the polynomial 0x1edc6f41
+ * (reflected 0x82f63b78), started from and ended with all ones [RFC 3720, 12.1].  SSE4.2's crc32
+ * does one step of eight bytes in three cycles.  Elsewhere table[j][b] holds the remainder of byte
+ * b followed by j zero bytes, so that the remainders of eight bytes are looked up independently and
+ * added.  The remainder being linear, a row of the table is made of those of its eight single bits,
+ * by the compiler: there is nothing to fill in at run time.
  *
  * For the same reason the check of A followed by n bytes B is crc(A) x^(8n) + crc(B): the all ones
  * at start and end cancel.  Reflected, bit 31 is the coefficient of x^0.
@@ -50,9 +51,11 @@ uint32_t crc32c_table(uint32_t crc, const void *data, size_t length)
 
     crc = ~crc;
     for (; length >= 8; length -= 8, p += 8) {
-        uint32_t low = crc ^ ((uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24);
-        crc = table[7][low & 255] ^ table[6][low >> 8 & 255] ^ table[5][low >> 16 & 255] ^ table[4][low >> 24] ^
-              table[3][p[4]] ^ table[2][p[5]] ^ table[1][p[6]] ^ table[0][p[7]];
+        uint32_t low = crc ^ ((uint32_t)p[0] | (uint32_t)p[1] << 8
+                              | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24);
+        crc = table[7][low & 255] ^ table[6][low >> 8 & 255] ^ table[5][low >> 16 & 255]
+              ^ table[4][low >> 24] ^ table[3][p[4]] ^ table[2][p[5]] ^ table[1][p[6]]
+              ^ table[0][p[7]];
     }
     for (; length > 0; length--)
         crc = crc >> 8 ^ table[0][(crc ^ *p++) & 255];
@@ -73,7 +76,8 @@ static uint32_t product(uint32_t a, uint32_t b)
 
 uint32_t crc32c_join(uint32_t first, uint32_t second, uint64_t length)
 {
-    for (uint32_t power = 0x00800000u; length != 0; length >>= 1, power = product(power, power))     /* x^8, x^16, x^32, ... */
+    /* x^8, x^16, x^32, ... */
+    for (uint32_t power = 0x00800000u; length != 0; length >>= 1, power = product(power, power))
         if (length & 1)
             first = product(power, first);
     return first ^ second;
@@ -83,7 +87,8 @@ uint32_t crc32c_join(uint32_t first, uint32_t second, uint64_t length)
 #include <nmmintrin.h>
 
 enum { LANE = 4096 };                          /* bytes */
-#define LANE_POWER 0x35d73a62u                 /* x^(8 LANE): what crc32c_join multiplies by; a test joins lanes */
+/* x^(8 LANE): what crc32c_join multiplies by; a test joins lanes */
+#define LANE_POWER 0x35d73a62u
 
 /* Three lanes at a time: a step takes three cycles, and three may be under way. */
 __attribute__((target("sse4.2"))) static uint64_t lanes(uint64_t r, const unsigned char *p)
@@ -101,7 +106,8 @@ __attribute__((target("sse4.2"))) static uint64_t lanes(uint64_t r, const unsign
     return product(LANE_POWER, product(LANE_POWER, (uint32_t)r) ^ (uint32_t)second) ^ third;
 }
 
-__attribute__((target("sse4.2"))) static uint32_t crc32c_sse42(uint32_t crc, const void *data, size_t length)
+__attribute__((target("sse4.2"))) static uint32_t crc32c_sse42(uint32_t crc, const void *data,
+                                                               size_t length)
 {
     const unsigned char *p = data;
     uint64_t r = (uint32_t)~crc;
@@ -120,7 +126,8 @@ __attribute__((target("sse4.2"))) static uint32_t crc32c_sse42(uint32_t crc, con
 
 uint32_t crc32c(uint32_t crc, const void *data, size_t length)
 {
-    return __builtin_cpu_supports("sse4.2") ? crc32c_sse42(crc, data, length) : crc32c_table(crc, data, length);
+    return __builtin_cpu_supports("sse4.2") ? crc32c_sse42(crc, data, length)
+                                            : crc32c_table(crc, data, length);
 }
 #else
 uint32_t crc32c(uint32_t crc, const void *data, size_t length)

@@ -53,7 +53,8 @@ static void end_whole(char *text, int length, size_t room)
         last[-1] = 0;
 }
 
-static void fill(struct modal_error *err, enum modal_status status, const char *field, const char *format, va_list args)
+static void fill(struct modal_error *err, enum modal_status status, const char *field,
+                 const char *format, va_list args)
 {
     if (err == NULL)
         return;
@@ -63,7 +64,8 @@ static void fill(struct modal_error *err, enum modal_status status, const char *
               sizeof err->message);
 }
 
-enum modal_status modal_fail(struct modal_error *err, enum modal_status status, const char *format, ...)
+enum modal_status modal_fail(struct modal_error *err, enum modal_status status, const char *format,
+                             ...)
 {
     va_list args;
 
@@ -73,8 +75,8 @@ enum modal_status modal_fail(struct modal_error *err, enum modal_status status, 
     return status;
 }
 
-enum modal_status modal_fail_field(struct modal_error *err, enum modal_status status, const char *field,
-                                   const char *format, ...)
+enum modal_status modal_fail_field(struct modal_error *err, enum modal_status status,
+                                   const char *field, const char *format, ...)
 {
     va_list args;
 

@@ -40,14 +40,17 @@ struct modal_error {
 };
 
 /* Fill ERR (may be NULL) and return STATUS, so that failing is one statement. */
-enum modal_status modal_fail(struct modal_error *err, enum modal_status status, const char *format, ...)
-    __attribute__((format(printf, 3, 4)));
+enum modal_status modal_fail(struct modal_error *err, enum modal_status status, const char *format,
+                             ...) __attribute__((format(printf, 3, 4)));
 
-/* The same, naming the FIELD at fault: an option, an attribute, or a path such as `effects[2].stiffness`. */
-enum modal_status modal_fail_field(struct modal_error *err, enum modal_status status, const char *field,
-                                   const char *format, ...) __attribute__((format(printf, 4, 5)));
+/* The same, naming the FIELD at fault: an option, an attribute, or a path such as
+ * `effects[2].stiffness`. */
+enum modal_status modal_fail_field(struct modal_error *err, enum modal_status status,
+                                   const char *field, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 
-/* The stable code of a status on the wire, such as "bad_input", and back (MODAL_INTERNAL if unknown). */
+/* The stable code of a status on the wire, such as "bad_input", and back (MODAL_INTERNAL if
+ * unknown). */
 const char *modal_status_code(enum modal_status status);
 enum modal_status modal_status_from_code(const char *code);
 

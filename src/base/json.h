@@ -1,5 +1,5 @@
-/* json.h - strict JSON: reading that refuses what cJSON would let pass (json_read.c), checked access (json_tree.c), exact
- * printing (json_text.c) */
+/* json.h - strict JSON: reading that refuses what cJSON would let pass (json_read.c), checked
+ * access (json_tree.c), exact printing (json_text.c) */
 #ifndef BASE_JSON_H
 #define BASE_JSON_H
 #include <stdbool.h>
@@ -11,29 +11,34 @@ enum { JSON_DEPTH_MOST = 32 };
 
 /*
  * Parse TEXT (LENGTH bytes, need not end in 0) into *OUT; the caller frees it with cJSON_Delete.
- * Refused with MODAL_BAD_INPUT, naming line and column: anything that is not one JSON value, nesting past
- * JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), escapes in keys, NaN and Infinity, numbers that overflow a double
- * or have more than 511 characters, bytes that are not UTF-8, half a surrogate pair, a zero byte or the escape of one.
+ * Refused with MODAL_BAD_INPUT, naming line and column: anything that is not one JSON value,
+ * nesting past JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), escapes in keys, NaN
+ * and Infinity, numbers that overflow a double or have more than 511 characters, bytes that are not
+ * UTF-8, half a surrogate pair, a zero byte or the escape of one.
  */
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err);
 
 /*
- * The same, the tree in memory of its own: for documents that come often and are only looked at.  Nothing of it may be changed or
- * given to cJSON_Delete (cJSON_Duplicate copies it as any other); json_pool_free, which accepts NULL, frees all of it.
+ * The same, the tree in memory of its own: for documents that come often and are only looked at.
+ * Nothing of it may be changed or given to cJSON_Delete (cJSON_Duplicate copies it as any other);
+ * json_pool_free, which accepts NULL, frees all of it.
  */
 struct json_pool;
-enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out, struct json_pool **pool, struct modal_error *err);
+enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out,
+                                   struct json_pool **pool, struct modal_error *err);
 void json_pool_free(struct json_pool *pool);
 
-/* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit; non-finite
- * numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text with free(); NULL when memory runs out. */
+/* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit;
+ * non-finite numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text
+ * with free(); NULL when memory runs out. */
 char *json_print(const cJSON *value);
 
 /*
- * A text written member by member, without a tree: for short documents of known members that are written often.
- * Starts as zeros; at the end `x` is the text (the caller's to free), or `failed` says that memory ran out.  Commas are put
- * where they belong; a KEY is written as it is, so it must need no escape.  `open` begins an object, as the member KEY or, where
- * that is NULL, as the document or an element; `close` ends it.  A string of NULL is null.
+ * A text written member by member, without a tree: for short documents of known members that are
+ * written often. Starts as zeros; at the end `x` is the text (the caller's to free), or `failed`
+ * says that memory ran out.  Commas are put where they belong; a KEY is written as it is, so it
+ * must need no escape.  `open` begins an object, as the member KEY or, where that is NULL, as the
+ * document or an element; `close` ends it.  A string of NULL is null.
  */
 struct json_text { char *x; size_t length, room; bool failed; };
 void json_text_open(struct json_text *text, const char *key);
@@ -43,42 +48,48 @@ void json_text_string(struct json_text *text, const char *key, const char *value
 void json_text_number(struct json_text *text, const char *key, double value);
 void json_text_bool(struct json_text *text, const char *key, bool value);
 
-/* Without a key: JSON as it is, also behind json_text_key; COUNT bytes of any text as they are; a string in its quotes. */
+/* Without a key: JSON as it is, also behind json_text_key; COUNT bytes of any text as they are; a
+ * string in its quotes. */
 void json_text_raw(struct json_text *text, const char *json);
 void json_text_bytes(struct json_text *text, const char *bytes, size_t count);
 void json_text_quoted(struct json_text *text, const char *value);
 
-/* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" -> "a". */
+/* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" ->
+ * "a". */
 void json_path(char out[128], const char *base, const char *key);
 
 /* The member KEY of OBJECT; NULL: there is none, or it is no object. */
 const cJSON *json_member(const cJSON *object, const char *key);
 
-/* Every key of OBJECT must be one of NAMES (NULL-terminated); else MODAL_BAD_INPUT names it and lists them. */
-enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err);
+/* Every key of OBJECT must be one of NAMES (NULL-terminated); else MODAL_BAD_INPUT names it and
+ * lists them. */
+enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names,
+                            struct modal_error *err);
 
-/* Checked access: the member KEY of OBJECT into *OUT, which keeps its value (the default) where KEY is absent.
- * A wrong type or a value outside [low, high] is MODAL_BAD_INPUT with the path, the value and what is accepted. */
-enum modal_status json_get_number(const cJSON *object, const char *base, const char *key, double low, double high,
-                                  double *out, struct modal_error *err);
-enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low, int high, int *out,
-                               struct modal_error *err);
+/* Checked access: the member KEY of OBJECT into *OUT, which keeps its value (the default) where KEY
+ * is absent. A wrong type or a value outside [low, high] is MODAL_BAD_INPUT with the path, the
+ * value and what is accepted. */
+enum modal_status json_get_number(const cJSON *object, const char *base, const char *key,
+                                  double low, double high, double *out, struct modal_error *err);
+enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low,
+                               int high, int *out, struct modal_error *err);
 enum modal_status json_get_bool(const cJSON *object, const char *base, const char *key, bool *out,
                                 struct modal_error *err);
 /* The string stays owned by OBJECT. */
-enum modal_status json_get_string(const cJSON *object, const char *base, const char *key, const char **out,
-                                  struct modal_error *err);
+enum modal_status json_get_string(const cJSON *object, const char *base, const char *key,
+                                  const char **out, struct modal_error *err);
 /* As above, but absence is an error too. */
-enum modal_status json_need_number(const cJSON *object, const char *base, const char *key, double low, double high,
-                                   double *out, struct modal_error *err);
-enum modal_status json_need_string(const cJSON *object, const char *base, const char *key, const char **out,
-                                   struct modal_error *err);
+enum modal_status json_need_number(const cJSON *object, const char *base, const char *key,
+                                   double low, double high, double *out, struct modal_error *err);
+enum modal_status json_need_string(const cJSON *object, const char *base, const char *key,
+                                   const char **out, struct modal_error *err);
 /* One of WORDS (NULL-terminated); its index into *OUT. */
-enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key, const char *const *words,
-                                  int *out, struct modal_error *err);
+enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key,
+                                  const char *const *words, int *out, struct modal_error *err);
 /* A list of numbers; the caller frees *OUT.  Absent: *out NULL, *count 0. */
-enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key, double low, double high,
-                                   double **out, size_t *count, struct modal_error *err);
+enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key,
+                                   double low, double high, double **out, size_t *count,
+                                   struct modal_error *err);
 
 /* Building results. */
 cJSON *json_complex(double re, double im);                 /* [re, im] */

@@ -1,8 +1,8 @@
 /*
  * json_read.c - JSON read strictly; see json.h
  *
- * cJSON accepts duplicate keys and reads 1e999 as infinity.  So its trees are built here, in one pass that checks
- * structure, depth, keys, numbers and UTF-8 on the way.
+ * cJSON accepts duplicate keys and reads 1e999 as infinity.  So its trees are built here, in one
+ * pass that checks structure, depth, keys, numbers and UTF-8 on the way.
  */
 #include "base/json.h"
 #include <ctype.h>
@@ -65,7 +65,8 @@ static enum modal_status scan_fail(const struct scan *s, const char *what)
     for (; (next = memchr(line, '\n', (size_t)(s->at - line))) != NULL; line = next + 1)
         number++;
     place_path(path, s->place);
-    return modal_fail_field(s->err, MODAL_BAD_INPUT, path, "JSON: %s at line %d, column %td", what, number, s->at - line + 1);
+    return modal_fail_field(s->err, MODAL_BAD_INPUT, path, "JSON: %s at line %d, column %td", what,
+                            number, s->at - line + 1);
 }
 
 static void skip_space(struct scan *s)
@@ -79,7 +80,8 @@ static enum modal_status no_memory(const struct scan *s)
     return modal_fail(s->err, MODAL_NO_MEMORY, "JSON: out of memory");
 }
 
-/* As malloc.  A header of the wire has an item for some 12 bytes, so that a block of eight times its length mostly holds its tree. */
+/* As malloc.  A header of the wire has an item for some 12 bytes, so that a block of eight times
+ * its length mostly holds its tree. */
 static void *take(const struct scan *s, size_t size)
 {
     struct json_pool *pool;
@@ -193,11 +195,13 @@ static uint32_t hex4(const char *p)
     uint32_t x = 0;
 
     for (int i = 0; i < 4; i++)
-        x = x << 4 | (uint32_t)(isdigit((unsigned char)p[i]) ? p[i] - '0' : (p[i] | 0x20) - 'a' + 10);
+        x = x << 4
+            | (uint32_t)(isdigit((unsigned char)p[i]) ? p[i] - '0' : (p[i] | 0x20) - 'a' + 10);
     return x;
 }
 
-/* The character of the escape \u at P, after the u; bytes read beyond its four digits into *MORE; 0: half a surrogate pair. */
+/* The character of the escape \u at P, after the u; bytes read beyond its four digits into *MORE;
+ * 0: half a surrogate pair. */
 static uint32_t escaped_character(const char *p, const char *end, int *more)
 {
     uint32_t first = hex4(p), second;
@@ -342,7 +346,8 @@ static enum modal_status read_number(struct scan *s, cJSON **out)
         return rc;
     if ((size_t)(end - s->at) >= sizeof text)
         return scan_fail(s, "a number of more than 511 characters");
-    x = whole && end - s->at <= 15 ? whole_number(s->at, end) : other_number(s->at, (size_t)(end - s->at), text);
+    x = whole && end - s->at <= 15 ? whole_number(s->at, end)
+                                   : other_number(s->at, (size_t)(end - s->at), text);
     if (!isfinite(x))
         return scan_fail(s, "a number that overflows a double");
     *out = item_of(s, cJSON_Number);
@@ -370,7 +375,8 @@ static bool any_twice(const struct key *keys, size_t count)
 {
     for (size_t i = 1; i < count; i++)
         for (size_t j = 0; j < i; j++)
-            if (keys[i].length == keys[j].length && memcmp(keys[i].text, keys[j].text, keys[i].length) == 0)
+            if (keys[i].length == keys[j].length
+                && memcmp(keys[i].text, keys[j].text, keys[i].length) == 0)
                 return true;
     return false;
 }
@@ -387,7 +393,8 @@ static enum modal_status check_duplicates(struct scan *s, struct key *keys, size
             key_name(name, &keys[i]);
             place_path(path, s->place);
             json_path(path, path, name);
-            return modal_fail_field(s->err, MODAL_BAD_INPUT, path, "JSON: the key \"%s\" stands twice in one object", name);
+            return modal_fail_field(s->err, MODAL_BAD_INPUT, path,
+                                    "JSON: the key \"%s\" stands twice in one object", name);
         }
     return MODAL_OK;
 }
@@ -511,7 +518,9 @@ static enum modal_status scan_container(struct scan *s, cJSON **out)
     enum modal_status rc;
 
     if (s->depth >= JSON_DEPTH_MOST)
-        return modal_fail_field(s->err, MODAL_BAD_INPUT, "", "JSON: nested deeper than %d at byte %td", JSON_DEPTH_MOST, s->at - s->start);
+        return modal_fail_field(s->err, MODAL_BAD_INPUT, "",
+                                "JSON: nested deeper than %d at byte %td", JSON_DEPTH_MOST,
+                                s->at - s->start);
     *out = item_of(s, object ? cJSON_Object : cJSON_Array);
     if (*out == NULL)
         return no_memory(s);
@@ -537,7 +546,8 @@ static enum modal_status scan_value(struct scan *s, cJSON **out)
     if (*s->at == '{' || *s->at == '[')
         return scan_container(s, out);
     for (int i = 0; i < 3; i++)
-        if ((size_t)(s->end - s->at) >= words[i].length && memcmp(s->at, words[i].word, words[i].length) == 0) {
+        if ((size_t)(s->end - s->at) >= words[i].length
+            && memcmp(s->at, words[i].word, words[i].length) == 0) {
             s->at += words[i].length;
             *out = item_of(s, words[i].type);
             return *out != NULL ? MODAL_OK : no_memory(s);
@@ -568,7 +578,8 @@ enum modal_status json_read(const char *text, size_t length, cJSON **out, struct
     return rc;
 }
 
-enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out, struct json_pool **pool, struct modal_error *err)
+enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out,
+                                   struct json_pool **pool, struct modal_error *err)
 {
     struct json_pool *own = NULL;
     struct scan s = { .start = text, .at = text, .end = text + length, .err = err, .pool = &own };

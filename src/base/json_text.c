@@ -1,8 +1,9 @@
 /*
- * json_text.c - JSON written, exactly: a tree of cJSON's, or member by member without one; see json.h
+ * json_text.c - JSON written, exactly: a tree of cJSON's, or member by member without one; see
+ * json.h
  *
- * cJSON prints numbers to within an epsilon; here a double is written with the fewest of 15, 16 or 17 digits that read
- * back bit for bit.
+ * cJSON prints numbers to within an epsilon; here a double is written with the fewest of 15, 16 or
+ * 17 digits that read back bit for bit.
  */
 #include "base/json.h"
 #include <locale.h>
@@ -72,7 +73,8 @@ static void put_quoted(struct json_text *t, const char *s, size_t n)
     written(t, p + n + 2);
 }
 
-/* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can be read. */
+/* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can
+ * be read. */
 void json_text_quoted(struct json_text *t, const char *s)
 {
     const char *end, *from = s;                    /* from: what is not put yet */
@@ -96,7 +98,8 @@ void json_text_quoted(struct json_text *t, const char *s)
         if (n == 0)
             json_text_bytes(t, "\xef\xbf\xbd", 3);
         else if ((unsigned char)*s < 0x20)
-            json_text_bytes(t, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
+            json_text_bytes(t, escape,
+                            (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
         else
             json_text_bytes(t, (char[]) { '\\', *s }, 2);
     }
@@ -121,12 +124,15 @@ static void put_whole(struct json_text *t, int64_t x)
 /* THOUSANDTHS / 1000 in full, as %.15g writes it: instants are in whole milliseconds. */
 static void put_thousandths(struct json_text *t, int64_t thousandths)
 {
-    int part = (int)(thousandths < 0 ? -(thousandths % 1000) : thousandths % 1000), n = part % 10 != 0 ? 3 : part % 100 != 0 ? 2 : 1;
+    int part = (int)(thousandths < 0 ? -(thousandths % 1000) : thousandths % 1000);
+    size_t n = part % 10 != 0 ? 3 : part % 100 != 0 ? 2 : 1;
+    const char digits[] = { '.', (char)('0' + part / 100), (char)('0' + part / 10 % 10),
+                            (char)('0' + part % 10) };
 
     if (thousandths < 0 && thousandths > -1000)
         json_text_bytes(t, "-", 1);
     put_whole(t, thousandths / 1000);
-    json_text_bytes(t, (char[]) { '.', (char)('0' + part / 100), (char)('0' + part / 10 % 10), (char)('0' + part % 10) }, (size_t)n + 1);
+    json_text_bytes(t, digits, n + 1);
 }
 
 static void put_number(struct json_text *t, double x)
@@ -142,7 +148,8 @@ static void put_number(struct json_text *t, double x)
         put_whole(t, (int64_t)x);
         return;
     }
-    /* a quotient of whole numbers below 1e15 is the double next to the decimal, and has no other decimal of 15 digits */
+    /* a quotient of whole numbers below 1e15 is the double next to the decimal, and has no other
+     * decimal of 15 digits */
     if (fabs(x) < 1e12 && fabs(x) >= 1e-3 && rint(1000 * x) / 1000 == x) {
         put_thousandths(t, (int64_t)rint(1000 * x));
         return;

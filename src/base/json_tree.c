@@ -1,4 +1,5 @@
-/* json_tree.c - what a tree holds, checked on the way out, with errors that name the path; see json.h */
+/* json_tree.c - what a tree holds, checked on the way out, with errors that name the path; see
+ * json.h */
 #include "base/json.h"
 #include <math.h>
 #include <stdio.h>
@@ -8,7 +9,8 @@
 void json_path(char out[128], const char *base, const char *key)
 {
     char path[256];
-    const char *name = key[0] != '\0' ? key : "\"\"";      /* an empty key has a name too, or the error would name the document */
+    /* an empty key has a name too, or the error would name the document */
+    const char *name = key[0] != '\0' ? key : "\"\"";
 
     snprintf(path, sizeof path, "%s%s%s", base, base[0] != '\0' && key[0] != '[' ? "." : "", name);
     snprintf(out, 128, "%.127s", path);
@@ -104,13 +106,15 @@ static enum modal_status unknown_key(const char *path, const char *key, const ch
                             accepted);
 }
 
-enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names, struct modal_error *err)
+enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names,
+                            struct modal_error *err)
 {
     char path[128];
     int index;
 
     if (!cJSON_IsObject(object))
-        return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object", base[0] ? base : "the document");
+        return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object",
+                                base[0] ? base : "the document");
     for (const cJSON *child = object->child; child != NULL; child = child->next)
         if (!is_word(child->string, names, &index)) {
             json_path(path, base, child->string);
@@ -119,20 +123,21 @@ enum modal_status json_keys(const cJSON *object, const char *base, const char *c
     return MODAL_OK;
 }
 
-static enum modal_status wrong_type(const cJSON *item, const char *base, const char *key, const char *accepted,
-                                    struct modal_error *err)
+static enum modal_status wrong_type(const cJSON *item, const char *base, const char *key,
+                                    const char *accepted, struct modal_error *err)
 {
     char path[128], *text = json_print(item);
     enum modal_status rc;
 
     json_path(path, base, key);
-    rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %.80s; accepted: %s", path, text ? text : "?", accepted);
+    rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %.80s; accepted: %s", path,
+                          text ? text : "?", accepted);
     free(text);
     return rc;
 }
 
-enum modal_status json_get_number(const cJSON *object, const char *base, const char *key, double low, double high,
-                                  double *out, struct modal_error *err)
+enum modal_status json_get_number(const cJSON *object, const char *base, const char *key,
+                                  double low, double high, double *out, struct modal_error *err)
 {
     const cJSON *item = json_member(object, key);
     char accepted[96];
@@ -145,7 +150,8 @@ enum modal_status json_get_number(const cJSON *object, const char *base, const c
         else if (low > 0 && low < 1e-290 && high > 1e290)
             snprintf(accepted, sizeof accepted, "a positive number");
         else if (isinf(high) || high > 1e290)
-            snprintf(accepted, sizeof accepted, low < -1e290 ? "a finite number" : "a number of at least %g", low);
+            snprintf(accepted, sizeof accepted,
+                     low < -1e290 ? "a finite number" : "a number of at least %g", low);
         else
             snprintf(accepted, sizeof accepted, "a number from %g to %g", low, high);
         return wrong_type(item, base, key, accepted, err);
@@ -154,15 +160,16 @@ enum modal_status json_get_number(const cJSON *object, const char *base, const c
     return MODAL_OK;
 }
 
-enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low, int high, int *out,
-                               struct modal_error *err)
+enum modal_status json_get_int(const cJSON *object, const char *base, const char *key, int low,
+                               int high, int *out, struct modal_error *err)
 {
     const cJSON *item = json_member(object, key);
     char accepted[96];
 
     if (item == NULL)
         return MODAL_OK;
-    if (!cJSON_IsNumber(item) || item->valuedouble != floor(item->valuedouble) || !(item->valuedouble >= low && item->valuedouble <= high)) {
+    if (!cJSON_IsNumber(item) || item->valuedouble != floor(item->valuedouble)
+        || !(item->valuedouble >= low && item->valuedouble <= high)) {
         snprintf(accepted, sizeof accepted, "a whole number from %d to %d", low, high);
         return wrong_type(item, base, key, accepted, err);
     }
@@ -183,8 +190,8 @@ enum modal_status json_get_bool(const cJSON *object, const char *base, const cha
     return MODAL_OK;
 }
 
-enum modal_status json_get_string(const cJSON *object, const char *base, const char *key, const char **out,
-                                  struct modal_error *err)
+enum modal_status json_get_string(const cJSON *object, const char *base, const char *key,
+                                  const char **out, struct modal_error *err)
 {
     const cJSON *item = json_member(object, key);
 
@@ -196,34 +203,36 @@ enum modal_status json_get_string(const cJSON *object, const char *base, const c
     return MODAL_OK;
 }
 
-static enum modal_status need(const cJSON *object, const char *base, const char *key, const char *accepted, struct modal_error *err)
+static enum modal_status need(const cJSON *object, const char *base, const char *key,
+                              const char *accepted, struct modal_error *err)
 {
     char path[128];
 
     if (json_member(object, key) != NULL)
         return MODAL_OK;
     json_path(path, base, key);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is missing; accepted: %s", path, accepted);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is missing; accepted: %s", path,
+                            accepted);
 }
 
-enum modal_status json_need_number(const cJSON *object, const char *base, const char *key, double low, double high,
-                                   double *out, struct modal_error *err)
+enum modal_status json_need_number(const cJSON *object, const char *base, const char *key,
+                                   double low, double high, double *out, struct modal_error *err)
 {
     enum modal_status rc = need(object, base, key, "a number", err);
 
     return rc == MODAL_OK ? json_get_number(object, base, key, low, high, out, err) : rc;
 }
 
-enum modal_status json_need_string(const cJSON *object, const char *base, const char *key, const char **out,
-                                   struct modal_error *err)
+enum modal_status json_need_string(const cJSON *object, const char *base, const char *key,
+                                   const char **out, struct modal_error *err)
 {
     enum modal_status rc = need(object, base, key, "a string", err);
 
     return rc == MODAL_OK ? json_get_string(object, base, key, out, err) : rc;
 }
 
-enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key, const char *const *words,
-                                  int *out, struct modal_error *err)
+enum modal_status json_get_choice(const cJSON *object, const char *base, const char *key,
+                                  const char *const *words, int *out, struct modal_error *err)
 {
     const cJSON *item = json_member(object, key);
     char list[400];
@@ -234,8 +243,9 @@ enum modal_status json_get_choice(const cJSON *object, const char *base, const c
     return wrong_type(item, base, key, list, err);
 }
 
-enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key, double low, double high,
-                                   double **out, size_t *count, struct modal_error *err)
+enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key,
+                                   double low, double high, double **out, size_t *count,
+                                   struct modal_error *err)
 {
     const cJSON *list = json_member(object, key), *item;
     size_t n = 0;

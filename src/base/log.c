@@ -8,11 +8,13 @@
 #include "base/json.h"
 
 enum {
-    NUMBER_MOST = 340,     /* the digits of the largest double by %f, its point and those behind it */
+    /* the digits of the largest double by %f, its point and those behind it */
+    NUMBER_MOST = 340,
     SPEC_MOST   = 32,      /* of a conversion of ours written out for snprintf */
 };
 
-/* A conversion such as %.4096s or %lld: flags, width and precision as they stand, how many l, whether z. */
+/* A conversion such as %.4096s or %lld: flags, width and precision as they stand, how many l,
+ * whether z. */
 struct conversion { const char *flags, *end; int length, longs; bool size; char type; };
 
 static struct conversion read_conversion(const char *percent)
@@ -38,7 +40,8 @@ static bool is_bare(const char *value)
     return *value == '\0';
 }
 
-static void put_text(struct json_text *line, const struct conversion *c, const char *value, bool quoted)
+static void put_text(struct json_text *line, const struct conversion *c, const char *value,
+                     bool quoted)
 {
     const char *point = memchr(c->flags, '.', (size_t)c->length);
     char *part = point == NULL ? strdup(value) : strndup(value, strtoul(point + 1, NULL, 10));

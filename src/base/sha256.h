@@ -9,7 +9,8 @@
 /* A hash under way: storage of the caller's, nothing to free. */
 struct sha256 { SHA256_CTX state; };
 
-/* Begin, add bytes in pieces of any size, and end with the digest, after which only a new beginning is allowed. */
+/* Begin, add bytes in pieces of any size, and end with the digest, after which only a new beginning
+ * is allowed. */
 void sha256_init(struct sha256 *s);
 void sha256_add(struct sha256 *s, const void *bytes, size_t count);
 void sha256_end(struct sha256 *s, uint8_t digest[32]);

@@ -19,7 +19,9 @@ int utf8_length(const char *p, const char *end)
                 return 0;
             code = code << 6 | ((unsigned char)p[i] & 0x3f);
         }
-        return code >= forms[n].least && code <= 0x10ffff && (code < 0xd800 || code > 0xdfff) ? n + 1 : 0;
+        if (code < forms[n].least || code > 0x10ffff || (code >= 0xd800 && code <= 0xdfff))
+            return 0;
+        return n + 1;
     }
     return 0;
 }

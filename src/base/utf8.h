@@ -4,13 +4,15 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Bytes of the UTF-8 sequence at P, 1 to 4; 0 where it is malformed: overlong, a surrogate, past U+10FFFF, or cut by END. */
+/* Bytes of the UTF-8 sequence at P, 1 to 4; 0 where it is malformed: overlong, a surrogate, past
+ * U+10FFFF, or cut by END. */
 int utf8_length(const char *p, const char *end);
 
 /* Is the string UTF-8 all through? */
 bool utf8_valid(const char *text);
 
-/* A copy of LENGTH bytes, up to the first zero byte, as UTF-8: as they stand where they are it, else each byte taken as
- * Latin-1, which can express all.  The caller frees it; NULL when memory runs out. */
+/* A copy of LENGTH bytes, up to the first zero byte, as UTF-8: as they stand where they are it,
+ * else each byte taken as Latin-1, which can express all.  The caller frees it; NULL when memory
+ * runs out. */
 char *utf8_from(const char *bytes, size_t length);
 #endif

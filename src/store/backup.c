@@ -1,9 +1,10 @@
 /*
  * backup.c - see backup.h
  *
- * A backup's ledger is a snapshot; the files of its rows must be in the copy too.  Sealed files never change, appear
- * before their row and go after it.  So files are linked before the snapshot, which catches those about to go, and
- * after it, which catches those that came; should one both come and go in between, the snapshot is taken again.
+ * A backup's ledger is a snapshot; the files of its rows must be in the copy too.  Sealed files
+ * never change, appear before their row and go after it.  So files are linked before the snapshot,
+ * which catches those about to go, and after it, which catches those that came; should one both
+ * come and go in between, the snapshot is taken again.
  */
 #include "store/backup.h"
 #include <dirent.h>
@@ -24,7 +25,8 @@
 enum {
     BLOCK = 1 << 20,       /* copied at once: a disk's transfer takes longer than the call does */
     PATH  = 4200,          /* PATH_MAX and the name of a file of ours */
-    TRIES = 5,             /* snapshots: each is spoilt only by a file that came and went within it */
+    /* snapshots: each is spoilt only by a file that came and went within it */
+    TRIES = 5,
 };
 
 struct backup {
@@ -40,11 +42,15 @@ static enum modal_status copy_file(const char *from, const char *to, struct moda
     int in = -1, out = -1;
     uint64_t at = 0;
     size_t got = 0;
-    enum modal_status rc = block != NULL ? file_open(from, O_RDONLY, 0, &in, err) : modal_fail(err, MODAL_NO_MEMORY, "no memory to copy %s", from);
+    enum modal_status rc = block != NULL
+                               ? file_open(from, O_RDONLY, 0, &in, err)
+                               : modal_fail(err, MODAL_NO_MEMORY, "no memory to copy %s", from);
 
     if (rc == MODAL_OK)
         rc = file_open(to, O_WRONLY | O_CREAT | O_TRUNC, 0640, &out, err);
-    for (; rc == MODAL_OK && (rc = file_read(in, block, BLOCK, at, &got, err)) == MODAL_OK && got > 0; at += got)
+    for (;
+         rc == MODAL_OK && (rc = file_read(in, block, BLOCK, at, &got, err)) == MODAL_OK && got > 0;
+         at += got)
         rc = file_write(out, block, got, at, err);
     if (rc == MODAL_OK)
         rc = file_sync(out, err);
@@ -57,7 +63,8 @@ static enum modal_status copy_file(const char *from, const char *to, struct moda
 }
 
 /* A file that went while we looked is no failure: its row went before. */
-static void copy_found(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path)
+static void copy_found(void *context, enum spool_file what, int64_t id, uint64_t bytes,
+                       const char *path)
 {
     struct backup *backup = context;
     char to[PATH];
@@ -67,7 +74,8 @@ static void copy_found(void *context, enum spool_file what, int64_t id, uint64_t
     if (what == SPOOL_OTHER || backup->rc != MODAL_OK)
         return;
     snprintf(to, sizeof to, "%s%s", backup->to, path + strlen(backup->dir));
-    if (what != SPOOL_PART && what != SPOOL_SAMPLES && (link(path, to) == 0 || errno == EEXIST || errno == ENOENT))
+    if (what != SPOOL_PART && what != SPOOL_SAMPLES
+        && (link(path, to) == 0 || errno == EEXIST || errno == ENOENT))
         return;
     backup->rc = copy_file(path, to, backup->err);
     if (backup->rc == MODAL_NOT_FOUND)
@@ -105,7 +113,8 @@ static enum modal_status copy_ledger(struct backup *backup)
         goto out;
     }
     sqlite3_file_control(to, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved);
-    rc = ledger_db_run(to, "PRAGMA auto_vacuum=INCREMENTAL; CREATE TABLE room(for_checksums)", backup->err);
+    rc = ledger_db_run(to, "PRAGMA auto_vacuum=INCREMENTAL; CREATE TABLE room(for_checksums)",
+                       backup->err);
     if (rc != MODAL_OK)
         goto out;
     copy = sqlite3_backup_init(to, "main", from, "main");
@@ -125,7 +134,8 @@ static enum modal_status look_for_file(void *context, const struct input_record 
     struct backup *backup = context;
     char path[PATH];
 
-    snprintf(path, sizeof path, "%s/spool/%" PRId64 ".%s", backup->to, input->id, input->state == INPUT_SEALED ? "h5" : "part");
+    snprintf(path, sizeof path, "%s/spool/%" PRId64 ".%s", backup->to, input->id,
+             input->state == INPUT_SEALED ? "h5" : "part");
     if (!input->inline_data && access(path, F_OK) != 0) {
         snprintf(path, sizeof path, "%s/spool/%" PRId64 ".h5", backup->to, input->id);
         backup->missing |= access(path, F_OK) != 0;
@@ -133,7 +143,8 @@ static enum modal_status look_for_file(void *context, const struct input_record 
     return MODAL_OK;
 }
 
-/* A stream's file grows: the copy has at least what it had when the ledger's was made, unless the stream ended between. */
+/* A stream's file grows: the copy has at least what it had when the ledger's was made, unless the
+ * stream ended between. */
 static enum modal_status look_for_samples(void *context, const struct segment_record *segment)
 {
     struct backup *backup = context;
@@ -141,13 +152,16 @@ static enum modal_status look_for_samples(void *context, const struct segment_re
     char path[PATH];
 
     samples_path(path, backup->to, segment->stream);
-    backup->missing |= stat(path, &known) != 0 || (uint64_t)known.st_size < segment->offset + segment->length;
+    backup->missing |= stat(path, &known) != 0
+                       || (uint64_t)known.st_size < segment->offset + segment->length;
     return MODAL_OK;
 }
 
 static enum modal_status find_missing(struct backup *backup)
 {
-    struct ledger_visitor visitor = { .context = backup, .input = look_for_file, .segment = look_for_samples };
+    struct ledger_visitor visitor = { .context = backup,
+                                      .input = look_for_file,
+                                      .segment = look_for_samples };
     struct ledger_reader *reader = NULL;
     enum modal_status rc = ledger_reader_open(backup->to, &reader, backup->err);
 
@@ -165,7 +179,9 @@ static enum modal_status make_copy(struct backup *backup)
     backup->missing = true;
     for (int i = 0; rc == MODAL_OK && backup->missing; i++) {
         if (i == TRIES)
-            return modal_fail(backup->err, MODAL_BUSY, "files of %s come and go faster than they can be copied: try again", backup->dir);
+            return modal_fail(backup->err, MODAL_BUSY,
+                              "files of %s come and go faster than they can be copied: try again",
+                              backup->dir);
         rc = copy_files(backup);
         if (rc == MODAL_OK)
             rc = copy_ledger(backup);
@@ -177,7 +193,8 @@ static enum modal_status make_copy(struct backup *backup)
     return rc;
 }
 
-/* Take away the folder FOLDER and its files; what is not a backup's stays, and then the folder does. */
+/* Take away the folder FOLDER and its files; what is not a backup's stays, and then the folder
+ * does. */
 static void empty_folder(const char *folder)
 {
     struct dirent *entry;
@@ -202,7 +219,8 @@ static void remove_unfinished(const char *folder)
     }
 }
 
-/* FOLDER, empty and ours alone as long as *LOCK is open: what an earlier backup left there when it was ended goes. */
+/* FOLDER, empty and ours alone as long as *LOCK is open: what an earlier backup left there when it
+ * was ended goes. */
 static enum modal_status make_unfinished(const char *folder, int *lock, struct modal_error *err)
 {
     static const char *const folders[] = { "/spool", "/results" };
@@ -262,12 +280,15 @@ enum modal_status backup_folder(const char *dir, const char *to, struct modal_er
     int lock = -1;
 
     if (snprintf(name, sizeof name, "%s", to) >= (int)sizeof name)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "to", "a path of %zu bytes; accepted: at most %zu", strlen(to), sizeof name - 1);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "to",
+                                "a path of %zu bytes; accepted: at most %zu", strlen(to),
+                                sizeof name - 1);
     for (size_t n = strlen(name); n > 1 && name[n - 1] == '/'; n--)
         name[n - 1] = 0;
     snprintf(unfinished, sizeof unfinished, "%s.unfinished", name);
     if (access(name, F_OK) == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "to", "%s is there already; a backup makes its folder", name);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "to",
+                                "%s is there already; a backup makes its folder", name);
     rc = make_unfinished(unfinished, &lock, err);
     if (rc == MODAL_OK)
         rc = make_copy(&backup);

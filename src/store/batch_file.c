@@ -1,8 +1,9 @@
 /*
  * batch_file.c - reading and writing a user's HDF5 batch; see batch_file.h
  *
- * A foreign file is read with suspicion: the sizes it states are held against this machine's memory before anything is
- * allocated, filter plug-ins are not loaded, text that is not UTF-8 is taken for Latin-1.
+ * A foreign file is read with suspicion: the sizes it states are held against this machine's memory
+ * before anything is allocated, filter plug-ins are not loaded, text that is not UTF-8 is taken for
+ * Latin-1.
  */
 #include "store/batch_file.h"
 #include <errno.h>
@@ -40,11 +41,13 @@ static bool read_variable_texts(hid_t attribute, hid_t type, hid_t space, struct
 {
     char **raw = calloc(out->count, sizeof *raw);
     hid_t memory = H5Tcopy(H5T_C_S1);
-    bool ok = raw != NULL && memory >= 0 && H5Tset_size(memory, H5T_VARIABLE) >= 0 && H5Tset_cset(memory, H5Tget_cset(type)) >= 0 &&
-              H5Aread(attribute, memory, raw) >= 0;
+    bool ok = raw != NULL && memory >= 0 && H5Tset_size(memory, H5T_VARIABLE) >= 0
+              && H5Tset_cset(memory, H5Tget_cset(type)) >= 0
+              && H5Aread(attribute, memory, raw) >= 0;
 
     for (size_t i = 0; ok && i < out->count; i++) {
-        out->texts[i] = utf8_from(raw[i] != NULL ? raw[i] : "", raw[i] != NULL ? strlen(raw[i]) : 0);
+        out->texts[i] = utf8_from(raw[i] != NULL ? raw[i] : "",
+                                  raw[i] != NULL ? strlen(raw[i]) : 0);
         ok = out->texts[i] != NULL;
     }
     if (raw != NULL && memory >= 0)
@@ -92,8 +95,9 @@ static bool read_values(hid_t attribute, hid_t type, hid_t space, struct values 
 
     if (class == H5T_STRING) {
         out->texts = calloc(out->count, sizeof *out->texts);
-        return out->texts != NULL && (H5Tis_variable_str(type) > 0 ? read_variable_texts(attribute, type, space, out)
-                                                                  : read_fixed_texts(attribute, type, out));
+        return out->texts != NULL
+               && (H5Tis_variable_str(type) > 0 ? read_variable_texts(attribute, type, space, out)
+                                                : read_fixed_texts(attribute, type, out));
     }
     if (class != H5T_INTEGER && class != H5T_FLOAT && class != H5T_ENUM)
         return false;
@@ -104,8 +108,9 @@ static bool read_values(hid_t attribute, hid_t type, hid_t space, struct values 
 }
 
 /*
- * Read attribute NAME of OBJECT.  False, with *OUT empty, where it is absent, empty, of a type that is neither number nor
- * text, or past ATTRIBUTE_BYTES_MOST; *THERE says whether there is one of that name.
+ * Read attribute NAME of OBJECT.  False, with *OUT empty, where it is absent, empty, of a type that
+ * is neither number nor text, or past ATTRIBUTE_BYTES_MOST; *THERE says whether there is one of
+ * that name.
  */
 static bool values_read(hid_t object, const char *name, struct values *out, bool *there)
 {
@@ -149,26 +154,36 @@ static bool values_find(hid_t set, hid_t root, const char *name, struct values *
     return *there ? ok : values_read(root, name, out, there);
 }
 
-static enum modal_status read_time(hid_t set, hid_t root, const char *name, bool required, double *out, struct modal_error *err)
+static enum modal_status read_time(hid_t set, hid_t root, const char *name, bool required,
+                                   double *out, struct modal_error *err)
 {
     struct values values;
-    bool there, ok = values_find(set, root, name, &values, &there) && values.numbers != NULL && values.count == 1;
+    bool there, ok = values_find(set, root, name, &values, &there) && values.numbers != NULL
+                     && values.count == 1;
     double value = ok ? values.numbers[0] : 0;
 
     values_done(&values);
     if (!there && required)
-        return modal_fail_field(err, MODAL_BAD_INPUT, name, "attribute `%s` is missing on `signals` and on the root; accepted: a positive number of seconds", name);
+        return modal_fail_field(err, MODAL_BAD_INPUT, name,
+                                "attribute `%s` is missing on `signals` and on the root; accepted: "
+                                "a positive number of seconds",
+                                name);
     if (!there)
         return MODAL_OK;
     if (!ok)
-        return modal_fail_field(err, MODAL_BAD_INPUT, name, "attribute `%s` is not one number; accepted: a positive number of seconds", name);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, name,
+            "attribute `%s` is not one number; accepted: a positive number of seconds", name);
     if (!(value > 0 && value <= 1e300))
-        return modal_fail_field(err, MODAL_BAD_INPUT, name, "attribute `%s` is %.17g; accepted: a positive number of seconds", name, value);
+        return modal_fail_field(err, MODAL_BAD_INPUT, name,
+                                "attribute `%s` is %.17g; accepted: a positive number of seconds",
+                                name, value);
     *out = value;
     return MODAL_OK;
 }
 
-static enum modal_status read_names(hid_t set, hid_t root, size_t channels, char ***out, struct modal_error *err)
+static enum modal_status read_names(hid_t set, hid_t root, size_t channels, char ***out,
+                                    struct modal_error *err)
 {
     struct values values;
     bool there, ok = values_find(set, root, "channels", &values, &there) && values.texts != NULL;
@@ -180,9 +195,14 @@ static enum modal_status read_names(hid_t set, hid_t root, size_t channels, char
     }
     values_done(&values);
     if (there && !ok)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "channels", "attribute `channels` is not text; accepted: one name for each of %zu channels", channels);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "channels",
+            "attribute `channels` is not text; accepted: one name for each of %zu channels",
+            channels);
     if (there && count != channels)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "channels", "attribute `channels` has %zu names for %zu channels", count, channels);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "channels",
+                                "attribute `channels` has %zu names for %zu channels", count,
+                                channels);
     return MODAL_OK;
 }
 
@@ -203,7 +223,8 @@ static enum modal_status read_units(hid_t set, hid_t root, char **out, struct mo
     values_done(&values);
     if (there && !ok)
         return modal_fail_field(err, MODAL_BAD_INPUT, "units", "attribute `units` is not text");
-    return ok && *out == NULL ? modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its units") : MODAL_OK;
+    return ok && *out == NULL ? modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its units")
+                              : MODAL_OK;
 }
 
 static cJSON *value_json(const struct values *values, size_t i)
@@ -278,15 +299,23 @@ static enum modal_status check_set(hid_t set, hsize_t dims[2], double most, stru
     double bytes;
 
     if (class != H5T_INTEGER && class != H5T_FLOAT)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` does not hold numbers; accepted: any integer or floating-point type");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                              "dataset `signals` does not hold numbers; accepted: any integer or "
+                              "floating-point type");
     else if (rank != 2)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` has %d dimensions; accepted: 2, n_samples x n_channels", rank < 0 ? 0 : rank);
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, "signals",
+            "dataset `signals` has %d dimensions; accepted: 2, n_samples x n_channels",
+            rank < 0 ? 0 : rank);
     else if (H5Sget_simple_extent_dims(space, dims, NULL) < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "the shape of dataset `signals` cannot be read");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                              "the shape of dataset `signals` cannot be read");
     bytes = rc == MODAL_OK ? 8.0 * (double)dims[0] * (double)dims[1] : 0;
     if (rc == MODAL_OK && bytes > most)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "signals", "dataset `signals` of %llu x %llu takes %.3g bytes, this machine has %.3g",
-                              (unsigned long long)dims[0], (unsigned long long)dims[1], bytes, most);
+        rc = modal_fail_field(
+            err, MODAL_TOO_LARGE, "signals",
+            "dataset `signals` of %llu x %llu takes %.3g bytes, this machine has %.3g",
+            (unsigned long long)dims[0], (unsigned long long)dims[1], bytes, most);
     if (space >= 0)
         H5Sclose(space);
     if (type >= 0)
@@ -294,13 +323,16 @@ static enum modal_status check_set(hid_t set, hsize_t dims[2], double most, stru
     return rc;
 }
 
-/* Where in the file the samples lie as they are used: whole, unfiltered, in no other file.  0: they do not. */
+/* Where in the file the samples lie as they are used: whole, unfiltered, in no other file.  0: they
+ * do not. */
 static uint64_t place_of(hid_t set)
 {
-    hid_t type = H5Dget_type(set), how = H5Dget_create_plist(set), file = H5Iget_file_id(set), made = file >= 0 ? H5Fget_create_plist(file) : H5I_INVALID_HID;
+    hid_t type = H5Dget_type(set), how = H5Dget_create_plist(set), file = H5Iget_file_id(set),
+          made = file >= 0 ? H5Fget_create_plist(file) : H5I_INVALID_HID;
     hsize_t before = 1;
-    bool plain = type >= 0 && how >= 0 && made >= 0 && H5Tequal(type, H5T_NATIVE_DOUBLE) > 0 && H5Pget_layout(how) == H5D_CONTIGUOUS
-                 && H5Pget_external_count(how) == 0 && H5Pget_userblock(made, &before) >= 0 && before == 0;
+    bool plain = type >= 0 && how >= 0 && made >= 0 && H5Tequal(type, H5T_NATIVE_DOUBLE) > 0
+                 && H5Pget_layout(how) == H5D_CONTIGUOUS && H5Pget_external_count(how) == 0
+                 && H5Pget_userblock(made, &before) >= 0 && before == 0;
     haddr_t place = plain ? H5Dget_offset(set) : HADDR_UNDEF;
 
     if (made >= 0)
@@ -314,7 +346,8 @@ static uint64_t place_of(hid_t set)
     return place != HADDR_UNDEF && place % sizeof(double) == 0 ? place : 0;
 }
 
-static enum modal_status map_signals(const char *path, uint64_t place, size_t bytes, struct batch_file *out, struct modal_error *err)
+static enum modal_status map_signals(const char *path, uint64_t place, size_t bytes,
+                                     struct batch_file *out, struct modal_error *err)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     enum modal_status rc;
@@ -324,13 +357,15 @@ static enum modal_status map_signals(const char *path, uint64_t place, size_t by
     rc = mapping_open(fd, path, place, bytes, &out->map, err);
     close(fd);
     if (rc == MODAL_CORRUPT)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` cannot be read: the file is truncated");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "dataset `signals` cannot be read: the file is truncated");
     out->batch.signals = out->map.data;
     out->batch.release = mapping_release;
     return rc;
 }
 
-static enum modal_status read_signals(hid_t set, const struct source *from, struct batch_file *out, struct modal_error *err)
+static enum modal_status read_signals(hid_t set, const struct source *from, struct batch_file *out,
+                                      struct modal_error *err)
 {
     uint64_t place = from->kept < UINT64_MAX ? place_of(set) : 0;
     double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
@@ -343,13 +378,17 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
     out->batch.samples = (size_t)dims[0];
     out->batch.channels = (size_t)dims[1];
     if (place > 0 && dims[0] * dims[1] * sizeof(double) > from->kept)
-        return map_signals(from->path, place, (size_t)(dims[0] * dims[1] * sizeof(double)), out, err);
+        return map_signals(from->path, place, (size_t)(dims[0] * dims[1] * sizeof(double)), out,
+                           err);
     count = (size_t)(dims[0] * dims[1]);
     out->signals = malloc((count > 0 ? count : 1) * sizeof *out->signals);
     if (out->signals == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for %zu samples", count);
-    if (count > 0 && H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, out->signals) < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `signals` cannot be read: the file is truncated, damaged, or compressed by a filter that is not built in");
+    if (count > 0
+        && H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, out->signals) < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "dataset `signals` cannot be read: the file is truncated, damaged, "
+                                "or compressed by a filter that is not built in");
     out->batch.signals = out->signals;
     return MODAL_OK;
 }
@@ -364,10 +403,12 @@ static enum modal_status open_file(const char *path, hid_t *out, struct modal_er
         return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", path, strerror(errno));
     close(fd);
     if (H5Fis_hdf5(path) <= 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s is not an HDF5 file; accepted: HDF5, CSV, WAV, FLAC", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file",
+                                "%s is not an HDF5 file; accepted: HDF5, CSV, WAV, FLAC", path);
     *out = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
     if (*out < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s cannot be read as HDF5: it is truncated or damaged", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file",
+                                "%s cannot be read as HDF5: it is truncated or damaged", path);
     return MODAL_OK;
 }
 
@@ -375,11 +416,13 @@ static enum modal_status open_set(const char *path, hid_t file, hid_t *out, stru
 {
     *out = H5Dopen2(file, "signals", H5P_DEFAULT);
     if (*out < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s has no dataset `signals`", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s has no dataset `signals`",
+                                path);
     return MODAL_OK;
 }
 
-static enum modal_status read_all(hid_t set, hid_t root, const struct source *from, struct batch_file *out, struct modal_error *err)
+static enum modal_status read_all(hid_t set, hid_t root, const struct source *from,
+                                  struct batch_file *out, struct modal_error *err)
 {
     enum modal_status rc = read_signals(set, from, out, err);
 
@@ -397,10 +440,13 @@ static enum modal_status read_all(hid_t set, hid_t root, const struct source *fr
     out->batch.names = (const char *const *)out->names;
     out->batch.units = out->units;
     out->attributes = read_attributes(set, root);
-    return out->attributes != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its attributes");
+    return out->attributes != NULL
+               ? MODAL_OK
+               : modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its attributes");
 }
 
-enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, struct batch_file *out, struct modal_error *err)
+enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, struct batch_file *out,
+                                 struct modal_error *err)
 {
     const struct source from = { path, dt, kept };
     hid_t file = H5I_INVALID_HID, root = H5I_INVALID_HID, set = H5I_INVALID_HID;
@@ -429,7 +475,8 @@ enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, str
     return rc;
 }
 
-enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out, struct modal_error *err)
+enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out,
+                                  struct modal_error *err)
 {
     return batch_file_map(path, dt, UINT64_MAX, out, err);
 }
@@ -446,10 +493,16 @@ void batch_file_done(struct batch_file *file)
     memset(file, 0, sizeof *file);
 }
 
-static enum modal_status write_tmp(const char *path, const struct batch *batch, const cJSON *attributes, struct modal_error *err)
+static enum modal_status write_tmp(const char *path, const struct batch *batch,
+                                   const cJSON *attributes, struct modal_error *err)
 {
-    struct input_shape shape = { .type = INPUT_BATCH, .samples = batch->samples, .channels = batch->channels, .dt = batch->dt,
-                                 .period = batch->period, .units = batch->units, .names = batch->names };
+    struct input_shape shape = { .type = INPUT_BATCH,
+                                 .samples = batch->samples,
+                                 .channels = batch->channels,
+                                 .dt = batch->dt,
+                                 .period = batch->period,
+                                 .units = batch->units,
+                                 .names = batch->names };
     hid_t file, set = H5I_INVALID_HID;
     enum modal_status rc;
 
@@ -457,7 +510,8 @@ static enum modal_status write_tmp(const char *path, const struct batch *batch, 
     if (file < 0)
         return modal_fail_field(err, MODAL_IO, "file", "%s cannot be made", path);
     rc = batch_h5_make(file, &shape, attributes, &set, err);
-    if (rc == MODAL_OK && input_bytes(&shape) > 0 && H5Dwrite(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, batch->signals) < 0)
+    if (rc == MODAL_OK && input_bytes(&shape) > 0
+        && H5Dwrite(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, batch->signals) < 0)
         rc = modal_fail(err, MODAL_IO, "%s: HDF5 could not write the signals", path);
     if (set >= 0)
         H5Dclose(set);
@@ -466,13 +520,15 @@ static enum modal_status write_tmp(const char *path, const struct batch *batch, 
     return rc;
 }
 
-enum modal_status batch_file_write(const char *path, const struct batch *batch, const cJSON *attributes, struct modal_error *err)
+enum modal_status batch_file_write(const char *path, const struct batch *batch,
+                                   const cJSON *attributes, struct modal_error *err)
 {
     char tmp[4096];
     enum modal_status rc;
 
     if (snprintf(tmp, sizeof tmp, "%s.tmp", path) >= (int)sizeof tmp)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "the path is longer than %zu bytes", sizeof tmp - 5);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "the path is longer than %zu bytes",
+                                sizeof tmp - 5);
     batch_h5_lock();
     rc = write_tmp(tmp, batch, attributes, err);
     batch_h5_unlock();

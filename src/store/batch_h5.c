@@ -19,9 +19,11 @@ void batch_h5_unlock(void)
 }
 
 /* One attribute of COUNT values (0: a scalar) of memory and file type TYPE. */
-static bool put_attribute(hid_t set, const char *name, hid_t type, hsize_t count, const void *values)
+static bool put_attribute(hid_t set, const char *name, hid_t type, hsize_t count,
+                          const void *values)
 {
-    hid_t space = count == 0 ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &count, NULL), attribute = H5I_INVALID_HID;
+    hid_t space = count == 0 ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &count, NULL),
+          attribute = H5I_INVALID_HID;
     bool ok = false;
 
     if (space >= 0)
@@ -43,8 +45,9 @@ static bool put_number(hid_t set, const char *name, double value)
 static bool put_texts(hid_t set, const char *name, hsize_t count, const char *const *texts)
 {
     hid_t type = H5Tcopy(H5T_C_S1);
-    bool ok = type >= 0 && H5Tset_size(type, H5T_VARIABLE) >= 0 && H5Tset_cset(type, H5T_CSET_UTF8) >= 0 &&
-              put_attribute(set, name, type, count, texts);
+    bool ok = type >= 0 && H5Tset_size(type, H5T_VARIABLE) >= 0
+              && H5Tset_cset(type, H5T_CSET_UTF8) >= 0
+              && put_attribute(set, name, type, count, texts);
 
     if (type >= 0)
         H5Tclose(type);
@@ -125,9 +128,10 @@ static bool put_shape(hid_t set, const struct input_shape *shape)
 {
     const char *units[1] = { shape->units };
 
-    return put_number(set, "dt", shape->dt) && (shape->period == 0 || put_number(set, "period", shape->period)) &&
-           (shape->units == NULL || put_texts(set, "units", 0, units)) &&
-           (shape->names == NULL || put_texts(set, "channels", shape->channels, shape->names));
+    return put_number(set, "dt", shape->dt)
+           && (shape->period == 0 || put_number(set, "period", shape->period))
+           && (shape->units == NULL || put_texts(set, "units", 0, units))
+           && (shape->names == NULL || put_texts(set, "channels", shape->channels, shape->names));
 }
 
 static bool own_name(const char *name)
@@ -144,12 +148,15 @@ static hid_t make_set(hid_t file, const struct input_shape *shape)
 {
     bool batch = shape->type == INPUT_BATCH;
     hsize_t dims[2] = { batch ? shape->samples : shape->length, shape->channels };
-    hid_t space = H5Screate_simple(batch ? 2 : 1, dims, NULL), plan = H5Pcreate(H5P_DATASET_CREATE), set = H5I_INVALID_HID;
+    hid_t space = H5Screate_simple(batch ? 2 : 1, dims, NULL), plan = H5Pcreate(H5P_DATASET_CREATE),
+          set = H5I_INVALID_HID;
 
-    if (space >= 0 && plan >= 0 && H5Pset_layout(plan, H5D_CONTIGUOUS) >= 0 && H5Pset_alloc_time(plan, H5D_ALLOC_TIME_EARLY) >= 0 &&
-        H5Pset_fill_time(plan, H5D_FILL_TIME_NEVER) >= 0 && H5Pset_attr_phase_change(plan, 0, 0) >= 0 &&
-        H5Pset_obj_track_times(plan, 0) >= 0)
-        set = H5Dcreate2(file, batch ? "signals" : "scene", batch ? H5T_IEEE_F64LE : H5T_STD_U8LE, space, H5P_DEFAULT, plan, H5P_DEFAULT);
+    if (space >= 0 && plan >= 0 && H5Pset_layout(plan, H5D_CONTIGUOUS) >= 0
+        && H5Pset_alloc_time(plan, H5D_ALLOC_TIME_EARLY) >= 0
+        && H5Pset_fill_time(plan, H5D_FILL_TIME_NEVER) >= 0
+        && H5Pset_attr_phase_change(plan, 0, 0) >= 0 && H5Pset_obj_track_times(plan, 0) >= 0)
+        set = H5Dcreate2(file, batch ? "signals" : "scene", batch ? H5T_IEEE_F64LE : H5T_STD_U8LE,
+                         space, H5P_DEFAULT, plan, H5P_DEFAULT);
     if (plan >= 0)
         H5Pclose(plan);
     if (space >= 0)
@@ -157,8 +164,8 @@ static hid_t make_set(hid_t file, const struct input_shape *shape)
     return set;
 }
 
-enum modal_status batch_h5_make(hid_t file, const struct input_shape *shape, const cJSON *attributes, hid_t *set,
-                                struct modal_error *err)
+enum modal_status batch_h5_make(hid_t file, const struct input_shape *shape,
+                                const cJSON *attributes, hid_t *set, struct modal_error *err)
 {
     hid_t made = make_set(file, shape);
     bool ok = made >= 0 && (shape->type != INPUT_BATCH || put_shape(made, shape));
@@ -169,7 +176,8 @@ enum modal_status batch_h5_make(hid_t file, const struct input_shape *shape, con
     if (!ok) {
         if (made >= 0)
             H5Dclose(made);
-        return modal_fail(err, MODAL_IO, "batch: HDF5 could not write the dataset or its attributes");
+        return modal_fail(err, MODAL_IO,
+                          "batch: HDF5 could not write the dataset or its attributes");
     }
     *set = made;
     return MODAL_OK;

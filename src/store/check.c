@@ -16,7 +16,8 @@
 #include "store/spool.h"
 
 enum {
-    BLOCK = 1 << 20,       /* a body of the wire (WIRE_BODY_MOST), so that every segment of a stream fits */
+    /* a body of the wire (WIRE_BODY_MOST), so that every segment of a stream fits */
+    BLOCK = 1 << 20,
     PATH  = 4200,          /* PATH_MAX and the name of a file of ours */
 };
 
@@ -34,7 +35,8 @@ struct check {
     int64_t *streams;              /* open ones */
     size_t stream_count;
     int64_t of;
-    int samples;                   /* the file of the last of them that has segments; -1: none is open */
+    /* the file of the last of them that has segments; -1: none is open */
+    int samples;
     unsigned char *block;
 };
 
@@ -79,7 +81,9 @@ static bool sum(struct check *check, uint64_t offset, uint64_t length, uint32_t 
             return false;
         }
         if (got == 0) {
-            say(check, "input %" PRId64 ": its file ends at offset %" PRIu64 ", %" PRIu64 " bytes early", check->input->id, offset + done, length - done);
+            say(check,
+                "input %" PRId64 ": its file ends at offset %" PRIu64 ", %" PRIu64 " bytes early",
+                check->input->id, offset + done, length - done);
             return false;
         }
         *crc = crc32c(*crc, check->block, got);
@@ -97,7 +101,9 @@ static enum modal_status check_chunk(void *context, const struct chunk_record *c
 
     check->report->chunks++;
     if (sum(check, at, chunk->length, &crc) && crc != chunk->crc)
-        say(check, "input %" PRId64 ": the chunk at %" PRIu64 " (offset %" PRIu64 " of its file, %" PRIu64 " bytes) has the checksum %08x, not %08x",
+        say(check,
+            "input %" PRId64 ": the chunk at %" PRIu64 " (offset %" PRIu64 " of its file, %" PRIu64
+            " bytes) has the checksum %08x, not %08x",
             check->input->id, chunk->offset, at, chunk->length, crc, chunk->crc);
     return MODAL_OK;
 }
@@ -109,11 +115,14 @@ static void check_file(struct check *check, const struct input_record *input)
     int64_t before = check->report->problems;
     uint32_t crc;
 
-    snprintf(path, sizeof path, "%s/spool/%" PRId64 ".%s", check->dir, input->id, input->state == INPUT_SEALED ? "h5" : "part");
+    snprintf(path, sizeof path, "%s/spool/%" PRId64 ".%s", check->dir, input->id,
+             input->state == INPUT_SEALED ? "h5" : "part");
     check->input = input;
     if (file_open(path, O_RDONLY, 0, &check->fd, &err) != MODAL_OK) {
-        snprintf(path, sizeof path, "%s/spool/%" PRId64 ".h5", check->dir, input->id);     /* renamed, its row not yet written */
-        if (input->state == INPUT_SEALED || file_open(path, O_RDONLY, 0, &check->fd, NULL) != MODAL_OK) {
+        /* renamed, its row not yet written */
+        snprintf(path, sizeof path, "%s/spool/%" PRId64 ".h5", check->dir, input->id);
+        if (input->state == INPUT_SEALED
+            || file_open(path, O_RDONLY, 0, &check->fd, NULL) != MODAL_OK) {
             say(check, "input %" PRId64 ": %s", input->id, err.message);
             return;
         }
@@ -125,9 +134,12 @@ static void check_file(struct check *check, const struct input_record *input)
     else if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check,
                                 &err) != MODAL_OK)
         say(check, "input %" PRId64 ": its chunks: %s", input->id, err.message);
-    if (input->state == INPUT_SEALED && check->report->problems == before && sum(check, input->offset, input_bytes(&input->shape), &crc) && crc != input->crc)
-        say(check, "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64 " bytes) is %08x, not %08x", input->id, path,
-            input->offset, input_bytes(&input->shape), crc, input->crc);
+    if (input->state == INPUT_SEALED && check->report->problems == before
+        && sum(check, input->offset, input_bytes(&input->shape), &crc) && crc != input->crc)
+        say(check,
+            "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64
+            " bytes) is %08x, not %08x",
+            input->id, path, input->offset, input_bytes(&input->shape), crc, input->crc);
     close(check->fd);
 }
 
@@ -159,14 +171,16 @@ static enum modal_status check_input(void *context, const struct input_record *i
     return MODAL_OK;
 }
 
-/* The job whose result this one shows: itself, or, where it was answered from the results there were, the one its tag names. */
+/* The job whose result this one shows: itself, or, where it was answered from the results there
+ * were, the one its tag names. */
 static int64_t result_of(const struct job_record *job)
 {
     cJSON *tag = NULL;
     const char *source = NULL;
     int64_t id = job->id;
 
-    if (job->cached && job->tag != NULL && json_read(job->tag, strlen(job->tag), &tag, NULL) == MODAL_OK
+    if (job->cached && job->tag != NULL
+        && json_read(job->tag, strlen(job->tag), &tag, NULL) == MODAL_OK
         && json_get_string(tag, "", "source", &source, NULL) == MODAL_OK && source != NULL)
         id = strtoll(source, NULL, 10);
     cJSON_Delete(tag);
@@ -182,7 +196,8 @@ static enum modal_status check_job(void *context, const struct job_record *job)
 
     check->report->jobs++;
     if (job->input != 0 && !job_state_final(job->state) && !known_input(check, job->input))
-        say(check, "job %" PRId64 " is %s, its input %" PRId64 " is not there", job->id, job_states[job->state], job->input);
+        say(check, "job %" PRId64 " is %s, its input %" PRId64 " is not there", job->id,
+            job_states[job->state], job->input);
     if (job->result_bytes == 0)
         return MODAL_OK;
     if (ledger_read_result(check->reader, result_of(job), &data, &length, &err) != MODAL_OK) {
@@ -216,7 +231,8 @@ static enum modal_status add_stream(struct check *check, int64_t id)
 
 static enum modal_status check_note(void *context, const struct note_record *note)
 {
-    return strcmp(note->topic, "stream") == 0 ? add_stream(context, strtoll(note->name, NULL, 10)) : MODAL_OK;
+    return strcmp(note->topic, "stream") == 0 ? add_stream(context, strtoll(note->name, NULL, 10))
+                                              : MODAL_OK;
 }
 
 /* They come stream by stream. */
@@ -239,7 +255,10 @@ static enum modal_status check_segment(void *context, const struct segment_recor
     samples_path(path, check->dir, segment->stream);
     check->of = segment->stream;
     if (segment->length > BLOCK)
-        say(check, "stream %" PRId64 ": the samples at offset %" PRIu64 " are %" PRIu64 " bytes; at most %d were taken", segment->stream, segment->offset, segment->length, BLOCK);
+        say(check,
+            "stream %" PRId64 ": the samples at offset %" PRIu64 " are %" PRIu64
+            " bytes; at most %d were taken",
+            segment->stream, segment->offset, segment->length, BLOCK);
     else if ((check->samples < 0 && file_open(path, O_RDONLY, 0, &check->samples, &err) != MODAL_OK)
              || samples_get(check->samples, segment, check->block, &err) != MODAL_OK)
         say(check, "%s", err.message);
@@ -255,13 +274,15 @@ static enum modal_status check_tombstone(void *context, const struct tombstone_r
     return MODAL_OK;
 }
 
-static void check_found(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path)
+static void check_found(void *context, enum spool_file what, int64_t id, uint64_t bytes,
+                        const char *path)
 {
     struct check *check = context;
 
     (void)bytes;
     (void)path;
-    if (what == SPOOL_OTHER || (what == SPOOL_SAMPLES && !known_stream(check, id)) || ((what == SPOOL_PART || what == SPOOL_SEALED) && !known_input(check, id)))
+    if (what == SPOOL_OTHER || (what == SPOOL_SAMPLES && !known_stream(check, id))
+        || ((what == SPOOL_PART || what == SPOOL_SEALED) && !known_input(check, id)))
         check->report->orphans++;
 }
 
@@ -303,7 +324,9 @@ static enum modal_status check_pages(struct check *check, struct modal_error *er
     rc = file_open(path, O_RDONLY, 0, &fd, err);
     if (rc != MODAL_OK)
         return rc;
-    for (int64_t at = 0; (rc = file_read(fd, check->block, PAGE, (uint64_t)at, &got, err)) == MODAL_OK && got > 0; at += PAGE) {
+    for (int64_t at = 0;
+         (rc = file_read(fd, check->block, PAGE, (uint64_t)at, &got, err)) == MODAL_OK && got > 0;
+         at += PAGE) {
         check->report->bytes += (int64_t)got;
         if (got < PAGE)
             say(check, "ledger.db: the page at offset %" PRId64 " has only %zu bytes", at, got);
@@ -314,17 +337,27 @@ static enum modal_status check_pages(struct check *check, struct modal_error *er
     return rc;
 }
 
-enum modal_status check_folder(const char *dir, void (*problem)(void *context, const char *line), void *context,
-                               struct check_report *out, struct modal_error *err)
+enum modal_status check_folder(const char *dir, void (*problem)(void *context, const char *line),
+                               void *context, struct check_report *out, struct modal_error *err)
 {
-    struct check check = { .dir = dir, .problem = problem, .context = context, .report = out, .block = malloc(BLOCK), .samples = -1 };
-    struct ledger_visitor visitor = { .context = &check, .input = check_input, .job = check_job, .tombstone = check_tombstone, .note = check_note,
+    struct check check = { .dir = dir,
+                           .problem = problem,
+                           .context = context,
+                           .report = out,
+                           .block = malloc(BLOCK),
+                           .samples = -1 };
+    struct ledger_visitor visitor = { .context = &check,
+                                      .input = check_input,
+                                      .job = check_job,
+                                      .tombstone = check_tombstone,
+                                      .note = check_note,
                                       .segment = check_segment };
     struct modal_error why;
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
-    rc = check.block != NULL ? check_pages(&check, err) : modal_fail(err, MODAL_NO_MEMORY, "no memory to check %s", dir);
+    rc = check.block != NULL ? check_pages(&check, err)
+                             : modal_fail(err, MODAL_NO_MEMORY, "no memory to check %s", dir);
     if (rc != MODAL_OK)
         goto out;
     rc = ledger_reader_open(dir, &check.reader, &why);

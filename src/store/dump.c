@@ -178,10 +178,12 @@ static enum modal_status dump_event(void *context, const struct event_record *ev
     return give(context, row);
 }
 
-enum modal_status dump_folder(const char *dir, void (*line)(void *context, const char *json), void *context, struct modal_error *err)
+enum modal_status dump_folder(const char *dir, void (*line)(void *context, const char *json),
+                              void *context, struct modal_error *err)
 {
     struct dump dump = { line, context };
-    struct ledger_visitor visitor = { &dump, dump_input, dump_job, dump_result, dump_tombstone, dump_note, dump_event, dump_segment };
+    struct ledger_visitor visitor = { &dump,          dump_input, dump_job,   dump_result,
+                                      dump_tombstone, dump_note,  dump_event, dump_segment };
     struct ledger_reader *reader = NULL;
     enum modal_status rc = ledger_reader_open(dir, &reader, err);
 

@@ -3,6 +3,8 @@
 #define STORE_DUMP_H
 #include "base/error.h"
 
-/* All rows of DIR's ledger as JSON, one object a call: {"row":"job", ...}.  Data and results are told by size, not written out. */
-enum modal_status dump_folder(const char *dir, void (*line)(void *context, const char *json), void *context, struct modal_error *err);
+/* All rows of DIR's ledger as JSON, one object a call: {"row":"job", ...}.  Data and results are
+ * told by size, not written out. */
+enum modal_status dump_folder(const char *dir, void (*line)(void *context, const char *json),
+                              void *context, struct modal_error *err);
 #endif

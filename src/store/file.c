@@ -1,8 +1,8 @@
 /*
  * file.c - system calls on files, each with its fault point; see file.h
  *
- * Every call asks `fault` first: it counts, and where a rule says so gives the errno to fail with, or a way to misbehave.
- * Without MODALD_FAULTS it is a constant and disappears.
+ * Every call asks `fault` first: it counts, and where a rule says so gives the errno to fail with,
+ * or a way to misbehave. Without MODALD_FAULTS it is a constant and disappears.
  */
 #include "store/file.h"
 #include <errno.h>
@@ -16,14 +16,23 @@
 #include "store/file_fault.h"
 
 const char *const file_calls[FILE_CALL_COUNT] = {
-    "open", "pread", "pwrite", "fsync", "fdatasync", "ftruncate", "fallocate", "rename", "unlink", "mkdir",
+    "open",      "pread",     "pwrite", "fsync",  "fdatasync",
+    "ftruncate", "fallocate", "rename", "unlink", "mkdir",
 };
 
-static enum modal_status fail(struct modal_error *err, enum file_call call, const char *path, int error)
+static enum modal_status fail(struct modal_error *err, enum file_call call, const char *path,
+                              int error)
 {
-    enum modal_status status = error == ENOSPC || error == EDQUOT || error == EFBIG ? MODAL_STORAGE_FULL
-                             : error == EMFILE || error == ENFILE ? MODAL_BUSY : error == ENOENT ? MODAL_NOT_FOUND : MODAL_IO;
+    static const struct { int error; enum modal_status status; } table[] = {
+        { ENOSPC, MODAL_STORAGE_FULL }, { EDQUOT, MODAL_STORAGE_FULL },
+        { EFBIG, MODAL_STORAGE_FULL },  { EMFILE, MODAL_BUSY },
+        { ENFILE, MODAL_BUSY },         { ENOENT, MODAL_NOT_FOUND },
+    };
+    enum modal_status status = MODAL_IO;
 
+    for (size_t i = 0; i < sizeof table / sizeof *table; i++)
+        if (table[i].error == error)
+            status = table[i].status;
     return modal_fail(err, status, "%s %s: %s", file_calls[call], path, strerror(error));
 }
 
@@ -49,7 +58,8 @@ static enum modal_status fail_fd(struct modal_error *err, enum file_call call, i
     return fail(err, call, path_of(fd, path), error);
 }
 
-/* Run CALL (an expression that is -1 with errno set on failure) until it is not interrupted; its errno, or 0. */
+/* Run CALL (an expression that is -1 with errno set on failure) until it is not interrupted; its
+ * errno, or 0. */
 #define TRY(WHICH, CALL)                                                     \
     ({                                                                       \
         int error_;                                                          \
@@ -61,7 +71,8 @@ static enum modal_status fail_fd(struct modal_error *err, enum file_call call, i
         error_;                                                              \
     })
 
-enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd, struct modal_error *err)
+enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd,
+                            struct modal_error *err)
 {
     int got = -1, error = TRY(FILE_OPEN, got = open(path, flags | O_CLOEXEC, mode));
 
@@ -72,7 +83,8 @@ enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd, s
 }
 
 /* One transfer: bytes moved, or -1 with *ERROR.  A `short` fault halves it. */
-static ssize_t transfer(enum file_call call, int fd, void *data, size_t length, uint64_t offset, int *error)
+static ssize_t transfer(enum file_call call, int fd, void *data, size_t length, uint64_t offset,
+                        int *error)
 {
     struct file_fault fault = file_fault_next(call);
     ssize_t moved = -1;
@@ -80,13 +92,15 @@ static ssize_t transfer(enum file_call call, int fd, void *data, size_t length, 
     if (fault.cut && length > 1)
         length /= 2;
     if (fault.error == 0)
-        moved = call == FILE_PWRITE ? pwrite(fd, data, length, (off_t)offset) : pread(fd, data, length, (off_t)offset);
+        moved = call == FILE_PWRITE ? pwrite(fd, data, length, (off_t)offset)
+                                    : pread(fd, data, length, (off_t)offset);
     *error = fault.error != 0 ? fault.error : errno;
     file_fault_after(fault);
     return moved;
 }
 
-enum modal_status file_write(int fd, const void *data, size_t length, uint64_t offset, struct modal_error *err)
+enum modal_status file_write(int fd, const void *data, size_t length, uint64_t offset,
+                             struct modal_error *err)
 {
     const char *p = data;
     int error;
@@ -104,13 +118,15 @@ enum modal_status file_write(int fd, const void *data, size_t length, uint64_t o
     return MODAL_OK;
 }
 
-enum modal_status file_read(int fd, void *data, size_t length, uint64_t offset, size_t *got, struct modal_error *err)
+enum modal_status file_read(int fd, void *data, size_t length, uint64_t offset, size_t *got,
+                            struct modal_error *err)
 {
     size_t done = 0;
     int error;
 
     while (done < length) {
-        ssize_t moved = transfer(FILE_PREAD, fd, (char *)data + done, length - done, offset + done, &error);
+        ssize_t moved = transfer(FILE_PREAD, fd, (char *)data + done, length - done, offset + done,
+                                 &error);
         if (moved < 0 && error == EINTR)
             continue;
         if (moved < 0)
@@ -137,11 +153,14 @@ enum modal_status file_sync_begin(int fd, uint64_t offset, uint64_t length, stru
     if (length == 0)                               /* which would mean all of the file */
         return MODAL_OK;
     do
-        error = sync_file_range(fd, (off_t)offset, (off_t)length, SYNC_FILE_RANGE_WRITE) < 0 ? errno : 0;
+        error = sync_file_range(fd, (off_t)offset, (off_t)length, SYNC_FILE_RANGE_WRITE) < 0
+                    ? errno : 0;
     while (error == EINTR);
-    if (error == ENOSYS || error == EINVAL || error == ESPIPE || error == EPERM)     /* only advice: file_sync does it all */
+    /* only advice: file_sync does it all */
+    if (error == ENOSYS || error == EINVAL || error == ESPIPE || error == EPERM)
         return MODAL_OK;
-    return error == 0 ? MODAL_OK : modal_fail(err, MODAL_IO, "sync_file_range: %s", strerror(error));
+    return error == 0 ? MODAL_OK
+                      : modal_fail(err, MODAL_IO, "sync_file_range: %s", strerror(error));
 }
 
 enum modal_status file_sync_dir(const char *path, struct modal_error *err)
@@ -203,7 +222,8 @@ enum modal_status file_make_dir(const char *path, mode_t mode, struct modal_erro
     return error == 0 ? MODAL_OK : fail(err, FILE_MKDIR, path, error);
 }
 
-static enum modal_status put_tmp(const char *tmp, const void *data, size_t length, mode_t mode, struct modal_error *err)
+static enum modal_status put_tmp(const char *tmp, const void *data, size_t length, mode_t mode,
+                                 struct modal_error *err)
 {
     int fd = -1;
     enum modal_status rc = file_open(tmp, O_WRONLY | O_CREAT | O_TRUNC, mode, &fd, err);
@@ -222,17 +242,20 @@ static enum modal_status sync_parent(const char *path, struct modal_error *err)
     char dir[4096];
     const char *slash = strrchr(path, '/');
 
-    snprintf(dir, sizeof dir, "%.*s", slash == NULL ? 1 : slash == path ? 1 : (int)(slash - path), slash == NULL ? "." : path);
+    snprintf(dir, sizeof dir, "%.*s", slash == NULL || slash == path ? 1 : (int)(slash - path),
+             slash == NULL ? "." : path);
     return file_sync_dir(dir, err);
 }
 
-enum modal_status file_put(const char *path, const void *data, size_t length, mode_t mode, struct modal_error *err)
+enum modal_status file_put(const char *path, const void *data, size_t length, mode_t mode,
+                           struct modal_error *err)
 {
     char tmp[4096];
     enum modal_status rc;
 
     if (snprintf(tmp, sizeof tmp, "%s.tmp", path) >= (int)sizeof tmp)
-        return modal_fail(err, MODAL_TOO_LARGE, "the path %.60s... is longer than %zu bytes", path, sizeof tmp - 5);
+        return modal_fail(err, MODAL_TOO_LARGE, "the path %.60s... is longer than %zu bytes", path,
+                          sizeof tmp - 5);
     rc = put_tmp(tmp, data, length, mode, err);
     if (rc == MODAL_OK)
         rc = file_rename(tmp, path, err);
@@ -242,7 +265,8 @@ enum modal_status file_put(const char *path, const void *data, size_t length, mo
     return rc;
 }
 
-static enum modal_status get_open(int fd, const char *path, size_t most, char **data, size_t *length, struct modal_error *err)
+static enum modal_status get_open(int fd, const char *path, size_t most, char **data,
+                                  size_t *length, struct modal_error *err)
 {
     struct stat known;
     enum modal_status rc;
@@ -252,10 +276,12 @@ static enum modal_status get_open(int fd, const char *path, size_t most, char **
     if (fstat(fd, &known) < 0)
         return fail(err, FILE_PREAD, path, errno);
     if (known.st_size < 0 || (uint64_t)known.st_size > most)
-        return modal_fail(err, MODAL_TOO_LARGE, "%s has %lld bytes, at most %zu are read", path, (long long)known.st_size, most);
+        return modal_fail(err, MODAL_TOO_LARGE, "%s has %lld bytes, at most %zu are read", path,
+                          (long long)known.st_size, most);
     text = malloc((size_t)known.st_size + 1);
     if (text == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "no memory for the %lld bytes of %s", (long long)known.st_size, path);
+        return modal_fail(err, MODAL_NO_MEMORY, "no memory for the %lld bytes of %s",
+                          (long long)known.st_size, path);
     rc = file_read(fd, text, (size_t)known.st_size, 0, &got, err);
     if (rc != MODAL_OK) {
         free(text);
@@ -267,7 +293,8 @@ static enum modal_status get_open(int fd, const char *path, size_t most, char **
     return MODAL_OK;
 }
 
-enum modal_status file_get(const char *path, size_t most, char **data, size_t *length, struct modal_error *err)
+enum modal_status file_get(const char *path, size_t most, char **data, size_t *length,
+                           struct modal_error *err)
 {
     int fd = -1;
     enum modal_status rc = file_open(path, O_RDONLY, 0, &fd, err);

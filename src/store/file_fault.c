@@ -60,7 +60,8 @@ static bool rule_read(const char *text, struct rule *out)
     return false;
 }
 
-/* A test that asks for a fault and gets none would pass for the wrong reason: a rule that cannot be read ends the process. */
+/* A test that asks for a fault and gets none would pass for the wrong reason: a rule that cannot be
+ * read ends the process. */
 static void rules_read(const char *text)
 {
     rule_count = 0;

@@ -1,4 +1,5 @@
-/* file_fault.h - the fault points of file.c, of SQLite's VFS and of HDF5's driver; rules as file.h describes them */
+/* file_fault.h - the fault points of file.c, of SQLite's VFS and of HDF5's driver; rules as file.h
+ * describes them */
 #ifndef STORE_FILE_FAULT_H
 #define STORE_FILE_FAULT_H
 #include <stdbool.h>

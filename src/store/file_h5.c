@@ -1,11 +1,13 @@
 /*
  * file_h5.c - HDF5's files through the fault points of file.h
  *
- * A driver of HDF5's virtual file layer holds two addresses: `eoa`, the end of what the library has allocated, and `eof`,
- * the end of what is in the file.  The file is made long enough when it is closed.
+ * A driver of HDF5's virtual file layer holds two addresses: `eoa`, the end of what the library has
+ * allocated, and `eof`, the end of what is in the file.  The file is made long enough when it is
+ * closed.
  *
- * A write that fails while HDF5 (1.10) closes a file leaves it half open, to crash when the library ends.  So a failed
- * write is kept here, the library goes on as if it had passed, and file_h5_status tells after the file is closed.
+ * A write that fails while HDF5 (1.10) closes a file leaves it half open, to crash when the library
+ * ends.  So a failed write is kept here, the library goes on as if it had passed, and
+ * file_h5_status tells after the file is closed.
  */
 #include "store/file_h5.h"
 #include <fcntl.h>
@@ -25,11 +27,13 @@ struct h5_file {
     ino_t inode;
 };
 
-static struct modal_error failed;     /* the first since file_h5_access; under batch_h5_lock, as all of HDF5 */
+/* the first since file_h5_access; under batch_h5_lock, as all of HDF5 */
+static struct modal_error failed;
 
 static enum modal_status keep(enum modal_status rc, const struct modal_error *err)
 {
-    if (rc != MODAL_OK && rc != MODAL_NOT_FOUND && failed.status == MODAL_OK)     /* H5Fcreate tries what is there first */
+    /* H5Fcreate tries what is there first */
+    if (rc != MODAL_OK && rc != MODAL_NOT_FOUND && failed.status == MODAL_OK)
         failed = *err;
     return rc;
 }
@@ -37,8 +41,8 @@ static enum modal_status keep(enum modal_status rc, const struct modal_error *er
 static H5FD_t *h5_open(const char *name, unsigned flags, hid_t access, haddr_t most)
 {
     struct h5_file *file = calloc(1, sizeof *file);
-    int how = (flags & H5F_ACC_RDWR ? O_RDWR : O_RDONLY) | (flags & H5F_ACC_TRUNC ? O_TRUNC : 0) | (flags & H5F_ACC_CREAT ? O_CREAT : 0) |
-              (flags & H5F_ACC_EXCL ? O_EXCL : 0);
+    int how = (flags & H5F_ACC_RDWR ? O_RDWR : O_RDONLY) | (flags & H5F_ACC_TRUNC ? O_TRUNC : 0)
+              | (flags & H5F_ACC_CREAT ? O_CREAT : 0) | (flags & H5F_ACC_EXCL ? O_EXCL : 0);
     struct modal_error err;
     struct stat known;
 
@@ -77,7 +81,8 @@ static int h5_compare(const H5FD_t *a, const H5FD_t *b)
 static herr_t h5_query(const H5FD_t *base, unsigned long *flags)
 {
     (void)base;
-    *flags = H5FD_FEAT_AGGREGATE_METADATA | H5FD_FEAT_ACCUMULATE_METADATA | H5FD_FEAT_AGGREGATE_SMALLDATA | H5FD_FEAT_DEFAULT_VFD_COMPATIBLE;
+    *flags = H5FD_FEAT_AGGREGATE_METADATA | H5FD_FEAT_ACCUMULATE_METADATA
+             | H5FD_FEAT_AGGREGATE_SMALLDATA | H5FD_FEAT_DEFAULT_VFD_COMPATIBLE;
     return 0;
 }
 
@@ -101,20 +106,23 @@ static haddr_t h5_get_eof(const H5FD_t *base, H5FD_mem_t type)
 }
 
 /* Past the end there are zeros. */
-static herr_t h5_read(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address, size_t size, void *buffer)
+static herr_t h5_read(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address, size_t size,
+                      void *buffer)
 {
     struct modal_error err;
     size_t got = 0;
 
     (void)type;
     (void)plan;
-    if (keep(file_read(((struct h5_file *)base)->fd, buffer, size, address, &got, &err), &err) != MODAL_OK)
+    if (keep(file_read(((struct h5_file *)base)->fd, buffer, size, address, &got, &err), &err)
+        != MODAL_OK)
         return -1;
     memset((char *)buffer + got, 0, size - got);
     return 0;
 }
 
-static herr_t h5_write(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address, size_t size, const void *buffer)
+static herr_t h5_write(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address, size_t size,
+                       const void *buffer)
 {
     struct h5_file *file = (struct h5_file *)base;
     struct modal_error err;
@@ -142,8 +150,18 @@ static herr_t h5_truncate(H5FD_t *base, hid_t plan, hbool_t closing)
 }
 
 static const H5FD_class_t driver = {
-    .name = "modald", .maxaddr = ADDRESS_MOST, .fc_degree = H5F_CLOSE_WEAK, .open = h5_open, .close = h5_close, .cmp = h5_compare,
-    .query = h5_query, .get_eoa = h5_get_eoa, .set_eoa = h5_set_eoa, .get_eof = h5_get_eof, .read = h5_read, .write = h5_write,
+    .name = "modald",
+    .maxaddr = ADDRESS_MOST,
+    .fc_degree = H5F_CLOSE_WEAK,
+    .open = h5_open,
+    .close = h5_close,
+    .cmp = h5_compare,
+    .query = h5_query,
+    .get_eoa = h5_get_eoa,
+    .set_eoa = h5_set_eoa,
+    .get_eof = h5_get_eof,
+    .read = h5_read,
+    .write = h5_write,
     .truncate = h5_truncate, .fl_map = H5FD_FLMAP_DICHOTOMY,
 };
 
@@ -155,8 +173,10 @@ hid_t file_h5_access(hsize_t threshold, hsize_t alignment)
     failed.status = MODAL_OK;
     if (id < 0)
         id = H5FDregister(&driver);
-    if (access >= 0 && (id < 0 || H5Pset_driver(access, id, NULL) < 0 || H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V18) < 0 ||
-                        (threshold > 0 && H5Pset_alignment(access, threshold, alignment) < 0))) {
+    if (access >= 0
+        && (id < 0 || H5Pset_driver(access, id, NULL) < 0
+            || H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V18) < 0
+            || (threshold > 0 && H5Pset_alignment(access, threshold, alignment) < 0))) {
         H5Pclose(access);
         return H5I_INVALID_HID;
     }
@@ -165,5 +185,6 @@ hid_t file_h5_access(hsize_t threshold, hsize_t alignment)
 
 enum modal_status file_h5_status(struct modal_error *err)
 {
-    return failed.status == MODAL_OK ? MODAL_OK : modal_fail(err, failed.status, "%s", failed.message);
+    return failed.status == MODAL_OK ? MODAL_OK
+                                     : modal_fail(err, failed.status, "%s", failed.message);
 }

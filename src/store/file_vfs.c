@@ -1,11 +1,13 @@
 /*
- * file_vfs.c - SQLite's files through the fault points of file.h, with a checksum on each page of a database
+ * file_vfs.c - SQLite's files through the fault points of file.h, with a checksum on each page of a
+ * database
  *
- * SQLite checks the frames of its write-ahead log, but not the pages of a database: a flipped bit in a row would be
- * read as if it had been written.  A database made with 8 reserved bytes a page (byte 20 of its header) gets, at the
- * end of each page as it is written to the database file, the CRC-32C of the page's offset and its other bytes, and
- * four bytes "mdlc"; every page read is checked, so that a changed, zeroed or misplaced page is SQLITE_IOERR_DATA.
- * Pages in the log keep SQLite's own checksum; they get ours when they are copied to the database.
+ * SQLite checks the frames of its write-ahead log, but not the pages of a database: a flipped bit
+ * in a row would be read as if it had been written.  A database made with 8 reserved bytes a page
+ * (byte 20 of its header) gets, at the end of each page as it is written to the database file, the
+ * CRC-32C of the page's offset and its other bytes, and four bytes "mdlc"; every page read is
+ * checked, so that a changed, zeroed or misplaced page is SQLITE_IOERR_DATA. Pages in the log keep
+ * SQLite's own checksum; they get ours when they are copied to the database.
  *
  * All else is the default VFS's.
  */
@@ -79,7 +81,8 @@ static int vfs_close(sqlite3_file *file)
 static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 offset)
 {
     struct vfs_file *file = (struct vfs_file *)base;
-    int rc = GUARDED(FILE_PREAD, SQLITE_IOERR_READ, real(base)->pMethods->xRead(real(base), data, amount, offset));
+    int rc = GUARDED(FILE_PREAD, SQLITE_IOERR_READ,
+                     real(base)->pMethods->xRead(real(base), data, amount, offset));
 
     if (rc != SQLITE_OK)
         return rc;
@@ -89,12 +92,15 @@ static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 of
     return file_vfs_page_good(data, offset) ? SQLITE_OK : SQLITE_IOERR_DATA;
 }
 
-static int write_through(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset, bool cut)
+static int write_through(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset,
+                         bool cut)
 {
     int half = cut ? amount / 2 : 0;
     int rc = half > 0 ? real(base)->pMethods->xWrite(real(base), data, half, offset) : SQLITE_OK;
 
-    return rc != SQLITE_OK ? rc : real(base)->pMethods->xWrite(real(base), (const char *)data + half, amount - half, offset + half);
+    return rc != SQLITE_OK ? rc
+                           : real(base)->pMethods->xWrite(real(base), (const char *)data + half,
+                                                          amount - half, offset + half);
 }
 
 static int vfs_write(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
@@ -118,14 +124,17 @@ static int vfs_write(sqlite3_file *base, const void *data, int amount, sqlite3_i
 
 static int vfs_truncate(sqlite3_file *file, sqlite3_int64 size)
 {
-    return GUARDED(FILE_FTRUNCATE, SQLITE_IOERR_TRUNCATE, real(file)->pMethods->xTruncate(real(file), size));
+    return GUARDED(FILE_FTRUNCATE, SQLITE_IOERR_TRUNCATE,
+                   real(file)->pMethods->xTruncate(real(file), size));
 }
 
 static int vfs_sync(sqlite3_file *file, int flags)
 {
-    int rc = GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC, real(file)->pMethods->xSync(real(file), flags));
+    int rc = GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC,
+                     real(file)->pMethods->xSync(real(file), flags));
 
-    return rc == SQLITE_FULL ? SQLITE_IOERR_FSYNC : rc;     /* whatever the reason, what is on the disk is unknown */
+    /* whatever the reason, what is on the disk is unknown */
+    return rc == SQLITE_FULL ? SQLITE_IOERR_FSYNC : rc;
 }
 
 static int vfs_file_size(sqlite3_file *file, sqlite3_int64 *size)
@@ -185,13 +194,27 @@ static int vfs_shm_unmap(sqlite3_file *file, int delete)
 
 /* Version 2: no mapped reading, so that every page passes vfs_read. */
 static const sqlite3_io_methods methods = {
-    .iVersion = 2, .xClose = vfs_close, .xRead = vfs_read, .xWrite = vfs_write, .xTruncate = vfs_truncate, .xSync = vfs_sync,
-    .xFileSize = vfs_file_size, .xLock = vfs_lock, .xUnlock = vfs_unlock, .xCheckReservedLock = vfs_check_reserved,
-    .xFileControl = vfs_control, .xSectorSize = vfs_sector_size, .xDeviceCharacteristics = vfs_characteristics,
-    .xShmMap = vfs_shm_map, .xShmLock = vfs_shm_lock, .xShmBarrier = vfs_shm_barrier, .xShmUnmap = vfs_shm_unmap,
+    .iVersion = 2,
+    .xClose = vfs_close,
+    .xRead = vfs_read,
+    .xWrite = vfs_write,
+    .xTruncate = vfs_truncate,
+    .xSync = vfs_sync,
+    .xFileSize = vfs_file_size,
+    .xLock = vfs_lock,
+    .xUnlock = vfs_unlock,
+    .xCheckReservedLock = vfs_check_reserved,
+    .xFileControl = vfs_control,
+    .xSectorSize = vfs_sector_size,
+    .xDeviceCharacteristics = vfs_characteristics,
+    .xShmMap = vfs_shm_map,
+    .xShmLock = vfs_shm_lock,
+    .xShmBarrier = vfs_shm_barrier,
+    .xShmUnmap = vfs_shm_unmap,
 };
 
-static int vfs_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *base, int flags, int *out_flags)
+static int vfs_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *base, int flags,
+                    int *out_flags)
 {
     struct vfs_file *file = (struct vfs_file *)base;
     int rc;
@@ -199,7 +222,8 @@ static int vfs_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *base, int 
     (void)vfs;
     memset(file, 0, sizeof *file);
     file->database = (flags & SQLITE_OPEN_MAIN_DB) != 0;
-    rc = GUARDED(FILE_OPEN, SQLITE_CANTOPEN, under->xOpen(under, name, real(base), flags, out_flags));
+    rc = GUARDED(FILE_OPEN, SQLITE_CANTOPEN,
+                 under->xOpen(under, name, real(base), flags, out_flags));
     if (rc == SQLITE_OK)
         file->base.pMethods = &methods;
     return rc;
@@ -248,14 +272,19 @@ static int vfs_last_error(sqlite3_vfs *vfs, int size, char *out)
 }
 
 static sqlite3_vfs ours = {
-    .iVersion = 1, .zName = "modald", .xOpen = vfs_open, .xDelete = vfs_delete, .xAccess = vfs_access,
+    .iVersion = 1,
+    .zName = "modald",
+    .xOpen = vfs_open,
+    .xDelete = vfs_delete,
+    .xAccess = vfs_access,
     .xFullPathname = vfs_full_pathname, .xRandomness = vfs_randomness, .xSleep = vfs_sleep,
     .xCurrentTime = vfs_current_time, .xGetLastError = vfs_last_error,
 };
 
 static void vfs_register(void)
 {
-    sqlite3_config(SQLITE_CONFIG_MEMSTATUS, 0);    /* nobody asks for the figures, and each allocation would lock for them */
+    /* nobody asks for the figures, and each allocation would lock for them */
+    sqlite3_config(SQLITE_CONFIG_MEMSTATUS, 0);
     under = sqlite3_vfs_find(NULL);
     ours.mxPathname = under->mxPathname;
     ours.szOsFile = (int)sizeof(struct vfs_file) + under->szOsFile;

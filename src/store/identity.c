@@ -1,4 +1,5 @@
-/* identity.c - the canonical header and the hash; see identity.h.  The host is little-endian, as the wire is. */
+/* identity.c - the canonical header and the hash; see identity.h.  The host is little-endian, as
+ * the wire is. */
 #include "store/identity.h"
 #include <stdio.h>
 #include <string.h>
@@ -11,7 +12,8 @@ uint64_t input_bytes(const struct input_shape *shape)
 
     if (shape->type == INPUT_SCENE)
         return shape->length;
-    if (__builtin_mul_overflow(shape->samples, shape->channels, &bytes) || __builtin_mul_overflow(bytes, 8, &bytes))
+    if (__builtin_mul_overflow(shape->samples, shape->channels, &bytes)
+        || __builtin_mul_overflow(bytes, 8, &bytes))
         return 0;
     return bytes;
 }
@@ -52,7 +54,8 @@ void identity_begin(struct sha256 *hash, const struct input_shape *shape)
     sha256_add(hash, &shape->length, 8);
 }
 
-void identity_of(const struct input_shape *shape, const void *data, size_t length, uint8_t sha256[32])
+void identity_of(const struct input_shape *shape, const void *data, size_t length,
+                 uint8_t sha256[32])
 {
     struct sha256 hash;
 

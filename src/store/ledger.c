@@ -1,10 +1,11 @@
 /*
  * ledger.c - taking a data folder, applying groups of changes; see ledger.h
  *
- * A group is one transaction.  Within it a change that cannot be applied (a key taken, a move that is none) is reported
- * in its own status and has no effect; an error of the disk takes back the whole group.  After a failed sync, or an error that
- * leaves the state of the files unknown, the ledger is broken: it refuses everything, so that nothing is acknowledged that a
- * later sync only seems to cover.
+ * A group is one transaction.  Within it a change that cannot be applied (a key taken, a move that
+ * is none) is reported in its own status and has no effect; an error of the disk takes back the
+ * whole group.  After a failed sync, or an error that leaves the state of the files unknown, the
+ * ledger is broken: it refuses everything, so that nothing is acknowledged that a later sync only
+ * seems to cover.
  */
 #include "store/ledger.h"
 #include <errno.h>
@@ -22,13 +23,17 @@
 #include "store/ledger_db.h"
 #include "store/samples.h"
 
-const char *const job_states[JOB_STATE_COUNT] = { "queued", "running", "done", "failed", "cancelled", "dead" };
+const char *const job_states[JOB_STATE_COUNT] = { "queued", "running",   "done",
+                                                  "failed", "cancelled", "dead" };
 
-/* A lost worker, or a drain, puts a running job back; `retry` puts a failed or dead one back; a job found cached, expired in
- * the queue or cancelled there is final without having run.  A move to the same state updates the rest of the row. */
+/* A lost worker, or a drain, puts a running job back; `retry` puts a failed or dead one back; a job
+ * found cached, expired in the queue or cancelled there is final without having run.  A move to the
+ * same state updates the rest of the row. */
 const bool ledger_moves[JOB_STATE_COUNT][JOB_STATE_COUNT] = {
-    [JOB_QUEUED]  = { [JOB_QUEUED] = true, [JOB_RUNNING] = true, [JOB_DONE] = true, [JOB_FAILED] = true, [JOB_CANCELLED] = true, [JOB_DEAD] = true },
-    [JOB_RUNNING] = { [JOB_QUEUED] = true, [JOB_RUNNING] = true, [JOB_DONE] = true, [JOB_FAILED] = true, [JOB_CANCELLED] = true, [JOB_DEAD] = true },
+    [JOB_QUEUED]  = { [JOB_QUEUED] = true, [JOB_RUNNING] = true, [JOB_DONE] = true,
+                      [JOB_FAILED] = true, [JOB_CANCELLED] = true, [JOB_DEAD] = true },
+    [JOB_RUNNING] = { [JOB_QUEUED] = true, [JOB_RUNNING] = true, [JOB_DONE] = true,
+                      [JOB_FAILED] = true, [JOB_CANCELLED] = true, [JOB_DEAD] = true },
     [JOB_FAILED]  = { [JOB_QUEUED] = true },
     [JOB_DEAD]    = { [JOB_QUEUED] = true },
 };
@@ -66,7 +71,8 @@ static void bind_blob(struct binder *to, const void *data, size_t length)
     to->next++;
 }
 
-static enum modal_status bind_input(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_input(struct binder *to, const struct ledger_change *change,
+                                    struct modal_error *err)
 {
     const struct input_record *input = &change->input;
     const struct input_shape *shape = &input->shape;
@@ -98,7 +104,8 @@ static enum modal_status bind_input(struct binder *to, const struct ledger_chang
     return MODAL_OK;
 }
 
-static enum modal_status bind_used(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_used(struct binder *to, const struct ledger_change *change,
+                                   struct modal_error *err)
 {
     (void)err;
     bind_int(to, change->input.id);
@@ -106,14 +113,16 @@ static enum modal_status bind_used(struct binder *to, const struct ledger_change
     return MODAL_OK;
 }
 
-static enum modal_status bind_id(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_id(struct binder *to, const struct ledger_change *change,
+                                 struct modal_error *err)
 {
     (void)err;
     bind_int(to, change->id);
     return MODAL_OK;
 }
 
-static enum modal_status bind_chunk(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_chunk(struct binder *to, const struct ledger_change *change,
+                                    struct modal_error *err)
 {
     (void)err;
     bind_int(to, change->input_id);
@@ -123,7 +132,8 @@ static enum modal_status bind_chunk(struct binder *to, const struct ledger_chang
     return MODAL_OK;
 }
 
-static enum modal_status bind_segment(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_segment(struct binder *to, const struct ledger_change *change,
+                                      struct modal_error *err)
 {
     const struct segment_record *segment = &change->segment;
 
@@ -158,7 +168,8 @@ static void bind_progress(struct binder *to, const struct job_record *job)
     bind_text(to, job->stderr_text);
 }
 
-static enum modal_status bind_job(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_job(struct binder *to, const struct ledger_change *change,
+                                  struct modal_error *err)
 {
     const struct job_record *job = &change->job;
 
@@ -190,19 +201,22 @@ static int64_t sources(enum job_state to)
     return bits;
 }
 
-static enum modal_status bind_move(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_move(struct binder *to, const struct ledger_change *change,
+                                   struct modal_error *err)
 {
     const struct job_record *job = &change->job;
 
     if (job->state < 0 || job->state >= JOB_STATE_COUNT)
-        return modal_fail(err, MODAL_INTERNAL, "ledger: job %lld has no state %d", (long long)job->id, (int)job->state);
+        return modal_fail(err, MODAL_INTERNAL, "ledger: job %lld has no state %d",
+                          (long long)job->id, (int)job->state);
     bind_int(to, job->id);
     bind_int(to, sources(job->state));
     bind_progress(to, job);
     return MODAL_OK;
 }
 
-static enum modal_status bind_limits(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_limits(struct binder *to, const struct ledger_change *change,
+                                     struct modal_error *err)
 {
     const struct job_record *job = &change->job;
 
@@ -216,7 +230,8 @@ static enum modal_status bind_limits(struct binder *to, const struct ledger_chan
     return MODAL_OK;
 }
 
-static enum modal_status bind_result(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_result(struct binder *to, const struct ledger_change *change,
+                                     struct modal_error *err)
 {
     const struct result_record *result = &change->result;
 
@@ -230,7 +245,8 @@ static enum modal_status bind_result(struct binder *to, const struct ledger_chan
     return MODAL_OK;
 }
 
-static enum modal_status bind_tombstone(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_tombstone(struct binder *to, const struct ledger_change *change,
+                                        struct modal_error *err)
 {
     const struct tombstone_record *tombstone = &change->tombstone;
 
@@ -243,7 +259,8 @@ static enum modal_status bind_tombstone(struct binder *to, const struct ledger_c
     return MODAL_OK;
 }
 
-static enum modal_status bind_event(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_event(struct binder *to, const struct ledger_change *change,
+                                    struct modal_error *err)
 {
     const struct event_record *event = &change->event;
 
@@ -257,7 +274,8 @@ static enum modal_status bind_event(struct binder *to, const struct ledger_chang
     return MODAL_OK;
 }
 
-static enum modal_status bind_note(struct binder *to, const struct ledger_change *change, struct modal_error *err)
+static enum modal_status bind_note(struct binder *to, const struct ledger_change *change,
+                                   struct modal_error *err)
 {
     (void)err;
     bind_text(to, change->note.topic);
@@ -268,31 +286,50 @@ static enum modal_status bind_note(struct binder *to, const struct ledger_change
 
 enum { SQL_MOST = 2, VACUUM_PAGES = 512 };
 
-/* Each verb's statements; each is bound alike.  `must`: the last one must change a row; `frees`: it makes free pages. */
+/* Each verb's statements; each is bound alike.  `must`: the last one must change a row; `frees`: it
+ * makes free pages. */
 static const struct {
     const char *sql[SQL_MOST];
     enum modal_status (*bind)(struct binder *, const struct ledger_change *, struct modal_error *);
     bool must, frees;
 } verbs[LEDGER_VERB_COUNT] = {
-    [LEDGER_INPUT_PUT] = { { "INSERT OR REPLACE INTO inputs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,?19)" }, bind_input, true },
+    [LEDGER_INPUT_PUT] = {
+        { "INSERT OR REPLACE INTO inputs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,"
+          "?16,?17,?18,?19)" }, bind_input, true },
     [LEDGER_INPUT_USED] = { { "UPDATE inputs SET used=?2 WHERE id=?1" }, bind_used, true },
-    [LEDGER_INPUT_DELETE] = { { "DELETE FROM chunks WHERE input=?1", "DELETE FROM inputs WHERE id=?1" }, bind_id, true, true },
-    [LEDGER_CHUNK_PUT] = { { "INSERT OR REPLACE INTO chunks VALUES(?1,?2,?3,?4)" }, bind_chunk, true },
-    [LEDGER_SEGMENT_PUT] = { { "INSERT INTO segments VALUES(?1,?2,?3,?4,?5,?6,?7)" }, bind_segment, true },
+    [LEDGER_INPUT_DELETE] = {
+        { "DELETE FROM chunks WHERE input=?1",
+          "DELETE FROM inputs WHERE id=?1" }, bind_id, true, true },
+    [LEDGER_CHUNK_PUT] = {
+        { "INSERT OR REPLACE INTO chunks VALUES(?1,?2,?3,?4)" }, bind_chunk, true },
+    [LEDGER_SEGMENT_PUT] = {
+        { "INSERT INTO segments VALUES(?1,?2,?3,?4,?5,?6,?7)" }, bind_segment, true },
     [LEDGER_SEGMENTS_DELETE] = { { "DELETE FROM segments WHERE stream=?1" }, bind_id, false, true },
-    [LEDGER_JOB_PUT] = { { "INSERT INTO jobs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,?19,?20,?21,?22,?23,?24,?25,?26,?27)" },
-                         bind_job, true },
-    [LEDGER_JOB_MOVE] = { { "UPDATE jobs SET state=?3, attempts=?4, crashes=?5, submitted=?6, started=?7, finished=?8, cpu=?9, error_code=?10,"
-                            " error_message=?11, error_field=?12, error_detail=?13, result_bytes=?14, output=?15, cached=?16, stderr=?17"
-                            " WHERE id=?1 AND (1 << state) & ?2" }, bind_move, true },
-    [LEDGER_JOB_LIMITS] = { { "UPDATE jobs SET priority=?2, run_limit=?3, deadline=?4, not_before=?5, tag=?6 WHERE id=?1" }, bind_limits, true },
-    [LEDGER_JOB_DELETE] = { { "DELETE FROM results WHERE job=?1", "DELETE FROM jobs WHERE id=?1" }, bind_id, true, true },
-    [LEDGER_RESULT_PUT] = { { "INSERT OR REPLACE INTO results VALUES(?1,?2,?3,?4,?5,?6)" }, bind_result, true },
-    [LEDGER_TOMBSTONE_PUT] = { { "INSERT OR REPLACE INTO tombstones VALUES(?1,?2,?3,?4,?5)" }, bind_tombstone, true },
-    [LEDGER_TOMBSTONES_PRUNE] = { { "DELETE FROM tombstones WHERE expired<?1" }, bind_id, false, true },
+    [LEDGER_JOB_PUT] = {
+        { "INSERT INTO jobs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,"
+          "?19,?20,?21,?22,?23,?24,?25,?26,?27)" }, bind_job, true },
+    [LEDGER_JOB_MOVE] = {
+        { "UPDATE jobs SET state=?3, attempts=?4, crashes=?5, submitted=?6, started=?7,"
+          " finished=?8, cpu=?9, error_code=?10, error_message=?11, error_field=?12,"
+          " error_detail=?13, result_bytes=?14, output=?15, cached=?16, stderr=?17"
+          " WHERE id=?1 AND (1 << state) & ?2" }, bind_move, true },
+    [LEDGER_JOB_LIMITS] = {
+        { "UPDATE jobs SET priority=?2, run_limit=?3, deadline=?4, not_before=?5, tag=?6"
+          " WHERE id=?1" }, bind_limits, true },
+    [LEDGER_JOB_DELETE] = {
+        { "DELETE FROM results WHERE job=?1",
+          "DELETE FROM jobs WHERE id=?1" }, bind_id, true, true },
+    [LEDGER_RESULT_PUT] = {
+        { "INSERT OR REPLACE INTO results VALUES(?1,?2,?3,?4,?5,?6)" }, bind_result, true },
+    [LEDGER_TOMBSTONE_PUT] = {
+        { "INSERT OR REPLACE INTO tombstones VALUES(?1,?2,?3,?4,?5)" }, bind_tombstone, true },
+    [LEDGER_TOMBSTONES_PRUNE] = {
+        { "DELETE FROM tombstones WHERE expired<?1" }, bind_id, false, true },
     [LEDGER_EVENT_PUT] = { { "INSERT INTO events VALUES(?1,?2,?3,?4,?5,?6)" }, bind_event, true },
     [LEDGER_EVENTS_PRUNE] = { { "DELETE FROM events WHERE number<?1" }, bind_id, false, true },
-    [LEDGER_NOTE_PUT] = { { "DELETE FROM notes WHERE topic=?1 AND name=?2", "INSERT INTO notes SELECT ?1,?2,?3 WHERE ?3 IS NOT NULL" }, bind_note, false },
+    [LEDGER_NOTE_PUT] = {
+        { "DELETE FROM notes WHERE topic=?1 AND name=?2",
+          "INSERT INTO notes SELECT ?1,?2,?3 WHERE ?3 IS NOT NULL" }, bind_note, false },
 };
 
 struct ledger {
@@ -338,7 +375,8 @@ static enum modal_status take_lock(struct ledger *ledger, struct modal_error *er
         size_t got = 0;
         file_read(ledger->lock, pid, sizeof pid - 1, 0, &got, NULL);
         pid[got] = 0;
-        return modal_fail(err, MODAL_BUSY, "the data folder %s is in use by the daemon with pid %d", ledger->dir, atoi(pid));
+        return modal_fail(err, MODAL_BUSY, "the data folder %s is in use by the daemon with pid %d",
+                          ledger->dir, atoi(pid));
     }
     snprintf(pid, sizeof pid, "%d\n", (int)getpid());
     rc = file_truncate(ledger->lock, 0, err);
@@ -364,7 +402,9 @@ static enum modal_status take_name(struct ledger *ledger, struct modal_error *er
     ledger->socket = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (ledger->socket < 0)
         return modal_fail(err, MODAL_IO, "socket: %s", strerror(errno));
-    if (bind(ledger->socket, (struct sockaddr *)&name, (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length)) == 0)
+    if (bind(ledger->socket, (struct sockaddr *)&name,
+             (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length))
+        == 0)
         return MODAL_OK;
     if (errno == EADDRINUSE)
         return modal_fail(err, MODAL_BUSY,
@@ -376,7 +416,8 @@ static enum modal_status take_name(struct ledger *ledger, struct modal_error *er
 static enum modal_status read_store(struct ledger *ledger, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    int code = sqlite3_prepare_v2(ledger->db, "SELECT value FROM about WHERE name='store'", -1, &row, NULL);
+    int code = sqlite3_prepare_v2(ledger->db, "SELECT value FROM about WHERE name='store'", -1,
+                                  &row, NULL);
     const char *text = NULL;
 
     if (code == SQLITE_OK)
@@ -388,7 +429,9 @@ static enum modal_status read_store(struct ledger *ledger, struct modal_error *e
     sqlite3_finalize(row);
     if (code != SQLITE_ROW && code != SQLITE_DONE)
         return ledger_db_fail(ledger->db, code, "reading the store id", err);
-    return strlen(ledger->store) == 32 ? MODAL_OK : modal_fail(err, MODAL_CORRUPT, "ledger: the store id is missing");
+    return strlen(ledger->store) == 32
+               ? MODAL_OK
+               : modal_fail(err, MODAL_CORRUPT, "ledger: the store id is missing");
 }
 
 static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
@@ -402,15 +445,19 @@ static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
 static enum modal_status prepare(struct ledger *ledger, struct modal_error *err)
 {
     const struct { sqlite3_stmt **statement; const char *sql; } own[] = {
-        { &ledger->begin, "BEGIN IMMEDIATE" }, { &ledger->commit, "COMMIT" }, { &ledger->known, "SELECT 1 FROM jobs WHERE id=?1" },
+        { &ledger->begin, "BEGIN IMMEDIATE" },
+        { &ledger->commit, "COMMIT" },
+        { &ledger->known, "SELECT 1 FROM jobs WHERE id=?1" },
     };
     int code = SQLITE_OK;
 
     for (int v = 0; v < LEDGER_VERB_COUNT; v++)
         for (int i = 0; code == SQLITE_OK && i < SQL_MOST && verbs[v].sql[i] != NULL; i++)
-            code = sqlite3_prepare_v3(ledger->db, verbs[v].sql[i], -1, SQLITE_PREPARE_PERSISTENT, &ledger->statements[v][i], NULL);
+            code = sqlite3_prepare_v3(ledger->db, verbs[v].sql[i], -1, SQLITE_PREPARE_PERSISTENT,
+                                      &ledger->statements[v][i], NULL);
     for (size_t i = 0; code == SQLITE_OK && i < sizeof own / sizeof *own; i++)
-        code = sqlite3_prepare_v3(ledger->db, own[i].sql, -1, SQLITE_PREPARE_PERSISTENT, own[i].statement, NULL);
+        code = sqlite3_prepare_v3(ledger->db, own[i].sql, -1, SQLITE_PREPARE_PERSISTENT,
+                                  own[i].statement, NULL);
     if (code != SQLITE_OK)
         return ledger_db_fail(ledger->db, code, "preparing statements", err);
     sqlite3_wal_hook(ledger->db, log_grew, ledger);
@@ -443,13 +490,16 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
     ledger->lock = ledger->socket = -1;
     ledger->deleted = true;
     if (strlen(dir) >= sizeof ledger->dir - 64) {
-        rc = modal_fail(err, MODAL_TOO_LARGE, "the path of the data folder is longer than %zu bytes", sizeof ledger->dir - 64);
+        rc = modal_fail(err, MODAL_TOO_LARGE,
+                        "the path of the data folder is longer than %zu bytes",
+                        sizeof ledger->dir - 64);
         goto out;
     }
     strcpy(ledger->dir, dir);
-    if ((rc = make_folders(dir, err)) != MODAL_OK || (rc = take_lock(ledger, err)) != MODAL_OK ||
-        (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK || (rc = read_store(ledger, err)) != MODAL_OK ||
-        (rc = take_name(ledger, err)) != MODAL_OK || (rc = prepare(ledger, err)) != MODAL_OK)
+    if ((rc = make_folders(dir, err)) != MODAL_OK || (rc = take_lock(ledger, err)) != MODAL_OK
+        || (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK
+        || (rc = read_store(ledger, err)) != MODAL_OK || (rc = take_name(ledger, err)) != MODAL_OK
+        || (rc = prepare(ledger, err)) != MODAL_OK)
         goto out;
     ledger->mark = ledger_mark_open(dir);
     *out = ledger;
@@ -506,8 +556,10 @@ static enum modal_status refused(struct ledger *ledger, const struct ledger_chan
     return code == SQLITE_ROW ? MODAL_CONFLICT : MODAL_NOT_FOUND;
 }
 
-/* Apply one change.  What is wrong with it alone goes into its status; what is wrong with the disk is returned. */
-static enum modal_status apply(struct ledger *ledger, struct ledger_change *change, struct modal_error *err)
+/* Apply one change.  What is wrong with it alone goes into its status; what is wrong with the disk
+ * is returned. */
+static enum modal_status apply(struct ledger *ledger, struct ledger_change *change,
+                               struct modal_error *err)
 {
     enum modal_status rc;
     int code = SQLITE_OK;
@@ -534,7 +586,8 @@ static enum modal_status apply(struct ledger *ledger, struct ledger_change *chan
     return MODAL_OK;
 }
 
-static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *changes, size_t count, struct modal_error *err)
+static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *changes,
+                                   size_t count, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     int code = step(ledger->begin);
@@ -549,7 +602,9 @@ static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *
 }
 
 /* The samples of a group, on stable storage before any row that speaks of them. */
-static enum modal_status keep_samples(struct samples_files *files, const struct ledger_change *changes, size_t count, struct modal_error *err)
+static enum modal_status keep_samples(struct samples_files *files,
+                                      const struct ledger_change *changes, size_t count,
+                                      struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -565,9 +620,10 @@ static bool survivable(enum modal_status rc)
     return rc == MODAL_OK || rc == MODAL_STORAGE_FULL || rc == MODAL_NO_MEMORY || rc == MODAL_BUSY;
 }
 
-/* HOW: SQLITE_CHECKPOINT_PASSIVE, or _TRUNCATE, which syncs the database before it empties the log.  *DONE: no reader was
- * in the way. */
-static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done, struct modal_error *err)
+/* HOW: SQLITE_CHECKPOINT_PASSIVE, or _TRUNCATE, which syncs the database before it empties the log.
+ * *DONE: no reader was in the way. */
+static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done,
+                                       struct modal_error *err)
 {
     enum modal_status rc;
     int left = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, NULL, &left);
@@ -591,10 +647,13 @@ static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *e
 
 static enum modal_status refuse_broken(struct modal_error *err)
 {
-    return modal_fail(err, MODAL_IO, "ledger: an earlier write or sync failed; nothing more is taken until the daemon is started again");
+    return modal_fail(err, MODAL_IO,
+                      "ledger: an earlier write or sync failed; nothing more is taken until the "
+                      "daemon is started again");
 }
 
-enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count, struct modal_error *err)
+enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count,
+                                struct modal_error *err)
 {
     struct samples_files files = { .dir = ledger->dir };
     enum modal_status rc;
@@ -630,12 +689,14 @@ enum modal_status ledger_checkpoint(struct ledger *ledger, struct modal_error *e
     return ledger->broken ? refuse_broken(err) : checkpoint(ledger, err);
 }
 
-enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor, struct modal_error *err)
+enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor,
+                              struct modal_error *err)
 {
     return ledger_db_load(ledger->db, visitor, err);
 }
 
-static enum modal_status count_pages(struct ledger *ledger, const char *pragma, int64_t *out, struct modal_error *err)
+static enum modal_status count_pages(struct ledger *ledger, const char *pragma, int64_t *out,
+                                     struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
     int code = sqlite3_prepare_v2(ledger->db, pragma, -1, &row, NULL);
@@ -648,7 +709,8 @@ static enum modal_status count_pages(struct ledger *ledger, const char *pragma, 
     return code == SQLITE_ROW ? MODAL_OK : ledger_db_fail(ledger->db, code, pragma, err);
 }
 
-enum modal_status ledger_vacuum(struct ledger *ledger, int most_pages, int64_t *left, struct modal_error *err)
+enum modal_status ledger_vacuum(struct ledger *ledger, int most_pages, int64_t *left,
+                                struct modal_error *err)
 {
     char sql[64];
     enum modal_status rc;
@@ -706,7 +768,8 @@ enum modal_status ledger_rest(struct ledger *ledger, bool *more, struct modal_er
         rc = ledger_vacuum(ledger, VACUUM_PAGES, &left, err);
     if (rc == MODAL_OK && (*more = left > 0 && left < unused))
         return rc;
-    sqlite3_busy_timeout(ledger->db, 0);           /* a reader is not waited for: somebody may ask something */
+    /* a reader is not waited for: somebody may ask something */
+    sqlite3_busy_timeout(ledger->db, 0);
     if (rc == MODAL_OK)
         rc = checkpoint_as(ledger, SQLITE_CHECKPOINT_TRUNCATE, &done, err);
     sqlite3_busy_timeout(ledger->db, LEDGER_BUSY_MS);

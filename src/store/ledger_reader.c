@@ -11,7 +11,8 @@ struct ledger_reader {
     sqlite3 *db;
 };
 
-enum modal_status ledger_reader_open(const char *dir, struct ledger_reader **out, struct modal_error *err)
+enum modal_status ledger_reader_open(const char *dir, struct ledger_reader **out,
+                                     struct modal_error *err)
 {
     struct ledger_reader *reader = calloc(1, sizeof *reader);
     enum modal_status rc;
@@ -36,7 +37,8 @@ void ledger_reader_close(struct ledger_reader *reader)
 }
 
 /* Prepare SQL with its one number. */
-static enum modal_status ask(struct ledger_reader *reader, const char *sql, int64_t id, sqlite3_stmt **out, struct modal_error *err)
+static enum modal_status ask(struct ledger_reader *reader, const char *sql, int64_t id,
+                             sqlite3_stmt **out, struct modal_error *err)
 {
     int code = sqlite3_prepare_v2(reader->db, sql, -1, out, NULL);
 
@@ -46,7 +48,8 @@ static enum modal_status ask(struct ledger_reader *reader, const char *sql, int6
     return MODAL_OK;
 }
 
-static enum modal_status copy_column(sqlite3_stmt *row, int column, char **data, size_t *length, struct modal_error *err)
+static enum modal_status copy_column(sqlite3_stmt *row, int column, char **data, size_t *length,
+                                     struct modal_error *err)
 {
     size_t size = (size_t)sqlite3_column_bytes(row, column);
     const void *bytes = sqlite3_column_blob(row, column);
@@ -63,7 +66,8 @@ static enum modal_status copy_column(sqlite3_stmt *row, int column, char **data,
 }
 
 /* The first column of SQL's one row, for ID; WHAT names it where it is absent. */
-static enum modal_status read_column(struct ledger_reader *reader, const char *sql, int64_t id, const char *what, char **data, size_t *length,
+static enum modal_status read_column(struct ledger_reader *reader, const char *sql, int64_t id,
+                                     const char *what, char **data, size_t *length,
                                      struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
@@ -86,11 +90,13 @@ static void result_path(char path[4200], const char *dir, int64_t job)
 }
 
 /* A result's row: its length and CRC, and its text where it has it. */
-static enum modal_status read_result_row(struct ledger_reader *reader, int64_t job, uint64_t *expected, uint32_t *crc, char **data, size_t *length,
-                                         struct modal_error *err)
+static enum modal_status read_result_row(struct ledger_reader *reader, int64_t job,
+                                         uint64_t *expected, uint32_t *crc, char **data,
+                                         size_t *length, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    enum modal_status rc = ask(reader, "SELECT length, crc, text FROM results WHERE job=?1", job, &row, err);
+    enum modal_status rc = ask(reader, "SELECT length, crc, text FROM results WHERE job=?1", job,
+                               &row, err);
     int code = rc == MODAL_OK ? sqlite3_step(row) : SQLITE_OK;
 
     *data = NULL;
@@ -108,7 +114,8 @@ static enum modal_status read_result_row(struct ledger_reader *reader, int64_t j
     return rc;
 }
 
-enum modal_status ledger_read_result(struct ledger_reader *reader, int64_t job, char **data, size_t *length, struct modal_error *err)
+enum modal_status ledger_read_result(struct ledger_reader *reader, int64_t job, char **data,
+                                     size_t *length, struct modal_error *err)
 {
     char path[4200], *text = NULL;
     uint64_t expected = 0;
@@ -120,11 +127,13 @@ enum modal_status ledger_read_result(struct ledger_reader *reader, int64_t job, 
         result_path(path, reader->dir, job);
         rc = file_get(path, LEDGER_RESULT_MOST, &text, &got, err);
         if (rc == MODAL_NOT_FOUND)
-            rc = modal_fail(err, MODAL_CORRUPT, "%s, the result of job %lld, is missing", path, (long long)job);
+            rc = modal_fail(err, MODAL_CORRUPT, "%s, the result of job %lld, is missing", path,
+                            (long long)job);
     }
     if (rc == MODAL_OK && (got != expected || crc32c(0, text, got) != crc))
-        rc = modal_fail(err, MODAL_CORRUPT, "the result of job %lld is damaged: %zu bytes of %llu, or a wrong checksum", (long long)job, got,
-                        (unsigned long long)expected);
+        rc = modal_fail(err, MODAL_CORRUPT,
+                        "the result of job %lld is damaged: %zu bytes of %llu, or a wrong checksum",
+                        (long long)job, got, (unsigned long long)expected);
     if (rc != MODAL_OK) {
         free(text);
         return rc;
@@ -134,20 +143,24 @@ enum modal_status ledger_read_result(struct ledger_reader *reader, int64_t job, 
     return MODAL_OK;
 }
 
-enum modal_status ledger_read_stderr(struct ledger_reader *reader, int64_t job, char **data, size_t *length, struct modal_error *err)
+enum modal_status ledger_read_stderr(struct ledger_reader *reader, int64_t job, char **data,
+                                     size_t *length, struct modal_error *err)
 {
-    enum modal_status rc = read_column(reader, "SELECT stderr FROM jobs WHERE id=?1", job, "the stderr of job", data, length, err);
+    enum modal_status rc = read_column(reader, "SELECT stderr FROM jobs WHERE id=?1", job,
+                                       "the stderr of job", data, length, err);
 
     if (rc == MODAL_NOT_FOUND)
         return modal_fail(err, rc, "no worker died of this job: it has no stderr");
     return rc;
 }
 
-enum modal_status ledger_read_input(struct ledger_reader *reader, int64_t input, char **data, size_t *length, struct modal_error *err)
+enum modal_status ledger_read_input(struct ledger_reader *reader, int64_t input, char **data,
+                                    size_t *length, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
     uint32_t crc = 0;
-    enum modal_status rc = read_column(reader, "SELECT data FROM inputs WHERE id=?1", input, "the data of input", data, length, err);
+    enum modal_status rc = read_column(reader, "SELECT data FROM inputs WHERE id=?1", input,
+                                       "the data of input", data, length, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -156,7 +169,9 @@ enum modal_status ledger_read_input(struct ledger_reader *reader, int64_t input,
         crc = (uint32_t)sqlite3_column_int64(row, 0);
     sqlite3_finalize(row);
     if (rc == MODAL_OK && crc32c(0, *data, *length) != crc)
-        rc = modal_fail(err, MODAL_CORRUPT, "the data of input %lld is damaged: its checksum is wrong", (long long)input);
+        rc = modal_fail(err, MODAL_CORRUPT,
+                        "the data of input %lld is damaged: its checksum is wrong",
+                        (long long)input);
     if (rc != MODAL_OK) {
         free(*data);
         *data = NULL;
@@ -164,13 +179,18 @@ enum modal_status ledger_read_input(struct ledger_reader *reader, int64_t input,
     return rc;
 }
 
-enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after, const char *user, int most,
-                                     enum modal_status (*event)(void *context, const struct event_record *), void *context,
-                                     struct modal_error *err)
+enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after, const char *user,
+                                     int most,
+                                     enum modal_status (*event)(void *context,
+                                                                const struct event_record *),
+                                     void *context, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
-    enum modal_status rc = ask(reader, "SELECT number, ns, job, user, topic, text FROM events WHERE number>?1 AND (?2 IS NULL OR user=?2)"
-                                       " ORDER BY number LIMIT ?3", after, &row, err);
+    enum modal_status rc = ask(reader,
+                               "SELECT number, ns, job, user, topic, text FROM events WHERE "
+                               "number>?1 AND (?2 IS NULL OR user=?2)"
+                               " ORDER BY number LIMIT ?3",
+                               after, &row, err);
     int code = SQLITE_DONE;
 
     if (rc == MODAL_OK) {
@@ -179,8 +199,11 @@ enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after
     }
     while (rc == MODAL_OK && (code = sqlite3_step(row)) == SQLITE_ROW) {
         struct event_record record = {
-            .number = sqlite3_column_int64(row, 0), .ns = sqlite3_column_int64(row, 1), .job = sqlite3_column_int64(row, 2),
-            .user = (const char *)sqlite3_column_text(row, 3), .topic = (const char *)sqlite3_column_text(row, 4),
+            .number = sqlite3_column_int64(row, 0),
+            .ns = sqlite3_column_int64(row, 1),
+            .job = sqlite3_column_int64(row, 2),
+            .user = (const char *)sqlite3_column_text(row, 3),
+            .topic = (const char *)sqlite3_column_text(row, 4),
             .text = (const char *)sqlite3_column_text(row, 5),
         };
         rc = event(context, &record);
@@ -193,8 +216,9 @@ enum modal_status ledger_read_events(struct ledger_reader *reader, int64_t after
 
 enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input, uint64_t from,
                                      uint64_t to,
-                                     enum modal_status (*chunk)(void *context, const struct chunk_record *), void *context,
-                                     struct modal_error *err)
+                                     enum modal_status (*chunk)(void *context,
+                                                                const struct chunk_record *),
+                                     void *context, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
     int64_t first = (int64_t)from, end = to < INT64_MAX ? (int64_t)to : INT64_MAX;
@@ -209,7 +233,8 @@ enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input
         sqlite3_bind_int64(row, 4, first);
     }
     while (rc == MODAL_OK && (code = sqlite3_step(row)) == SQLITE_ROW) {
-        struct chunk_record record = { (uint64_t)sqlite3_column_int64(row, 0), (uint64_t)sqlite3_column_int64(row, 1),
+        struct chunk_record record = { (uint64_t)sqlite3_column_int64(row, 0),
+                                       (uint64_t)sqlite3_column_int64(row, 1),
                                        (uint32_t)sqlite3_column_int64(row, 2) };
         rc = chunk(context, &record);
     }
@@ -221,8 +246,9 @@ enum modal_status ledger_read_chunks(struct ledger_reader *reader, int64_t input
 
 enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t stream,
                                        uint64_t offset,
-                                       enum modal_status (*segment)(void *context, const struct segment_record *), void *context,
-                                       struct modal_error *err)
+                                       enum modal_status (*segment)(void *context,
+                                                                    const struct segment_record *),
+                                       void *context, struct modal_error *err)
 {
     sqlite3_stmt *row = NULL;
     enum modal_status rc = ask(reader,
@@ -242,18 +268,20 @@ enum modal_status ledger_read_segments(struct ledger_reader *reader, int64_t str
     return rc;
 }
 
-enum modal_status ledger_reader_load(struct ledger_reader *reader, const struct ledger_visitor *visitor, struct modal_error *err)
+enum modal_status ledger_reader_load(struct ledger_reader *reader,
+                                     const struct ledger_visitor *visitor, struct modal_error *err)
 {
     return ledger_db_load(reader->db, visitor, err);
 }
 
-enum modal_status ledger_result_put(const char *dir, int64_t job, const char *text, size_t length, struct result_record *record,
-                                    struct modal_error *err)
+enum modal_status ledger_result_put(const char *dir, int64_t job, const char *text, size_t length,
+                                    struct result_record *record, struct modal_error *err)
 {
     char path[4200];
 
     if (length > LEDGER_RESULT_MOST)
-        return modal_fail(err, MODAL_TOO_LARGE, "a result of %zu bytes; at most %d are kept", length, (int)LEDGER_RESULT_MOST);
+        return modal_fail(err, MODAL_TOO_LARGE, "a result of %zu bytes; at most %d are kept",
+                          length, (int)LEDGER_RESULT_MOST);
     if (length > LEDGER_RESULT_INLINE_MOST) {
         enum modal_status rc;
         result_path(path, dir, job);

@@ -1,19 +1,22 @@
 /*
  * ledger_wal.c - is SQLite's log damaged, or only torn at its end?
  *
- * The log [SQLite file format, section 4] is a header of 32 bytes and frames of 24 bytes and a page, all numbers
- * big-endian:
+ * The log [SQLite file format, section 4] is a header of 32 bytes and frames of 24 bytes and a
+ * page, all numbers big-endian:
  *
- *     header   magic 0x377f0682 or ..83, version 3007000, page size, sequence, salt 1, salt 2, sum 1, sum 2
- *     frame    page number, pages of the database after a commit (0: not a commit's frame), salt 1, salt 2, sum 1, sum 2
+ *     header   magic 0x377f0682 or ..83, version 3007000, page size, sequence, salt 1, salt 2,
+ *              sum 1, sum 2
+ *     frame    page number, pages of the database after a commit (0: not a commit's frame), salt 1,
+ *              salt 2, sum 1, sum 2
  *
- * Frames of an earlier life of the file have other salts.  The sums run from the header through all frames: over pairs
- * of words, a += word + b, b += word + a; words are little-endian for magic ..82.  After the first frame whose sums
- * are wrong no sum can be checked, but salts and commit marks can be read: a frame with our salts after a later commit's
- * frame was written when the bad group had been synced.  The last group has none behind it; of that the mark tells:
+ * Frames of an earlier life of the file have other salts.  The sums run from the header through all
+ * frames: over pairs of words, a += word + b, b += word + a; words are little-endian for magic
+ * ..82.  After the first frame whose sums are wrong no sum can be checked, but salts and commit
+ * marks can be read: a frame with our salts after a later commit's frame was written when the bad
+ * group had been synced.  The last group has none behind it; of that the mark tells:
  *
- *     mark     "mdmk", salt 1, salt 2 (as in the log), u64 bytes of the log that were synced, CRC-32C of the 20 bytes before;
- *              numbers little-endian
+ *     mark     "mdmk", salt 1, salt 2 (as in the log), u64 bytes of the log that were synced,
+ *              CRC-32C of the 20 bytes before; numbers little-endian
  */
 #include "store/ledger_db.h"
 #include <errno.h>
@@ -26,7 +29,14 @@
 #include "base/crc32c.h"
 #include "store/file.h"
 
-enum { HEADER = 32, FRAME_HEADER = 24, LEDGER_PAGE = 4096, PAGE_MOST = 65536, MARK = 24, LOOKS = 4 };
+enum {
+    HEADER = 32,
+    FRAME_HEADER = 24,
+    LEDGER_PAGE = 4096,
+    PAGE_MOST = 65536,
+    MARK = 24,
+    LOOKS = 4
+};
 #define MAGIC 0x377f0682u
 #define VERSION 3007000u
 
@@ -40,8 +50,10 @@ struct wal {
     uint32_t salt[2];
     bool big;                 /* the sums read words big-endian */
     unsigned char marked_salts[8];
-    uint64_t marked;          /* bytes of the life with those salts that were synced; 0: not known */
-    enum modal_status read;   /* the first read that failed, and why: nothing is concluded from what could not be read */
+    /* bytes of the life with those salts that were synced; 0: not known */
+    uint64_t marked;
+    /* the first read that failed, and why: nothing is concluded from what could not be read */
+    enum modal_status read;
     struct modal_error why;
 };
 
@@ -92,7 +104,8 @@ static bool ours(const struct wal *wal)
 
 static bool frame_good(const struct wal *wal, struct sums *sums)
 {
-    struct sums next = add(wal->big, add(wal->big, *sums, wal->frame, 8), wal->frame + FRAME_HEADER, wal->page);
+    struct sums next = add(wal->big, add(wal->big, *sums, wal->frame, 8), wal->frame + FRAME_HEADER,
+                           wal->page);
 
     if (!ours(wal) || !same(next, wal->frame + 16))
         return false;
@@ -122,8 +135,9 @@ static void put_big(unsigned char *p, uint32_t word)
 }
 
 /*
- * Is the header torn: the beginning of a new life's (sequence + 1, other salts and sums) before the end of the old one's,
- * whose salts the frames carry?  Only a bit of damage to the sequence number can look so.
+ * Is the header torn: the beginning of a new life's (sequence + 1, other salts and sums) before the
+ * end of the old one's, whose salts the frames carry?  Only a bit of damage to the sequence number
+ * can look so.
  */
 static bool header_torn(const struct wal *wal, bool big)
 {
@@ -151,7 +165,8 @@ static bool marked_life(const struct wal *wal, const unsigned char salts[8])
     return wal->marked > 0 && memcmp(wal->marked_salts, salts, 8) == 0;
 }
 
-/* The header's own sums are wrong: torn while the log began anew, with an old life's frames behind it, or damaged? */
+/* The header's own sums are wrong: torn while the log began anew, with an old life's frames behind
+ * it, or damaged? */
 static bool header_damaged(struct wal *wal)
 {
     unsigned char salts[8];
@@ -166,7 +181,8 @@ static bool header_damaged(struct wal *wal)
     }
     put_big(salts, wal->salt[0]);
     put_big(salts + 4, wal->salt[1]);
-    return (groups_after(wal, 0) || marked_life(wal, salts)) && !header_torn(wal, false) && !header_torn(wal, true);
+    return (groups_after(wal, 0) || marked_life(wal, salts)) && !header_torn(wal, false)
+           && !header_torn(wal, true);
 }
 
 static bool header_good(struct wal *wal)
@@ -175,7 +191,8 @@ static bool header_good(struct wal *wal)
     uint32_t magic = big_word(wal->header), page = big_word(wal->header + 8);
 
     wal->big = magic & 1;
-    if ((magic & ~1u) != MAGIC || big_word(wal->header + 4) != VERSION || page < 512 || page > PAGE_MOST || (page & (page - 1)) != 0)
+    if ((magic & ~1u) != MAGIC || big_word(wal->header + 4) != VERSION || page < 512
+        || page > PAGE_MOST || (page & (page - 1)) != 0)
         return false;
     wal->page = page;
     wal->salt[0] = big_word(wal->header + 16);
@@ -183,15 +200,19 @@ static bool header_good(struct wal *wal)
     return same(add(wal->big, none, wal->header, 24), wal->header + 24);
 }
 
-/* The offset behind the last good commit's frame, up to which SQLite will read; 0 where it will read nothing. */
-static enum modal_status check(struct wal *wal, const char *path, uint64_t *end, struct modal_error *err)
+/* The offset behind the last good commit's frame, up to which SQLite will read; 0 where it will
+ * read nothing. */
+static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
+                               struct modal_error *err)
 {
     struct sums sums;
     uint64_t i = 0;
 
     *end = 0;
     if (!header_good(wal))
-        return header_damaged(wal) ? modal_fail(err, MODAL_CORRUPT, "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
+        return header_damaged(wal) ? modal_fail(
+                   err, MODAL_CORRUPT,
+                   "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
                                    : MODAL_OK;
     *end = HEADER;
     sums = (struct sums) { big_word(wal->header + 24), big_word(wal->header + 28) };
@@ -201,11 +222,16 @@ static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
             *end = frame_offset(wal, i);
     }
     if (groups_after(wal, i))
-        return modal_fail(err, MODAL_CORRUPT, "%s: frame %llu (offset %llu) is damaged, and acknowledged groups follow it", path,
-                          (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
+        return modal_fail(
+            err, MODAL_CORRUPT,
+            "%s: frame %llu (offset %llu) is damaged, and acknowledged groups follow it", path,
+            (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
     if (wal->read == MODAL_OK && marked_life(wal, wal->header + 16) && *end < wal->marked)
-        return modal_fail(err, MODAL_CORRUPT, "%s: frame %llu (offset %llu) is damaged or missing, and its group was acknowledged; without "
-                          "the file ledger.db-mark the log is read up to there", path, (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
+        return modal_fail(err, MODAL_CORRUPT,
+                          "%s: frame %llu (offset %llu) is damaged or missing, and its group was "
+                          "acknowledged; without "
+                          "the file ledger.db-mark the log is read up to there",
+                          path, (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
     return MODAL_OK;
 }
 
@@ -232,7 +258,8 @@ static void mark_read(struct wal *wal, const char *path)
     mark_path(name, path);
     if (file_open(name, O_RDONLY, 0, &fd, NULL) != MODAL_OK)
         return;
-    if (file_read(fd, mark, MARK, 0, &got, NULL) == MODAL_OK && got == MARK && memcmp(mark, "mdmk", 4) == 0) {
+    if (file_read(fd, mark, MARK, 0, &got, NULL) == MODAL_OK && got == MARK
+        && memcmp(mark, "mdmk", 4) == 0) {
         memcpy(&check, mark + 20, 4);
         if (check == crc32c(0, mark, 20)) {
             memcpy(wal->marked_salts, mark + 4, 8);
@@ -263,7 +290,8 @@ void ledger_mark_put(struct ledger_mark *mark, int frames)
     uint32_t check;
     size_t got = 0;
 
-    if (mark == NULL || mark->fd < 0 || (mark->log < 0 && file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL) != MODAL_OK))
+    if (mark == NULL || mark->fd < 0
+        || (mark->log < 0 && file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL) != MODAL_OK))
         return;
     if (file_read(mark->log, text + 4, 8, 16, &got, NULL) != MODAL_OK || got != 8)
         return;
@@ -287,7 +315,8 @@ void ledger_mark_close(struct ledger_mark *mark)
 /* --- the check --- */
 
 /* Once, as it is now; the mark before it, for it may be moving. */
-static enum modal_status look(struct wal *wal, const char *path, uint64_t *end, struct modal_error *err)
+static enum modal_status look(struct wal *wal, const char *path, uint64_t *end,
+                              struct modal_error *err)
 {
     struct stat known;
     size_t got = 0;
@@ -305,7 +334,8 @@ static enum modal_status look(struct wal *wal, const char *path, uint64_t *end, 
     return wal->read == MODAL_OK ? rc : modal_fail(err, wal->read, "%s", wal->why.message);
 }
 
-/* What is left of a torn group, or of a life before, would be taken for later groups once others are written before it. */
+/* What is left of a torn group, or of a life before, would be taken for later groups once others
+ * are written before it. */
 static enum modal_status trim(const struct wal *wal, uint64_t end, struct modal_error *err)
 {
     enum modal_status rc;
@@ -328,7 +358,8 @@ enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_er
     rc = file_open(path, owner ? O_RDWR : O_RDONLY, 0, &wal->fd, err);
     if (rc == MODAL_OK)
         rc = look(wal, path, &end, err);
-    for (int i = 0; rc == MODAL_CORRUPT && !owner && i < LOOKS; i++)     /* it may have been written to meanwhile */
+    /* it may have been written to meanwhile */
+    for (int i = 0; rc == MODAL_CORRUPT && !owner && i < LOOKS; i++)
         rc = look(wal, path, &end, err);
     if (rc == MODAL_OK && owner)
         rc = trim(wal, end, err);

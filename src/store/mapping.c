@@ -13,7 +13,8 @@ static uintptr_t page(void)
     return (uintptr_t)sysconf(_SC_PAGESIZE);
 }
 
-enum modal_status mapping_open(int fd, const char *path, uint64_t offset, uint64_t length, struct mapping *out, struct modal_error *err)
+enum modal_status mapping_open(int fd, const char *path, uint64_t offset, uint64_t length,
+                               struct mapping *out, struct modal_error *err)
 {
     uint64_t start = offset & ~(uint64_t)(page() - 1);
     /* Not fstat, which a confined worker may not call. */
@@ -30,7 +31,8 @@ enum modal_status mapping_open(int fd, const char *path, uint64_t offset, uint64
     mapped = (size_t)(offset + length - start);
     base = mmap(NULL, mapped, PROT_READ, MAP_SHARED, fd, (off_t)start);
     if (base == MAP_FAILED)
-        return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_IO, "%s: mmap: %s", path, strerror(errno));
+        return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_IO, "%s: mmap: %s", path,
+                          strerror(errno));
     *out = (struct mapping) { (char *)base + (offset - start), (size_t)length, base, mapped };
     return MODAL_OK;
 }
@@ -42,10 +44,12 @@ void mapping_close(struct mapping *map)
     memset(map, 0, sizeof *map);
 }
 
-/* Pages that the neighbours share go as well: they come back.  Advice may be refused, and then nothing is given back. */
+/* Pages that the neighbours share go as well: they come back.  Advice may be refused, and then
+ * nothing is given back. */
 void mapping_release(const void *from, size_t bytes)
 {
-    uintptr_t first = (uintptr_t)from & ~(page() - 1), end = ((uintptr_t)from + bytes + page() - 1) & ~(page() - 1);
+    uintptr_t first = (uintptr_t)from & ~(page() - 1),
+              end = ((uintptr_t)from + bytes + page() - 1) & ~(page() - 1);
 
     madvise((void *)first, end - first, MADV_DONTNEED);
 }
@@ -54,7 +58,8 @@ uint64_t mapping_resident_most(void)
 {
     struct rlimit data;
 
-    if (getrlimit(RLIMIT_DATA, &data) == 0 && data.rlim_cur != RLIM_INFINITY && data.rlim_cur / 2 < RESIDENT_MOST)
+    if (getrlimit(RLIMIT_DATA, &data) == 0 && data.rlim_cur != RLIM_INFINITY
+        && data.rlim_cur / 2 < RESIDENT_MOST)
         return data.rlim_cur / 2;
     return RESIDENT_MOST;
 }

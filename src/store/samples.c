@@ -19,10 +19,13 @@ enum modal_status samples_remove(const char *dir, int64_t id, struct modal_error
     return file_unlink(path, err);
 }
 
-enum { BEGIN_BYTES = 512 << 10 };   /* written before the disk begins with them, while more is written behind them */
+/* written before the disk begins with them, while more is written behind them */
+enum { BEGIN_BYTES = 512 << 10 };
 
-/* The open file of stream ID, which OFFSET is the first for in this group; where no more may be open, those that are go to disk first. */
-static enum modal_status file_of(struct samples_files *files, int64_t id, uint64_t offset, struct samples_file **file, struct modal_error *err)
+/* The open file of stream ID, which OFFSET is the first for in this group; where no more may be
+ * open, those that are go to disk first. */
+static enum modal_status file_of(struct samples_files *files, int64_t id, uint64_t offset,
+                                 struct samples_file **file, struct modal_error *err)
 {
     char path[4200];
     int fd = -1;
@@ -48,7 +51,8 @@ static enum modal_status file_of(struct samples_files *files, int64_t id, uint64
 }
 
 /* [FROM, TO) was written. */
-static enum modal_status begin_writing(struct samples_file *file, uint64_t from, uint64_t to, struct modal_error *err)
+static enum modal_status begin_writing(struct samples_file *file, uint64_t from, uint64_t to,
+                                       struct modal_error *err)
 {
     if (from != file->to || file->from == file->to)
         file->from = from;
@@ -60,7 +64,8 @@ static enum modal_status begin_writing(struct samples_file *file, uint64_t from,
     return file_sync_begin(file->fd, from, to - from, err);
 }
 
-enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment, struct modal_error *err)
+enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment,
+                              struct modal_error *err)
 {
     struct samples_file *file = NULL;
     enum modal_status rc = file_of(files, segment->stream, segment->offset, &file, err);
@@ -68,7 +73,9 @@ enum modal_status samples_put(struct samples_files *files, const struct segment_
     files->made |= segment->offset == 0;
     if (rc == MODAL_OK)
         rc = file_write(file->fd, segment->data, segment->length, segment->offset, err);
-    return rc == MODAL_OK ? begin_writing(file, segment->offset, segment->offset + segment->length, err) : rc;
+    return rc == MODAL_OK
+               ? begin_writing(file, segment->offset, segment->offset + segment->length, err)
+               : rc;
 }
 
 enum modal_status samples_sync(struct samples_files *files, struct modal_error *err)
@@ -97,13 +104,17 @@ void samples_close(struct samples_files *files)
         close(files->file[--files->count].fd);
 }
 
-enum modal_status samples_get(int fd, const struct segment_record *segment, void *data, struct modal_error *err)
+enum modal_status samples_get(int fd, const struct segment_record *segment, void *data,
+                              struct modal_error *err)
 {
     size_t got = 0;
     enum modal_status rc = file_read(fd, data, segment->length, segment->offset, &got, err);
 
     if (rc == MODAL_OK && (got < segment->length || crc32c(0, data, got) != segment->crc))
-        rc = modal_fail(err, MODAL_CORRUPT, "the samples of stream %lld at offset %llu of its file (%llu bytes) are damaged: %zu bytes, or a wrong checksum",
-                        (long long)segment->stream, (unsigned long long)segment->offset, (unsigned long long)segment->length, got);
+        rc = modal_fail(err, MODAL_CORRUPT,
+                        "the samples of stream %lld at offset %llu of its file (%llu bytes) are "
+                        "damaged: %zu bytes, or a wrong checksum",
+                        (long long)segment->stream, (unsigned long long)segment->offset,
+                        (unsigned long long)segment->length, got);
     return rc;
 }

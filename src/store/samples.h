@@ -1,8 +1,9 @@
 /* samples.h - the samples of an open stream: DIR/spool/ID.samples, segments one behind the other
  *
- * A segment is a run of samples of one epoch, as they were pushed.  The ledger's thread writes those of a group and syncs their
- * files before it commits their rows, so that a row never speaks of bytes that are not on stable storage.  Bytes that no row
- * speaks of (of a refused group, of one cut off by a crash) are written over.  When the stream is sealed, rows and file go.
+ * A segment is a run of samples of one epoch, as they were pushed.  The ledger's thread writes
+ * those of a group and syncs their files before it commits their rows, so that a row never speaks
+ * of bytes that are not on stable storage.  Bytes that no row speaks of (of a refused group, of one
+ * cut off by a crash) are written over.  When the stream is sealed, rows and file go.
  */
 #ifndef STORE_SAMPLES_H
 #define STORE_SAMPLES_H
@@ -26,14 +27,19 @@ struct samples_files {
     int count;
     bool made;                     /* a file that begins: its name is to be synced too */
 };
-/* Write SEGMENT's data at its offset.  MODAL_STORAGE_FULL; MODAL_IO after which nothing may be trusted. */
-enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment, struct modal_error *err);
+/* Write SEGMENT's data at its offset.  MODAL_STORAGE_FULL; MODAL_IO after which nothing may be
+ * trusted. */
+enum modal_status samples_put(struct samples_files *files, const struct segment_record *segment,
+                              struct modal_error *err);
 /* All that was put is on stable storage. */
 enum modal_status samples_sync(struct samples_files *files, struct modal_error *err);
-/* The group is refused for want of space: that of its segments is given back, as far as the files are still open. */
+/* The group is refused for want of space: that of its segments is given back, as far as the files
+ * are still open. */
 void samples_take_back(struct samples_files *files);
 void samples_close(struct samples_files *files);
 
-/* The bytes of SEGMENT from the open file FD into DATA, which has room for its length.  MODAL_CORRUPT: bytes are missing or differ. */
-enum modal_status samples_get(int fd, const struct segment_record *segment, void *data, struct modal_error *err);
+/* The bytes of SEGMENT from the open file FD into DATA, which has room for its length.
+ * MODAL_CORRUPT: bytes are missing or differ. */
+enum modal_status samples_get(int fd, const struct segment_record *segment, void *data,
+                              struct modal_error *err);
 #endif

@@ -1,9 +1,10 @@
 /*
  * spool.c - inputs as HDF5 files filled by chunks; see spool.h
  *
- * Making an upload's file: HDF5 writes its structure and allocates the dataset (not filled); then all blocks are reserved,
- * and file and folder are synced.  From there on chunks go to the dataset's offset by plain writes.  What is durable is what
- * the ledger has chunks of; a file without a row in the ledger is left over from a crash before the acknowledgement.
+ * Making an upload's file: HDF5 writes its structure and allocates the dataset (not filled); then
+ * all blocks are reserved, and file and folder are synced.  From there on chunks go to the
+ * dataset's offset by plain writes.  What is durable is what the ledger has chunks of; a file
+ * without a row in the ledger is left over from a crash before the acknowledgement.
  */
 #include "store/spool.h"
 #include <assert.h>
@@ -49,15 +50,22 @@ static void set_paths(struct upload *upload, const char *dir, int64_t id)
 static enum modal_status check_batch(const struct input_shape *shape, struct modal_error *err)
 {
     if (shape->channels > SPOOL_CHANNELS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "channels", "%llu channels; at most %d are taken", (unsigned long long)shape->channels, SPOOL_CHANNELS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "channels",
+                                "%llu channels; at most %d are taken",
+                                (unsigned long long)shape->channels, SPOOL_CHANNELS_MOST);
     if (!isfinite(shape->dt) || !isfinite(shape->period))
-        return modal_fail_field(err, MODAL_BAD_INPUT, isfinite(shape->dt) ? "period" : "dt", "it is not a finite number of seconds");
+        return modal_fail_field(err, MODAL_BAD_INPUT, isfinite(shape->dt) ? "period" : "dt",
+                                "it is not a finite number of seconds");
     if (shape->units != NULL && strlen(shape->units) > SPOOL_NAME_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "units", "units of %zu bytes; at most %d are taken", strlen(shape->units), SPOOL_NAME_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "units",
+                                "units of %zu bytes; at most %d are taken", strlen(shape->units),
+                                SPOOL_NAME_MOST);
     for (uint64_t s = 0; shape->names != NULL && s < shape->channels; s++)
         if (strlen(shape->names[s]) > SPOOL_NAME_MOST)
-            return modal_fail_field(err, MODAL_TOO_LARGE, "channels", "the name of channel %llu has %zu bytes; at most %d are taken", (unsigned long long)s,
-                                    strlen(shape->names[s]), SPOOL_NAME_MOST);
+            return modal_fail_field(err, MODAL_TOO_LARGE, "channels",
+                                    "the name of channel %llu has %zu bytes; at most %d are taken",
+                                    (unsigned long long)s, strlen(shape->names[s]),
+                                    SPOOL_NAME_MOST);
     return MODAL_OK;
 }
 
@@ -66,17 +74,24 @@ static enum modal_status check_shape(const struct input_shape *shape, struct mod
     uint64_t bytes = input_bytes(shape);
 
     if (bytes == 0 || bytes > SPOOL_BYTES_MOST)
-        return modal_fail_field(err, bytes == 0 ? MODAL_BAD_INPUT : MODAL_TOO_LARGE, shape->type == INPUT_BATCH ? "samples" : "length",
-                                "an upload of %llu x %llu samples, %llu bytes; accepted: 1 to %llu bytes", (unsigned long long)shape->samples,
-                                (unsigned long long)shape->channels, (unsigned long long)bytes, (unsigned long long)SPOOL_BYTES_MOST);
+        return modal_fail_field(
+            err, bytes == 0 ? MODAL_BAD_INPUT : MODAL_TOO_LARGE,
+            shape->type == INPUT_BATCH ? "samples" : "length",
+            "an upload of %llu x %llu samples, %llu bytes; accepted: 1 to %llu bytes",
+            (unsigned long long)shape->samples, (unsigned long long)shape->channels,
+            (unsigned long long)bytes, (unsigned long long)SPOOL_BYTES_MOST);
     if (shape->attributes != NULL && strlen(shape->attributes) > SPOOL_ATTRIBUTES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "attributes", "attributes of %zu bytes; at most %d are taken", strlen(shape->attributes), SPOOL_ATTRIBUTES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "attributes",
+                                "attributes of %zu bytes; at most %d are taken",
+                                strlen(shape->attributes), SPOOL_ATTRIBUTES_MOST);
     return shape->type == INPUT_BATCH ? check_batch(shape, err) : MODAL_OK;
 }
 
 /* --- beginning --- */
 
-static enum modal_status make_set(hid_t file, const struct input_shape *shape, const cJSON *attributes, uint64_t *offset, struct modal_error *err)
+static enum modal_status make_set(hid_t file, const struct input_shape *shape,
+                                  const cJSON *attributes, uint64_t *offset,
+                                  struct modal_error *err)
 {
     hid_t set = H5I_INVALID_HID;
     enum modal_status rc = batch_h5_make(file, shape, attributes, &set, err);
@@ -93,7 +108,8 @@ static enum modal_status make_set(hid_t file, const struct input_shape *shape, c
 }
 
 /* HDF5's own structure, through file_h5. */
-static enum modal_status make_file(const char *path, const struct input_shape *shape, uint64_t *offset, struct modal_error *err)
+static enum modal_status make_file(const char *path, const struct input_shape *shape,
+                                   uint64_t *offset, struct modal_error *err)
 {
     uint64_t bytes = input_bytes(shape);
     hid_t access = H5I_INVALID_HID, file = H5I_INVALID_HID;
@@ -108,7 +124,8 @@ static enum modal_status make_file(const char *path, const struct input_shape *s
     access = file_h5_access(bytes < PAGE ? bytes : PAGE, PAGE);
     if (access >= 0)
         file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access);
-    rc = file >= 0 ? make_set(file, shape, attributes, offset, err) : modal_fail(err, MODAL_IO, "%s cannot be made", path);
+    rc = file >= 0 ? make_set(file, shape, attributes, offset, err)
+                   : modal_fail(err, MODAL_IO, "%s cannot be made", path);
     if (file >= 0 && H5Fclose(file) < 0 && rc == MODAL_OK)
         rc = modal_fail(err, MODAL_IO, "%s: HDF5 could not close the file", path);
     if (access >= 0)
@@ -147,7 +164,8 @@ static struct upload *upload_new(const char *dir, int64_t id, const struct input
     return upload;
 }
 
-enum modal_status upload_begin(const char *dir, int64_t id, const struct input_shape *shape, struct upload **out, struct modal_error *err)
+enum modal_status upload_begin(const char *dir, int64_t id, const struct input_shape *shape,
+                               struct upload **out, struct modal_error *err)
 {
     enum modal_status rc = check_shape(shape, err);
     struct upload *upload;
@@ -199,17 +217,23 @@ enum modal_status spool_offset(const char *path, const struct input_shape *shape
 }
 
 /* One chunk back from the file, into the hash. */
-static enum modal_status read_back(struct upload *upload, const struct chunk_record *chunk, unsigned char *buffer, struct modal_error *err)
+static enum modal_status read_back(struct upload *upload, const struct chunk_record *chunk,
+                                   unsigned char *buffer, struct modal_error *err)
 {
     uint32_t crc = 0;
 
     if (chunk->offset != upload->received || chunk->length > upload->bytes - upload->received)
-        return modal_fail(err, MODAL_CORRUPT, "%s: the ledger's chunk at %llu does not follow the one before", upload->part, (unsigned long long)chunk->offset);
+        return modal_fail(err, MODAL_CORRUPT,
+                          "%s: the ledger's chunk at %llu does not follow the one before",
+                          upload->part, (unsigned long long)chunk->offset);
     for (uint64_t done = 0; done < chunk->length;) {
-        size_t want = chunk->length - done < READ_BACK ? (size_t)(chunk->length - done) : READ_BACK, got = 0;
-        enum modal_status rc = file_read(upload->fd, buffer, want, upload->offset + chunk->offset + done, &got, err);
+        size_t want = chunk->length - done < READ_BACK ? (size_t)(chunk->length - done) : READ_BACK,
+               got = 0;
+        enum modal_status rc = file_read(upload->fd, buffer, want,
+                                         upload->offset + chunk->offset + done, &got, err);
         if (rc == MODAL_OK && got < want)
-            rc = modal_fail(err, MODAL_CORRUPT, "%s ends within the chunk at %llu", upload->part, (unsigned long long)chunk->offset);
+            rc = modal_fail(err, MODAL_CORRUPT, "%s ends within the chunk at %llu", upload->part,
+                            (unsigned long long)chunk->offset);
         if (rc != MODAL_OK)
             return rc;
         sha256_add(&upload->identity, buffer, got);
@@ -219,8 +243,11 @@ static enum modal_status read_back(struct upload *upload, const struct chunk_rec
         upload->hashed += got;
     }
     if (crc != chunk->crc)
-        return modal_fail(err, MODAL_CORRUPT, "%s: the chunk at %llu (offset %llu of the file, %llu bytes) is damaged: its checksum is %08x, not %08x",
-                          upload->part, (unsigned long long)chunk->offset, (unsigned long long)(upload->offset + chunk->offset),
+        return modal_fail(err, MODAL_CORRUPT,
+                          "%s: the chunk at %llu (offset %llu of the file, %llu bytes) is damaged: "
+                          "its checksum is %08x, not %08x",
+                          upload->part, (unsigned long long)chunk->offset,
+                          (unsigned long long)(upload->offset + chunk->offset),
                           (unsigned long long)chunk->length, crc, chunk->crc);
     upload->received += chunk->length;
     return MODAL_OK;
@@ -231,18 +258,25 @@ static enum modal_status open_part(struct upload *upload, struct modal_error *er
 {
     enum modal_status rc = file_open(upload->part, O_RDWR, 0, &upload->fd, err);
 
-    if (rc == MODAL_NOT_FOUND && file_open(upload->sealed, O_RDWR, 0, &upload->fd, NULL) == MODAL_OK) {
+    if (rc == MODAL_NOT_FOUND
+        && file_open(upload->sealed, O_RDWR, 0, &upload->fd, NULL) == MODAL_OK) {
         upload->is_sealed = true;
         return MODAL_OK;
     }
-    return rc == MODAL_NOT_FOUND ? modal_fail(err, MODAL_CORRUPT, "%s, which the ledger has as an open upload, is missing", upload->part) : rc;
+    return rc == MODAL_NOT_FOUND
+               ? modal_fail(err, MODAL_CORRUPT,
+                            "%s, which the ledger has as an open upload, is missing", upload->part)
+               : rc;
 }
 
-static enum modal_status resume(struct upload *upload, const struct input_shape *shape, const struct chunk_record *chunks, size_t count,
+static enum modal_status resume(struct upload *upload, const struct input_shape *shape,
+                                const struct chunk_record *chunks, size_t count,
                                 struct modal_error *err)
 {
     unsigned char *buffer = malloc(READ_BACK);
-    enum modal_status rc = buffer != NULL ? open_part(upload, err) : modal_fail(err, MODAL_NO_MEMORY, "spool: no memory to read back");
+    enum modal_status rc = buffer != NULL
+                               ? open_part(upload, err)
+                               : modal_fail(err, MODAL_NO_MEMORY, "spool: no memory to read back");
 
     if (rc == MODAL_OK)
         rc = spool_offset(upload->is_sealed ? upload->sealed : upload->part, shape, &upload->offset,
@@ -253,7 +287,8 @@ static enum modal_status resume(struct upload *upload, const struct input_shape 
     return rc;
 }
 
-enum modal_status upload_resume(const char *dir, int64_t id, const struct input_shape *shape, const struct chunk_record *chunks, size_t count,
+enum modal_status upload_resume(const char *dir, int64_t id, const struct input_shape *shape,
+                                const struct chunk_record *chunks, size_t count,
                                 struct upload **out, struct modal_error *err)
 {
     struct upload *upload = upload_new(dir, id, shape);
@@ -287,21 +322,26 @@ uint32_t upload_crc(const struct upload *upload)
 
 /* --- chunks --- */
 
-enum modal_status upload_write(struct upload *upload, uint64_t offset, const struct upload_part *parts, size_t count, struct modal_error *err)
+enum modal_status upload_write(struct upload *upload, uint64_t offset,
+                               const struct upload_part *parts, size_t count,
+                               struct modal_error *err)
 {
     uint64_t end = offset;
     enum modal_status rc = MODAL_OK;
 
     for (size_t i = 0; i < count; i++) {
         if (offset != upload->received || parts[i].length > upload->bytes - end)
-            return modal_fail(err, MODAL_BAD_FRAME, "a chunk of %zu bytes at %llu; the next is at %llu of %llu", parts[i].length,
-                              (unsigned long long)end, (unsigned long long)upload->received, (unsigned long long)upload->bytes);
+            return modal_fail(
+                err, MODAL_BAD_FRAME, "a chunk of %zu bytes at %llu; the next is at %llu of %llu",
+                parts[i].length, (unsigned long long)end, (unsigned long long)upload->received,
+                (unsigned long long)upload->bytes);
         end += parts[i].length;
     }
     for (size_t i = 0; rc == MODAL_OK && i < count; offset += parts[i++].length)
         rc = file_write(upload->fd, parts[i].data, parts[i].length, upload->offset + offset, err);
     if (rc == MODAL_OK)
-        rc = file_sync_begin(upload->fd, upload->offset + upload->received, end - upload->received, err);
+        rc = file_sync_begin(upload->fd, upload->offset + upload->received, end - upload->received,
+                             err);
     for (size_t i = 0; rc == MODAL_OK && i < count; i++) {
         upload->crc = crc32c_join(upload->crc, parts[i].crc, parts[i].length);
         upload->received += parts[i].length;
@@ -328,8 +368,10 @@ enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct 
 
     assert(upload->hashed == upload->received);
     if (upload->received != upload->bytes || upload->ended)
-        return modal_fail(err, MODAL_BAD_FRAME, upload->ended ? "the upload of %llu bytes (%llu there) is sealed already"
-                          : "the upload of %llu bytes has only %llu", (unsigned long long)upload->bytes, (unsigned long long)upload->received);
+        return modal_fail(err, MODAL_BAD_FRAME,
+                          upload->ended ? "the upload of %llu bytes (%llu there) is sealed already"
+                                        : "the upload of %llu bytes has only %llu",
+                          (unsigned long long)upload->bytes, (unsigned long long)upload->received);
     rc = file_sync(upload->fd, err);
     if (rc == MODAL_OK && !upload->is_sealed)
         rc = file_rename(upload->part, upload->sealed, err);
@@ -381,12 +423,17 @@ static enum spool_file classify(const char *name, bool results, int64_t *id)
         return SPOOL_OTHER;
     if (results)
         return strcmp(end, ".json") == 0 ? SPOOL_RESULT : SPOOL_OTHER;
-    return strcmp(end, ".part") == 0 ? SPOOL_PART : strcmp(end, ".h5") == 0 ? SPOOL_SEALED : strcmp(end, ".samples") == 0 ? SPOOL_SAMPLES : SPOOL_OTHER;
+    return strcmp(end, ".part") == 0      ? SPOOL_PART
+           : strcmp(end, ".h5") == 0      ? SPOOL_SEALED
+           : strcmp(end, ".samples") == 0 ? SPOOL_SAMPLES
+                                          : SPOOL_OTHER;
 }
 
-typedef void found_file(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path);
+typedef void found_file(void *context, enum spool_file what, int64_t id, uint64_t bytes,
+                        const char *path);
 
-static enum modal_status list_one(const char *dir, bool results, found_file *found, void *context, struct modal_error *err)
+static enum modal_status list_one(const char *dir, bool results, found_file *found, void *context,
+                                  struct modal_error *err)
 {
     char folder[4200], path[8192];
     struct dirent *entry;
@@ -396,7 +443,8 @@ static enum modal_status list_one(const char *dir, bool results, found_file *fou
     snprintf(folder, sizeof folder, "%s/%s", dir, results ? "results" : "spool");
     open = opendir(folder);
     if (open == NULL)
-        return modal_fail(err, errno == ENOENT ? MODAL_NOT_FOUND : MODAL_IO, "%s: %s", folder, strerror(errno));
+        return modal_fail(err, errno == ENOENT ? MODAL_NOT_FOUND : MODAL_IO, "%s: %s", folder,
+                          strerror(errno));
     while ((entry = readdir(open)) != NULL) {
         int64_t id = 0;
         enum spool_file what = classify(entry->d_name, results, &id);
@@ -408,7 +456,8 @@ static enum modal_status list_one(const char *dir, bool results, found_file *fou
     return MODAL_OK;
 }
 
-enum modal_status spool_list(const char *dir, found_file *found, void *context, struct modal_error *err)
+enum modal_status spool_list(const char *dir, found_file *found, void *context,
+                             struct modal_error *err)
 {
     enum modal_status rc = list_one(dir, false, found, context, err);
 
@@ -423,7 +472,8 @@ static void add_blocks(uint64_t *used, const char *path)
         *used += (uint64_t)known.st_blocks * 512;
 }
 
-static void add_found(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path)
+static void add_found(void *context, enum spool_file what, int64_t id, uint64_t bytes,
+                      const char *path)
 {
     (void)what;
     (void)id;
@@ -431,7 +481,8 @@ static void add_found(void *context, enum spool_file what, int64_t id, uint64_t 
     add_blocks(context, path);
 }
 
-enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *available, struct modal_error *err)
+enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *available,
+                              struct modal_error *err)
 {
     static const char *const ledger[] = { "ledger.db", "ledger.db-wal", "ledger.db-shm" };
     char path[4200];
@@ -482,14 +533,16 @@ enum modal_status spool_map_open(int fd, const char *path, uint64_t offset, uint
     madvise(map.base, map.mapped, MADV_SEQUENTIAL);
     if (check_of(&map) != crc) {
         mapping_close(&map);
-        return modal_fail(err, MODAL_CORRUPT, "%s is damaged: the checksum of its data is wrong", path);
+        return modal_fail(err, MODAL_CORRUPT, "%s is damaged: the checksum of its data is wrong",
+                          path);
     }
     madvise(map.base, map.mapped, MADV_NORMAL);
     *out = map;
     return MODAL_OK;
 }
 
-enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc, struct mapping *out, struct modal_error *err)
+enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc,
+                            struct mapping *out, struct modal_error *err)
 {
     int fd = -1;
     enum modal_status rc = file_open(path, O_RDONLY, 0, &fd, err);
@@ -532,8 +585,10 @@ enum modal_status reserve_hold(const char *dir, uint64_t bytes, struct modal_err
     held = held_now(path);
     if (held == bytes)
         return MODAL_OK;
-    if (held < bytes && statvfs(dir, &room) == 0 && (uint64_t)room.f_bavail * room.f_frsize < bytes - held + bytes / 4)
-        return modal_fail(err, MODAL_STORAGE_FULL, "no room for a reserve of %llu bytes", (unsigned long long)bytes);
+    if (held < bytes && statvfs(dir, &room) == 0
+        && (uint64_t)room.f_bavail * room.f_frsize < bytes - held + bytes / 4)
+        return modal_fail(err, MODAL_STORAGE_FULL, "no room for a reserve of %llu bytes",
+                          (unsigned long long)bytes);
     rc = file_open(path, O_RDWR | O_CREAT, 0640, &fd, err);
     if (rc == MODAL_OK)
         rc = file_reserve(fd, bytes, err);

@@ -4,12 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static enum modal_status read_verb(const struct wire_frame *frame, struct wire_message *out, struct modal_error *err)
+static enum modal_status read_verb(const struct wire_frame *frame, struct wire_message *out,
+                                   struct modal_error *err)
 {
     const char *text = frame->data;
 
     if (frame->size < 1 || frame->size > WIRE_VERB_MOST)
-        return modal_fail(err, MODAL_BAD_FRAME, "verb of %zu bytes; accepted: 1 to %d", frame->size, WIRE_VERB_MOST);
+        return modal_fail(err, MODAL_BAD_FRAME, "verb of %zu bytes; accepted: 1 to %d", frame->size,
+                          WIRE_VERB_MOST);
     for (size_t i = 0; i < frame->size; i++)
         if (text[i] < 'A' || text[i] > 'Z')
             return modal_fail(err, MODAL_BAD_FRAME, "byte %zu of the verb is not A to Z", i);
@@ -18,20 +20,26 @@ static enum modal_status read_verb(const struct wire_frame *frame, struct wire_m
     return MODAL_OK;
 }
 
-/* The "id" member as JSON text: a string of 1 to 64 bytes, or an integer of at most 2^53 in size. */
-static enum modal_status read_id(const cJSON *header, struct wire_message *out, struct modal_error *err)
+/* The "id" member as JSON text: a string of 1 to 64 bytes, or an integer of at most 2^53 in
+ * size. */
+static enum modal_status read_id(const cJSON *header, struct wire_message *out,
+                                 struct modal_error *err)
 {
     const cJSON *id = json_member(header, "id");
     char *text;
 
-    if (cJSON_IsNumber(id) && id->valuedouble >= -WIRE_INTEGER_MOST && id->valuedouble <= WIRE_INTEGER_MOST
-        && id->valuedouble == (double)(long long)id->valuedouble) {      /* the range first: past it the cast is undefined */
+    if (cJSON_IsNumber(id) && id->valuedouble >= -WIRE_INTEGER_MOST
+        && id->valuedouble <= WIRE_INTEGER_MOST
+        /* the range first: past it the cast is undefined */
+        && id->valuedouble == (double)(long long)id->valuedouble) {
         snprintf(out->id, sizeof out->id, "%lld", (long long)id->valuedouble);
         return MODAL_OK;
     }
     if (!cJSON_IsString(id) || id->valuestring[0] == 0 || strlen(id->valuestring) > WIRE_ID_MOST)
-        return modal_fail_field(err, MODAL_BAD_FRAME, "id", "every request needs \"id\": a string of 1 to %d bytes or "
-                                "an integer of at most 2^53", WIRE_ID_MOST);
+        return modal_fail_field(err, MODAL_BAD_FRAME, "id",
+                                "every request needs \"id\": a string of 1 to %d bytes or "
+                                "an integer of at most 2^53",
+                                WIRE_ID_MOST);
     text = json_print(id);
     if (text == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "out of memory");
@@ -40,8 +48,8 @@ static enum modal_status read_id(const cJSON *header, struct wire_message *out, 
     return MODAL_OK;
 }
 
-static enum modal_status read_header(const struct wire_frame *frame, bool needs_id, struct wire_message *out,
-                                     struct modal_error *err)
+static enum modal_status read_header(const struct wire_frame *frame, bool needs_id,
+                                     struct wire_message *out, struct modal_error *err)
 {
     int most = needs_id ? WIRE_HEADER_MOST : WIRE_WORKER_HEADER_MOST;
     struct modal_error why;
@@ -49,7 +57,8 @@ static enum modal_status read_header(const struct wire_frame *frame, bool needs_
     enum modal_status rc;
 
     if (frame->size > (size_t)most)
-        return modal_fail(err, MODAL_BAD_FRAME, "header of %zu bytes; accepted: at most %d", frame->size, most);
+        return modal_fail(err, MODAL_BAD_FRAME, "header of %zu bytes; accepted: at most %d",
+                          frame->size, most);
     rc = json_read_pooled(frame->data, frame->size, &header, &out->pool, &why);
     if (rc == MODAL_NO_MEMORY)
         return modal_fail(err, rc, "%s", why.message);
@@ -61,13 +70,13 @@ static enum modal_status read_header(const struct wire_frame *frame, bool needs_
     return needs_id ? read_id(out->header, out, err) : MODAL_OK;
 }
 
-static enum modal_status read_body(const struct wire_frame *frames, int count, struct wire_message *out,
-                                   struct modal_error *err)
+static enum modal_status read_body(const struct wire_frame *frames, int count,
+                                   struct wire_message *out, struct modal_error *err)
 {
     for (int i = 0; i < count; i++) {
         if (frames[i].size > WIRE_BODY_MOST)
-            return modal_fail(err, MODAL_BAD_FRAME, "body frame of %zu bytes; accepted: at most %d", frames[i].size,
-                              WIRE_BODY_MOST);
+            return modal_fail(err, MODAL_BAD_FRAME, "body frame of %zu bytes; accepted: at most %d",
+                              frames[i].size, WIRE_BODY_MOST);
         out->body[i] = frames[i];
         out->body_bytes += frames[i].size;
     }
@@ -75,17 +84,19 @@ static enum modal_status read_body(const struct wire_frame *frames, int count, s
     return MODAL_OK;
 }
 
-enum modal_status wire_open(const struct wire_frame *frames, int count, const char *version, bool needs_id,
-                            struct wire_message *out, struct modal_error *err)
+enum modal_status wire_open(const struct wire_frame *frames, int count, const char *version,
+                            bool needs_id, struct wire_message *out, struct modal_error *err)
 {
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
     strcpy(out->id, "null");
-    if (count < 1 || frames[0].size != strlen(version) || memcmp(frames[0].data, version, frames[0].size) != 0)
+    if (count < 1 || frames[0].size != strlen(version)
+        || memcmp(frames[0].data, version, frames[0].size) != 0)
         return modal_fail(err, MODAL_BAD_VERSION, "frame 0 is not %s", version);
     if (count < 3 || count > WIRE_FRAMES_MOST)
-        return modal_fail(err, MODAL_BAD_FRAME, "message of %d frames; accepted: 3 to %d", count, WIRE_FRAMES_MOST);
+        return modal_fail(err, MODAL_BAD_FRAME, "message of %d frames; accepted: 3 to %d", count,
+                          WIRE_FRAMES_MOST);
     rc = read_verb(&frames[1], out, err);
     if (rc == MODAL_OK)
         rc = read_header(&frames[2], needs_id, out, err);
@@ -129,7 +140,8 @@ cJSON *wire_error_object(const struct modal_error *err, cJSON *detail)
     return object;
 }
 
-char *wire_error_header(const char *id, const char *verb, const struct modal_error *err, cJSON *detail)
+char *wire_error_header(const char *id, const char *verb, const struct modal_error *err,
+                        cJSON *detail)
 {
     cJSON *header = cJSON_CreateObject();
     char *text;

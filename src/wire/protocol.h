@@ -1,4 +1,5 @@
-/* protocol.h - the protocol's names, and every size and count of proto/PROTOCOL.md, section 8; each is tested by tests/unit/wire/test_wire.c */
+/* protocol.h - the protocol's names, and every size and count of proto/PROTOCOL.md, section 8; each
+ * is tested by tests/unit/wire/test_wire.c */
 #ifndef WIRE_PROTOCOL_H
 #define WIRE_PROTOCOL_H
 
@@ -9,7 +10,8 @@ enum {
     WIRE_FRAMES_MOST     = 8,
     WIRE_VERB_MOST       = 16,
     WIRE_HEADER_MOST     = 65536,
-    WIRE_WORKER_HEADER_MOST = 1048576,   /* between daemon and worker: RUN joins the headers of UPLOAD and SUBMIT */
+    /* between daemon and worker: RUN joins the headers of UPLOAD and SUBMIT */
+    WIRE_WORKER_HEADER_MOST = 1048576,
     WIRE_BODY_MOST       = 1048576,           /* one body frame */
     WIRE_ID_MOST         = 64,
     WIRE_PARTS_MOST      = 4,                 /* of a worker, without their GO */

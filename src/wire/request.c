@@ -8,22 +8,27 @@
 
 const char *const wire_contents[] = { "batch", "scene", NULL };
 const char *const wire_parts[] = { "document", "batch", "input", "stderr", NULL };
-const char *const wire_states[] = { "queued", "running", "done", "failed", "cancelled", "dead", NULL };
+const char *const wire_states[] = {
+    "queued", "running", "done", "failed", "cancelled", "dead", NULL
+};
 const char *const wire_roles[] = { "none", "read", "submit", "admin", "worker", NULL };
 
 #define DESCRIPTION "samples", "channels", "dt", "period", "names", "units", "attributes", "bytes"
 
-static enum modal_status get_integer(const cJSON *object, const char *base, const char *key, uint64_t low, double high,
-                                     bool needed, uint64_t *out, struct modal_error *err)
+static enum modal_status get_integer(const cJSON *object, const char *base, const char *key,
+                                     uint64_t low, double high, bool needed, uint64_t *out,
+                                     struct modal_error *err)
 {
     char path[128];
     double value = (double)*out;
-    enum modal_status rc = needed ? json_need_number(object, base, key, (double)low, high, &value, err)
-                                  : json_get_number(object, base, key, (double)low, high, &value, err);
+    enum modal_status rc = needed
+                               ? json_need_number(object, base, key, (double)low, high, &value, err)
+                               : json_get_number(object, base, key, (double)low, high, &value, err);
 
     if (rc == MODAL_OK && value != floor(value)) {
         json_path(path, base, key);
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %g; accepted: a whole number", path, value);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is %g; accepted: a whole number",
+                              path, value);
     }
     if (rc == MODAL_OK)
         *out = (uint64_t)value;
@@ -31,8 +36,9 @@ static enum modal_status get_integer(const cJSON *object, const char *base, cons
 }
 
 /* A text of LOW to HIGH bytes without control characters; absent is allowed and leaves *OUT. */
-static enum modal_status get_text(const cJSON *object, const char *base, const char *key, size_t low, size_t high,
-                                  const char **out, struct modal_error *err)
+static enum modal_status get_text(const cJSON *object, const char *base, const char *key,
+                                  size_t low, size_t high, const char **out,
+                                  struct modal_error *err)
 {
     const char *text = NULL, *p;
     char path[128];
@@ -48,22 +54,29 @@ static enum modal_status get_text(const cJSON *object, const char *base, const c
     }
     json_path(path, base, key);
     if (strlen(text) < low || strlen(text) > high)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %zu bytes; accepted: %zu to %zu", path, strlen(text), low, high);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has a control character at byte %td; accepted: text without", path, p - text);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s has %zu bytes; accepted: %zu to %zu", path, strlen(text), low,
+                                high);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                            "%s has a control character at byte %td; accepted: text without", path,
+                            p - text);
 }
 
-static enum modal_status need_text(const cJSON *object, const char *key, size_t high, const char **out, struct modal_error *err)
+static enum modal_status need_text(const cJSON *object, const char *key, size_t high,
+                                   const char **out, struct modal_error *err)
 {
     enum modal_status rc;
 
     *out = NULL;
     rc = get_text(object, "", key, 1, high, out, err);
     if (rc == MODAL_OK && *out == NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, key, "%s is missing; accepted: a text of 1 to %zu bytes", key, high);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, key,
+                              "%s is missing; accepted: a text of 1 to %zu bytes", key, high);
     return rc;
 }
 
-static enum modal_status get_hash(const cJSON *object, const char *base, const char **out, struct modal_error *err)
+static enum modal_status get_hash(const cJSON *object, const char *base, const char **out,
+                                  struct modal_error *err)
 {
     char path[128];
     enum modal_status rc = json_get_string(object, base, "sha256", out, err);
@@ -72,11 +85,13 @@ static enum modal_status get_hash(const cJSON *object, const char *base, const c
         return rc;
     json_path(path, base, "sha256");
     if (strlen(*out) != 64 || strspn(*out, "0123456789abcdef") != 64)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is not a hash; accepted: 64 lower-case hex digits", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s is not a hash; accepted: 64 lower-case hex digits", path);
     return MODAL_OK;
 }
 
-static enum modal_status read_names(const cJSON *object, const char *base, struct wire_input *out, struct modal_error *err)
+static enum modal_status read_names(const cJSON *object, const char *base, struct wire_input *out,
+                                    struct modal_error *err)
 {
     const cJSON *names = json_member(object, "names"), *name;
     char path[128], item[160];
@@ -90,16 +105,19 @@ static enum modal_status read_names(const cJSON *object, const char *base, struc
     cJSON_ArrayForEach(name, names) {
         snprintf(item, sizeof item, "%s[%llu]", path, (unsigned long long)count++);
         if (!cJSON_IsString(name) || strlen(name->valuestring) > WIRE_NAME_MOST)
-            return modal_fail_field(err, MODAL_BAD_INPUT, item, "%s must be a text of at most %d bytes", item, WIRE_NAME_MOST);
+            return modal_fail_field(err, MODAL_BAD_INPUT, item,
+                                    "%s must be a text of at most %d bytes", item, WIRE_NAME_MOST);
     }
     if (count != out->channels)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %llu names for %llu channels; accepted: one for each", path,
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s has %llu names for %llu channels; accepted: one for each", path,
                                 (unsigned long long)count, (unsigned long long)out->channels);
     out->names = names;
     return MODAL_OK;
 }
 
-static enum modal_status read_attributes(const cJSON *object, const char *base, struct wire_input *out, struct modal_error *err)
+static enum modal_status read_attributes(const cJSON *object, const char *base,
+                                         struct wire_input *out, struct modal_error *err)
 {
     const cJSON *attributes = json_member(object, "attributes");
     char path[128], *text;
@@ -116,16 +134,19 @@ static enum modal_status read_attributes(const cJSON *object, const char *base, 
     size = strlen(text);
     free(text);
     if (size > WIRE_ATTRIBUTES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, path, "%s has %zu bytes as JSON; accepted: at most %d", path, size,
+        return modal_fail_field(err, MODAL_TOO_LARGE, path,
+                                "%s has %zu bytes as JSON; accepted: at most %d", path, size,
                                 WIRE_ATTRIBUTES_MOST);
     out->attributes = attributes;
     return MODAL_OK;
 }
 
 /* What every batch, sealed or streamed, has beside its number of samples. */
-static enum modal_status read_channels(const cJSON *object, const char *base, struct wire_input *out, struct modal_error *err)
+static enum modal_status read_channels(const cJSON *object, const char *base,
+                                       struct wire_input *out, struct modal_error *err)
 {
-    enum modal_status rc = get_integer(object, base, "channels", 1, WIRE_CHANNELS_MOST, true, &out->channels, err);
+    enum modal_status rc = get_integer(object, base, "channels", 1, WIRE_CHANNELS_MOST, true,
+                                       &out->channels, err);
 
     if (rc == MODAL_OK)
         rc = json_need_number(object, base, "dt", DBL_TRUE_MIN, DBL_MAX, &out->dt, err);
@@ -149,7 +170,8 @@ enum modal_status wire_input_read(const cJSON *object, const char *base, enum wi
     if (content == WIRE_SCENE) {
         rc = get_integer(object, base, "bytes", 1, WIRE_INTEGER_MOST, false, &out->bytes, err);
         if (rc == MODAL_OK && out->bytes > WIRE_SCENE_MOST)
-            rc = modal_fail_field(err, MODAL_TOO_LARGE, "bytes", "a scene of %llu bytes; accepted: at most %d",
+            rc = modal_fail_field(err, MODAL_TOO_LARGE, "bytes",
+                                  "a scene of %llu bytes; accepted: at most %d",
                                   (unsigned long long)out->bytes, WIRE_SCENE_MOST);
         return rc;
     }
@@ -159,8 +181,10 @@ enum modal_status wire_input_read(const cJSON *object, const char *base, enum wi
     if (rc != MODAL_OK)
         return rc;
     if ((double)out->samples * (double)out->channels * 8 > WIRE_INTEGER_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "samples", "%llu samples of %llu channels; accepted: at most 2^53 bytes",
-                                (unsigned long long)out->samples, (unsigned long long)out->channels);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "samples",
+                                "%llu samples of %llu channels; accepted: at most 2^53 bytes",
+                                (unsigned long long)out->samples,
+                                (unsigned long long)out->channels);
     out->bytes = out->samples * out->channels * 8;
     return MODAL_OK;
 }
@@ -185,9 +209,10 @@ void wire_input_write(cJSON *object, const struct wire_input *input)
         cJSON_AddItemToObject(object, "attributes", cJSON_Duplicate(input->attributes, true));
 }
 
-/* ---- one reader a verb -------------------------------------------------------------------------------------------- */
+/* ---- one reader a verb ----------------------------------------------------------------------- */
 
-static enum modal_status read_job(const cJSON *header, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_job(const cJSON *header, struct wire_request *out,
+                                  struct modal_error *err)
 {
     const char *job;
     enum modal_status rc = need_text(header, "job", WIRE_KEY_MOST + 4, &job, err);
@@ -201,41 +226,49 @@ static enum modal_status read_job(const cJSON *header, struct wire_request *out,
     return MODAL_OK;
 }
 
-static enum modal_status read_nothing(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_nothing(const struct wire_message *m, struct wire_request *out,
+                                      struct modal_error *err)
 {
     (void)m, (void)out, (void)err;
     return MODAL_OK;
 }
 
-static enum modal_status read_only_job(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_only_job(const struct wire_message *m, struct wire_request *out,
+                                       struct modal_error *err)
 {
     return read_job(m->header, out, err);
 }
 
-static enum modal_status read_hello(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_hello(const struct wire_message *m, struct wire_request *out,
+                                    struct modal_error *err)
 {
     const cJSON *versions = json_member(m->header, "versions"), *one;
 
     out->hello.speaks_ours = versions == NULL;
     if (versions != NULL && !cJSON_IsArray(versions))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "versions", "versions must be a list of texts; accepted: [\"" WIRE_VERSION "\"]");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "versions",
+                                "versions must be a list of texts; accepted: [\"" WIRE_VERSION
+                                "\"]");
     cJSON_ArrayForEach(one, versions)
         if (cJSON_IsString(one) && strcmp(one->valuestring, WIRE_VERSION) == 0)
             out->hello.speaks_ours = true;
     return get_text(m->header, "", "client", 0, WIRE_NAME_MOST, &out->hello.client, err);
 }
 
-static enum modal_status read_begin(const cJSON *header, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_begin(const cJSON *header, struct wire_request *out,
+                                    struct modal_error *err)
 {
     int content = -1;
     enum modal_status rc = json_get_choice(header, "", "content", wire_contents, &content, err);
 
     if (rc == MODAL_OK && content < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "content", "content is missing; accepted: batch, scene");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "content",
+                              "content is missing; accepted: batch, scene");
     if (rc == MODAL_OK)
         rc = wire_input_read(header, "", (enum wire_content)content, &out->upload.input, err);
     if (rc == MODAL_OK && out->upload.input.bytes == 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "bytes", "bytes is missing; accepted: 1 to %d", WIRE_SCENE_MOST);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "bytes", "bytes is missing; accepted: 1 to %d",
+                              WIRE_SCENE_MOST);
     if (rc == MODAL_OK)
         rc = get_text(header, "", "key", 1, WIRE_KEY_MOST, &out->upload.key, err);
     if (rc == MODAL_OK)
@@ -243,10 +276,12 @@ static enum modal_status read_begin(const cJSON *header, struct wire_request *ou
     return rc;
 }
 
-static enum modal_status read_chunk(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_chunk(const struct wire_message *m, struct wire_request *out,
+                                    struct modal_error *err)
 {
     uint64_t crc = 0;
-    enum modal_status rc = get_integer(m->header, "", "offset", 0, WIRE_INTEGER_MOST, true, &out->upload.offset, err);
+    enum modal_status rc = get_integer(m->header, "", "offset", 0, WIRE_INTEGER_MOST, true,
+                                       &out->upload.offset, err);
 
     if (rc == MODAL_OK)
         rc = get_integer(m->header, "", "crc32c", 0, 4294967295.0, true, &crc, err);
@@ -254,30 +289,38 @@ static enum modal_status read_chunk(const struct wire_message *m, struct wire_re
         return rc;
     out->upload.crc32c = (uint32_t)crc;
     if (m->body_count != 1 || m->body[0].size == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "a chunk of %d body frames and %zu bytes; accepted: one frame of 1 to %d bytes",
-                                m->body_count, m->body_bytes, WIRE_CHUNK_MOST);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "body",
+            "a chunk of %d body frames and %zu bytes; accepted: one frame of 1 to %d bytes",
+            m->body_count, m->body_bytes, WIRE_CHUNK_MOST);
     if (m->body[0].size > WIRE_CHUNK_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "body", "a chunk of %zu bytes; accepted: 1 to %d", m->body[0].size, WIRE_CHUNK_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "body",
+                                "a chunk of %zu bytes; accepted: 1 to %d", m->body[0].size,
+                                WIRE_CHUNK_MOST);
     return MODAL_OK;
 }
 
-static enum modal_status read_seal(const cJSON *header, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_seal(const cJSON *header, struct wire_request *out,
+                                   struct modal_error *err)
 {
     enum modal_status rc = get_hash(header, "", &out->upload.sha256, err);
 
     if (rc == MODAL_OK && out->upload.sha256 == NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "sha256", "sha256 is missing; accepted: the input's identity in hex");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "sha256",
+                              "sha256 is missing; accepted: the input's identity in hex");
     return rc;
 }
 
-static enum modal_status read_upload(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_upload(const struct wire_message *m, struct wire_request *out,
+                                     struct modal_error *err)
 {
     static const char *const ops[] = { "begin", "chunk", "seal", "abort", NULL };
     int op = -1;
     enum modal_status rc = json_get_choice(m->header, "", "op", ops, &op, err);
 
     if (rc == MODAL_OK && op < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "op", "op is missing; accepted: begin, chunk, seal, abort");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "op",
+                              "op is missing; accepted: begin, chunk, seal, abort");
     if (rc != MODAL_OK)
         return rc;
     out->upload.op = op;
@@ -290,7 +333,8 @@ static enum modal_status read_upload(const struct wire_message *m, struct wire_r
 }
 
 /* INPUT of SUBMIT with the bytes in the body: their number must be what the description says. */
-static enum modal_status read_inline(const struct wire_message *m, const cJSON *input, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_inline(const struct wire_message *m, const cJSON *input,
+                                     struct wire_request *out, struct modal_error *err)
 {
     static const char *const keys[] = { "content", DESCRIPTION, NULL };
     int content = -1;
@@ -299,23 +343,31 @@ static enum modal_status read_inline(const struct wire_message *m, const cJSON *
     if (rc == MODAL_OK)
         rc = json_get_choice(input, "input", "content", wire_contents, &content, err);
     if (rc == MODAL_OK && content < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input.content", "input.content is missing; accepted: batch, scene, or upload or sha256 instead");
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, "input.content",
+            "input.content is missing; accepted: batch, scene, or upload or sha256 instead");
     if (rc == MODAL_OK)
         rc = wire_input_read(input, "", (enum wire_content)content, &out->submit.input, err);
     if (rc != MODAL_OK)
         return rc;
     if (m->body_bytes > WIRE_INLINE_MOST || out->submit.input.bytes > WIRE_INLINE_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "input", "an input of %llu bytes in SUBMIT; accepted: at most %d, more by UPLOAD",
-                                (unsigned long long)(out->submit.input.bytes > m->body_bytes ? out->submit.input.bytes : m->body_bytes), WIRE_INLINE_MOST);
+        return modal_fail_field(
+            err, MODAL_TOO_LARGE, "input",
+            "an input of %llu bytes in SUBMIT; accepted: at most %d, more by UPLOAD",
+            (unsigned long long)(out->submit.input.bytes > m->body_bytes ? out->submit.input.bytes
+                                                                         : m->body_bytes),
+            WIRE_INLINE_MOST);
     if (out->submit.input.bytes == 0)
         out->submit.input.bytes = m->body_bytes;
     if (m->body_bytes == 0 || m->body_bytes != out->submit.input.bytes)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "the body has %zu bytes; accepted: the %llu of the input described", m->body_bytes,
-                                (unsigned long long)out->submit.input.bytes);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "body",
+                                "the body has %zu bytes; accepted: the %llu of the input described",
+                                m->body_bytes, (unsigned long long)out->submit.input.bytes);
     return MODAL_OK;
 }
 
-static enum modal_status read_reference(const struct wire_message *m, const cJSON *input, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_reference(const struct wire_message *m, const cJSON *input,
+                                        struct wire_request *out, struct modal_error *err)
 {
     static const char *const keys[] = { "upload", "sha256", NULL };
     enum modal_status rc = json_keys(input, "input", keys, err);
@@ -325,18 +377,23 @@ static enum modal_status read_reference(const struct wire_message *m, const cJSO
     if (rc == MODAL_OK)
         rc = get_hash(input, "input", &out->submit.sha256, err);
     if (rc == MODAL_OK && out->submit.upload != NULL && out->submit.sha256 != NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input.sha256", "input has both upload and sha256; accepted: one of them");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input.sha256",
+                              "input has both upload and sha256; accepted: one of them");
     if (rc == MODAL_OK && m->body_count != 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body", "a body beside an input that is named by upload or sha256; accepted: none");
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, "body",
+            "a body beside an input that is named by upload or sha256; accepted: none");
     return rc;
 }
 
-static enum modal_status read_limits(const cJSON *header, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_limits(const cJSON *header, struct wire_request *out,
+                                     struct modal_error *err)
 {
     enum modal_status rc = json_get_int(header, "", "priority", 0, 255, &out->submit.priority, err);
 
     if (rc == MODAL_OK)
-        rc = json_get_int(header, "", "max_attempts", 1, WIRE_ATTEMPTS_MOST, &out->submit.max_attempts, err);
+        rc = json_get_int(header, "", "max_attempts", 1, WIRE_ATTEMPTS_MOST,
+                          &out->submit.max_attempts, err);
     if (rc == MODAL_OK)
         rc = json_get_number(header, "", "run_limit_s", 1e-3, 3e7, &out->submit.run_limit_s, err);
     if (rc == MODAL_OK)
@@ -348,7 +405,8 @@ static enum modal_status read_limits(const cJSON *header, struct wire_request *o
     return rc;
 }
 
-static enum modal_status read_submit(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_submit(const struct wire_message *m, struct wire_request *out,
+                                     struct modal_error *err)
 {
     const cJSON *input = json_member(m->header, "input");
     enum modal_status rc = need_text(m->header, "kind", 32, &out->submit.kind, err);
@@ -363,7 +421,8 @@ static enum modal_status read_submit(const struct wire_message *m, struct wire_r
     if (rc == MODAL_OK)
         rc = read_limits(m->header, out, err);
     if (rc == MODAL_OK && !cJSON_IsObject(input))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input", "input must be an object with upload, sha256 or content");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "input",
+                              "input must be an object with upload, sha256 or content");
     if (rc != MODAL_OK)
         return rc;
     if (json_member(input, "upload") != NULL || json_member(input, "sha256") != NULL)
@@ -371,8 +430,10 @@ static enum modal_status read_submit(const struct wire_message *m, struct wire_r
     return read_inline(m, input, out, err);
 }
 
-/* Bytes of the input that JOB of SUBMITS has in the body; 0: none, or its own reader will refuse it. */
-static enum modal_status inline_bytes(const cJSON *job, const char *base, uint64_t *bytes, struct modal_error *err)
+/* Bytes of the input that JOB of SUBMITS has in the body; 0: none, or its own reader will refuse
+ * it. */
+static enum modal_status inline_bytes(const cJSON *job, const char *base, uint64_t *bytes,
+                                      struct modal_error *err)
 {
     const cJSON *input = json_member(job, "input");
     const char *content = cJSON_GetStringValue(json_member(input, "content"));
@@ -390,12 +451,16 @@ static enum modal_status inline_bytes(const cJSON *job, const char *base, uint64
     if (rc != MODAL_OK)
         return rc;
     *bytes *= 8 * channels;
-    return *bytes <= WIRE_INLINE_MOST ? MODAL_OK
-        : modal_fail_field(err, MODAL_TOO_LARGE, base, "%s: an input of %llu bytes in the body; accepted: at most %d, more by UPLOAD", base,
-                           (unsigned long long)*bytes, WIRE_INLINE_MOST);
+    return *bytes <= WIRE_INLINE_MOST
+               ? MODAL_OK
+               : modal_fail_field(
+                   err, MODAL_TOO_LARGE, base,
+                   "%s: an input of %llu bytes in the body; accepted: at most %d, more by UPLOAD",
+                   base, (unsigned long long)*bytes, WIRE_INLINE_MOST);
 }
 
-static enum modal_status read_submits(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_submits(const struct wire_message *m, struct wire_request *out,
+                                      struct modal_error *err)
 {
     const cJSON *jobs = json_member(m->header, "jobs"), *job;
     uint64_t bytes, all = 0;
@@ -403,7 +468,8 @@ static enum modal_status read_submits(const struct wire_message *m, struct wire_
     int count = 0;
 
     cJSON_ArrayForEach(job, jobs) {
-        if (!cJSON_IsObject(job) || json_member(job, "id") != NULL || inline_bytes(job, "", &bytes, NULL) != MODAL_OK)
+        if (!cJSON_IsObject(job) || json_member(job, "id") != NULL
+            || inline_bytes(job, "", &bytes, NULL) != MODAL_OK)
             break;
         count++;
         all += bytes;
@@ -411,14 +477,18 @@ static enum modal_status read_submits(const struct wire_message *m, struct wire_
     if (job != NULL && count < WIRE_JOBS_MOST) {       /* the one at fault, by its name */
         snprintf(base, sizeof base, "jobs[%d]", count);
         if (!cJSON_IsObject(job) || json_member(job, "id") != NULL)
-            return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object with the members of SUBMIT but id", base);
+            return modal_fail_field(err, MODAL_BAD_INPUT, base,
+                                    "%s must be an object with the members of SUBMIT but id", base);
         return inline_bytes(job, strcat(base, ".input"), &bytes, err);
     }
     if (!cJSON_IsArray(jobs) || count < 1 || count > WIRE_JOBS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "jobs", "jobs must be a list of 1 to %d submissions", WIRE_JOBS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "jobs",
+                                "jobs must be a list of 1 to %d submissions", WIRE_JOBS_MOST);
     if (all != m->body_bytes)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "body", "the body has %zu bytes; accepted: the %llu of the inputs described", m->body_bytes,
-                                (unsigned long long)all);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "body",
+            "the body has %zu bytes; accepted: the %llu of the inputs described", m->body_bytes,
+            (unsigned long long)all);
     out->submits.jobs = jobs;
     return MODAL_OK;
 }
@@ -438,19 +508,22 @@ void wire_part(const cJSON *job, const char **body, struct wire_message *part)
     *body += bytes;
 }
 
-static enum modal_status read_wait(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_wait(const struct wire_message *m, struct wire_request *out,
+                                   struct modal_error *err)
 {
     enum modal_status rc = read_job(m->header, out, err);
 
     out->wait.timeout_s = WIRE_TIMEOUT_DEFAULT;
     if (rc == MODAL_OK)
-        rc = json_get_number(m->header, "", "timeout_s", 0, WIRE_TIMEOUT_MOST, &out->wait.timeout_s, err);
+        rc = json_get_number(m->header, "", "timeout_s", 0, WIRE_TIMEOUT_MOST, &out->wait.timeout_s,
+                             err);
     if (rc == MODAL_OK)
         rc = json_get_bool(m->header, "", "result", &out->wait.result, err);
     return rc;
 }
 
-static enum modal_status read_result(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_result(const struct wire_message *m, struct wire_request *out,
+                                     struct modal_error *err)
 {
     int part = WIRE_DOCUMENT;
     enum modal_status rc = read_job(m->header, out, err);
@@ -459,14 +532,17 @@ static enum modal_status read_result(const struct wire_message *m, struct wire_r
     if (rc == MODAL_OK)
         rc = json_get_choice(m->header, "", "part", wire_parts, &part, err);
     if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "offset", 0, WIRE_INTEGER_MOST, false, &out->result.offset, err);
+        rc = get_integer(m->header, "", "offset", 0, WIRE_INTEGER_MOST, false, &out->result.offset,
+                         err);
     if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "length", 1, WIRE_BODY_MOST, false, &out->result.length, err);
+        rc = get_integer(m->header, "", "length", 1, WIRE_BODY_MOST, false, &out->result.length,
+                         err);
     out->result.part = (enum wire_part)part;
     return rc;
 }
 
-static enum modal_status read_list(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_list(const struct wire_message *m, struct wire_request *out,
+                                   struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -509,7 +585,8 @@ static enum modal_status read_kinds(const cJSON *list, unsigned *out, struct mod
     return MODAL_OK;
 }
 
-static enum modal_status read_events(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_events(const struct wire_message *m, struct wire_request *out,
+                                     struct modal_error *err)
 {
     static const char *const ops[] = { "subscribe", "cancel", NULL };
     int op = WIRE_SUBSCRIBE;
@@ -520,7 +597,8 @@ static enum modal_status read_events(const struct wire_message *m, struct wire_r
         return need_text(m->header, "subscription", WIRE_ID_MOST, &out->events.subscription, err);
     out->events.replay = json_member(m->header, "from") != NULL;
     if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "from", 0, WIRE_INTEGER_MOST, false, &out->events.from, err);
+        rc = get_integer(m->header, "", "from", 0, WIRE_INTEGER_MOST, false, &out->events.from,
+                         err);
     if (rc == MODAL_OK)
         rc = get_text(m->header, "", "stream", 1, WIRE_KEY_MOST, &out->events.stream, err);
     if (rc == MODAL_OK)
@@ -530,7 +608,8 @@ static enum modal_status read_events(const struct wire_message *m, struct wire_r
     return rc;
 }
 
-static enum modal_status read_open(const cJSON *header, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_open(const cJSON *header, struct wire_request *out,
+                                   struct modal_error *err)
 {
     const cJSON *window = json_member(header, "window");
     enum modal_status rc = need_text(header, "name", WIRE_KEY_MOST, &out->stream.name, err);
@@ -543,33 +622,42 @@ static enum modal_status read_open(const cJSON *header, struct wire_request *out
     return rc;
 }
 
-static enum modal_status read_push(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_push(const struct wire_message *m, struct wire_request *out,
+                                   struct modal_error *err)
 {
     uint64_t crc = 0;
-    enum modal_status rc = get_integer(m->header, "", "epoch", 0, WIRE_INTEGER_MOST, true, &out->stream.epoch, err);
+    enum modal_status rc = get_integer(m->header, "", "epoch", 0, WIRE_INTEGER_MOST, true,
+                                       &out->stream.epoch, err);
 
     if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "first", 0, WIRE_INTEGER_MOST, true, &out->stream.first, err);
+        rc = get_integer(m->header, "", "first", 0, WIRE_INTEGER_MOST, true, &out->stream.first,
+                         err);
     if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "count", 1, WIRE_BODY_MOST / 8, true, &out->stream.count, err);
+        rc = get_integer(m->header, "", "count", 1, WIRE_BODY_MOST / 8, true, &out->stream.count,
+                         err);
     if (rc == MODAL_OK)
         rc = get_integer(m->header, "", "crc32c", 0, 4294967295.0, true, &crc, err);
     if (rc == MODAL_OK && m->body_count != 1)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body", "a push of %d body frames; accepted: one", m->body_count);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "body",
+                              "a push of %d body frames; accepted: one", m->body_count);
     if (rc == MODAL_OK && m->body_bytes > WIRE_CHUNK_MOST)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "body", "a push of %zu bytes; accepted: at most %d", m->body_bytes, WIRE_CHUNK_MOST);
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "body",
+                              "a push of %zu bytes; accepted: at most %d", m->body_bytes,
+                              WIRE_CHUNK_MOST);
     out->stream.crc32c = (uint32_t)crc;
     return rc;
 }
 
-static enum modal_status read_stream(const struct wire_message *m, struct wire_request *out, struct modal_error *err)
+static enum modal_status read_stream(const struct wire_message *m, struct wire_request *out,
+                                     struct modal_error *err)
 {
     static const char *const ops[] = { "open", "push", "close", NULL };
     int op = -1;
     enum modal_status rc = json_get_choice(m->header, "", "op", ops, &op, err);
 
     if (rc == MODAL_OK && op < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "op", "op is missing; accepted: open, push, close");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "op",
+                              "op is missing; accepted: open, push, close");
     if (rc != MODAL_OK)
         return rc;
     out->stream.op = op;
@@ -577,7 +665,8 @@ static enum modal_status read_stream(const struct wire_message *m, struct wire_r
         return read_open(m->header, out, err);
     rc = need_text(m->header, "stream", WIRE_ID_MOST, &out->stream.stream, err);
     if (rc == MODAL_OK)
-        rc = op == WIRE_PUSH ? read_push(m, out, err) : json_get_bool(m->header, "", "broken", &out->stream.broken, err);
+        rc = op == WIRE_PUSH ? read_push(m, out, err)
+                             : json_get_bool(m->header, "", "broken", &out->stream.broken, err);
     return rc;
 }
 
@@ -585,29 +674,39 @@ static enum modal_status read_stream(const struct wire_message *m, struct wire_r
 static const struct row {
     const char *name;
     enum wire_role least;
-    enum modal_status (*read)(const struct wire_message *, struct wire_request *, struct modal_error *);
+    enum modal_status (*read)(const struct wire_message *, struct wire_request *,
+                              struct modal_error *);
     bool body;                      /* a body is looked at; else it must be absent */
     const char *keys[24];           /* accepted members */
 } verbs[WIRE_VERB_COUNT] = {
-    [WIRE_HELLO]   = { "HELLO",   WIRE_ROLE_READ,   read_hello,    false, { "id", "versions", "client" } },
-    [WIRE_UPLOAD]  = { "UPLOAD",  WIRE_ROLE_SUBMIT, read_upload,   true,  { "id", "op", "content", "key", "sha256", "upload", "offset", "crc32c", DESCRIPTION } },
-    [WIRE_SUBMIT]  = { "SUBMIT",  WIRE_ROLE_SUBMIT, read_submit,   true,  { "id", "kind", "options", "input", "key", "priority", "run_limit_s", "deadline_s", "not_before", "max_attempts", "fresh" } },
+    [WIRE_HELLO]   = { "HELLO",   WIRE_ROLE_READ,   read_hello,    false,
+        { "id", "versions", "client" } },
+    [WIRE_UPLOAD]  = { "UPLOAD",  WIRE_ROLE_SUBMIT, read_upload,   true,
+        { "id", "op", "content", "key", "sha256", "upload", "offset", "crc32c", DESCRIPTION } },
+    [WIRE_SUBMIT]  = { "SUBMIT",  WIRE_ROLE_SUBMIT, read_submit,   true,
+        { "id", "kind", "options", "input", "key", "priority", "run_limit_s", "deadline_s",
+          "not_before", "max_attempts", "fresh" } },
     [WIRE_SUBMITS] = { "SUBMITS", WIRE_ROLE_SUBMIT, read_submits,  true,  { "id", "jobs" } },
     [WIRE_STATUS]  = { "STATUS",  WIRE_ROLE_READ,   read_only_job, false, { "id", "job" } },
-    [WIRE_WAIT]    = { "WAIT",    WIRE_ROLE_READ,   read_wait,     false, { "id", "job", "timeout_s", "result" } },
-    [WIRE_RESULT]  = { "RESULT",  WIRE_ROLE_READ,   read_result,   false, { "id", "job", "part", "offset", "length" } },
+    [WIRE_WAIT]    = { "WAIT",    WIRE_ROLE_READ,   read_wait,     false,
+        { "id", "job", "timeout_s", "result" } },
+    [WIRE_RESULT]  = { "RESULT",  WIRE_ROLE_READ,   read_result,   false,
+        { "id", "job", "part", "offset", "length" } },
     [WIRE_CANCEL]  = { "CANCEL",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_RETRY]   = { "RETRY",   WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_DELETE]  = { "DELETE",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
-    [WIRE_LIST]    = { "LIST",    WIRE_ROLE_READ,   read_list,     false, { "id", "state", "kind", "limit", "after" } },
-    [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false, { "id", "op", "from",
-        "job", "stream", "kinds", "subscription" } },
+    [WIRE_LIST]    = { "LIST",    WIRE_ROLE_READ,   read_list,     false,
+        { "id", "state", "kind", "limit", "after" } },
+    [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false,
+        { "id", "op", "from", "job", "stream", "kinds", "subscription" } },
     [WIRE_STATS]   = { "STATS",   WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_METRICS] = { "METRICS", WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_WHOAMI]  = { "WHOAMI",  WIRE_ROLE_READ,   read_nothing,  false, { "id" } },
     [WIRE_DRAIN]   = { "DRAIN",   WIRE_ROLE_ADMIN,  read_nothing,  false, { "id" } },
     [WIRE_UNDRAIN] = { "UNDRAIN", WIRE_ROLE_ADMIN,  read_nothing,  false, { "id" } },
-    [WIRE_STREAM]  = { "STREAM",  WIRE_ROLE_SUBMIT, read_stream,   true,  { "id", "op", "name", "stream", "epoch", "first", "count", "crc32c", "broken", "window", DESCRIPTION } },
+    [WIRE_STREAM]  = { "STREAM",  WIRE_ROLE_SUBMIT, read_stream,   true,
+        { "id", "op", "name", "stream", "epoch", "first", "count", "crc32c", "broken", "window",
+          DESCRIPTION } },
 };
 
 const char *wire_verb_name(enum wire_verb verb)
@@ -628,7 +727,8 @@ enum wire_role wire_verb_role(enum wire_verb verb)
     return verbs[verb].least;
 }
 
-enum modal_status wire_request_read(const struct wire_message *message, struct wire_request *out, struct modal_error *err)
+enum modal_status wire_request_read(const struct wire_message *message, struct wire_request *out,
+                                    struct modal_error *err)
 {
     int verb = wire_verb_find(message->verb);
     struct wire_request request = { .id = message->id };

@@ -1,16 +1,23 @@
-/* request.h - the requests of proto/PROTOCOL.md, section 4, as structs: each member checked, each default filled in */
+/* request.h - the requests of proto/PROTOCOL.md, section 4, as structs: each member checked, each
+ * default filled in */
 #ifndef WIRE_REQUEST_H
 #define WIRE_REQUEST_H
 #include "wire/frame.h"
 
 enum wire_verb {
-    WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_SUBMITS, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT, WIRE_CANCEL, WIRE_RETRY,
-    WIRE_DELETE, WIRE_LIST, WIRE_EVENTS, WIRE_STATS, WIRE_METRICS, WIRE_WHOAMI, WIRE_DRAIN, WIRE_UNDRAIN, WIRE_STREAM,
-    WIRE_VERB_COUNT
+    WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_SUBMITS, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT,
+    WIRE_CANCEL, WIRE_RETRY, WIRE_DELETE, WIRE_LIST, WIRE_EVENTS, WIRE_STATS, WIRE_METRICS,
+    WIRE_WHOAMI, WIRE_DRAIN, WIRE_UNDRAIN, WIRE_STREAM, WIRE_VERB_COUNT
 };
 
 /* Roles, each able to do what the ones before it can; a worker speaks on another endpoint. */
-enum wire_role { WIRE_ROLE_NONE, WIRE_ROLE_READ, WIRE_ROLE_SUBMIT, WIRE_ROLE_ADMIN, WIRE_ROLE_WORKER };
+enum wire_role {
+    WIRE_ROLE_NONE,
+    WIRE_ROLE_READ,
+    WIRE_ROLE_SUBMIT,
+    WIRE_ROLE_ADMIN,
+    WIRE_ROLE_WORKER
+};
 
 enum wire_content { WIRE_BATCH, WIRE_SCENE };
 enum wire_part { WIRE_DOCUMENT, WIRE_SIGNALS, WIRE_INPUT, WIRE_STDERR };
@@ -39,7 +46,8 @@ struct wire_job { const char *key; const char *id; };   /* one is NULL */
 struct wire_request {
     enum wire_verb verb;
     const char *id;               /* as JSON text */
-    struct wire_job job;          /* STATUS, WAIT, RESULT, CANCEL, RETRY, DELETE; EVENTS: may be empty */
+    /* STATUS, WAIT, RESULT, CANCEL, RETRY, DELETE; EVENTS: may be empty */
+    struct wire_job job;
     union {
         struct {
             bool speaks_ours;     /* "versions" holds ours, or is absent */
@@ -65,7 +73,8 @@ struct wire_request {
         struct { const cJSON *jobs; } submits;    /* array; see wire_part */
         struct { double timeout_s; bool result; } wait;
         struct { enum wire_part part; uint64_t offset, length; } result;
-        struct { int state; const char *kind; int limit; const char *after; } list;   /* state -1: all */
+        /* state -1: all */
+        struct { int state; const char *kind; int limit; const char *after; } list;
         struct {
             enum { WIRE_SUBSCRIBE, WIRE_UNSUBSCRIBE } op;
             bool replay;
@@ -86,14 +95,17 @@ struct wire_request {
 };
 
 /*
- * Check MESSAGE and fill *OUT, which borrows from it.  Fails with MODAL_UNKNOWN_VERB, MODAL_BAD_INPUT (naming the
- * field) or MODAL_TOO_LARGE; the body's length is checked here too, its content (CRC, hash) by the daemon.
+ * Check MESSAGE and fill *OUT, which borrows from it.  Fails with MODAL_UNKNOWN_VERB,
+ * MODAL_BAD_INPUT (naming the field) or MODAL_TOO_LARGE; the body's length is checked here too, its
+ * content (CRC, hash) by the daemon.
  */
-enum modal_status wire_request_read(const struct wire_message *message, struct wire_request *out, struct modal_error *err);
+enum modal_status wire_request_read(const struct wire_message *message, struct wire_request *out,
+                                    struct modal_error *err);
 
 /*
- * Submission JOB of SUBMITS as a SUBMIT of its own, to be read by wire_request_read: *PART borrows JOB and the bytes of its
- * input at *BODY, which is moved behind them.  BODY begins as all of the message's body in one piece.
+ * Submission JOB of SUBMITS as a SUBMIT of its own, to be read by wire_request_read: *PART borrows
+ * JOB and the bytes of its input at *BODY, which is moved behind them.  BODY begins as all of the
+ * message's body in one piece.
  */
 void wire_part(const cJSON *job, const char **body, struct wire_message *part);
 
@@ -101,9 +113,11 @@ const char *wire_verb_name(enum wire_verb verb);
 int wire_verb_find(const char *name);             /* -1: no such verb */
 enum wire_role wire_verb_role(enum wire_verb verb);   /* the least role that may ask */
 
-/* The description of an input as members of OBJECT, the reverse of reading it; what is absent is left out. */
+/* The description of an input as members of OBJECT, the reverse of reading it; what is absent is
+ * left out. */
 void wire_input_write(cJSON *object, const struct wire_input *input);
-/* Read a description; BASE is the path of OBJECT for messages.  NAMES lists further keys the caller reads itself. */
+/* Read a description; BASE is the path of OBJECT for messages.  NAMES lists further keys the caller
+ * reads itself. */
 enum modal_status wire_input_read(const cJSON *object, const char *base, enum wire_content content,
                                   struct wire_input *out, struct modal_error *err);
 

@@ -1,16 +1,17 @@
 /*
  * confine.c - a worker shut in; see confine.h
  *
- * A job computes on data a user chose, some of it in a language of the user's own (Lua).  Should that take over the process, it
- * finds: no new sockets, programs, files or mappings that can be executed; nothing to read but the
- * input of its job, whose descriptor the daemon handed over; nobody to signal or to set limits to;
- * one connection, on which the daemon believes only what fits the job it gave.
+ * A job computes on data a user chose, some of it in a language of the user's own (Lua).  Should
+ * that take over the process, it finds: no new sockets, programs, files or mappings that can be
+ * executed; nothing to read but the input of its job, whose descriptor the daemon handed over;
+ * nobody to signal or to set limits to; one connection, on which the daemon believes only what fits
+ * the job it gave.
  *
- * The filter is a list of what computing, ZeroMQ's threads and glibc need.  Everything else fails with EPERM rather than
- * ending the process, so that a library that only asks in vain goes on; clone3 says ENOSYS, since its flags cannot be
- * seen and glibc then uses clone; and sched_setscheduler says that it was done, since each thread
- * of ZeroMQ's asks for the scheduling that it has and aborts where that fails,
- * and some begin only after the walls are up.
+ * The filter is a list of what computing, ZeroMQ's threads and glibc need.  Everything else fails
+ * with EPERM rather than ending the process, so that a library that only asks in vain goes on;
+ * clone3 says ENOSYS, since its flags cannot be seen and glibc then uses clone; and
+ * sched_setscheduler says that it was done, since each thread of ZeroMQ's asks for the scheduling
+ * that it has and aborts where that fails, and some begin only after the walls are up.
  */
 #include "worker/confine.h"
 #include <errno.h>
@@ -52,14 +53,17 @@ enum { NICE = 10, FILES_MOST = 256 };
 
 /* --- limits --- */
 
-static enum modal_status set_limit(int which, rlim_t most, const char *name, struct modal_error *err)
+static enum modal_status set_limit(int which, rlim_t most, const char *name,
+                                   struct modal_error *err)
 {
     struct rlimit limit;
 
     if (getrlimit((__rlimit_resource_t)which, &limit) == 0 && limit.rlim_max < most)
         most = limit.rlim_max;
     limit.rlim_cur = limit.rlim_max = most;
-    return setrlimit((__rlimit_resource_t)which, &limit) == 0 ? MODAL_OK : modal_fail(err, MODAL_IO, "worker: limit of %s: %s", name, strerror(errno));
+    return setrlimit((__rlimit_resource_t)which, &limit) == 0
+               ? MODAL_OK
+               : modal_fail(err, MODAL_IO, "worker: limit of %s: %s", name, strerror(errno));
 }
 
 /* Half of the threads that this user may have: the other half is the daemon's,
@@ -102,15 +106,17 @@ enum modal_status confine_limits(const struct confine_options *options, struct m
 
 /* --- files --- */
 
-#define EVERY_FILE_ACCESS                                                                                                     \
-    (LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR | \
-     LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_DIR | \
-     LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | \
-     LANDLOCK_ACCESS_FS_MAKE_SYM)
+#define EVERY_FILE_ACCESS                                                                          \
+    (LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_READ_FILE     \
+     | LANDLOCK_ACCESS_FS_READ_DIR | LANDLOCK_ACCESS_FS_REMOVE_DIR                                 \
+     | LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_DIR \
+     | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO   \
+     | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM)
 
 static void allow_reading(int rules, const char *path)
 {
-    struct landlock_path_beneath_attr rule = { .allowed_access = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR };
+    struct landlock_path_beneath_attr rule = { .allowed_access = LANDLOCK_ACCESS_FS_READ_FILE
+                                                                 | LANDLOCK_ACCESS_FS_READ_DIR };
     struct stat known;
 
     rule.parent_fd = open(path, O_PATH | O_CLOEXEC);
@@ -122,10 +128,15 @@ static void allow_reading(int rules, const char *path)
     close(rule.parent_fd);
 }
 
-enum modal_status confine_files(const struct confine_options *options, bool *done, struct modal_error *err)
+enum modal_status confine_files(const struct confine_options *options, bool *done,
+                                struct modal_error *err)
 {
     /* glibc and OpenBLAS ask how many processors and how much memory there are */
-    static const char *const always[] = { "/proc/self", "/proc/meminfo", "/proc/cpuinfo", "/proc/stat", "/sys/devices/system/cpu", "/usr/lib", "/usr/share/zoneinfo" };
+    static const char *const always[] = {
+        "/proc/self",         "/proc/meminfo",           "/proc/cpuinfo",
+        "/proc/stat",         "/sys/devices/system/cpu", "/usr/lib",
+        "/usr/share/zoneinfo"
+    };
     struct landlock_ruleset_attr handled = { .handled_access_fs = EVERY_FILE_ACCESS };
     int rules, failed;
 
@@ -137,7 +148,8 @@ enum modal_status confine_files(const struct confine_options *options, bool *don
         return MODAL_OK;                /* a kernel without it: confine_opening */
     for (size_t i = 0; i < sizeof always / sizeof *always; i++)
         allow_reading(rules, always[i]);
-    failed = prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0 || syscall(SYS_landlock_restrict_self, rules, 0) < 0;
+    failed = prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0
+             || syscall(SYS_landlock_restrict_self, rules, 0) < 0;
     close(rules);
     if (failed)
         return modal_fail(err, MODAL_IO, "worker: landlock: %s", strerror(errno));
@@ -159,7 +171,8 @@ enum modal_status confine_user(const struct confine_options *options, struct mod
     if (geteuid() == 0
         && (setgroups(0, NULL) < 0 || setresgid(user->pw_gid, user->pw_gid, user->pw_gid) < 0
             || setresuid(user->pw_uid, user->pw_uid, user->pw_uid) < 0))
-        return modal_fail(err, MODAL_DENIED, "worker: becoming %s: %s", options->user, strerror(errno));
+        return modal_fail(err, MODAL_DENIED, "worker: becoming %s: %s", options->user,
+                          strerror(errno));
     if (geteuid() != user->pw_uid)
         return modal_fail(err, MODAL_DENIED, "worker: only root can become %s", options->user);
     return confine_death(err);                      /* changing the user has cleared it */
@@ -269,7 +282,8 @@ enum { PROGRAM_MOST = 16 + 2 * (int)(sizeof free_calls / sizeof *free_calls) + 1
 
 struct program { struct sock_filter code[PROGRAM_MOST]; unsigned short length; };
 
-static void emit(struct program *program, unsigned short code, uint32_t k, unsigned char yes, unsigned char no)
+static void emit(struct program *program, unsigned short code, uint32_t k, unsigned char yes,
+                 unsigned char no)
 {
     program->code[program->length++] = (struct sock_filter) { code, yes, no, k };
 }

@@ -1,10 +1,10 @@
 /* confine.h - what a worker may still do: limits, another user, and no way out
  *
- * In this order: confine_limits, confine_files (before there are threads), then the connection, then confine_user,
- * confine_calls.  After that a job can compute, take in descriptors of inputs by CONFINE_INPUTS,
- * and speak on the connection; it cannot open a socket, start a program, write or make a file, read
- * files but those of the system that computing needs (where the kernel has Landlock), signal
- * others, or change limits, its own or others'.
+ * In this order: confine_limits, confine_files (before there are threads), then the connection,
+ * then confine_user, confine_calls.  After that a job can compute, take in descriptors of inputs by
+ * CONFINE_INPUTS, and speak on the connection; it cannot open a socket, start a program, write or
+ * make a file, read files but those of the system that computing needs (where the kernel has
+ * Landlock), signal others, or change limits, its own or others'.
  */
 #ifndef WORKER_CONFINE_H
 #define WORKER_CONFINE_H
@@ -34,12 +34,14 @@ enum modal_status confine_limits(const struct confine_options *options, struct m
 
 /* Landlock: read-only, below /proc/self, /sys and /usr/lib only.
  * *DONE false where the kernel has none. */
-enum modal_status confine_files(const struct confine_options *options, bool *done, struct modal_error *err);
+enum modal_status confine_files(const struct confine_options *options, bool *done,
+                                struct modal_error *err);
 
 /* Become options->user for good, without other groups than its own. */
 enum modal_status confine_user(const struct confine_options *options, struct modal_error *err);
 
-/* Filter the system calls of all threads: what is not on the list fails with EPERM.  *DONE false under a sanitizer. */
+/* Filter the system calls of all threads: what is not on the list fails with EPERM.  *DONE false
+ * under a sanitizer. */
 enum modal_status confine_calls(bool *done, struct modal_error *err);
 
 /* Where the kernel has no Landlock, ahead of confine_calls: no file is opened any more,

@@ -3,10 +3,11 @@
  *
  *     job's thread --PAIR inproc--> link's thread --DEALER--> daemon
  *
- * A ZeroMQ socket belongs to one thread.  ZMQ_IMMEDIATE makes the DEALER writable only once the connection stands, so that
- * everything that needs socket(2) or connect(2) is over before the worker is confined; it never
- * connects again.  A lost connection is not told by ZeroMQ: that the daemon is gone is told by the
- * descriptor that is watched, and ends the process from this thread, whatever the job's is doing.
+ * A ZeroMQ socket belongs to one thread.  ZMQ_IMMEDIATE makes the DEALER writable only once the
+ * connection stands, so that everything that needs socket(2) or connect(2) is over before the
+ * worker is confined; it never connects again.  A lost connection is not told by ZeroMQ: that the
+ * daemon is gone is told by the descriptor that is watched, and ends the process from this thread,
+ * whatever the job's is doing.
  */
 #include "worker/link.h"
 #include <errno.h>
@@ -39,7 +40,8 @@ struct link {
 
 static enum modal_status fail(struct modal_error *err, const char *what)
 {
-    return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_NO_SERVER, "worker: %s: %s", what, zmq_strerror(errno));
+    return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_NO_SERVER, "worker: %s: %s",
+                      what, zmq_strerror(errno));
 }
 
 /* --- the link's thread --- */
@@ -58,14 +60,16 @@ static void beat(struct link *link)
 
     pthread_mutex_lock(&link->mutex);
     if (link->job[0] != 0)
-        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d}", link->job, link->attempt);
+        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d}", link->job,
+                 link->attempt);
     pthread_mutex_unlock(&link->mutex);
     zmq_send_const(link->dealer, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE | ZMQ_DONTWAIT);
     zmq_send_const(link->dealer, "BEAT", 4, ZMQ_SNDMORE | ZMQ_DONTWAIT);
     zmq_send(link->dealer, header, strlen(header), ZMQ_DONTWAIT);
 }
 
-/* One whole message from one socket to the other; false where the pair was closed or the daemon is gone. */
+/* One whole message from one socket to the other; false where the pair was closed or the daemon is
+ * gone. */
 static bool pass(void *from, void *to)
 {
     int more = 1;
@@ -135,7 +139,8 @@ static void *link_run(void *argument)
 
 /* --- the job's thread --- */
 
-static enum modal_status connect_dealer(struct link *link, const struct link_options *options, struct modal_error *err)
+static enum modal_status connect_dealer(struct link *link, const struct link_options *options,
+                                        struct modal_error *err)
 {
     const int linger = LINGER_MS, immediate = 1, never = -1, high = 64;
     const int64_t most = MESSAGE_MOST;
@@ -173,7 +178,8 @@ static enum modal_status make_pair(struct link *link, struct modal_error *err)
     return MODAL_OK;
 }
 
-enum modal_status link_open(const struct link_options *options, struct link **out, struct modal_error *err)
+enum modal_status link_open(const struct link_options *options, struct link **out,
+                            struct modal_error *err)
 {
     struct link *link = calloc(1, sizeof *link);
     enum modal_status rc = MODAL_OK;
@@ -240,7 +246,8 @@ void link_working(struct link *link, const char *job, int attempt)
     pthread_mutex_unlock(&link->mutex);
 }
 
-enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data, size_t length, struct modal_error *err)
+enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data,
+                            size_t length, struct modal_error *err)
 {
     char *text = json_print(header);
     bool sent;
@@ -275,7 +282,8 @@ static enum modal_status receive_parts(struct link *link, struct modal_error *er
     return MODAL_OK;
 }
 
-enum modal_status link_receive(struct link *link, const struct wire_message **out, struct modal_error *err)
+enum modal_status link_receive(struct link *link, const struct wire_message **out,
+                               struct modal_error *err)
 {
     struct wire_frame frames[WIRE_FRAMES_MOST];
     enum modal_status rc;
@@ -285,7 +293,8 @@ enum modal_status link_receive(struct link *link, const struct wire_message **ou
     if (rc != MODAL_OK)
         return rc;
     for (int i = 0; i < link->part_count; i++)
-        frames[i] = (struct wire_frame) { zmq_msg_data(&link->parts[i]), zmq_msg_size(&link->parts[i]) };
+        frames[i] = (struct wire_frame) { zmq_msg_data(&link->parts[i]),
+                                          zmq_msg_size(&link->parts[i]) };
     rc = wire_open(frames, link->part_count, WIRE_WORKER, false, &link->message, err);
     link->open = true;
     *out = &link->message;

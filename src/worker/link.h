@@ -1,7 +1,8 @@
-/* link.h - a worker's line to the daemon: messages of proto/PROTOCOL.md, section 13, and a heartbeat of its own
+/* link.h - a worker's line to the daemon: messages of proto/PROTOCOL.md, section 13, and a
+ * heartbeat of its own
  *
- * A thread owns the DEALER socket, says BEAT every second whether the job's thread works or not, and passes messages
- * both ways.  The job's thread alone calls the functions below.
+ * A thread owns the DEALER socket, says BEAT every second whether the job's thread works or not,
+ * and passes messages both ways.  The job's thread alone calls the functions below.
  */
 #ifndef WORKER_LINK_H
 #define WORKER_LINK_H
@@ -19,8 +20,10 @@ struct link_options {
                                      this process's; 0: none */
 };
 
-/* Connect, and wait until the connection stands; its threads run from then on.  MODAL_NO_SERVER, MODAL_NO_MEMORY. */
-enum modal_status link_open(const struct link_options *options, struct link **out, struct modal_error *err);
+/* Connect, and wait until the connection stands; its threads run from then on.  MODAL_NO_SERVER,
+ * MODAL_NO_MEMORY. */
+enum modal_status link_open(const struct link_options *options, struct link **out,
+                            struct modal_error *err);
 /* Let messages under way go out for a second at most, and end. */
 void link_close(struct link *link);
 
@@ -28,9 +31,11 @@ void link_close(struct link *link);
 void link_working(struct link *link, const char *job, int attempt);
 
 /* Send VERB with HEADER (freed here in every case) and a body (DATA may be NULL: none). */
-enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data, size_t length, struct modal_error *err);
+enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data,
+                            size_t length, struct modal_error *err);
 
 /* A message from the daemon; its frames are the link's until the next call.  Waits for ever. */
-enum modal_status link_receive(struct link *link, const struct wire_message **out, struct modal_error *err);
+enum modal_status link_receive(struct link *link, const struct wire_message **out,
+                               struct modal_error *err);
 
 #endif

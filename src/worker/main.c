@@ -58,10 +58,17 @@ static long long number(const char *text)
 static int read_arguments(int argc, char **argv, struct arguments *out)
 {
     static const struct option options[] = {
-        { "connect", required_argument, NULL, 'c' }, { "data", required_argument, NULL, 'd' },   { "user", required_argument, NULL, 'u' },
-        { "memory", required_argument, NULL, 'm' },  { "jobs", required_argument, NULL, 'j' },   { "sandbox", required_argument, NULL, 's' },
-        { "inputs", no_argument, NULL, 'i' },        { "calls", no_argument, NULL, 'C' },
-        { "version", no_argument, NULL, 'V' },       { "help", no_argument, NULL, 'h' },         { NULL, 0, NULL, 0 },
+        { "connect", required_argument, NULL, 'c' },
+        { "data", required_argument, NULL, 'd' },
+        { "user", required_argument, NULL, 'u' },
+        { "memory", required_argument, NULL, 'm' },
+        { "jobs", required_argument, NULL, 'j' },
+        { "sandbox", required_argument, NULL, 's' },
+        { "inputs", no_argument, NULL, 'i' },
+        { "calls", no_argument, NULL, 'C' },
+        { "version", no_argument, NULL, 'V' },
+        { "help", no_argument, NULL, 'h' },
+        { NULL, 0, NULL, 0 },
     };
     long long value = 0;
     int option;
@@ -96,7 +103,8 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
     return 0;
 }
 
-/* The walls go up from the outside in: what needs files or sockets is done before they are shut off. */
+/* The walls go up from the outside in: what needs files or sockets is done before they are shut
+ * off. */
 static enum modal_status work(const struct arguments *arguments, struct modal_error *err)
 {
     const struct confine_options *confine = &arguments->confine;

@@ -1,8 +1,8 @@
 /*
  * serve.c - RUN to job_run to DONE; see serve.h
  *
- * A document longer than one frame, and the batch of `simulate`, go ahead of DONE in PARTs, of which at most four wait for their
- * GO, so that neither side holds more than that.
+ * A document longer than one frame, and the batch of `simulate`, go ahead of DONE in PARTs, of
+ * which at most four wait for their GO, so that neither side holds more than that.
  */
 #include "worker/serve.h"
 #include <malloc.h>
@@ -50,7 +50,8 @@ static double cpu_seconds(void)
     struct rusage usage;
 
     getrusage(RUSAGE_SELF, &usage);
-    return (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) + 1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+    return (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec)
+           + 1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
 }
 
 static int64_t now_ms(void)
@@ -72,11 +73,13 @@ static cJSON *header_of(const struct run *run)
 
 /* --- the input --- */
 
-static enum modal_status take_mapped(struct run *run, const char *file, const void **data, struct modal_error *err)
+static enum modal_status take_mapped(struct run *run, const char *file, const void **data,
+                                     struct modal_error *err)
 {
     double offset = 0, crc = 0;
     int fd = -1;
-    enum modal_status rc = json_need_number(run->input, "input", "offset", 0, WIRE_INTEGER_MOST, &offset, err);
+    enum modal_status rc = json_need_number(run->input, "input", "offset", 0, WIRE_INTEGER_MOST,
+                                            &offset, err);
 
     if (rc == MODAL_OK)
         rc = json_need_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc, err);
@@ -91,18 +94,23 @@ static enum modal_status take_mapped(struct run *run, const char *file, const vo
     return rc;
 }
 
-static enum modal_status take_inline(struct run *run, const struct wire_message *message, const void **data, struct modal_error *err)
+static enum modal_status take_inline(struct run *run, const struct wire_message *message,
+                                     const void **data, struct modal_error *err)
 {
     double crc = -1;
-    enum modal_status rc = json_get_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc, err);
+    enum modal_status rc = json_get_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc,
+                                           err);
 
     if (rc != MODAL_OK)
         return rc;
     if (message->body_bytes != run->shape.bytes)
-        return modal_fail_field(err, MODAL_BAD_FRAME, "input", "the message has %zu bytes of an input of %llu", message->body_bytes, (unsigned long long)run->shape.bytes);
+        return modal_fail_field(err, MODAL_BAD_FRAME, "input",
+                                "the message has %zu bytes of an input of %llu",
+                                message->body_bytes, (unsigned long long)run->shape.bytes);
     run->copy = malloc(message->body_bytes + 1);
     if (run->copy == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for an input of %zu bytes", message->body_bytes);
+        return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for an input of %zu bytes",
+                          message->body_bytes);
     wire_gather(message, run->copy, message->body_bytes);
     if (crc >= 0 && crc32c(0, run->copy, message->body_bytes) != (uint32_t)crc)
         return modal_fail_field(err, MODAL_CORRUPT, "input", "the input's checksum is wrong");
@@ -119,17 +127,28 @@ static enum modal_status make_batch(struct run *run, const void *data, struct mo
     if (shape->names != NULL) {
         run->names = calloc(shape->channels + 1, sizeof *run->names);
         if (run->names == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for the names of %llu channels", (unsigned long long)shape->channels);
+            return modal_fail(err, MODAL_NO_MEMORY,
+                              "worker: no memory for the names of %llu channels",
+                              (unsigned long long)shape->channels);
         cJSON_ArrayForEach(item, shape->names)
             run->names[s++] = item->valuestring;
     }
-    run->batch = (struct batch) { .samples = shape->samples, .channels = shape->channels, .signals = data, .dt = shape->dt,
-                                  .period = shape->period, .names = run->names, .units = shape->units,
-                                  .release = run->map.data != NULL && run->map.length > mapping_resident_most() ? mapping_release : NULL };
+    run->batch = (struct batch) { .samples = shape->samples,
+                                  .channels = shape->channels,
+                                  .signals = data,
+                                  .dt = shape->dt,
+                                  .period = shape->period,
+                                  .names = run->names,
+                                  .units = shape->units,
+                                  .release = run->map.data != NULL
+                                                     && run->map.length > mapping_resident_most()
+                                                 ? mapping_release
+                                                 : NULL };
     return MODAL_OK;
 }
 
-static enum modal_status take_input(struct run *run, const struct wire_message *message, struct modal_error *err)
+static enum modal_status take_input(struct run *run, const struct wire_message *message,
+                                    struct modal_error *err)
 {
     static const char *const contents[] = { "batch", "scene", NULL };
     const char *file = NULL;
@@ -138,13 +157,16 @@ static enum modal_status take_input(struct run *run, const struct wire_message *
     enum modal_status rc = json_get_choice(run->input, "input", "content", contents, &content, err);
 
     if (rc == MODAL_OK && content < 0)
-        rc = modal_fail_field(err, MODAL_BAD_FRAME, "input.content", "RUN does not say what its input is");
+        rc = modal_fail_field(err, MODAL_BAD_FRAME, "input.content",
+                              "RUN does not say what its input is");
     if (rc == MODAL_OK)
-        rc = wire_input_read(run->input, "input", content == 0 ? WIRE_BATCH : WIRE_SCENE, &run->shape, err);
+        rc = wire_input_read(run->input, "input", content == 0 ? WIRE_BATCH : WIRE_SCENE,
+                             &run->shape, err);
     if (rc == MODAL_OK)
         rc = json_get_string(run->input, "input", "file", &file, err);
     if (rc == MODAL_OK)
-        rc = file != NULL ? take_mapped(run, file, &data, err) : take_inline(run, message, &data, err);
+        rc = file != NULL ? take_mapped(run, file, &data, err)
+                          : take_inline(run, message, &data, err);
     if (rc == MODAL_OK && content == 0)
         rc = make_batch(run, data, err);
     else if (rc == MODAL_OK)
@@ -155,7 +177,8 @@ static enum modal_status take_input(struct run *run, const struct wire_message *
 /* --- RUN --- */
 
 /* What identifies a RUN, without which it cannot even be answered. */
-static enum modal_status run_begin(struct run *run, struct link *link, const struct wire_message *message, struct modal_error *err)
+static enum modal_status run_begin(struct run *run, struct link *link,
+                                   const struct wire_message *message, struct modal_error *err)
 {
     const char *job = NULL;
     enum modal_status rc = json_need_string(message->header, "", "job", &job, err);
@@ -174,7 +197,8 @@ static enum modal_status run_begin(struct run *run, struct link *link, const str
     return MODAL_OK;
 }
 
-static enum modal_status run_read(struct run *run, const struct wire_message *message, struct modal_error *err)
+static enum modal_status run_read(struct run *run, const struct wire_message *message,
+                                  struct modal_error *err)
 {
     const char *kind = NULL, *sha256 = NULL;
     enum modal_status rc;
@@ -233,7 +257,8 @@ static enum modal_status wait_go(struct run *run, struct modal_error *err)
         if (rc != MODAL_OK)
             return rc;
         job = cJSON_GetObjectItemCaseSensitive(message->header, "job");
-        if (strcmp(message->verb, "GO") == 0 && cJSON_IsString(job) && strcmp(job->valuestring, run->job) == 0)
+        if (strcmp(message->verb, "GO") == 0 && cJSON_IsString(job)
+            && strcmp(job->valuestring, run->job) == 0)
             break;
     }
     run->waiting--;
@@ -241,7 +266,8 @@ static enum modal_status wait_go(struct run *run, struct modal_error *err)
 }
 
 /* LENGTH bytes of DATA as PARTs; BATCH (may be NULL; taken over) describes them. */
-static enum modal_status send_parts(struct run *run, const char *part, const void *data, size_t length, cJSON *batch, struct modal_error *err)
+static enum modal_status send_parts(struct run *run, const char *part, const void *data,
+                                    size_t length, cJSON *batch, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -260,15 +286,21 @@ static enum modal_status send_parts(struct run *run, const char *part, const voi
             batch = NULL;
         }
         run->waiting++;
-        rc = link_send(run->link, "PART", header, (const char *)data + at, length - at < WIRE_BODY_MOST ? length - at : WIRE_BODY_MOST, err);
+        rc = link_send(run->link, "PART", header, (const char *)data + at,
+                       length - at < WIRE_BODY_MOST ? length - at : WIRE_BODY_MOST, err);
     }
     cJSON_Delete(batch);
     return rc;
 }
 
-static enum modal_status send_batch(struct run *run, const struct batch *batch, struct modal_error *err)
+static enum modal_status send_batch(struct run *run, const struct batch *batch,
+                                    struct modal_error *err)
 {
-    struct wire_input shape = { .content = WIRE_BATCH, .samples = batch->samples, .channels = batch->channels, .dt = batch->dt, .period = batch->period,
+    struct wire_input shape = { .content = WIRE_BATCH,
+                                .samples = batch->samples,
+                                .channels = batch->channels,
+                                .dt = batch->dt,
+                                .period = batch->period,
                                 .units = batch->units };
     cJSON *description = cJSON_CreateObject(), *names = NULL;
     enum modal_status rc;
@@ -281,11 +313,13 @@ static enum modal_status send_batch(struct run *run, const struct batch *batch, 
     shape.names = names;
     wire_input_write(description, &shape);
     cJSON_Delete(names);
-    rc = send_parts(run, "batch", batch->signals, batch->samples * batch->channels * sizeof(double), description, err);
+    rc = send_parts(run, "batch", batch->signals, batch->samples * batch->channels * sizeof(double),
+                    description, err);
     return rc;
 }
 
-static enum modal_status send_failed(struct run *run, const struct modal_error *why, struct modal_error *err)
+static enum modal_status send_failed(struct run *run, const struct modal_error *why,
+                                     struct modal_error *err)
 {
     cJSON *header = header_of(run);
 
@@ -294,7 +328,8 @@ static enum modal_status send_failed(struct run *run, const struct modal_error *
     return link_send(run->link, "FAILED", header, NULL, 0, err);
 }
 
-static enum modal_status send_done(struct run *run, const struct job_result *result, struct modal_error *err)
+static enum modal_status send_done(struct run *run, const struct job_result *result,
+                                   struct modal_error *err)
 {
     char *text = json_print(result->result);
     size_t length = text != NULL ? strlen(text) : 0;
@@ -303,7 +338,9 @@ static enum modal_status send_done(struct run *run, const struct job_result *res
     cJSON *header;
 
     if (text == NULL || length > WIRE_DOCUMENT_MOST) {
-        modal_fail(&why, text == NULL ? MODAL_NO_MEMORY : MODAL_TOO_LARGE, "the result document takes %zu bytes; at most %d are kept", length, WIRE_DOCUMENT_MOST);
+        modal_fail(&why, text == NULL ? MODAL_NO_MEMORY : MODAL_TOO_LARGE,
+                   "the result document takes %zu bytes; at most %d are kept", length,
+                   WIRE_DOCUMENT_MOST);
         free(text);
         return send_failed(run, &why, err);
     }
@@ -316,7 +353,8 @@ static enum modal_status send_done(struct run *run, const struct job_result *res
     if (rc == MODAL_OK) {
         header = header_of(run);
         json_set_number(header, "cpu_s", cpu_seconds() - run->cpu_start);
-        rc = link_send(run->link, "DONE", header, length > WIRE_BODY_MOST ? NULL : text, length, err);
+        rc = link_send(run->link, "DONE", header, length > WIRE_BODY_MOST ? NULL : text, length,
+                       err);
     }
     free(text);
     return rc;
@@ -332,7 +370,8 @@ static void name_limit(struct modal_error *why, uint64_t memory)
                  "; a worker has at most %llu bytes (worker_memory)", (unsigned long long)memory);
 }
 
-static enum modal_status run_job(struct run *run, struct windows *windows, const struct wire_message *message, struct modal_error *err)
+static enum modal_status run_job(struct run *run, struct windows *windows,
+                                 const struct wire_message *message, struct modal_error *err)
 {
     struct job_result result = { 0 };
     const cJSON *live;
@@ -344,8 +383,14 @@ static enum modal_status run_job(struct run *run, struct windows *windows, const
         rc = windows_run(windows, live, run->options, &run->batch, &result.result, &why);
     } else if (rc == MODAL_OK) {
         struct job_request request = {
-            .kind = run->kind, .options = run->options, .batch = run->scene == NULL ? &run->batch : NULL, .scene = run->scene,
-            .input_sha256 = run->sha256, .attributes = run->shape.attributes, .progress = say_progress, .context = run,
+            .kind = run->kind,
+            .options = run->options,
+            .batch = run->scene == NULL ? &run->batch : NULL,
+            .scene = run->scene,
+            .input_sha256 = run->sha256,
+            .attributes = run->shape.attributes,
+            .progress = say_progress,
+            .context = run,
         };
         rc = job_run(&request, &result, &why);
     }
@@ -368,7 +413,8 @@ static enum modal_status say_ready(struct link *link, struct modal_error *err)
     return link_send(link, "READY", header, NULL, 0, err);
 }
 
-static enum modal_status serve_all(struct link *link, const struct serve_options *options, struct windows *windows, struct modal_error *err)
+static enum modal_status serve_all(struct link *link, const struct serve_options *options,
+                                   struct windows *windows, struct modal_error *err)
 {
     enum modal_status rc = say_ready(link, err);
 
@@ -398,10 +444,13 @@ static enum modal_status serve_all(struct link *link, const struct serve_options
     return rc;
 }
 
-enum modal_status serve(struct link *link, const struct serve_options *options, struct modal_error *err)
+enum modal_status serve(struct link *link, const struct serve_options *options,
+                        struct modal_error *err)
 {
     struct windows *windows = windows_new();
-    enum modal_status rc = windows != NULL ? serve_all(link, options, windows, err) : modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for windows");
+    enum modal_status rc = windows != NULL
+                               ? serve_all(link, options, windows, err)
+                               : modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for windows");
 
     windows_free(windows);
     return rc;

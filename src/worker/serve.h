@@ -15,5 +15,6 @@ struct serve_options {
  * CRC-32C.  Every failure of a job, MODAL_CORRUPT of its input among them, is FAILED's error; what
  * is returned is the link's.
  */
-enum modal_status serve(struct link *link, const struct serve_options *options, struct modal_error *err);
+enum modal_status serve(struct link *link, const struct serve_options *options,
+                        struct modal_error *err);
 #endif

@@ -67,13 +67,17 @@ static struct window *place_of(struct windows *windows, const char *stream)
     return oldest;
 }
 
-static enum modal_status begin(struct window *w, const struct asked *a, const cJSON *options, const struct batch *batch, struct modal_error *err)
+static enum modal_status begin(struct window *w, const struct asked *a, const cJSON *options,
+                               const struct batch *batch, struct modal_error *err)
 {
     struct batch shape = *batch;
     enum modal_status rc;
 
     if (batch->samples != (size_t)a->window)
-        return modal_fail_field(err, MODAL_NOT_FOUND, "live", "the samples before these %zu are not here; the whole window of %d is wanted", batch->samples, a->window);
+        return modal_fail_field(
+            err, MODAL_NOT_FOUND, "live",
+            "the samples before these %zu are not here; the whole window of %d is wanted",
+            batch->samples, a->window);
     rc = live_new(options, &shape, a->hop, &w->live, err);
     if (rc == MODAL_OK && (w->stream = strdup(a->stream)) == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "windows: no memory");
@@ -81,8 +85,8 @@ static enum modal_status begin(struct window *w, const struct asked *a, const cJ
     return rc;
 }
 
-enum modal_status windows_run(struct windows *windows, const cJSON *live, const cJSON *options, const struct batch *batch, cJSON **document,
-                              struct modal_error *err)
+enum modal_status windows_run(struct windows *windows, const cJSON *live, const cJSON *options,
+                              const struct batch *batch, cJSON **document, struct modal_error *err)
 {
     struct asked a = { 0 };
     struct window *w = NULL;
@@ -91,7 +95,9 @@ enum modal_status windows_run(struct windows *windows, const cJSON *live, const 
     if (rc != MODAL_OK)
         return rc;
     w = place_of(windows, a.stream);
-    if (w->stream != NULL && (w->epoch != a.epoch || w->next != a.to + 1 - (double)batch->samples || batch->samples >= (size_t)a.window))
+    if (w->stream != NULL
+        && (w->epoch != a.epoch || w->next != a.to + 1 - (double)batch->samples
+            || batch->samples >= (size_t)a.window))
         forget(w);
     if (w->stream == NULL)
         rc = begin(w, &a, options, batch, err);

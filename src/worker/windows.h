@@ -5,7 +5,9 @@
 #include "base/error.h"
 #include "base/json.h"
 
-enum { WINDOWS_MOST = 16 };       /* streams; past that the one that was used longest ago is dropped, and found from nothing when it comes again */
+/* streams; past that the one that was used longest ago is dropped, and found from nothing when it
+ * comes again */
+enum { WINDOWS_MOST = 16 };
 
 struct windows;
 
@@ -13,11 +15,12 @@ struct windows *windows_new(void);       /* NULL: no memory */
 void windows_free(struct windows *windows);
 
 /*
- * One RUN with the member "live": {"stream":text,"epoch":e,"to":i,"window":n,"hop":n}.  BATCH holds the samples up to number `to`: the whole window, or those
- * that came since the last RUN of the stream.  The caller deletes *document (job/live.h).
- * Fails with MODAL_NOT_FOUND, field "live", where samples before BATCH are not here any more: the whole window is wanted; and as
- * live_next does.  After a failure the stream's window is forgotten.
+ * One RUN with the member "live": {"stream":text,"epoch":e,"to":i,"window":n,"hop":n}.  BATCH holds
+ * the samples up to number `to`: the whole window, or those that came since the last RUN of the
+ * stream.  The caller deletes *document (job/live.h). Fails with MODAL_NOT_FOUND, field "live",
+ * where samples before BATCH are not here any more: the whole window is wanted; and as live_next
+ * does.  After a failure the stream's window is forgotten.
  */
-enum modal_status windows_run(struct windows *windows, const cJSON *live, const cJSON *options, const struct batch *batch, cJSON **document,
-                              struct modal_error *err);
+enum modal_status windows_run(struct windows *windows, const cJSON *live, const cJSON *options,
+                              const struct batch *batch, cJSON **document, struct modal_error *err);
 #endif

@@ -15,8 +15,9 @@ struct batch {
     const char *const *names;   /* `channels` names, or NULL: "ch0", "ch1", ... */
     const char *units;          /* text, or NULL */
     /*
-     * NULL: the signals may stay in memory.  Else they are larger than the memory limit of who made them and are read in order, sample by
-     * sample, and the BYTES at FROM, which this calls, are not needed until the next pass: whoever mapped them gives their pages back.
+     * NULL: the signals may stay in memory.  Else they are larger than the memory limit of who made
+     * them and are read in order, sample by sample, and the BYTES at FROM, which this calls, are
+     * not needed until the next pass: whoever mapped them gives their pages back.
      */
     void (*release)(const void *from, size_t bytes);
 };

@@ -14,7 +14,8 @@ static bool finite_square(const struct matrix *A)
     return A->m == A->n;
 }
 
-/* LAPACK's real storage of complex vectors: a pair's real part in column j, its imaginary part in j+1. */
+/* LAPACK's real storage of complex vectors: a pair's real part in column j, its imaginary part in
+ * j+1. */
 static void unpack_vectors(int n, const double *wi, const double *vr, double complex *V)
 {
     for (int j = 0; j < n; j++)
@@ -29,8 +30,8 @@ static void unpack_vectors(int n, const double *wi, const double *vr, double com
         }
 }
 
-enum modal_status eigen_general(struct matrix *A, double complex *w, double *condition, double complex *V,
-                                struct modal_error *err)
+enum modal_status eigen_general(struct matrix *A, double complex *w, double *condition,
+                                double complex *V, struct modal_error *err)
 {
     int n = A->n, ilo, ihi, info;
     size_t nn = (size_t)n * n;
@@ -38,16 +39,19 @@ enum modal_status eigen_general(struct matrix *A, double complex *w, double *con
     bool vectors = V != NULL || condition != NULL;
 
     if (!finite_square(A))
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "eigen: a %d x %d matrix that is not square or not finite", A->m, A->n);
+        return modal_fail(err, MODAL_NO_CONVERGENCE,
+                          "eigen: a %d x %d matrix that is not square or not finite", A->m, A->n);
     if (n == 0)
         return MODAL_OK;
     work = calloc(5 * (size_t)n + (vectors ? 2 * nn : 2), sizeof *work);
     if (work == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "eigen: no memory for %d x %d", n, n);
-    wr = work, wi = wr + n, scale = wi + n, rconde = scale + n, rcondv = rconde + n, vl = rcondv + n;
+    wr = work, wi = wr + n, scale = wi + n, rconde = scale + n, rcondv = rconde + n,
+    vl = rcondv + n;
     vr = vectors ? vl + nn : vl + 1;
-    info = LAPACKE_dgeevx(LAPACK_COL_MAJOR, 'B', vectors ? 'V' : 'N', vectors ? 'V' : 'N', vectors ? 'E' : 'N', n, A->x,
-                          A->ld, wr, wi, vl, n, vr, n, &ilo, &ihi, scale, &abnrm, rconde, rcondv);
+    info = LAPACKE_dgeevx(LAPACK_COL_MAJOR, 'B', vectors ? 'V' : 'N', vectors ? 'V' : 'N',
+                          vectors ? 'E' : 'N', n, A->x, A->ld, wr, wi, vl, n, vr, n, &ilo, &ihi,
+                          scale, &abnrm, rconde, rcondv);
     if (info == 0) {
         for (int j = 0; j < n; j++) {
             w[j] = CMPLX(wr[j], wi[j]);
@@ -59,9 +63,11 @@ enum modal_status eigen_general(struct matrix *A, double complex *w, double *con
     }
     free(work);
     if (info == LAPACK_WORK_MEMORY_ERROR)
-        return modal_fail(err, MODAL_NO_MEMORY, "eigen: no memory for the workspace of %d x %d", n, n);
+        return modal_fail(err, MODAL_NO_MEMORY, "eigen: no memory for the workspace of %d x %d", n,
+                          n);
     if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "eigen: dgeevx failed on %d x %d (info %d)", n, n, info);
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "eigen: dgeevx failed on %d x %d (info %d)", n,
+                          n, info);
     return MODAL_OK;
 }
 
@@ -70,13 +76,16 @@ enum modal_status eigen_symmetric(struct matrix *A, double *w, struct modal_erro
     int info;
 
     if (!finite_square(A))
-        return modal_fail(err, MODAL_BAD_INPUT, "eigen: a %d x %d matrix that is not square or not finite", A->m, A->n);
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "eigen: a %d x %d matrix that is not square or not finite", A->m, A->n);
     if (A->n == 0)
         return MODAL_OK;
     info = LAPACKE_dsyevd(LAPACK_COL_MAJOR, 'V', 'L', A->n, A->x, A->ld, w);
     if (info == LAPACK_WORK_MEMORY_ERROR)
-        return modal_fail(err, MODAL_NO_MEMORY, "eigen: no memory for the workspace of %d x %d", A->n, A->n);
+        return modal_fail(err, MODAL_NO_MEMORY, "eigen: no memory for the workspace of %d x %d",
+                          A->n, A->n);
     if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "eigen: dsyevd failed on %d x %d (info %d)", A->n, A->n, info);
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "eigen: dsyevd failed on %d x %d (info %d)",
+                          A->n, A->n, info);
     return MODAL_OK;
 }

@@ -1,9 +1,10 @@
 /*
  * expm.c - see expm.h
  *
- * Scaling and squaring [H05]: exp(A) = r_m(A / 2^s)^(2^s), r_m the diagonal Pade approximant of degree m, and (m, s) the
- * cheapest with |A / 2^s|_1 <= theta_m, where the backward error is at most the unit roundoff.  The trace is taken out
- * first, A - (tr A / n) I, which lowers the norm of damped systems.
+ * Scaling and squaring [H05]: exp(A) = r_m(A / 2^s)^(2^s), r_m the diagonal Pade approximant of
+ * degree m, and (m, s) the cheapest with |A / 2^s|_1 <= theta_m, where the backward error is at
+ * most the unit roundoff.  The trace is taken out first, A - (tr A / n) I, which lowers the norm of
+ * damped systems.
  *
  * A 2 x 2 matrix has a closed form: with the half trace t, the traceless part B and d = -det B,
  *
@@ -11,8 +12,8 @@
  *
  * cos and sin where d < 0, which keeps the determinant at e^(2t) to rounding however long the step.
  *
- * A block triangular matrix [A_11 B; 0 S] is similar to [A_11 2^-k B; 0 S], and so are their exponentials: with |2^-k B| <= 1
- * neither the squarings nor the solve see how large B is.
+ * A block triangular matrix [A_11 B; 0 S] is similar to [A_11 2^-k B; 0 S], and so are their
+ * exponentials: with |2^-k B| <= 1 neither the squarings nor the solve see how large B is.
  *
  * [H05] Higham, SIAM J. Matrix Anal. Appl. 26 (2005) 1179-1193, algorithm 2.3 and table 2.3.
  */
@@ -25,7 +26,7 @@
 
 struct expm {
     int n;
-    double *B, *B2, *B4, *B6, *U, *V, *A;   /* n x n each, in one piece; A: what expm_driven scales */
+    double *B, *B2, *B4, *B6, *U, *V, *A; /* n x n each, in one piece; A: what expm_driven scales */
     int *pivot;
 };
 
@@ -34,7 +35,8 @@ enum modal_status expm_new(int n, struct expm **out, struct modal_error *err)
     size_t size = (size_t)n * (size_t)n;
     struct expm *w = calloc(1, sizeof *w);
 
-    if (w == NULL || (w->B = malloc(7 * size * sizeof *w->B + 1)) == NULL || (w->pivot = malloc((size_t)n * sizeof *w->pivot + 1)) == NULL) {
+    if (w == NULL || (w->B = malloc(7 * size * sizeof *w->B + 1)) == NULL ||
+        (w->pivot = malloc((size_t)n * sizeof *w->pivot + 1)) == NULL) {
         expm_free(w);
         return modal_fail(err, MODAL_NO_MEMORY, "expm: out of memory for %d x %d", n, n);
     }
@@ -61,7 +63,8 @@ void expm_free(struct expm *w)
 void square_multiply(int n, double alpha, const double *A, const double *B, double beta, double *C)
 {
     if (n > 8) {
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta, C, n);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta, C,
+                    n);
         return;
     }
     for (int j = 0; j < n; j++) {
@@ -78,7 +81,8 @@ void square_multiply(int n, double alpha, const double *A, const double *B, doub
 static void exponential_2(const double *A, double *E)
 {
     double t = (A[0] + A[3]) / 2, a = (A[0] - A[3]) / 2, d = a * a + A[1] * A[2], r = sqrt(fabs(d));
-    double c = d < 0 ? cos(r) : cosh(r), s = r < 1e-8 ? 1 + d / 6 : (d < 0 ? sin(r) : sinh(r)) / r, e = exp(t);
+    double c = d < 0 ? cos(r) : cosh(r), s = r < 1e-8 ? 1 + d / 6 : (d < 0 ? sin(r) : sinh(r)) / r,
+           e = exp(t);
 
     E[0] = e * (c + s * a);
     E[3] = e * (c - s * a);
@@ -123,9 +127,11 @@ static const struct { int m; double theta; double b[14]; } pade[] = {
     { 3, 1.495585217958292e-2, { 120, 60, 12, 1 } },
     { 5, 2.539398330063230e-1, { 30240, 15120, 3360, 420, 30, 1 } },
     { 7, 9.504178996162932e-1, { 17297280, 8648640, 1995840, 277200, 25200, 1512, 56, 1 } },
-    { 9, 2.097847961257068e0, { 17643225600, 8821612800, 2075673600, 302702400, 30270240, 2162160, 110880, 3960, 90, 1 } },
-    { 13, 5.371920351148152e0, { 64764752532480000, 32382376266240000, 7771770303897600, 1187353796428800, 129060195264000,
-                                 10559470521600, 670442572800, 33522128640, 1323241920, 40840800, 960960, 16380, 182, 1 } },
+    { 9, 2.097847961257068e0, { 17643225600, 8821612800, 2075673600, 302702400, 30270240, 2162160,
+                                110880, 3960, 90, 1 } },
+    { 13, 5.371920351148152e0, { 64764752532480000, 32382376266240000, 7771770303897600,
+                                 1187353796428800, 129060195264000, 10559470521600, 670442572800,
+                                 33522128640, 1323241920, 40840800, 960960, 16380, 182, 1 } },
 };
 
 static void add_scaled(size_t size, double a, const double *X, double *Y)
@@ -174,7 +180,8 @@ static void numerator(struct expm *w, int row, double *E)
     square_multiply(n, 1, w->B, E, 0, w->U);
 }
 
-static enum modal_status exponential(struct expm *w, const double *A, double *E, double shift, double norm)
+static enum modal_status exponential(struct expm *w, const double *A, double *E, double shift,
+                                     double norm)
 {
     int n = w->n, row = 0, squarings = 0;
     size_t size = (size_t)n * (size_t)n;
@@ -196,7 +203,8 @@ static enum modal_status exponential(struct expm *w, const double *A, double *E,
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, n, w->V, n, w->pivot, E, n) != 0)
         return MODAL_OVERFLOW;
-    double factor = exp(ldexp(shift, -squarings));     /* before squaring: exp(A - shift I) alone may overflow */
+    /* before squaring: exp(A - shift I) alone may overflow */
+    double factor = exp(ldexp(shift, -squarings));
     for (size_t i = 0; i < size; i++)
         result[i] *= factor;
     for (int k = 0; k < squarings; k++) {
@@ -230,11 +238,13 @@ enum modal_status expm(struct expm *w, const double *A, double *E, struct modal_
     else
         rc = exponential(w, A, E, shift, norm + fabs(shift));
     if (rc != MODAL_OK || !isfinite(norm_1(n, E)))
-        return modal_fail(err, MODAL_OVERFLOW, "expm: exp(A) leaves the range of doubles (norm of A %g)", norm);
+        return modal_fail(err, MODAL_OVERFLOW,
+                          "expm: exp(A) leaves the range of doubles (norm of A %g)", norm);
     return MODAL_OK;
 }
 
-enum modal_status expm_driven(struct expm *w, int states, const double *A, double *E, struct modal_error *err)
+enum modal_status expm_driven(struct expm *w, int states, const double *A, double *E,
+                              struct modal_error *err)
 {
     size_t n = (size_t)w->n;
     int columns = w->n - states, k = exponent_of(A + (size_t)states * n, states, columns, n);
@@ -247,5 +257,8 @@ enum modal_status expm_driven(struct expm *w, int states, const double *A, doubl
     rc = expm(w, w->A, E, err);
     if (rc == MODAL_OK)
         scale_block(E + (size_t)states * n, states, columns, n, k);
-    return rc != MODAL_OK || isfinite(norm_1(w->n, E)) ? rc : modal_fail(err, MODAL_OVERFLOW, "expm: what drives the motion leaves the range of doubles");
+    return rc != MODAL_OK || isfinite(norm_1(w->n, E))
+               ? rc
+               : modal_fail(err, MODAL_OVERFLOW,
+                            "expm: what drives the motion leaves the range of doubles");
 }

@@ -6,18 +6,22 @@
  *     alpha_k u_k     = A v_k - beta_{k-1} u_{k-1},                                   (1)
  *     beta_k  v_{k+1} = A^T u_k - alpha_k v_k                                         (2)
  *
- * build A V_k = U_k B_k, B_k upper bidiagonal with alpha on and beta above the diagonal [GK65].  With the SVD B_k = P S Q^T the triplets
- * (s_i, U_k p_i, V_k q_i) satisfy A v = s u exactly and
+ * build A V_k = U_k B_k, B_k upper bidiagonal with alpha on and beta above the diagonal [GK65].
+ * With the SVD B_k = P S Q^T the triplets (s_i, U_k p_i, V_k q_i) satisfy A v = s u exactly and
  *
  *     |A^T u - s v| = beta_k |P(k, i)|,                                               (3)
  *
- * which decides convergence.  In floating point (1), (2) lose orthogonality as soon as a triplet converges; each new vector is
- * therefore orthogonalised against all before it, twice ("twice is enough" [GvL, 10.3]).  The augmented matrix [0 A; A^T 0], whose plain Lanczos
- * iteration the identification paper proposes (24), needs twice the products for each dimension and returns both signs.
+ * which decides convergence.  In floating point (1), (2) lose orthogonality as soon as a triplet
+ * converges; each new vector is therefore orthogonalised against all before it, twice ("twice is
+ * enough" [GvL, 10.3]).  The augmented matrix [0 A; A^T 0], whose plain Lanczos iteration the
+ * identification paper proposes (24), needs twice the products for each dimension and returns both
+ * signs.
  *
- * Rounding floor: lengths below max(m,n) DBL_EPSILON times the largest alpha or beta so far are a breakdown.
+ * Rounding floor: lengths below max(m,n) DBL_EPSILON times the largest alpha or beta so far are a
+ * breakdown.
  *
- * [GK65] Golub and Kahan, SIAM J. Numer. Anal. B 2 (1965) 205-224.  [GvL] Golub and Van Loan, Matrix Computations.
+ * [GK65] Golub and Kahan, SIAM J. Numer. Anal. B 2 (1965) 205-224.  [GvL] Golub and Van Loan,
+ * Matrix Computations.
  */
 #include "modal/linalg/lanczos.h"
 #include <cblas.h>
@@ -57,8 +61,10 @@ static double *basis_next(struct basis *b)
 static void orthogonalise(const struct basis *b, double *x, double *work)
 {
     for (int pass = 0; pass < 2 && b->count > 0; pass++) {
-        cblas_dgemv(CblasColMajor, CblasTrans, b->length, b->count, 1, b->x, b->length, x, 1, 0, work, 1);
-        cblas_dgemv(CblasColMajor, CblasNoTrans, b->length, b->count, -1, b->x, b->length, work, 1, 1, x, 1);
+        cblas_dgemv(CblasColMajor, CblasTrans, b->length, b->count, 1, b->x, b->length, x, 1, 0,
+                    work, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, b->length, b->count, -1, b->x, b->length, work, 1,
+                    1, x, 1);
     }
 }
 
@@ -102,8 +108,8 @@ static void note_scale(struct lanczos *L, double length)
 }
 
 /* (1): u_k from v_k.  Where A maps a fresh v_k to nothing, the rank is exhausted. */
-static enum modal_status step_left(struct lanczos *L, const struct linear_operator *A, bool restarted, double *work,
-                                   struct modal_error *err)
+static enum modal_status step_left(struct lanczos *L, const struct linear_operator *A,
+                                   bool restarted, double *work, struct modal_error *err)
 {
     int k = L->V.count - 1;
     const double *v = L->V.x + (size_t)k * L->V.length;
@@ -111,7 +117,8 @@ static enum modal_status step_left(struct lanczos *L, const struct linear_operat
     enum modal_status rc;
 
     if (u == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d", L->U.count + 1, L->U.length);
+        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d",
+                          L->U.count + 1, L->U.length);
     rc = A->apply(A->context, v, u, err);
     if (rc != MODAL_OK)
         return rc;
@@ -131,8 +138,8 @@ static enum modal_status step_left(struct lanczos *L, const struct linear_operat
 }
 
 /* (2): v_{k+1} from u_k; a breakdown goes on with a fresh vector and beta_k = 0. */
-static enum modal_status step_right(struct lanczos *L, const struct linear_operator *A, bool *restarted, double *work,
-                                    struct modal_error *err)
+static enum modal_status step_right(struct lanczos *L, const struct linear_operator *A,
+                                    bool *restarted, double *work, struct modal_error *err)
 {
     int k = L->U.count - 1;
     const double *u = L->U.x + (size_t)k * L->U.length;
@@ -140,7 +147,8 @@ static enum modal_status step_right(struct lanczos *L, const struct linear_opera
     enum modal_status rc;
 
     if (v == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d", L->V.count + 1, L->V.length);
+        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d",
+                          L->V.count + 1, L->V.length);
     rc = A->apply_transpose(A->context, u, v, err);
     if (rc != MODAL_OK)
         return rc;
@@ -162,7 +170,8 @@ static enum modal_status step_right(struct lanczos *L, const struct linear_opera
 /* The SVD of B_k: s (k numbers), P and QT (k x k), in one block of memory that `s` owns. */
 struct small { int k; double *s, *P, *QT; };
 
-static enum modal_status small_svd(const struct lanczos *L, int k, struct small *out, struct modal_error *err)
+static enum modal_status small_svd(const struct lanczos *L, int k, struct small *out,
+                                   struct modal_error *err)
 {
     double *block = malloc(sizeof *block * (2 * (size_t)k * k + 2 * (size_t)k)), *e, q = 0;
     int info, iq = 0;
@@ -177,12 +186,14 @@ static enum modal_status small_svd(const struct lanczos *L, int k, struct small 
     memcpy(e, L->beta, sizeof *e * k);
     info = LAPACKE_dbdsdc(LAPACK_COL_MAJOR, 'U', 'I', k, out->s, e, out->P, k, out->QT, k, &q, &iq);
     if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "lanczos: dbdsdc failed on %d steps (info %d)", k, info);
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "lanczos: dbdsdc failed on %d steps (info %d)",
+                          k, info);
     return MODAL_OK;
 }
 
 /* How many of the leading triplets satisfy (3) with the tolerance, and their largest residual. */
-static int count_converged(const struct lanczos *L, const struct small *B, const struct lanczos_options *opt, double *residual)
+static int count_converged(const struct lanczos *L, const struct small *B,
+                           const struct lanczos_options *opt, double *residual)
 {
     double tolerance = (opt->tolerance > 0 ? opt->tolerance : 1e-14) * B->s[0];
     double last = L->exhausted || B->k == L->V.length ? 0 : L->beta[B->k - 1];
@@ -199,23 +210,25 @@ static int count_converged(const struct lanczos *L, const struct small *B, const
     return i;
 }
 
-/* The leading COUNT combinations of the basis: columns of OUT, or rows where it is stored transposed.  C is k x k and holds combination i in
- * column i, or in row i (c_rows). */
-static void combine(const struct basis *b, int k, int count, const double *C, bool c_rows, struct matrix *out, bool out_rows)
+/* The leading COUNT combinations of the basis: columns of OUT, or rows where it is stored
+ * transposed.  C is k x k and holds combination i in column i, or in row i (c_rows). */
+static void combine(const struct basis *b, int k, int count, const double *C, bool c_rows,
+                    struct matrix *out, bool out_rows)
 {
     if (out == NULL || out->x == NULL || count == 0)
         return;
     if (out_rows)
-        cblas_dgemm(CblasColMajor, c_rows ? CblasNoTrans : CblasTrans, CblasTrans, count, b->length, k, 1, C, k, b->x, b->length, 0,
-                    out->x, out->ld);
+        cblas_dgemm(CblasColMajor, c_rows ? CblasNoTrans : CblasTrans, CblasTrans, count, b->length,
+                    k, 1, C, k, b->x, b->length, 0, out->x, out->ld);
     else
-        cblas_dgemm(CblasColMajor, CblasNoTrans, c_rows ? CblasTrans : CblasNoTrans, b->length, count, k, 1, b->x, b->length, C, k,
-                    0, out->x, out->ld);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, c_rows ? CblasTrans : CblasNoTrans, b->length,
+                    count, k, 1, b->x, b->length, C, k, 0, out->x, out->ld);
 }
 
 /* Steps until the wanted triplets have converged, the rank is exhausted, or `most` is reached. */
-static enum modal_status iterate(struct lanczos *L, const struct linear_operator *A, const struct lanczos_options *opt,
-                                 double *work, struct small *B, struct lanczos_result *out, struct modal_error *err)
+static enum modal_status iterate(struct lanczos *L, const struct linear_operator *A,
+                                 const struct lanczos_options *opt, double *work, struct small *B,
+                                 struct lanczos_result *out, struct modal_error *err)
 {
     int check = opt->wanted + 2;
     bool restarted = true;
@@ -226,7 +239,8 @@ static enum modal_status iterate(struct lanczos *L, const struct linear_operator
         if (rc == MODAL_OK && !L->exhausted)
             rc = step_right(L, A, &restarted, work, err);
         out->steps = L->U.count;
-        if (rc != MODAL_OK || out->steps == 0 || (out->steps < check && out->steps < L->most && !L->exhausted))
+        if (rc != MODAL_OK || out->steps == 0 ||
+            (out->steps < check && out->steps < L->most && !L->exhausted))
             continue;
         rc = small_svd(L, out->steps, B, err);
         if (rc == MODAL_OK)
@@ -236,12 +250,16 @@ static enum modal_status iterate(struct lanczos *L, const struct linear_operator
     return rc;
 }
 
-/* With m < n the transposed operator is iterated: only then does V_k fill its space, and the rank is exhausted, at k = min(m, n). */
-enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanczos_options *opt, double *s,
-                              struct matrix *U, struct matrix *VT, struct lanczos_result *out, struct modal_error *err)
+/* With m < n the transposed operator is iterated: only then does V_k fill its space, and the rank
+ * is exhausted, at k = min(m, n). */
+enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanczos_options *opt,
+                              double *s, struct matrix *U, struct matrix *VT,
+                              struct lanczos_result *out, struct modal_error *err)
 {
     bool flip = A->m < A->n;
-    struct linear_operator T = flip ? (struct linear_operator) { A->n, A->m, A->context, A->apply_transpose, A->apply } : *A;
+    struct linear_operator T =
+        flip ? (struct linear_operator) { A->n, A->m, A->context, A->apply_transpose, A->apply }
+             : *A;
     struct lanczos L = { .U = { .length = T.m }, .V = { .length = T.n }, .most = T.n };
     struct lanczos_result found = { 0, 0, 0 };
     struct small B = { 0, NULL, NULL, NULL };
@@ -254,7 +272,8 @@ enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanc
         work = calloc((size_t)3 * L.most + 3, sizeof *work);
         v = basis_next(&L.V);
         if (work == NULL || v == NULL) {
-            rc = modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d steps, %d x %d", L.most, A->m, A->n);
+            rc = modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d steps, %d x %d",
+                            L.most, A->m, A->n);
             goto out;
         }
         L.alpha = work + L.most + 1, L.beta = L.alpha + L.most;
@@ -277,7 +296,8 @@ out:
     return rc;
 }
 
-static enum modal_status dense_apply(void *context, const double *x, double *y, struct modal_error *err)
+static enum modal_status dense_apply(void *context, const double *x, double *y,
+                                     struct modal_error *err)
 {
     const struct matrix *A = context;
 
@@ -286,7 +306,8 @@ static enum modal_status dense_apply(void *context, const double *x, double *y, 
     return MODAL_OK;
 }
 
-static enum modal_status dense_apply_transpose(void *context, const double *y, double *x, struct modal_error *err)
+static enum modal_status dense_apply_transpose(void *context, const double *y, double *x,
+                                               struct modal_error *err)
 {
     const struct matrix *A = context;
 

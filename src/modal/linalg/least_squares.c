@@ -1,8 +1,9 @@
 /*
  * least_squares.c - column-scaled least squares
  *
- * With D = diag(1/|a_j|), min |A D z - b| is solved by SVD (dgelsd) and x = D z.  Unit columns are within sqrt(n) of the best column
- * scaling for the condition number [vdS69]; normal equations, which square it, are never formed.
+ * With D = diag(1/|a_j|), min |A D z - b| is solved by SVD (dgelsd) and x = D z.  Unit columns are
+ * within sqrt(n) of the best column scaling for the condition number [vdS69]; normal equations,
+ * which square it, are never formed.
  *
  * [vdS69] van der Sluis, Numer. Math. 14 (1969) 14-23.
  */
@@ -13,7 +14,8 @@
 #include <stdlib.h>
 #include "modal/linalg/svd.h"
 
-/* Columns to unit norm; norm[j] = 0 for a zero column, HUGE_VAL or NaN where an entry is not finite. */
+/* Columns to unit norm; norm[j] = 0 for a zero column, HUGE_VAL or NaN where an entry is not
+ * finite. */
 static void scale_columns(struct matrix *A, double *norm)
 {
     for (int j = 0; j < A->n; j++) {
@@ -41,16 +43,19 @@ static void unscale(struct matrix *B, int n, const double *norm)
         }
 }
 
-enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, double rcond, struct least_squares *out,
-                                      struct modal_error *err)
+enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, double rcond,
+                                      struct least_squares *out, struct modal_error *err)
 {
     int m = A->m, n = A->n, k = m < n ? m : n, rank = 0, info = 0;
     double *norm, *s;
 
     if (B->ld < m || B->ld < n || B->n < 0)
-        return modal_fail(err, MODAL_BAD_INPUT, "least squares: B has room for %d rows, %d x %d needs %d", B->ld, m, n, m > n ? m : n);
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "least squares: B has room for %d rows, %d x %d needs %d", B->ld, m, n,
+                          m > n ? m : n);
     if (!all_finite(A, m) || !all_finite(B, m))
-        return modal_fail(err, MODAL_BAD_INPUT, "least squares: an entry of the %d x %d problem is not finite", m, n);
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "least squares: an entry of the %d x %d problem is not finite", m, n);
     norm = calloc((size_t)n + k + 1, sizeof *norm);
     if (norm == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "least squares: no memory for %d x %d", m, n);
@@ -59,16 +64,21 @@ enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, double
     if (rcond <= 0)
         rcond = (m > n ? m : n) * DBL_EPSILON;
     if (k > 0 && B->n > 0)
-        info = LAPACKE_dgelsd(LAPACK_COL_MAJOR, m, n, B->n, A->x, A->ld, B->x, B->ld, s, rcond, &rank);
+        info =
+            LAPACKE_dgelsd(LAPACK_COL_MAJOR, m, n, B->n, A->x, A->ld, B->x, B->ld, s, rcond, &rank);
     if (info == 0) {
         unscale(B, n, norm);
         if (out != NULL)
-            *out = (struct least_squares) { rank, k == 0 ? 1 : s[k - 1] > 0 ? s[0] / s[k - 1] : HUGE_VAL };
+            *out = (struct least_squares) { rank, k == 0         ? 1
+                                                 : s[k - 1] > 0 ? s[0] / s[k - 1]
+                                                                : HUGE_VAL };
     }
     free(norm);
     if (info == LAPACK_WORK_MEMORY_ERROR)
-        return modal_fail(err, MODAL_NO_MEMORY, "least squares: no memory for the workspace of %d x %d", m, n);
+        return modal_fail(err, MODAL_NO_MEMORY,
+                          "least squares: no memory for the workspace of %d x %d", m, n);
     if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "least squares: dgelsd failed on %d x %d (info %d)", m, n, info);
+        return modal_fail(err, MODAL_NO_CONVERGENCE,
+                          "least squares: dgelsd failed on %d x %d (info %d)", m, n, info);
     return MODAL_OK;
 }

@@ -8,7 +8,8 @@
 #include <string.h>
 #include "modal/linalg/svd.h"
 
-enum { PANEL_LEAST = 256 };      /* rows of a panel: with its triangle above it, it fits the second cache for some 100 columns */
+/* rows of a panel: with its triangle above it, it fits the second cache for some 100 columns */
+enum { PANEL_LEAST = 256 };
 
 /* tau (n numbers, the caller frees) of the factored A, or NULL with ERR and *RC set. */
 static double *factor(struct matrix *A, enum modal_status *rc, struct modal_error *err)
@@ -20,7 +21,8 @@ static double *factor(struct matrix *A, enum modal_status *rc, struct modal_erro
         return NULL;
     }
     tau = malloc(sizeof *tau * (A->n + 1));
-    if (tau == NULL || (A->n > 0 && LAPACKE_dgeqrf(LAPACK_COL_MAJOR, A->m, A->n, A->x, A->ld, tau) != 0)) {
+    if (tau == NULL ||
+        (A->n > 0 && LAPACKE_dgeqrf(LAPACK_COL_MAJOR, A->m, A->n, A->x, A->ld, tau) != 0)) {
         *rc = modal_fail(err, MODAL_NO_MEMORY, "qr: no memory for %d x %d", A->m, A->n);
         free(tau);
         return NULL;
@@ -51,20 +53,24 @@ enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct moda
     return rc;
 }
 
-/* The triangle of [R; rows first .. first + count - 1 of A] back into the top of STACK, ld n + panel. */
-static bool join_rows(const struct matrix *A, int first, int count, int above, double *stack, int ld, double *tau, double *work, int room)
+/* The triangle of [R; rows first .. first + count - 1 of A] back into the top of STACK, ld n +
+ * panel. */
+static bool join_rows(const struct matrix *A, int first, int count, int above, double *stack,
+                      int ld, double *tau, double *work, int room)
 {
     int n = A->n, m = above + count;
 
     for (int j = 0; j < n; j++) {
         for (int i = j + 1; i < above; i++)
             stack[i + (size_t)j * ld] = 0;
-        memcpy(stack + above + (size_t)j * ld, A->x + first + (size_t)j * A->ld, sizeof(double) * (size_t)count);
+        memcpy(stack + above + (size_t)j * ld, A->x + first + (size_t)j * A->ld,
+               sizeof(double) * (size_t)count);
     }
     return LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, m, n, stack, ld, tau, work, room) == 0;
 }
 
-static enum modal_status triangle_by_panels(const struct matrix *A, int panel, struct matrix *R, struct modal_error *err)
+static enum modal_status triangle_by_panels(const struct matrix *A, int panel, struct matrix *R,
+                                            struct modal_error *err)
 {
     int n = A->n, ld = n + panel, room = 32 * n;
     double *stack = malloc(sizeof *stack * ((size_t)ld * n + (size_t)room + (size_t)n));
@@ -72,13 +78,15 @@ static enum modal_status triangle_by_panels(const struct matrix *A, int panel, s
 
     for (int first = 0, above = 0; ok && first < A->m; above = n) {
         int count = A->m - first < ld - above ? A->m - first : ld - above;
-        ok = join_rows(A, first, count, above, stack, ld, stack + (size_t)ld * n + room, stack + (size_t)ld * n, room);
+        ok = join_rows(A, first, count, above, stack, ld, stack + (size_t)ld * n + room,
+                       stack + (size_t)ld * n, room);
         first += count;
     }
     if (ok)
         copy_triangle(&(struct matrix) { ld, n, ld, stack }, R);
     free(stack);
-    return ok ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "qr: no memory for a panel of %d x %d", ld, n);
+    return ok ? MODAL_OK
+              : modal_fail(err, MODAL_NO_MEMORY, "qr: no memory for a panel of %d x %d", ld, n);
 }
 
 enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err)
@@ -114,7 +122,8 @@ void qr_reflect(struct matrix *A, int k, double *work)
 {
     for (int i = 0; i < k; i++) {
         int rows = A->m - i, left = A->n - i - 1;
-        double *v = A->x + i + (size_t)i * (size_t)A->ld, *rest = v + A->ld, beta, tau = reflector(v, rows, &beta);
+        double *v = A->x + i + (size_t)i * (size_t)A->ld, *rest = v + A->ld, beta,
+               tau = reflector(v, rows, &beta);
         if (left > 0 && tau != 0) {
             cblas_dgemv(CblasColMajor, CblasTrans, rows, left, 1, rest, A->ld, v, 1, 0, work, 1);
             cblas_dger(CblasColMajor, rows, left, -tau, v, 1, work, 1, rest, A->ld);

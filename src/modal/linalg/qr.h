@@ -5,21 +5,23 @@
 #include "modal/linalg/matrix.h"
 
 /*
- * A = Q R, m >= n.  A (m x n) becomes Q with orthonormal columns; R (n x n, or x NULL: not wanted) the upper triangle, zeros
- * below.  Fails with MODAL_BAD_INPUT (m < n), MODAL_NO_MEMORY.
+ * A = Q R, m >= n.  A (m x n) becomes Q with orthonormal columns; R (n x n, or x NULL: not wanted)
+ * the upper triangle, zeros below.  Fails with MODAL_BAD_INPUT (m < n), MODAL_NO_MEMORY.
  */
 enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct modal_error *err);
 
 /*
- * The factor R alone (n x n, zeros below), A destroyed.  A tall A is read once, by panels of rows that stay in the cache, each joined to
- * the triangle of those before: as stable as one QR, and not bound by memory.
+ * The factor R alone (n x n, zeros below), A destroyed.  A tall A is read once, by panels of rows
+ * that stay in the cache, each joined to the triangle of those before: as stable as one QR, and not
+ * bound by memory.
  */
 enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err);
 
 /*
- * The first K columns of A (m x n, k <= m, k <= n) become a triangle, zeros below, by K reflections that act on all n columns, in place: rows 0 .. k-1 of the others
- * are their part in the span of the first K, the rows below what is left of them.  For small A, where dgeqrf spends its time on preparations.
- * WORK has room for n numbers.
+ * The first K columns of A (m x n, k <= m, k <= n) become a triangle, zeros below, by K reflections
+ * that act on all n columns, in place: rows 0 .. k-1 of the others are their part in the span of
+ * the first K, the rows below what is left of them.  For small A, where dgeqrf spends its time on
+ * preparations.  WORK has room for n numbers.
  */
 void qr_reflect(struct matrix *A, int k, double *work);
 #endif

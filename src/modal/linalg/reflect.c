@@ -3,7 +3,7 @@
  *
  * With alpha the entry to keep and x those to annihilate, beta = -sign(alpha) |(alpha, x)|,
  *
- *     v = (1, x / (alpha - beta)),    tau = (beta - alpha) / beta,                                            (1)
+ *     v = (1, x / (alpha - beta)),    tau = (beta - alpha) / beta,                              (1)
  *
  * has no cancellation [GVL, sec. 5.1].  Two numbers are multiplied at a time.
  *
@@ -67,7 +67,8 @@ void reflect_columns(int m, int n, double *A, int ld, double *tau)
         double *v = A + k + (ptrdiff_t)k * ld;
         tau[k] = reflection(m - k - 1, v, v + 1);
         for (int j = k + 1; j < n && tau[k] != 0; j++) {
-            double *x = A + k + (ptrdiff_t)j * ld, s = tau[k] * (x[0] + dot(m - k - 1, v + 1, x + 1));
+            double *x = A + k + (ptrdiff_t)j * ld,
+                   s = tau[k] * (x[0] + dot(m - k - 1, v + 1, x + 1));
             x[0] -= s;
             subtract(m - k - 1, s, v + 1, x + 1);
         }
@@ -110,14 +111,16 @@ void reflect_below(int m, int n, int flat, double *R, int ldr, double *B, int ld
         int rows = rows_of(m, flat, k);
         tau[k] = reflection(rows, r, v);
         for (int j = k + 1; j < n && tau[k] != 0; j++) {
-            double *x = B + (ptrdiff_t)j * ldb, *top = r + (ptrdiff_t)(j - k) * ldr, s = tau[k] * (*top + dot(rows, v, x));
+            double *x = B + (ptrdiff_t)j * ldb, *top = r + (ptrdiff_t)(j - k) * ldr,
+                   s = tau[k] * (*top + dot(rows, v, x));
             *top -= s;
             subtract(rows, s, v, x);
         }
     }
 }
 
-void reflect_below_apply(int m, int n, int flat, const double *V, int ldv, const double *tau, int count, double *top, int ldt, double *low, int ldl)
+void reflect_below_apply(int m, int n, int flat, const double *V, int ldv, const double *tau,
+                         int count, double *top, int ldt, double *low, int ldl)
 {
     for (int c = 0; c < count; c++)
         for (int k = 0; k < n; k++) {

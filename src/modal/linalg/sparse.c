@@ -13,11 +13,12 @@ static int compare(const void *a, const void *b)
         return x->t.i < y->t.i ? -1 : 1;
     if (x->t.j != y->t.j)
         return x->t.j < y->t.j ? -1 : 1;
-    return x->rank < y->rank ? -1 : 1;    /* equal places in the order given: the sum is reproducible */
+    /* equal places in the order given: the sum is reproducible */
+    return x->rank < y->rank ? -1 : 1;
 }
 
-enum modal_status sparse_from_triplets(int m, int n, const struct triplet *entries, int count, struct sparse *out,
-                                       struct modal_error *err)
+enum modal_status sparse_from_triplets(int m, int n, const struct triplet *entries, int count,
+                                       struct sparse *out, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     struct ordered *sorted = malloc(((size_t)count + 1) * sizeof *sorted);

@@ -1,9 +1,10 @@
 /*
  * svd.c - thin singular value decompositions
  *
- * LAPACK's drivers scale by norm only where it nears overflow, and our callers square what they get; so A is divided here by the power of two at or
- * below its largest magnitude, which is exact, and the values are multiplied back.  dgesdd can fail to converge on rare matrices where
- * dgesvd succeeds [LUG, xGESDD]; A is kept for that second attempt.
+ * LAPACK's drivers scale by norm only where it nears overflow, and our callers square what they
+ * get; so A is divided here by the power of two at or below its largest magnitude, which is exact,
+ * and the values are multiplied back.  dgesdd can fail to converge on rare matrices where dgesvd
+ * succeeds [LUG, xGESDD]; A is kept for that second attempt.
  *
  * [LUG] LAPACK Users' Guide, 3rd ed., 1999.
  */
@@ -38,7 +39,8 @@ double safe_norm(const double *x, size_t count)
 
     if (most == 0 || !isfinite(most))
         return most;
-    if (most > PLAIN_LEAST && most < PLAIN_MOST) {        /* squares neither overflow nor, where they vanish, matter */
+    /* squares neither overflow nor, where they vanish, matter */
+    if (most > PLAIN_LEAST && most < PLAIN_MOST) {
         for (size_t i = 0; i < count; i++)
             sum += x[i] * x[i];
         return sqrt(sum);
@@ -91,7 +93,8 @@ static void scale_by(struct matrix *A, int exponent)
 }
 
 /* One of the two drivers; the copy, where given, is A as it was. */
-static int decompose(const struct matrix *A, double *s, struct matrix *U, struct matrix *VT, double *copy)
+static int decompose(const struct matrix *A, double *s, struct matrix *U, struct matrix *VT,
+                     double *copy)
 {
     int k = A->m < A->n ? A->m : A->n;
     double *superb, none = 0;
@@ -106,12 +109,14 @@ static int decompose(const struct matrix *A, double *s, struct matrix *U, struct
     superb = malloc(sizeof *superb * k);
     if (superb == NULL)
         return LAPACK_WORK_MEMORY_ERROR;
-    info = LAPACKE_dgesvd(LAPACK_COL_MAJOR, job, job, A->m, A->n, copy, A->m, s, u, ldu, vt, ldvt, superb);
+    info = LAPACKE_dgesvd(LAPACK_COL_MAJOR, job, job, A->m, A->n, copy, A->m, s, u, ldu, vt, ldvt,
+                          superb);
     free(superb);
     return info;
 }
 
-enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct matrix *VT, struct modal_error *err)
+enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct matrix *VT,
+                           struct modal_error *err)
 {
     int k = A->m < A->n ? A->m : A->n, exponent = 0, info;
     double most = largest_of(A), *copy;
@@ -120,7 +125,8 @@ enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct
     if (k == 0)
         return MODAL_OK;
     if (!isfinite(most))
-        return modal_fail(err, MODAL_BAD_INPUT, "svd: the %d x %d matrix has an entry that is not finite", A->m, A->n);
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "svd: the %d x %d matrix has an entry that is not finite", A->m, A->n);
     if (most > 0) {
         frexp(most, &exponent);
         scale_by(A, -exponent);
@@ -133,9 +139,11 @@ enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct
     info = decompose(A, s, vectors ? U : NULL, vectors ? VT : NULL, copy);
     free(copy);
     if (info == LAPACK_WORK_MEMORY_ERROR || info == LAPACK_TRANSPOSE_MEMORY_ERROR)
-        return modal_fail(err, MODAL_NO_MEMORY, "svd: no memory for the workspace of %d x %d", A->m, A->n);
+        return modal_fail(err, MODAL_NO_MEMORY, "svd: no memory for the workspace of %d x %d", A->m,
+                          A->n);
     if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "svd: dgesdd and dgesvd failed on %d x %d (info %d)", A->m, A->n, info);
+        return modal_fail(err, MODAL_NO_CONVERGENCE,
+                          "svd: dgesdd and dgesvd failed on %d x %d (info %d)", A->m, A->n, info);
     for (int i = 0; i < k; i++)
         s[i] = ldexp(s[i], exponent);
     return MODAL_OK;

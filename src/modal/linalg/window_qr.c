@@ -1,18 +1,22 @@
 /*
  * window_qr.c - two stacks of triangles
  *
- * Adding rows to a triangle is orthogonal and safe; taking rows away (downdating) is hyperbolic, and loses in a few thousand windows what the
- * smallest singular value has of digits.  So nothing is ever taken away.  A queue is made of two stacks:
+ * Adding rows to a triangle is orthogonal and safe; taking rows away (downdating) is hyperbolic,
+ * and loses in a few thousand windows what the smallest singular value has of digits.  So nothing
+ * is ever taken away.  A queue is made of two stacks:
  *
  *     back    blocks b_i, in their order, and the triangle of all of them
- *     front   triangles f_i of blocks i, i+1, ... up to the newest that the front knows; the oldest on top
+ *     front   triangles f_i of blocks i, i+1, ... up to the newest that the front knows; the oldest
+ *             on top
  *
- * push adds to the back's triangle; pop drops the front's top; where the front is empty the back's blocks are turned over into it,
+ * push adds to the back's triangle; pop drops the front's top; where the front is empty the back's
+ * blocks are turned over into it,
  *
- *     f_i = triangle of [b_i; f_{i+1}],                                                                     (1)
+ *     f_i = triangle of [b_i; f_{i+1}],                                                         (1)
  *
- * one QR of two triangles each.  Every block passes three QRs, whatever the window's length, and the factor is that of [f_top; back]: its depth
- * is at most the number of blocks in the window, so that its error does not grow with the length of the stream.
+ * one QR of two triangles each.  Every block passes three QRs, whatever the window's length, and
+ * the factor is that of [f_top; back]: its depth is at most the number of blocks in the window, so
+ * that its error does not grow with the length of the stream.
  */
 #include "modal/linalg/window_qr.h"
 #include <lapacke.h>
@@ -90,24 +94,29 @@ static double *grow(const struct window_qr *q, struct stack *s)
 }
 
 /* R = triangle of the rows of A, kept, fewer than n or not. */
-static enum modal_status triangle_of(int n, const struct matrix *A, double *R, struct modal_error *err)
+static enum modal_status triangle_of(int n, const struct matrix *A, double *R,
+                                     struct modal_error *err)
 {
     int ld = A->m > n ? A->m : n;
-    struct matrix all = { ld, n, ld, calloc((size_t)ld * (size_t)n, sizeof(double)) }, T = { n, n, n, R };
+    struct matrix all = { ld, n, ld, calloc((size_t)ld * (size_t)n, sizeof(double)) },
+                  T = { n, n, n, R };
     enum modal_status rc;
 
     if (all.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for %d x %d", ld, n);
     for (int j = 0; j < n; j++)
-        memcpy(all.x + (size_t)j * (size_t)ld, A->x + (size_t)j * (size_t)A->ld, sizeof(double) * (size_t)A->m);
+        memcpy(all.x + (size_t)j * (size_t)ld, A->x + (size_t)j * (size_t)A->ld,
+               sizeof(double) * (size_t)A->m);
     rc = qr_triangle(&all, &T, err);
     free(all.x);
     return rc;
 }
 
-/* R = triangle of the triangle A (R may be its storage) and the rows of B, both kept.  Zeros above and within B, where it is a triangle too (TALL false), are
- * not worked on: [Householder QR of a pentagonal pair, LAPACK's dtpqrt], n^3 / 3 reflections' work instead of 5 n^3 / 3. */
-static enum modal_status join(int n, const double *A, const struct matrix *B, bool tall, double *R, struct modal_error *err)
+/* R = triangle of the triangle A (R may be its storage) and the rows of B, both kept.  Zeros above
+ * and within B, where it is a triangle too (TALL false), are not worked on: [Householder QR of a
+ * pentagonal pair, LAPACK's dtpqrt], n^3 / 3 reflections' work instead of 5 n^3 / 3. */
+static enum modal_status join(int n, const double *A, const struct matrix *B, bool tall, double *R,
+                              struct modal_error *err)
 {
     int m = B->m, nb = n < PANEL ? n : PANEL;
     size_t size = (size_t)m * (size_t)n, room = (size_t)nb * (size_t)n;
@@ -119,7 +128,8 @@ static enum modal_status join(int n, const double *A, const struct matrix *B, bo
         memcpy(x + (size_t)j * (size_t)m, B->x + (size_t)j * (size_t)B->ld, sizeof *x * (size_t)m);
     if (R != A)
         memcpy(R, A, sizeof *R * (size_t)n * (size_t)n);
-    LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, m, n, tall ? 0 : n, nb, R, n, x, m, x + size, nb, x + size + room);
+    LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, m, n, tall ? 0 : n, nb, R, n, x, m, x + size, nb,
+                        x + size + room);
     free(x);
     return MODAL_OK;
 }
@@ -176,13 +186,15 @@ enum modal_status window_qr_pop(struct window_qr *q, struct modal_error *err)
     return rc;
 }
 
-enum modal_status window_qr_factor(const struct window_qr *q, const struct matrix *more, double *R, struct modal_error *err)
+enum modal_status window_qr_factor(const struct window_qr *q, const struct matrix *more, double *R,
+                                   struct modal_error *err)
 {
     struct matrix back = triangle(q, q->back);
     enum modal_status rc = MODAL_OK;
 
     if (q->front.count > 0 && q->blocks.count > 0) {
-        rc = join(q->n, q->front.x + size_of(q) * (size_t)(q->front.count - 1), &back, false, R, err);
+        rc = join(q->n, q->front.x + size_of(q) * (size_t)(q->front.count - 1), &back, false, R,
+                  err);
     } else if (q->front.count > 0) {
         memcpy(R, q->front.x + size_of(q) * (size_t)(q->front.count - 1), sizeof *R * size_of(q));
     } else {

@@ -1,11 +1,15 @@
-/* bench_identify.c - processor time of the default identification, its answer checked against the bound first
+/* bench_identify.c - processor time of the default identification, its answer checked against the
+ * bound first
  *
  *   3 x 1200         6 poles, 40 dB
  *   20000 x 1000     12 poles, 60 dB
- *   100000 x 1000    12 poles, 60 dB; ratio to as many triad passes over the matrix as Lanczos would take steps (16)
- *   4 GB             12 poles, 60 dB, mapped from a file, anonymous memory limited to 512 MB; only with MODALD_BENCH_LARGE set
+ *   100000 x 1000    12 poles, 60 dB; ratio to as many triad passes over the matrix as Lanczos
+ *                    would take steps (16)
+ *   4 GB             12 poles, 60 dB, mapped from a file, anonymous memory limited to 512 MB; only
+ *                    with MODALD_BENCH_LARGE set
  *
- * {"bench","case","value","unit","peer","ratio","n"} a line: the median of n runs; `peer` is the goal, or the triad.
+ * {"bench","case","value","unit","peer","ratio","n"} a line: the median of n runs; `peer` is the
+ * goal, or the triad.
  */
 #include <fcntl.h>
 #include <stdbool.h>
@@ -19,7 +23,8 @@
 #include "../unit/signals.h"
 
 enum { MODES = 6, RUNS_MOST = 31, LANCZOS_STEPS = 16 };
-static const double frequency[MODES] = { 0.6, 1.1, 1.9, 2.7, 3.6, 4.8 }, damping[MODES] = { 0.01, 0.02, 0.005, 0.015, 0.01, 0.008 };
+static const double frequency[MODES] = { 0.6, 1.1, 1.9, 2.7, 3.6, 4.8 },
+                    damping[MODES] = { 0.01, 0.02, 0.005, 0.015, 0.01, 0.008 };
 static const double dt = 0.05;
 
 static double cpu(void *context)
@@ -42,7 +47,8 @@ static double median(double *x, int n)
     return x[n / 2];
 }
 
-/* Samples by channels; every channel its own amplitudes, all the same noise.  x must hold L * S numbers. */
+/* Samples by channels; every channel its own amplitudes, all the same noise.  x must hold L * S
+ * numbers. */
 static void make(double *x, int L, int S, double snr_db, struct random *r)
 {
     double complex *B = malloc(sizeof *B * MODES * (size_t)S), e[MODES];
@@ -60,7 +66,8 @@ static void make(double *x, int L, int S, double snr_db, struct random *r)
         for (int c = 0; c < S; c++) {
             double sum = 0;
             for (int j = 0; j < MODES; j++)
-                sum += creal(B[j + MODES * (size_t)c]) * creal(e[j]) - cimag(B[j + MODES * (size_t)c]) * cimag(e[j]);
+                sum += creal(B[j + MODES * (size_t)c]) * creal(e[j]) -
+                       cimag(B[j + MODES * (size_t)c]) * cimag(e[j]);
             x[(size_t)k * (size_t)S + (size_t)c] = sum + sd * random_normal(r);
         }
     }
@@ -117,7 +124,9 @@ static int print(const char *what, double value, const char *peer, double ratio,
         return 1;
     if (isfinite(ratio))
         snprintf(text, sizeof text, "%.4g", ratio);
-    printf("{\"bench\":\"identify\",\"case\":\"%s\",\"value\":%.6g,\"unit\":\"s CPU\",\"peer\":\"%s\",\"ratio\":%s,\"n\":%d}\n", what, value, peer, text, n);
+    printf("{\"bench\":\"identify\",\"case\":\"%s\",\"value\":%.6g,\"unit\":\"s CPU\","
+           "\"peer\":\"%s\",\"ratio\":%s,\"n\":%d}\n",
+           what, value, peer, text, n);
     fflush(stdout);
     return 0;
 }
@@ -139,11 +148,13 @@ static int small(void)
     return print("3 x 1200, 6 poles, 40 dB", seconds, "goal 5 ms", seconds / 0.005, RUNS_MOST);
 }
 
-/* One pass of a[i] = b[i] + s c[i], 24 bytes an entry, over arrays of the matrix' size: scaled up from a part. */
+/* One pass of a[i] = b[i] + s c[i], 24 bytes an entry, over arrays of the matrix' size: scaled up
+ * from a part. */
 static double triad(size_t entries)
 {
     size_t part = entries > 20000000 ? 20000000 : entries;
-    double *a = malloc(sizeof *a * part), *b = malloc(sizeof *a * part), *c = malloc(sizeof *a * part), seconds[5];
+    double *a = malloc(sizeof *a * part), *b = malloc(sizeof *a * part),
+           *c = malloc(sizeof *a * part), seconds[5];
 
     for (size_t i = 0; i < part; i++)
         a[i] = 0, b[i] = 1, c[i] = 2;
@@ -188,7 +199,8 @@ static int large(int S, const char *what, double goal, int runs)
     return bad;
 }
 
-/* 5000 samples of 100000 channels, mapped; written a block at a time so that making it needs no memory either. */
+/* 5000 samples of 100000 channels, mapped; written a block at a time so that making it needs no
+ * memory either. */
 static int mapped(void)
 {
     enum { L = 5000, S = 100000, BLOCK = 50 };
@@ -197,7 +209,8 @@ static int mapped(void)
     struct rlimit limit = { 512u << 20, 512u << 20 };
     int file = mkstemp(path), bad = 1;
     double complex truth[MODES], e[MODES];
-    double *block = malloc(sizeof *block * BLOCK * (size_t)S), *B = malloc(sizeof *B * 2 * MODES * (size_t)S);
+    double *block = malloc(sizeof *block * BLOCK * (size_t)S),
+           *B = malloc(sizeof *B * 2 * MODES * (size_t)S);
     struct random r = { 9 };
 
     unlink(path);
@@ -211,11 +224,13 @@ static int mapped(void)
             for (size_t c = 0; c < S; c++) {
                 double sum = 1e-3 * random_normal(&r);
                 for (int j = 0; j < MODES; j++)
-                    sum += B[2 * (j + MODES * c)] * creal(e[j]) - B[2 * (j + MODES * c) + 1] * cimag(e[j]);
+                    sum += B[2 * (j + MODES * c)] * creal(e[j]) -
+                           B[2 * (j + MODES * c) + 1] * cimag(e[j]);
                 block[(size_t)k * S + c] = sum;
             }
         }
-        if (write(file, block, sizeof *block * BLOCK * (size_t)S) != (ssize_t)(sizeof *block * BLOCK * (size_t)S))
+        if (write(file, block, sizeof *block * BLOCK * (size_t)S) !=
+            (ssize_t)(sizeof *block * BLOCK * (size_t)S))
             goto out;
     }
     free(block), free(B);
@@ -235,7 +250,8 @@ out:
 
 int main(void)
 {
-    int bad = small() + large(20000, "20000 x 1000, 12 poles, 60 dB", 0.35, 5) + large(100000, "100000 x 1000, 12 poles, 60 dB", 0, 3);
+    int bad = small() + large(20000, "20000 x 1000, 12 poles, 60 dB", 0.35, 5) +
+              large(100000, "100000 x 1000, 12 poles, 60 dB", 0, 3);
 
     if (getenv("MODALD_BENCH_LARGE") != NULL)
         bad += mapped();

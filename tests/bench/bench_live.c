@@ -1,9 +1,11 @@
 /*
- * bench_live.c - CPU of a live result after a hop, over that of an `identify` job on the same window, in one process
+ * bench_live.c - CPU of a live result after a hop, over that of an `identify` job on the same
+ * window, in one process
  *
- * Signals are decays of known exponents in white noise, beside what each case adds.  Every hop is taken by both; medians of their CPU seconds, and a
- * figure only counts where frequency, damping and verdict of both agree to 1e-9 in every window.  Goal: a ratio of 10 or more.
- * With a NAME: that case alone.
+ * Signals are decays of known exponents in white noise, beside what each case adds.  Every hop is
+ * taken by both; medians of their CPU seconds, and a figure only counts where frequency, damping
+ * and verdict of both agree to 1e-9 in every window.  Goal: a ratio of 10 or more.  With a NAME:
+ * that case alone.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,27 +17,33 @@
 
 enum { HOPS = 12 };
 
-static const struct row { const char *name; int channels, window, hop; double snr_db, offset; const char *options; double period; } rows[] = {
-    { "1 channel, 600/60",            1,    600,   60, 40, 0, NULL, 0 },
-    { "1 channel, 4000/400",          1,   4000,  400, 40, 0, NULL, 0 },
-    { "2 channels, 1000/37",          2,   1000,   37, 30, 0, NULL, 0 },
-    { "3 channels, 600/50",           3,    600,   50, 20, 0, NULL, 0 },
-    { "3 channels, 1200/100",         3,   1200,  100, 40, 0, NULL, 0 },
-    { "3 channels, 1200/1200",        3,   1200, 1200, 40, 0, NULL, 0 },
-    { "3 channels, exact, 600/100",   3,    600,  100,  0, 0, NULL, 0 },
-    { "8 channels, 4000/500",         8,   4000,  500, 40, 0, NULL, 0 },
-    { "16 channels, 800/100",        16,    800,  100, 30, 0, NULL, 0 },
-    { "64 channels, 1000/200",       64,   1000,  200, 40, 0, NULL, 0 },
-    { "64 channels, 2000/200",       64,   2000,  200, 40, 0, NULL, 0 },
-    { "3 channels, shapes, 1200/100", 3,   1200,  100, 40, 0, "{\"shapes\":true}", 0 },
-    { "3 channels, offset, 1200/100", 3,   1200,  100, 40, 3.7, NULL, 0 },
-    { "64 channels, offset, 2000/200", 64, 2000,  200, 40, 3.7, NULL, 0 },
-    { "100 channels, 2000/200",     100,   2000,  200, 40, 0, NULL, 0 },
-    { "256 channels, 2000/200",     256,   2000,  200, 40, 0, NULL, 0 },
-    { "1000 channels, 1000/100",   1000,   1000,  100, 40, 0, NULL, 0 },
-    { "3 channels, band, 4000/400",   3,   4000,  400, 40, 0, "{\"band\":[1.5,3]}", 0 },
-    { "3 channels, mean, 1200/100",   3,   1200,  100, 40, 3.7, "{\"detrend\":\"mean\"}", 0 },
-    { "3 channels, periodic, 1200/100", 3, 1200,  100, 40, 0, NULL, 1.0 },
+static const struct row {
+    const char *name;
+    int channels, window, hop;
+    double snr_db, offset;
+    const char *options;
+    double period;
+} rows[] = {
+    { "1 channel, 600/60", 1, 600, 60, 40, 0, NULL, 0 },
+    { "1 channel, 4000/400", 1, 4000, 400, 40, 0, NULL, 0 },
+    { "2 channels, 1000/37", 2, 1000, 37, 30, 0, NULL, 0 },
+    { "3 channels, 600/50", 3, 600, 50, 20, 0, NULL, 0 },
+    { "3 channels, 1200/100", 3, 1200, 100, 40, 0, NULL, 0 },
+    { "3 channels, 1200/1200", 3, 1200, 1200, 40, 0, NULL, 0 },
+    { "3 channels, exact, 600/100", 3, 600, 100, 0, 0, NULL, 0 },
+    { "8 channels, 4000/500", 8, 4000, 500, 40, 0, NULL, 0 },
+    { "16 channels, 800/100", 16, 800, 100, 30, 0, NULL, 0 },
+    { "64 channels, 1000/200", 64, 1000, 200, 40, 0, NULL, 0 },
+    { "64 channels, 2000/200", 64, 2000, 200, 40, 0, NULL, 0 },
+    { "3 channels, shapes, 1200/100", 3, 1200, 100, 40, 0, "{\"shapes\":true}", 0 },
+    { "3 channels, offset, 1200/100", 3, 1200, 100, 40, 3.7, NULL, 0 },
+    { "64 channels, offset, 2000/200", 64, 2000, 200, 40, 3.7, NULL, 0 },
+    { "100 channels, 2000/200", 100, 2000, 200, 40, 0, NULL, 0 },
+    { "256 channels, 2000/200", 256, 2000, 200, 40, 0, NULL, 0 },
+    { "1000 channels, 1000/100", 1000, 1000, 100, 40, 0, NULL, 0 },
+    { "3 channels, band, 4000/400", 3, 4000, 400, 40, 0, "{\"band\":[1.5,3]}", 0 },
+    { "3 channels, mean, 1200/100", 3, 1200, 100, 40, 3.7, "{\"detrend\":\"mean\"}", 0 },
+    { "3 channels, periodic, 1200/100", 3, 1200, 100, 40, 0, NULL, 1.0 },
 };
 
 static double cpu_s(void)
@@ -67,7 +75,9 @@ static double *record(const struct row *r, int samples, double dt)
             double a = 0.4 + 0.6 * random_uniform(&random), phase = 6.283 * random_uniform(&random);
             for (int k = 0; k < samples; k++) {
                 double t = k * dt;
-                y[(size_t)k * S + c] += a * exp(creal(lambda) * t) * cos(cimag(lambda) * t + phase) * (r->period > 0 ? 1 + 0.3 * cos(6.283185307179586 * t / r->period + phase) : 1);
+                y[(size_t)k * S + c] +=
+                    a * exp(creal(lambda) * t) * cos(cimag(lambda) * t + phase) *
+                    (r->period > 0 ? 1 + 0.3 * cos(6.283185307179586 * t / r->period + phase) : 1);
             }
         }
     for (size_t i = 0; i < (size_t)samples * S; i++)
@@ -82,15 +92,18 @@ static double *record(const struct row *r, int samples, double dt)
 static double apart(const cJSON *a, const cJSON *b)
 {
     const cJSON *p = cJSON_GetObjectItem(a, "modes"), *q = cJSON_GetObjectItem(b, "modes"), *m, *n;
-    const cJSON *s = cJSON_GetObjectItem(cJSON_GetObjectItem(a, "stability"), "stable"), *t = cJSON_GetObjectItem(cJSON_GetObjectItem(b, "stability"), "stable");
+    const cJSON *s = cJSON_GetObjectItem(cJSON_GetObjectItem(a, "stability"), "stable"),
+                *t = cJSON_GetObjectItem(cJSON_GetObjectItem(b, "stability"), "stable");
     double worst = cJSON_GetArraySize(p) == cJSON_GetArraySize(q) && s->type == t->type ? 0 : 1;
 
     n = q->child;
     cJSON_ArrayForEach(m, p) {
-        double f = cJSON_GetObjectItem(m, "frequency_hz")->valuedouble, g, d = cJSON_GetObjectItem(m, "damping_ratio")->valuedouble, e, std;
+        double f = cJSON_GetObjectItem(m, "frequency_hz")->valuedouble, g,
+               d = cJSON_GetObjectItem(m, "damping_ratio")->valuedouble, e, std;
         if (n == NULL)
             break;
-        g = cJSON_GetObjectItem(n, "frequency_hz")->valuedouble, e = cJSON_GetObjectItem(n, "damping_ratio")->valuedouble;
+        g = cJSON_GetObjectItem(n, "frequency_hz")->valuedouble,
+        e = cJSON_GetObjectItem(n, "damping_ratio")->valuedouble;
         std = cJSON_GetObjectItem(cJSON_GetObjectItem(n, "std"), "damping_ratio")->valuedouble;
         worst = fmax(worst, fmax(fabs(f - g) / g, fabs(d - e) / hypot(e, 10 * std)));
         n = n->next;
@@ -104,12 +117,15 @@ static int run(const struct row *r)
     int samples = r->window + HOPS * r->hop, updates = 0, bad = 0;
     double *y = record(r, samples, dt);
     cJSON *options = r->options != NULL ? cJSON_Parse(r->options) : NULL, *document = NULL;
-    struct batch batch = { .channels = (size_t)r->channels, .samples = (size_t)r->window, .dt = dt, .period = r->period };
+    struct batch batch = {
+        .channels = (size_t)r->channels, .samples = (size_t)r->window, .dt = dt, .period = r->period
+    };
     struct modal_error err = { 0 };
     struct live *live = NULL;
     char why[64] = "";
 
-    bad = live_new(options, &batch, r->hop, &live, &err) != MODAL_OK || live_next(live, y, (size_t)r->window, &document, &err) != MODAL_OK;
+    bad = live_new(options, &batch, r->hop, &live, &err) != MODAL_OK ||
+          live_next(live, y, (size_t)r->window, &document, &err) != MODAL_OK;
     cJSON_Delete(document);
     for (int i = 0; i < HOPS && !bad; i++) {
         struct job_request request = { .kind = "identify", .options = options, .batch = &batch };
@@ -117,7 +133,8 @@ static int run(const struct row *r)
         double start = cpu_s();
         const cJSON *update;
         document = NULL;
-        bad = live_next(live, y + (size_t)(r->window + i * r->hop) * (size_t)r->channels, (size_t)r->hop, &document, &err) != MODAL_OK;
+        bad = live_next(live, y + (size_t)(r->window + i * r->hop) * (size_t)r->channels,
+                        (size_t)r->hop, &document, &err) != MODAL_OK;
         ours[i] = cpu_s() - start;
         batch.signals = y + (size_t)((i + 1) * r->hop) * (size_t)r->channels;
         start = cpu_s();
@@ -141,8 +158,10 @@ static int run(const struct row *r)
         return 1;
     }
     qsort(ours, HOPS, sizeof *ours, ascending), qsort(theirs, HOPS, sizeof *theirs, ascending);
-    printf("{\"bench\":\"live\",\"case\":\"%s\",\"value\":%.3f,\"unit\":\"ms\",\"peer\":\"identify job of the window\",\"ratio\":%.2f,\"n\":%d,\"updated\":%d,\"why\":\"%s\"}\n", r->name,
-           1e3 * ours[HOPS / 2], theirs[HOPS / 2] / ours[HOPS / 2], HOPS, updates, why);
+    printf("{\"bench\":\"live\",\"case\":\"%s\",\"value\":%.3f,\"unit\":\"ms\","
+           "\"peer\":\"identify job of the window\",\"ratio\":%.2f,\"n\":%d,\"updated\":%d,"
+           "\"why\":\"%s\"}\n",
+           r->name, 1e3 * ours[HOPS / 2], theirs[HOPS / 2] / ours[HOPS / 2], HOPS, updates, why);
     fflush(stdout);
     return 0;
 }

@@ -1,19 +1,24 @@
 /*
  * bench_service.c - what the daemon's durability costs, beside its peers in the same run
  *
- *   submits   durable SUBMITs a second, 64 in flight, over (a) a raw DEALER-ROUTER pair that writes and fdatasyncs each
- *             message before it answers, (b) Debian's beanstalkd -b -f0 with 64 connections
- *   encrypted the same SUBMITs over tcp under CURVE, over beanstalkd's; then as the clients send lists: many in a SUBMITS, over the
+ *   submits   durable SUBMITs a second, 64 in flight, over (a) a raw DEALER-ROUTER pair that writes
+ *             and fdatasyncs each message before it answers, (b) Debian's beanstalkd -b -f0 with 64
+ *             connections
+ *   encrypted the same SUBMITs over tcp under CURVE, over beanstalkd's; then as the clients send
+ *   lists: many in a SUBMITS, over the
  *             better of beanstalkd's with one put a write and with several
- *   disk      the same SUBMITs under CURVE, over beanstalkd's, where each sync of either takes 0.2 ms at least: a good SSD's.
- *             What a sync takes here is printed too; below some 50 us no medium is behind it, and beanstalkd, which syncs for
- *             each put, gains by it what the daemon, which syncs for a group, does not
+ *   disk      the same SUBMITs under CURVE, over beanstalkd's, where each sync of either takes 0.2
+ *             ms at least: a good SSD's. What a sync takes here is printed too; below some 50 us no
+ *             medium is behind it, and beanstalkd, which syncs for each put, gains by it what the
+ *             daemon, which syncs for a group, does not
  *   cached    SUBMITs answered from an earlier result, 64 in flight
- *   upload    durable MB/s of chunks, over the least of (a) the same frames through raw ZeroMQ, (b) write and one
- *             fdatasync of the same bytes, (c) their SHA-256
- *   round     SUBMIT and WAIT of the smallest identify job, over job_run of the same job in this process
+ *   upload    durable MB/s of chunks, over the least of (a) the same frames through raw ZeroMQ, (b)
+ *             write and one fdatasync of the same bytes, (c) their SHA-256
+ *   round     SUBMIT and WAIT of the smallest identify job, over job_run of the same job in this
+ *             process
  *   idle      CPU share and memory of a daemon that does nothing
- *   restart   from the start of a daemon with 100,000 jobs and MODALD_BENCH_GB (1) of batches to its first answer
+ *   restart   from the start of a daemon with 100,000 jobs and MODALD_BENCH_GB (1) of batches to
+ *             its first answer
  *
  * Rounds of ours and the peers' alternate; the medians are compared.  Every answer is checked
  * before a time counts.  `bench_service PART alone` leaves the peers' rounds out, so that what it
@@ -43,7 +48,19 @@
 
 extern char **environ;
 
-enum { ROUNDS = 5, SUBMITS = 2000, IN_FLIGHT = 64, EACH = 16, CHUNK = 262144, UPLOAD_CHUNKS = 512, ROUND_TRIPS = 100, SAMPLES = 64, DISK_US = 200, RESTARTS = 3, RESTART_JOBS = 100000 };
+enum {
+    ROUNDS = 5,
+    SUBMITS = 2000,
+    IN_FLIGHT = 64,
+    EACH = 16,
+    CHUNK = 262144,
+    UPLOAD_CHUNKS = 512,
+    ROUND_TRIPS = 100,
+    SAMPLES = 64,
+    DISK_US = 200,
+    RESTARTS = 3,
+    RESTART_JOBS = 100000
+};
 
 static char folder[] = "/tmp/modald-bench-XXXXXX";
 static char endpoint[256], binaries[512];
@@ -77,10 +94,12 @@ static double median(double *x, int n)
     return n % 2 ? x[n / 2] : (x[n / 2 - 1] + x[n / 2]) / 2;
 }
 
-static void print_figure(const char *name, double value, const char *unit, const char *peer, double peer_value, int n)
+static void print_figure(const char *name, double value, const char *unit, const char *peer,
+                         double peer_value, int n)
 {
-    printf("{\"bench\":\"service\",\"case\":\"%s\",\"value\":%.6g,\"unit\":\"%s\",\"peer\":\"%s\",\"peer_value\":%.6g,\"ratio\":%.4g,\"n\":%d}\n", name, value,
-           unit, peer, peer_value, value / peer_value, n);
+    printf("{\"bench\":\"service\",\"case\":\"%s\",\"value\":%.6g,\"unit\":\"%s\",\"peer\":\"%s\","
+           "\"peer_value\":%.6g,\"ratio\":%.4g,\"n\":%d}\n",
+           name, value, unit, peer, peer_value, value / peer_value, n);
     fflush(stdout);
 }
 
@@ -91,7 +110,8 @@ static pid_t start(char *const argv[])
 
     posix_spawn_file_actions_init(&files);
     posix_spawn_file_actions_addopen(&files, 1, "/dev/null", O_WRONLY, 0);
-    posix_spawn_file_actions_addopen(&files, 2, "/tmp/modald-bench.log", O_WRONLY | O_CREAT | O_APPEND, 0600);
+    posix_spawn_file_actions_addopen(&files, 2, "/tmp/modald-bench.log",
+                                     O_WRONLY | O_CREAT | O_APPEND, 0600);
     if (posix_spawnp(&pid, argv[0], &files, NULL, argv, environ) != 0)
         die("a program could not be started");
     posix_spawn_file_actions_destroy(&files);
@@ -106,7 +126,8 @@ static void stop(pid_t pid)
     waitpid(pid, NULL, 0);
 }
 
-/* --- the protocol, as far as the benchmark speaks it ------------------------------------------------------------ */
+/* --- the protocol, as far as the benchmark speaks it
+ * ------------------------------------------------------------ */
 
 /* Z85 keys of the server and of the one user there is. */
 struct keys { char server[41], server_secret[41], user[41], user_secret[41]; };
@@ -116,8 +137,9 @@ static void *connect_with(const char *address, const struct keys *keys)
     void *socket = zmq_socket(context, ZMQ_DEALER);
     int no_linger = 0, high_water = 0, wait = 30000;
 
-    if (keys != NULL && (zmq_setsockopt(socket, ZMQ_CURVE_SERVERKEY, keys->server, 41) != 0 || zmq_setsockopt(socket, ZMQ_CURVE_PUBLICKEY, keys->user, 41) != 0
-                         || zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, keys->user_secret, 41) != 0))
+    if (keys != NULL && (zmq_setsockopt(socket, ZMQ_CURVE_SERVERKEY, keys->server, 41) != 0 ||
+                         zmq_setsockopt(socket, ZMQ_CURVE_PUBLICKEY, keys->user, 41) != 0 ||
+                         zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, keys->user_secret, 41) != 0))
         die("no CURVE");
 
     zmq_setsockopt(socket, ZMQ_LINGER, &no_linger, sizeof no_linger);
@@ -140,7 +162,8 @@ static void keep(void *data, void *hint)
 }
 
 /* BODY is sent without a copy where it is large, and must then stay as it is. */
-static void request(void *socket, const char *verb, const char *header, const void *body, size_t size)
+static void request(void *socket, const char *verb, const char *header, const void *body,
+                    size_t size)
 {
     zmq_msg_t frame;
 
@@ -210,9 +233,11 @@ static void make_keys(struct keys *keys)
 {
     char text[600];
 
-    if (zmq_curve_keypair(keys->server, keys->server_secret) != 0 || zmq_curve_keypair(keys->user, keys->user_secret) != 0)
+    if (zmq_curve_keypair(keys->server, keys->server_secret) != 0 ||
+        zmq_curve_keypair(keys->user, keys->user_secret) != 0)
         die("no CURVE keys");
-    snprintf(text, sizeof text, "public-key = \"%s\"\nsecret-key = \"%s\"\n", keys->server, keys->server_secret);
+    snprintf(text, sizeof text, "public-key = \"%s\"\nsecret-key = \"%s\"\n", keys->server,
+             keys->server_secret);
     put_file("server.key", text);
     snprintf(text, sizeof text, "%s bench submit\n", keys->user);
     put_file("keys", text);
@@ -232,8 +257,10 @@ static pid_t start_daemon_at(const char *workers, const char *second)
     snprintf(endpoint, sizeof endpoint, "ipc://%s", bind);
     unlink(bind);
     snprintf(config, sizeof config, "%s/config", folder);
-    pid_t pid = start((char *[]) { program, (char *)"--data", data, (char *)"--bind", endpoint, (char *)"--workers", (char *)(uintptr_t)workers,
-                                   second != NULL ? (char *)"--bind" : NULL, (char *)(uintptr_t)second, (char *)"--config", config, NULL });
+    pid_t pid = start((char *[]) { program, (char *)"--data", data, (char *)"--bind", endpoint,
+                                  (char *)"--workers", (char *)(uintptr_t)workers,
+                                  second != NULL ? (char *)"--bind" : NULL,
+                                  (char *)(uintptr_t)second, (char *)"--config", config, NULL });
     for (int i = 0; stat(bind, &st) != 0; i++) {
         if (i > 1000 || waitpid(pid, NULL, WNOHANG) != 0)
             die("the daemon does not come up; see /tmp/modald-bench.log");
@@ -260,7 +287,10 @@ static double cpu_seconds(pid_t pid, double *resident_mb)
     if (f == NULL || fgets(text, sizeof text, f) == NULL)
         die("no /proc");
     fclose(f);
-    sscanf(strrchr(text, ')') + 1, " %*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu %*d %*d %*d %*d %*d %*d %*u %*u %ld", &user, &system, &pages);
+    sscanf(
+        strrchr(text, ')') + 1,
+        " %*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu %*d %*d %*d %*d %*d %*d %*u %*u %ld",
+        &user, &system, &pages);
     *resident_mb = (double)pages * (double)sysconf(_SC_PAGESIZE) / 1e6;
     return (double)(user + system) / (double)sysconf(_SC_CLK_TCK);
 }
@@ -273,7 +303,9 @@ static double own_cpu(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* --- submits ---------------------------------------------------------------------------------------------------- */
+/* --- submits
+ * -------------------------------------------------------------------------------------------------
+ */
 
 static double signal_of(int k)
 {
@@ -282,9 +314,11 @@ static double signal_of(int k)
 
 static size_t submit_header(char *header, size_t room, long id, const char *extra)
 {
-    return (size_t)snprintf(header, room,
-        "{\"id\":%ld,\"kind\":\"identify\",\"options\":{\"rank.fixed\":2},\"input\":{\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":0.1},"
-        "\"key\":\"k%ld\"%s}", id, SAMPLES, id, extra);
+    return (size_t)snprintf(
+        header, room,
+        "{\"id\":%ld,\"kind\":\"identify\",\"options\":{\"rank.fixed\":2},\"input\":"
+        "{\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":0.1},\"key\":\"k%ld\"%s}",
+        id, SAMPLES, id, extra);
 }
 
 static double submit_round(void *socket, long *next)
@@ -296,8 +330,10 @@ static double submit_round(void *socket, long *next)
     while (got < SUBMITS) {
         while (sent < SUBMITS && sent - got < IN_FLIGHT) {
             for (int k = 0; k < SAMPLES; k++)
-                body[k] = signal_of(k) + 1e-9 * (double)*next;   /* each its own input: nothing is answered from the cache */
-            submit_header(header, sizeof header, (*next)++, ",\"not_before\":4e9");   /* stays queued: only the submit is timed */
+                /* each its own input: nothing is answered from the cache */
+                body[k] = signal_of(k) + 1e-9 * (double)*next;
+            /* stays queued: only the submit is timed */
+            submit_header(header, sizeof header, (*next)++, ",\"not_before\":4e9");
             request(socket, "SUBMIT", header, body, sizeof body);
             sent++;
         }
@@ -320,9 +356,12 @@ static void send_many(void *socket, long *next, int each_jobs)
     for (int i = 0; i < each_jobs; i++, ++*next) {
         for (int k = 0; k < SAMPLES; k++)
             body[i * SAMPLES + k] = signal_of(k) + 1e-9 * (double)*next;
-        used += (size_t)snprintf(header + used, sizeof header - used,
-            "%s{\"kind\":\"identify\",\"options\":{\"rank.fixed\":2},\"input\":{\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":0.1},"
-            "\"key\":\"k%ld\",\"not_before\":4e9}", i > 0 ? "," : "", SAMPLES, *next);
+        used +=
+            (size_t)snprintf(header + used, sizeof header - used,
+                             "%s{\"kind\":\"identify\",\"options\":{\"rank.fixed\":2},\"input\":"
+                             "{\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":0.1},"
+                             "\"key\":\"k%ld\",\"not_before\":4e9}",
+                             i > 0 ? "," : "", SAMPLES, *next);
     }
     snprintf(header + used, sizeof header - used, "]}");
     request(socket, "SUBMITS", header, body, (size_t)each_jobs * SAMPLES * sizeof *body);
@@ -370,7 +409,8 @@ static void *raw_server(void *argument)
     char identity[64], header[512];
 
     for (;;) {
-        int n_identity = zmq_recv(raw->socket, identity, sizeof identity, 0), more = 1, n_header = 0;
+        int n_identity = zmq_recv(raw->socket, identity, sizeof identity, 0), more = 1,
+            n_header = 0;
         if (n_identity < 0)
             return NULL;
         for (int i = 0; more; i++) {
@@ -403,7 +443,9 @@ static void raw_start(struct raw_peer *peer, const char *name, int sync_each, in
 
     snprintf(address, sizeof address, "ipc://%s/%s", folder, name);
     snprintf(path, sizeof path, "%s/%s.log", folder, name);
-    peer->raw = (struct raw) { .socket = zmq_socket(context, ZMQ_ROUTER), .file = to_disk ? open(path, O_RDWR | O_CREAT | O_TRUNC, 0600) : -1, .sync_each = sync_each };
+    peer->raw = (struct raw) { .socket = zmq_socket(context, ZMQ_ROUTER),
+                              .file = to_disk ? open(path, O_RDWR | O_CREAT | O_TRUNC, 0600) : -1,
+                              .sync_each = sync_each };
     zmq_setsockopt(peer->raw.socket, ZMQ_RCVHWM, &high_water, sizeof high_water);
     if (zmq_bind(peer->raw.socket, address) != 0)
         die("raw bind");
@@ -430,7 +472,9 @@ static double raw_submit_round(struct raw_peer *peer)
     return SUBMITS / (now() - from);
 }
 
-/* --- beanstalkd ------------------------------------------------------------------------------------------------- */
+/* --- beanstalkd
+ * -------------------------------------------------------------------------------------------------
+ */
 
 /* A port that was free a moment ago. */
 static int free_port(void)
@@ -455,7 +499,8 @@ static pid_t beanstalkd_start(int *port)
     snprintf(number, sizeof number, "%d", *port);
     snprintf(data, sizeof data, "%s/beanstalkd", folder);
     mkdir(data, 0700);
-    return start((char *[]) { (char *)"beanstalkd", (char *)"-l", (char *)"127.0.0.1", (char *)"-p", number, (char *)"-b", data, (char *)"-f0", NULL });
+    return start((char *[]) { (char *)"beanstalkd", (char *)"-l", (char *)"127.0.0.1", (char *)"-p",
+                             number, (char *)"-b", data, (char *)"-f0", NULL });
 }
 
 /* `read` the answers that have come: how many, each "INSERTED <id>\r\n". */
@@ -465,7 +510,8 @@ static int answers_of(int fd)
     ssize_t n = read(fd, reply, sizeof reply);
     int count = 0;
 
-    if (n < 8 || (reply[0] == 'I' && memcmp(reply, "INSERTED", 8) != 0) || memchr(reply, '_', (size_t)n) != NULL)
+    if (n < 8 || (reply[0] == 'I' && memcmp(reply, "INSERTED", 8) != 0) ||
+        memchr(reply, '_', (size_t)n) != NULL)
         die("beanstalkd refused a put");
     for (ssize_t i = 0; i < n; i++)
         count += reply[i] == '\n';
@@ -478,12 +524,15 @@ static double beanstalkd_round(int port, int each_puts)
     struct pollfd at[IN_FLIGHT];
     static char puts[16 * 1024];
     int waits[IN_FLIGHT], n_puts = 0, sent = 0, got = 0;
-    struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
+    struct sockaddr_in to = { .sin_family = AF_INET,
+                              .sin_port = htons((uint16_t)port),
+                              .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
 
     if (alone)
         return 1;
     for (int i = 0; i < each_puts; i++) {
-        n_puts += snprintf(puts + n_puts, sizeof puts - (size_t)n_puts, "put 100 0 60 %d\r\n", (int)(SAMPLES * sizeof(double)));
+        n_puts += snprintf(puts + n_puts, sizeof puts - (size_t)n_puts, "put 100 0 60 %d\r\n",
+                           (int)(SAMPLES * sizeof(double)));
         memset(puts + n_puts, 'x', SAMPLES * sizeof(double));
         n_puts += (int)(SAMPLES * sizeof(double));
         n_puts += snprintf(puts + n_puts, sizeof puts - (size_t)n_puts, "\r\n");
@@ -508,7 +557,8 @@ static double beanstalkd_round(int port, int each_puts)
             int came = answers_of(at[i].fd);
             got += came;
             waits[i] -= came;
-            if (waits[i] == 0 && sent < SUBMITS && write(at[i].fd, puts, (size_t)n_puts) == n_puts) {
+            if (waits[i] == 0 && sent < SUBMITS &&
+                write(at[i].fd, puts, (size_t)n_puts) == n_puts) {
                 sent += each_puts;
                 waits[i] = each_puts;
             }
@@ -538,9 +588,12 @@ static void bench_submits(void)
         beans[r] = beanstalkd_round(port, 1);
     }
     double rate = median(ours, ROUNDS);
-    print_figure("durable submits, 64 in flight", rate, "1/s", "raw DEALER-ROUTER, one fdatasync a message", median(raw, ROUNDS), ROUNDS);
-    print_figure("durable submits, 64 in flight", rate, "1/s", "beanstalkd -f0, 64 connections", median(beans, ROUNDS), ROUNDS);
-    print_figure("durable submits, the daemon's CPU for each", 1e6 * took / ROUNDS / SUBMITS, "us", "goal", 100, ROUNDS);
+    print_figure("durable submits, 64 in flight", rate, "1/s",
+                 "raw DEALER-ROUTER, one fdatasync a message", median(raw, ROUNDS), ROUNDS);
+    print_figure("durable submits, 64 in flight", rate, "1/s", "beanstalkd -f0, 64 connections",
+                 median(beans, ROUNDS), ROUNDS);
+    print_figure("durable submits, the daemon's CPU for each", 1e6 * took / ROUNDS / SUBMITS, "us",
+                 "goal", 100, ROUNDS);
     zmq_close(socket);
     zmq_close(peer.socket);
     stop(beanstalkd);
@@ -593,9 +646,11 @@ static void compare_encrypted(const char *on)
     print_figure(name, median(ours, ROUNDS), "1/s", "beanstalkd -f0, 64 connections", peer, ROUNDS);
     snprintf(name, sizeof name, "the same by SUBMITS, 16 in a message, 64 in flight%s", on);
     print_figure(name, median(many, ROUNDS), "1/s", "beanstalkd -f0, 64 connections", peer, ROUNDS);
-    which = median(pipelined, ROUNDS) > peer ? "beanstalkd -f0, 64 connections, 4 puts a write" : "beanstalkd -f0, 64 connections";
+    which = median(pipelined, ROUNDS) > peer ? "beanstalkd -f0, 64 connections, 4 puts a write"
+                                             : "beanstalkd -f0, 64 connections";
     peer = fmax(peer, median(pipelined, ROUNDS));
-    snprintf(name, sizeof name, "the same by SUBMITS as the clients send lists, 64 in a message, 256 in flight%s", on);
+    snprintf(name, sizeof name,
+             "the same by SUBMITS as the clients send lists, 64 in a message, 256 in flight%s", on);
     print_figure(name, median(most, ROUNDS), "1/s", which, peer, ROUNDS);
     zmq_close(socket);
     stop(beanstalkd);
@@ -616,7 +671,8 @@ static void bench_disk(void)
     snprintf(number, sizeof number, "%d", DISK_US);
     if (access(library, R_OK) != 0)
         die("no fault/libslow.so in the build folder");
-    print_figure("fdatasync after 1 kB", sync_us(), "us", "taken at least in the next line", DISK_US, 200);
+    print_figure("fdatasync after 1 kB", sync_us(), "us", "taken at least in the next line",
+                 DISK_US, 200);
     setenv("SYNC_US", number, 1);
     setenv("LD_PRELOAD", library, 1);
     compare_encrypted(", each sync 0.2 ms or more");
@@ -639,7 +695,8 @@ static double cached_round(void *socket, long *next)
             sent++;
         }
         cJSON *doc = answer(socket);
-        if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "cached")) || strcmp(text_of(doc, "state"), "done") != 0)
+        if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "cached")) ||
+            strcmp(text_of(doc, "state"), "done") != 0)
             die("a repeated job is not answered from its result");
         cJSON_Delete(doc);
         got++;
@@ -664,14 +721,18 @@ static void bench_cached(void)
     cJSON_Delete(answer(socket));
     for (int r = 0; r < ROUNDS; r++)
         ours[r] = cached_round(socket, &next);
-    print_figure("answers from an earlier result, 64 in flight over ipc", median(ours, ROUNDS), "1/s", "goal", 10000, ROUNDS);
+    print_figure("answers from an earlier result, 64 in flight over ipc", median(ours, ROUNDS),
+                 "1/s", "goal", 10000, ROUNDS);
     zmq_close(socket);
     stop(daemon);
 }
 
-/* --- upload ----------------------------------------------------------------------------------------------------- */
+/* --- upload
+ * -------------------------------------------------------------------------------------------------
+ */
 
-/* Send all chunks under the credit the server gives; what RAW answers is the header itself, so there the credit is ours. */
+/* Send all chunks under the credit the server gives; what RAW answers is the header itself, so
+ * there the credit is ours. */
 static void send_chunks(void *socket, const char *upload, const char *data, long credit)
 {
     long sent = 0, got = 0;
@@ -680,8 +741,9 @@ static void send_chunks(void *socket, const char *upload, const char *data, long
     while (got < UPLOAD_CHUNKS) {
         while (sent < UPLOAD_CHUNKS && (sent - got) * CHUNK < credit) {
             const char *chunk = data + sent * CHUNK;
-            snprintf(header, sizeof header, "{\"id\":%ld,\"op\":\"chunk\",\"upload\":\"%s\",\"offset\":%ld,\"crc32c\":%u}", sent, upload, sent * CHUNK,
-                     crc32c(0, chunk, CHUNK));
+            snprintf(header, sizeof header,
+                     "{\"id\":%ld,\"op\":\"chunk\",\"upload\":\"%s\",\"offset\":%ld,\"crc32c\":%u}",
+                     sent, upload, sent * CHUNK, crc32c(0, chunk, CHUNK));
             request(socket, "UPLOAD", header, chunk, CHUNK);
             sent++;
         }
@@ -694,18 +756,24 @@ static void send_chunks(void *socket, const char *upload, const char *data, long
     }
 }
 
-/* The daemon hashes what arrives and compares at the seal; the client's own hash is not part of the time. */
+/* The daemon hashes what arrives and compares at the seal; the client's own hash is not part of the
+ * time. */
 static double upload_round(void *socket, const char *data, int round)
 {
     char header[256], upload[128], hex[65];
     uint8_t sha256[32];
-    struct input_shape shape = { .type = INPUT_BATCH, .samples = UPLOAD_CHUNKS * CHUNK / 512, .channels = 64, .dt = 0.001 * (round + 1) };
+    struct input_shape shape = { .type = INPUT_BATCH,
+                                 .samples = UPLOAD_CHUNKS * CHUNK / 512,
+                                 .channels = 64,
+                                 .dt = 0.001 * (round + 1) };
 
     identity_of(&shape, data, (size_t)UPLOAD_CHUNKS * CHUNK, sha256);
     sha256_hex(sha256, hex);
     double from = now();
 
-    snprintf(header, sizeof header, "{\"id\":1,\"op\":\"begin\",\"content\":\"batch\",\"samples\":%d,\"channels\":64,\"dt\":%.17g}",
+    snprintf(header, sizeof header,
+             "{\"id\":1,\"op\":\"begin\",\"content\":\"batch\",\"samples\":%d,\"channels\":64,"
+             "\"dt\":%.17g}",
              UPLOAD_CHUNKS * CHUNK / 512, 0.001 * (round + 1));
     request(socket, "UPLOAD", header, NULL, 0);
     cJSON *begun = answer(socket);
@@ -713,7 +781,8 @@ static double upload_round(void *socket, const char *data, int round)
     snprintf(upload, sizeof upload, "%s", text_of(begun, "upload"));
     cJSON_Delete(begun);
     send_chunks(socket, upload, data, credit);
-    snprintf(header, sizeof header, "{\"id\":2,\"op\":\"seal\",\"upload\":\"%s\",\"sha256\":\"%s\"}", upload, hex);
+    snprintf(header, sizeof header,
+             "{\"id\":2,\"op\":\"seal\",\"upload\":\"%s\",\"sha256\":\"%s\"}", upload, hex);
     request(socket, "UPLOAD", header, NULL, 0);
     cJSON *sealed = answer(socket);
     if (strcmp(text_of(sealed, "state"), "sealed") != 0)
@@ -782,15 +851,17 @@ static void bench_upload(void)
     if (median(hash, ROUNDS) < least)
         least = median(hash, ROUNDS), which = "SHA-256";
     print_figure("durable upload, 134 MB in 256 kB chunks", rate, "MB/s", which, least, ROUNDS);
-    print_figure("durable upload, the daemon's CPU for 1 GB", (cpu_seconds(daemon, &resident) - before) * 1e9 / ROUNDS / UPLOAD_CHUNKS / CHUNK, "s",
-                 "SHA-256 of it", median(cpu, ROUNDS) * 1e9 / UPLOAD_CHUNKS / CHUNK, ROUNDS);
+    print_figure("durable upload, the daemon's CPU for 1 GB",
+                 (cpu_seconds(daemon, &resident) - before) * 1e9 / ROUNDS / UPLOAD_CHUNKS / CHUNK,
+                 "s", "SHA-256 of it", median(cpu, ROUNDS) * 1e9 / UPLOAD_CHUNKS / CHUNK, ROUNDS);
     zmq_close(socket);
     zmq_close(peer.socket);
     stop(daemon);
     free(data);
 }
 
-/* --- round trip and idleness ------------------------------------------------------------------------------------ */
+/* --- round trip and idleness
+ * ------------------------------------------------------------------------------------ */
 
 static void bench_round_trip(void)
 {
@@ -806,7 +877,9 @@ static void bench_round_trip(void)
         submit_header(header, sizeof header, 1000000 + i, "");
         request(socket, "SUBMIT", header, body, sizeof body);
         cJSON *doc = answer(socket);
-        snprintf(header, sizeof header, "{\"id\":\"w\",\"job\":\"%s\",\"timeout_s\":30,\"result\":true}", text_of(doc, "job"));
+        snprintf(header, sizeof header,
+                 "{\"id\":\"w\",\"job\":\"%s\",\"timeout_s\":30,\"result\":true}",
+                 text_of(doc, "job"));
         cJSON_Delete(doc);
         request(socket, "WAIT", header, NULL, 0);
         doc = answer(socket);
@@ -822,14 +895,17 @@ static void bench_round_trip(void)
         cJSON_AddNumberToObject(options, "rank.fixed", 2);
         struct job_result result;
         from = now();
-        if (job_run(&(struct job_request) { .kind = "identify", .options = options, .batch = &batch }, &result, NULL) != MODAL_OK)
+        if (job_run(
+                &(struct job_request) { .kind = "identify", .options = options, .batch = &batch },
+                &result, NULL) != MODAL_OK)
             die("the smallest job fails in process");
         free(json_print(result.result));
         local[i] = now() - from;
         job_result_done(&result);
         cJSON_Delete(options);
     }
-    print_figure("round trip of the smallest identify", 1e3 * median(ours, ROUND_TRIPS), "ms", "the same job in process", 1e3 * median(local, ROUND_TRIPS), ROUND_TRIPS);
+    print_figure("round trip of the smallest identify", 1e3 * median(ours, ROUND_TRIPS), "ms",
+                 "the same job in process", 1e3 * median(local, ROUND_TRIPS), ROUND_TRIPS);
     zmq_close(socket);
     stop(daemon);
 }
@@ -893,14 +969,20 @@ static void bench_restart(void)
         zmq_close(socket);
         stop(daemon);
     }
-    snprintf(name, sizeof name, "restart with 100000 jobs and %g GB of batches, to the first answer", gigabytes);
+    snprintf(name, sizeof name,
+             "restart with 100000 jobs and %g GB of batches, to the first answer", gigabytes);
     print_figure(name, median(took, RESTARTS), "s", "goal", 5, RESTARTS);
     print_figure("the same, the daemon's CPU", cpu, "s", "goal", 5, 1);
-    print_figure("the same, resident memory", resident, "MB", "its jobs and their inputs at 1 kB each, beside 17 MB", 17 + RESTART_JOBS / 1e3, 1);
+    print_figure("the same, resident memory", resident, "MB",
+                 "its jobs and their inputs at 1 kB each, beside 17 MB", 17 + RESTART_JOBS / 1e3,
+                 1);
 }
 
-static const struct { const char *name; void (*run)(void); } parts[] = {
-    { "submits", bench_submits }, { "encrypted", bench_encrypted }, { "disk", bench_disk }, { "cached", bench_cached }, { "upload", bench_upload }, { "round", bench_round_trip }, { "idle", bench_idle }, { "restart", bench_restart },
+static const struct { const char *name; void (*run)(void);
+} parts[] = {
+    { "submits", bench_submits }, { "encrypted", bench_encrypted }, { "disk", bench_disk },
+    { "cached", bench_cached },   { "upload", bench_upload },       { "round", bench_round_trip },
+    { "idle", bench_idle },       { "restart", bench_restart },
 };
 
 /* bench_service [PART [alone]]: all parts, or one. */

@@ -1,4 +1,5 @@
-/* bench_steady.c - steady states: milliseconds of processor time a point, and against Runge-Kutta at equal true error */
+/* bench_steady.c - steady states: milliseconds of processor time a point, and against Runge-Kutta
+ * at equal true error */
 #include <complex.h>
 #include <math.h>
 #include <stdio.h>
@@ -26,9 +27,12 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static void line(const char *name, double value, const char *unit, const char *peer, double ratio, int n)
+static void line(const char *name, double value, const char *unit, const char *peer, double ratio,
+                 int n)
 {
-    printf("{\"bench\":\"steady\",\"case\":\"%s\",\"value\":%.6g,\"unit\":\"%s\",\"peer\":\"%s\",\"ratio\":%.4g,\"n\":%d}\n", name, value, unit, peer, ratio, n);
+    printf("{\"bench\":\"steady\",\"case\":\"%s\",\"value\":%.6g,\"unit\":\"%s\",\"peer\":\"%s\","
+           "\"ratio\":%.4g,\"n\":%d}\n",
+           name, value, unit, peer, ratio, n);
     fflush(stdout);
 }
 
@@ -44,14 +48,17 @@ static struct program *lower(const char *text)
     struct program *p = NULL;
     cJSON *scene = NULL;
 
-    if (json_read(text, strlen(text), &scene, &err) != MODAL_OK || scene_lower(scene, NULL, &p, &err) != MODAL_OK)
+    if (json_read(text, strlen(text), &scene, &err) != MODAL_OK ||
+        scene_lower(scene, NULL, &p, &err) != MODAL_OK)
         fail(err.message);
     cJSON_Delete(scene);
     return p;
 }
 
-/* Median ms a point of a path of POINTS frequencies, every point converged; the peer's ms for the ratio. */
-static double path(const char *name, const char *scene, int H, int N, double from, double to, int points, const char *peer, double peer_ms)
+/* Median ms a point of a path of POINTS frequencies, every point converged; the peer's ms for the
+ * ratio. */
+static double path(const char *name, const char *scene, int H, int N, double from, double to,
+                   int points, const char *peer, double peer_ms)
 {
     struct program *p = lower(scene);
     struct steady_options opt = { .harmonics = H, .samples = N, .estimate_later = true };
@@ -70,7 +77,9 @@ static double path(const char *name, const char *scene, int H, int N, double fro
             struct steady_point point;
             double t = cpu();
 
-            if (steady_solve(s, from + (to - from) * i / (points - 1), last.X != NULL ? &start : NULL, &point, &err) != MODAL_OK || !point.converged)
+            if (steady_solve(s, from + (to - from) * i / (points - 1),
+                             last.X != NULL ? &start : NULL, &point, &err) != MODAL_OK ||
+                !point.converged)
                 fail(name);
             spent += cpu() - t;
             steady_point_done(&last);
@@ -95,18 +104,26 @@ static void chain_scene(char *text, size_t room, int n)
     at += (size_t)snprintf(text + at, room - at, "],\"springs\":[");
     for (int i = 0; i <= n; i++)
         at += (size_t)snprintf(text + at, room - at, "%s1", i ? "," : "");
-    snprintf(text + at, room - at, "]},\"omega\":0.3,\"effects\":[{\"type\":\"rayleigh_damping\",\"alpha\":0.02,\"beta\":0.01},"
-             "{\"type\":\"friction\",\"dof\":\"x%d\",\"stiffness\":0.5,\"limit\":0.3}],\"excitation\":[{\"dof\":\"x%d\",\"k\":1,\"cos\":1}]}", n / 2, n / 4 + 1);
+    snprintf(text + at, room - at,
+             "]},\"omega\":0.3,\"effects\":[{\"type\":\"rayleigh_damping\",\"alpha\":0.02,"
+             "\"beta\":0.01},{\"type\":\"friction\",\"dof\":\"x%d\",\"stiffness\":0.5,"
+             "\"limit\":0.3}],\"excitation\":[{\"dof\":\"x%d\",\"k\":1,\"cos\":1}]}",
+             n / 2, n / 4 + 1);
 }
 
 static void cantilever_scene(char *text, size_t room, int dofs)
 {
-    snprintf(text, room, "{\"structure\":{\"type\":\"beam\",\"length\":1,\"elements\":%d,\"EI\":1,\"mass_per_length\":1,\"supports\":[\"clamped\",\"free\"]},"
-             "\"omega\":3.4,\"effects\":[{\"type\":\"rayleigh_damping\",\"alpha\":0.02,\"beta\":0.0005},{\"type\":\"friction\",\"dof\":\"w%d\",\"stiffness\":5,\"limit\":0.5}],"
-             "\"excitation\":[{\"dof\":\"w%d\",\"k\":1,\"cos\":0.3}]}", dofs / 2, dofs / 2, dofs / 2);
+    snprintf(text, room,
+             "{\"structure\":{\"type\":\"beam\",\"length\":1,\"elements\":%d,\"EI\":1,"
+             "\"mass_per_length\":1,\"supports\":[\"clamped\",\"free\"]},\"omega\":3.4,"
+             "\"effects\":[{\"type\":\"rayleigh_damping\",\"alpha\":0.02,\"beta\":0.0005},"
+             "{\"type\":\"friction\",\"dof\":\"w%d\",\"stiffness\":5,\"limit\":0.5}],"
+             "\"excitation\":[{\"dof\":\"w%d\",\"k\":1,\"cos\":0.3}]}",
+             dofs / 2, dofs / 2, dofs / 2);
 }
 
-/* The friction damper of Cameron and Griffin (1989), marched by classical Runge-Kutta with y kept as their (8) says. */
+/* The friction damper of Cameron and Griffin (1989), marched by classical Runge-Kutta with y kept
+ * as their (8) says. */
 struct state { double x, v, y; };
 
 static double load(double t) { return 0.75 * sin(0.5 * t) + 0.5 * sin(0.75 * t) + 0.375 * sin(t); }
@@ -122,9 +139,11 @@ static struct state step(double t, double h, struct state s)
 {
     struct state a = rate(t, s), b, c, d, m;
 
-    m = (struct state) { s.x + h / 2 * a.x, s.v + h / 2 * a.v, fmin(1, fmax(-1, s.y + h / 2 * a.y)) };
+    m = (struct state) { s.x + h / 2 * a.x, s.v + h / 2 * a.v,
+                        fmin(1, fmax(-1, s.y + h / 2 * a.y)) };
     b = rate(t + h / 2, m);
-    m = (struct state) { s.x + h / 2 * b.x, s.v + h / 2 * b.v, fmin(1, fmax(-1, s.y + h / 2 * b.y)) };
+    m = (struct state) { s.x + h / 2 * b.x, s.v + h / 2 * b.v,
+                        fmin(1, fmax(-1, s.y + h / 2 * b.y)) };
     c = rate(t + h / 2, m);
     m = (struct state) { s.x + h * c.x, s.v + h * c.v, fmin(1, fmax(-1, s.y + h * c.y)) };
     d = rate(t + h, m);
@@ -168,7 +187,8 @@ static void waveform(const double complex *X, int H, double *x)
 
 enum { SOLVES = 10 };
 
-/* Seconds of a solution from rest, one of SOLVES; the session is made before, as once for a scene. */
+/* Seconds of a solution from rest, one of SOLVES; the session is made before, as once for a scene.
+ */
 static double solve_damper(const struct program *p, int H, double tolerance, double x[CHECKS])
 {
     struct steady_options opt = { .harmonics = H, .tolerance = tolerance, .estimate_later = true };
@@ -179,7 +199,7 @@ static double solve_damper(const struct program *p, int H, double tolerance, dou
 
     if (steady_new(p, &opt, &s, &err) != MODAL_OK)
         fail(err.message);
-    for (int i = 0; i <= SOLVES; i++) {                             /* the first plans its transforms */
+    for (int i = 0; i <= SOLVES; i++) {   /* the first plans its transforms */
         if (i == 1)
             t = cpu();
         if (steady_solve(s, 0.25, NULL, &point, &err) != MODAL_OK || !point.converged)
@@ -204,9 +224,11 @@ static double distance(const double *x, const double *y)
 }
 
 /* The cheapest order and tolerance whose true error is below TARGET; seconds. */
-static double best_order(const struct program *p, double target, const double *exact, int *H, double *tolerance)
+static double best_order(const struct program *p, double target, const double *exact, int *H,
+                         double *tolerance)
 {
-    static const int orders[] = { 12, 14, 16, 18, 20, 22, 24, 28, 32, 40, 48, 56, 64, 72, 80, 88, 96, 112, 128 };
+    static const int orders[] = { 12, 14, 16, 18, 20, 22, 24, 28,  32, 40,
+                                  48, 56, 64, 72, 80, 88, 96, 112, 128 };
     static const double loose[] = { 1, 0.3, 0.1, 0.03, 0.01 };
     double least = HUGE_VAL, x[CHECKS];
 
@@ -242,9 +264,11 @@ static int best_step(double target, const double *exact, int *N)
 
 static void against_marching(double target)
 {
-    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.25,"
-                              "\"effects\":[{\"type\":\"friction\",\"dof\":\"x1\",\"stiffness\":0.25,\"limit\":0.25}],\"excitation\":["
-                              "{\"dof\":\"x1\",\"k\":2,\"sin\":0.75},{\"dof\":\"x1\",\"k\":3,\"sin\":0.5},{\"dof\":\"x1\",\"k\":4,\"sin\":0.375}]}");
+    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],"
+                              "\"K\":[[0.75]]},\"omega\":0.25,\"effects\":[{\"type\":\"friction\","
+                              "\"dof\":\"x1\",\"stiffness\":0.25,\"limit\":0.25}],\"excitation\":"
+                              "[{\"dof\":\"x1\",\"k\":2,\"sin\":0.75},{\"dof\":\"x1\",\"k\":3,"
+                              "\"sin\":0.5},{\"dof\":\"x1\",\"k\":4,\"sin\":0.375}]}");
     double exact[CHECKS], x[CHECKS], error, tolerance = 0, aft[9], rk[9];
     int H = 0, N = 0, periods;
     char name[80];
@@ -253,7 +277,7 @@ static void against_marching(double target)
     periods = best_step(target, exact, &N);
     if (best_order(p, target, exact, &H, &tolerance) == HUGE_VAL || periods == 0)
         fail("no setting reached the error asked for");
-    for (int i = 0; i < 9; i++) {                                   /* side by side, so that a busy machine slows both */
+    for (int i = 0; i < 9; i++) {   /* side by side, so that a busy machine slows both */
         double t = cpu();
 
         march(N, exact, target, &error);
@@ -262,7 +286,8 @@ static void against_marching(double target)
     }
     qsort(aft, 9, sizeof *aft, by_value);
     qsort(rk, 9, sizeof *rk, by_value);
-    snprintf(name, sizeof name, "friction damper to %g: H=%d, RK4 N=%d x %d", target, H, N, periods);
+    snprintf(name, sizeof name, "friction damper to %g: H=%d, RK4 N=%d x %d", target, H, N,
+             periods);
     line(name, 1e3 * aft[4], "ms", "rk4 marched", rk[4] / aft[4], 9);
     program_free(p);
 }
@@ -272,10 +297,16 @@ int main(void)
     static char text[200000];
     double small;
 
-    path("sdof jenkins H=7 N=256", "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[1]]},\"omega\":1,\"effects\":[{\"type\":\"friction\","
-         "\"dof\":\"x1\",\"stiffness\":1,\"limit\":1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}", 7, 256, 1.1, 1.6, 101, "goal 0.08 ms", 0.08);
-    path("duffing H=7 N=29", "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.05]],\"K\":[[1]]},\"omega\":1,\"effects\":[{\"type\":\"cubic_spring\","
-         "\"dof\":\"x1\",\"coefficient\":0.1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.18}]}", 7, 29, 0.5, 1.1, 101, "goal 0.08 ms", 0.08);
+    path("sdof jenkins H=7 N=256",
+         "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[1]]},"
+         "\"omega\":1,\"effects\":[{\"type\":\"friction\",\"dof\":\"x1\",\"stiffness\":1,"
+         "\"limit\":1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}",
+         7, 256, 1.1, 1.6, 101, "goal 0.08 ms", 0.08);
+    path("duffing H=7 N=29",
+         "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.05]],\"K\":[[1]]},"
+         "\"omega\":1,\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x1\","
+         "\"coefficient\":0.1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.18}]}",
+         7, 29, 0.5, 1.1, 101, "goal 0.08 ms", 0.08);
     cantilever_scene(text, sizeof text, 10);
     path("cantilever 10 dofs H=5 N=128", text, 5, 128, 3.4, 5, 101, "goal 0.2 ms", 0.2);
     cantilever_scene(text, sizeof text, 40);

@@ -1,16 +1,21 @@
 /*
- * bench_stream.c - what modald_push costs its host: 1, 8 and 64 channels, against two reads of the clock
+ * bench_stream.c - what modald_push costs its host: 1, 8 and 64 channels, against two reads of the
+ * clock
  *
- * Each push stands between two clock reads; the same loop without the push is the floor, and each figure is above the floor's
- * own: median above median, 99th percentile above 99th percentile.  The pushes go round a ring that was never written to
- * before, nearly once (the worst case: each of its pages is new), as fast as they can, beside the sender that reads them.
- * Needs a daemon at $MODALD_URL, or none: the ring takes the samples either way; with $MODALD_RING_FILE the ring is in that
- * file.  With --marked it only pushes, between two marks on stderr that a trace of system calls shows, and measures nothing.
+ * Each push stands between two clock reads; the same loop without the push is the floor, and each
+ * figure is above the floor's own: median above median, 99th percentile above 99th percentile.  The
+ * pushes go round a ring that was never written to before, nearly once (the worst case: each of its
+ * pages is new), as fast as they can, beside the sender that reads them.  Needs a daemon at
+ * $MODALD_URL, or none: the ring takes the samples either way; with $MODALD_RING_FILE the ring is
+ * in that file.  With --marked it only pushes, between two marks on stderr that a trace of system
+ * calls shows, and measures nothing.
  *
  *     push_p50, push_p99   ns above the floor's (goal: p99 < 100 with 8 channels)
  *     noop                 ns of a push without a stream (goal: about 2)
- *     step_1us             ns that a push adds to a step of 1 us whose results it takes as they come (goal: < 100): median of blocks of
- *                          BLOCK steps, with the push and without it in turns, so that a block that was interrupted counts for neither
+ *     step_1us             ns that a push adds to a step of 1 us whose results it takes as they
+ *                          come (goal: < 100): median of blocks of BLOCK steps, with the push and
+ *                          without it in turns, so that a block that was interrupted counts for
+ *                          neither
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -53,7 +58,8 @@ static void measure(modald_stream *s, int work, double *took, int count)
 
 static volatile double computed = 1;
 
-/* Seconds of a block of steps of LENGTH operations, each of which waits for the one before, pushed to S. */
+/* Seconds of a block of steps of LENGTH operations, each of which waits for the one before, pushed
+ * to S. */
 static double block(modald_stream *s, double *y, int length)
 {
     double before = ns();
@@ -72,11 +78,13 @@ static double block(modald_stream *s, double *y, int length)
 
 static void say(const char *name, int channels, double value, double floor_value, int count)
 {
-    printf("{\"bench\":\"stream\",\"case\":\"%s %d channels\",\"value\":%.1f,\"unit\":\"ns\",\"peer\":\"two clock reads\",\"ratio\":%.3f,\"n\":%d}\n", name,
-           channels, value, value / floor_value, count);
+    printf("{\"bench\":\"stream\",\"case\":\"%s %d channels\",\"value\":%.1f,\"unit\":\"ns\","
+           "\"peer\":\"two clock reads\",\"ratio\":%.3f,\"n\":%d}\n",
+           name, channels, value, value / floor_value, count);
 }
 
-/* As many pushes as the ring holds with some to spare; 1: not all of them were taken, and a figure for work not done is no figure. */
+/* As many pushes as the ring holds with some to spare; 1: not all of them were taken, and a figure
+ * for work not done is no figure. */
 static int bench(int channels, double *base, double *push, double *noop)
 {
     char name[32];
@@ -95,7 +103,8 @@ static int bench(int channels, double *base, double *push, double *noop)
     modald_get_report(s, &r);
     modald_close(s);
     say("push_p50", channels, push[count / 2] - base[count / 2], base[count / 2], count);
-    say("push_p99", channels, push[count - count / 100] - base[count - count / 100], base[count / 2], count);
+    say("push_p99", channels, push[count - count / 100] - base[count - count / 100],
+        base[count / 2], count);
     if (channels == CHANNELS)
         say("noop", channels, noop[count / 2] - base[count / 2], base[count / 2], count);
     return r.pushed != count || r.dropped != 0;
@@ -138,7 +147,8 @@ static int bench_step(double *base, double *push)
     modald_close(s);
     qsort(base, BLOCKS, sizeof *base, ascending);
     qsort(push, BLOCKS, sizeof *push, ascending);
-    say("step_1us", CHANNELS, push[BLOCKS / 2] - base[BLOCKS / 2], base[BLOCKS / 2], BLOCK * BLOCKS);
+    say("step_1us", CHANNELS, push[BLOCKS / 2] - base[BLOCKS / 2], base[BLOCKS / 2],
+        BLOCK * BLOCKS);
     return r.pushed != BLOCK * BLOCKS || r.dropped != 0;
 }
 
@@ -153,7 +163,7 @@ int main(int argc, char **argv)
     setenv("MODALD_CLOSE_WAIT", "0.1", 0);
     if (argc > 1 && strcmp(argv[1], "--marked") == 0)
         return push_marked();
-    for (int i = 0; i < N; i++)                         /* their pages too are there in both loops */
+    for (int i = 0; i < N; i++)   /* their pages too are there in both loops */
         base[i] = push[i] = noop[i] = 1;
     for (size_t i = 0; i < sizeof channels / sizeof channels[0]; i++)
         bad |= bench(channels[i], base, push, noop);

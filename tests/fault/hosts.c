@@ -3,9 +3,10 @@
  *
  *     hosts HABIT STEPS [SECONDS]
  *
- * One run writes its states to stdout and has an exit status of its own, 7; both must be the same with $MODALD_URL and without,
- * whatever is at the other end.  Each HABIT is something that real hosts do to their process behind a library's back; the
- * table at the end names them.  SECONDS of real time pass with each step.
+ * One run writes its states to stdout and has an exit status of its own, 7; both must be the same
+ * with $MODALD_URL and without, whatever is at the other end.  Each HABIT is something that real
+ * hosts do to their process behind a library's back; the table at the end names them.  SECONDS of
+ * real time pass with each step.
  */
 #include <dlfcn.h>
 #include <errno.h>
@@ -111,7 +112,9 @@ static void has_handlers_and_masks(void)
     modald_close(s);
     pthread_sigmask(SIG_SETMASK, NULL, &now_blocked);
     sigaction(SIGPIPE, NULL, &was);
-    printf("heard %d, kept %d, pending %d\n", (int)heard, was.sa_handler == note && sigismember(&now_blocked, SIGUSR2) && !sigismember(&now_blocked, SIGUSR1),
+    printf("heard %d, kept %d, pending %d\n", (int)heard,
+           was.sa_handler == note && sigismember(&now_blocked, SIGUSR2) &&
+               !sigismember(&now_blocked, SIGUSR1),
            sigpending(&blocked) == 0 && sigismember(&blocked, SIGUSR2));
 }
 
@@ -132,7 +135,8 @@ static void closes_all_descriptors(void)
     run(s, steps / 2, steps, files[0]);
     fflush(files[0]);
     for (int i = 1; i < 8; i++)
-        printf("file %d is %d and begins %zu\n", i, fileno(files[i]), fread(line, 1, sizeof line, files[i]));
+        printf("file %d is %d and begins %zu\n", i, fileno(files[i]),
+               fread(line, 1, sizeof line, files[i]));
     modald_close(s);
     rewind(files[0]);
     for (size_t n; (n = fread(line, 1, sizeof line, files[0])) > 0;)
@@ -335,7 +339,8 @@ static void changes_its_environment(void)
 /* A socket of the host's own, in a context of its own. */
 static void uses_zmq(void)
 {
-    void *context = zmq_ctx_new(), *a = zmq_socket(context, ZMQ_PAIR), *b = zmq_socket(context, ZMQ_PAIR);
+    void *context = zmq_ctx_new(), *a = zmq_socket(context, ZMQ_PAIR),
+         *b = zmq_socket(context, ZMQ_PAIR);
     char text[8] = "";
     modald_stream *s = begin("zmq");
 
@@ -379,7 +384,7 @@ static void loads_and_unloads(void)
         if (i % 2 == 0)
             close_it(s);
         printf("unloaded %d\n", dlclose(library));
-        int child = fork();                          /* what it asked to be called at a fork is gone with it */
+        int child = fork();   /* what it asked to be called at a fork is gone with it */
         if (child == 0)
             _exit(0);
         waitpid(child, NULL, 0);

@@ -1,4 +1,5 @@
-/* libclock.c - preloaded: the wall clock set forwards or back while a program runs, by the seconds in the file $CLOCK_STEP (F15) */
+/* libclock.c - preloaded: the wall clock set forwards or back while a program runs, by the seconds
+ * in the file $CLOCK_STEP (F15) */
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -17,7 +18,8 @@ int clock_gettime(clockid_t which, struct timespec *t)
     if (file < 0 && getenv("CLOCK_STEP") != NULL)
         file = open(getenv("CLOCK_STEP"), O_RDONLY | O_CLOEXEC);
     rc = real(which, t);
-    if (rc == 0 && which == CLOCK_REALTIME && file >= 0 && pread(file, text, sizeof text - 1, 0) > 0)
+    if (rc == 0 && which == CLOCK_REALTIME && file >= 0 &&
+        pread(file, text, sizeof text - 1, 0) > 0)
         t->tv_sec += strtol(text, NULL, 10);
     return rc;
 }

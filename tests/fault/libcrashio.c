@@ -1,14 +1,19 @@
 /*
- * libcrashio.c - an LD_PRELOAD shim that records every change to the files below $CRASHIO_DIR, with its data, in order
+ * libcrashio.c - an LD_PRELOAD shim that records every change to the files below $CRASHIO_DIR, with
+ * its data, in order
  *
- * From the record $CRASHIO_LOG a generator builds the states a power cut may leave: what was synced, and any of the rest.
- * One record:  u8 op, u8 0, u16 name length, u32 inode, u64 offset, u64 length, name, data (of `w` and `a` only)
+ * From the record $CRASHIO_LOG a generator builds the states a power cut may leave: what was
+ * synced, and any of the rest.  One record:  u8 op, u8 0, u16 name length, u32 inode, u64 offset,
+ * u64 length, name, data (of `w` and `a` only)
  *
- *     w write at offset    t truncate to offset     f reserve up to offset     s file synced    d directory synced
- *     c name made (offset: 1 a directory)           u name removed             r renamed (data: the new name; op carries it)
+ *     w write at offset    t truncate to offset  f reserve up to offset  s file synced  d directory
+ *                          synced
+ *     c name made (offset: 1 a directory)           u name removed  r renamed (data: the new name;
+ *                                                   op carries it)
  *     a acknowledgement: what was written to descriptor 9
  *
- * Files are told by inode, names by path below the folder.  Shared memory (-shm) is rebuilt by SQLite and left out.
+ * Files are told by inode, names by path below the folder.  Shared memory (-shm) is rebuilt by
+ * SQLite and left out.
  */
 #include <dlfcn.h>
 #include <errno.h>
@@ -38,12 +43,21 @@ __attribute__((constructor)) static void start(void)
     log_fd = REAL(open)(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
 }
 
-static void record(char op, uint32_t inode, uint64_t offset, const char *name, const void *data, uint64_t length)
+static void record(char op, uint32_t inode, uint64_t offset, const char *name, const void *data,
+                   uint64_t length)
 {
-    struct __attribute__((packed)) { uint8_t op, zero; uint16_t name; uint32_t inode; uint64_t offset, length; } head = {
-        (uint8_t)op, 0, (uint16_t)(name != NULL ? strlen(name) : 0), inode, offset, data != NULL ? length : 0,
+    struct __attribute__((packed)) {
+        uint8_t op, zero;
+        uint16_t name;
+        uint32_t inode;
+        uint64_t offset, length;
+    } head = {
+        (uint8_t)op, 0,      (uint16_t)(name != NULL ? strlen(name) : 0),
+        inode,       offset, data != NULL ? length : 0,
     };
-    struct iovec parts[3] = { { &head, sizeof head }, { (void *)(uintptr_t)name, head.name }, { (void *)(uintptr_t)data, head.length } };
+    struct iovec parts[3] = { { &head, sizeof head },
+                              { (void *)(uintptr_t)name, head.name },
+                              { (void *)(uintptr_t)data, head.length } };
     ssize_t total = (ssize_t)(sizeof head + head.name + head.length);
 
     if (writev(log_fd, parts, 3) != total)
@@ -59,14 +73,21 @@ static const char *below(const char *name, char full[4096])
 
     if (log_fd < 0)
         return NULL;
-    snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == name ? 1 : (int)(slash - name), slash == NULL ? "." : name);
-    if (realpath(folder, resolved) == NULL || strncmp(resolved, root, length) != 0 || (resolved[length] != 0 && resolved[length] != '/'))
+    snprintf(folder, sizeof folder, "%.*s",
+             slash == NULL   ? 1
+             : slash == name ? 1
+                             : (int)(slash - name),
+             slash == NULL ? "." : name);
+    if (realpath(folder, resolved) == NULL || strncmp(resolved, root, length) != 0 ||
+        (resolved[length] != 0 && resolved[length] != '/'))
         return NULL;
-    snprintf(full, 4096, "%.2000s%s%.1000s", resolved[length] != 0 ? resolved + length + 1 : "", resolved[length] != 0 ? "/" : "", slash == NULL ? name : slash + 1);
+    snprintf(full, 4096, "%.2000s%s%.1000s", resolved[length] != 0 ? resolved + length + 1 : "",
+             resolved[length] != 0 ? "/" : "", slash == NULL ? name : slash + 1);
     return strstr(full, "-shm") == NULL ? full : NULL;
 }
 
-/* The inode behind FD where its file lies below the folder, else 0; *NAME its path (may be NULL). */
+/* The inode behind FD where its file lies below the folder, else 0; *NAME its path (may be NULL).
+ */
 static uint32_t ours(int fd, char *name)
 {
     char link[64], path[4096], full[4096];
@@ -91,7 +112,8 @@ static uint32_t ours(int fd, char *name)
     return below(path, full) != NULL ? (uint32_t)known.st_ino : 0;
 }
 
-static void locked(char op, uint32_t inode, uint64_t offset, const char *name, const void *data, uint64_t length)
+static void locked(char op, uint32_t inode, uint64_t offset, const char *name, const void *data,
+                   uint64_t length)
 {
     pthread_mutex_lock(&mutex);
     record(op, inode, offset, name, data, length);
@@ -175,9 +197,18 @@ static int sized(char op, int fd, int rc, off_t length)
 }
 
 int ftruncate(int fd, off_t length) { return sized('t', fd, REAL(ftruncate)(fd, length), length); }
-int ftruncate64(int fd, off64_t length) { return sized('t', fd, REAL(ftruncate64)(fd, length), length); }
-int posix_fallocate(int fd, off_t offset, off_t length) { return sized('f', fd, REAL(posix_fallocate)(fd, offset, length), offset + length); }
-int posix_fallocate64(int fd, off64_t offset, off64_t length) { return sized('f', fd, REAL(posix_fallocate64)(fd, offset, length), offset + length); }
+int ftruncate64(int fd, off64_t length)
+{
+    return sized('t', fd, REAL(ftruncate64)(fd, length), length);
+}
+int posix_fallocate(int fd, off_t offset, off_t length)
+{
+    return sized('f', fd, REAL(posix_fallocate)(fd, offset, length), offset + length);
+}
+int posix_fallocate64(int fd, off64_t offset, off64_t length)
+{
+    return sized('f', fd, REAL(posix_fallocate64)(fd, offset, length), offset + length);
+}
 
 static int synced(int fd, int rc)
 {
@@ -186,7 +217,8 @@ static int synced(int fd, int rc)
     uint32_t inode = ours(fd, name);
 
     if (rc == 0 && inode != 0 && fstat(fd, &known) == 0)
-        locked(S_ISDIR(known.st_mode) ? 'd' : 's', inode, 0, S_ISDIR(known.st_mode) ? name : NULL, NULL, 0);
+        locked(S_ISDIR(known.st_mode) ? 'd' : 's', inode, 0, S_ISDIR(known.st_mode) ? name : NULL,
+               NULL, 0);
     return rc;
 }
 

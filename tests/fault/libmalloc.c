@@ -1,8 +1,9 @@
 /*
  * libmalloc.c - preloaded: the n-th allocation of this process fails, once (F10)
  *
- * $MALLOC_FAIL holds n, counted from the start of a process named $MALLOC_PROGRAM (or of any, where that is not set).  Where an
- * allocation fails, a line on descriptor 2 says so, or the file $MALLOC_MARK is made, so that a test can tell that it was reached.
+ * $MALLOC_FAIL holds n, counted from the start of a process named $MALLOC_PROGRAM (or of any, where
+ * that is not set).  Where an allocation fails, a line on descriptor 2 says so, or the file
+ * $MALLOC_MARK is made, so that a test can tell that it was reached.
  */
 #include <dlfcn.h>
 #include <errno.h>
@@ -23,7 +24,9 @@ static void read_rule(void)
 {
     const char *n = getenv("MALLOC_FAIL"), *program = getenv("MALLOC_PROGRAM");
 
-    failing = n != NULL && (program == NULL || strcmp(program, program_invocation_short_name) == 0) ? atol(n) : 0;
+    failing = n != NULL && (program == NULL || strcmp(program, program_invocation_short_name) == 0)
+                  ? atol(n)
+                  : 0;
 }
 
 static bool fails(void)

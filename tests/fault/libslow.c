@@ -1,7 +1,9 @@
 /*
- * libslow.c - preloaded: a sync takes at least $SYNC_US microseconds, as on a disk that does what it says (F8)
+ * libslow.c - preloaded: a sync takes at least $SYNC_US microseconds, as on a disk that does what
+ * it says (F8)
  *
- * The disks of virtual machines often answer a sync in less than any medium can: what is gained by syncing seldom does not show there.
+ * The disks of virtual machines often answer a sync in less than any medium can: what is gained by
+ * syncing seldom does not show there.
  */
 #include <dlfcn.h>
 #include <stdint.h>

@@ -1,16 +1,21 @@
 /*
  * store_scenario.c - a fixed life of a store, and the check of what is left of it after any fault
  *
- *     store_scenario write DIR     live; each acknowledgement is a line on descriptor 9, written when it would be sent
- *     store_scenario check         lines "DIR ACKS" on stdin: recover DIR and hold it against the acknowledgements in the
- *                                  file ACKS; one line of answer each: "ok" or "P1 ...", "P3 ...", "P5 ..."
+ *     store_scenario write DIR     live; each acknowledgement is a line on descriptor 9, written
+ *                                  when it would be sent
+ *     store_scenario check         lines "DIR ACKS" on stdin: recover DIR and hold it against the
+ *                                  acknowledgements in the file ACKS; one line of answer each: "ok"
+ *                                  or "P1 ...", "P3 ...", "P5 ..."
  *
- * Acknowledgements:   J id state    the job is in this state        K id       ... is deleted, its key answers expired
- *                     R id length   its result can be read          C id bytes the upload, or stream, has so many bytes
- *                     S id          the input is sealed             X id       the input is deleted, the stream ended
+ * Acknowledgements:  J id state  the job is in this state  K id  ... is deleted, its key answers
+ * expired
+ *                     R id length   its result can be read  C id bytes the upload, or stream, has
+ *                                   so many bytes
+ *                     S id          the input is sealed  X id  the input is deleted, the stream
+ *                                   ended
  *
- * What was acknowledged must be there; what was under way may be. The data are a function of their place, so that they can
- * be checked without being kept.
+ * What was acknowledged must be there; what was under way may be. The data are a function of their
+ * place, so that they can be checked without being kept.
  */
 #include <fcntl.h>
 #include <inttypes.h>
@@ -25,7 +30,18 @@
 #include "store/samples.h"
 #include "store/spool.h"
 
-enum { SAMPLES = 1500, CHANNELS = 2, BYTES = SAMPLES * CHANNELS * 8, CHUNK = 4000, IDS = 256, STREAM = 20, STREAM_END = 22, SEGMENT = 4800, LARGE = LEDGER_RESULT_INLINE_MOST + 100, PATH = 4200 };
+enum {
+    SAMPLES = 1500,
+    CHANNELS = 2,
+    BYTES = SAMPLES * CHANNELS * 8,
+    CHUNK = 4000,
+    IDS = 256,
+    STREAM = 20,
+    STREAM_END = 22,
+    SEGMENT = 4800,
+    LARGE = LEDGER_RESULT_INLINE_MOST + 100,
+    PATH = 4200
+};
 
 static const char *dir;
 static struct ledger *ledger;
@@ -81,8 +97,13 @@ static struct input_shape shape_of(void)
 {
     static const char *const names[CHANNELS] = { "root", "tip" };
 
-    return (struct input_shape) { .type = INPUT_BATCH, .samples = SAMPLES, .channels = CHANNELS, .dt = 0.01, .units = "m", .names = names,
-                                  .attributes = "{\"rig\":7}" };
+    return (struct input_shape) { .type = INPUT_BATCH,
+                                 .samples = SAMPLES,
+                                 .channels = CHANNELS,
+                                 .dt = 0.01,
+                                 .units = "m",
+                                 .names = names,
+                                 .attributes = "{\"rig\":7}" };
 }
 
 static void put_job(int64_t id, bool with_input)
@@ -92,10 +113,21 @@ static void put_job(int64_t id, bool with_input)
     char key[16];
 
     snprintf(key, sizeof key, "key%" PRId64, id);
-    changes[0].input = (struct input_record) { .id = 1000 + id, .user = "ada", .shape = { .type = INPUT_SCENE, .length = 800 }, .state = INPUT_SEALED,
-                                               .crc = crc32c(0, data, 800), .data = data, .inline_data = true };
-    changes[1].job = (struct job_record) { .id = id, .user = "ada", .key = key, .kind = "identify", .options = "{}", .input = with_input ? 1000 + id : 10,
-                                           .state = JOB_QUEUED, .submitted_ns = id };
+    changes[0].input = (struct input_record) { .id = 1000 + id,
+                                              .user = "ada",
+                                              .shape = { .type = INPUT_SCENE, .length = 800 },
+                                              .state = INPUT_SEALED,
+                                              .crc = crc32c(0, data, 800),
+                                              .data = data,
+                                              .inline_data = true };
+    changes[1].job = (struct job_record) { .id = id,
+                                          .user = "ada",
+                                          .key = key,
+                                          .kind = "identify",
+                                          .options = "{}",
+                                          .input = with_input ? 1000 + id : 10,
+                                          .state = JOB_QUEUED,
+                                          .submitted_ns = id };
     if (commit(with_input ? changes : changes + 1, with_input ? 2 : 1))
         ack("J", id, JOB_QUEUED);
     free(data);
@@ -103,7 +135,10 @@ static void put_job(int64_t id, bool with_input)
 
 static void move_job(int64_t id, enum job_state state)
 {
-    struct ledger_change change = { .verb = LEDGER_JOB_MOVE, .job = { .id = id, .state = state, .attempts = 1, .submitted_ns = id } };
+    struct ledger_change change = {
+        .verb = LEDGER_JOB_MOVE,
+        .job = { .id = id, .state = state, .attempts = 1, .submitted_ns = id }
+    };
 
     if (commit(&change, 1))
         ack("J", id, state);
@@ -111,12 +146,16 @@ static void move_job(int64_t id, enum job_state state)
 
 static void finish_job(int64_t id, uint64_t length)
 {
-    struct ledger_change changes[2] = { { .verb = LEDGER_RESULT_PUT }, { .verb = LEDGER_JOB_MOVE } };
+    struct ledger_change changes[2] = { { .verb = LEDGER_RESULT_PUT },
+                                        { .verb = LEDGER_JOB_MOVE } };
     unsigned char *text = data_of(2000 + id, length);
     struct modal_error err;
 
-    if (went(ledger_result_put(dir, id, (char *)text, length, &changes[0].result, &err), "result", &err)) {
-        changes[1].job = (struct job_record) { .id = id, .state = JOB_DONE, .attempts = 1, .submitted_ns = id, .result_bytes = length };
+    if (went(ledger_result_put(dir, id, (char *)text, length, &changes[0].result, &err), "result",
+             &err)) {
+        changes[1].job = (struct job_record){
+            .id = id, .state = JOB_DONE, .attempts = 1, .submitted_ns = id, .result_bytes = length
+        };
         if (commit(changes, 2)) {
             ack("J", id, JOB_DONE);
             ack("R", id, (int64_t)length);
@@ -127,24 +166,32 @@ static void finish_job(int64_t id, uint64_t length)
 
 static void delete_job(int64_t id)
 {
-    struct ledger_change changes[2] = { { .verb = LEDGER_JOB_DELETE }, { .verb = LEDGER_TOMBSTONE_PUT } };
+    struct ledger_change changes[2] = { { .verb = LEDGER_JOB_DELETE },
+                                        { .verb = LEDGER_TOMBSTONE_PUT } };
     struct modal_error err;
     char key[16];
 
     snprintf(key, sizeof key, "key%" PRId64, id);
     changes[0].id = id;
-    changes[1].tombstone = (struct tombstone_record) { .user = "ada", .key = key, .job = id, .expired_ns = id };
+    changes[1].tombstone =
+        (struct tombstone_record) { .user = "ada", .key = key, .job = id, .expired_ns = id };
     if (!commit(changes, 2))
         return;
     ack("K", id, 0);
     went(ledger_result_remove(dir, id, &err), "remove", &err);
 }
 
-static struct ledger_change input_change(int64_t id, const struct upload *upload, enum input_state state)
+static struct ledger_change input_change(int64_t id, const struct upload *upload,
+                                         enum input_state state)
 {
     struct ledger_change change = { .verb = LEDGER_INPUT_PUT };
 
-    change.input = (struct input_record) { .id = id, .user = "ada", .shape = shape_of(), .state = state, .offset = upload_offset(upload), .crc = upload_crc(upload) };
+    change.input = (struct input_record) { .id = id,
+                                          .user = "ada",
+                                          .shape = shape_of(),
+                                          .state = state,
+                                          .offset = upload_offset(upload),
+                                          .crc = upload_crc(upload) };
     return change;
 }
 
@@ -209,15 +256,22 @@ static void delete_input(int64_t id)
 static void push(int64_t id)
 {
     static uint64_t ends[IDS];
-    struct ledger_change changes[3] = { { .verb = LEDGER_SEGMENT_PUT }, { .verb = LEDGER_SEGMENT_PUT }, { .verb = LEDGER_NOTE_PUT } };
+    struct ledger_change changes[3] = { { .verb = LEDGER_SEGMENT_PUT },
+                                        { .verb = LEDGER_SEGMENT_PUT },
+                                        { .verb = LEDGER_NOTE_PUT } };
     char name[24];
     uint64_t length = ends[id];
     unsigned char *data = data_of(id, length + 2 * SEGMENT);
 
     for (int i = 0; i < 2; i++) {
         uint64_t at = length + (uint64_t)i * SEGMENT;
-        changes[i].segment = (struct segment_record) { .stream = id, .first = at / 8, .count = SEGMENT / 8, .offset = at, .length = SEGMENT,
-                                                       .crc = crc32c(0, data + at, SEGMENT), .data = data + at };
+        changes[i].segment = (struct segment_record) { .stream = id,
+                                                      .first = at / 8,
+                                                      .count = SEGMENT / 8,
+                                                      .offset = at,
+                                                      .length = SEGMENT,
+                                                      .crc = crc32c(0, data + at, SEGMENT),
+                                                      .data = data + at };
     }
     snprintf(name, sizeof name, "%" PRId64, id);
     changes[2].note = (struct note_record) { "stream", name, "{}" };
@@ -229,7 +283,8 @@ static void push(int64_t id)
 /* Its samples are in a batch: rows and file go. */
 static void end_stream(int64_t id)
 {
-    struct ledger_change changes[2] = { { .verb = LEDGER_SEGMENTS_DELETE, .id = id }, { .verb = LEDGER_NOTE_PUT } };
+    struct ledger_change changes[2] = { { .verb = LEDGER_SEGMENTS_DELETE, .id = id },
+                                        { .verb = LEDGER_NOTE_PUT } };
     struct modal_error err;
     char name[24];
 
@@ -279,7 +334,7 @@ static int live(void)
     put_job(4, false);
     move_job(1, JOB_RUNNING);
     finish_job(1, 700);
-    vacuum();                                 /* the log goes to the database, and begins anew with the next group */
+    vacuum();   /* the log goes to the database, and begins anew with the next group */
     move_job(2, JOB_RUNNING);
     finish_job(2, LARGE);
     move_job(3, JOB_RUNNING);
@@ -325,7 +380,8 @@ struct found {
     char problem[700];
 };
 
-static void problem(struct found *found, const char *format, ...) __attribute__((format(printf, 2, 3)));
+static void problem(struct found *found, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
 static void problem(struct found *found, const char *format, ...)
 {
     va_list arguments;
@@ -395,10 +451,12 @@ static enum modal_status find_job(void *context, const struct job_record *job)
     found->states[job->id] = (int)job->state;
     if (job->state != JOB_DONE)
         return MODAL_OK;
-    if (ledger_reader_open(dir, &reader, &err) != MODAL_OK || ledger_read_result(reader, job->id, &text, &length, &err) != MODAL_OK)
+    if (ledger_reader_open(dir, &reader, &err) != MODAL_OK ||
+        ledger_read_result(reader, job->id, &text, &length, &err) != MODAL_OK)
         problem(found, "P5 result of %" PRId64 ": %s", job->id, err.message);
     else {
-        if (length != job->result_bytes || !same_data((unsigned char *)text, 2000 + job->id, length))
+        if (length != job->result_bytes ||
+            !same_data((unsigned char *)text, 2000 + job->id, length))
             problem(found, "P5 result of %" PRId64 " is not what was written", job->id);
         free(text);
     }
@@ -422,7 +480,8 @@ static void check_inline(struct found *found, const struct input_record *input)
     char *data;
     size_t length;
 
-    if (ledger_reader_open(dir, &reader, &err) != MODAL_OK || ledger_read_input(reader, input->id, &data, &length, &err) != MODAL_OK)
+    if (ledger_reader_open(dir, &reader, &err) != MODAL_OK ||
+        ledger_read_input(reader, input->id, &data, &length, &err) != MODAL_OK)
         problem(found, "P5 input %" PRId64 ": %s", input->id, err.message);
     else {
         if (length != 800 || !same_data((unsigned char *)data, input->id, length))
@@ -444,7 +503,8 @@ static void check_sealed(struct found *found, const struct input_record *input)
         problem(found, "P5 sealed input %" PRId64 ": %s", input->id, err.message);
     else if (!same_data(map.data, input->id, BYTES))
         problem(found, "P5 sealed input %" PRId64 " is not what was sent", input->id);
-    else if (identity_of(&input->shape, map.data, BYTES, digest), memcmp(digest, input->sha256, 32) != 0)
+    else if (identity_of(&input->shape, map.data, BYTES, digest),
+             memcmp(digest, input->sha256, 32) != 0)
         problem(found, "P5 sealed input %" PRId64 " has another identity", input->id);
     mapping_close(&map);
 }
@@ -479,11 +539,15 @@ static void check_open(struct found *found, const struct input_record *input)
     else {
         uint64_t at = upload_received(up);
         if (at != input->received || (int64_t)at < found->claims->bytes[input->id])
-            problem(found, "P1 upload %" PRId64 " has %" PRIu64 " bytes, acknowledged were %" PRId64, input->id, at, found->claims->bytes[input->id]);
+            problem(found,
+                    "P1 upload %" PRId64 " has %" PRIu64 " bytes, acknowledged were %" PRId64,
+                    input->id, at, found->claims->bytes[input->id]);
         struct upload_part rest = { data + at, BYTES - at, crc32c(0, data + at, BYTES - at) };
-        if (upload_write(up, at, &rest, 1, &err) != MODAL_OK || (upload_hash(up, &rest, 1), upload_seal(up, digest, &err)) != MODAL_OK)
+        if (upload_write(up, at, &rest, 1, &err) != MODAL_OK ||
+            (upload_hash(up, &rest, 1), upload_seal(up, digest, &err)) != MODAL_OK)
             problem(found, "P5 upload %" PRId64 " cannot be ended: %s", input->id, err.message);
-        else if (identity_of(&input->shape, data, BYTES, expected), memcmp(digest, expected, 32) != 0)
+        else if (identity_of(&input->shape, data, BYTES, expected),
+                 memcmp(digest, expected, 32) != 0)
             problem(found, "P5 upload %" PRId64 " ends with another identity", input->id);
     }
     upload_close(up);
@@ -509,15 +573,19 @@ static enum modal_status find_input(void *context, const struct input_record *in
 static enum modal_status find_segment(void *context, const struct segment_record *segment)
 {
     struct found *found = context;
-    unsigned char *data = data_of(segment->stream, segment->offset + segment->length), *read = malloc(segment->length);
+    unsigned char *data = data_of(segment->stream, segment->offset + segment->length),
+                  *read = malloc(segment->length);
     struct modal_error err;
     char path[PATH];
     int fd = -1;
 
     samples_path(path, dir, segment->stream);
-    if (segment->stream < 1 || segment->stream >= IDS || segment->offset != found->pushed[segment->stream])
-        problem(found, "P5 the segments of stream %" PRId64 " do not lie behind each other", segment->stream);
-    else if (file_open(path, O_RDONLY, 0, &fd, &err) != MODAL_OK || samples_get(fd, segment, read, &err) != MODAL_OK)
+    if (segment->stream < 1 || segment->stream >= IDS ||
+        segment->offset != found->pushed[segment->stream])
+        problem(found, "P5 the segments of stream %" PRId64 " do not lie behind each other",
+                segment->stream);
+    else if (file_open(path, O_RDONLY, 0, &fd, &err) != MODAL_OK ||
+             samples_get(fd, segment, read, &err) != MODAL_OK)
         problem(found, "P5 stream %" PRId64 ": %s", segment->stream, err.message);
     else if (memcmp(read, data + segment->offset, segment->length) != 0)
         problem(found, "P5 stream %" PRId64 " has other samples", segment->stream);
@@ -542,14 +610,19 @@ static void check_claims(struct found *found)
             problem(found, "P1 the deletion of job %d is lost", id);
         if (state >= 0 && found->jobs[id] == 0 && found->tombstones[id] == 0)
             problem(found, "P1 job %d is lost", id);
-        if (state >= 0 && found->jobs[id] == 1 && !reachable((enum job_state)state, (enum job_state)found->states[id]))
-            problem(found, "P3 job %d was %s and is %s", id, job_states[state], job_states[found->states[id]]);
+        if (state >= 0 && found->jobs[id] == 1 &&
+            !reachable((enum job_state)state, (enum job_state)found->states[id]))
+            problem(found, "P3 job %d was %s and is %s", id, job_states[state],
+                    job_states[found->states[id]]);
         if (claims->bytes[id] == -2 && found->inputs[id] != 0)
             problem(found, "P1 the deletion of input %d is lost", id);
         if (claims->bytes[id] >= 0 && id != 12 && id < STREAM && found->inputs[id] == 0)
             problem(found, "P1 input %d is lost", id);
-        if (id >= STREAM && id < STREAM_END && claims->bytes[id] >= 0 && found->pushed[id] < (uint64_t)claims->bytes[id] && !(id == 21 && found->pushed[id] == 0))
-            problem(found, "P1 stream %d has %" PRIu64 " bytes, acknowledged were %" PRId64, id, found->pushed[id], claims->bytes[id]);
+        if (id >= STREAM && id < STREAM_END && claims->bytes[id] >= 0 &&
+            found->pushed[id] < (uint64_t)claims->bytes[id] &&
+            !(id == 21 && found->pushed[id] == 0))
+            problem(found, "P1 stream %d has %" PRIu64 " bytes, acknowledged were %" PRId64, id,
+                    found->pushed[id], claims->bytes[id]);
         if (id >= STREAM && id < STREAM_END && claims->bytes[id] == -2 && found->pushed[id] > 0)
             problem(found, "P1 the end of stream %d is lost", id);
     }
@@ -559,7 +632,11 @@ static void check(const char *acks)
 {
     struct claims claims;
     struct found found = { .claims = &claims };
-    struct ledger_visitor visitor = { .context = &found, .input = find_input, .job = find_job, .tombstone = find_tombstone, .segment = find_segment };
+    struct ledger_visitor visitor = { .context = &found,
+                                      .input = find_input,
+                                      .job = find_job,
+                                      .tombstone = find_tombstone,
+                                      .segment = find_segment };
     struct modal_error err;
 
     read_claims(acks, &claims);
@@ -587,7 +664,8 @@ int main(int argc, char **argv)
     if (argc != 2 || strcmp(argv[1], "check") != 0)
         return 2;
     dup2(open("/dev/null", O_WRONLY), 9);
-    while (fgets(line, sizeof line, stdin) != NULL && sscanf(line, "%4095s %4095s", folder, acks) == 2) {
+    while (fgets(line, sizeof line, stdin) != NULL &&
+           sscanf(line, "%4095s %4095s", folder, acks) == 2) {
         dir = folder;
         check(acks);
     }

@@ -1,4 +1,5 @@
-/* fuzz_batch.c - identify answers any small batch of finite or other doubles with a document of finite numbers, or refuses it by name
+/* fuzz_batch.c - identify answers any small batch of finite or other doubles with a document of
+ * finite numbers, or refuses it by name
  *
  * The input: one byte each for channels, options and scale, then doubles.
  */
@@ -11,8 +12,17 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static const char *const options_of[] = {
-    "{}", "{\"rank.fixed\":2}", "{\"rank.fixed\":4,\"shapes\":true}", "{\"method\":\"partial-floquet\"}", "{\"method\":\"autoregressive\",\"rank.energy\":0.99}",
-    "{\"detrend\":\"mean\"}", "{\"difference\":true}", "{\"band\":[0.1,2]}", "{\"window\":[0.5,3]}", "{\"rows\":8,\"columns\":8}", "{\"signals\":\"all\"}",
+    "{}",
+    "{\"rank.fixed\":2}",
+    "{\"rank.fixed\":4,\"shapes\":true}",
+    "{\"method\":\"partial-floquet\"}",
+    "{\"method\":\"autoregressive\",\"rank.energy\":0.99}",
+    "{\"detrend\":\"mean\"}",
+    "{\"difference\":true}",
+    "{\"band\":[0.1,2]}",
+    "{\"window\":[0.5,3]}",
+    "{\"rows\":8,\"columns\":8}",
+    "{\"signals\":\"all\"}",
 };
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -20,7 +30,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (size < 3)
         return 0;
     size_t channels = 1 + data[0] % 4, values = (size - 3) / sizeof(double);
-    struct batch batch = { .channels = channels, .samples = values / channels, .dt = 0.1, .period = data[0] & 64 ? 0.8 : data[0] & 128 ? 0.77 : 0 };
+    struct batch batch = { .channels = channels,
+                           .samples = values / channels,
+                           .dt = 0.1,
+                           .period = data[0] & 64    ? 0.8
+                                     : data[0] & 128 ? 0.77
+                                                     : 0 };
     if (batch.samples > 300)
         batch.samples = 300;
     double *x = malloc((batch.samples * channels + 1) * sizeof *x);
@@ -28,7 +43,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     memcpy(x, data + 3, batch.samples * channels * sizeof *x);
     if (data[2] & 1)
-        for (size_t i = 0; i < batch.samples * channels; i++)     /* tame most of them: exponents of a few units */
+        /* tame most of them: exponents of a few units */
+        for (size_t i = 0; i < batch.samples * channels; i++)
             x[i] = isfinite(x[i]) && x[i] != 0 ? copysign(exp(fmod(log(fabs(x[i])), 3)), x[i]) : 0;
     batch.signals = x;
 
@@ -38,7 +54,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct job_result result;
     if (json_read(text, strlen(text), &options, &err) != MODAL_OK)
         abort();
-    enum modal_status rc = job_run(&(struct job_request) { .kind = "identify", .options = options, .batch = &batch }, &result, &err);
+    enum modal_status rc =
+        job_run(&(struct job_request) { .kind = "identify", .options = options, .batch = &batch },
+                &result, &err);
     if (rc == MODAL_BAD_INPUT && err.field[0] == '\0')
         abort();
     if (rc == MODAL_INTERNAL)

@@ -22,7 +22,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         double sum = 0;
         for (size_t i = 0; i < signals.samples * signals.channels; i++)
             sum += signals.x[i];
-        if (signals.samples == 0 || signals.channels == 0 || !(signals.dt >= 0) || (sum == 0 && signals.x == NULL))
+        if (signals.samples == 0 || signals.channels == 0 || !(signals.dt >= 0) ||
+            (sum == 0 && signals.x == NULL))
             abort();
     } else if (err.message[0] == '\0') {
         abort();

@@ -2,9 +2,9 @@
  * fuzz_event.c - any bytes as a server's answer to a stream: none is read past its end, and nothing
  * is believed that is no number
  *
- * The first byte chooses REPLY, ERROR or EVENT; the rest is the header.  What the daemon's own strict
- * reader takes as an object, the library's must read alike, member by member.  The library is taken
- * in whole: what reads headers is its own business.
+ * The first byte chooses REPLY, ERROR or EVENT; the rest is the header.  What the daemon's own
+ * strict reader takes as an object, the library's must read alike, member by member.  The library
+ * is taken in whole: what reads headers is its own business.
  */
 #include "modald_stream.c"
 #include "base/json.h"
@@ -13,7 +13,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static void compare_members(const char *header)
 {
-    const char *members[MEMBERS], *end = read_object(skip_space(header), member_names, MEMBERS, members);
+    const char *members[MEMBERS],
+        *end = read_object(skip_space(header), member_names, MEMBERS, members);
     cJSON *object = NULL;
 
     if (json_read(header, strlen(header), &object, NULL) != MODAL_OK || !cJSON_IsObject(object)) {

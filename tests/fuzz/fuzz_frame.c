@@ -1,7 +1,9 @@
 /*
- * fuzz_frame.c - any bytes as frames: decoding never reads past them, and what it accepts is within the limits
+ * fuzz_frame.c - any bytes as frames: decoding never reads past them, and what it accepts is within
+ * the limits
  *
- * The input is cut at each 0xff byte; the pieces are the frames.  A piece "MODALD1" comes first by itself half the time.
+ * The input is cut at each 0xff byte; the pieces are the frames.  A piece "MODALD1" comes first by
+ * itself half the time.
  */
 #include <stdint.h>
 #include <stdlib.h>

@@ -1,4 +1,5 @@
-/* fuzz_json.c - whatever json_read accepts prints, reads back, and prints the same again; from a pool too, which refuses the rest */
+/* fuzz_json.c - whatever json_read accepts prints, reads back, and prints the same again; from a
+ * pool too, which refuses the rest */
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +27,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     free(second);
     cJSON_Delete(value);
     cJSON_Delete(again);
-    if (json_read_pooled((const char *)data, size, &value, &pool, &err) != MODAL_OK || (second = json_print(value)) == NULL || strcmp(first, second) != 0)
+    if (json_read_pooled((const char *)data, size, &value, &pool, &err) != MODAL_OK ||
+        (second = json_print(value)) == NULL || strcmp(first, second) != 0)
         abort();
     json_pool_free(pool);
     free(first);

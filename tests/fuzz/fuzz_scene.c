@@ -1,6 +1,8 @@
-/* fuzz_scene.c - any text is refused by name, or is a scene that lowers, and then steps and has exponents without a bad number
+/* fuzz_scene.c - any text is refused by name, or is a scene that lowers, and then steps and has
+ * exponents without a bad number
  *
- * What lowers is small here: scenes of many dofs or samples are left at lowering, so that the fuzzer stays quick.
+ * What lowers is small here: scenes of many dofs or samples are left at lowering, so that the
+ * fuzzer stays quick.
  */
 #include <math.h>
 #include <stdint.h>

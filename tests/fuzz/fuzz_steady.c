@@ -8,7 +8,8 @@
 
 static double pick(const uint8_t **data, size_t *size)
 {
-    static const double of[] = { 0, 1, -1, 0.5, 2, 10, 0.1, 1e-3, 1e3, 1e-8, 1e8, 0.3, 3, 1e-30, 1e30, 7.7 };
+    static const double of[] = { 0,   1,    -1,  0.5, 2, 10,    0.1,  1e-3,
+                                 1e3, 1e-8, 1e8, 0.3, 3, 1e-30, 1e30, 7.7 };
 
     if (*size == 0)
         return 1;
@@ -17,11 +18,17 @@ static double pick(const uint8_t **data, size_t *size)
 }
 
 static const char *const forms[] = {
-    "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":%g,\"limit\":%g}", "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":%g,\"clearance\":%g}",
-    "{\"type\":\"cubic_spring\",\"dof\":\"x2\",\"coefficient\":%g}", "{\"type\":\"polynomial_damper\",\"dof\":\"x1\",\"coefficients\":[%g,%g]}",
-    "{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":%g}", "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":%g,\"velocity\":%g}",
-    "{\"type\":\"gap\",\"dof\":\"x2\",\"stiffness\":%g,\"clearance\":%g,\"dissipation\":0.5,\"both_sides\":true}",
-    "{\"type\":\"contact_friction\",\"normal\":\"x1\",\"tangential\":\"x2\",\"normal_stiffness\":%g,\"preload\":%g,\"tangential_stiffness\":1,\"mu\":0.3}" };
+    "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":%g,\"limit\":%g}",
+    "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":%g,\"clearance\":%g}",
+    "{\"type\":\"cubic_spring\",\"dof\":\"x2\",\"coefficient\":%g}",
+    "{\"type\":\"polynomial_damper\",\"dof\":\"x1\",\"coefficients\":[%g,%g]}",
+    "{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":%g}",
+    "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":%g,\"velocity\":%g}",
+    "{\"type\":\"gap\",\"dof\":\"x2\",\"stiffness\":%g,\"clearance\":%g,\"dissipation\":0.5,"
+    "\"both_sides\":true}",
+    "{\"type\":\"contact_friction\",\"normal\":\"x1\",\"tangential\":\"x2\","
+    "\"normal_stiffness\":%g,\"preload\":%g,\"tangential_stiffness\":1,\"mu\":0.3}"
+};
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -37,8 +44,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     data += size > 0;
     size -= size > 0;
-    at = (size_t)snprintf(text, sizeof text, "{\"structure\":{\"type\":\"matrices\",\"M\":[[%g,0],[0,1]],\"C\":[[%g,0],[0,0.1]],\"K\":[[%g,-1],[-1,%g]]},\"omega\":%g,\"effects\":[",
-                          pick(&data, &size), pick(&data, &size), pick(&data, &size), pick(&data, &size), fabs(pick(&data, &size)));
+    at = (size_t)snprintf(text, sizeof text,
+                          "{\"structure\":{\"type\":\"matrices\",\"M\":[[%g,0],[0,1]],\"C\":"
+                          "[[%g,0],[0,0.1]],\"K\":[[%g,-1],[-1,%g]]},\"omega\":%g,\"effects\":[",
+                          pick(&data, &size), pick(&data, &size), pick(&data, &size),
+                          pick(&data, &size), fabs(pick(&data, &size)));
     for (int i = 0; i <= effects; i++) {
         size_t which = size > 0 ? *data % 8 : 0;
 
@@ -47,11 +57,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         snprintf(effect, sizeof effect, forms[which], pick(&data, &size), pick(&data, &size));
         at += (size_t)snprintf(text + at, sizeof text - at, "%s%s", i ? "," : "", effect);
     }
-    snprintf(text + at, sizeof text - at, "],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":%g},{\"dof\":\"x2\",\"k\":2,\"sin\":%g}],\"steady\":{\"harmonics\":5,\"max_iterations\":20}}",
+    snprintf(text + at, sizeof text - at,
+             "],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":%g},{\"dof\":\"x2\",\"k\":2,"
+             "\"sin\":%g}],\"steady\":{\"harmonics\":5,\"max_iterations\":20}}",
              pick(&data, &size), pick(&data, &size));
     if (json_read(text, strlen(text), &scene, &err) != MODAL_OK)
         return 0;
-    if (job_run(&(struct job_request) { .kind = "steady", .scene = scene }, &out, &err) == MODAL_OK) {
+    if (job_run(&(struct job_request) { .kind = "steady", .scene = scene }, &out, &err) ==
+        MODAL_OK) {
         const cJSON *row, *x;
 
         if (cJSON_IsTrue(cJSON_GetObjectItem(out.result, "converged")))

@@ -19,13 +19,18 @@
 static struct CMUnitTest check_tests[512];
 static size_t check_count;
 
-#define TEST(NAME)                                                               \
-    static void test_##NAME(void);                                               \
-    static void check_run_##NAME(void **state) { (void)state; test_##NAME(); }   \
-    __attribute__((constructor)) static void check_add_##NAME(void)              \
-    {                                                                            \
-        check_tests[check_count++] = (struct CMUnitTest) { #NAME, check_run_##NAME, NULL, NULL, NULL }; \
-    }                                                                            \
+#define TEST(NAME) \
+    static void test_##NAME(void); \
+    static void check_run_##NAME(void **state) \
+    { \
+        (void)state; \
+        test_##NAME(); \
+    } \
+    __attribute__((constructor)) static void check_add_##NAME(void) \
+    { \
+        check_tests[check_count++] = \
+            (struct CMUnitTest) { #NAME, check_run_##NAME, NULL, NULL, NULL }; \
+    } \
     static void test_##NAME(void)
 
 #define CHECK(CONDITION)                                                         \
@@ -35,19 +40,20 @@ static size_t check_count;
     } while (0)
 
 /* |GOT - EXPECTED| <= TOLERANCE; a NaN on either side fails.  */
-#define CHECK_NEAR(GOT, EXPECTED, TOLERANCE)                                     \
-    do {                                                                         \
-        double got_ = (GOT), expected_ = (EXPECTED), tolerance_ = (TOLERANCE);   \
-        if (!(fabs(got_ - expected_) <= tolerance_))                             \
-            fail_msg("%s:%d: %s is %.17g, not %.17g within %.3g (off by %.3g)", __FILE__, __LINE__, \
-                     #GOT, got_, expected_, tolerance_, fabs(got_ - expected_)); \
+#define CHECK_NEAR(GOT, EXPECTED, TOLERANCE) \
+    do { \
+        double got_ = (GOT), expected_ = (EXPECTED), tolerance_ = (TOLERANCE); \
+        if (!(fabs(got_ - expected_) <= tolerance_)) \
+            fail_msg("%s:%d: %s is %.17g, not %.17g within %.3g (off by %.3g)", __FILE__, \
+                     __LINE__, #GOT, got_, expected_, tolerance_, fabs(got_ - expected_)); \
     } while (0)
 
-#define CHECK_STRING(GOT, EXPECTED)                                              \
-    do {                                                                         \
-        const char *got_ = (GOT), *expected_ = (EXPECTED);                       \
-        if (got_ == NULL || strcmp(got_, expected_) != 0)                        \
-            fail_msg("%s:%d: %s is \"%s\", not \"%s\"", __FILE__, __LINE__, #GOT, got_ ? got_ : "(null)", expected_); \
+#define CHECK_STRING(GOT, EXPECTED) \
+    do { \
+        const char *got_ = (GOT), *expected_ = (EXPECTED); \
+        if (got_ == NULL || strcmp(got_, expected_) != 0) \
+            fail_msg("%s:%d: %s is \"%s\", not \"%s\"", __FILE__, __LINE__, #GOT, \
+                     got_ ? got_ : "(null)", expected_); \
     } while (0)
 
 int main(void)

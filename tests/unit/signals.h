@@ -1,7 +1,9 @@
-/* signals.h - free decays with known exponents, white noise, and their Cramer-Rao bound, for tests and benchmarks
+/* signals.h - free decays with known exponents, white noise, and their Cramer-Rao bound, for tests
+ * and benchmarks
  *
- * Everything here is computed apart from the code under test: signals in extended precision, the bound from the whole
- * Fisher information matrix (exponents and amplitudes of every channel), inverted in extended precision.
+ * Everything here is computed apart from the code under test: signals in extended precision, the
+ * bound from the whole Fisher information matrix (exponents and amplitudes of every channel),
+ * inverted in extended precision.
  */
 #ifndef TESTS_SIGNALS_H
 #define TESTS_SIGNALS_H
@@ -64,15 +66,18 @@ static inline void decay_signals(const struct decay *d, double *y, size_t ld)
         for (int k = 0; k < d->samples; k++) {
             long double t = (long double)k * (long double)d->dt, sum = 0;
             for (int j = 0; j < d->modes; j++) {
-                long double e = expl((long double)creal(d->lambda[j]) * t), w = (long double)cimag(d->lambda[j]) * t;
-                sum += e * ((long double)creal(d->B[j][c]) * cosl(w) - (long double)cimag(d->B[j][c]) * sinl(w));
+                long double e = expl((long double)creal(d->lambda[j]) * t),
+                            w = (long double)cimag(d->lambda[j]) * t;
+                sum += e * ((long double)creal(d->B[j][c]) * cosl(w) -
+                            (long double)cimag(d->B[j][c]) * sinl(w));
             }
             y[(size_t)k + (size_t)c * ld] = (double)sum;
         }
 }
 
 /* White noise of SNR_DB below the mean square of all samples; its standard deviation. */
-static inline double decay_noise(const struct decay *d, double *y, size_t ld, double snr_db, struct random *r)
+static inline double decay_noise(const struct decay *d, double *y, size_t ld, double snr_db,
+                                 struct random *r)
 {
     double sum = 0, sd;
 
@@ -114,7 +119,8 @@ static inline void information_invert(long double *F, int n)
     free(s);
 }
 
-/* The bound for noise SD on every sample: standard deviations of Re and Im of each exponent (Im of a real one: 0). */
+/* The bound for noise SD on every sample: standard deviations of Re and Im of each exponent (Im of
+ * a real one: 0). */
 static inline void decay_bound(const struct decay *d, double sd, double *std_re, double *std_im)
 {
     int at[DECAY_MODES], amplitude[DECAY_MODES], n = 0, columns = 0;
@@ -131,8 +137,10 @@ static inline void decay_bound(const struct decay *d, double sd, double *std_re,
             long double t = (long double)k * (long double)d->dt;
             memset(g, 0, sizeof *g * (size_t)all);
             for (int j = 0; j < d->modes; j++) {
-                long double e = expl((long double)creal(d->lambda[j]) * t), w = (long double)cimag(d->lambda[j]) * t;
-                long double co = e * cosl(w), si = e * sinl(w), br = (long double)creal(d->B[j][c]), bi = (long double)cimag(d->B[j][c]);
+                long double e = expl((long double)creal(d->lambda[j]) * t),
+                            w = (long double)cimag(d->lambda[j]) * t;
+                long double co = e * cosl(w), si = e * sinl(w), br = (long double)creal(d->B[j][c]),
+                            bi = (long double)cimag(d->B[j][c]);
                 int a = n + columns * c + amplitude[j];
                 g[at[j]] = t * (br * co - bi * si), g[a] = co;
                 if (cimag(d->lambda[j]) != 0)
@@ -145,13 +153,19 @@ static inline void decay_bound(const struct decay *d, double sd, double *std_re,
     information_invert(F, all);
     for (int j = 0; j < d->modes; j++) {
         std_re[j] = sd * (double)sqrtl(F[at[j] + at[j] * all]);
-        std_im[j] = cimag(d->lambda[j]) != 0 ? sd * (double)sqrtl(F[at[j] + 1 + (at[j] + 1) * all]) : 0;
+        std_im[j] = cimag(d->lambda[j]) != 0 ? sd * (double)sqrtl(F[at[j] + 1 + (at[j] + 1) * all])
+                                             : 0;
     }
     free(F), free(g);
 }
 
-/* The six cases of the efficiency tests: sep, close, closehi, each short (200) and long (1200 samples), 3 channels. */
-static const struct decay_case { const char *name; int samples, modes; double f[3], zeta[3]; } decay_cases[6] = {
+/* The six cases of the efficiency tests: sep, close, closehi, each short (200) and long (1200
+ * samples), 3 channels. */
+static const struct decay_case {
+    const char *name;
+    int samples, modes;
+    double f[3], zeta[3];
+} decay_cases[6] = {
     { "sep_short", 200, 3, { 1.0, 2.3, 4.1 }, { 0.01, 0.005, 0.02 } },
     { "close_short", 200, 2, { 2.00, 2.02 }, { 0.001, 0.002 } },
     { "closehi_short", 200, 2, { 2.00, 2.02 }, { 0.01, 0.02 } },

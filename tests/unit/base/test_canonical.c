@@ -24,11 +24,14 @@ static bool becomes(const char *json, const char *expected)
 
 TEST(members_stand_in_the_order_of_their_names_at_every_depth)
 {
-    static const char text[] = "{\"B\":[{\"x\":1,\"y\":{\"p\":null,\"q\":\"s\"}},2],\"a\":true,\"ab\":0.1}";
+    static const char text[] =
+        "{\"B\":[{\"x\":1,\"y\":{\"p\":null,\"q\":\"s\"}},2],\"a\":true,\"ab\":0.1}";
 
     CHECK(becomes(text, text));
-    CHECK(becomes("{\"ab\":0.1,\"a\":true,\"B\":[{\"y\":{\"q\":\"s\",\"p\":null},\"x\":1},2]}", text));
-    CHECK(becomes("{\"a\":true,\"B\":[{\"y\":{\"q\":\"s\",\"p\":null},\"x\":1},2],\"ab\":0.1}", text));
+    CHECK(becomes("{\"ab\":0.1,\"a\":true,\"B\":[{\"y\":{\"q\":\"s\",\"p\":null},\"x\":1},2]}",
+                  text));
+    CHECK(becomes("{\"a\":true,\"B\":[{\"y\":{\"q\":\"s\",\"p\":null},\"x\":1},2],\"ab\":0.1}",
+                  text));
 }
 
 TEST(elements_of_a_list_stay_where_they_are)

@@ -37,9 +37,11 @@ TEST(pieces_give_what_the_whole_gives_and_both_ways_agree)
             uint32_t whole = crc32c(0, data + start, (size_t)length);
             CHECK(crc32c_table(0, data + start, (size_t)length) == whole);
             for (int cut = 0; cut <= length; cut += 3) {
-                uint32_t first = crc32c(0, data + start, (size_t)cut), second = crc32c(0, data + start + cut, (size_t)(length - cut));
+                uint32_t first = crc32c(0, data + start, (size_t)cut),
+                         second = crc32c(0, data + start + cut, (size_t)(length - cut));
                 CHECK(crc32c_join(first, second, (uint64_t)(length - cut)) == whole);
-                CHECK(crc32c(crc32c(0, data + start, (size_t)cut), data + start + cut, (size_t)(length - cut)) == whole);
+                CHECK(crc32c(crc32c(0, data + start, (size_t)cut), data + start + cut,
+                             (size_t)(length - cut)) == whole);
             }
         }
 }

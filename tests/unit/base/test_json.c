@@ -13,10 +13,38 @@ static enum modal_status read_text(const char *text, struct modal_error *err)
 
 TEST(what_json_forbids_is_refused_and_leaves_the_output_alone)
 {
-    static const char *const bad[] = {
-        "", " ", "NaN", "Infinity", "-Infinity", "1e999", "-1e400", "{\"a\":NaN}", "[1,]", "{\"a\":1,}", "{\"a\" 1}", "01", "1.", ".5", "+1",
-        "1 2", "\"\\x\"", "\"\\u12\"", "\"\\u0000\"", "\"\n\"", "\"\xff\"", "\"\xc0\xaf\"", "\"\xed\xa0\x80\"", "{\"a\":1", "[", "tru", "nul", "'a'",
-        "{\"\\u0061\":1}", "{a:1}", "\"\\uDDDD0e9", "\"\\udc00\"" };
+    static const char *const bad[] = { "",
+                                       " ",
+                                       "NaN",
+                                       "Infinity",
+                                       "-Infinity",
+                                       "1e999",
+                                       "-1e400",
+                                       "{\"a\":NaN}",
+                                       "[1,]",
+                                       "{\"a\":1,}",
+                                       "{\"a\" 1}",
+                                       "01",
+                                       "1.",
+                                       ".5",
+                                       "+1",
+                                       "1 2",
+                                       "\"\\x\"",
+                                       "\"\\u12\"",
+                                       "\"\\u0000\"",
+                                       "\"\n\"",
+                                       "\"\xff\"",
+                                       "\"\xc0\xaf\"",
+                                       "\"\xed\xa0\x80\"",
+                                       "{\"a\":1",
+                                       "[",
+                                       "tru",
+                                       "nul",
+                                       "'a'",
+                                       "{\"\\u0061\":1}",
+                                       "{a:1}",
+                                       "\"\\uDDDD0e9",
+                                       "\"\\udc00\"" };
     cJSON *value = (cJSON *)&value;
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
@@ -29,20 +57,25 @@ TEST(what_json_forbids_is_refused_and_leaves_the_output_alone)
 /* It ends a text in C: behind it anything could hide. */
 TEST(a_zero_byte_is_refused_wherever_it_stands)
 {
-    static const struct { const char *text; size_t length; } bad[] = {
-        { "\"a\0b\"", 5 }, { "\"a\\\0b\"", 6 }, { "\"\\u00\0\0\"", 8 }, { "{\"a\0\":1}", 8 }, { "{\"a\\\0\":1}", 9 }, { "1\0", 2 }, { "\0", 1 }, { "[1,\0 2]", 7 },
+    static const struct { const char *text; size_t length;
+    } bad[] = {
+        { "\"a\0b\"", 5 },    { "\"a\\\0b\"", 6 },    { "\"\\u00\0\0\"", 8 },
+        { "{\"a\0\":1}", 8 }, { "{\"a\\\0\":1}", 9 }, { "1\0", 2 },
+        { "\0", 1 },          { "[1,\0 2]", 7 },
     };
     cJSON *value = NULL;
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
-        CHECK(json_read(bad[i].text, bad[i].length, &value, NULL) == MODAL_BAD_INPUT && value == NULL);
+        CHECK(json_read(bad[i].text, bad[i].length, &value, NULL) == MODAL_BAD_INPUT &&
+              value == NULL);
 }
 
 TEST(a_duplicate_key_is_refused_with_its_path)
 {
     struct modal_error err;
 
-    CHECK(read_text("{\"effects\":[{},{\"limit\":1,\"x\":2,\"limit\":1}]}", &err) == MODAL_BAD_INPUT);
+    CHECK(read_text("{\"effects\":[{},{\"limit\":1,\"x\":2,\"limit\":1}]}", &err) ==
+          MODAL_BAD_INPUT);
     CHECK_STRING(err.field, "effects[1].limit");
 }
 
@@ -87,7 +120,8 @@ TEST(decimals_of_three_places_print_as_printf_has_them)
 
     for (int i = 0; i < 20000; i++) {
         state = state * 6364136223846793005u + 1442695040888963407u;
-        double x = (double)((long long)(state >> 14) % (1LL << (1 + i % 49))) / 1000 * (i % 2 ? 1 : -1);
+        double x = (double)((long long)(state >> 14) % (1LL << (1 + i % 49))) / 1000 *
+                   (i % 2 ? 1 : -1);
         char expected[40], *text;
         cJSON *number = cJSON_CreateNumber(x);
         snprintf(expected, sizeof expected, "%.15g", x);
@@ -125,9 +159,24 @@ TEST(a_slip_in_json_is_placed_by_line_and_column)
 TEST(a_tree_is_the_one_that_cjson_builds)
 {
     static const char *const good[] = {
-        "{}", "[]", " null ", "true", "[false,[],{}]", "-0", "12", "-999999999999999", "123456789012345678901234567890", "0.1", "1e-320", "-2.5E+3",
-        "\"\"", "\"a\\\"\\\\\\/\\b\\f\\n\\r\\tz\"", "\"\\u00e4\\u20ac\\ud83d\\ude00\\u0041\"", "\"\xc3\xa4\"",
-        "{\"a\":[1,2,{\"b\":null}],\"c\":\"d\", \"e\" : -1.5e3 ,\"\":[[[]]]}" };
+        "{}",
+        "[]",
+        " null ",
+        "true",
+        "[false,[],{}]",
+        "-0",
+        "12",
+        "-999999999999999",
+        "123456789012345678901234567890",
+        "0.1",
+        "1e-320",
+        "-2.5E+3",
+        "\"\"",
+        "\"a\\\"\\\\\\/\\b\\f\\n\\r\\tz\"",
+        "\"\\u00e4\\u20ac\\ud83d\\ude00\\u0041\"",
+        "\"\xc3\xa4\"",
+        "{\"a\":[1,2,{\"b\":null}],\"c\":\"d\", \"e\" : -1.5e3 ,\"\":[[[]]]}"
+    };
 
     for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
         cJSON *ours = NULL, *theirs = cJSON_Parse(good[i]);
@@ -164,7 +213,8 @@ TEST(a_tree_in_a_pool_prints_as_the_text_it_was_read_from_however_large)
     json_text_string(&t, "s", "a\"b\\c\n\xc3\xa4");
     json_text_close(&t);
     CHECK(json_read_pooled(t.x, t.length, &tree, &pool, NULL) == MODAL_OK);
-    CHECK(json_member(tree, "k2718")->valuedouble == 8 && json_member(tree, "k3000") == NULL && json_member(tree->child, "k") == NULL);
+    CHECK(json_member(tree, "k2718")->valuedouble == 8 && json_member(tree, "k3000") == NULL &&
+          json_member(tree->child, "k") == NULL);
     copy = cJSON_Duplicate(tree, true);
     text = json_print(tree);
     CHECK_STRING(text, t.x);
@@ -175,14 +225,18 @@ TEST(a_tree_in_a_pool_prints_as_the_text_it_was_read_from_however_large)
     cJSON_Delete(copy);
     free(text);
     pool = (struct json_pool *)&pool;
-    CHECK(json_read_pooled("{\"a\":[1,}", 9, &tree, &pool, NULL) == MODAL_BAD_INPUT && pool == (struct json_pool *)&pool);
+    CHECK(json_read_pooled("{\"a\":[1,}", 9, &tree, &pool, NULL) == MODAL_BAD_INPUT &&
+          pool == (struct json_pool *)&pool);
     json_pool_free(NULL);
     free(t.x);
 }
 
 TEST(half_a_surrogate_pair_is_refused)
 {
-    static const char *const bad[] = { "\"\\ud83d\"", "\"\\ud83dx\"", "\"\\ud83d\\n\"", "\"\\ude00\\ud83d\"", "\"\\ud83d\\u0041\"", "[\"\\udfff\"]" };
+    static const char *const bad[] = {
+        "\"\\ud83d\"",        "\"\\ud83dx\"",       "\"\\ud83d\\n\"",
+        "\"\\ude00\\ud83d\"", "\"\\ud83d\\u0041\"", "[\"\\udfff\"]"
+    };
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         CHECK(read_text(bad[i], NULL) == MODAL_BAD_INPUT);
@@ -223,7 +277,8 @@ TEST(a_text_written_without_a_tree_reads_as_what_was_written)
     json_text_close(&t);
     json_text_close(&t);
     CHECK(!t.failed);
-    CHECK_STRING(t.x, "{\"list\":[{\"n\":0.1},{\"n\":1.1}],\"s\":\"a\\\"b\",\"none\":null,\"in\":{\"yes\":true,\"no\":false}}");
+    CHECK_STRING(t.x, "{\"list\":[{\"n\":0.1},{\"n\":1.1}],\"s\":\"a\\\"b\",\"none\":null,\"in\":"
+                      "{\"yes\":true,\"no\":false}}");
     free(t.x);
 }
 

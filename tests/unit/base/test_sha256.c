@@ -2,13 +2,16 @@
 #include "check.h"
 #include "base/sha256.h"
 
-/* The examples published with FIPS 180: "abc", and 56 bytes, where the length no longer fits the first block. */
+/* The examples published with FIPS 180: "abc", and 56 bytes, where the length no longer fits the
+ * first block. */
 TEST(the_hash_is_sha_256)
 {
     static const char *const cases[][2] = {
         { "abc", "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" },
-        { "abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq", "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1" },
-        { "", "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855" } };
+        { "abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq",
+          "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1" },
+        { "", "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855" }
+    };
 
     for (int i = 0; i < 3; i++) {
         struct sha256 s;

@@ -1,4 +1,5 @@
-/* test_utf8.c - malformed sequences of RFC 3629 are found; what is not UTF-8 is taken for Latin-1 */
+/* test_utf8.c - malformed sequences of RFC 3629 are found; what is not UTF-8 is taken for Latin-1
+ */
 #include "check.h"
 #include <stdlib.h>
 #include "base/utf8.h"
@@ -14,7 +15,10 @@ TEST(a_sequence_has_the_length_its_first_byte_says)
 /* Alone, overlong (2, 3, 4 bytes), a surrogate, past U+10FFFF, an unused first byte, cut. */
 TEST(a_malformed_sequence_has_no_length)
 {
-    static const char *const bad[] = { "\x80", "\xc1\xbf", "\xe0\x9f\xbf", "\xf0\x8f\xbf\xbf", "\xed\xa0\x80", "\xf4\x90\x80\x80", "\xff", "\xe2\x82" };
+    static const char *const bad[] = { "\x80",         "\xc1\xbf",
+                                       "\xe0\x9f\xbf", "\xf0\x8f\xbf\xbf",
+                                       "\xed\xa0\x80", "\xf4\x90\x80\x80",
+                                       "\xff",         "\xe2\x82" };
 
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         CHECK(utf8_length(bad[i], bad[i] + strlen(bad[i])) == 0);
@@ -24,7 +28,8 @@ TEST(a_malformed_sequence_has_no_length)
 
 TEST(bytes_become_utf8_and_end_at_the_first_zero)
 {
-    char *same = utf8_from("gr\xc3\xbc\xc3\x9f", 7), *latin = utf8_from("gr\xfc\xdf", 4), *cut = utf8_from("ab\0cd", 5);
+    char *same = utf8_from("gr\xc3\xbc\xc3\x9f", 7), *latin = utf8_from("gr\xfc\xdf", 4),
+         *cut = utf8_from("ab\0cd", 5);
 
     CHECK_STRING(same, "gr\xc3\xbc\xc3\x9f");
     CHECK_STRING(latin, "gr\xc3\xbc\xc3\x9f");

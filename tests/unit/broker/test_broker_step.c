@@ -1,13 +1,16 @@
 /*
- * test_broker_step.c - the broker's core without sockets, clocks or disks, driven by a simulator with faults from a seed
+ * test_broker_step.c - the broker's core without sockets, clocks or disks, driven by a simulator
+ * with faults from a seed
  *
- * The world of a seed: a ledger that commits late, in groups, refuses for want of space, and forgets what it had not
- * committed when the daemon "dies"; spool threads that are slow, out of room or out of descriptors; workers that answer, die,
- * fall silent, or answer for an attempt long gone; clients that repeat, cancel, retry, delete, upload in pieces and vanish.  A
- * restart makes a new core from the committed rows alone.  The checker keeps its own account: what was acknowledged, which
- * edges were committed, which results were published, how far each upload was said to be present.
+ * The world of a seed: a ledger that commits late, in groups, refuses for want of space, and
+ * forgets what it had not committed when the daemon "dies"; spool threads that are slow, out of
+ * room or out of descriptors; workers that answer, die, fall silent, or answer for an attempt long
+ * gone; clients that repeat, cancel, retry, delete, upload in pieces and vanish.  A restart makes a
+ * new core from the committed rows alone.  The checker keeps its own account: what was
+ * acknowledged, which edges were committed, which results were published, how far each upload was
+ * said to be present.
  *
- *     MODALD_SEEDS=n   how many worlds (default 1000);  MODALD_SEED=s   that one alone, with its log
+ *     MODALD_SEEDS=n   how many worlds (default 1000);  MODALD_SEED=s  that one alone, with its log
  */
 #include "check.h"
 #include <stdlib.h>
@@ -16,9 +19,20 @@
 #include "broker/core/state.h"
 #include "base/crc32c.h"
 
-enum { KEYS = 24, WORKERS = 3, STEPS = 400, ROWS = 4096, UPLOADS = 3, CHUNK = 96, STREAMS = 2, PUSHED = 4, NOTES = 256 };
+enum {
+    KEYS = 24,
+    WORKERS = 3,
+    STEPS = 400,
+    ROWS = 4096,
+    UPLOADS = 3,
+    CHUNK = 96,
+    STREAMS = 2,
+    PUSHED = 4,
+    NOTES = 256
+};
 
-/* ---- the ledger of the world ------------------------------------------------------------------------------------ */
+/* ---- the ledger of the world
+ * ------------------------------------------------------------------------------------ */
 
 struct row {
     int64_t id;
@@ -34,8 +48,19 @@ struct row {
     int results;                 /* RESULT_PUT rows seen */
 };
 
-struct input_row { int64_t id; char user[16]; uint8_t sha256[32]; uint64_t samples, received; enum input_state state; bool inline_data, gone; };
-struct segment_row { int64_t stream; uint64_t epoch, first, count, offset, length; double data[PUSHED]; };
+struct input_row {
+    int64_t id;
+    char user[16];
+    uint8_t sha256[32];
+    uint64_t samples, received;
+    enum input_state state;
+    bool inline_data, gone;
+};
+struct segment_row {
+    int64_t stream;
+    uint64_t epoch, first, count, offset, length;
+    double data[PUSHED];
+};
 
 /* An upload as its client knows it. */
 struct upload_view {
@@ -61,12 +86,26 @@ struct world {
     struct row rows[ROWS]; int row_count;
     struct input_row inputs[ROWS]; int input_count;
     struct segment_row segments[ROWS]; int segment_count;
-    struct { char user[16], key[16]; uint8_t fingerprint[32]; int64_t job, expired_ns; } stones[ROWS]; int stone_count;
+    struct {
+        char user[16], key[16];
+        uint8_t fingerprint[32];
+        int64_t job, expired_ns;
+    } stones[ROWS];
+    int stone_count;
     struct { char topic[16], name[24], text[600]; } notes[NOTES]; int note_count;
     int64_t last_event;
     struct transaction *waiting, **waiting_end;
     struct task *tasks, **tasks_end;
-    struct { bool alive; int64_t job_pid; char job[9]; int attempt; bool busy, silent; char old_job[9]; int old_attempt; bool booting; } workers[WORKERS];
+    struct {
+        bool alive;
+        int64_t job_pid;
+        char job[9];
+        int attempt;
+        bool busy, silent;
+        char old_job[9];
+        int old_attempt;
+        bool booting;
+    } workers[WORKERS];
     char acked[2][KEYS][9];      /* by user and key: the job it was told */
     int acked_variant[2][KEYS];
     bool expired[2][KEYS];
@@ -124,11 +163,21 @@ static void put_job(const struct job_record *r)
     struct row *row = &w->rows[w->row_count++];
 
     for (int i = 0; i < w->row_count - 1; i++)
-        if (r->key != NULL && !w->rows[i].gone && strcmp(w->rows[i].key, r->key) == 0 && strcmp(w->rows[i].user, r->user) == 0)
+        if (r->key != NULL && !w->rows[i].gone && strcmp(w->rows[i].key, r->key) == 0 &&
+            strcmp(w->rows[i].user, r->user) == 0)
             violate(2, "two rows under one key");
-    *row = (struct row) { .id = r->id, .input = r->input, .priority = r->priority, .run_limit = r->run_limit_ns, .deadline = r->deadline_ns,
-        .not_before = r->not_before_ns, .submitted = r->submitted_ns, .finished = r->finished_ns, .state = r->state, .cached = r->cached,
-        .result_bytes = r->result_bytes, .attempts = r->attempts };
+    *row = (struct row) { .id = r->id,
+                         .input = r->input,
+                         .priority = r->priority,
+                         .run_limit = r->run_limit_ns,
+                         .deadline = r->deadline_ns,
+                         .not_before = r->not_before_ns,
+                         .submitted = r->submitted_ns,
+                         .finished = r->finished_ns,
+                         .state = r->state,
+                         .cached = r->cached,
+                         .result_bytes = r->result_bytes,
+                         .attempts = r->attempts };
     memcpy(row->fingerprint, r->fingerprint, 32);
     copy(row->key, sizeof row->key, r->key);
     copy(row->user, sizeof row->user, r->user);
@@ -178,7 +227,8 @@ static void put_note(const struct note_record *note)
 {
     int at = 0;
 
-    while (at < w->note_count && (strcmp(w->notes[at].topic, note->topic) != 0 || strcmp(w->notes[at].name, note->name) != 0))
+    while (at < w->note_count && (strcmp(w->notes[at].topic, note->topic) != 0 ||
+                                  strcmp(w->notes[at].name, note->name) != 0))
         at++;
     if (note->text == NULL) {
         if (at < w->note_count)
@@ -201,7 +251,8 @@ static void put_segment(const struct segment_record *r)
             end = w->segments[i].offset + w->segments[i].length;
     if (r->offset != end || r->length != 8 * r->count)
         violate(5, "samples are written elsewhere than behind those that are committed");
-    w->segments[w->segment_count] = (struct segment_row) { r->stream, r->epoch, r->first, r->count, r->offset, r->length, { 0 } };
+    w->segments[w->segment_count] = (struct segment_row) { r->stream, r->epoch,  r->first, r->count,
+                                                          r->offset, r->length, { 0 } };
     memcpy(w->segments[w->segment_count++].data, r->data, r->length);
 }
 
@@ -227,8 +278,12 @@ static void apply(struct ledger_change *change)
                 in = &w->inputs[i];
         if (in == NULL)
             in = &w->inputs[w->input_count++];
-        *in = (struct input_row) { .id = change->input.id, .samples = change->input.shape.samples, .received = in->id == change->input.id && !in->gone ? in->received : 0,
-                                   .state = change->input.state, .inline_data = change->input.inline_data };
+        *in = (struct input_row) { .id = change->input.id,
+                                  .samples = change->input.shape.samples,
+                                  .received = in->id == change->input.id && !in->gone ? in->received
+                                                                                      : 0,
+                                  .state = change->input.state,
+                                  .inline_data = change->input.inline_data };
         memcpy(in->sha256, change->input.sha256, 32);
         copy(in->user, sizeof in->user, change->input.user);
         break;
@@ -281,7 +336,9 @@ static void apply(struct ledger_change *change)
     }
 }
 
-/* ---- carrying out ----------------------------------------------------------------------------------------------- */
+/* ---- carrying out
+ * -----------------------------------------------------------------------------------------------
+ */
 
 static void run_step(struct event e);
 
@@ -320,15 +377,22 @@ static void told_gone(const cJSON *header, const char *ident)
 }
 
 /* What an answer to UPLOAD says must not be less than what an earlier one said. */
-static void told_upload(const struct action *a, const cJSON *header, int user, int key, uint64_t offset)
+static void told_upload(const struct action *a, const cJSON *header, int user, int key,
+                        uint64_t offset)
 {
     struct upload_view *v = &w->uploads[user][key];
-    const cJSON *error = cJSON_GetObjectItem(header, "error"), *detail = cJSON_GetObjectItem(error, "detail"), *expected = cJSON_GetObjectItem(detail, "expected");
-    const cJSON *state = cJSON_GetObjectItem(header, "state"), *present = cJSON_GetObjectItem(header, "present"), *ident = cJSON_GetObjectItem(header, "upload");
+    const cJSON *error = cJSON_GetObjectItem(header, "error"),
+                *detail = cJSON_GetObjectItem(error, "detail"),
+                *expected = cJSON_GetObjectItem(detail, "expected");
+    const cJSON *state = cJSON_GetObjectItem(header, "state"),
+                *present = cJSON_GetObjectItem(header, "present"),
+                *ident = cJSON_GetObjectItem(header, "upload");
 
     v->unsure = true;
     if (strcmp(a->verb, "ERROR") == 0) {
-        if (expected != NULL && strcmp(cJSON_GetObjectItem(error, "field")->valuestring, "offset") == 0 && expected->valuedouble < (double)v->acked)
+        if (expected != NULL &&
+            strcmp(cJSON_GetObjectItem(error, "field")->valuestring, "offset") == 0 &&
+            expected->valuedouble < (double)v->acked)
             violate(5, "an upload expects again what was acknowledged");
         return;
     }
@@ -340,12 +404,16 @@ static void told_upload(const struct action *a, const cJSON *header, int user, i
     else if (state != NULL) {                              /* begun */
         if (present->valuedouble < (double)v->acked)
             violate(5, "acknowledged bytes are not present");
-        *v = (struct upload_view) { .open = true, .sent = (uint64_t)present->valuedouble, .acked = (uint64_t)present->valuedouble };
+        *v = (struct upload_view) { .open = true,
+                                   .sent = (uint64_t)present->valuedouble,
+                                   .acked = (uint64_t)present->valuedouble };
         copy(v->ident, sizeof v->ident, ident->valuestring);
-    } else if (v->open && strcmp(ident->valuestring, v->ident) == 0) {     /* a chunk, and not of one that was given up since */
+    } else if (v->open && strcmp(ident->valuestring, v->ident) ==
+                              0) {   /* a chunk, and not of one that was given up since */
         if (present->valuedouble != (double)(offset + CHUNK))
             violate(5, "a chunk's answer is another's");
-        v->acked = (uint64_t)present->valuedouble > v->acked ? (uint64_t)present->valuedouble : v->acked;
+        v->acked = (uint64_t)present->valuedouble > v->acked ? (uint64_t)present->valuedouble
+                                                             : v->acked;
         v->unsure = false;
     }
 }
@@ -355,7 +423,8 @@ static const double *committed_sample(int64_t stream, uint64_t epoch, uint64_t a
 {
     for (int i = 0; i < w->segment_count; i++) {
         const struct segment_row *one = &w->segments[i];
-        if (one->stream == stream && one->epoch == epoch && at >= one->first && at < one->first + one->count)
+        if (one->stream == stream && one->epoch == epoch && at >= one->first &&
+            at < one->first + one->count)
             return &one->data[at - one->first];
     }
     return NULL;
@@ -373,21 +442,26 @@ static void told_push(int n, const char *ident, uint64_t epoch)
     }
 }
 
-/* What a closed stream is said to be never changes; what was acknowledged of an open one is never less. */
+/* What a closed stream is said to be never changes; what was acknowledged of an open one is never
+ * less. */
 static void told_stream(const struct action *a, const cJSON *header, int n)
 {
     int user = w->asked[n].user, key = w->asked[n].key;
     struct stream_view *v = &w->streams[user][key];
-    const cJSON *next = cJSON_GetObjectItem(header, "next"), *epoch = cJSON_GetObjectItem(header, "epoch"), *sha256 = cJSON_GetObjectItem(header, "sha256");
+    const cJSON *next = cJSON_GetObjectItem(header, "next"),
+                *epoch = cJSON_GetObjectItem(header, "epoch"),
+                *sha256 = cJSON_GetObjectItem(header, "sha256");
     const cJSON *ident = cJSON_GetObjectItem(header, "stream");
     bool same = next != NULL && v->open && strcmp(ident->valuestring, v->ident) == 0;
 
-    if (w->asked[n].push && strcmp(a->verb, "REPLY") == 0 && cJSON_GetObjectItem(header, "samples") == NULL)
+    if (w->asked[n].push && strcmp(a->verb, "REPLY") == 0 &&
+        cJSON_GetObjectItem(header, "samples") == NULL)
         told_push(n, ident->valuestring, (uint64_t)epoch->valuedouble);
     if (strcmp(a->verb, "ERROR") == 0) {
         v->unsure = true;
         v->asked = false;
-    } else if (cJSON_GetObjectItem(header, "samples") != NULL && strcmp(ident->valuestring, v->ended) == 0) {
+    } else if (cJSON_GetObjectItem(header, "samples") != NULL &&
+               strcmp(ident->valuestring, v->ended) == 0) {
         if (strcmp(sha256 == NULL ? "" : sha256->valuestring, v->sha256) != 0)
             violate(5, "a closed stream is closed to something else");
     } else if (cJSON_GetObjectItem(header, "samples") != NULL) {
@@ -399,11 +473,13 @@ static void told_stream(const struct action *a, const cJSON *header, int n)
         *v = ended;
         w->closed++;
     } else if (same) {
-        if (epoch->valuedouble < (double)v->epoch || (epoch->valuedouble == (double)v->epoch && next->valuedouble < (double)v->acked))
+        if (epoch->valuedouble < (double)v->epoch ||
+            (epoch->valuedouble == (double)v->epoch && next->valuedouble < (double)v->acked))
             violate(5, "acknowledged samples are not present");
         v->epoch = (uint64_t)epoch->valuedouble;
         v->acked = (uint64_t)next->valuedouble;
-    } else if (cJSON_GetObjectItem(header, "name") != NULL && strcmp(ident->valuestring, v->ended) != 0) {      /* opened anew */
+    } else if (cJSON_GetObjectItem(header, "name") != NULL &&
+               strcmp(ident->valuestring, v->ended) != 0) {   /* opened anew */
         v->open = true;
         v->epoch = (uint64_t)epoch->valuedouble;
         v->acked = (uint64_t)next->valuedouble;
@@ -418,7 +494,8 @@ static void told_stream(const struct action *a, const cJSON *header, int n)
 /* The doc or the error that answers submission N. */
 static void told_of_submit(int n, const cJSON *doc)
 {
-    int user = w->asked[n & 4095].user, key = w->asked[n & 4095].key, variant = w->asked[n & 4095].variant;
+    int user = w->asked[n & 4095].user, key = w->asked[n & 4095].key,
+        variant = w->asked[n & 4095].variant;
     const cJSON *job = cJSON_GetObjectItem(doc, "job"), *error = cJSON_GetObjectItem(doc, "error");
     const char *code = error == NULL ? "" : cJSON_GetObjectItem(error, "code")->valuestring;
 
@@ -433,7 +510,8 @@ static void told_of_submit(int n, const cJSON *doc)
             violate(2, "a key that had expired ran again");
         copy(w->acked[user][key], 9, job->valuestring);
         w->acked_variant[user][key] = variant;
-    } else if (strcmp(code, "conflict") == 0 && w->acked[user][key][0] != 0 && w->acked_variant[user][key] == variant)
+    } else if (strcmp(code, "conflict") == 0 && w->acked[user][key][0] != 0 &&
+               w->acked_variant[user][key] == variant)
         violate(2, "a conflict with itself");
     else if (strcmp(code, "expired") == 0)
         w->expired[user][key] = true;
@@ -457,7 +535,9 @@ static void told_of_many(int n, const struct action *a)
 static void told(const struct action *a)
 {
     cJSON *header = cJSON_Parse(a->header);
-    const cJSON *id = cJSON_GetObjectItem(header, "id"), *verb = cJSON_GetObjectItem(header, "verb"), *job = cJSON_GetObjectItem(header, "job");
+    const cJSON *id = cJSON_GetObjectItem(header, "id"),
+                *verb = cJSON_GetObjectItem(header, "verb"),
+                *job = cJSON_GetObjectItem(header, "job");
     const cJSON *state = cJSON_GetObjectItem(header, "state");
     struct row *row = NULL;
 
@@ -465,10 +545,12 @@ static void told(const struct action *a)
         printf("  -> %s %s\n", a->verb, a->header);
     if (job != NULL && strcmp(a->verb, "REPLY") == 0)
         row = row_by_id(ident_number(w->settings.secret, job->valuestring));
-    if (row != NULL && state != NULL && cJSON_GetObjectItem(header, "deleted") == NULL && strcmp(job_states[row->state], state->valuestring) != 0
-        && job_state_final(row->state) && row->state != JOB_DEAD)
+    if (row != NULL && state != NULL && cJSON_GetObjectItem(header, "deleted") == NULL &&
+        strcmp(job_states[row->state], state->valuestring) != 0 && job_state_final(row->state) &&
+        row->state != JOB_DEAD)
         violate(3, "a doc shows another state than the committed end");
-    if (row == NULL && job != NULL && strcmp(a->verb, "REPLY") == 0 && cJSON_GetObjectItem(header, "deleted") == NULL)
+    if (row == NULL && job != NULL && strcmp(a->verb, "REPLY") == 0 &&
+        cJSON_GetObjectItem(header, "deleted") == NULL)
         violate(1, "a doc of a job that is not committed");
     if (verb != NULL && strcmp(verb->valuestring, "SUBMIT") == 0 && cJSON_IsNumber(id))
         told_of_submit((int)id->valuedouble, header);
@@ -557,11 +639,14 @@ static void run_step(struct event e)
     carry_out_all(core_step(w->core, &e, w->now));
 }
 
-/* ---- what may happen -------------------------------------------------------------------------------------------- */
+/* ---- what may happen
+ * -------------------------------------------------------------------------------------------- */
 
 static void request(int user, const char *verb, const char *header, const void *body, size_t size)
 {
-    struct wire_frame frames[4] = { { WIRE_VERSION, 7 }, { verb, strlen(verb) }, { header, strlen(header) }, { body, size } };
+    struct wire_frame frames[4] = {
+        { WIRE_VERSION, 7 }, { verb, strlen(verb) }, { header, strlen(header) }, { body, size }
+    };
     struct blob *blobs[1] = { body != NULL ? blob_copy(body, size) : NULL };
     struct wire_message m;
     struct modal_error err;
@@ -571,8 +656,14 @@ static void request(int user, const char *verb, const char *header, const void *
         printf("<- %s %s\n", verb, header);
     if (m.body_count == 1)
         m.body[0].data = blobs[0]->data;
-    run_step((struct event) { .type = EVENT_REQUEST, .peer = 1 + (uint64_t)user, .key = user == 0 ? "" : "second", .message = rc == MODAL_OK ? &m : NULL,
-                              .verb = m.verb, .id = m.id, .fault = &err, .body = blobs });
+    run_step((struct event) { .type = EVENT_REQUEST,
+                             .peer = 1 + (uint64_t)user,
+                             .key = user == 0 ? "" : "second",
+                             .message = rc == MODAL_OK ? &m : NULL,
+                             .verb = m.verb,
+                             .id = m.id,
+                             .fault = &err,
+                             .body = blobs });
     wire_close(&m);
     blob_drop(blobs[0]);
 }
@@ -587,8 +678,11 @@ static void submit_something(void)
     w->asked[n].user = user;
     w->asked[n].key = key;
     w->asked[n].variant = variant;
-    snprintf(header, sizeof header, "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}%s%s}",
-             n, key, roll(256), roll(5) == 0 ? ",\"run_limit_s\":3" : "", roll(8) == 0 ? ",\"deadline_s\":30" : "");
+    snprintf(header, sizeof header,
+             "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":"
+             "{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}%s%s}",
+             n, key, roll(256), roll(5) == 0 ? ",\"run_limit_s\":3" : "",
+             roll(8) == 0 ? ",\"deadline_s\":30" : "");
     request(user, "SUBMIT", header, data, sizeof data);
 }
 
@@ -607,9 +701,11 @@ static void submit_some(void)
         w->asked[n].variant = variant;
         data[2 * i] = key + 100 * user;
         data[2 * i + 1] = variant;
-        used += (size_t)snprintf(header + used, sizeof header - used,
-            "%s{\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}",
-            i > 0 ? "," : "", key, roll(256));
+        used +=
+            (size_t)snprintf(header + used, sizeof header - used,
+                             "%s{\"kind\":\"identify\",\"key\":\"k%d\",\"priority\":%u,\"input\":"
+                             "{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}",
+                             i > 0 ? "," : "", key, roll(256));
     }
     snprintf(header + used, sizeof header - used, "]}");
     w->asked[first & 4095].together = together;
@@ -632,14 +728,23 @@ static void ask_upload(int user, int key, const char *op, uint64_t offset)
     hash_of(strcmp(op, "spoil") == 0 ? samples + 1 : samples, sha256);
     sha256_hex(sha256, hex);
     if (strcmp(op, "begin") == 0)
-        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"begin\",\"key\":\"u%d\",\"content\":\"batch\",\"samples\":%d,\"channels\":1,\"dt\":1}", n, key, (int)samples);
+        snprintf(header, sizeof header,
+                 "{\"id\":%d,\"op\":\"begin\",\"key\":\"u%d\",\"content\":\"batch\","
+                 "\"samples\":%d,\"channels\":1,\"dt\":1}",
+                 n, key, (int)samples);
     else if (strcmp(op, "chunk") == 0)
-        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"chunk\",\"upload\":\"%s\",\"offset\":%d,\"crc32c\":%u}", n, v->ident, (int)offset, crc32c(0, body, CHUNK));
+        snprintf(header, sizeof header,
+                 "{\"id\":%d,\"op\":\"chunk\",\"upload\":\"%s\",\"offset\":%d,\"crc32c\":%u}", n,
+                 v->ident, (int)offset, crc32c(0, body, CHUNK));
     else if (strcmp(op, "seal") == 0 || strcmp(op, "spoil") == 0)
-        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"seal\",\"upload\":\"%s\",\"sha256\":\"%s\"}", n, v->ident, hex);
+        snprintf(header, sizeof header,
+                 "{\"id\":%d,\"op\":\"seal\",\"upload\":\"%s\",\"sha256\":\"%s\"}", n, v->ident,
+                 hex);
     else
-        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"abort\",\"upload\":\"%s\"}", n, v->ident);
-    request(user, "UPLOAD", header, strcmp(op, "chunk") == 0 ? body : NULL, strcmp(op, "chunk") == 0 ? CHUNK : 0);
+        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"abort\",\"upload\":\"%s\"}", n,
+                 v->ident);
+    request(user, "UPLOAD", header, strcmp(op, "chunk") == 0 ? body : NULL,
+            strcmp(op, "chunk") == 0 ? CHUNK : 0);
 }
 
 /* The next thing a client does with an upload, several chunks ahead of the answers. */
@@ -676,16 +781,23 @@ static void ask_stream(int user, int key, const char *op, const char *ident)
     w->asked[n].twist = v->twist;
     w->asked[n].push = strcmp(op, "push") == 0;
     if (strcmp(op, "open") == 0)
-        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"open\",\"name\":\"r%d\",\"channels\":1,\"dt\":0.1,\"window\":{\"samples\":12,\"hop\":8}}", n, key);
+        snprintf(header, sizeof header,
+                 "{\"id\":%d,\"op\":\"open\",\"name\":\"r%d\",\"channels\":1,\"dt\":0.1,"
+                 "\"window\":{\"samples\":12,\"hop\":8}}",
+                 n, key);
     else if (strcmp(op, "push") == 0)
-        snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"push\",\"stream\":\"%s\",\"epoch\":%d,\"first\":%d,\"count\":%d,\"crc32c\":%u}", n, ident, (int)v->epoch,
-                 (int)v->sent, PUSHED, crc32c(0, data, sizeof data));
+        snprintf(header, sizeof header,
+                 "{\"id\":%d,\"op\":\"push\",\"stream\":\"%s\",\"epoch\":%d,\"first\":%d,"
+                 "\"count\":%d,\"crc32c\":%u}",
+                 n, ident, (int)v->epoch, (int)v->sent, PUSHED, crc32c(0, data, sizeof data));
     else
         snprintf(header, sizeof header, "{\"id\":%d,\"op\":\"close\",\"stream\":\"%s\"}", n, ident);
-    request(user, "STREAM", header, strcmp(op, "push") == 0 ? data : NULL, strcmp(op, "push") == 0 ? sizeof data : 0);
+    request(user, "STREAM", header, strcmp(op, "push") == 0 ? data : NULL,
+            strcmp(op, "push") == 0 ? sizeof data : 0);
 }
 
-/* The next thing a simulation does with its stream: now and then it goes on from a checkpoint, with other samples. */
+/* The next thing a simulation does with its stream: now and then it goes on from a checkpoint, with
+ * other samples. */
 static void stream_something(int user, int key, bool close)
 {
     struct stream_view *v = &w->streams[user][key];
@@ -714,17 +826,22 @@ static void ask_about_something(const char *verb)
     request((int)roll(2), verb, header, NULL, 0);
 }
 
-static void worker_says(int slot, const char *verb, const char *job, int attempt, const char *more, const char *body)
+static void worker_says(int slot, const char *verb, const char *job, int attempt, const char *more,
+                        const char *body)
 {
     char header[300];
-    struct wire_frame frames[4] = { { WIRE_WORKER, 7 }, { verb, strlen(verb) }, { header, 0 }, { body, body == NULL ? 0 : strlen(body) } };
+    struct wire_frame frames[4] = { { WIRE_WORKER, 7 },
+                                    { verb, strlen(verb) },
+                                    { header, 0 },
+                                    { body, body == NULL ? 0 : strlen(body) } };
     struct blob *blobs[1] = { body != NULL ? blob_copy(body, strlen(body)) : NULL };
     struct wire_message m;
 
     snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s}", job, attempt, more);
     frames[2].size = strlen(header);
     if (wire_open(frames, body != NULL ? 4 : 3, WIRE_WORKER, false, &m, NULL) == MODAL_OK)
-        run_step((struct event) { .type = EVENT_WORKER, .slot = slot, .message = &m, .body = blobs });
+        run_step(
+            (struct event) { .type = EVENT_WORKER, .slot = slot, .message = &m, .body = blobs });
     wire_close(&m);
     blob_drop(blobs[0]);
 }
@@ -744,15 +861,18 @@ static void worker_acts(void)
     } else if (what == 1) {
         w->workers[slot].silent = true;                    /* it hangs */
     } else if (what == 2 && w->workers[slot].old_job[0] != 0) {
-        worker_says(slot, "DONE", w->workers[slot].old_job, w->workers[slot].old_attempt, "", "{\"late\":1}");
+        worker_says(slot, "DONE", w->workers[slot].old_job, w->workers[slot].old_attempt, "",
+                    "{\"late\":1}");
     } else if (w->workers[slot].busy && what < 14) {
         memcpy(w->workers[slot].old_job, w->workers[slot].job, sizeof w->workers[slot].job);
         w->workers[slot].old_attempt = w->workers[slot].attempt;
         w->workers[slot].busy = false;
         if (what < 12)
-            worker_says(slot, "DONE", w->workers[slot].job, w->workers[slot].attempt, ",\"cpu_s\":0.1", "{\"kind\":\"identify\"}");
+            worker_says(slot, "DONE", w->workers[slot].job, w->workers[slot].attempt,
+                        ",\"cpu_s\":0.1", "{\"kind\":\"identify\"}");
         else
-            worker_says(slot, "FAILED", w->workers[slot].job, w->workers[slot].attempt, ",\"error\":{\"code\":\"no_convergence\",\"message\":\"x\"}", NULL);
+            worker_says(slot, "FAILED", w->workers[slot].job, w->workers[slot].attempt,
+                        ",\"error\":{\"code\":\"no_convergence\",\"message\":\"x\"}", NULL);
         worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
     } else
         worker_says(slot, "BEAT", "", 0, "", NULL);
@@ -765,7 +885,8 @@ static void exits(void)
         if (!w->workers[slot].alive && !slot_waits[slot]) {
             slot_waits[slot] = true;
             w->workers[slot].busy = false;
-            run_step((struct event) { .type = EVENT_EXIT, .slot = slot, .status = 9, .stderr_text = "last words" });
+            run_step((struct event){
+                .type = EVENT_EXIT, .slot = slot, .status = 9, .stderr_text = "last words" });
         }
 }
 
@@ -776,7 +897,8 @@ static void note_alive(void)
             slot_waits[slot] = false;
 }
 
-/* Commit a prefix of what waits as one group; on a full disk the refusable ones of it are refused, and those behind their fences. */
+/* Commit a prefix of what waits as one group; on a full disk the refusable ones of it are refused,
+ * and those behind their fences. */
 static void commit_some(uint32_t most)
 {
     for (uint32_t n = 0; n < most && w->waiting != NULL; n++) {
@@ -785,7 +907,9 @@ static void commit_some(uint32_t most)
         if (w->waiting == NULL)
             w->waiting_end = &w->waiting;
         t->next = NULL;
-        if ((t->fence != NULL && atomic_load(t->fence)) || (w->full && (t->refusable == FIRST_REFUSED || (t->refusable == LAST_REFUSED && roll(2) == 0))))
+        if ((t->fence != NULL && atomic_load(t->fence)) ||
+            (w->full &&
+             (t->refusable == FIRST_REFUSED || (t->refusable == LAST_REFUSED && roll(2) == 0))))
             t->status = MODAL_STORAGE_FULL;
         for (size_t i = 0; t->status == MODAL_OK && i < t->count; i++)
             apply(&t->changes[i]);
@@ -799,9 +923,13 @@ static void commit_some(uint32_t most)
 static enum modal_status luck(const struct task *task)
 {
     switch (task->type) {
-    case TASK_BEGIN: case TASK_SEAL: case TASK_STREAM_SEAL: return roll(8) == 0 ? MODAL_BUSY : w->full && roll(2) == 0 ? MODAL_STORAGE_FULL : MODAL_OK;
+    case TASK_BEGIN:
+    case TASK_SEAL:
+    case TASK_STREAM_SEAL:
+        return roll(8) == 0 ? MODAL_BUSY : w->full && roll(2) == 0 ? MODAL_STORAGE_FULL : MODAL_OK;
     case TASK_RESUME: return roll(8) == 0 ? MODAL_BUSY : MODAL_OK;
-    case TASK_WRITE: return roll(8) == 0 || (w->full && roll(2) == 0) ? MODAL_STORAGE_FULL : MODAL_OK;
+    case TASK_WRITE:
+        return roll(8) == 0 || (w->full && roll(2) == 0) ? MODAL_STORAGE_FULL : MODAL_OK;
     default: return MODAL_OK;
     }
 }
@@ -838,7 +966,8 @@ static void do_task(struct task *t)
     t->status = luck(t);
     if (t->status != MODAL_OK)
         modal_fail(&t->err, t->status, "bad luck");
-    else if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT || t->type == TASK_READ_STDERR)
+    else if (t->type == TASK_READ_INPUT || t->type == TASK_READ_RESULT ||
+             t->type == TASK_READ_STDERR)
         t->text = blob_copy("0123456789abcdef", 16);
     else if (t->type == TASK_ROOM)
         t->total = w->full ? 0 : 1 << 30;
@@ -858,7 +987,8 @@ static void do_task(struct task *t)
     if (t->type == TASK_RESUME) {
         t->upload = t->status == MODAL_OK ? (void *)&handle : NULL;
         for (int i = 0; i < w->input_count && t->status == MODAL_OK; i++)
-            if (w->inputs[i].id == t->id && !w->inputs[i].gone && w->inputs[i].received != t->offset)
+            if (w->inputs[i].id == t->id && !w->inputs[i].gone &&
+                w->inputs[i].received != t->offset)
                 violate(5, "an upload is taken up before its chunks are committed");
     }
     run_step((struct event) { .type = EVENT_TASK, .task = t });
@@ -875,13 +1005,23 @@ static void do_tasks(uint32_t most)
     }
 }
 
-/* ---- restarts --------------------------------------------------------------------------------------------------- */
+/* ---- restarts
+ * -------------------------------------------------------------------------------------------------
+ */
 
 static void load_rows(struct ledger_visitor *v)
 {
     for (int i = 0; i < w->input_count; i++) {
-        struct input_record r = { .id = w->inputs[i].id, .user = w->inputs[i].user, .shape = { .type = INPUT_BATCH, .samples = w->inputs[i].samples, .channels = 1, .dt = 1 },
-                                  .state = w->inputs[i].state, .inline_data = w->inputs[i].inline_data, .received = w->inputs[i].received, .created_ns = 1,
+        struct input_record r = { .id = w->inputs[i].id,
+                                  .user = w->inputs[i].user,
+                                  .shape = { .type = INPUT_BATCH,
+                                             .samples = w->inputs[i].samples,
+                                             .channels = 1,
+                                             .dt = 1 },
+                                  .state = w->inputs[i].state,
+                                  .inline_data = w->inputs[i].inline_data,
+                                  .received = w->inputs[i].received,
+                                  .created_ns = 1,
                                   .used_ns = w->now.utc_ns };
         memcpy(r.sha256, w->inputs[i].sha256, 32);
         if (!w->inputs[i].gone)
@@ -889,27 +1029,53 @@ static void load_rows(struct ledger_visitor *v)
     }
     for (int i = 0; i < w->row_count; i++) {
         const struct row *row = &w->rows[i];
-        struct job_record r = { .id = row->id, .user = row->user, .key = row->key[0] ? row->key : NULL, .kind = row->kind, .options = row->options, .input = row->input,
-            .priority = row->priority, .run_limit_ns = row->run_limit, .deadline_ns = row->deadline, .not_before_ns = row->not_before, .tag = row->tag,
-            .state = row->state, .attempts = row->attempts, .crashes = row->crashes, .submitted_ns = row->submitted, .started_ns = row->started,
-            .finished_ns = row->finished, .error_code = row->error[0] ? row->error : NULL, .result_bytes = row->result_bytes, .cached = row->cached };
+        struct job_record r = { .id = row->id,
+                                .user = row->user,
+                                .key = row->key[0] ? row->key : NULL,
+                                .kind = row->kind,
+                                .options = row->options,
+                                .input = row->input,
+                                .priority = row->priority,
+                                .run_limit_ns = row->run_limit,
+                                .deadline_ns = row->deadline,
+                                .not_before_ns = row->not_before,
+                                .tag = row->tag,
+                                .state = row->state,
+                                .attempts = row->attempts,
+                                .crashes = row->crashes,
+                                .submitted_ns = row->submitted,
+                                .started_ns = row->started,
+                                .finished_ns = row->finished,
+                                .error_code = row->error[0] ? row->error : NULL,
+                                .result_bytes = row->result_bytes,
+                                .cached = row->cached };
         memcpy(r.fingerprint, row->fingerprint, 32);
         if (!row->gone)
             v->job(v->context, &r);
     }
     for (int i = 0; i < w->stone_count; i++) {
-        struct tombstone_record r = { .user = w->stones[i].user, .key = w->stones[i].key, .job = w->stones[i].job, .expired_ns = w->stones[i].expired_ns };
+        struct tombstone_record r = { .user = w->stones[i].user,
+                                      .key = w->stones[i].key,
+                                      .job = w->stones[i].job,
+                                      .expired_ns = w->stones[i].expired_ns };
         v->tombstone(v->context, &r);
     }
     for (int i = 0; i < w->note_count; i++)
-        v->note(v->context, &(struct note_record) { w->notes[i].topic, w->notes[i].name, w->notes[i].text });
-    for (int i = 0; i < w->segment_count; i++) {           /* one stream's are in order, which is what matters */
+        v->note(v->context,
+                &(struct note_record) { w->notes[i].topic, w->notes[i].name, w->notes[i].text });
+    /* one stream's are in order, which is what matters */
+    for (int i = 0; i < w->segment_count; i++) {
         const struct segment_row *one = &w->segments[i];
-        v->segment(v->context, &(struct segment_record) { .stream = one->stream, .epoch = one->epoch, .first = one->first, .count = one->count,
-                                                          .offset = one->offset, .length = one->length });
+        v->segment(v->context, &(struct segment_record) { .stream = one->stream,
+                                                         .epoch = one->epoch,
+                                                         .first = one->first,
+                                                         .count = one->count,
+                                                         .offset = one->offset,
+                                                         .length = one->length });
     }
     if (w->last_event > 0)
-        v->event(v->context, &(struct event_record) { .number = w->last_event, .user = "one", .text = "{}" });
+        v->event(v->context,
+                 &(struct event_record) { .number = w->last_event, .user = "one", .text = "{}" });
 }
 
 static void drop_all(void)
@@ -966,19 +1132,22 @@ static void restart(void)
         struct stream_view *v = &w->streams[i / STREAMS][i % STREAMS];
         v->unsure = true;
         v->asked = false;
-        v->ended[0] = 0;                           /* a restart does not remember those that are closed */
+        v->ended[0] = 0;   /* a restart does not remember those that are closed */
     }
     boot();
 }
 
-/* ---- a world ---------------------------------------------------------------------------------------------------- */
+/* ---- a world
+ * -------------------------------------------------------------------------------------------------
+ */
 
 static void pass_time(void)
 {
     int64_t ns = (int64_t)roll(4) * SECOND + (int64_t)roll(1000) * 1000000;
 
     w->now.mono_ns += ns;
-    w->now.utc_ns += ns + (roll(50) == 0 ? ((int64_t)roll(7200) - 3600) * SECOND : 0);     /* the wall clock may jump an hour */
+    /* the wall clock may jump an hour */
+    w->now.utc_ns += ns + (roll(50) == 0 ? ((int64_t)roll(7200) - 3600) * SECOND : 0);
     run_step((struct event) { .type = EVENT_TIME });
 }
 
@@ -1023,7 +1192,8 @@ static void settle(void)
     w->full = false;
     for (int round = 0; round < 3000; round++) {
         core_count(w->core, &n);
-        if (n.states[JOB_QUEUED] == 0 && n.states[JOB_RUNNING] == 0 && n.uncommitted == 0 && n.tasks == 0)
+        if (n.states[JOB_QUEUED] == 0 && n.states[JOB_RUNNING] == 0 && n.uncommitted == 0 &&
+            n.tasks == 0)
             return;
         for (int slot = 0; slot < WORKERS; slot++) {
             if (w->workers[slot].silent)
@@ -1087,12 +1257,16 @@ static void check_acknowledged(void)
 {
     for (int user = 0; user < 2; user++)
         for (int key = 0; key < KEYS; key++) {
-            struct row *row = w->acked[user][key][0] == 0 ? NULL : row_by_id(ident_number(w->settings.secret, w->acked[user][key]));
+            struct row *row =
+                w->acked[user][key][0] == 0
+                    ? NULL
+                    : row_by_id(ident_number(w->settings.secret, w->acked[user][key]));
             bool stone = false;
             char name[16];
             snprintf(name, sizeof name, "k%d", key);
             for (int i = 0; i < w->stone_count; i++)
-                stone |= strcmp(w->stones[i].key, name) == 0 && strcmp(w->stones[i].user, user == 0 ? "one" : "two") == 0;
+                stone |= strcmp(w->stones[i].key, name) == 0 &&
+                         strcmp(w->stones[i].user, user == 0 ? "one" : "two") == 0;
             if (w->acked[user][key][0] != 0 && row == NULL && !stone)
                 violate(1, "an acknowledged job is lost");
             if (row != NULL && !job_state_final(row->state))
@@ -1112,11 +1286,24 @@ static void open_world(uint64_t seed, bool verbose)
     w->waiting_end = &w->waiting;
     w->tasks_end = &w->tasks;
     w->now = (struct moment) { 1000 * SECOND, INT64_C(1790000000) * SECOND };
-    w->account[0] = (struct account) { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN, .weight = 1 };
-    w->account[1] = (struct account) { .key = "second", .user = "two", .role = WIRE_ROLE_SUBMIT, .weight = 2 };
-    w->settings = (struct settings) { .accounts = w->account, .account_count = 2, .workers = WORKERS, .queue_jobs = 20, .input_bytes = 1 << 20,
-        .window_bytes = 1 << 20, .lease_ns = 5 * SECOND, .result_age_ns = 3600 * SECOND, .input_age_ns = 60 * SECOND, .tombstone_age_ns = 86400 * SECOND,
-        .upload_idle_ns = 86400 * SECOND, .result_bytes = 1 << 30, .events_kept = 1024, .secret = 0x1234567 };
+    w->account[0] =
+        (struct account) { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN, .weight = 1 };
+    w->account[1] =
+        (struct account) { .key = "second", .user = "two", .role = WIRE_ROLE_SUBMIT, .weight = 2 };
+    w->settings = (struct settings) { .accounts = w->account,
+                                     .account_count = 2,
+                                     .workers = WORKERS,
+                                     .queue_jobs = 20,
+                                     .input_bytes = 1 << 20,
+                                     .window_bytes = 1 << 20,
+                                     .lease_ns = 5 * SECOND,
+                                     .result_age_ns = 3600 * SECOND,
+                                     .input_age_ns = 60 * SECOND,
+                                     .tombstone_age_ns = 86400 * SECOND,
+                                     .upload_idle_ns = 86400 * SECOND,
+                                     .result_bytes = 1 << 30,
+                                     .events_kept = 1024,
+                                     .secret = 0x1234567 };
     boot();
 }
 
@@ -1155,7 +1342,8 @@ TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
         for (long seed = 0; seed < seeds; seed++)
             run_world((uint64_t)seed, false);
     for (int p = 1; p <= 5; p++) {
-        printf("P%d: simulator, %ld seeds, %ld restarts, %ld states tried, %ld violations\n", p, seeds, total_restarts, total_states, total_violations[p]);
+        printf("P%d: simulator, %ld seeds, %ld restarts, %ld states tried, %ld violations\n", p,
+               seeds, total_restarts, total_states, total_violations[p]);
         violations += total_violations[p];
     }
     CHECK(violations == 0);
@@ -1170,13 +1358,16 @@ static void submit_key(int key)
 
     w->asked[++w->request & 4095].key = key;
     w->asked[w->request & 4095].user = 0;
-    snprintf(header, sizeof header, "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"input\":{\"content\":\"batch\",\"samples\":2,\"channels\":1,\"dt\":1}}",
+    snprintf(header, sizeof header,
+             "{\"id\":%d,\"kind\":\"identify\",\"key\":\"k%d\",\"input\":{\"content\":\"batch\","
+             "\"samples\":2,\"channels\":1,\"dt\":1}}",
              (int)(w->request & 4095), key);
     request(0, "SUBMIT", header, data, sizeof data);
     commit_some(100);
 }
 
-/* Retention is of a day here: within it the key says `expired`, after a restart too; past it the key is free, and its job another. */
+/* Retention is of a day here: within it the key says `expired`, after a restart too; past it the
+ * key is free, and its job another. */
 TEST(a_tombstone_goes_at_its_age_from_memory_and_ledger)
 {
     char first[9];
@@ -1220,6 +1411,7 @@ TEST(an_identifier_gives_its_number_back_and_others_give_none)
         CHECK(strcmp(text, before) != 0);
         strcpy(before, text);
     }
-    CHECK(ident_number(77, "") == -1 && ident_number(77, "0000000") == -1 && ident_number(77, "0000000I") == -1);
+    CHECK(ident_number(77, "") == -1 && ident_number(77, "0000000") == -1 &&
+          ident_number(77, "0000000I") == -1);
     CHECK(ident_number(77, "key:abcd9") == -1);
 }

@@ -1,10 +1,13 @@
 /*
- * test_share.c - whose job starts next: seconds in proportion to weights, whatever arrives and whatever jobs take
+ * test_share.c - whose job starts next: seconds in proportion to weights, whatever arrives and
+ * whatever jobs take
  *
- * Users with backlog are given equal rounds, so that their seconds over their weights, S/w, differ by what one owes, and by what the other
- * has left and was charged for what runs: with W workers and jobs (and means of jobs) of at most L seconds at most W L, q w and W L.
- * So, w the least weight, |S_i/w_i - S_j/w_j| <= 2 W L / w + q over any time in which both have backlog and before which neither     (1)
- * had any, and twice that otherwise, for each may begin with a debt or a credit.
+ * Users with backlog are given equal rounds, so that their seconds over their weights, S/w, differ
+ * by what one owes, and by what the other has left and was charged for what runs: with W workers
+ * and jobs (and means of jobs) of at most L seconds at most W L, q w and W L.
+ * So, w the least weight, |S_i/w_i - S_j/w_j| <= 2 W L / w + q over any time in which both have
+ * backlog and before which neither  (1) had any, and twice that otherwise, for each may begin with
+ * a debt or a credit.
  */
 #include "check.h"
 #include <math.h>
@@ -83,7 +86,9 @@ static void start(struct lab *lab, double (*seconds)(struct lab *, int))
             continue;
         job_forget(lab->core, job_by_id(lab->core, heap_pop(&user->ready).order));
         user->running++;
-        lab->at[k] = (struct running) { .user = user, .expected = user->cost_s, .took = seconds(lab, number_of(lab, user)) };
+        lab->at[k] = (struct running) { .user = user,
+                                       .expected = user->cost_s,
+                                       .took = seconds(lab, number_of(lab, user)) };
         lab->at[k].end = lab->now + lab->at[k].took;
     }
 }
@@ -94,7 +99,8 @@ static void advance(struct lab *lab, double until)
     int first = -1;
 
     for (int k = 0; k < WORKERS; k++)
-        if (lab->at[k].user != NULL && lab->at[k].end <= until && (first < 0 || lab->at[k].end < lab->at[first].end))
+        if (lab->at[k].user != NULL && lab->at[k].end <= until &&
+            (first < 0 || lab->at[k].end < lab->at[first].end))
             first = k;
     lab->now = first < 0 ? until : lab->at[first].end;
     lab->core->now.utc_ns = 1000 * SECOND + (int64_t)(1e9 * lab->now);
@@ -102,12 +108,14 @@ static void advance(struct lab *lab, double until)
         return;
     lab->served[number_of(lab, lab->at[first].user)] += lab->at[first].took;
     lab->at[first].user->running--;
-    user_ran(lab->core, lab->at[first].user, lab->at[first].expected, lab->at[first].took, lab->at[first].took);
+    user_ran(lab->core, lab->at[first].user, lab->at[first].expected, lab->at[first].took,
+             lab->at[first].took);
     lab->at[first].user = NULL;
 }
 
 /* Until UNTIL, each user in BACKLOG (bits) always having a job ready. */
-static void run(struct lab *lab, double until, unsigned backlog, double (*seconds)(struct lab *, int))
+static void run(struct lab *lab, double until, unsigned backlog,
+                double (*seconds)(struct lab *, int))
 {
     while (lab->now < until) {
         for (int u = 0; u < USERS; u++)
@@ -155,14 +163,17 @@ TEST(seconds_are_in_proportion_to_weights_whatever_jobs_take)
         run(&lab, 1800, 7, mixed);
         for (int u = 0; u < USERS; u++)
             for (int v = 0; v < u; v++)
-                worst = fmax(worst, fabs(lab.served[u] / weights[u] - lab.served[v] / weights[v]) / bound(3, least));
+                worst = fmax(worst, fabs(lab.served[u] / weights[u] - lab.served[v] / weights[v]) /
+                                        bound(3, least));
         core_free(lab.core);
     }
-    printf("fair share: seconds over weights of three users differ by %.2f of the bound at most\n", worst);
+    printf("fair share: seconds over weights of three users differ by %.2f of the bound at most\n",
+           worst);
     CHECK(worst <= 1);
 }
 
-/* Ann always waits; the others come and go: while one has backlog, (1) holds between her and him. */
+/* Ann always waits; the others come and go: while one has backlog, (1) holds between her and him.
+ */
 TEST(who_comes_and_goes_has_his_share_from_the_moment_he_comes)
 {
     double worst = 0;
@@ -176,9 +187,10 @@ TEST(who_comes_and_goes_has_his_share_from_the_moment_he_comes)
             double before[USERS], until = lab.now + 60 * chance(&lab);
             memcpy(before, lab.served, sizeof before);
             run(&lab, until, 1u | 1u << who, mixed);
-            double ann = lab.served[0] - before[0], his = (lab.served[who] - before[who]) / (who == 1 ? 2 : 1);
+            double ann = lab.served[0] - before[0],
+                   his = (lab.served[who] - before[who]) / (who == 1 ? 2 : 1);
             worst = fmax(worst, fabs(ann - his) / (2 * bound(3, 1)));
-            while (lab.users[who]->ready.count > 0)          /* what he left is done too, then he is away */
+            while (lab.users[who]->ready.count > 0)  /* what he left is done too, then he is away */
                 run(&lab, lab.now + 1, 1, mixed);
             run(&lab, lab.now + 20 * chance(&lab), 1, mixed);
         }
@@ -188,7 +200,8 @@ TEST(who_comes_and_goes_has_his_share_from_the_moment_he_comes)
     CHECK(worst <= 1);
 }
 
-/* Ben's two hours were nobody else's loss: afterwards he has his half of 400 worker seconds at once. */
+/* Ben's two hours were nobody else's loss: afterwards he has his half of 400 worker seconds at
+ * once. */
 TEST(what_a_user_took_while_nobody_waited_he_owes_nobody)
 {
     struct lab lab;
@@ -207,7 +220,8 @@ TEST(what_a_user_took_while_nobody_waited_he_owes_nobody)
     core_free(lab.core);
 }
 
-/* Ann may use no more CPU today; Ben works on. When her day begins anew she has half, not all that she missed. */
+/* Ann may use no more CPU today; Ben works on. When her day begins anew she has half, not all that
+ * she missed. */
 TEST(a_limit_that_holds_a_user_back_saves_him_no_credit)
 {
     struct lab lab;
@@ -224,7 +238,8 @@ TEST(a_limit_that_holds_a_user_back_saves_him_no_credit)
     core_free(lab.core);
 }
 
-/* One step of priority is a minute of waiting: 100 against 90 goes first within ten minutes, and later waits no longer. */
+/* One step of priority is a minute of waiting: 100 against 90 goes first within ten minutes, and
+ * later waits no longer. */
 TEST(priority_is_worth_minutes_so_that_nothing_starves)
 {
     struct lab lab;
@@ -232,7 +247,13 @@ TEST(priority_is_worth_minutes_so_that_nothing_starves)
 
     lab_open(&lab, (const double[USERS]) { 1, 1, 1 }, 11);
     old = job_new(lab.core, lab.users[0], lab.core->next_job++);
-    *old = (struct job) { .id = old->id, .user = old->user, .kind = "identify", .slot = -1, .priority = 90, .submitted_ns = lab.core->now.utc_ns, .committed = true };
+    *old = (struct job) { .id = old->id,
+                         .user = old->user,
+                         .kind = "identify",
+                         .slot = -1,
+                         .priority = 90,
+                         .submitted_ns = lab.core->now.utc_ns,
+                         .committed = true };
     lab.core->state_counts[JOB_QUEUED]++;
     lab.users[0]->queued++;
     job_index(lab.core, old);

@@ -44,9 +44,10 @@ TEST(an_option_said_twice_is_the_last_one)
 
 TEST(an_option_without_key_value_or_range_is_refused_by_name)
 {
-    static const struct { const char *text, *field; } wrong[] = {
-        { "rows", "rows" }, { "=7", "option" }, { "rows=", "rows" }, { "rows=1e999", "rows" }, { "band=1,1e999", "band" },
-        { "window=[1,2", "window" },
+    static const struct { const char *text, *field;
+    } wrong[] = {
+        { "rows", "rows" },       { "=7", "option" },         { "rows=", "rows" },
+        { "rows=1e999", "rows" }, { "band=1,1e999", "band" }, { "window=[1,2", "window" },
     };
 
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
@@ -61,7 +62,9 @@ TEST(an_option_without_key_value_or_range_is_refused_by_name)
 
 TEST(options_stand_anywhere_and_several_may_follow_one_o)
 {
-    static const char *const argv[] = { "modalctl", "identify", "-o", "rank.fixed=6", "band=3500,3700", "bell.flac", "--json", "--timeout=2.5", "--local" };
+    static const char *const argv[] = { "modalctl",     "identify",       "-o",
+                                        "rank.fixed=6", "band=3500,3700", "bell.flac",
+                                        "--json",       "--timeout=2.5",  "--local" };
     struct args args;
 
     CHECK(args_read(9, argv, &args, NULL) == MODAL_OK);
@@ -85,7 +88,8 @@ TEST(an_option_that_the_verb_does_not_take_is_refused)
     args_done(&args);
 }
 
-static enum modal_status read_csv(const char *text, double dt, struct signals *out, struct modal_error *err)
+static enum modal_status read_csv(const char *text, double dt, struct signals *out,
+                                  struct modal_error *err)
 {
     char *copy = strdup(text);
     enum modal_status rc;
@@ -100,7 +104,8 @@ TEST(a_named_column_of_time_gives_dt_and_leaves_the_channels)
 {
     struct signals s;
 
-    CHECK(read_csv("# made by hand\nTime [s],tip,root\n0.5,1.25,-3\n0.75,2.5,-4e-3\n1.0,3.5,7\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(read_csv("# made by hand\nTime [s],tip,root\n0.5,1.25,-3\n0.75,2.5,-4e-3\n1.0,3.5,7\n", 0,
+                   &s, NULL) == MODAL_OK);
     CHECK(s.samples == 3 && s.channels == 2);
     CHECK_NEAR(s.dt, 0.25, 0);
     CHECK_STRING(s.names[1], "root");
@@ -112,7 +117,8 @@ TEST(semicolons_allow_the_decimal_comma_and_a_row_of_units)
 {
     struct signals s;
 
-    CHECK(read_csv("\xef\xbb\xbf\"Zeit\";\"Weg\"\r\ns;m\r\n0,0;1,5\r\n0,1;2,5\r\n0,2;-3,25\r\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(read_csv("\xef\xbb\xbf\"Zeit\";\"Weg\"\r\ns;m\r\n0,0;1,5\r\n0,1;2,5\r\n0,2;-3,25\r\n", 0,
+                   &s, NULL) == MODAL_OK);
     CHECK(s.samples == 3 && s.channels == 1);
     CHECK_NEAR(s.dt, 0.1, 1e-16);
     CHECK_NEAR(s.x[2], -3.25, 0);
@@ -125,7 +131,8 @@ TEST(a_quoted_name_may_hold_the_separator_and_quotes)
 {
     struct signals s;
 
-    CHECK(read_csv("\"t\",\"hub, left\", \"the \"\"big\"\" one\" \n0,1,2\n1,\"3\",4\n2,5,6\n", 0, &s, NULL) == MODAL_OK);
+    CHECK(read_csv("\"t\",\"hub, left\", \"the \"\"big\"\" one\" \n0,1,2\n1,\"3\",4\n2,5,6\n", 0,
+                   &s, NULL) == MODAL_OK);
     CHECK(s.channels == 2 && s.samples == 3);
     CHECK_STRING(s.names[0], "hub, left");
     CHECK_STRING(s.names[1], "the \"big\" one");
@@ -135,7 +142,9 @@ TEST(a_quoted_name_may_hold_the_separator_and_quotes)
 
 TEST(names_may_be_latin1_stand_in_a_remark_or_end_in_a_separator)
 {
-    static const char *const texts[] = { "t,Schl\xe4ge\n0,1\n1,2\n", "# t,Schl\xc3\xa4ge\n0,1\n1,2\n", "t,Schl\xc3\xa4ge,\n0,1,\n1,2,\n" };
+    static const char *const texts[] = { "t,Schl\xe4ge\n0,1\n1,2\n",
+                                         "# t,Schl\xc3\xa4ge\n0,1\n1,2\n",
+                                         "t,Schl\xc3\xa4ge,\n0,1,\n1,2,\n" };
 
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         struct signals s;
@@ -206,7 +215,8 @@ TEST(uneven_time_is_refused_with_its_deviation)
 
 TEST(a_line_that_is_no_row_of_numbers_is_named)
 {
-    static const char *const wrong[] = { "a,b\n1,2\n3\n", "a,b\n1,2\n3,4,5\n", "a,b\n1,2\n3,x\n", "a,b\n1,2\n3,\n" };
+    static const char *const wrong[] = { "a,b\n1,2\n3\n", "a,b\n1,2\n3,4,5\n", "a,b\n1,2\n3,x\n",
+                                         "a,b\n1,2\n3,\n" };
 
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         struct modal_error err = { 0 };
@@ -219,7 +229,8 @@ TEST(a_line_that_is_no_row_of_numbers_is_named)
 
 TEST(text_without_numbers_is_no_batch)
 {
-    static const char *const wrong[] = { "", "\n\n", "# nothing\n", "just,names\n", "time\n0\n1\n2\n" };
+    static const char *const wrong[] = { "", "\n\n", "# nothing\n", "just,names\n",
+                                         "time\n0\n1\n2\n" };
 
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         struct signals s;

@@ -1,4 +1,5 @@
-/* The choice of BLAS kernels: names from OpenBLAS's own list (cpuid_x86.c of 0.3.21), instructions from the processor. */
+/* The choice of BLAS kernels: names from OpenBLAS's own list (cpuid_x86.c of 0.3.21), instructions
+ * from the processor. */
 #include "job/blas_core.h"
 #include <stdlib.h>
 #include "check.h"
@@ -23,7 +24,8 @@ TEST(kernels_that_fit_are_left_alone)
     CHECK(blas_core_better("Prescott", false, false) == NULL);
 }
 
-/* A decision in the environment stands: were it overruled, this process would start again and never come back here. */
+/* A decision in the environment stands: were it overruled, this process would start again and never
+ * come back here. */
 TEST(a_choice_in_the_environment_is_not_overruled)
 {
     char program[] = "test", *argv[] = { program, NULL };

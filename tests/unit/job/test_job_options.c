@@ -28,10 +28,12 @@ TEST(what_holds_without_an_option_is_what_the_option_accepts)
     int defaults = 0;
 
     EACH_ROW(t, r) {
-        bool good = r->initial == NULL || r->type == KEY_OWN
-            || ((r->type == KEY_NUMBER || r->type == KEY_WHOLE) && in_range(r, strtod(r->initial, NULL)))
-            || (r->type == KEY_TRUTH && (strcmp(r->initial, "true") == 0 || strcmp(r->initial, "false") == 0))
-            || (r->type == KEY_CHOICE && is_word(r->words, r->initial));
+        bool good = r->initial == NULL || r->type == KEY_OWN ||
+                    ((r->type == KEY_NUMBER || r->type == KEY_WHOLE) &&
+                     in_range(r, strtod(r->initial, NULL))) ||
+                    (r->type == KEY_TRUTH &&
+                     (strcmp(r->initial, "true") == 0 || strcmp(r->initial, "false") == 0)) ||
+                    (r->type == KEY_CHOICE && is_word(r->words, r->initial));
         if (!good)
             fail_msg("%s: %s is %s without being said", t->kind, r->name, r->initial);
         defaults += r->initial != NULL;
@@ -51,7 +53,8 @@ TEST(every_option_has_a_meaning_and_an_example_that_its_own_row_accepts)
         CHECK(r->meaning != NULL && r->meaning[0] != '\0' && r->example != NULL);
         one[0].at = 0;
         snprintf(text, sizeof text, "%s=%s", r->name, r->example);
-        if (option_add(o, text, &err) != MODAL_OK || key_table_read(one, o, "", into, &err) != MODAL_OK)
+        if (option_add(o, text, &err) != MODAL_OK ||
+            key_table_read(one, o, "", into, &err) != MODAL_OK)
             fail_msg("%s: -o %s: %s", t->kind, text, err.message);
         cJSON_Delete(o);
     }
@@ -63,8 +66,9 @@ TEST(no_option_stands_twice_in_the_tables_of_a_kind)
         int same = 0;
 
         EACH_ROW(u, s)
-            same += strcmp(t->kind, u->kind) == 0 && strcmp(t->of ? t->of : "", u->of ? u->of : "") == 0
-                && strcmp(r->name, s->name) == 0;
+        same += strcmp(t->kind, u->kind) == 0 &&
+                strcmp(t->of ? t->of : "", u->of ? u->of : "") == 0 &&
+                strcmp(r->name, s->name) == 0;
         if (same != 1)
             fail_msg("%s: %s stands %d times", t->kind, r->name, same);
     }
@@ -100,7 +104,8 @@ TEST(each_number_of_identify_is_refused_past_either_end_of_its_row)
             double past = end == 0 ? r->low - 1 : r->high * 2;
 
             cJSON_AddNumberToObject(o, r->name, past);
-            if (identify_options_read(o, &batch, &s, &err) != MODAL_BAD_INPUT || strcmp(err.field, r->name) != 0)
+            if (identify_options_read(o, &batch, &s, &err) != MODAL_BAD_INPUT ||
+                strcmp(err.field, r->name) != 0)
                 fail_msg("%s = %g: field \"%s\" (%s)", r->name, past, err.field, err.message);
             CHECK(s.channels == NULL && s.threads == 0);
             cJSON_Delete(o);
@@ -116,6 +121,7 @@ TEST(a_refusal_says_the_unit_and_an_example)
     cJSON *o = cJSON_Parse("{\"band\":[5,4]}");
 
     CHECK(identify_options_read(o, &batch, &s, &err) == MODAL_BAD_INPUT);
-    CHECK_STRING(err.message, "band is [5, 4]; accepted: two numbers, the first below the second, in Hz, such as 3500,3700");
+    CHECK_STRING(err.message, "band is [5, 4]; accepted: two numbers, the first below the second, "
+                              "in Hz, such as 3500,3700");
     cJSON_Delete(o);
 }

@@ -5,16 +5,19 @@
 #include "modal/scene/influence.h"
 #include "scene_text.h"
 
-static cJSON *job(const char *kind, const char *scene_json, const char *options_json, enum modal_status expected, struct modal_error *err)
+static cJSON *job(const char *kind, const char *scene_json, const char *options_json,
+                  enum modal_status expected, struct modal_error *err)
 {
-    cJSON *scene = scene_text(scene_json), *options = options_json != NULL ? scene_text(options_json) : NULL, *result;
+    cJSON *scene = scene_text(scene_json),
+          *options = options_json != NULL ? scene_text(options_json) : NULL, *result;
     struct job_request request = { .kind = kind, .scene = scene, .options = options };
     struct job_result r;
     struct modal_error why = { 0 };
     enum modal_status rc = job_run(&request, &r, &why);
 
     if (rc != expected)
-        fail_msg("%s of %s: %s at %s: %s", kind, scene_json, modal_status_code(rc), why.field, why.message);
+        fail_msg("%s of %s: %s at %s: %s", kind, scene_json, modal_status_code(rc), why.field,
+                 why.message);
     if (err != NULL)
         *err = why;
     result = r.result;
@@ -36,38 +39,53 @@ static double number(const cJSON *json, const char *a, const char *b)
 
 TEST(a_plan_names_class_states_hash_and_every_effect_in_order)
 {
-    cJSON *r = job("simulate", "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':10},"
-                   "'effects':[{'type':'damper','dof':'x1','coefficient':0.1},{'type':'friction','dof':'x1','stiffness':1,'limit':9},"
-                   "{'type':'gap','dof':'x1','stiffness':9,'clearance':0.2}]}", NULL, MODAL_OK, NULL);
-    const cJSON *plan = cJSON_GetObjectItem(r, "plan"), *effects = cJSON_GetObjectItem(plan, "effects");
+    cJSON *r = job("simulate",
+                   "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':"
+                   "{'x1':1}},'time':{'dt':0.1,'duration':10},'effects':[{'type':'damper',"
+                   "'dof':'x1','coefficient':0.1},{'type':'friction','dof':'x1','stiffness':1,"
+                   "'limit':9},{'type':'gap','dof':'x1','stiffness':9,'clearance':0.2}]}",
+                   NULL, MODAL_OK, NULL);
+    const cJSON *plan = cJSON_GetObjectItem(r, "plan"),
+                *effects = cJSON_GetObjectItem(plan, "effects");
 
     CHECK_STRING(cJSON_GetObjectItem(plan, "class")->valuestring, "nonlinear");
-    CHECK(number(plan, "states", NULL) == 3 && strlen(cJSON_GetObjectItem(plan, "hash")->valuestring) == 64);
-    CHECK(cJSON_GetArraySize(effects) == 3 && number(cJSON_GetArrayItem(effects, 0), "evaluations", NULL) == 0);
+    CHECK(number(plan, "states", NULL) == 3 &&
+          strlen(cJSON_GetObjectItem(plan, "hash")->valuestring) == 64);
+    CHECK(cJSON_GetArraySize(effects) == 3 &&
+          number(cJSON_GetArrayItem(effects, 0), "evaluations", NULL) == 0);
     CHECK(cJSON_IsFalse(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 1), "active")));
     CHECK(cJSON_IsTrue(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 2), "active")));
     CHECK(number(cJSON_GetArrayItem(effects, 2), "seconds", NULL) > 0);
-    CHECK(number(r, "samples", NULL) == 101 && cJSON_IsObject(cJSON_GetObjectItem(r, "provenance")));
+    CHECK(number(r, "samples", NULL) == 101 &&
+          cJSON_IsObject(cJSON_GetObjectItem(r, "provenance")));
     cJSON_Delete(r);
 }
 
-/* m = 1, k = 9 + 0.4: removing the spring takes w = sqrt(9.4) to 3, to first order by -0.4 / (2 sqrt 9.4); removing the damper
- * takes Re lambda from -0.15 to 0, exactly so to first order in the exponent. */
+/* m = 1, k = 9 + 0.4: removing the spring takes w = sqrt(9.4) to 3, to first order by -0.4 / (2
+ * sqrt 9.4); removing the damper takes Re lambda from -0.15 to 0, exactly so to first order in the
+ * exponent. */
 TEST(ablation_gives_each_effect_s_change_and_its_first_order)
 {
-    cJSON *r = job("ablate", "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'effects':[{'type':'spring','dof':'x1','stiffness':0.4},"
-                   "{'type':'damper','dof':'x1','coefficient':0.3}]}", NULL, MODAL_OK, NULL);
-    const cJSON *effects = cJSON_GetObjectItem(r, "effects"), *spring = cJSON_GetArrayItem(effects, 0), *damper = cJSON_GetArrayItem(effects, 1);
-    const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItem(cJSON_GetObjectItem(spring, "change"), "modes"), 0);
+    cJSON *r = job("ablate",
+                   "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'effects':"
+                   "[{'type':'spring','dof':'x1','stiffness':0.4},{'type':'damper','dof':'x1',"
+                   "'coefficient':0.3}]}",
+                   NULL, MODAL_OK, NULL);
+    const cJSON *effects = cJSON_GetObjectItem(r, "effects"),
+                *spring = cJSON_GetArrayItem(effects, 0), *damper = cJSON_GetArrayItem(effects, 1);
+    const cJSON *mode =
+        cJSON_GetArrayItem(cJSON_GetObjectItem(cJSON_GetObjectItem(spring, "change"), "modes"), 0);
     double w = sqrt(9.4);
 
     CHECK_NEAR(number(mode, "frequency_change_hz", NULL), (3 - w) / (2 * M_PI), 1e-14);
     CHECK_NEAR(number(mode, "frequency_first_order_hz", NULL), -0.4 / (2 * w) / (2 * M_PI), 1e-14);
-    mode = cJSON_GetArrayItem(cJSON_GetObjectItem(cJSON_GetObjectItem(damper, "change"), "modes"), 0);
+    mode =
+        cJSON_GetArrayItem(cJSON_GetObjectItem(cJSON_GetObjectItem(damper, "change"), "modes"), 0);
     CHECK_NEAR(number(mode, "damping_change", NULL), -0.15 / w, 1e-14);
     CHECK_NEAR(number(mode, "damping_first_order", NULL), -0.15 / w, 1e-14);
     CHECK_NEAR(number(damper, "change", "margin"), -0.15, 1e-14);
-    CHECK(cJSON_IsNull(cJSON_GetObjectItem(cJSON_GetObjectItem(cJSON_GetObjectItem(damper, "without"), "stability"), "stable")));
+    CHECK(cJSON_IsNull(cJSON_GetObjectItem(
+        cJSON_GetObjectItem(cJSON_GetObjectItem(damper, "without"), "stability"), "stable")));
     cJSON_Delete(r);
 }
 
@@ -79,13 +97,18 @@ static double missed(double k)
     struct influence f;
     double most = 0;
 
-    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1,2],'springs':[3,1,2]},'omega':1.3,'effects':[{'type':'parametric_stiffness',"
-             "'dof':'x1','stiffness':0.3},{'type':'damper','dof':'x1','coefficient':0.02},{'type':'spring','dof':'x2','stiffness':%.17g},"
-             "{'type':'damper','dof':'x2','coefficient':%.17g}]}", 1 + k, 0.1 + k / 3);
+    snprintf(text, sizeof text,
+             "{'structure':{'type':'chain','masses':[1,2],'springs':[3,1,2]},'omega':1.3,"
+             "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':0.3},"
+             "{'type':'damper','dof':'x1','coefficient':0.02},{'type':'spring','dof':'x2',"
+             "'stiffness':%.17g},{'type':'damper','dof':'x2','coefficient':%.17g}]}",
+             1 + k, 0.1 + k / 3);
     p = program_text(text);
-    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1,2],'springs':[3,1,2]},'omega':1.3,'effects':[{'type':'parametric_stiffness',"
-             "'dof':'x1','stiffness':0.3},{'type':'damper','dof':'x1','coefficient':0.02},{'type':'spring','dof':'x2','stiffness':1},"
-             "{'type':'damper','dof':'x2','coefficient':0.1}]}");
+    snprintf(text, sizeof text,
+             "{'structure':{'type':'chain','masses':[1,2],'springs':[3,1,2]},'omega':1.3,"
+             "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':0.3},"
+             "{'type':'damper','dof':'x1','coefficient':0.02},{'type':'spring','dof':'x2',"
+             "'stiffness':1},{'type':'damper','dof':'x2','coefficient':0.1}]}");
     q = program_text(text);
     CHECK(influence(q, p, &f, NULL) == MODAL_OK && f.periodic);
     for (int i = 0; i < f.count; i++)
@@ -96,7 +119,8 @@ static double missed(double k)
     return most;
 }
 
-/* A second-order remainder: halving takes it to a quarter, up to its own relative change, which halves each time too. */
+/* A second-order remainder: halving takes it to a quarter, up to its own relative change, which
+ * halves each time too. */
 TEST(the_first_order_estimate_of_a_periodic_scene_leaves_out_the_second_order)
 {
     double a = missed(0.04), b = missed(0.02), c = missed(0.01);
@@ -133,18 +157,25 @@ TEST(ablation_of_a_periodic_scene_gives_multipliers_with_and_without_each_effect
     cJSON_Delete(r);
 }
 
-/* A pulse moves no exponent: 3 - sqrt(9.4) for the spring of 0.4 over 9, whatever starts the motion. */
+/* A pulse moves no exponent: 3 - sqrt(9.4) for the spring of 0.4 over 9, whatever starts the
+ * motion. */
 TEST(ablation_of_a_scene_with_pulses_alone_compares_exponents)
 {
-    static const char *const pulses[] = { "{'dof':'x1','type':'impulse','amplitude':2}", "{'dof':'x1','type':'half_sine','amplitude':2,'duration':0.1}",
-                                          "{'dof':'x1','type':'table','time':[0,1,2],'force':[0,1,0]}" };
+    static const char *const pulses[] = {
+        "{'dof':'x1','type':'impulse','amplitude':2}",
+        "{'dof':'x1','type':'half_sine','amplitude':2,'duration':0.1}",
+        "{'dof':'x1','type':'table','time':[0,1,2],'force':[0,1,0]}"
+    };
     char scene[512];
 
     for (size_t i = 0; i < sizeof pulses / sizeof *pulses; i++) {
-        snprintf(scene, sizeof scene, "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'excitation':[%s],"
-                 "'effects':[{'type':'spring','dof':'x1','stiffness':0.4}]}", pulses[i]);
+        snprintf(scene, sizeof scene,
+                 "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'excitation':[%s],"
+                 "'effects':[{'type':'spring','dof':'x1','stiffness':0.4}]}",
+                 pulses[i]);
         cJSON *r = job("ablate", scene, NULL, MODAL_OK, NULL);
-        const cJSON *change = cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "effects"), 0), "change");
+        const cJSON *change =
+            cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "effects"), 0), "change");
         const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItem(change, "modes"), 0);
         CHECK_STRING(cJSON_GetObjectItem(r, "of")->valuestring, "floquet");
         CHECK_NEAR(number(mode, "frequency_change_hz", NULL), (3 - sqrt(9.4)) / (2 * M_PI), 1e-14);
@@ -152,18 +183,25 @@ TEST(ablation_of_a_scene_with_pulses_alone_compares_exponents)
     }
 }
 
-/* "-o without=1" is the number 1; it must mean the list [1], and a number beyond the scene's effects must be told. */
+/* "-o without=1" is the number 1; it must mean the list [1], and a number beyond the scene's
+ * effects must be told. */
 TEST(simulate_leaves_out_one_effect_by_its_number_and_no_effect_that_is_not_there)
 {
-    static const char scene[] = "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
-                                "'effects':[{'type':'spring','dof':'x1','stiffness':0.4},{'type':'damper','dof':'x1','coefficient':0.3}]}";
-    static const char *const wrong[] = { "{'without':2}", "{'without':[0,2]}", "{'without':0.5}", "{'without':-1}", "{'without':'x'}" };
-    cJSON *one = job("simulate", scene, "{'without':1}", MODAL_OK, NULL), *list = job("simulate", scene, "{'without':[1]}", MODAL_OK, NULL);
+    static const char scene[] = "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},"
+                                "'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
+                                "'effects':[{'type':'spring','dof':'x1','stiffness':0.4},"
+                                "{'type':'damper','dof':'x1','coefficient':0.3}]}";
+    static const char *const wrong[] = { "{'without':2}", "{'without':[0,2]}", "{'without':0.5}",
+                                         "{'without':-1}", "{'without':'x'}" };
+    cJSON *one = job("simulate", scene, "{'without':1}", MODAL_OK, NULL),
+          *list = job("simulate", scene, "{'without':[1]}", MODAL_OK, NULL);
 
     for (int k = 0; k < 2; k++) {
-        const cJSON *effects = cJSON_GetObjectItem(cJSON_GetObjectItem(k == 0 ? one : list, "plan"), "effects");
+        const cJSON *effects =
+            cJSON_GetObjectItem(cJSON_GetObjectItem(k == 0 ? one : list, "plan"), "effects");
         CHECK(cJSON_GetArraySize(effects) == 1);
-        CHECK_STRING(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 0), "type")->valuestring, "spring");
+        CHECK_STRING(cJSON_GetObjectItem(cJSON_GetArrayItem(effects, 0), "type")->valuestring,
+                     "spring");
     }
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         struct modal_error err;
@@ -174,7 +212,8 @@ TEST(simulate_leaves_out_one_effect_by_its_number_and_no_effect_that_is_not_ther
     cJSON_Delete(list);
 }
 
-/* A linear scene's motion is linear in its load: 2^70 times the load is 2^70 times the motion, to rounding over the 100 steps. */
+/* A linear scene's motion is linear in its load: 2^70 times the load is 2^70 times the motion, to
+ * rounding over the 100 steps. */
 TEST(a_linear_motion_scales_with_its_load_over_twenty_decades)
 {
     double factor = ldexp(1, 70);
@@ -182,8 +221,11 @@ TEST(a_linear_motion_scales_with_its_load_over_twenty_decades)
     char scene[512];
 
     for (int k = 0; k < 2; k++) {
-        snprintf(scene, sizeof scene, "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'omega':2,'time':{'dt':0.01,'duration':1},"
-                 "'excitation':[{'dof':'x1','cos':%.17g}],'effects':[{'type':'damper','dof':'x1','coefficient':0.3}]}", k == 0 ? 1 : factor);
+        snprintf(scene, sizeof scene,
+                 "{'structure':{'type':'chain','masses':[1],'springs':[9,0]},'omega':2,'time':"
+                 "{'dt':0.01,'duration':1},'excitation':[{'dof':'x1','cos':%.17g}],'effects':"
+                 "[{'type':'damper','dof':'x1','coefficient':0.3}]}",
+                 k == 0 ? 1 : factor);
         cJSON *json = scene_text(scene);
         struct job_request request = { .kind = "simulate", .scene = json };
         struct job_result r;
@@ -197,10 +239,15 @@ TEST(a_linear_motion_scales_with_its_load_over_twenty_decades)
 
 TEST(ablation_of_an_excited_scene_compares_steady_states)
 {
-    /* X = p / (k - w^2 + i c w): without the spring of 3, 1 / (6 - 4 + 0.2 i), with it 1 / (9 - 4 + 0.2 i) */
-    cJSON *r = job("ablate", "{'structure':{'type':'chain','masses':[1],'springs':[6,0],'dampers':[0.1,0]},'omega':2,'excitation':[{'dof':'x1','cos':1}],"
-                   "'effects':[{'type':'spring','dof':'x1','stiffness':3}]}", NULL, MODAL_OK, NULL);
-    const cJSON *change = cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "effects"), 0), "change");
+    /* X = p / (k - w^2 + i c w): without the spring of 3, 1 / (6 - 4 + 0.2 i), with it 1 / (9 - 4 +
+     * 0.2 i) */
+    cJSON *r = job("ablate",
+                   "{'structure':{'type':'chain','masses':[1],'springs':[6,0],'dampers':[0.1,0]},"
+                   "'omega':2,'excitation':[{'dof':'x1','cos':1}],'effects':[{'type':'spring',"
+                   "'dof':'x1','stiffness':3}]}",
+                   NULL, MODAL_OK, NULL);
+    const cJSON *change =
+        cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "effects"), 0), "change");
     double complex a = 1 / CMPLX(5, 0.2), b = 1 / CMPLX(2, 0.2);
 
     CHECK_STRING(cJSON_GetObjectItem(r, "of")->valuestring, "steady");
@@ -239,12 +286,15 @@ TEST(that_there_is_no_periodic_solution_is_said_only_where_it_is_certain)
                          "'excitation':[{'dof':'x1','cos':1}]}"),
                  "no_periodic_solution");
     CHECK_STRING(failure("{'structure':{'type':'chain','masses':[1],'springs':[0,0]},'omega':1,"
-                         "'excitation':[{'dof':'x1','k':0,'cos':2},{'dof':'x1','cos':1}],"
-                         "'steady':{'harmonics':7,'max_iterations':50}," SLIDER), "no_periodic_solution");
-    CHECK_STRING(failure("{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':[0.02,0]},"
-                         "'omega':0.3,'excitation':[{'dof':'x1','cos':1}],'effects':[{'type':'friction',"
-                         "'dof':'x1','stiffness':1000,'limit':0.6}],"
-                         "'steady':{'harmonics':63,'max_iterations':1}}"), "not_converged");
+                         "'excitation':[{'dof':'x1','k':0,'cos':2},{'dof':'x1','cos':1}],'steady':"
+                         "{'harmonics':7,'max_iterations':50}," SLIDER),
+                 "no_periodic_solution");
+    CHECK_STRING(
+        failure("{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':[0.02,0]},"
+                "'omega':0.3,'excitation':[{'dof':'x1','cos':1}],'effects':[{'type':'friction',"
+                "'dof':'x1','stiffness':1000,'limit':0.6}],'steady':{'harmonics':63,"
+                "'max_iterations':1}}"),
+        "not_converged");
 }
 
 TEST(no_sensors_are_no_fault_but_where_a_motion_is_recorded)
@@ -268,18 +318,25 @@ TEST(no_sensors_are_no_fault_but_where_a_motion_is_recorded)
 /* All but what reads the scene and what prints: no other stage takes a part of it. */
 TEST(the_stage_solve_of_a_curve_is_all_the_work_of_its_points)
 {
-    static const char *const curves[] = { "{'sweep':'omega=0.8:1.2:5'}", "{'continue':'omega=0.8:1.2'}", "{'continue':'effects[0].coefficient=0.1:0.2'}" };
+    static const char *const curves[] = { "{'sweep':'omega=0.8:1.2:5'}",
+                                          "{'continue':'omega=0.8:1.2'}",
+                                          "{'continue':'effects[0].coefficient=0.1:0.2'}" };
 
     for (size_t i = 0; i < sizeof curves / sizeof *curves; i++) {
-        cJSON *r = job("steady", "{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':[0.1,0]},'omega':1,"
-                       "'excitation':[{'dof':'x1','cos':0.3}],'effects':[{'type':'cubic_spring','dof':'x1','coefficient':0.1}],"
-                       "'steady':{'harmonics':7}}", curves[i], MODAL_OK, NULL);
+        cJSON *r = job("steady",
+                       "{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':"
+                       "[0.1,0]},'omega':1,'excitation':[{'dof':'x1','cos':0.3}],'effects':"
+                       "[{'type':'cubic_spring','dof':'x1','coefficient':0.1}],'steady':"
+                       "{'harmonics':7}}",
+                       curves[i], MODAL_OK, NULL);
         const cJSON *cost = cJSON_GetObjectItem(r, "cost"), *stage;
         double sum = 0;
 
-        CHECK(cJSON_GetArraySize(cJSON_GetObjectItem(r, "points")) >= 5 && number(cJSON_GetObjectItem(cost, "stages"), "solve", NULL) > 0);
+        CHECK(cJSON_GetArraySize(cJSON_GetObjectItem(r, "points")) >= 5 &&
+              number(cJSON_GetObjectItem(cost, "stages"), "solve", NULL) > 0);
         cJSON_ArrayForEach(stage, cJSON_GetObjectItem(cost, "stages")) {
-            CHECK(strcmp(stage->string, "lower") == 0 || strcmp(stage->string, "solve") == 0 || strcmp(stage->string, "print") == 0);
+            CHECK(strcmp(stage->string, "lower") == 0 || strcmp(stage->string, "solve") == 0 ||
+                  strcmp(stage->string, "print") == 0);
             sum += stage->valuedouble;
         }
         CHECK(sum <= number(cost, "cpu_s", NULL));
@@ -287,27 +344,37 @@ TEST(the_stage_solve_of_a_curve_is_all_the_work_of_its_points)
     }
 }
 
-#define GRID "{'verb':'floquet','scene':{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]},'omega':2,'effects':" \
-    "[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]},'grid':[{'path':'effects[0].stiffness','values':[-0.1,-0.3,-0.5]}," \
+#define GRID \
+    "{'verb':'floquet','scene':{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]}," \
+    "'omega':2,'effects':" \
+    "[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]},'grid':[{'path':'effects[0]." \
+    "stiffness','values':[-0.1,-0.3,-0.5]}," \
     "{'path':'omega','values':[1.6,1.9,2.0,2.3]}]}"
 
 TEST(shares_of_a_sweep_put_together_are_the_sweep)
 {
-    cJSON *whole = job("sweep", GRID, NULL, MODAL_OK, NULL), *a = job("sweep", GRID, "{'count':5}", MODAL_OK, NULL);
-    cJSON *b = job("sweep", GRID, "{'first':5}", MODAL_OK, NULL), *points = cJSON_GetObjectItem(whole, "points");
+    cJSON *whole = job("sweep", GRID, NULL, MODAL_OK, NULL),
+          *a = job("sweep", GRID, "{'count':5}", MODAL_OK, NULL);
+    cJSON *b = job("sweep", GRID, "{'first':5}", MODAL_OK, NULL),
+          *points = cJSON_GetObjectItem(whole, "points");
     int i = 0;
     const cJSON *point;
 
     CHECK(cJSON_GetArraySize(points) == 12);
     cJSON_ArrayForEach(point, points) {
-        const cJSON *share = cJSON_GetArrayItem(cJSON_GetObjectItem(i < 5 ? a : b, "points"), i < 5 ? i : i - 5);
+        const cJSON *share =
+            cJSON_GetArrayItem(cJSON_GetObjectItem(i < 5 ? a : b, "points"), i < 5 ? i : i - 5);
         CHECK(cJSON_Compare(point, share, 1));
-        CHECK((int)cJSON_GetArrayItem(cJSON_GetObjectItem(point, "index"), 0)->valuedouble == i / 4);
+        CHECK((int)cJSON_GetArrayItem(cJSON_GetObjectItem(point, "index"), 0)->valuedouble ==
+              i / 4);
         i++;
     }
-    /* the principal tongue at omega_p = 2: growth 2 mu / 4 less damping 0.005, so mu = 0.15 is unstable, and at 1.6 stable */
-    CHECK(cJSON_IsFalse(cJSON_GetObjectItem(cJSON_GetObjectItem(cJSON_GetArrayItem(points, 6), "stability"), "stable")));
-    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(cJSON_GetObjectItem(cJSON_GetArrayItem(points, 0), "stability"), "stable")));
+    /* the principal tongue at omega_p = 2: growth 2 mu / 4 less damping 0.005, so mu = 0.15 is
+     * unstable, and at 1.6 stable */
+    CHECK(cJSON_IsFalse(cJSON_GetObjectItem(
+        cJSON_GetObjectItem(cJSON_GetArrayItem(points, 6), "stability"), "stable")));
+    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(
+        cJSON_GetObjectItem(cJSON_GetArrayItem(points, 0), "stability"), "stable")));
     cJSON_Delete(whole);
     cJSON_Delete(a);
     cJSON_Delete(b);
@@ -315,24 +382,32 @@ TEST(shares_of_a_sweep_put_together_are_the_sweep)
 
 TEST(a_point_that_cannot_be_computed_says_so_in_its_row)
 {
-    cJSON *r = job("sweep", "{'verb':'floquet','scene':{'structure':{'type':'chain','masses':[1],'springs':[1,0]}},"
-                   "'grid':[{'path':'structure.masses[0]','values':[1,-1]}]}", NULL, MODAL_OK, NULL);
+    cJSON *r =
+        job("sweep",
+            "{'verb':'floquet','scene':{'structure':{'type':'chain','masses':[1],'springs':"
+            "[1,0]}},'grid':[{'path':'structure.masses[0]','values':[1,-1]}]}",
+            NULL, MODAL_OK, NULL);
     const cJSON *bad = cJSON_GetArrayItem(cJSON_GetObjectItem(r, "points"), 1);
 
-    CHECK_STRING(cJSON_GetObjectItem(cJSON_GetObjectItem(bad, "error"), "field")->valuestring, "structure.masses[0]");
-    CHECK(cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "points"), 0), "error") == NULL);
+    CHECK_STRING(cJSON_GetObjectItem(cJSON_GetObjectItem(bad, "error"), "field")->valuestring,
+                 "structure.masses[0]");
+    CHECK(cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(r, "points"), 0), "error") ==
+          NULL);
     cJSON_Delete(r);
 }
 
 TEST(a_sweep_s_own_faults_are_named)
 {
-    static const struct { const char *text, *options, *field; } bad[] = {
-        { "{'verb':'fly','scene':{},'grid':[]}", NULL, "verb" },
-        { "{'verb':'floquet','grid':[{'path':'omega','values':[1]}]}", NULL, "scene" },
-        { "{'verb':'floquet','scene':{},'grid':[]}", NULL, "grid" },
-        { "{'verb':'floquet','scene':{'effects':[]},'grid':[{'path':'effects[0].limit','values':[1]}]}", NULL, "grid[0].path" },
-        { "{'verb':'floquet','scene':{},'grid':[{'path':'omega','values':[]}]}", NULL, "grid[0].values" },
-        { GRID, "{'first':12}", "first" } };
+    static const struct { const char *text, *options, *field;
+    } bad[] = { { "{'verb':'fly','scene':{},'grid':[]}", NULL, "verb" },
+                { "{'verb':'floquet','grid':[{'path':'omega','values':[1]}]}", NULL, "scene" },
+                { "{'verb':'floquet','scene':{},'grid':[]}", NULL, "grid" },
+                { "{'verb':'floquet','scene':{'effects':[]},'grid':[{'path':'effects[0].limit',"
+                  "'values':[1]}]}",
+                  NULL, "grid[0].path" },
+                { "{'verb':'floquet','scene':{},'grid':[{'path':'omega','values':[]}]}", NULL,
+                  "grid[0].values" },
+                { GRID, "{'first':12}", "first" } };
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         struct modal_error err;
@@ -346,7 +421,8 @@ static int events;
 static void count_event(void *context, const cJSON *event)
 {
     (void)context;
-    events += number(event, "fraction", NULL) > 0 && cJSON_IsArray(cJSON_GetObjectItem(event, "points"));
+    events += number(event, "fraction", NULL) > 0 &&
+              cJSON_IsArray(cJSON_GetObjectItem(event, "points"));
 }
 
 static bool after_two(void *context)
@@ -358,7 +434,9 @@ static bool after_two(void *context)
 TEST(a_sweep_reports_chunks_and_stops_when_cancelled)
 {
     cJSON *scene = scene_text(GRID);
-    struct job_request request = { .kind = "sweep", .scene = scene, .progress = count_event, .cancelled = after_two };
+    struct job_request request = {
+        .kind = "sweep", .scene = scene, .progress = count_event, .cancelled = after_two
+    };
     struct job_result r;
 
     events = 0;
@@ -366,12 +444,17 @@ TEST(a_sweep_reports_chunks_and_stops_when_cancelled)
     cJSON_Delete(scene);
 }
 
-/* Explicit steps of order 4: four times the substeps, 256 times less error; and the rungs' settings can be pasted back. */
+/* Explicit steps of order 4: four times the substeps, 256 times less error; and the rungs' settings
+ * can be pasted back. */
 TEST(the_trade_off_of_a_simulation_shows_the_order_of_its_peer)
 {
-#define MOTION "{'structure':{'type':'chain','masses':[1.3],'springs':[2,0],'dampers':[0.1,0]},'initial':{'x':{'x1':1.1}},'time':{'dt':0.4,'duration':20}," \
-    "'effects':[{'type':'cubic_spring','dof':'x1','coefficient':1.7},{'type':'damper','dof':'x1','coefficient':0.2}]}"
-    cJSON *r = job("tradeoff", MOTION, "{'of':'simulate'}", MODAL_OK, NULL), *rungs = cJSON_GetObjectItem(r, "rungs");
+#define MOTION \
+    "{'structure':{'type':'chain','masses':[1.3],'springs':[2,0],'dampers':[0.1,0]},'initial':{'" \
+    "x':{'x1':1.1}},'time':{'dt':0.4,'duration':20}," \
+    "'effects':[{'type':'cubic_spring','dof':'x1','coefficient':1.7},{'type':'damper','dof':'x1'," \
+    "'coefficient':0.2}]}"
+    cJSON *r = job("tradeoff", MOTION, "{'of':'simulate'}", MODAL_OK, NULL),
+          *rungs = cJSON_GetObjectItem(r, "rungs");
     const cJSON *rung;
     double coarse = NAN, fine = NAN, own = NAN, without = NAN;
 
@@ -385,7 +468,8 @@ TEST(the_trade_off_of_a_simulation_shows_the_order_of_its_peer)
     }
     CHECK(log2(coarse / fine) > 7.5 && log2(coarse / fine) < 8.5);
     CHECK(own < 1e-9 && without > 0.1);
-    job_result_done(&(struct job_result) { .result = job("simulate", MOTION, "{'integrator':'rk4','substeps':16}", MODAL_OK, NULL) });
+    job_result_done(&(struct job_result){
+        .result = job("simulate", MOTION, "{'integrator':'rk4','substeps':16}", MODAL_OK, NULL) });
     cJSON_Delete(r);
 }
 
@@ -399,14 +483,19 @@ static double rung_error(const cJSON *result, const char *key, double value)
     return NAN;
 }
 
-/* Released from half a sine.  Frequencies of Hermite elements are off by h^4, so over a few periods the motion is: what 2 elements
- * of 4 leave out is (16 - 1) e, what 8 add is (1 - 1/16) e, a ratio of 16 up to the next order, h^2 of it. */
+/* Released from half a sine.  Frequencies of Hermite elements are off by h^4, so over a few periods
+ * the motion is: what 2 elements of 4 leave out is (16 - 1) e, what 8 add is (1 - 1/16) e, a ratio
+ * of 16 up to the next order, h^2 of it. */
 TEST(the_trade_off_over_elements_shows_the_order_of_the_elements)
 {
-    cJSON *r = job("tradeoff", "{'structure':{'type':'beam','length':2,'elements':4,'EI':90,'mass_per_length':3},'effects':[{'type':'damper','dof':'w2',"
-                   "'coefficient':0.1}],'initial':{'x':{"
-                   "'th0':0.29845130209103,'w1':0.134350288425444,'th1':0.211036939562522,'w2':0.19,'w3':0.134350288425444,'th3':-0.211036939562522,'th4':-0.29845130209103}},"
-                   "'sensors':[{'dof':'w2'}],'time':{'dt':0.01,'duration':2}}", "{'of':'simulate'}", MODAL_OK, NULL);
+    cJSON *r = job("tradeoff",
+                   "{'structure':{'type':'beam','length':2,'elements':4,'EI':90,"
+                   "'mass_per_length':3},'effects':[{'type':'damper','dof':'w2',"
+                   "'coefficient':0.1}],'initial':{'x':{'th0':0.29845130209103,"
+                   "'w1':0.134350288425444,'th1':0.211036939562522,'w2':0.19,"
+                   "'w3':0.134350288425444,'th3':-0.211036939562522,'th4':-0.29845130209103}},"
+                   "'sensors':[{'dof':'w2'}],'time':{'dt':0.01,'duration':2}}",
+                   "{'of':'simulate'}", MODAL_OK, NULL);
     double rough = rung_error(r, "elements", 2), fine = rung_error(r, "elements", 8);
 
     CHECK(fine > 1e-6 && fine < 1e-2);
@@ -416,14 +505,19 @@ TEST(the_trade_off_over_elements_shows_the_order_of_the_elements)
 
 TEST(the_trade_off_over_inflow_has_the_orders_beside_the_scene_s)
 {
-    cJSON *r = job("tradeoff", "{'structure':{'type':'wing','length':20,'chord':6,'elements':2,'EI':23.65e6,'GJ':2.39e6,'mass_per_length':0.746,'I_rho':1.943,"
-                   "'x_cg':0.6},'effects':[{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'peters_he','inflow_states':20}],"
-                   "'initial':{'v':{'w1':0.5,'w2':1}},'time':{'dt':0.005,'duration':0.5}}", "{'of':'simulate'}", MODAL_OK, NULL);
+    cJSON *r = job("tradeoff",
+                   "{'structure':{'type':'wing','length':20,'chord':6,'elements':2,'EI':23.65e6,"
+                   "'GJ':2.39e6,'mass_per_length':0.746,'I_rho':1.943,'x_cg':0.6},'effects':"
+                   "[{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,"
+                   "'inflow':'peters_he','inflow_states':20}],'initial':{'v':{'w1':0.5,'w2':1}},"
+                   "'time':{'dt':0.005,'duration':0.5}}",
+                   "{'of':'simulate'}", MODAL_OK, NULL);
 
-    CHECK(rung_error(r, "inflow_states", 12) > rung_error(r, "inflow_states", 30));       /* orders 5, 7 and 9 */
+    /* orders 5, 7 and 9 */
+    CHECK(rung_error(r, "inflow_states", 12) > rung_error(r, "inflow_states", 30));
     CHECK(rung_error(r, "inflow_states", 30) > 1e-6);
     CHECK(rung_error(r, "elements", 4) > 1e-6);
-    CHECK(isnan(rung_error(r, "elements", 1)));                  /* w1 of 2 elements is no node of 1 */
+    CHECK(isnan(rung_error(r, "elements", 1)));   /* w1 of 2 elements is no node of 1 */
     cJSON_Delete(r);
 }
 
@@ -440,9 +534,13 @@ static void job_signals(const char *scene_json, const char *options_json, struct
 /* The same mesh again is the same motion; the places of another keep their names. */
 TEST(another_mesh_keeps_places_and_names)
 {
-#define SHAFT "{'structure':{'type':'shaft','length':1,'elements':4,'EI':[98,175],'mass_per_length':2,'speed':20,'disk':{'position':0.5,'mass':5,'radius':0.1}}," \
-    "'effects':[{'type':'bearing','at':'left','transverse':2e4},{'type':'bearing','at':'right','transverse':2e4},{'type':'spring','dof':'y1','to':'y3','stiffness':10}]," \
-    "'excitation':[{'dof':'z2','type':'half_sine','amplitude':1,'duration':0.05}],'initial':{'x':{'y2':0.01,'sy0':0.02}},'time':{'dt':0.01,'duration':0.2}}"
+#define SHAFT \
+    "{'structure':{'type':'shaft','length':1,'elements':4,'EI':[98,175],'mass_per_length':2,'" \
+    "speed':20,'disk':{'position':0.5,'mass':5,'radius':0.1}}," \
+    "'effects':[{'type':'bearing','at':'left','transverse':2e4},{'type':'bearing','at':'right','" \
+    "transverse':2e4},{'type':'spring','dof':'y1','to':'y3','stiffness':10}]," \
+    "'excitation':[{'dof':'z2','type':'half_sine','amplitude':1,'duration':0.05}],'initial':{'x':" \
+    "{'y2':0.01,'sy0':0.02}},'time':{'dt':0.01,'duration':0.2}}"
     struct job_result own, same, finer;
 
     job_signals(SHAFT, "{}", &own);
@@ -459,6 +557,9 @@ TEST(another_mesh_keeps_places_and_names)
     struct modal_error err;
     cJSON_Delete(job("simulate", SHAFT, "{'elements':3}", MODAL_BAD_INPUT, &err));
     CHECK_STRING(err.field, "elements");
-    cJSON_Delete(job("simulate", "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'time':{'dt':1,'duration':2}}", "{'elements':3}", MODAL_BAD_INPUT, &err));
+    cJSON_Delete(job(
+        "simulate",
+        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'time':{'dt':1,'duration':2}}",
+        "{'elements':3}", MODAL_BAD_INPUT, &err));
     CHECK_STRING(err.field, "elements");
 }

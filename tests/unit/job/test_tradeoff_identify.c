@@ -1,4 +1,5 @@
-/* Error against time through the job: on exact signals errors are those against the truth, settings are options that give them again. */
+/* Error against time through the job: on exact signals errors are those against the truth, settings
+ * are options that give them again. */
 #include "job/tradeoff.h"
 #include <stdlib.h>
 #include "check.h"
@@ -20,7 +21,8 @@ static struct batch batch_of(struct decay *d, double snr_db, uint64_t seed)
     return (struct batch) { .samples = 1200, .channels = 3, .signals = samples, .dt = d->dt };
 }
 
-static cJSON *run(const char *kind, const struct batch *b, const char *options, enum modal_status expected)
+static cJSON *run(const char *kind, const struct batch *b, const char *options,
+                  enum modal_status expected)
 {
     cJSON *o = cJSON_Parse(options);
     struct job_request request = { .kind = kind, .options = o, .batch = b };
@@ -55,7 +57,8 @@ static double distance(const cJSON *doc, const struct decay *d)
         const cJSON *m;
         cJSON_ArrayForEach(m, cJSON_GetObjectItem(doc, "modes")) {
             const cJSON *e = cJSON_GetObjectItem(m, "exponent");
-            double complex z = CMPLX(cJSON_GetArrayItem(e, 0)->valuedouble, cJSON_GetArrayItem(e, 1)->valuedouble);
+            double complex z =
+                CMPLX(cJSON_GetArrayItem(e, 0)->valuedouble, cJSON_GetArrayItem(e, 1)->valuedouble);
             best = fmin(best, cabs(z - d->lambda[j]) / cabs(d->lambda[j]));
         }
         worst = fmax(worst, best);
@@ -71,8 +74,11 @@ TEST(with_a_truth_given_each_rungs_settings_pasted_back_give_its_error)
     const cJSON *rung;
     int pareto = 0;
 
-    snprintf(options, sizeof options, "{\"of\":\"identify\",\"repetitions\":1,\"truth\":[[%.17g,%.17g],[%.17g,%.17g],[%.17g,%.17g]]}",
-             creal(d.lambda[0]), cimag(d.lambda[0]), creal(d.lambda[1]), cimag(d.lambda[1]), creal(d.lambda[2]), -cimag(d.lambda[2]));
+    snprintf(options, sizeof options,
+             "{\"of\":\"identify\",\"repetitions\":1,\"truth\":[[%.17g,%.17g],[%.17g,%.17g],"
+             "[%.17g,%.17g]]}",
+             creal(d.lambda[0]), cimag(d.lambda[0]), creal(d.lambda[1]), cimag(d.lambda[1]),
+             creal(d.lambda[2]), -cimag(d.lambda[2]));
     cJSON *doc = run("tradeoff", &b, options, MODAL_OK);
     CHECK_STRING(cJSON_GetObjectItem(doc, "of")->valuestring, "identify");
     CHECK(cJSON_GetArraySize(cJSON_GetObjectItem(doc, "rungs")) >= 6);
@@ -86,12 +92,14 @@ TEST(with_a_truth_given_each_rungs_settings_pasted_back_give_its_error)
         free(settings);
     }
     CHECK(pareto >= 1);
-    const cJSON *best = cJSON_GetArrayItem(cJSON_GetObjectItem(doc, "rungs"), (int)number(doc, "recommended"));
+    const cJSON *best =
+        cJSON_GetArrayItem(cJSON_GetObjectItem(doc, "rungs"), (int)number(doc, "recommended"));
     CHECK(cJSON_IsTrue(cJSON_GetObjectItem(best, "pareto")));
     cJSON_Delete(doc);
 }
 
-/* Without a truth the error joins the distance to the default's answer and the bound, which the test computes apart. */
+/* Without a truth the error joins the distance to the default's answer and the bound, which the
+ * test computes apart. */
 TEST(without_a_truth_the_bound_is_that_of_the_data_and_no_rung_is_below_it)
 {
     struct decay d;
@@ -110,7 +118,8 @@ TEST(without_a_truth_the_bound_is_that_of_the_data_and_no_rung_is_below_it)
     CHECK_NEAR(number(doc, "bound") / bound, 1, 0.06);      /* the noise is estimated to 1.2 % */
     cJSON_ArrayForEach(rung, cJSON_GetObjectItem(doc, "rungs")) {
         CHECK(number(rung, "error") >= number(doc, "bound") * (1 - 1e-12));
-        CHECK_NEAR(pow(number(rung, "error"), 2), pow(number(rung, "algorithm_error"), 2) + pow(number(doc, "bound"), 2), 1e-12);
+        CHECK_NEAR(pow(number(rung, "error"), 2),
+                   pow(number(rung, "algorithm_error"), 2) + pow(number(doc, "bound"), 2), 1e-12);
     }
     cJSON_Delete(doc);
 }
@@ -120,7 +129,9 @@ TEST(a_mode_that_no_rung_could_find_counts_as_a_hundred_per_cent)
     struct decay d;
     struct batch b = batch_of(&d, 0, 3);
     const cJSON *rung;
-    cJSON *doc = run("tradeoff", &b, "{\"repetitions\":1,\"truth\":[[-0.1,1],[-0.1,2],[-0.1,3],[-0.1,4]]}", MODAL_OK);
+    cJSON *doc = run("tradeoff", &b,
+                     "{\"repetitions\":1,\"truth\":[[-0.1,1],[-0.1,2],[-0.1,3],[-0.1,4]]}",
+                     MODAL_OK);
 
     cJSON_ArrayForEach(rung, cJSON_GetObjectItem(doc, "rungs")) {
         CHECK(number(rung, "error") == 1);
@@ -140,12 +151,14 @@ TEST(what_is_not_a_truth_or_cannot_be_traded_off_is_bad_input)
     run("tradeoff", &b, "{\"rank.fixed\":-1}", MODAL_BAD_INPUT);
 }
 
-/* The bound of all the record at 40 dB is 3e-5; a quarter of it holds nearly all of these decays. */
+/* The bound of all the record at 40 dB is 3e-5; a quarter of it holds nearly all of these decays.
+ */
 TEST(an_ordinary_identify_stops_at_the_first_rung_within_the_target_and_tells_its_neighbours)
 {
     struct decay d;
     struct batch b = batch_of(&d, 40, 5);
-    cJSON *doc = run("identify", &b, "{\"target.error\":0.01}", MODAL_OK), *ladder = cJSON_GetObjectItem(doc, "ladder");
+    cJSON *doc = run("identify", &b, "{\"target.error\":0.01}", MODAL_OK),
+          *ladder = cJSON_GetObjectItem(doc, "ladder");
     const cJSON *rungs = cJSON_GetObjectItem(ladder, "rungs");
 
     CHECK(number(ladder, "chosen") == 0 && cJSON_GetArraySize(rungs) == 3);

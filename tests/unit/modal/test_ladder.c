@@ -1,4 +1,5 @@
-/* The ladder of settings: a made-up method whose error and time are known closed forms, on a clock the test turns. */
+/* The ladder of settings: a made-up method whose error and time are known closed forms, on a clock
+ * the test turns. */
 #include "modal/ladder.h"
 #include "check.h"
 
@@ -115,7 +116,8 @@ TEST(counts_and_targets_out_of_range_are_bad_input_and_a_cancel_is_heard)
     CHECK(ladder_run(&l, r, &o, &err) == MODAL_CANCELLED);
 }
 
-/* Rungs 2 and 3 reach the data's own error 1e-2: rung 2 does so in half the time, and 3 to 5 are dominated by it. */
+/* Rungs 2 and 3 reach the data's own error 1e-2: rung 2 does so in half the time, and 3 to 5 are
+ * dominated by it. */
 TEST(what_is_below_the_datas_own_error_buys_nothing_and_is_not_recommended)
 {
     struct method m = { .dead = -1, .floor = 1e-2 };
@@ -128,10 +130,13 @@ TEST(what_is_below_the_datas_own_error_buys_nothing_and_is_not_recommended)
     CHECK(o.recommended == 2 && r[2].pareto && !r[3].pareto && !r[5].pareto);
 }
 
-/* log-log: (0, 0), (1, -4), (10, -5): the middle rung has nearly all of the accuracy for a tenth of the time. */
+/* log-log: (0, 0), (1, -4), (10, -5): the middle rung has nearly all of the accuracy for a tenth of
+ * the time. */
 TEST(without_a_target_the_knee_is_recommended)
 {
-    struct ladder_rung r[3] = { { true, false, 1, 1 }, { true, false, 1e-4, exp(1) }, { true, false, 1e-5, exp(10) } };
+    struct ladder_rung r[3] = { { true, false, 1, 1 },
+                                { true, false, 1e-4, exp(1) },
+                                { true, false, 1e-5, exp(10) } };
 
     CHECK(ladder_mark(r, 3, 0) == 1);
 }

@@ -1,4 +1,5 @@
-/* test_batch_file.c - a user's HDF5 file in, the same batch out; everything that is no batch named for what it is */
+/* test_batch_file.c - a user's HDF5 file in, the same batch out; everything that is no batch named
+ * for what it is */
 #include "check.h"
 #include <hdf5.h>
 #include <stdlib.h>
@@ -40,9 +41,11 @@ static hid_t text_type(size_t size)
     return type;
 }
 
-static hid_t make(hid_t *set, const char *name, hid_t type, int rank, const hsize_t *dims, const void *values, hid_t memory)
+static hid_t make(hid_t *set, const char *name, hid_t type, int rank, const hsize_t *dims,
+                  const void *values, hid_t memory)
 {
-    hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), space = H5Screate_simple(rank, dims, NULL);
+    hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
+          space = H5Screate_simple(rank, dims, NULL);
 
     *set = H5Dcreate2(file, name, type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     if (values != NULL)
@@ -79,8 +82,16 @@ static void check_refused(enum modal_status status, const char *field)
 TEST(what_is_written_is_read_back_bit_for_bit)
 {
     static const char *const names[2] = { "root", "tip \xc2\xb5" };
-    struct batch batch = { .samples = 3, .channels = 2, .signals = x, .dt = 0.1 + 0.2, .period = 7.7, .names = names, .units = "m/s" };
-    cJSON *attributes = cJSON_Parse("{\"rig\":\"seven\",\"gain\":2.385,\"list\":[1.5,2,3],\"words\":[\"a\",\"bc\"],\"deep\":{\"a\":[1,{}]},\"empty\":\"\"}");
+    struct batch batch = { .samples = 3,
+                           .channels = 2,
+                           .signals = x,
+                           .dt = 0.1 + 0.2,
+                           .period = 7.7,
+                           .names = names,
+                           .units = "m/s" };
+    cJSON *attributes =
+        cJSON_Parse("{\"rig\":\"seven\",\"gain\":2.385,\"list\":[1.5,2,3],\"words\":[\"a\","
+                    "\"bc\"],\"deep\":{\"a\":[1,{}]},\"empty\":\"\"}");
     struct batch_file got;
 
     start();
@@ -94,7 +105,8 @@ TEST(what_is_written_is_read_back_bit_for_bit)
     CHECK(cJSON_GetArraySize(got.attributes) == 6);
     CHECK_STRING(cJSON_GetObjectItem(got.attributes, "rig")->valuestring, "seven");
     CHECK(cJSON_GetArrayItem(cJSON_GetObjectItem(got.attributes, "list"), 0)->valuedouble == 1.5);
-    CHECK_STRING(cJSON_GetArrayItem(cJSON_GetObjectItem(got.attributes, "words"), 1)->valuestring, "bc");
+    CHECK_STRING(cJSON_GetArrayItem(cJSON_GetObjectItem(got.attributes, "words"), 1)->valuestring,
+                 "bc");
     CHECK_STRING(cJSON_GetObjectItem(got.attributes, "deep")->valuestring, "{\"a\":[1,{}]}");
     batch_file_done(&got);
     cJSON_Delete(attributes);
@@ -271,12 +283,19 @@ TEST(a_shape_past_this_machines_memory_is_refused_before_it_is_allocated)
 
 TEST(attributes_that_are_missing_or_wrong_are_named)
 {
-    static const double good = 0.5, two[2] = { 1, 2 }, zero = 0, negative = -0.5, infinite = INFINITY, nan = NAN;
-    static const struct { const char *name; const double *value; hsize_t count; const char *field; } cases[] = {
-        { "other", &good, 0, "dt" },  { "dt", two, 2, "dt" },       { "dt", &zero, 0, "dt" },
-        { "dt", &negative, 0, "dt" }, { "dt", &infinite, 0, "dt" }, { "dt", &nan, 0, "dt" },
-        { "period", &nan, 0, "period" }, { "period", &negative, 0, "period" }, { "units", &good, 0, "units" },
-        { "channels", two, 2, "channels" },
+    static const double good = 0.5, two[2] = { 1, 2 }, zero = 0, negative = -0.5,
+                        infinite = INFINITY, nan = NAN;
+    static const struct {
+        const char *name;
+        const double *value;
+        hsize_t count;
+        const char *field;
+    } cases[] = {
+        { "other", &good, 0, "dt" },     { "dt", two, 2, "dt" },
+        { "dt", &zero, 0, "dt" },        { "dt", &negative, 0, "dt" },
+        { "dt", &infinite, 0, "dt" },    { "dt", &nan, 0, "dt" },
+        { "period", &nan, 0, "period" }, { "period", &negative, 0, "period" },
+        { "units", &good, 0, "units" },  { "channels", two, 2, "channels" },
     };
     hid_t set, file;
 

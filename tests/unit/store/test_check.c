@@ -29,7 +29,9 @@ static void collect(void *context, const char *line)
 /* A job with an inline input, one with an upload and a large result, an open upload. */
 static struct ledger *start(void)
 {
-    struct input_shape shape = { .type = INPUT_BATCH, .samples = SAMPLES, .channels = 1, .dt = 0.5 };
+    struct input_shape shape = {
+        .type = INPUT_BATCH, .samples = SAMPLES, .channels = 1, .dt = 0.5
+    };
     struct ledger_change group[16] = { 0 };
     struct ledger *ledger = NULL;
     char *large = malloc(LARGE);
@@ -41,8 +43,13 @@ static struct ledger *start(void)
     for (int i = 0; i < SAMPLES; i++)
         x[i] = sin(i);
     group[n].verb = LEDGER_INPUT_PUT;
-    group[n++].input = (struct input_record) { .id = 1, .user = "ada", .shape = { .type = INPUT_SCENE, .length = 13 }, .state = INPUT_SEALED,
-        .crc = crc32c(0, "{\"omega\":1.5}", 13), .data = "{\"omega\":1.5}", .inline_data = true };
+    group[n++].input = (struct input_record) { .id = 1,
+                                              .user = "ada",
+                                              .shape = { .type = INPUT_SCENE, .length = 13 },
+                                              .state = INPUT_SEALED,
+                                              .crc = crc32c(0, "{\"omega\":1.5}", 13),
+                                              .data = "{\"omega\":1.5}",
+                                              .inline_data = true };
     for (int64_t id = 2; id <= 3; id++) {
         struct upload *upload;
         uint8_t digest[32] = { 0 };
@@ -50,7 +57,9 @@ static struct ledger *start(void)
         for (uint64_t at = 0; at < (id == 2 ? BYTES : BYTES / 2); at += CHUNK, n++) {
             group[n].verb = LEDGER_CHUNK_PUT;
             group[n].input_id = id;
-            group[n].chunk = (struct chunk_record) { .offset = at, .length = CHUNK, .crc = crc32c(0, (char *)x + at, CHUNK) };
+            group[n].chunk = (struct chunk_record) { .offset = at,
+                                                    .length = CHUNK,
+                                                    .crc = crc32c(0, (char *)x + at, CHUNK) };
             struct upload_part part = { (char *)x + at, CHUNK, group[n].chunk.crc };
             CHECK(upload_write(upload, at, &part, 1, NULL) == MODAL_OK);
             upload_hash(upload, &part, 1);
@@ -59,15 +68,25 @@ static struct ledger *start(void)
             CHECK(upload_seal(upload, digest, NULL) == MODAL_OK);
         data_offset = upload_offset(upload);
         group[n].verb = LEDGER_INPUT_PUT;
-        group[n].input = (struct input_record) { .id = id, .user = "ada", .shape = shape, .state = id == 2 ? INPUT_SEALED : INPUT_OPEN,
-            .crc = upload_crc(upload), .offset = upload_offset(upload) };
+        group[n].input = (struct input_record) { .id = id,
+                                                .user = "ada",
+                                                .shape = shape,
+                                                .state = id == 2 ? INPUT_SEALED : INPUT_OPEN,
+                                                .crc = upload_crc(upload),
+                                                .offset = upload_offset(upload) };
         memcpy(group[n++].input.sha256, digest, 32);
         upload_close(upload);
     }
     for (int64_t id = 1; id <= 2; id++) {
         group[n].verb = LEDGER_JOB_PUT;
-        group[n++].job = (struct job_record) { .id = id, .user = "ada", .key = id == 1 ? "k" : NULL, .kind = "identify", .options = "{}", .input = id,
-            .state = id == 1 ? JOB_QUEUED : JOB_DONE, .result_bytes = id == 1 ? 0 : LARGE };
+        group[n++].job = (struct job_record) { .id = id,
+                                              .user = "ada",
+                                              .key = id == 1 ? "k" : NULL,
+                                              .kind = "identify",
+                                              .options = "{}",
+                                              .input = id,
+                                              .state = id == 1 ? JOB_QUEUED : JOB_DONE,
+                                              .result_bytes = id == 1 ? 0 : LARGE };
     }
     memset(large, 'r', LARGE);
     group[n].verb = LEDGER_RESULT_PUT;
@@ -115,7 +134,8 @@ TEST(a_sound_store_has_no_problems_beside_its_daemon_and_after_it)
     struct check_report report = look(dir);
 
     CHECK_STRING(problems, "");
-    CHECK(report.problems == 0 && report.orphans == 0 && report.jobs == 2 && report.inputs == 3 && report.results == 1 && report.chunks == 6);
+    CHECK(report.problems == 0 && report.orphans == 0 && report.jobs == 2 && report.inputs == 3 &&
+          report.results == 1 && report.chunks == 6);
     ledger_close(ledger);
     CHECK(look(dir).problems == 0);
     stop(NULL);
@@ -128,7 +148,8 @@ TEST(a_flipped_bit_of_a_sealed_input_is_named_with_its_chunk_and_offset)
 
     flip("spool/2.h5", (off_t)data_offset + CHUNK + 77);
     CHECK(look(dir).problems == 1);
-    snprintf(expected, sizeof expected, "the chunk at %d (offset %d of its file", CHUNK, (int)data_offset + CHUNK);
+    snprintf(expected, sizeof expected, "the chunk at %d (offset %d of its file", CHUNK,
+             (int)data_offset + CHUNK);
     CHECK(strstr(problems, "input 2:") != NULL && strstr(problems, expected) != NULL);
     stop(ledger);
 }
@@ -164,7 +185,8 @@ TEST(missing_files_are_problems_and_orphans_are_none)
     snprintf(path, sizeof path, "%s/results/2.json", dir);
     unlink(path);
     report = look(dir);
-    CHECK(report.problems == 2 && strstr(problems, "input 2") != NULL && strstr(problems, "job 2") != NULL);
+    CHECK(report.problems == 2 && strstr(problems, "input 2") != NULL &&
+          strstr(problems, "job 2") != NULL);
     stop(ledger);
 }
 
@@ -213,10 +235,11 @@ TEST(a_backup_taken_beside_the_daemon_is_a_store_of_its_own)
     CHECK(look(copy).jobs == 2 && look(copy).chunks == 6);
     snprintf(a, sizeof a, "%s/spool/2.h5", dir);
     snprintf(b, sizeof b, "%s/spool/2.h5", copy);
-    CHECK(stat(a, &here) == 0 && stat(b, &there) == 0 && here.st_ino == there.st_ino);      /* linked */
+    CHECK(stat(a, &here) == 0 && stat(b, &there) == 0 && here.st_ino == there.st_ino);  /* linked */
     snprintf(a, sizeof a, "%s/spool/3.part", dir);
     snprintf(b, sizeof b, "%s/spool/3.part", copy);
-    CHECK(stat(a, &here) == 0 && stat(b, &there) == 0 && here.st_ino != there.st_ino);      /* still written to: copied */
+    /* still written to: copied */
+    CHECK(stat(a, &here) == 0 && stat(b, &there) == 0 && here.st_ino != there.st_ino);
     CHECK(backup_folder(dir, copy, &err) == MODAL_BAD_INPUT);
     ledger_close(ledger);
     CHECK(ledger_open(copy, &second, NULL) == MODAL_OK);

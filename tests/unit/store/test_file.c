@@ -49,7 +49,8 @@ TEST(errors_name_the_path_and_leave_the_outputs_alone)
     start();
     CHECK(file_open(path, O_RDONLY, 0, &fd, &err) == MODAL_NOT_FOUND && fd == 55);
     CHECK(strstr(err.message, path) != NULL);
-    CHECK(file_get(path, 10, &data, &length, &err) == MODAL_NOT_FOUND && data == dir && length == 77);
+    CHECK(file_get(path, 10, &data, &length, &err) == MODAL_NOT_FOUND && data == dir &&
+          length == 77);
     CHECK(file_put(path, "eleven byte", 11, 0640, NULL) == MODAL_OK);
     CHECK(file_get(path, 10, &data, &length, &err) == MODAL_TOO_LARGE && data == dir);
     CHECK(file_make_dir(path, 0700, &err) == MODAL_IO);
@@ -70,7 +71,8 @@ TEST(a_read_past_the_end_is_short_and_a_reserved_file_has_its_length)
     start();
     CHECK(file_open(path, O_RDWR | O_CREAT, 0600, &fd, NULL) == MODAL_OK);
     CHECK(file_write(fd, "0123456789", 10, 5, NULL) == MODAL_OK);
-    CHECK(file_read(fd, data, 10, 9, &got, NULL) == MODAL_OK && got == 6 && memcmp(data, "456789", 6) == 0);
+    CHECK(file_read(fd, data, 10, 9, &got, NULL) == MODAL_OK && got == 6 &&
+          memcmp(data, "456789", 6) == 0);
     CHECK(file_reserve(fd, 100000, NULL) == MODAL_OK && fstat(fd, &known) == 0);
     CHECK(known.st_size == 100000 && known.st_blocks * 512 >= 100000);
     CHECK(file_truncate(fd, 7, NULL) == MODAL_OK && fstat(fd, &known) == 0 && known.st_size == 7);
@@ -112,7 +114,8 @@ TEST(with_fault_points_the_nth_call_fails_as_told_and_the_others_pass)
     CHECK(file_put(path, "c", 1, 0600, &err) == MODAL_OK);
     CHECK(file_put(path, "d", 1, 0600, &err) == MODAL_IO);
     CHECK(file_put(path, "e", 1, 0600, &err) == MODAL_OK);
-    CHECK(file_fault_count(FILE_PWRITE) == 5 && file_fault_count(FILE_FDATASYNC) == 4 && file_fault_count(FILE_RENAME) == 4);
+    CHECK(file_fault_count(FILE_PWRITE) == 5 && file_fault_count(FILE_FDATASYNC) == 4 &&
+          file_fault_count(FILE_RENAME) == 4);
     CHECK(file_fault("pwrite:1+:short"));
     CHECK(file_put(path, "cut into pieces", 15, 0600, &err) == MODAL_OK);
     CHECK(file_fault_count(FILE_PWRITE) > 3);

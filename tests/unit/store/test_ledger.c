@@ -50,9 +50,21 @@ static struct ledger_change job_put(int64_t id, const char *key)
 {
     struct ledger_change change = { .verb = LEDGER_JOB_PUT };
 
-    change.job = (struct job_record) {
-        .id = id, .user = "ada", .key = key, .kind = "identify", .options = "{\"rank.fixed\":6}", .input = 7, .fingerprint = { 1, 2, 3 },
-        .priority = 123, .run_limit_ns = 45, .deadline_ns = 67, .not_before_ns = 89, .tag = "t", .state = JOB_QUEUED, .submitted_ns = 1234567890123456789,
+    change.job = (struct job_record){
+        .id = id,
+        .user = "ada",
+        .key = key,
+        .kind = "identify",
+        .options = "{\"rank.fixed\":6}",
+        .input = 7,
+        .fingerprint = { 1, 2, 3 },
+        .priority = 123,
+        .run_limit_ns = 45,
+        .deadline_ns = 67,
+        .not_before_ns = 89,
+        .tag = "t",
+        .state = JOB_QUEUED,
+        .submitted_ns = 1234567890123456789,
     };
     return change;
 }
@@ -61,10 +73,23 @@ static struct ledger_change job_move(int64_t id, enum job_state state)
 {
     struct ledger_change change = { .verb = LEDGER_JOB_MOVE };
 
-    change.job = (struct job_record) {
-        .id = id, .state = state, .attempts = 2, .crashes = 1, .submitted_ns = 1234567890123456789, .started_ns = 11, .finished_ns = 12, .cpu_ns = 13,
-        .error_code = "worker_died", .error_message = "m", .error_field = "f", .error_detail = "{}", .stderr_text = "last words",
-        .result_bytes = 5, .output = 9, .cached = true,
+    change.job = (struct job_record){
+        .id = id,
+        .state = state,
+        .attempts = 2,
+        .crashes = 1,
+        .submitted_ns = 1234567890123456789,
+        .started_ns = 11,
+        .finished_ns = 12,
+        .cpu_ns = 13,
+        .error_code = "worker_died",
+        .error_message = "m",
+        .error_field = "f",
+        .error_detail = "{}",
+        .stderr_text = "last words",
+        .result_bytes = 5,
+        .output = 9,
+        .cached = true,
     };
     return change;
 }
@@ -147,7 +172,8 @@ static enum modal_status see_segment(void *context, const struct segment_record 
 static struct seen load(struct ledger *ledger)
 {
     struct seen seen = { 0 };
-    struct ledger_visitor visitor = { &seen, see_input, see_job, see_result, see_tombstone, see_note, see_event, see_segment };
+    struct ledger_visitor visitor = { &seen,         see_input, see_job,   see_result,
+                                      see_tombstone, see_note,  see_event, see_segment };
 
     CHECK(ledger_load(ledger, &visitor, NULL) == MODAL_OK);
     return seen;
@@ -162,8 +188,10 @@ TEST(a_job_comes_back_as_it_was_put)
     ledger = again(ledger);
     seen = load(ledger);
     CHECK(seen.jobs == 1 && seen.job.id == 3 && seen.job.input == 7 && seen.job.priority == 123);
-    CHECK(seen.job.run_limit_ns == 45 && seen.job.deadline_ns == 67 && seen.job.not_before_ns == 89);
-    CHECK(seen.job.submitted_ns == 1234567890123456789 && seen.job.fingerprint[2] == 3 && seen.job.state == JOB_QUEUED);
+    CHECK(seen.job.run_limit_ns == 45 && seen.job.deadline_ns == 67 &&
+          seen.job.not_before_ns == 89);
+    CHECK(seen.job.submitted_ns == 1234567890123456789 && seen.job.fingerprint[2] == 3 &&
+          seen.job.state == JOB_QUEUED);
     stop(ledger);
 }
 
@@ -179,7 +207,8 @@ TEST(a_move_changes_the_progress_and_nothing_else)
     CHECK(one(ledger, job_move(3, JOB_RUNNING)) == MODAL_OK);
     CHECK(one(ledger, job_move(3, JOB_DONE)) == MODAL_OK);
     seen = load(ledger);
-    CHECK(seen.job.state == JOB_DONE && seen.job.attempts == 2 && seen.job.crashes == 1 && seen.job.cpu_ns == 13 && seen.job.output == 9);
+    CHECK(seen.job.state == JOB_DONE && seen.job.attempts == 2 && seen.job.crashes == 1 &&
+          seen.job.cpu_ns == 13 && seen.job.output == 9);
     CHECK(seen.job.priority == 123 && seen.job.cached);
     CHECK(ledger_reader_open(dir, &reader, NULL) == MODAL_OK);
     CHECK(ledger_read_stderr(reader, 3, &text, &length, NULL) == MODAL_OK);
@@ -201,7 +230,8 @@ TEST(exactly_the_moves_of_the_table_are_taken)
             struct ledger_change put = job_put(id, NULL);
             put.job.state = (enum job_state)from;
             CHECK(one(ledger, put) == MODAL_OK);
-            CHECK(one(ledger, job_move(id, (enum job_state)to)) == (ledger_moves[from][to] ? MODAL_OK : MODAL_CONFLICT));
+            CHECK(one(ledger, job_move(id, (enum job_state)to)) ==
+                  (ledger_moves[from][to] ? MODAL_OK : MODAL_CONFLICT));
             CHECK(load(ledger).job.state == (enum job_state)(ledger_moves[from][to] ? to : from));
         }
     for (int to = 0; to < JOB_STATE_COUNT; to++)
@@ -213,10 +243,12 @@ TEST(exactly_the_moves_of_the_table_are_taken)
 TEST(a_change_that_cannot_be_leaves_the_rest_of_its_group)
 {
     struct ledger *ledger = start();
-    struct ledger_change group[5] = { job_put(1, "a"), job_put(2, "a"), job_put(1, "b"), job_move(77, JOB_DONE), job_put(3, NULL) };
+    struct ledger_change group[5] = { job_put(1, "a"), job_put(2, "a"), job_put(1, "b"),
+                                      job_move(77, JOB_DONE), job_put(3, NULL) };
 
     CHECK(ledger_commit(ledger, group, 5, NULL) == MODAL_OK);
-    CHECK(group[0].status == MODAL_OK && group[1].status == MODAL_CONFLICT && group[2].status == MODAL_CONFLICT);
+    CHECK(group[0].status == MODAL_OK && group[1].status == MODAL_CONFLICT &&
+          group[2].status == MODAL_CONFLICT);
     CHECK(group[3].status == MODAL_NOT_FOUND && group[4].status == MODAL_OK);
     CHECK(load(ledger).jobs == 2);
     CHECK(one(ledger, job_put(4, NULL)) == MODAL_OK);      /* no key never conflicts */
@@ -238,28 +270,49 @@ TEST(inputs_chunks_results_tombstones_notes_and_events_come_back)
     size_t length, n = 0;
 
     group[n].verb = LEDGER_INPUT_PUT;
-    group[n++].input = (struct input_record) { .id = 7, .user = "ada", .shape = { .type = INPUT_BATCH, .samples = 2, .channels = 2, .dt = 0.1 + 0.2,
-        .period = 3, .units = "m", .names = names, .attributes = "{\"a\":1}" }, .state = INPUT_SEALED, .sha256 = { 9, 8 }, .crc = crc32c(0, x, sizeof x),
-        .data = x, .inline_data = true, .created_ns = 5, .used_ns = 6 };
+    group[n++].input = (struct input_record) { .id = 7,
+                                              .user = "ada",
+                                              .shape = { .type = INPUT_BATCH,
+                                                         .samples = 2,
+                                                         .channels = 2,
+                                                         .dt = 0.1 + 0.2,
+                                                         .period = 3,
+                                                         .units = "m",
+                                                         .names = names,
+                                                         .attributes = "{\"a\":1}" },
+                                              .state = INPUT_SEALED,
+                                              .sha256 = { 9, 8 },
+                                              .crc = crc32c(0, x, sizeof x),
+                                              .data = x,
+                                              .inline_data = true,
+                                              .created_ns = 5,
+                                              .used_ns = 6 };
     group[n].verb = LEDGER_INPUT_PUT;
-    group[n++].input = (struct input_record) { .id = 8, .user = "ada", .shape = { .type = INPUT_SCENE, .length = 300 }, .state = INPUT_OPEN, .offset = 4096 };
+    group[n++].input = (struct input_record) { .id = 8,
+                                              .user = "ada",
+                                              .shape = { .type = INPUT_SCENE, .length = 300 },
+                                              .state = INPUT_OPEN,
+                                              .offset = 4096 };
     for (int i = 0; i < 2; i++) {
         group[n].verb = LEDGER_CHUNK_PUT;
         group[n].input_id = 8;
-        group[n++].chunk = (struct chunk_record) { (uint64_t)i * 100, 100, 0xfffffff0u + (uint32_t)i };
+        group[n++].chunk =
+            (struct chunk_record) { (uint64_t)i * 100, 100, 0xfffffff0u + (uint32_t)i };
     }
     group[n].verb = LEDGER_RESULT_PUT;
     CHECK(ledger_result_put(dir, 3, "{\"kind\":1}", 10, &group[n].result, NULL) == MODAL_OK);
     group[n++].result.settings[31] = 4;
     group[n].verb = LEDGER_TOMBSTONE_PUT;
-    group[n++].tombstone = (struct tombstone_record) { .user = "ada", .key = "old", .job = 2, .expired_ns = 50 };
+    group[n++].tombstone =
+        (struct tombstone_record) { .user = "ada", .key = "old", .job = 2, .expired_ns = 50 };
     for (int i = 0; i < 2; i++) {
         group[n].verb = LEDGER_NOTE_PUT;
         group[n++].note = (struct note_record) { "day", "ada", i == 0 ? "first" : "second" };
     }
     for (int i = 0; i < 3; i++) {
         group[n].verb = LEDGER_EVENT_PUT;
-        group[n++].event = (struct event_record) { 10 + i, 99, 3, i == 1 ? "bo" : "ada", "job", "{}" };
+        group[n++].event =
+            (struct event_record) { 10 + i, 99, 3, i == 1 ? "bo" : "ada", "job", "{}" };
     }
     CHECK(ledger_commit(ledger, group, n, NULL) == MODAL_OK);
     for (size_t i = 0; i < n; i++)
@@ -267,8 +320,10 @@ TEST(inputs_chunks_results_tombstones_notes_and_events_come_back)
 
     ledger = again(ledger);
     seen = load(ledger);
-    CHECK(seen.inputs == 2 && seen.results == 1 && seen.tombstones == 1 && seen.notes == 1 && seen.events == 3);
-    CHECK(seen.input.id == 8 && seen.input.received == 200 && seen.input.offset == 4096 && seen.input.state == INPUT_OPEN);
+    CHECK(seen.inputs == 2 && seen.results == 1 && seen.tombstones == 1 && seen.notes == 1 &&
+          seen.events == 3);
+    CHECK(seen.input.id == 8 && seen.input.received == 200 && seen.input.offset == 4096 &&
+          seen.input.state == INPUT_OPEN);
     CHECK(seen.result.length == 10 && seen.result.settings[31] == 4);
 
     CHECK(ledger_reader_open(dir, &reader, NULL) == MODAL_OK);
@@ -289,10 +344,18 @@ TEST(inputs_chunks_results_tombstones_notes_and_events_come_back)
     stop(ledger);
 }
 
-static struct ledger_change segment_put(int64_t stream, uint64_t offset, const void *data, uint64_t length)
+static struct ledger_change segment_put(int64_t stream, uint64_t offset, const void *data,
+                                        uint64_t length)
 {
-    return (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT, .segment = { .stream = stream, .epoch = 1, .first = offset / 8, .count = length / 8, .offset = offset,
-                                    .length = length, .crc = crc32c(0, data, length), .data = data } };
+    return (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT,
+                                   .segment = { .stream = stream,
+                                                .epoch = 1,
+                                                .first = offset / 8,
+                                                .count = length / 8,
+                                                .offset = offset,
+                                                .length = length,
+                                                .crc = crc32c(0, data, length),
+                                                .data = data } };
 }
 
 /* The samples of ONE, from the file of its stream. */
@@ -313,14 +376,18 @@ TEST(segments_of_streams_come_back_in_the_order_they_were_put_with_their_samples
 {
     const double x[6] = { 2.385, -1, 7, 0, 1e-300, 5 };
     struct ledger *ledger = start();
-    struct ledger_change group[4] = { segment_put(5, 0, x, 16), segment_put(4, 0, x + 1, 24), segment_put(5, 16, x + 2, 32), { .verb = LEDGER_SEGMENTS_DELETE, .id = 4 } };
+    struct ledger_change group[4] = { segment_put(5, 0, x, 16),
+                                      segment_put(4, 0, x + 1, 24),
+                                      segment_put(5, 16, x + 2, 32),
+                                      { .verb = LEDGER_SEGMENTS_DELETE, .id = 4 } };
     double read[4];
     struct seen seen;
 
     CHECK(ledger_commit(ledger, group, 3, NULL) == MODAL_OK && group[2].status == MODAL_OK);
     ledger = again(ledger);
     seen = load(ledger);
-    CHECK(seen.segments == 3 && seen.segment[0].stream == 4 && seen.segment[1].offset == 0 && seen.segment[2].offset == 16 && seen.segment[2].first == 2);
+    CHECK(seen.segments == 3 && seen.segment[0].stream == 4 && seen.segment[1].offset == 0 &&
+          seen.segment[2].offset == 16 && seen.segment[2].first == 2);
     CHECK(samples_of(&seen.segment[0], read) == MODAL_OK && memcmp(read, x + 1, 24) == 0);
     CHECK(samples_of(&seen.segment[2], read) == MODAL_OK && memcmp(read, x + 2, 32) == 0);
     CHECK(ledger_commit(ledger, group + 3, 1, NULL) == MODAL_OK && group[3].status == MODAL_OK);
@@ -333,7 +400,8 @@ TEST(samples_no_row_speaks_of_are_written_over_and_damaged_ones_are_told)
 {
     const double x[4] = { 1, 2, 3, 4 };
     struct ledger *ledger = start();
-    struct ledger_change put = segment_put(5, 0, x, 16), cut_off = segment_put(5, 0, x + 2, 16);      /* by a crash before its row */
+    /* by a crash before its row */
+    struct ledger_change put = segment_put(5, 0, x, 16), cut_off = segment_put(5, 0, x + 2, 16);
     struct samples_files left = { .dir = dir };
     struct seen seen;
     double read[2];
@@ -344,9 +412,11 @@ TEST(samples_no_row_speaks_of_are_written_over_and_damaged_ones_are_told)
     samples_close(&left);
     CHECK(ledger_commit(ledger, &put, 1, NULL) == MODAL_OK);
     seen = load(ledger);
-    CHECK(seen.segments == 1 && samples_of(&seen.segment[0], read) == MODAL_OK && memcmp(read, x, 16) == 0);
+    CHECK(seen.segments == 1 && samples_of(&seen.segment[0], read) == MODAL_OK &&
+          memcmp(read, x, 16) == 0);
     samples_path(path, dir, 5);
-    CHECK(file_open(path, O_RDWR, 0, &fd, NULL) == MODAL_OK && file_write(fd, "x", 1, 9, NULL) == MODAL_OK);
+    CHECK(file_open(path, O_RDWR, 0, &fd, NULL) == MODAL_OK &&
+          file_write(fd, "x", 1, 9, NULL) == MODAL_OK);
     close(fd);
     CHECK(samples_of(&seen.segment[0], read) == MODAL_CORRUPT);
     CHECK(samples_remove(dir, 5, NULL) == MODAL_OK && samples_remove(dir, 5, NULL) == MODAL_OK);
@@ -358,7 +428,8 @@ TEST(the_space_of_samples_that_were_refused_is_given_back)
     static const char zeros[100000];
     struct ledger *ledger = start();
     struct samples_files files = { .dir = dir };
-    struct ledger_change put = segment_put(5, 0, zeros, 16), more = segment_put(5, 16, zeros, sizeof zeros);
+    struct ledger_change put = segment_put(5, 0, zeros, 16),
+                         more = segment_put(5, 16, zeros, sizeof zeros);
     struct stat known;
     char path[4200];
 
@@ -372,7 +443,8 @@ TEST(the_space_of_samples_that_were_refused_is_given_back)
     stop(ledger);
 }
 
-/* A folder as schema 1 left it: each segment of an open stream an open input with its data in the row, and an upload that has none. */
+/* A folder as schema 1 left it: each segment of an open stream an open input with its data in the
+ * row, and an upload that has none. */
 static void put_back_to_schema_1(const double *x)
 {
     char path[128], sql[1024];
@@ -380,13 +452,20 @@ static void put_back_to_schema_1(const double *x)
 
     snprintf(path, sizeof path, "%s/ledger.db", dir);
     CHECK(sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE, file_vfs()) == SQLITE_OK);
-    CHECK(sqlite3_exec(db, "DROP TABLE segments; PRAGMA user_version=1;"
-        "INSERT INTO inputs VALUES(3,'ada',0,0,9,2,0,0.1,0,NULL,NULL,NULL,zeroblob(32),0,0,4096,1,1,NULL)", NULL, NULL, NULL) == SQLITE_OK);
+    CHECK(sqlite3_exec(
+              db,
+              "DROP TABLE segments; PRAGMA user_version=1;"
+              "INSERT INTO inputs "
+              "VALUES(3,'ada',0,0,9,2,0,0.1,0,NULL,NULL,NULL,zeroblob(32),0,0,4096,1,1,NULL)",
+              NULL, NULL, NULL) == SQLITE_OK);
     for (int i = 0; i < 2; i++) {
         sqlite3_stmt *row;
-        snprintf(sql, sizeof sql, "INSERT INTO inputs VALUES(%d,'ada',0,0,1,2,0,0.1,0,NULL,NULL,'{\"stream\":5,\"epoch\":1,\"first\":%d}',zeroblob(32),%u,1,0,1,1,?1)",
+        snprintf(sql, sizeof sql,
+                 "INSERT INTO inputs VALUES(%d,'ada',0,0,1,2,0,0.1,0,NULL,NULL,'{\"stream\":5,"
+                 "\"epoch\":1,\"first\":%d}',zeroblob(32),%u,1,0,1,1,?1)",
                  10 + i, 7 + i, crc32c(0, x + 2 * i, 16));
-        CHECK(sqlite3_prepare_v2(db, sql, -1, &row, NULL) == SQLITE_OK && sqlite3_bind_blob(row, 1, x + 2 * i, 16, SQLITE_STATIC) == SQLITE_OK);
+        CHECK(sqlite3_prepare_v2(db, sql, -1, &row, NULL) == SQLITE_OK &&
+              sqlite3_bind_blob(row, 1, x + 2 * i, 16, SQLITE_STATIC) == SQLITE_OK);
         CHECK(sqlite3_step(row) == SQLITE_DONE);
         sqlite3_finalize(row);
     }
@@ -407,8 +486,11 @@ TEST(an_open_stream_of_schema_1_has_its_samples_in_its_file_after_the_upgrade)
         seen = load(ledger);
         CHECK(seen.inputs == 1 && seen.input.id == 3 && seen.segments == 2);
         for (int i = 0; i < 2; i++) {
-            CHECK(seen.segment[i].stream == 5 && seen.segment[i].epoch == 1 && seen.segment[i].first == (uint64_t)(7 + i) && seen.segment[i].count == 1);
-            CHECK(seen.segment[i].offset == (uint64_t)(16 * i) && samples_of(&seen.segment[i], read) == MODAL_OK && memcmp(read, x + 2 * i, 16) == 0);
+            CHECK(seen.segment[i].stream == 5 && seen.segment[i].epoch == 1 &&
+                  seen.segment[i].first == (uint64_t)(7 + i) && seen.segment[i].count == 1);
+            CHECK(seen.segment[i].offset == (uint64_t)(16 * i) &&
+                  samples_of(&seen.segment[i], read) == MODAL_OK &&
+                  memcmp(read, x + 2 * i, 16) == 0);
         }
         ledger = again(ledger);
     }
@@ -432,8 +514,17 @@ TEST(an_inputs_names_and_units_come_back)
     int count = 0;
     struct ledger_visitor visitor = { .context = &count, .input = keep_input };
 
-    change.input = (struct input_record) { .id = 1, .user = "ada", .shape = { .type = INPUT_BATCH, .samples = 1, .channels = 2, .dt = 0.1 + 0.2, .units = "m",
-        .names = names }, .sha256 = { 9, 8 }, .data = "sixteen bytes ..", .inline_data = true };
+    change.input = (struct input_record) { .id = 1,
+                                          .user = "ada",
+                                          .shape = { .type = INPUT_BATCH,
+                                                     .samples = 1,
+                                                     .channels = 2,
+                                                     .dt = 0.1 + 0.2,
+                                                     .units = "m",
+                                                     .names = names },
+                                          .sha256 = { 9, 8 },
+                                          .data = "sixteen bytes ..",
+                                          .inline_data = true };
     CHECK(one(ledger, change) == MODAL_OK);
     CHECK(ledger_load(ledger, &visitor, NULL) == MODAL_OK && count == 1);
     stop(ledger);
@@ -448,7 +539,7 @@ TEST(deletes_and_prunes_remove_what_they_name)
     group[1].verb = LEDGER_RESULT_PUT;
     ledger_result_put(dir, 3, "{}", 2, &group[1].result, NULL);
     group[2].verb = LEDGER_TOMBSTONE_PUT;
-    group[2].tombstone = (struct tombstone_record) { .user = "ada", .key = "old", .expired_ns = 50 };
+    group[2].tombstone = (struct tombstone_record){ .user = "ada", .key = "old", .expired_ns = 50 };
     group[3].verb = LEDGER_EVENT_PUT;
     group[3].event = (struct event_record) { 10, 99, 3, "ada", "job", "{}" };
     group[4].verb = LEDGER_JOB_DELETE;
@@ -512,7 +603,8 @@ TEST(a_second_daemon_is_refused_on_the_folder_and_on_its_copy)
     CHECK(strstr(err.message, ledger_store_id(ledger)) != NULL);
     CHECK(second == NULL);
     ledger_close(ledger);
-    CHECK(ledger_open(copy, &second, NULL) == MODAL_OK);     /* alone, a copy is as good as the original */
+    /* alone, a copy is as good as the original */
+    CHECK(ledger_open(copy, &second, NULL) == MODAL_OK);
     ledger_close(second);
     shell("rm -r %s %s.copy");
 }
@@ -559,7 +651,8 @@ TEST(a_later_schema_and_a_foreign_database_are_refused)
     CHECK(ledger_open(dir, &second, &err) == MODAL_BAD_VERSION);
     CHECK(strstr(err.message, "99") != NULL);
     CHECK(sqlite3_open_v2(path, &db, SQLITE_OPEN_READWRITE, file_vfs()) == SQLITE_OK);
-    CHECK(sqlite3_exec(db, "PRAGMA user_version=1; PRAGMA application_id=5", NULL, NULL, NULL) == SQLITE_OK);
+    CHECK(sqlite3_exec(db, "PRAGMA user_version=1; PRAGMA application_id=5", NULL, NULL, NULL) ==
+          SQLITE_OK);
     sqlite3_close(db);
     CHECK(ledger_open(dir, &second, &err) == MODAL_CORRUPT);
     shell("rm -r %s");
@@ -572,7 +665,8 @@ static int says_ok(void *context, int columns, char **values, char **titles)
     return columns == 1 && strcmp(values[0], "ok") == 0 ? 0 : 1;
 }
 
-/* Each page of the database carries a checksum: every flipped byte is found by reading all, wherever it lies. */
+/* Each page of the database carries a checksum: every flipped byte is found by reading all,
+ * wherever it lies. */
 TEST(a_flipped_bit_anywhere_in_the_database_is_reported)
 {
     struct ledger *ledger = start(), *damaged = NULL;
@@ -684,8 +778,9 @@ static void unmark(void)
     CHECK(unlink(path) == 0);
 }
 
-/* One flipped bit in each frame of the log in turn is reported: of the last group, after which no other tells that it was synced,
- * by the mark; without the mark, which a crash may have kept from the disk, of all groups but the last. */
+/* One flipped bit in each frame of the log in turn is reported: of the last group, after which no
+ * other tells that it was synced, by the mark; without the mark, which a crash may have kept from
+ * the disk, of all groups but the last. */
 TEST(damage_to_any_group_of_the_log_is_reported)
 {
     struct ledger *ledger = start(), *opened = NULL;
@@ -723,7 +818,8 @@ TEST(damage_to_any_group_of_the_log_is_reported)
         CHECK(system(copy) == 0);
     }
     CHECK(before_last >= 8 && frames > before_last && reported == frames + 1 + before_last);
-    CHECK(truncate(path, known.st_size - 100) == 0);         /* torn: the last group was never acknowledged, nor marked */
+    /* torn: the last group was never acknowledged, nor marked */
+    CHECK(truncate(path, known.st_size - 100) == 0);
     CHECK(ledger_open(dir, &opened, NULL) == MODAL_OK);
     CHECK(load(opened).jobs == 8);
     stop(opened);

@@ -1,4 +1,5 @@
-/* test_spool.c - uploads: written in chunks, resumed, sealed, mapped; every limit and every kind of damage */
+/* test_spool.c - uploads: written in chunks, resumed, sealed, mapped; every limit and every kind of
+ * damage */
 #include "check.h"
 #include <dirent.h>
 #include <fcntl.h>
@@ -15,8 +16,14 @@ enum { SAMPLES = 20000, CHANNELS = 3, BYTES = SAMPLES * CHANNELS * 8, CHUNK = 65
 static char dir[64];
 static double x[SAMPLES * CHANNELS];
 static const char *const names[CHANNELS] = { "root", "mid", "tip" };
-static const struct input_shape shape = { .type = INPUT_BATCH, .samples = SAMPLES, .channels = CHANNELS, .dt = 0.0125, .period = 2.5, .units = "m",
-                                          .names = names, .attributes = "{\"rig\":7,\"who\":\"ada\"}" };
+static const struct input_shape shape = { .type = INPUT_BATCH,
+                                          .samples = SAMPLES,
+                                          .channels = CHANNELS,
+                                          .dt = 0.0125,
+                                          .period = 2.5,
+                                          .units = "m",
+                                          .names = names,
+                                          .attributes = "{\"rig\":7,\"who\":\"ada\"}" };
 
 static void start(void)
 {
@@ -59,7 +66,8 @@ static size_t feed(struct upload *upload, uint64_t end, struct chunk_record *chu
         size_t length = end - at < CHUNK ? (size_t)(end - at) : CHUNK;
         CHECK(put(upload, at, (const char *)x + at, length) == MODAL_OK);
         if (chunks != NULL)
-            chunks[count] = (struct chunk_record) { at, length, crc32c(0, (const char *)x + at, length) };
+            chunks[count] =
+                (struct chunk_record) { at, length, crc32c(0, (const char *)x + at, length) };
         at += length;
         CHECK(upload_received(upload) == at);
     }
@@ -82,7 +90,8 @@ static void check_sealed(int64_t id, uint64_t offset, uint32_t crc, const uint8_
     CHECK(memcmp(map.data, x, BYTES) == 0 && (uintptr_t)map.data % 8 == 0);
     mapping_close(&map);
     CHECK(batch_file_read(path, 0, &file, NULL) == MODAL_OK);      /* any tool can open it */
-    CHECK(file.batch.samples == SAMPLES && file.batch.channels == CHANNELS && file.batch.dt == 0.0125 && file.batch.period == 2.5);
+    CHECK(file.batch.samples == SAMPLES && file.batch.channels == CHANNELS &&
+          file.batch.dt == 0.0125 && file.batch.period == 2.5);
     CHECK(memcmp(file.signals, x, BYTES) == 0);
     CHECK_STRING(file.batch.names[2], "tip");
     CHECK(cJSON_GetObjectItem(file.attributes, "rig")->valuedouble == 7);
@@ -167,15 +176,33 @@ TEST(shapes_out_of_range_are_refused_with_their_field)
     const char *const long_names[1] = { long_name };
     struct modal_error err;
     struct upload *upload = NULL;
-    const struct { struct input_shape shape; enum modal_status status; const char *field; } cases[] = {
-        { { .type = INPUT_BATCH, .samples = 0, .channels = 3, .dt = 1 }, MODAL_BAD_INPUT, "samples" },
-        { { .type = INPUT_BATCH, .samples = 5, .channels = 0, .dt = 1 }, MODAL_BAD_INPUT, "samples" },
-        { { .type = INPUT_BATCH, .samples = (uint64_t)1 << 40, .channels = 3, .dt = 1 }, MODAL_TOO_LARGE, "samples" },
-        { { .type = INPUT_BATCH, .samples = 5, .channels = SPOOL_CHANNELS_MOST + 1, .dt = 1 }, MODAL_TOO_LARGE, "channels" },
+    const struct {
+        struct input_shape shape;
+        enum modal_status status;
+        const char *field;
+    } cases[] = {
+        { { .type = INPUT_BATCH, .samples = 0, .channels = 3, .dt = 1 },
+          MODAL_BAD_INPUT,
+          "samples" },
+        { { .type = INPUT_BATCH, .samples = 5, .channels = 0, .dt = 1 },
+          MODAL_BAD_INPUT,
+          "samples" },
+        { { .type = INPUT_BATCH, .samples = (uint64_t)1 << 40, .channels = 3, .dt = 1 },
+          MODAL_TOO_LARGE,
+          "samples" },
+        { { .type = INPUT_BATCH, .samples = 5, .channels = SPOOL_CHANNELS_MOST + 1, .dt = 1 },
+          MODAL_TOO_LARGE,
+          "channels" },
         { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = NAN }, MODAL_BAD_INPUT, "dt" },
-        { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = 1, .period = INFINITY }, MODAL_BAD_INPUT, "period" },
-        { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = 1, .units = long_name }, MODAL_TOO_LARGE, "units" },
-        { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = 1, .names = long_names }, MODAL_TOO_LARGE, "channels" },
+        { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = 1, .period = INFINITY },
+          MODAL_BAD_INPUT,
+          "period" },
+        { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = 1, .units = long_name },
+          MODAL_TOO_LARGE,
+          "units" },
+        { { .type = INPUT_BATCH, .samples = 5, .channels = 1, .dt = 1, .names = long_names },
+          MODAL_TOO_LARGE,
+          "channels" },
         { { .type = INPUT_SCENE, .length = 0 }, MODAL_BAD_INPUT, "length" },
     };
 
@@ -191,8 +218,13 @@ TEST(shapes_out_of_range_are_refused_with_their_field)
 
 TEST(a_scene_and_the_smallest_batch_are_spooled)
 {
-    struct input_shape scene = { .type = INPUT_SCENE, .length = 13 }, least = { .type = INPUT_BATCH, .samples = 1, .channels = 1, .dt = 1 };
-    const struct { const struct input_shape *shape; const void *data; size_t length; } cases[2] = { { &scene, "{\"omega\":1.5}", 13 }, { &least, x, 8 } };
+    struct input_shape scene = { .type = INPUT_SCENE, .length = 13 },
+                       least = { .type = INPUT_BATCH, .samples = 1, .channels = 1, .dt = 1 };
+    const struct {
+        const struct input_shape *shape;
+        const void *data;
+        size_t length;
+    } cases[2] = { { &scene, "{\"omega\":1.5}", 13 }, { &least, x, 8 } };
 
     for (int i = 0; i < 2; i++) {
         uint8_t digest[32], expected[32];
@@ -206,7 +238,8 @@ TEST(a_scene_and_the_smallest_batch_are_spooled)
         identity_of(cases[i].shape, cases[i].data, cases[i].length, expected);
         CHECK(memcmp(digest, expected, 32) == 0);
         spool_path(path, dir, 4);
-        CHECK(spool_map(path, upload_offset(upload), cases[i].length, upload_crc(upload), &map, NULL) == MODAL_OK);
+        CHECK(spool_map(path, upload_offset(upload), cases[i].length, upload_crc(upload), &map,
+                        NULL) == MODAL_OK);
         CHECK(memcmp(map.data, cases[i].data, cases[i].length) == 0);
         mapping_close(&map);
         upload_close(upload);
@@ -274,7 +307,8 @@ TEST(damage_to_an_open_upload_is_found_on_resuming_and_names_the_chunk)
 
 struct found { int parts, sealed, results, others; };
 
-static void count_found(void *context, enum spool_file what, int64_t id, uint64_t bytes, const char *path)
+static void count_found(void *context, enum spool_file what, int64_t id, uint64_t bytes,
+                        const char *path)
 {
     struct found *found = context;
 
@@ -308,8 +342,10 @@ TEST(the_folders_files_are_listed_counted_and_removed)
     CHECK(spool_list(dir, count_found, &found, NULL) == MODAL_OK);
     CHECK(found.parts == 1 && found.sealed == 1 && found.results == 1 && found.others == 1);
     CHECK(spool_usage(dir, &used, &available, NULL) == MODAL_OK);
-    CHECK(used >= 2 * BYTES && used < 2 * BYTES + 100000 && available > 0);    /* the open one's space is reserved */
-    CHECK(spool_remove(dir, 4, NULL) == MODAL_OK && spool_remove(dir, 9, NULL) == MODAL_OK && spool_remove(dir, 10, NULL) == MODAL_OK);
+    /* the open one's space is reserved */
+    CHECK(used >= 2 * BYTES && used < 2 * BYTES + 100000 && available > 0);
+    CHECK(spool_remove(dir, 4, NULL) == MODAL_OK && spool_remove(dir, 9, NULL) == MODAL_OK &&
+          spool_remove(dir, 10, NULL) == MODAL_OK);
     found = (struct found) { 0 };
     CHECK(spool_list(dir, count_found, &found, NULL) == MODAL_OK);
     CHECK(found.parts == 0 && found.sealed == 0);

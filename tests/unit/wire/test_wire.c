@@ -1,4 +1,5 @@
-/* test_wire.c - frames and requests against proto/PROTOCOL.md: each limit from both sides, and the vectors of proto/vectors */
+/* test_wire.c - frames and requests against proto/PROTOCOL.md: each limit from both sides, and the
+ * vectors of proto/vectors */
 #include "check.h"
 #include <dirent.h>
 #include <stdlib.h>
@@ -15,7 +16,8 @@ static struct wire_frame frame(const char *text)
 }
 
 /* The status of a message of these frames; the request, where one comes out, into *OUT. */
-static enum modal_status read_frames(const struct wire_frame *frames, int count, struct modal_error *err)
+static enum modal_status read_frames(const struct wire_frame *frames, int count,
+                                     struct modal_error *err)
 {
     struct wire_message m;
     struct wire_request r;
@@ -34,7 +36,8 @@ static enum modal_status read_text(const char *verb, const char *header, struct 
     return read_frames(frames, 3, err);
 }
 
-/* RFC 3720, B.4: 32 bytes of zeros 0x8a9136aa, of ones 0x62a8ab43, 0..31 0x46dd794e, 31..0 0x113fdb5c. */
+/* RFC 3720, B.4: 32 bytes of zeros 0x8a9136aa, of ones 0x62a8ab43, 0..31 0x46dd794e, 31..0
+ * 0x113fdb5c. */
 TEST(crc32c_gives_the_values_of_rfc_3720)
 {
     unsigned char up[32], down[32], zeros[32] = { 0 }, ones[32];
@@ -58,7 +61,9 @@ TEST(a_message_has_3_to_8_frames)
         frames[i] = frame("x");
     for (int count = 0; count <= 9; count++) {
         enum modal_status rc = wire_open(frames, count, WIRE_VERSION, true, &m, NULL);
-        CHECK(rc == (count == 0 ? MODAL_BAD_VERSION : count < 3 || count > 8 ? MODAL_BAD_FRAME : MODAL_OK));
+        CHECK(rc == (count == 0               ? MODAL_BAD_VERSION
+                     : count < 3 || count > 8 ? MODAL_BAD_FRAME
+                                              : MODAL_OK));
         CHECK(rc != MODAL_OK || m.body_count == count - 3);
         wire_close(&m);
     }
@@ -94,7 +99,7 @@ TEST(a_header_nests_at_most_32_deep)
     char text[200] = "{\"id\":1,\"options\":";
     struct modal_error err;
 
-    for (int depth = 31; depth <= 32; depth++) {           /* the header itself is the first level */
+    for (int depth = 31; depth <= 32; depth++) {   /* the header itself is the first level */
         char *at = text + 18;
         memset(at, '[', (size_t)depth);
         memset(at + depth, ']', (size_t)depth);
@@ -106,19 +111,25 @@ TEST(a_header_nests_at_most_32_deep)
 TEST(a_body_frame_has_at_most_1048576_bytes)
 {
     char *data = calloc(1, WIRE_BODY_MOST + 1);
-    struct wire_frame frames[4] = { frame(WIRE_VERSION), frame("UPLOAD"), frame("{\"id\":1}"), { data, WIRE_BODY_MOST } };
+    struct wire_frame frames[4] = {
+        frame(WIRE_VERSION), frame("UPLOAD"), frame("{\"id\":1}"), { data, WIRE_BODY_MOST }
+    };
     struct wire_message m;
 
     CHECK(wire_open(frames, 4, WIRE_VERSION, true, &m, NULL) == MODAL_OK);
     wire_close(&m);
     frames[3].size++;
-    CHECK(wire_open(frames, 4, WIRE_VERSION, true, &m, NULL) == MODAL_BAD_FRAME && m.header == NULL);
+    CHECK(wire_open(frames, 4, WIRE_VERSION, true, &m, NULL) == MODAL_BAD_FRAME &&
+          m.header == NULL);
     free(data);
 }
 
 TEST(a_failed_message_still_tells_verb_and_id_for_the_answer)
 {
-    struct wire_frame frames[4] = { frame(WIRE_VERSION), frame("STATUS"), frame("{\"id\":\"a\\\"b\"}"), { NULL, WIRE_BODY_MOST + 1 } };
+    struct wire_frame frames[4] = { frame(WIRE_VERSION),
+                                    frame("STATUS"),
+                                    frame("{\"id\":\"a\\\"b\"}"),
+                                    { NULL, WIRE_BODY_MOST + 1 } };
     struct wire_message m;
 
     CHECK(wire_open(frames, 4, WIRE_VERSION, true, &m, NULL) == MODAL_BAD_FRAME);
@@ -130,7 +141,8 @@ TEST(a_failed_message_still_tells_verb_and_id_for_the_answer)
 
 TEST(the_body_is_gathered_in_order_and_cut_to_the_room)
 {
-    struct wire_frame frames[5] = { frame(WIRE_VERSION), frame("SUBMIT"), frame("{\"id\":1}"), frame("abc"), frame("defg") };
+    struct wire_frame frames[5] = { frame(WIRE_VERSION), frame("SUBMIT"), frame("{\"id\":1}"),
+                                    frame("abc"), frame("defg") };
     struct wire_message m;
     char out[8] = "";
 
@@ -148,7 +160,8 @@ TEST(an_error_survives_its_way_over_the_wire)
 
     modal_fail_field(&err, MODAL_QUOTA, "a.b", "over \"%s\"", "x");
     text = wire_error_header("\"q\"", "SUBMIT", &err, NULL);
-    CHECK_STRING(text, "{\"id\":\"q\",\"verb\":\"SUBMIT\",\"error\":{\"code\":\"quota\",\"message\":\"over \\\"x\\\"\",\"field\":\"a.b\"}}");
+    CHECK_STRING(text, "{\"id\":\"q\",\"verb\":\"SUBMIT\",\"error\":{\"code\":\"quota\","
+                       "\"message\":\"over \\\"x\\\"\",\"field\":\"a.b\"}}");
     header = cJSON_Parse(text);
     wire_error_read(cJSON_GetObjectItem(header, "error"), &back);
     CHECK(back.status == MODAL_QUOTA);
@@ -166,7 +179,8 @@ TEST(every_verb_is_found_by_its_name_and_refuses_unknown_members)
 
     for (int v = 0; v < WIRE_VERB_COUNT; v++) {
         CHECK(wire_verb_find(wire_verb_name((enum wire_verb)v)) == v);
-        CHECK(read_text(wire_verb_name((enum wire_verb)v), "{\"id\":1,\"zzz\":2}", &err) == MODAL_BAD_INPUT);
+        CHECK(read_text(wire_verb_name((enum wire_verb)v), "{\"id\":1,\"zzz\":2}", &err) ==
+              MODAL_BAD_INPUT);
         CHECK_STRING(err.field, "zzz");
     }
     CHECK(wire_verb_find("hello") == -1);
@@ -174,12 +188,17 @@ TEST(every_verb_is_found_by_its_name_and_refuses_unknown_members)
 
 TEST(only_drain_and_undrain_need_an_admin_and_reading_needs_no_submitter)
 {
-    CHECK(wire_verb_role(WIRE_DRAIN) == WIRE_ROLE_ADMIN && wire_verb_role(WIRE_UNDRAIN) == WIRE_ROLE_ADMIN);
-    CHECK(wire_verb_role(WIRE_SUBMIT) == WIRE_ROLE_SUBMIT && wire_verb_role(WIRE_CANCEL) == WIRE_ROLE_SUBMIT);
-    CHECK(wire_verb_role(WIRE_LIST) == WIRE_ROLE_READ && wire_verb_role(WIRE_EVENTS) == WIRE_ROLE_READ);
+    CHECK(wire_verb_role(WIRE_DRAIN) == WIRE_ROLE_ADMIN &&
+          wire_verb_role(WIRE_UNDRAIN) == WIRE_ROLE_ADMIN);
+    CHECK(wire_verb_role(WIRE_SUBMIT) == WIRE_ROLE_SUBMIT &&
+          wire_verb_role(WIRE_CANCEL) == WIRE_ROLE_SUBMIT);
+    CHECK(wire_verb_role(WIRE_LIST) == WIRE_ROLE_READ &&
+          wire_verb_role(WIRE_EVENTS) == WIRE_ROLE_READ);
 }
 
-/* ---- vectors ---------------------------------------------------------------------------------------------------- */
+/* ---- vectors
+ * -------------------------------------------------------------------------------------------------
+ */
 
 static char *read_file(const char *path)
 {
@@ -195,9 +214,12 @@ static char *read_file(const char *path)
 /* A frame of a vector: {"text":…}, {"hex":…}, or {"repeat":text,"times":n}. */
 static size_t make_frame(const cJSON *item, unsigned char **out)
 {
-    const cJSON *text = cJSON_GetObjectItem(item, "text"), *hex = cJSON_GetObjectItem(item, "hex"), *repeat = cJSON_GetObjectItem(item, "repeat");
-    size_t size = text ? strlen(text->valuestring) : hex ? strlen(hex->valuestring) / 2
-                : strlen(repeat->valuestring) * (size_t)cJSON_GetObjectItem(item, "times")->valuedouble;
+    const cJSON *text = cJSON_GetObjectItem(item, "text"), *hex = cJSON_GetObjectItem(item, "hex"),
+                *repeat = cJSON_GetObjectItem(item, "repeat");
+    size_t size = text  ? strlen(text->valuestring)
+                  : hex ? strlen(hex->valuestring) / 2
+                        : strlen(repeat->valuestring) *
+                              (size_t)cJSON_GetObjectItem(item, "times")->valuedouble;
 
     *out = malloc(size + 1);
     for (size_t i = 0; i < size; i++) {
@@ -212,7 +234,8 @@ static size_t make_frame(const cJSON *item, unsigned char **out)
 
 static void replay(const cJSON *vector)
 {
-    const cJSON *item, *code = cJSON_GetObjectItem(vector, "code"), *field = cJSON_GetObjectItem(vector, "field");
+    const cJSON *item, *code = cJSON_GetObjectItem(vector, "code"),
+                       *field = cJSON_GetObjectItem(vector, "field");
     struct wire_frame frames[16];
     unsigned char *data[16];
     struct modal_error err = { 0 };
@@ -225,8 +248,10 @@ static void replay(const cJSON *vector)
         count++;
     }
     rc = read_frames(frames, count, &err);
-    if (strcmp(modal_status_code(rc), code->valuestring) != 0 || (field != NULL && strcmp(err.field, field->valuestring) != 0))
-        fail_msg("vector \"%s\": %s field \"%s\" (%s), not %s", cJSON_GetObjectItem(vector, "name")->valuestring, modal_status_code(rc), err.field,
+    if (strcmp(modal_status_code(rc), code->valuestring) != 0 ||
+        (field != NULL && strcmp(err.field, field->valuestring) != 0))
+        fail_msg("vector \"%s\": %s field \"%s\" (%s), not %s",
+                 cJSON_GetObjectItem(vector, "name")->valuestring, modal_status_code(rc), err.field,
                  err.message, code->valuestring);
     while (count > 0)
         free(data[--count]);

@@ -1,4 +1,5 @@
-/* test_confine.c - what a confined process can no longer do; each attempt is made in a child of its own */
+/* test_confine.c - what a confined process can no longer do; each attempt is made in a child of its
+ * own */
 #include "check.h"
 #include <errno.h>
 #include <fcntl.h>
@@ -52,7 +53,8 @@ static void check_refused(int (*attempt)(void), bool files, bool calls)
     int status = confined(attempt, files, calls);
 
     if (status == SKIPPED)
-        print_message("not possible here: %s\n", files ? "no Landlock in this kernel" : "a sanitizer");
+        print_message("not possible here: %s\n",
+                      files ? "no Landlock in this kernel" : "a sanitizer");
     else if (status != 0)
         fail_msg("the attempt ended with %d", status);
 }
@@ -62,14 +64,28 @@ static int refused(long result, int error)
     return result < 0 && errno == error ? 0 : 1;
 }
 
-static int open_socket(void) { return refused(socket(AF_INET, SOCK_STREAM, 0), EPERM) || refused(socket(AF_UNIX, SOCK_STREAM, 0), EPERM); }
+static int open_socket(void)
+{
+    return refused(socket(AF_INET, SOCK_STREAM, 0), EPERM) ||
+           refused(socket(AF_UNIX, SOCK_STREAM, 0), EPERM);
+}
 static int start_program(void) { return refused(execl("/bin/true", "true", NULL), EPERM); }
 static int fork_process(void) { return refused(fork(), EPERM); }
-static int make_file(void) { return refused(open("/tmp/modald-test-confined", O_WRONLY | O_CREAT, 0600), EPERM); }
+static int make_file(void)
+{
+    return refused(open("/tmp/modald-test-confined", O_WRONLY | O_CREAT, 0600), EPERM);
+}
 static int write_file(void) { return refused(open("/dev/null", O_RDWR), EPERM); }
 static int delete_file(void) { return refused(unlink("/tmp/modald-test-confined"), EPERM); }
 static int signal_parent(void) { return refused(kill(getppid(), 0), EPERM); }
-static int execute_memory(void) { return mmap(NULL, 4096, PROT_READ | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) == MAP_FAILED && errno == EPERM ? 0 : 1; }
+static int execute_memory(void)
+{
+    return mmap(NULL, 4096, PROT_READ | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) ==
+                       MAP_FAILED &&
+                   errno == EPERM
+               ? 0
+               : 1;
+}
 
 TEST(a_confined_process_opens_no_socket) { check_refused(open_socket, false, true); }
 TEST(a_confined_process_starts_no_program) { check_refused(start_program, false, true); }
@@ -94,7 +110,8 @@ static int work(void)
     char byte;
     int fd = open("/proc/self/stat", O_RDONLY);
 
-    if (big == NULL || fd < 0 || read(fd, &byte, 1) != 1 || pthread_create(&thread, NULL, square, &value) != 0)
+    if (big == NULL || fd < 0 || read(fd, &byte, 1) != 1 ||
+        pthread_create(&thread, NULL, square, &value) != 0)
         return 1;
     memset(big, 1, 1 << 24);
     pthread_join(thread, NULL);
@@ -141,7 +158,8 @@ TEST(where_the_kernel_has_landlock_nothing_of_the_daemons_folder_can_be_read)
 
     snprintf(dir, sizeof dir, "/tmp/modald-test-XXXXXX");
     CHECK(mkdtemp(dir) != NULL);
-    snprintf(command, sizeof command, "mkdir %s/spool && touch %s/spool/1.h5 %s/ledger.db", dir, dir, dir);
+    snprintf(command, sizeof command, "mkdir %s/spool && touch %s/spool/1.h5 %s/ledger.db", dir,
+             dir, dir);
     CHECK(system(command) == 0);
     check_refused(read_secret, true, false);
     check_refused(read_ledger, true, false);
@@ -442,9 +460,13 @@ static int look_at_limits(void)
 {
     struct rlimit core, size, files;
 
-    if (getrlimit(RLIMIT_CORE, &core) < 0 || getrlimit(RLIMIT_FSIZE, &size) < 0 || getrlimit(RLIMIT_NOFILE, &files) < 0)
+    if (getrlimit(RLIMIT_CORE, &core) < 0 || getrlimit(RLIMIT_FSIZE, &size) < 0 ||
+        getrlimit(RLIMIT_NOFILE, &files) < 0)
         return 1;
-    return core.rlim_max == 0 && size.rlim_max == 0 && files.rlim_max <= 256 && getpriority(PRIO_PROCESS, 0) >= 10 && getpgrp() == getpid() ? 0 : 2;
+    return core.rlim_max == 0 && size.rlim_max == 0 && files.rlim_max <= 256 &&
+                   getpriority(PRIO_PROCESS, 0) >= 10 && getpgrp() == getpid()
+               ? 0
+               : 2;
 }
 
 TEST(the_limits_are_set) { check_refused(look_at_limits, false, false); }

@@ -6,7 +6,8 @@
 
 enum { L = 2048 };
 
-/* x[l] = a x[l-1] + white: its spectrum over its mean at angle theta is (1 - a^2) / |1 - a e^{-i theta}|^2. */
+/* x[l] = a x[l-1] + white: its spectrum over its mean at angle theta is (1 - a^2) / |1 - a e^{-i
+ * theta}|^2. */
 static void autoregressive(double *x, double a)
 {
     uint32_t z = 12345;
@@ -41,9 +42,10 @@ TEST(coloured_noise_widens_by_the_root_of_its_spectrum)
     for (int j = 0; j < 2; j++) {
         double ratio = (1 - a * a) / (1 - 2 * a * cos(theta[j]) + a * a);
         double expected = ratio > 2 ? sqrt(ratio) : 1;
-        CHECK_NEAR(factor[j], expected, 0.3 * expected);       /* 65 bins: 12 % of the power, and its slope across them */
+        /* 65 bins: 12 % of the power, and its slope across them */
+        CHECK_NEAR(factor[j], expected, 0.3 * expected);
     }
-    CHECK(factor[2] == 1);                                     /* less noise than the mean is no reason to narrow a bar */
+    CHECK(factor[2] == 1);   /* less noise than the mean is no reason to narrow a bar */
 }
 
 TEST(a_short_or_empty_residual_changes_nothing)
@@ -56,11 +58,14 @@ TEST(a_short_or_empty_residual_changes_nothing)
     CHECK(colour_factors(&few, &theta, 1, &factor, NULL) == MODAL_OK && factor == 1);
 }
 
-/* 2,000 records of each size.  Chi-square of 8 degrees exceeds 40 once in 320,000: two of 8,000 white records have a chance of 3e-4.  With 0.3 of the sample before
- * in each, r_1 = 0.3 and the statistic is at least 0.09 n = 184 with a deviation of 2 sqrt(184): 40 is five off. */
+/* 2,000 records of each size.  Chi-square of 8 degrees exceeds 40 once in 320,000: two of 8,000
+ * white records have a chance of 3e-4.  With 0.3 of the sample before in each, r_1 = 0.3 and the
+ * statistic is at least 0.09 n = 184 with a deviation of 2 sqrt(184): 40 is five off. */
 TEST(white_noise_is_white_at_any_seed_and_size_and_three_tenths_of_the_sample_before_is_not)
 {
-    static const struct { int rows, columns; } sizes[] = { { 2048, 1 }, { 300, 7 }, { 50, 64 }, { 1024, 3 } };
+    static const struct {
+        int rows, columns;
+    } sizes[] = { { 2048, 1 }, { 300, 7 }, { 50, 64 }, { 1024, 3 } };
     static double x[4096];
     struct random r = { 5 };
     int alarms = 0, missed = 0;

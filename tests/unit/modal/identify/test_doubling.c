@@ -1,5 +1,6 @@
-/* The QR by doubling against the basis itself, row by row in extended precision: with M = [Phi D] and Z = Q^T y, R^T Z = M^T y, R^T R = M^T M and
- * |y|^2 = |Z|^2 + rest.  Tolerances: rounding of L sums and of phases up to pi L, relative to the norms of what is multiplied. */
+/* The QR by doubling against the basis itself, row by row in extended precision: with M = [Phi D]
+ * and Z = Q^T y, R^T Z = M^T y, R^T R = M^T M and |y|^2 = |Z|^2 + rest.  Tolerances: rounding of L
+ * sums and of phases up to pi L, relative to the norms of what is multiplied. */
 #include "modal/identify/doubling.h"
 #include <float.h>
 #include <math.h>
@@ -9,7 +10,12 @@
 
 enum { POLES = 7, COLUMNS_MOST = 4 * POLES };
 
-struct basis { int count, order; enum pole_kind kind[POLES]; int column[POLES]; double a[POLES], b[POLES]; };
+struct basis {
+    int count, order;
+    enum pole_kind kind[POLES];
+    int column[POLES];
+    double a[POLES], b[POLES];
+};
 
 static void add(struct basis *p, enum pole_kind kind, double a, double b)
 {
@@ -20,7 +26,8 @@ static void add(struct basis *p, enum pole_kind kind, double a, double b)
     p->order += kind == POLE_PAIR ? 2 : 1;
 }
 
-/* A close pair, a fast decay, growth to 1e9, a constant, alternating signs, and one gone after a sample. */
+/* A close pair, a fast decay, growth to 1e9, a constant, alternating signs, and one gone after a
+ * sample. */
 static struct basis basis_of(int L)
 {
     struct basis p = { 0 };
@@ -35,7 +42,8 @@ static struct basis basis_of(int L)
     return p;
 }
 
-/* Column j of M in row l, of the definition: the largest entry of a column of Phi is 1, D is centred where its column has its weight. */
+/* Column j of M in row l, of the definition: the largest entry of a column of Phi is 1, D is
+ * centred where its column has its weight. */
 static long double entry(const struct basis *p, int L, int j, int l)
 {
     int i = 0, c = j % p->order;
@@ -44,7 +52,9 @@ static long double entry(const struct basis *p, int L, int j, int l)
     while (i + 1 < p->count && p->column[i + 1] <= c)
         i++;
     a = p->a[i];
-    centre = a == 0 ? 0.5L * (L - 1) : a > 0 ? L - 1 - fminl(0.5L * L, 1 / a) : fminl(0.5L * L, -1 / a);
+    centre = a == 0  ? 0.5L * (L - 1)
+             : a > 0 ? L - 1 - fminl(0.5L * L, 1 / a)
+                     : fminl(0.5L * L, -1 / a);
     x = expl(a * l - (a > 0 ? a * (L - 1) : 0));
     if (p->kind[i] == POLE_PAIR)
         x *= c == p->column[i] ? cosl((long double)p->b[i] * l) : -sinl((long double)p->b[i] * l);
@@ -59,7 +69,8 @@ static void agree(int L, bool derivatives, int S, int most)
     const struct doubling_poles poles = { p.count, p.order, p.kind, p.column, p.a, p.b };
     int n = derivatives ? 2 * p.order : p.order;
     struct doubling *d = doubling_new(L, n, most);
-    double R[COLUMNS_MOST * COLUMNS_MOST], Z[COLUMNS_MOST * 8], rest2[8], *y = malloc(sizeof *y * (size_t)(L + 3) * (size_t)S);
+    double R[COLUMNS_MOST * COLUMNS_MOST], Z[COLUMNS_MOST * 8], rest2[8],
+        *y = malloc(sizeof *y * (size_t)(L + 3) * (size_t)S);
     long double *M = malloc(sizeof *M * (size_t)L * (size_t)n), norm[COLUMNS_MOST] = { 0 };
     struct random r = { 77 };
 
@@ -88,7 +99,8 @@ static void agree(int L, bool derivatives, int S, int most)
     for (int c = 0; c < S; c++) {
         long double all = 0, part = rest2[c];
         for (int l = 0; l < L; l++)
-            all += (long double)y[l + (size_t)c * (size_t)(L + 3)] * y[l + (size_t)c * (size_t)(L + 3)];
+            all += (long double)y[l + (size_t)c * (size_t)(L + 3)] *
+                   y[l + (size_t)c * (size_t)(L + 3)];
         for (int k = 0; k < n; k++)
             part += (long double)Z[k + c * n] * Z[k + c * n];
         CHECK_NEAR((double)(part / all), 1, 100 * DBL_EPSILON);
@@ -118,7 +130,8 @@ TEST(rows_left_over_and_columns_in_panels_change_nothing)
     agree(1999, false, 8, 3);
 }
 
-/* What the poles make is left with rounding only, (4 + theta L / 4) DBL_EPSILON of it: nothing cancels. */
+/* What the poles make is left with rounding only, (4 + theta L / 4) DBL_EPSILON of it: nothing
+ * cancels. */
 TEST(of_the_basis_own_columns_nothing_but_rounding_is_left)
 {
     enum { L = 3001 };
@@ -129,7 +142,8 @@ TEST(of_the_basis_own_columns_nothing_but_rounding_is_left)
     double R[COLUMNS_MOST * COLUMNS_MOST], Z[COLUMNS_MOST], rest2, all = 0;
 
     for (int l = 0; l < L; l++) {
-        y[l] = (double)(entry(&p, L, 0, l) - 2.31L * entry(&p, L, 3, l) + 0.77L * entry(&p, L, 6, l) + 1.9L * entry(&p, L, 8, l));
+        y[l] = (double)(entry(&p, L, 0, l) - 2.31L * entry(&p, L, 3, l) +
+                        0.77L * entry(&p, L, 6, l) + 1.9L * entry(&p, L, 8, l));
         all += y[l] * y[l];
     }
     CHECK(doubling_factor(d, &poles, R, NULL) == MODAL_OK);
@@ -140,6 +154,7 @@ TEST(of_the_basis_own_columns_nothing_but_rounding_is_left)
 
 TEST(short_records_and_many_unknowns_do_not_pay)
 {
-    CHECK(!doubling_pays(100, 12, 3) && !doubling_pays(0, 4, 1) && !doubling_pays(400, 200, 3) && !doubling_pays(5000, 0, 3));
+    CHECK(!doubling_pays(100, 12, 3) && !doubling_pays(0, 4, 1) && !doubling_pays(400, 200, 3) &&
+          !doubling_pays(5000, 0, 3));
     CHECK(doubling_pays(70000, 80, 3));
 }

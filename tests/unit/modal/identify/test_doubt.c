@@ -1,4 +1,5 @@
-/* Is the model right at all?  Signals made wrong in one known way get that diagnostic; right ones get none. */
+/* Is the model right at all?  Signals made wrong in one known way get that diagnostic; right ones
+ * get none. */
 #include "modal/identify/identify.h"
 #include <stdlib.h>
 #include "check.h"
@@ -9,7 +10,9 @@ static double x[40000];
 
 static struct batch batch_of(int samples, int channels, double dt)
 {
-    return (struct batch) { .samples = (size_t)samples, .channels = (size_t)channels, .signals = x, .dt = dt };
+    return (struct batch){
+        .samples = (size_t)samples, .channels = (size_t)channels, .signals = x, .dt = dt
+    };
 }
 
 static bool has(const struct identify_result *r, const char *code)
@@ -32,7 +35,9 @@ static bool finds(const struct batch *b, const char *code)
     return found;
 }
 
-static const char *const doubts[] = { "clipped", "quantised", "amplitude_dependent", "changes_in_record", "not_free_decay", "harmonic_of_mode", "mains_line", "drift" };
+static const char *const doubts[] = { "clipped",           "quantised",      "amplitude_dependent",
+                                      "changes_in_record", "not_free_decay", "harmonic_of_mode",
+                                      "mains_line",        "drift" };
 
 /* Clean and noisy decays of the six cases, two draws each: none of the doubts. */
 TEST(a_linear_free_decay_raises_no_doubt)
@@ -63,7 +68,8 @@ TEST(a_linear_free_decay_raises_no_doubt)
 
 static double wave(int k, double dt)
 {
-    return exp(-0.15 * k * dt) * cos(2 * M_PI * 1.7 * k * dt + 0.4) + 0.6 * exp(-0.2 * k * dt) * cos(2 * M_PI * 3.1 * k * dt);
+    return exp(-0.15 * k * dt) * cos(2 * M_PI * 1.7 * k * dt + 0.4) +
+           0.6 * exp(-0.2 * k * dt) * cos(2 * M_PI * 3.1 * k * dt);
 }
 
 TEST(peaks_cut_off_are_clipped_and_whole_ones_are_not)
@@ -87,7 +93,8 @@ TEST(values_on_a_grid_are_quantised)
     CHECK(finds(&b, "quantised"));
 }
 
-/* Three decaying modes, rounded to few bits, of records that outlast them: rounding follows what decays, and what follows it may grow.  Nothing grows. */
+/* Three decaying modes, rounded to few bits, of records that outlast them: rounding follows what
+ * decays, and what follows it may grow.  Nothing grows. */
 TEST(what_rounding_leaves_of_a_decay_is_never_called_unstable)
 {
     static double y[12 * 4000];
@@ -101,7 +108,8 @@ TEST(what_rounding_leaves_of_a_decay_is_never_called_unstable)
         struct identify_result result;
         double complex lambda[3], B[3];
         for (int j = 0; j < 3; j++)
-            lambda[j] = decay_pole(0.8 + 2.1 * j + random_uniform(&r), 0.004 * decay * (0.5 + random_uniform(&r)));
+            lambda[j] = decay_pole(0.8 + 2.1 * j + random_uniform(&r),
+                                   0.004 * decay * (0.5 + random_uniform(&r)));
         for (int c = 0; c < channels; c++) {
             for (int j = 0; j < 3; j++)
                 B[j] = CMPLX(random_normal(&r), random_normal(&r));
@@ -121,10 +129,12 @@ TEST(what_rounding_leaves_of_a_decay_is_never_called_unstable)
     CHECK(cut >= 10);
 }
 
-/* Three modes within 5 % of one another and a fourth, each with a decay of its own: another is the strongest as time goes by, and the system is the same. */
+/* Three modes within 5 % of one another and a fourth, each with a decay of its own: another is the
+ * strongest as time goes by, and the system is the same. */
 TEST(modes_that_outlast_one_another_are_no_change_of_the_system)
 {
-    static const double hertz[] = { 4.09, 7.3, 4.0, 4.17 }, zeta[] = { 0.02, 0.006, 0.0015, 0.0012 }, size[] = { 3, 1.3, 0.3, 0.25 };
+    static const double hertz[] = { 4.09, 7.3, 4.0, 4.17 },
+                        zeta[] = { 0.02, 0.006, 0.0015, 0.0012 }, size[] = { 3, 1.3, 0.3, 0.25 };
 
     for (uint64_t seed = 0; seed < 8; seed++) {
         struct batch b = batch_of(2000, 1, 0.01);
@@ -141,7 +151,8 @@ TEST(modes_that_outlast_one_another_are_no_change_of_the_system)
     }
 }
 
-/* A slowly softening and more damped oscillator: a' = -zeta(a) w a, phi' = w (1 - 0.03 a), zeta = 0.002 + 0.006 a. */
+/* A slowly softening and more damped oscillator: a' = -zeta(a) w a, phi' = w (1 - 0.03 a), zeta =
+ * 0.002 + 0.006 a. */
 TEST(frequency_and_damping_that_follow_the_amplitude_are_called_so)
 {
     struct batch b = batch_of(6000, 1, 0.01);
@@ -160,8 +171,9 @@ TEST(frequency_and_damping_that_follow_the_amplitude_are_called_so)
     CHECK(modal_identify(&b, &opt, &res, NULL) == MODAL_OK);
     CHECK(res.trend_count >= 3);
     for (int i = 0; i < res.trend_count; i++) {
-        /* a' = -(z0 + z1 a) w a has a = z0 / ((z0 + z1) e^{z0 w t} - z1); the instantaneous frequency and damping are those of a at the middle,
-         * the window's estimate those of its stronger, earlier part: between the amplitudes at its two ends */
+        /* a' = -(z0 + z1 a) w a has a = z0 / ((z0 + z1) e^{z0 w t} - z1); the instantaneous
+         * frequency and damping are those of a at the middle, the window's estimate those of its
+         * stronger, earlier part: between the amplitudes at its two ends */
         double span = 60.0 / TREND_PARTS, t = res.trend[i].t, f[2];
         for (int e = 0; e < 2; e++) {
             double at = 0.002 / (0.008 * exp(0.002 * w * (t + (e - 0.5) * span)) - 0.006);
@@ -299,9 +311,11 @@ TEST(a_weak_mode_at_twice_the_frequency_and_decay_is_a_harmonic)
         x[k] = a * c + 0.04 * a * a * c * c;
     }
     CHECK(finds(&b, "harmonic_of_mode"));
-    for (int k = 0; k < 1500; k++) {                   /* twice the frequency, but decaying on its own terms: a mode */
+    /* twice the frequency, but decaying on its own terms: a mode */
+    for (int k = 0; k < 1500; k++) {
         double t = k * 0.01;
-        x[k] = exp(-0.12 * t) * cos(2 * M_PI * 3.75 * t) + 0.05 * exp(-0.05 * t) * cos(2 * M_PI * 7.5 * t);
+        x[k] = exp(-0.12 * t) * cos(2 * M_PI * 3.75 * t) +
+               0.05 * exp(-0.05 * t) * cos(2 * M_PI * 7.5 * t);
     }
     CHECK(!finds(&b, "harmonic_of_mode"));
 }
@@ -311,10 +325,12 @@ TEST(an_undamped_line_at_fifty_hertz_is_mains_and_a_damped_one_is_not)
     struct batch b = batch_of(3000, 1, 0.002);
 
     for (int k = 0; k < 3000; k++)
-        x[k] = exp(-0.5 * k * 0.002) * cos(2 * M_PI * 12.3 * k * 0.002) + 0.05 * cos(2 * M_PI * 50 * k * 0.002 + 1);
+        x[k] = exp(-0.5 * k * 0.002) * cos(2 * M_PI * 12.3 * k * 0.002) +
+               0.05 * cos(2 * M_PI * 50 * k * 0.002 + 1);
     CHECK(finds(&b, "mains_line"));
     for (int k = 0; k < 3000; k++)
-        x[k] = exp(-0.5 * k * 0.002) * cos(2 * M_PI * 12.3 * k * 0.002) + 0.05 * exp(-0.4 * k * 0.002) * cos(2 * M_PI * 50 * k * 0.002 + 1);
+        x[k] = exp(-0.5 * k * 0.002) * cos(2 * M_PI * 12.3 * k * 0.002) +
+               0.05 * exp(-0.4 * k * 0.002) * cos(2 * M_PI * 50 * k * 0.002 + 1);
     CHECK(!finds(&b, "mains_line"));
 }
 

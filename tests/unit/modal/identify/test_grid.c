@@ -1,4 +1,5 @@
-/* Recordings of few digits: the grid that a converter rounds to is found, and what the rounding leaves is not taken for modes. */
+/* Recordings of few digits: the grid that a converter rounds to is found, and what the rounding
+ * leaves is not taken for modes. */
 #include "modal/identify/grid.h"
 #include "modal/identify/identify.h"
 #include "check.h"
@@ -64,12 +65,16 @@ TEST(numbers_of_the_continuum_lie_on_no_grid)
 
 /* ---- identification ---- */
 
-/* One to three modes at least three beats of the record apart, decaying by e^-3 to e^-25 over it: most fall below a step before its end. */
+/* One to three modes at least three beats of the record apart, decaying by e^-3 to e^-25 over it:
+ * most fall below a step before its end. */
 static void draw(struct random *rng, struct decay *d)
 {
     double record = SAMPLES * 0.01, f = uniform(rng, 1.5, 5);
 
-    *d = (struct decay) { .modes = 1 + (int)(3 * random_uniform(rng)), .channels = CHANNELS, .samples = SAMPLES, .dt = 0.01 };
+    *d = (struct decay) { .modes = 1 + (int)(3 * random_uniform(rng)),
+                         .channels = CHANNELS,
+                         .samples = SAMPLES,
+                         .dt = 0.01 };
     for (int j = 0; j < d->modes; j++) {
         d->lambda[j] = CMPLX(-uniform(rng, 3, 25) / record, 2 * M_PI * f);
         f += uniform(rng, 3 / record, 12);
@@ -86,12 +91,15 @@ static double sample(const struct decay *d, int b, double noise, struct random *
     decay_signals(d, y, SAMPLES);
     for (int k = 0; k < SAMPLES; k++)
         for (int c = 0; c < CHANNELS; c++)
-            x[k * CHANNELS + c] = nearbyint((y[k + c * SAMPLES] + noise * q * random_normal(rng)) / q) * q;
+            x[k * CHANNELS + c] =
+                nearbyint((y[k + c * SAMPLES] + noise * q * random_normal(rng)) / q) * q;
     return q;
 }
 
-/* How many standard errors, by the bound of white noise SD and by the answer, the modes are off; false where their number is wrong. */
-static bool compare(const struct decay *d, double sd, const struct identify_result *r, double *by_bound, double *by_std)
+/* How many standard errors, by the bound of white noise SD and by the answer, the modes are off;
+ * false where their number is wrong. */
+static bool compare(const struct decay *d, double sd, const struct identify_result *r,
+                    double *by_bound, double *by_std)
 {
     double std_re[DECAY_MODES], std_im[DECAY_MODES];
 
@@ -100,7 +108,8 @@ static bool compare(const struct decay *d, double sd, const struct identify_resu
     for (int j = 0; j < d->modes && r->mode_count == d->modes; j++) {
         int best = 0;
         for (int i = 0; i < r->mode_count; i++)
-            if (cabs(r->modes[i].exponent - d->lambda[j]) < cabs(r->modes[best].exponent - d->lambda[j]))
+            if (cabs(r->modes[i].exponent - d->lambda[j]) <
+                cabs(r->modes[best].exponent - d->lambda[j]))
                 best = i;
         double off = fabs(cimag(r->modes[best].exponent - d->lambda[j]));
         *by_bound = fmax(*by_bound, off / std_im[j]);
@@ -109,7 +118,8 @@ static bool compare(const struct decay *d, double sd, const struct identify_resu
     return r->mode_count == d->modes;
 }
 
-/* The bound is of white noise of variance q^2/12 and the noise; five of it, for rounding is not quite white.  Its own errors: at most five too. */
+/* The bound is of white noise of variance q^2/12 and the noise; five of it, for rounding is not
+ * quite white.  Its own errors: at most five too. */
 static void check_depths(double noise)
 {
     for (int i = 0; i < 4 * DRAWS; i++) {
@@ -124,24 +134,33 @@ static void check_depths(double noise)
         CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
         bool right = compare(&d, q * sqrt(noise * noise + 1.0 / 12), &r, &by_bound, &by_std);
         if (!right || by_bound >= 5 || by_std >= 5)
-            printf("draw %d: %d bits, noise %g steps: %d modes of %d, off by %g bounds, %g standard errors\n", i, bits[i % 4], noise, r.mode_count, d.modes, by_bound, by_std);
+            printf("draw %d: %d bits, noise %g steps: %d modes of %d, off by %g bounds, %g "
+                   "standard errors\n",
+                   i, bits[i % 4], noise, r.mode_count, d.modes, by_bound, by_std);
         CHECK(right && by_bound < 5 && by_std < 5);
         CHECK(r.verdict == VERDICT_STABLE);
         identify_result_done(&r);
     }
 }
 
-/* Through a filter the grid's noise is as much less as any white noise's: no modes beside the three, each within five standard errors. */
+/* Through a filter the grid's noise is as much less as any white noise's: no modes beside the
+ * three, each within five standard errors. */
 TEST(a_band_of_a_record_of_few_digits_has_its_own_modes_and_no_more)
 {
     static const int depths[] = { 8, 10, 12, 16 };
     enum { LONG = 4000 };
-    double *column = malloc(sizeof *column * 3 * LONG), *rounded = malloc(sizeof *rounded * 3 * LONG);
+    double *column = malloc(sizeof *column * 3 * LONG),
+           *rounded = malloc(sizeof *rounded * 3 * LONG);
 
     CHECK(column != NULL && rounded != NULL);
     for (int i = 0; i < 8; i++) {
         struct random rng = { 300 + (uint64_t)i };
-        struct decay d = { .modes = 3, .channels = 3, .samples = LONG, .dt = 0.02, .lambda = { decay_pole(1, 0.01), decay_pole(2.3, 0.005), decay_pole(4.1, 0.02) } };
+        struct decay d = { .modes = 3,
+                           .channels = 3,
+                           .samples = LONG,
+                           .dt = 0.02,
+                           .lambda = { decay_pole(1, 0.01), decay_pole(2.3, 0.005),
+                                       decay_pole(4.1, 0.02) } };
         struct batch b = { .samples = LONG, .channels = 3, .signals = rounded, .dt = d.dt };
         struct identify_options opt = { .band = { 0.5, 6 } };
         struct identify_result r;
@@ -155,7 +174,8 @@ TEST(a_band_of_a_record_of_few_digits_has_its_own_modes_and_no_more)
         for (int j = 0; j < 3; j++) {
             int at = 0;
             for (int m = 1; m < r.mode_count; m++)
-                if (cabs(r.modes[m].exponent - d.lambda[j]) < cabs(r.modes[at].exponent - d.lambda[j]))
+                if (cabs(r.modes[m].exponent - d.lambda[j]) <
+                    cabs(r.modes[at].exponent - d.lambda[j]))
                     at = m;
             CHECK(fabs(creal(r.modes[at].exponent - d.lambda[j])) < 5 * r.modes[at].std_re);
             CHECK(fabs(cimag(r.modes[at].exponent - d.lambda[j])) < 5 * r.modes[at].std_im);
@@ -176,7 +196,8 @@ TEST(noise_about_the_step_and_above_changes_nothing_of_that)
     check_depths(3);
 }
 
-/* Fibonacci's numbers lie on the grid 1, and are exact: the second mode falls below a step at once, and is there. */
+/* Fibonacci's numbers lie on the grid 1, and are exact: the second mode falls below a step at once,
+ * and is there. */
 TEST(whole_numbers_that_are_exact_keep_what_is_smaller_than_one)
 {
     struct batch b = { .samples = 24, .channels = 1, .signals = x, .dt = 1 };

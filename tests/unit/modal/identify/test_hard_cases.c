@@ -1,7 +1,9 @@
-/* test_hard_cases.c - eighteen signals on which identification goes wrong, and what a robust program answers
+/* test_hard_cases.c - eighteen signals on which identification goes wrong, and what a robust
+ * program answers
  *
- * Unless a test says otherwise the signal is scalar, T = 1 s, p = 16 samples a period, t = 0, 1/16, ... 12 (193 samples), and the truth is the formula
- * that makes it.  Noise is the deterministic sequence x <- 1664525 x + 1013904223 mod 2^32, x / 2^32 - 1/2.
+ * Unless a test says otherwise the signal is scalar, T = 1 s, p = 16 samples a period, t = 0, 1/16,
+ * ... 12 (193 samples), and the truth is the formula that makes it.  Noise is the deterministic
+ * sequence x <- 1664525 x + 1013904223 mod 2^32, x / 2^32 - 1/2.
  */
 #include "check.h"
 #include <complex.h>
@@ -23,7 +25,8 @@ static void add_noise(double *h, int count, uint32_t seed, double size)
 }
 
 /* Identify one signal of K samples; the caller frees *r. */
-static enum modal_status identify(const double *h, const struct identify_options *opt, struct identify_result *r, struct modal_error *err)
+static enum modal_status identify(const double *h, const struct identify_options *opt,
+                                  struct identify_result *r, struct modal_error *err)
 {
     struct batch batch = { .samples = K, .channels = 1, .signals = h, .dt = 1.0 / P, .period = 1 };
 
@@ -39,7 +42,8 @@ static bool says(const struct identify_result *r, const char *code)
 }
 
 /* The mode whose multiplier, or its conjugate, is nearest to Z; *off its distance. */
-static const struct identify_mode *nearest(const struct identify_result *r, double complex z, double *off)
+static const struct identify_mode *nearest(const struct identify_result *r, double complex z,
+                                           double *off)
 {
     const struct identify_mode *best = NULL;
 
@@ -61,10 +65,14 @@ static double distance_to(const struct identify_result *r, double complex z)
 }
 
 static const struct identify_options defaults = { 0 };
-static struct identify_options fixed(int r) { return (struct identify_options) { .rank = { .rule = RANK_FIXED, .fixed = r } }; }
+static struct identify_options fixed(int r)
+{
+    return (struct identify_options) { .rank = { .rule = RANK_FIXED, .fixed = r } };
+}
 static struct identify_options paper(int r)
 {
-    return (struct identify_options) { .method = IDENTIFY_PARTIAL_FLOQUET, .rank = { .rule = RANK_FIXED, .fixed = r } };
+    return (struct identify_options) { .method = IDENTIFY_PARTIAL_FLOQUET,
+                                      .rank = { .rule = RANK_FIXED, .fixed = r } };
 }
 
 /* ---- HC1: a Jordan block at +1 ---- */
@@ -87,7 +95,8 @@ static void check_jordan_block(double noise, double centroid_tolerance, double r
     identify_result_done(&r);
 }
 
-/* Splitting by the square root of the disturbance, the mean moved by the disturbance itself (times the sensitivity of a record of 12). */
+/* Splitting by the square root of the disturbance, the mean moved by the disturbance itself (times
+ * the sensitivity of a record of 12). */
 TEST(a_jordan_block_is_a_cluster_with_a_sharp_centroid_and_no_verdict)
 {
     check_jordan_block(0, 1e-10, 1e-6);
@@ -126,7 +135,8 @@ static void check_overflow(const struct identify_options *opt)
     struct identify_result r;
 
     for (int k = 0; k < K; k++)
-        h[k] = pow(1e25, at(k)) * (1 + 0.1 * cos(2 * M_PI * at(k))) + pow(0.5, at(k)) * cos(0.6 * M_PI * at(k));
+        h[k] = pow(1e25, at(k)) * (1 + 0.1 * cos(2 * M_PI * at(k))) +
+               pow(0.5, at(k)) * cos(0.6 * M_PI * at(k));
     CHECK(identify(h, opt, &r, NULL) == MODAL_OK);
     CHECK(r.mode_count == 1);
     CHECK_NEAR(creal(r.modes[0].multiplier) / 1e25, 1, 1e-12);
@@ -169,7 +179,8 @@ TEST(damping_of_1e_minus_6_is_found_with_an_error_bar_that_holds_it)
         double g = creal(r.modes[0].exponent);
         CHECK_NEAR(g, truth, most[i] * fabs(truth));
         CHECK_NEAR(g, truth, 4 * r.modes[0].std_re + 1e-14);
-        CHECK(r.verdict == (i < 2 ? VERDICT_STABLE : VERDICT_UNDECIDED));   /* at 1e-4 three standard deviations reach zero */
+        /* at 1e-4 three standard deviations reach zero */
+        CHECK(r.verdict == (i < 2 ? VERDICT_STABLE : VERDICT_UNDECIDED));
         identify_result_done(&r);
     }
 }
@@ -287,7 +298,8 @@ TEST(a_mode_gone_within_a_period_comes_with_the_bar_it_deserves)
         struct identify_result r;
         const struct identify_mode *m;
         for (int k = 0; k < K; k++)
-            h[k] = pow(0.9, at(k)) * cos(2 * at(k)) + pow(1e-4, at(k)) * (1 + 0.2 * cos(2 * M_PI * at(k)));
+            h[k] = pow(0.9, at(k)) * cos(2 * at(k)) +
+                   pow(1e-4, at(k)) * (1 + 0.2 * cos(2 * M_PI * at(k)));
         add_noise(h, K, 5, noise[i]);
         CHECK(identify(h, &defaults, &r, NULL) == MODAL_OK);
         CHECK(r.mode_count == 2 && says(&r, "fast_decay") && r.verdict == VERDICT_STABLE);
@@ -303,7 +315,8 @@ TEST(a_mode_gone_within_a_period_comes_with_the_bar_it_deserves)
 TEST(a_periodic_orbit_left_in_is_named_and_its_difference_shows_what_grows)
 {
     double h[K];
-    struct identify_options energy = { .rank = { .rule = RANK_ENERGY, .energy = 0.99 } }, difference = energy;
+    struct identify_options energy = { .rank = { .rule = RANK_ENERGY, .energy = 0.99 } },
+                            difference = energy;
     struct identify_result r;
 
     for (int k = 0; k < K; k++)
@@ -316,10 +329,11 @@ TEST(a_periodic_orbit_left_in_is_named_and_its_difference_shows_what_grows)
     difference.difference = true;
     CHECK(identify(h, &difference, &r, NULL) == MODAL_OK);
     CHECK(r.mode_count == 1 && !says(&r, "periodic_orbit"));
-    CHECK_NEAR(distance_to(&r, 1.2 * cexp(0.6 * M_PI * I)), 0, 1e-10);   /* rounding of the orbit, 1e-16, over 1e-4, over the record */
+    /* rounding of the orbit, 1e-16, over 1e-4, over the record */
+    CHECK_NEAR(distance_to(&r, 1.2 * cexp(0.6 * M_PI * I)), 0, 1e-10);
     CHECK(r.verdict == VERDICT_UNSTABLE);
     identify_result_done(&r);
-    CHECK(identify(h, &defaults, &r, NULL) == MODAL_OK);               /* by default both are found */
+    CHECK(identify(h, &defaults, &r, NULL) == MODAL_OK);   /* by default both are found */
     CHECK_NEAR(distance_to(&r, 1.2 * cexp(0.6 * M_PI * I)), 0, 1e-10);
     CHECK(r.verdict == VERDICT_UNSTABLE);
     identify_result_done(&r);
@@ -336,7 +350,8 @@ TEST(a_period_of_sixteen_and_a_half_samples_is_never_rounded)
 
     for (int k = 0; k < N; k++) {
         double t = k / 16.5;
-        h[k] = (1 + 0.5 * cos(2 * M_PI * t) + 0.3 * sin(4 * M_PI * t)) * pow(0.97, t) * cos(0.46 * M_PI * t);
+        h[k] = (1 + 0.5 * cos(2 * M_PI * t) + 0.3 * sin(4 * M_PI * t)) * pow(0.97, t) *
+               cos(0.46 * M_PI * t);
     }
     CHECK(modal_identify(&batch, &defaults, &r, NULL) == MODAL_OK);
     CHECK(r.mode_count == 1 && r.shift == 1);
@@ -363,9 +378,11 @@ TEST(real_multipliers_of_a_period_of_a_fraction_of_samples_are_real)
     CHECK(modal_identify(&batch, &defaults, &r, NULL) == MODAL_OK);
     CHECK(r.mode_count == 2);
     m = nearest(&r, -1.1, &off);
-    CHECK(off < 5 * m->std_multiplier + 1e-12 && cimag(m->exponent) == M_PI && cimag(m->multiplier) == 0);
+    CHECK(off < 5 * m->std_multiplier + 1e-12 && cimag(m->exponent) == M_PI &&
+          cimag(m->multiplier) == 0);
     m = nearest(&r, 0.9, &off);
-    CHECK(off < 5 * m->std_multiplier + 1e-12 && cimag(m->exponent) == 0 && cimag(m->multiplier) == 0);
+    CHECK(off < 5 * m->std_multiplier + 1e-12 && cimag(m->exponent) == 0 &&
+          cimag(m->multiplier) == 0);
     identify_result_done(&r);
 }
 
@@ -416,8 +433,8 @@ TEST(ranks_past_rounding_make_no_modes)
 
 /* ---- HC13 ---- */
 
-/* Over 60 seeds at sigma/rms 0.1 the paper's estimate is biased towards damping by 2e-3 (published); the refined one's mean error stays within four
- * standard errors of the mean. */
+/* Over 60 seeds at sigma/rms 0.1 the paper's estimate is biased towards damping by 2e-3
+ * (published); the refined one's mean error stays within four standard errors of the mean. */
 TEST(the_refined_multiplier_has_no_bias_towards_damping)
 {
     enum { SEEDS = 60 };
@@ -533,8 +550,14 @@ TEST(an_offset_is_reported_apart_and_is_no_mode)
 TEST(degenerate_input_is_refused_with_a_reason_and_no_number)
 {
     double h[K] = { 0 }, constant[K], broken[K];
-    struct identify_options wide = fixed(12), tall = { .rows = 190 }, none = { .rank = { .rule = RANK_FIXED } };
-    const struct { const char *what; struct batch batch; const struct identify_options *opt; const char *field; } cases[] = {
+    struct identify_options wide = fixed(12), tall = { .rows = 190 },
+                            none = { .rank = { .rule = RANK_FIXED } };
+    const struct {
+        const char *what;
+        struct batch batch;
+        const struct identify_options *opt;
+        const char *field;
+    } cases[] = {
         { "zeros", { K, 1, h, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
         { "constants", { K, 1, constant, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
         { "NaN", { K, 1, broken, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
@@ -542,9 +565,18 @@ TEST(degenerate_input_is_refused_with_a_reason_and_no_number)
         { "seven samples", { 7, 1, broken + 40, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
         { "dt 0", { K, 1, broken + 40, 0, 0, NULL, NULL, NULL }, &defaults, "dt" },
         { "dt NaN", { K, 1, broken + 40, NAN, 0, NULL, NULL, NULL }, &defaults, "dt" },
-        { "a period of more than half the record", { 100, 1, broken + 40, 0.1, 5.1, NULL, NULL, NULL }, &defaults, "period" },
-        { "a period of minus one", { 100, 1, broken + 40, 0.1, -1, NULL, NULL, NULL }, &defaults, "period" },
-        { "rank past the columns", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL }, &wide, "rank.fixed" },
+        { "a period of more than half the record",
+          { 100, 1, broken + 40, 0.1, 5.1, NULL, NULL, NULL },
+          &defaults,
+          "period" },
+        { "a period of minus one",
+          { 100, 1, broken + 40, 0.1, -1, NULL, NULL, NULL },
+          &defaults,
+          "period" },
+        { "rank past the columns",
+          { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL },
+          &wide,
+          "rank.fixed" },
         { "more rows than fit", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL }, &tall, "rows" },
         { "rank 0", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL }, &none, "rank.fixed" },
     };
@@ -587,7 +619,8 @@ TEST(scaling_the_signals_by_1e160_either_way_changes_no_multiplier)
         double h[K];
         struct identify_result r;
         for (int k = 0; k < K; k++)
-            h[k] = scales[i] * (pow(0.99, at(k)) * cos(at(k)) + 0.6 * pow(1.02, at(k)) * cos(2.1 * at(k)));
+            h[k] = scales[i] *
+                   (pow(0.99, at(k)) * cos(at(k)) + 0.6 * pow(1.02, at(k)) * cos(2.1 * at(k)));
         CHECK(identify(h, &defaults, &r, NULL) == MODAL_OK && r.mode_count == 2);
         for (int j = 0; j < 2; j++) {
             if (i == 0)

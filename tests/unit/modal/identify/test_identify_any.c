@@ -1,6 +1,8 @@
-/* test_identify_any.c - whatever the signals and options, an answer has no NaN where a number belongs, or there is an error with a field
+/* test_identify_any.c - whatever the signals and options, an answer has no NaN where a number
+ * belongs, or there is an error with a field
  *
- * Random sizes, ranks, scales (1e+-160 and beyond), degenerate signals and options from a fixed generator; every sanitizer build runs it too.
+ * Random sizes, ranks, scales (1e+-160 and beyond), degenerate signals and options from a fixed
+ * generator; every sanitizer build runs it too.
  */
 #include "check.h"
 #include <complex.h>
@@ -18,7 +20,10 @@ static uint64_t bits(void)
     return seed;
 }
 
-static double uniform(double low, double high) { return low + (high - low) * (double)(bits() >> 11) / 9007199254740992.0; }
+static double uniform(double low, double high)
+{
+    return low + (high - low) * (double)(bits() >> 11) / 9007199254740992.0;
+}
 static int pick(int n) { return (int)(bits() % (uint64_t)n); }
 
 /* One channel of a kind that has broken programs before. */
@@ -71,22 +76,27 @@ static struct identify_options options(int K)
     return o;
 }
 
-/* Known unknowns may be NAN (standard deviations, persistence, residual); what describes a mode may not. */
+/* Known unknowns may be NAN (standard deviations, persistence, residual); what describes a mode may
+ * not. */
 static bool sound(const struct identify_result *r)
 {
     bool ok = r->verdict == VERDICT_UNDECIDED || r->mode_count > 0;
 
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
-        ok &= isfinite(creal(m->exponent)) && isfinite(cimag(m->exponent)) && isfinite(creal(m->multiplier)) && isfinite(cimag(m->multiplier));
-        ok &= isfinite(m->amplitude) && m->amplitude >= 0 && m->energy >= 0 && m->energy <= 1 + 1e-12;
-        ok &= cimag(m->exponent) >= 0 && isfinite(creal(m->resolved)) && isfinite(cimag(m->resolved));
+        ok &= isfinite(creal(m->exponent)) && isfinite(cimag(m->exponent)) &&
+              isfinite(creal(m->multiplier)) && isfinite(cimag(m->multiplier));
+        ok &= isfinite(m->amplitude) && m->amplitude >= 0 && m->energy >= 0 &&
+              m->energy <= 1 + 1e-12;
+        ok &= cimag(m->exponent) >= 0 && isfinite(creal(m->resolved)) &&
+              isfinite(cimag(m->resolved));
         ok &= i == 0 || m->amplitude <= r->modes[i - 1].amplitude;
         for (int c = 0; m->shape != NULL && c < r->channel_count; c++)
             ok &= cabs(m->shape[c]) <= 1 + 1e-9;
     }
     for (int c = 0; c < r->channel_count; c++)
-        ok &= isfinite(r->rms_error[c]) && (isnan(r->relative_error[c]) || r->relative_error[c] >= 0);
+        ok &= isfinite(r->rms_error[c]) &&
+              (isnan(r->relative_error[c]) || r->relative_error[c] >= 0);
     for (int i = 0; i < r->cluster_count; i++)
         ok &= isfinite(r->clusters[i].radius) && r->clusters[i].member_count > 0;
     return ok;
@@ -99,7 +109,13 @@ TEST(any_finite_signal_gets_a_sound_answer_or_an_error_with_a_field)
     for (int trial = 0; trial < TRIALS; trial++) {
         int K = 8 + pick(pick(4) ? 60 : 250), S = 1 + pick(pick(5) ? 3 : 14);
         double *x = calloc((size_t)K * S, sizeof *x);
-        struct batch batch = { .samples = K, .channels = S, .signals = x, .dt = 1, .period = pick(3) ? 0 : pick(2) ? 2 + pick(K / 4) : uniform(2, K / 3.0) };
+        struct batch batch = { .samples = K,
+                               .channels = S,
+                               .signals = x,
+                               .dt = 1,
+                               .period = pick(3)   ? 0
+                                         : pick(2) ? 2 + pick(K / 4)
+                                                   : uniform(2, K / 3.0) };
         struct identify_options opt = options(K);
         struct identify_result r;
         struct modal_error err = { .field = "" };
@@ -108,7 +124,8 @@ TEST(any_finite_signal_gets_a_sound_answer_or_an_error_with_a_field)
             fill(x, K, S, c, pick(11));
         rc = modal_identify(&batch, &opt, &r, &err);
         if (rc == MODAL_OK ? !sound(&r) : rc != MODAL_BAD_INPUT || err.field[0] == 0)
-            fail_msg("trial %d: %d samples, %d channels, period %g: status %d (%s: %s)", trial, K, S, batch.period, rc, err.field, err.message);
+            fail_msg("trial %d: %d samples, %d channels, period %g: status %d (%s: %s)", trial, K,
+                     S, batch.period, rc, err.field, err.message);
         answered += rc == MODAL_OK;
         identify_result_done(&r);
         free(x);
@@ -124,10 +141,13 @@ TEST(the_same_signals_give_the_same_bits)
     struct identify_result a, b;
 
     for (int k = 0; k < K; k++)
-        x[2 * k] = exp(-0.01 * k) * cos(0.4 * k) + 0.01 * uniform(-1, 1), x[2 * k + 1] = exp(-0.02 * k) * sin(0.9 * k) + 0.01 * uniform(-1, 1);
-    CHECK(modal_identify(&batch, NULL, &a, NULL) == MODAL_OK && modal_identify(&batch, NULL, &b, NULL) == MODAL_OK);
+        x[2 * k] = exp(-0.01 * k) * cos(0.4 * k) + 0.01 * uniform(-1, 1),
+              x[2 * k + 1] = exp(-0.02 * k) * sin(0.9 * k) + 0.01 * uniform(-1, 1);
+    CHECK(modal_identify(&batch, NULL, &a, NULL) == MODAL_OK &&
+          modal_identify(&batch, NULL, &b, NULL) == MODAL_OK);
     CHECK(a.mode_count == b.mode_count && a.mode_count > 0);
     for (int i = 0; i < a.mode_count; i++)
-        CHECK(memcmp(&a.modes[i].exponent, &b.modes[i].exponent, sizeof a.modes[i].exponent) == 0 && a.modes[i].std_re == b.modes[i].std_re);
+        CHECK(memcmp(&a.modes[i].exponent, &b.modes[i].exponent, sizeof a.modes[i].exponent) == 0 &&
+              a.modes[i].std_re == b.modes[i].std_re);
     identify_result_done(&a), identify_result_done(&b);
 }

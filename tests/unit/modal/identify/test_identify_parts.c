@@ -29,7 +29,8 @@ TEST(an_exponent_and_its_multiplier_are_inverses_in_all_four_quadrants)
     for (size_t i = 0; i < sizeof moduli / sizeof *moduli; i++)
         for (int k = -4; k <= 4; k++) {
             double complex rho = moduli[i] * cexp(I * 0.7 * k), lambda = exponent_of(rho, tau);
-            CHECK_NEAR(creal(lambda), log(moduli[i]) / tau, 4 * DBL_EPSILON * (1 + fabs(log(moduli[i]))) / tau);
+            CHECK_NEAR(creal(lambda), log(moduli[i]) / tau,
+                       4 * DBL_EPSILON * (1 + fabs(log(moduli[i]))) / tau);
             CHECK_NEAR(cabs(multiplier_of(lambda, tau) / rho - 1), 0, 1e3 * DBL_EPSILON);
         }
 }
@@ -40,7 +41,8 @@ TEST(damping_of_one_part_in_1e9_keeps_its_digits)
     const double x = 1e-9;
     double complex rho = (1 + x) * 1;
 
-    CHECK_NEAR(log_modulus(rho) / (x - x * x / 2), 1, 2e-7);      /* 1 + x is rounded to 1.1e-16 / 1e-9 */
+    /* 1 + x is rounded to 1.1e-16 / 1e-9 */
+    CHECK_NEAR(log_modulus(rho) / (x - x * x / 2), 1, 2e-7);
     CHECK_NEAR(log_modulus(CMPLX(0, 1 + 0x1p-40)) / 0x1p-40, 1, 1e-12);
     CHECK(log_modulus(1) == 0 && log_modulus(-1) == 0 && log_modulus(I) == 0);
 }
@@ -53,7 +55,7 @@ TEST(what_the_printed_formula_makes_nan_is_finite_here)
     CHECK_NEAR(damping_ratio_of(exponent_of(0.7, 0.5)), 1, 0);
     CHECK(cimag(exponent_of(-0.7, 0.5)) == M_PI / 0.5);                      /* phi = pi */
     CHECK(creal(exponent_of(0, 0.5)) == -HUGE_VAL);
-    CHECK_NEAR(frequency_of(exponent_of(0.9 * cexp(I), 1)), 1.005535, 1e-6);  /* printed: -1.00554 */
+    CHECK_NEAR(frequency_of(exponent_of(0.9 * cexp(I), 1)), 1.005535, 1e-6); /* printed: -1.00554 */
 }
 
 TEST(poles_are_one_entry_a_pair_and_keep_their_kind)
@@ -63,7 +65,8 @@ TEST(poles_are_one_entry_a_pair_and_keep_their_kind)
     int dropped;
 
     CHECK(poles_of_multipliers(rho, 6, 0.1, 1e-32, lambda, &dropped) == 3 && dropped == 2);
-    CHECK(pole_kind(lambda[0], 0.1) == POLE_PAIR && pole_kind(lambda[1], 0.1) == POLE_NEGATIVE && pole_kind(lambda[2], 0.1) == POLE_REAL);
+    CHECK(pole_kind(lambda[0], 0.1) == POLE_PAIR && pole_kind(lambda[1], 0.1) == POLE_NEGATIVE &&
+          pole_kind(lambda[2], 0.1) == POLE_REAL);
     CHECK(poles_order(lambda, 3, 0.1) == 4);
     CHECK(cimag(multiplier_of(lambda[1], 0.1)) == 0);
 }
@@ -72,18 +75,27 @@ TEST(poles_are_one_entry_a_pair_and_keep_their_kind)
 
 TEST(every_rank_rule_gives_its_definition_on_hc5s_singular_values)
 {
-    /* s / s1 as published for 0.98^t cos t + 0.5 0.95^t cos(2t + .4) + noise, 11 columns: r = 2, 2, 5, 10 by sums, 2, 2, 2, 3 by squares */
-    const double s[11] = { 1, 0.333, 0.0434, 0.0075, 0.0035, 0.0030, 0.0027, 0.0024, 0.0021, 0.0018, 0.0014 };
-    const struct { double energy; int sums, squares; } cases[] = { { 0.9, 2, 2 }, { 0.95, 2, 2 }, { 0.99, 5, 2 }, { 0.999, 10, 3 } };
+    /* s / s1 as published for 0.98^t cos t + 0.5 0.95^t cos(2t + .4) + noise, 11 columns: r = 2, 2,
+     * 5, 10 by sums, 2, 2, 2, 3 by squares */
+    const double s[11] = { 1,      0.333,  0.0434, 0.0075, 0.0035, 0.0030,
+                           0.0027, 0.0024, 0.0021, 0.0018, 0.0014 };
+    const struct {
+        double energy;
+        int sums, squares;
+    } cases[] = { { 0.9, 2, 2 }, { 0.95, 2, 2 }, { 0.99, 5, 2 }, { 0.999, 10, 3 } };
 
     for (int i = 0; i < 4; i++) {
-        struct rank_options sums = { .rule = RANK_ENERGY, .energy = cases[i].energy }, squares = { .rule = RANK_ENERGY_SQUARED, .energy = cases[i].energy };
+        struct rank_options sums = { .rule = RANK_ENERGY, .energy = cases[i].energy },
+                            squares = { .rule = RANK_ENERGY_SQUARED, .energy = cases[i].energy };
         CHECK(rank_estimate(s, 11, 16, 11, &sums) == cases[i].sums);
         CHECK(rank_estimate(s, 11, 16, 11, &squares) == cases[i].squares);
     }
-    CHECK(rank_estimate(s, 11, 16, 11, &(struct rank_options) { .rule = RANK_THRESHOLD, .threshold = 0.005 }) == 4);
-    CHECK(rank_estimate(s, 11, 16, 11, &(struct rank_options) { .rule = RANK_FIXED, .fixed = 7 }) == 7);
-    CHECK(rank_estimate(s, 11, 16, 11, &(struct rank_options) { .rule = RANK_FIXED, .fixed = 70 }) == 11);
+    CHECK(rank_estimate(s, 11, 16, 11,
+                        &(struct rank_options){ .rule = RANK_THRESHOLD, .threshold = 0.005 }) == 4);
+    CHECK(rank_estimate(s, 11, 16, 11, &(struct rank_options) { .rule = RANK_FIXED, .fixed = 7 }) ==
+          7);
+    CHECK(rank_estimate(s, 11, 16, 11, &(struct rank_options){ .rule = RANK_FIXED, .fixed = 70 }) ==
+          11);
     CHECK_NEAR(rank_energy_kept(s, 11, 2), 1.333 / 1.4008, 1e-12);
 }
 
@@ -180,7 +192,8 @@ TEST(folding_puts_sample_k_plus_l_p_into_row_l)
 static void three_modes(double *y, int K)
 {
     for (int k = 0; k < K; k++)
-        y[k] = exp(-0.02 * k) * cos(0.7 * k) + 0.6 * exp(-0.05 * k) * sin(1.9 * k + 0.3) + 0.4 * exp(-0.1 * k);
+        y[k] = exp(-0.02 * k) * cos(0.7 * k) + 0.6 * exp(-0.05 * k) * sin(1.9 * k + 0.3) +
+               0.4 * exp(-0.1 * k);
 }
 
 /* C = A B, dense. */
@@ -218,9 +231,11 @@ TEST(the_four_matrices_share_the_multipliers_and_q_and_b_add_only_zeros)
     enum { M = 9, N = 7, R = 5 };
     double y[40], h0[M * N], h1[M * N], copy[M * N], s[N], u[M * N], vt[N * N];
     double vs[N * R], svu[N * M], usu[M * M], Q[M * M], B[N * N], Qh[R * R], Bh[R * R], uth1[R * N];
-    struct matrix Y = { 40, 1, 40, y }, H0 = { M, N, M, h0 }, H1 = { M, N, M, h1 }, C = { M, N, M, copy }, U = { M, N, M, u }, VT = { N, N, N, vt };
+    struct matrix Y = { 40, 1, 40, y }, H0 = { M, N, M, h0 }, H1 = { M, N, M, h1 },
+                  C = { M, N, M, copy }, U = { M, N, M, u }, VT = { N, N, N, vt };
     struct hankel h = { &Y, 0, M, N, 1 };
-    const double complex rho[R] = { cexp(-0.02 + 0.7 * I), cexp(-0.02 - 0.7 * I), cexp(-0.05 + 1.9 * I), cexp(-0.05 - 1.9 * I), exp(-0.1) };
+    const double complex rho[R] = { cexp(-0.02 + 0.7 * I), cexp(-0.02 - 0.7 * I),
+                                    cexp(-0.05 + 1.9 * I), cexp(-0.05 - 1.9 * I), exp(-0.1) };
 
     three_modes(y, 40);
     hankel_form(&h, 0, &H0), hankel_form(&h, 1, &H1);
@@ -257,7 +272,8 @@ TEST(the_four_matrices_share_the_multipliers_and_q_and_b_add_only_zeros)
         double complex lambda[R];
         int count, dropped;
         CHECK(projection_make(&h, R, &p, NULL) == MODAL_OK);
-        CHECK(projection_poles(&p, method, R, 1, lambda, &count, &dropped, NULL) == MODAL_OK && count == 3);
+        CHECK(projection_poles(&p, method, R, 1, lambda, &count, &dropped, NULL) == MODAL_OK &&
+              count == 3);
         for (int i = 0; i < 3; i++) {
             double nearest = HUGE_VAL;
             for (int j = 0; j < R; j++)
@@ -279,17 +295,20 @@ TEST(a_rank_without_a_singular_value_is_refused)
     CHECK(rho[0] == 7);
 }
 
-/* Prony's method: x[k + n] = sum a_i x[k + i], the roots of z^n - sum a_i z^i.  It is B with m = n = the order: then H0 is square and
- * B = H0^{-1} H1 is the companion matrix of exactly these a_i (the paper's special case). */
+/* Prony's method: x[k + n] = sum a_i x[k + i], the roots of z^n - sum a_i z^i.  It is B with m = n
+ * = the order: then H0 is square and B = H0^{-1} H1 is the companion matrix of exactly these a_i
+ * (the paper's special case). */
 TEST(pronys_method_is_the_square_autoregressive_case)
 {
     enum { N = 4 };
     double y[2 * N], h0[N * N], h1[N * N], inverse[N * N], B[N * N], s[N], u[N * N], vt[N * N];
-    struct matrix Y = { 2 * N, 1, 2 * N, y }, H0 = { N, N, N, h0 }, H1 = { N, N, N, h1 }, U = { N, N, N, u }, VT = { N, N, N, vt };
+    struct matrix Y = { 2 * N, 1, 2 * N, y }, H0 = { N, N, N, h0 }, H1 = { N, N, N, h1 },
+                  U = { N, N, N, u }, VT = { N, N, N, vt };
     struct hankel h = { &Y, 0, N, N, 1 };
     const double complex rho[2] = { 0.95 * cexp(0.8 * I), 1.02 * cexp(1.7 * I) };
     /* (z - rho1)(z - rho1*)(z - rho2)(z - rho2*) = z^4 - a3 z^3 - ... */
-    const double p1 = -2 * creal(rho[0]), q1 = 0.95 * 0.95, p2 = -2 * creal(rho[1]), q2 = 1.02 * 1.02;
+    const double p1 = -2 * creal(rho[0]), q1 = 0.95 * 0.95, p2 = -2 * creal(rho[1]),
+                 q2 = 1.02 * 1.02;
     const double a[N] = { -q1 * q2, -(p1 * q2 + p2 * q1), -(q1 + q2 + p1 * p2), -(p1 + p2) };
 
     for (int k = 0; k < 2 * N; k++)
@@ -310,11 +329,12 @@ TEST(pronys_method_is_the_square_autoregressive_case)
     }
 }
 
-/* The Poincare map: with p samples a period and one row, H1 = Phi H0 on the states at one phase; n signals that are the states give Phi itself. */
+/* The Poincare map: with p samples a period and one row, H1 = Phi H0 on the states at one phase; n
+ * signals that are the states give Phi itself. */
 TEST(the_poincare_map_is_the_case_of_one_row_a_state_and_one_period_a_column)
 {
     enum { P = 5, N = 2, L = 6 };
-    const double Phi[4] = { 0.9, -0.4, 0.5, 0.7 };               /* columns (0.9, -0.4), (0.5, 0.7) */
+    const double Phi[4] = { 0.9, -0.4, 0.5, 0.7 };   /* columns (0.9, -0.4), (0.5, 0.7) */
     double y[2 * P * (L + 1)], x[2] = { 1, -0.3 };
     struct matrix Y = { P * (L + 1), 2, P * (L + 1), y };
     struct hankel h = { &Y, 0, 1, L, P };
@@ -325,12 +345,15 @@ TEST(the_poincare_map_is_the_case_of_one_row_a_state_and_one_period_a_column)
 
     for (int l = 0; l <= L; l++) {
         double next[2] = { Phi[0] * x[0] + Phi[2] * x[1], Phi[1] * x[0] + Phi[3] * x[1] };
-        for (int k = 0; k < P; k++)                              /* other phases: anything periodic times the state */
-            y[l * P + k] = x[0] * (1 + k) - k * x[1], y[l * P + k + P * (L + 1)] = x[1] + 0.1 * k * x[0];
+        for (int k = 0; k < P; k++)   /* other phases: anything periodic times the state */
+            y[l * P + k] = x[0] * (1 + k) - k * x[1],
+                      y[l * P + k + P * (L + 1)] = x[1] + 0.1 * k * x[0];
         x[0] = next[0], x[1] = next[1];
     }
     CHECK(projection_make(&h, 2, &p, NULL) == MODAL_OK);
-    CHECK(projection_poles(&p, IDENTIFY_PARTIAL_FLOQUET, 2, 1, lambda, &count, &dropped, NULL) == MODAL_OK && count == 1);
+    CHECK(projection_poles(&p, IDENTIFY_PARTIAL_FLOQUET, 2, 1, lambda, &count, &dropped, NULL) ==
+              MODAL_OK &&
+          count == 1);
     CHECK_NEAR(2 * creal(multiplier_of(lambda[0], 1)), trace, 1e-13);
     CHECK_NEAR(pow(cabs(multiplier_of(lambda[0], 1)), 2), det, 1e-13);
     projection_done(&p);
@@ -346,7 +369,8 @@ static void check_pod(int L, int S)
 
     for (int c = 0; c < S; c++)                                  /* rank 3: three time functions */
         for (int l = 0; l < L; l++)
-            y[l + c * L] = cos(0.1 * c) * sin(0.3 * l) + 1e-3 * sin(0.5 * c) * cos(0.7 * l) + 1e-6 * cos(1.7 * c + 1) * sin(1.1 * l + 1);
+            y[l + c * L] = cos(0.1 * c) * sin(0.3 * l) + 1e-3 * sin(0.5 * c) * cos(0.7 * l) +
+                           1e-6 * cos(1.7 * c + 1) * sin(1.1 * l + 1);
     CHECK(pod_reduce(&Y, &(struct pod_options) { 0 }, &p, NULL) == MODAL_OK);
     CHECK(p.count >= 3 && p.count <= 5);
     for (int c = 0; c < S; c++)
@@ -358,9 +382,10 @@ static void check_pod(int L, int S)
         }
     CHECK_NEAR(worst, 0, 1e-13);
     pod_done(&p);
-    CHECK(pod_reduce(&Y, &(struct pod_options) { .rank = 2 }, &p, NULL) == MODAL_OK && p.count == 2);
+    CHECK(pod_reduce(&Y, &(struct pod_options){ .rank = 2 }, &p, NULL) == MODAL_OK && p.count == 2);
     pod_done(&p);
-    CHECK(pod_reduce(&Y, &(struct pod_options) { .energy = 0.9 }, &p, NULL) == MODAL_OK && p.count == 1);
+    CHECK(pod_reduce(&Y, &(struct pod_options) { .energy = 0.9 }, &p, NULL) == MODAL_OK &&
+          p.count == 1);
     pod_done(&p);
     free(y);
 }
@@ -384,7 +409,8 @@ TEST(the_synthesis_gives_back_the_coefficients_of_every_kind_of_pole)
 
     for (int l = 0; l < 20; l++)
         for (int c = 0; c < 2; c++)
-            y[l + 20 * c] = creal(CMPLX(1.2 + c, -0.7) * cexp(lambda[0] * tau * l)) + (0.3 - c) * exp(-0.2 * l) + 0.9 * (l % 2 ? -1 : 1) * exp(0.025 * l);
+            y[l + 20 * c] = creal(CMPLX(1.2 + c, -0.7) * cexp(lambda[0] * tau * l)) +
+                            (0.3 - c) * exp(-0.2 * l) + 0.9 * (l % 2 ? -1 : 1) * exp(0.025 * l);
     CHECK(synthesis_fit(lambda, 3, tau, &Y, &F, &s, NULL) == MODAL_OK);
     CHECK(s.order == 4 && s.rank == 4);
     for (int c = 0; c < 2; c++) {
@@ -398,7 +424,8 @@ TEST(the_synthesis_gives_back_the_coefficients_of_every_kind_of_pole)
     synthesis_done(&s);
 }
 
-/* Two multipliers 1 +- 1e-6: normal equations leave 2e-6 of error, method.md; SVD of the scaled basis 2e-12 times modest. */
+/* Two multipliers 1 +- 1e-6: normal equations leave 2e-6 of error, method.md; SVD of the scaled
+ * basis 2e-12 times modest. */
 TEST(nearly_equal_multipliers_keep_their_coefficients)
 {
     const double complex lambda[2] = { 1e-6, -1e-6 };
@@ -436,14 +463,16 @@ TEST(the_harmonics_of_a_periodic_coefficient_are_its_fourier_series)
 {
     enum { P = 16 };
     const double T = 2.5;
-    const double complex lambda = CMPLX(-0.2, 0.9), g[3] = { 0.4, CMPLX(0.5, 0.7), -0.1 };    /* k = 0, -2, 3 */
+    /* k = 0, -2, 3 */
+    const double complex lambda = CMPLX(-0.2, 0.9), g[3] = { 0.4, CMPLX(0.5, 0.7), -0.1 };
     double complex b[P];
     struct identify_harmonic list[HARMONICS_REPORTED];
     int count, k;
     double ratio;
 
     for (int n = 0; n < P; n++)
-        b[n] = cexp(lambda * T * n / P) * (g[0] + g[1] * cexp(-2 * M_PI * I * 2 * n / P) + g[2] * cexp(2 * M_PI * I * 3 * n / P));
+        b[n] = cexp(lambda * T * n / P) * (g[0] + g[1] * cexp(-2 * M_PI * I * 2 * n / P) +
+                                           g[2] * cexp(2 * M_PI * I * 3 * n / P));
     CHECK(harmonics_of(b, 1, P, 1, lambda, T, list, &count, &k, &ratio, NULL) == MODAL_OK);
     CHECK(k == -2 && list[0].k == -2 && list[1].k == 0 && list[2].k == 3);
     CHECK_NEAR(list[0].magnitude, hypot(0.5, 0.7), 1e-14);
@@ -451,7 +480,8 @@ TEST(the_harmonics_of_a_periodic_coefficient_are_its_fourier_series)
     CHECK_NEAR(ratio, 0.4 / hypot(0.5, 0.7), 1e-13);
 }
 
-/* phi = pi: |g_k| = |g_{-1-k}|, one frequency; the larger k is named and the runner-up is the next other frequency. */
+/* phi = pi: |g_k| = |g_{-1-k}|, one frequency; the larger k is named and the runner-up is the next
+ * other frequency. */
 TEST(tied_harmonics_of_a_real_multiplier_name_the_least_frequency_once)
 {
     struct identify_harmonic list[] = { { -1, 1 }, { 1, 0.25 }, { 0, 1 }, { -2, 0.25 } };
@@ -496,7 +526,8 @@ TEST(a_window_takes_its_samples_and_refuses_what_is_outside)
 {
     double x[800];
     struct batch b = two_channels(x, 400, 0.01);
-    struct identify_options opt = { .window = { 0.5, 1.5 } }, late = { .window = { 5, 6 } }, thin = { .window = { 1, 1.05 } };
+    struct identify_options opt = { .window = { 0.5, 1.5 } }, late = { .window = { 5, 6 } },
+                            thin = { .window = { 1, 1.05 } };
     struct modal_error err;
     struct record r;
 
@@ -511,7 +542,8 @@ TEST(a_window_takes_its_samples_and_refuses_what_is_outside)
     CHECK_STRING(err.field, "window");
 }
 
-/* What was filtered, mixed and decimated keeps its exponent: Re unchanged, Im moved by a known frequency. */
+/* What was filtered, mixed and decimated keeps its exponent: Re unchanged, Im moved by a known
+ * frequency. */
 TEST(a_band_keeps_a_light_pair_in_a_long_record_and_leaves_out_the_rest)
 {
     enum { K = 40000 };
@@ -523,16 +555,20 @@ TEST(a_band_keeps_a_light_pair_in_a_long_record_and_leaves_out_the_rest)
 
     for (int k = 0; k < K; k++) {
         double t = k / 44100.0;
-        x[k] = exp(creal(a) * t) * cos(cimag(a) * t) + 0.7 * exp(creal(b) * t) * cos(cimag(b) * t + 1) + 3 * exp(-2 * t) * cos(2 * M_PI * 1309 * t)
-             + 2 * exp(-4 * t) * cos(2 * M_PI * 6738 * t);
+        x[k] = exp(creal(a) * t) * cos(cimag(a) * t) +
+               0.7 * exp(creal(b) * t) * cos(cimag(b) * t + 1) +
+               3 * exp(-2 * t) * cos(2 * M_PI * 1309 * t) +
+               2 * exp(-4 * t) * cos(2 * M_PI * 6738 * t);
     }
     CHECK(modal_identify(&batch, &opt, &r, NULL) == MODAL_OK);
     CHECK(r.decimation > 20 && r.mode_count == 2);
     for (int i = 0; i < 2; i++) {
         double off = fmin(cabs(r.modes[i].exponent - a), cabs(r.modes[i].exponent - b));
-        CHECK(off < 1e-2);                  /* the stop band lets 90 dB through: 3e-5 of the others' amplitude, over 0.9 s */
+        /* the stop band lets 90 dB through: 3e-5 of the others' amplitude, over 0.9 s */
+        CHECK(off < 1e-2);
     }
-    CHECK_NEAR(cabs(r.modes[0].multiplier), exp(creal(r.modes[0].exponent) / 44100), 1e-12);   /* over one sample as sent */
+    /* over one sample as sent */
+    CHECK_NEAR(cabs(r.modes[0].multiplier), exp(creal(r.modes[0].exponent) / 44100), 1e-12);
     identify_result_done(&r);
     free(x);
 }
@@ -546,10 +582,12 @@ TEST(a_difference_over_a_fraction_of_a_sample_removes_the_orbit_and_keeps_the_ex
     struct identify_result r;
 
     for (int k = 0; k < K; k++)
-        x[k] = 5 + cos(2 * M_PI / T * k * dt) + 0.3 * sin(4 * M_PI / T * k * dt) + 0.1 * exp(-0.28 * k * dt) * cos(6.16 * k * dt);
+        x[k] = 5 + cos(2 * M_PI / T * k * dt) + 0.3 * sin(4 * M_PI / T * k * dt) +
+               0.1 * exp(-0.28 * k * dt) * cos(6.16 * k * dt);
     CHECK(modal_identify(&batch, &opt, &r, NULL) == MODAL_OK);
     CHECK(r.mode_count >= 1);
-    CHECK_NEAR(creal(r.modes[0].exponent), -0.28, 1e-6);      /* Lagrange on ten points leaves (omega dt)^10 = 1e-6 of the orbit at most */
+    /* Lagrange on ten points leaves (omega dt)^10 = 1e-6 of the orbit at most */
+    CHECK_NEAR(creal(r.modes[0].exponent), -0.28, 1e-6);
     CHECK_NEAR(cimag(r.modes[0].exponent), 6.16, 1e-6);
     identify_result_done(&r);
 }
@@ -573,7 +611,8 @@ TEST(detrending_removes_a_line_exactly)
 
 TEST(phase_collinearity_is_one_for_a_line_and_zero_for_a_circle)
 {
-    const double complex line[3] = { CMPLX(1, 2), CMPLX(-0.5, -1), 0 }, circle[4] = { 1, I, -1, -I };
+    const double complex line[3] = { CMPLX(1, 2), CMPLX(-0.5, -1), 0 },
+                         circle[4] = { 1, I, -1, -I };
 
     CHECK_NEAR(modes_mpc(line, 3), 1, 1e-15);
     CHECK_NEAR(modes_mpc(circle, 4), 0, 1e-15);
@@ -599,7 +638,8 @@ TEST(shapes_come_in_the_channels_own_units_with_largest_component_one)
     identify_result_done(&r);
 }
 
-/* Undamped at 60 samples a period the amplitude over whole periods is 1 / sqrt 2 of the peak, in units of the channel's own rms: 1. */
+/* Undamped at 60 samples a period the amplitude over whole periods is 1 / sqrt 2 of the peak, in
+ * units of the channel's own rms: 1. */
 TEST(amplitudes_are_rms_over_the_record_in_units_of_the_channels_rms)
 {
     enum { K = 600 };
@@ -633,8 +673,9 @@ TEST(a_cancelled_identification_says_so_and_leaves_nothing)
     CHECK(r.modes == NULL && r.stage_count == 0);
 }
 
-/* Twelve channels of one noise level, a third of which hear the motion fifty times weaker: scaled to unit rms they are mostly noise.  The bars must be
- * those of a fit that knows that the noise is the same everywhere (the Cramer-Rao bound), not those of channels taken as equal. */
+/* Twelve channels of one noise level, a third of which hear the motion fifty times weaker: scaled
+ * to unit rms they are mostly noise.  The bars must be those of a fit that knows that the noise is
+ * the same everywhere (the Cramer-Rao bound), not those of channels taken as equal. */
 TEST(channels_that_hear_mostly_noise_cost_the_others_nothing)
 {
     enum { L = 300, S = 12 };
@@ -654,13 +695,18 @@ TEST(channels_that_hear_mostly_noise_cost_the_others_nothing)
                 z = 1664525u * z + 1013904223u;
                 noise += z / 4294967296.0 - 0.5;             /* sum of twelve: unit variance */
             }
-            y[l + c * L] = x[l * S + c] = size * (creal(cexp(truth[0] * t + I * c)) + 0.6 * creal(cexp(truth[1] * t + 2.0 * I * c * c))) + 0.01 * noise;
+            y[l + c * L] = x[l * S + c] = size *
+                                              (creal(cexp(truth[0] * t + I * c)) +
+                                               0.6 * creal(cexp(truth[1] * t + 2.0 * I * c * c))) +
+                                          0.01 * noise;
         }
-    CHECK(refine_poles(&data, truth, 2, NULL, &(struct refine_options) { .equal_noise = true }, &bound, NULL) == MODAL_OK);
+    CHECK(refine_poles(&data, truth, 2, NULL, &(struct refine_options) { .equal_noise = true },
+                       &bound, NULL) == MODAL_OK);
     CHECK(modal_identify(&batch, NULL, &r, NULL) == MODAL_OK && r.mode_count == 2);
     for (int i = 0; i < 2; i++) {
         int j = fabs(cimag(r.modes[i].exponent) - 6.2) < 1 ? 0 : 1;
-        CHECK(r.modes[i].std_re < 1.2 * bound.std_re[j] && r.modes[i].std_re > 0.8 * bound.std_re[j]);
+        CHECK(r.modes[i].std_re < 1.2 * bound.std_re[j] &&
+              r.modes[i].std_re > 0.8 * bound.std_re[j]);
         CHECK_NEAR(creal(r.modes[i].exponent), creal(truth[j]), 5 * bound.std_re[j]);
         CHECK_NEAR(cimag(r.modes[i].exponent), cimag(truth[j]), 5 * bound.std_im[j]);
     }

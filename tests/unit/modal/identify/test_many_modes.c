@@ -1,11 +1,13 @@
-/* test_many_modes.c - many modes in few channels: no order below theirs explains much, and the ladder must not end before */
+/* test_many_modes.c - many modes in few channels: no order below theirs explains much, and the
+ * ladder must not end before */
 #include "modal/identify/identify.h"
 #include "check.h"
 #include "signals.h"
 
 enum { SAMPLES = 192, CHANNELS = 2 };
 
-/* Eight modes of like strength and two channels, 60 dB: order 4 is a least of BIC, 16 the least.  Five of the bound. */
+/* Eight modes of like strength and two channels, 60 dB: order 4 is a least of BIC, 16 the least.
+ * Five of the bound. */
 TEST(eight_modes_in_two_channels_are_all_found)
 {
     static double column[SAMPLES * CHANNELS], samples[SAMPLES * CHANNELS];
@@ -13,12 +15,15 @@ TEST(eight_modes_in_two_channels_are_all_found)
     for (int i = 0; i < 6; i++) {
         struct random rng = { 400 + (uint64_t)i };
         struct decay d = { .modes = 8, .channels = CHANNELS, .samples = SAMPLES, .dt = 1 };
-        struct batch b = { .samples = SAMPLES, .channels = CHANNELS, .signals = samples, .dt = d.dt };
+        struct batch b = {
+            .samples = SAMPLES, .channels = CHANNELS, .signals = samples, .dt = d.dt
+        };
         struct identify_options opt = { 0 };
         struct identify_result r;
         double re[DECAY_MODES], im[DECAY_MODES], sd;
         for (int j = 0; j < 8; j++)
-            d.lambda[j] = decay_pole(0.04 + 0.05 * j + 0.015 * random_uniform(&rng), 0.002 + 0.01 * random_uniform(&rng));
+            d.lambda[j] = decay_pole(0.04 + 0.05 * j + 0.015 * random_uniform(&rng),
+                                     0.002 + 0.01 * random_uniform(&rng));
         decay_amplitudes(&d, &rng);
         decay_signals(&d, column, SAMPLES);
         sd = decay_noise(&d, column, SAMPLES, 60, &rng);
@@ -30,7 +35,8 @@ TEST(eight_modes_in_two_channels_are_all_found)
         for (int j = 0; j < 8; j++) {
             int at = 0;
             for (int m = 1; m < r.mode_count; m++)
-                if (cabs(r.modes[m].exponent - d.lambda[j]) < cabs(r.modes[at].exponent - d.lambda[j]))
+                if (cabs(r.modes[m].exponent - d.lambda[j]) <
+                    cabs(r.modes[at].exponent - d.lambda[j]))
                     at = m;
             CHECK(fabs(creal(r.modes[at].exponent - d.lambda[j])) < 5 * re[j]);
             CHECK(fabs(cimag(r.modes[at].exponent - d.lambda[j])) < 5 * im[j]);
@@ -39,7 +45,8 @@ TEST(eight_modes_in_two_channels_are_all_found)
     }
 }
 
-/* Twelve modes in 54 channels at 1e-7: the ladder climbs to order 24 with as many signals, and ends within its work. */
+/* Twelve modes in 54 channels at 1e-7: the ladder climbs to order 24 with as many signals, and ends
+ * within its work. */
 TEST(twelve_modes_in_many_channels_are_all_found)
 {
     enum { ROWS = 1200, MANY = 54, MODES = 12 };
@@ -51,7 +58,8 @@ TEST(twelve_modes_in_many_channels_are_all_found)
         double complex lambda[MODES], B[MODES];
         struct identify_result r;
         for (int j = 0; j < MODES; j++)
-            lambda[j] = decay_pole(0.7 + 1.6 * j + 0.9 * random_uniform(&rng), 0.002 + 0.02 * random_uniform(&rng));
+            lambda[j] = decay_pole(0.7 + 1.6 * j + 0.9 * random_uniform(&rng),
+                                   0.002 + 0.02 * random_uniform(&rng));
         for (int c = 0; c < MANY; c++) {
             for (int j = 0; j < MODES; j++)
                 B[j] = CMPLX(random_normal(&rng), random_normal(&rng));
@@ -69,8 +77,10 @@ TEST(twelve_modes_in_many_channels_are_all_found)
             for (int m = 1; m < r.mode_count; m++)
                 if (cabs(r.modes[m].exponent - lambda[j]) < cabs(r.modes[at].exponent - lambda[j]))
                     at = m;
-            CHECK(fabs(creal(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_re && r.modes[at].std_re < 1e-6);
-            CHECK(fabs(cimag(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_im && r.modes[at].std_im < 1e-6);
+            CHECK(fabs(creal(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_re &&
+                  r.modes[at].std_re < 1e-6);
+            CHECK(fabs(cimag(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_im &&
+                  r.modes[at].std_im < 1e-6);
         }
         for (int i = 0; i < r.diagnostic_count; i++)
             CHECK(strcmp(r.diagnostics[i].code, "order_work_limit") != 0);

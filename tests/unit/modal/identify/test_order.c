@@ -1,4 +1,5 @@
-/* The order by BIC: right on clean and noisy decays, none in noise alone, a constant told from a slow decay. */
+/* The order by BIC: right on clean and noisy decays, none in noise alone, a constant told from a
+ * slow decay. */
 #include "modal/identify/order.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/pencil.h"
@@ -9,7 +10,8 @@ static double y[8 * 1200];
 
 struct pencil_source { struct pencil p; double tau; };
 
-static enum modal_status poles(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+static enum modal_status poles(void *context, int r, double complex *lambda, int *count,
+                               struct modal_error *err)
 {
     struct pencil_source *s = context;
     double complex rho[64];
@@ -20,7 +22,8 @@ static enum modal_status poles(void *context, int r, double complex *lambda, int
     return rc;
 }
 
-static void choose(const struct matrix *Y, double tau, const struct order_options *opt, struct order_choice *out)
+static void choose(const struct matrix *Y, double tau, const struct order_options *opt,
+                   struct order_choice *out)
 {
     struct refine_data data = { .Y = Y, .tau = tau };
     struct pencil_source s = { .tau = tau };
@@ -54,8 +57,8 @@ TEST(on_clean_signals_nothing_spurious_is_added)
     }
 }
 
-/* At 40 dB every draw of every case has its order, and pooled errors follow the bound: sum of e^2/bound^2 over n parameters is
- * chi-square, mean n, deviation sqrt(2 n); 4 deviations. */
+/* At 40 dB every draw of every case has its order, and pooled errors follow the bound: sum of
+ * e^2/bound^2 over n parameters is chi-square, mean n, deviation sqrt(2 n); 4 deviations. */
 TEST(at_40_dB_the_order_is_right_and_the_errors_are_those_of_the_bound)
 {
     double sum = 0, n = 0;
@@ -89,7 +92,9 @@ TEST(at_40_dB_the_order_is_right_and_the_errors_are_those_of_the_bound)
 
 TEST(a_constant_under_a_decay_is_an_offset_and_not_a_slow_mode)
 {
-    struct decay d = { .modes = 1, .channels = 2, .samples = 400, .dt = 0.05, .lambda = { decay_pole(1.3, 0.02) } };
+    struct decay d = {
+        .modes = 1, .channels = 2, .samples = 400, .dt = 0.05, .lambda = { decay_pole(1.3, 0.02) }
+    };
     struct random r = { 4 };
     struct matrix Y = { 400, 2, 400, y };
     struct order_choice c;
@@ -105,7 +110,8 @@ TEST(a_constant_under_a_decay_is_an_offset_and_not_a_slow_mode)
     order_done(&c);
 }
 
-/* A decay of 1/(40 records) is 4 standard errors from none at this noise and must not be called a constant. */
+/* A decay of 1/(40 records) is 4 standard errors from none at this noise and must not be called a
+ * constant. */
 TEST(a_slow_decay_that_the_data_can_tell_from_a_constant_is_kept)
 {
     struct matrix Y = { 400, 1, 400, y };
@@ -116,7 +122,8 @@ TEST(a_slow_decay_that_the_data_can_tell_from_a_constant_is_kept)
         y[k] = exp(-k / 16000.0) + 1e-4 * random_normal(&r);
     choose(&Y, 1, NULL, &c);
     CHECK(!c.offset && c.candidates[c.chosen].fit.poles == 1);
-    CHECK_NEAR(creal(c.candidates[c.chosen].fit.lambda[0]), -1 / 16000.0, 5 * c.candidates[c.chosen].fit.std_re[0]);
+    CHECK_NEAR(creal(c.candidates[c.chosen].fit.lambda[0]), -1 / 16000.0,
+               5 * c.candidates[c.chosen].fit.std_re[0]);
     order_done(&c);
 }
 
@@ -155,7 +162,8 @@ TEST(a_cancel_is_heard_and_a_source_without_poles_has_no_choice)
     pencil_done(&s.p);
 }
 
-/* L rows and q + S columns of one QR: 100 (4 + 3)^2; in long records 2 q a number (doubling.h), and what the small factors take. */
+/* L rows and q + S columns of one QR: 100 (4 + 3)^2; in long records 2 q a number (doubling.h), and
+ * what the small factors take. */
 TEST(the_work_of_a_look_is_rows_times_columns_squared_and_in_long_records_times_columns)
 {
     struct random r = { 7 };
@@ -167,16 +175,19 @@ TEST(the_work_of_a_look_is_rows_times_columns_squared_and_in_long_records_times_
     decay_signals(&d, y, 1200);
     struct matrix Y = { 100, 3, 1200, y };
     struct refine_data data = { .Y = &Y, .tau = d.dt };
-    CHECK(refine_poles(&data, (double complex[]) { CMPLX(-0.1, 3), CMPLX(-0.2, 7) }, 2, NULL, &look, &fit, NULL) == MODAL_OK);
+    CHECK(refine_poles(&data, (double complex[]) { CMPLX(-0.1, 3), CMPLX(-0.2, 7) }, 2, NULL, &look,
+                       &fit, NULL) == MODAL_OK);
     CHECK_NEAR(fit.work, 100 * 49, 0);
     refined_done(&fit);
     Y.m = 1200;
-    CHECK(refine_poles(&data, (double complex[]) { CMPLX(-0.1, 3), CMPLX(-0.2, 7) }, 2, NULL, &look, &fit, NULL) == MODAL_OK);
+    CHECK(refine_poles(&data, (double complex[]) { CMPLX(-0.1, 3), CMPLX(-0.2, 7) }, 2, NULL, &look,
+                       &fit, NULL) == MODAL_OK);
     CHECK(fit.work > 1200 * 3 * 2 * 4 && fit.work < 1.5 * 1200 * 3 * 2 * 4);
     refined_done(&fit);
 }
 
-/* Six modes in noise as strong as a tenth of them.  The last evaluation may overrun the limit, and has 2 q + S columns at most. */
+/* Six modes in noise as strong as a tenth of them.  The last evaluation may overrun the limit, and
+ * has 2 q + S columns at most. */
 TEST(a_ladder_ends_where_its_work_is_spent_with_the_best_so_far_and_says_so)
 {
     struct decay d = { .modes = 6, .channels = 3, .samples = 1200, .dt = 0.02 };
@@ -223,8 +234,10 @@ TEST(a_limit_above_the_ladders_need_changes_nothing)
     struct matrix Y = { d.samples, 3, d.samples, y };
     choose(&Y, d.dt, NULL, &all);
     choose(&Y, d.dt, &(struct order_options) { .work = 5 * all.work }, &same);
-    const struct refined *a = &all.candidates[all.chosen].fit, *b = &same.candidates[same.chosen].fit;
-    CHECK(!same.limited && same.work == all.work && same.count == all.count && same.chosen == all.chosen);
+    const struct refined *a = &all.candidates[all.chosen].fit,
+                         *b = &same.candidates[same.chosen].fit;
+    CHECK(!same.limited && same.work == all.work && same.count == all.count &&
+          same.chosen == all.chosen);
     CHECK(a->bic == b->bic && a->lambda[0] == b->lambda[0]);
     order_done(&all), order_done(&same);
 }
@@ -247,6 +260,7 @@ TEST(a_ladder_near_the_end_of_its_source_is_cut_before_it_is_refined)
     CHECK(c.cut && !c.candidates[c.chosen].refined);
     order_done(&c);
     choose(&Y, d.dt, &(struct order_options) { .cut = r_least + ORDER_AHEAD }, &c);
-    CHECK(!c.cut && c.candidates[c.chosen].refined && c.candidates[c.chosen].fit.order == 2 * d.modes);
+    CHECK(!c.cut && c.candidates[c.chosen].refined &&
+          c.candidates[c.chosen].fit.order == 2 * d.modes);
     order_done(&c);
 }

@@ -30,7 +30,8 @@ static void compare_products(int L, int S, int ld, int m)
         x[l] = random_normal(&r);
     for (int i = 0; i < S * m; i++)
         u[i] = random_normal(&r);
-    CHECK(op.apply(op.context, x, got, NULL) == MODAL_OK && op.apply_transpose(op.context, u, back, NULL) == MODAL_OK);
+    CHECK(op.apply(op.context, x, got, NULL) == MODAL_OK &&
+          op.apply_transpose(op.context, u, back, NULL) == MODAL_OK);
     for (int s = 0; s < S; s++)
         for (int i = 0; i < m; i++) {
             double sum = 0;

@@ -1,4 +1,5 @@
-/* Variable projection against closed forms, and against the Cramer-Rao bound computed apart (signals.h). */
+/* Variable projection against closed forms, and against the Cramer-Rao bound computed apart
+ * (signals.h). */
 #include "modal/identify/refine.h"
 #include <float.h>
 #include "check.h"
@@ -14,15 +15,20 @@ static struct matrix signals_of(const struct decay *d)
 
 static struct decay three(int samples, uint64_t seed)
 {
-    struct decay d = { .modes = 3, .channels = 3, .samples = samples, .dt = 0.05,
-                       .lambda = { decay_pole(1.0, 0.01), decay_pole(2.3, 0.005), decay_pole(4.1, 0.02) } };
+    struct decay d = { .modes = 3,
+                       .channels = 3,
+                       .samples = samples,
+                       .dt = 0.05,
+                       .lambda = { decay_pole(1.0, 0.01), decay_pole(2.3, 0.005),
+                                   decay_pole(4.1, 0.02) } };
     struct random r = { seed };
 
     decay_amplitudes(&d, &r);
     return d;
 }
 
-/* The record holds L theta = 1200 * 1.3 rad of the fastest mode: exponents to DBL_EPSILON times that, relative to 1/record. */
+/* The record holds L theta = 1200 * 1.3 rad of the fastest mode: exponents to DBL_EPSILON times
+ * that, relative to 1/record. */
 TEST(clean_signals_give_back_their_exponents_to_rounding_from_a_start_a_thousandth_off)
 {
     struct decay d = three(1200, 1);
@@ -41,7 +47,8 @@ TEST(clean_signals_give_back_their_exponents_to_rounding_from_a_start_a_thousand
     refined_done(&r);
 }
 
-/* White noise: standard errors are the bound at the true noise level up to its estimate's scatter, 1/sqrt(2 * 3580) = 1.2 %; 5 of it. */
+/* White noise: standard errors are the bound at the true noise level up to its estimate's scatter,
+ * 1/sqrt(2 * 3580) = 1.2 %; 5 of it. */
 TEST(standard_errors_are_the_cramer_rao_bound)
 {
     struct decay d = three(1200, 2);
@@ -57,14 +64,16 @@ TEST(standard_errors_are_the_cramer_rao_bound)
     for (int j = 0; j < 3; j++) {
         CHECK_NEAR(r.std_re[j] / re[j], 1, 0.06);
         CHECK_NEAR(r.std_im[j] / im[j], 1, 0.06);
-        CHECK(fabs(creal(r.lambda[j] - d.lambda[j])) < 5 * re[j] && fabs(cimag(r.lambda[j] - d.lambda[j])) < 5 * im[j]);
+        CHECK(fabs(creal(r.lambda[j] - d.lambda[j])) < 5 * re[j] &&
+              fabs(cimag(r.lambda[j] - d.lambda[j])) < 5 * im[j]);
     }
     for (int c = 0; c < 3; c++)
         CHECK_NEAR(r.noise[c] / sd, 1, 0.12);
     refined_done(&r);
 }
 
-/* A third channel with a hundred times the noise must not spoil the other two: the error stays below the two-channel bound's 5 sigma. */
+/* A third channel with a hundred times the noise must not spoil the other two: the error stays
+ * below the two-channel bound's 5 sigma. */
 TEST(a_noisy_channel_weighs_less)
 {
     struct decay d = three(800, 4), two = d;
@@ -97,7 +106,8 @@ TEST(growing_decaying_and_alternating_real_poles_are_refined_too)
     struct refined r;
 
     for (int l = 0; l < L; l++)
-        y[l] = 0.7 * exp(0.15 * l) + 2e3 * (l % 2 ? -1 : 1) * exp(-0.05 * l) + 900 * exp(-0.1 * l) * cos(1.1 * l + 0.3);
+        y[l] = 0.7 * exp(0.15 * l) + 2e3 * (l % 2 ? -1 : 1) * exp(-0.05 * l) +
+               900 * exp(-0.1 * l) * cos(1.1 * l + 0.3);
     start[0] = 0.1502, start[1] = CMPLX(-0.0503, M_PI), start[2] = CMPLX(-0.103, 1.104);
     CHECK(refine_poles(&data, start, 3, NULL, NULL, &r, NULL) == MODAL_OK);
     CHECK(refined_converged(&r) && r.order == 4 && r.parameters == 4);
@@ -135,7 +145,8 @@ TEST(a_fixed_pole_stays_and_costs_no_parameter)
     for (int i = 0; i < 1200; i++)
         y[i] += 2.385;
     CHECK(refine_poles(&data, start, 4, fixed, NULL, &r, NULL) == MODAL_OK);
-    CHECK(r.parameters == 6 && r.order == 7 && r.lambda[0] == 0 && r.first[0] == -1 && r.std_re[0] == 0);
+    CHECK(r.parameters == 6 && r.order == 7 && r.lambda[0] == 0 && r.first[0] == -1 &&
+          r.std_re[0] == 0);
     CHECK_NEAR(cabs(r.lambda[1] - d.lambda[0]), 0, 1e-12 * cabs(d.lambda[0]));
     refined_done(&r);
 }
@@ -152,11 +163,12 @@ TEST(phases_of_a_periodic_signal_share_one_multiplier_and_one_noise_level)
 
     for (int k = 0; k < P; k++)
         for (int l = 0; l < L; l++)
-            y[l + k * L] = creal((1 + 0.3 * k) * cexp(0.4 * k * I) * cpow(rho, l)) + 1e-3 * random_normal(&rng);
+            y[l + k * L] = creal((1 + 0.3 * k) * cexp(0.4 * k * I) * cpow(rho, l)) +
+                           1e-3 * random_normal(&rng);
     CHECK(refine_poles(&data, start, 1, NULL, NULL, &r, NULL) == MODAL_OK);
     CHECK(refined_converged(&r) && r.groups == 1);
     CHECK(fabs(creal(r.lambda[0] - clog(rho))) < 5 * r.std_re[0] && r.std_re[0] < 1e-3);
-    CHECK_NEAR(r.noise[0], 1e-3, 2.5e-4);       /* 222 degrees of freedom: 5 / sqrt(2 * 222) = 24 % */
+    CHECK_NEAR(r.noise[0], 1e-3, 2.5e-4);   /* 222 degrees of freedom: 5 / sqrt(2 * 222) = 24 % */
     refined_done(&r);
 }
 
@@ -200,13 +212,20 @@ TEST(more_unknowns_than_rows_or_a_pole_that_is_not_finite_is_bad_input)
     CHECK(r.poles == 77);
 }
 
-/* sd(|lambda|)/2pi and sd(zeta) from independent Re and Im errors s: for zeta << 1, s/2pi and s/|lambda|. */
+/* sd(|lambda|)/2pi and sd(zeta) from independent Re and Im errors s: for zeta << 1, s/2pi and
+ * s/|lambda|. */
 TEST(standard_deviations_of_frequency_and_damping_follow_from_the_exponents)
 {
     double complex lambda[1] = { CMPLX(-0.02, 5) };
     double cov[4] = { 1e-6, 0, 0, 4e-6 }, re[1] = { 1e-3 }, im[1] = { 2e-3 }, f, z, m;
     int first[1] = { 0 };
-    struct refined r = { .poles = 1, .parameters = 2, .lambda = lambda, .covariance = cov, .first = first, .std_re = re, .std_im = im };
+    struct refined r = { .poles = 1,
+                         .parameters = 2,
+                         .lambda = lambda,
+                         .covariance = cov,
+                         .first = first,
+                         .std_re = re,
+                         .std_im = im };
 
     refined_std(&r, 0, 0.1, &f, &z, &m);
     CHECK_NEAR(f, 2e-3 / (2 * M_PI), 1e-7);
@@ -214,8 +233,9 @@ TEST(standard_deviations_of_frequency_and_damping_follow_from_the_exponents)
     CHECK_NEAR(m, exp(-0.002) * 0.1 * sqrt(5e-6), 1e-12);
 }
 
-/* A settled answer lies within SETTLED = 1e-10 standard errors of the minimum; two of them within twice that, rounding about 1e-13 beside it.  An
- * answer that only converged may lie 1e-3 standard errors off. */
+/* A settled answer lies within SETTLED = 1e-10 standard errors of the minimum; two of them within
+ * twice that, rounding about 1e-13 beside it.  An answer that only converged may lie 1e-3 standard
+ * errors off. */
 TEST(a_settled_answer_does_not_tell_where_the_search_began)
 {
     for (int snr = 10; snr <= 60; snr += 10) {
@@ -233,7 +253,8 @@ TEST(a_settled_answer_does_not_tell_where_the_search_began)
         CHECK(refine_poles(&data, d.lambda, 3, NULL, &opt, &a, NULL) == MODAL_OK);
         CHECK(refine_poles(&data, start, 3, NULL, &opt, &b, NULL) == MODAL_OK);
         for (int j = 0; j < 3; j++)
-            CHECK_NEAR(cabs(a.lambda[j] - b.lambda[j]), 0, 4e-10 * hypot(a.std_re[j], a.std_im[j]) + 1e-13 * cabs(a.lambda[j]));
+            CHECK_NEAR(cabs(a.lambda[j] - b.lambda[j]), 0,
+                       4e-10 * hypot(a.std_re[j], a.std_im[j]) + 1e-13 * cabs(a.lambda[j]));
         refined_done(&a);
         refined_done(&b);
     }

@@ -1,4 +1,5 @@
-/* A channel of rounding errors beside real ones is left out; one that is small by its unit is not. */
+/* A channel of rounding errors beside real ones is left out; one that is small by its unit is not.
+ */
 #include "modal/identify/identify.h"
 #include "check.h"
 #include "signals.h"
@@ -37,7 +38,8 @@ TEST(a_channel_of_the_last_bits_of_another_spoils_nothing)
 
     for (int k = 0; k < SAMPLES; k++) {
         volatile double y = wave(k), shifted = y + 1;
-        x[3 * k] = y, x[3 * k + 1] = 0.3 * y + exp(-0.2 * k * dt) * sin(7 * k * dt), x[3 * k + 2] = 0.01 * ((shifted - 1) - y);
+        x[3 * k] = y, x[3 * k + 1] = 0.3 * y + exp(-0.2 * k * dt) * sin(7 * k * dt),
+              x[3 * k + 2] = 0.01 * ((shifted - 1) - y);
     }
     r = identified();
     CHECK(r.mode_count == 2 && has(&r, "below_rounding"));
@@ -55,7 +57,8 @@ TEST(a_channel_in_a_unit_1e18_times_larger_is_kept_with_its_own_mode)
     bool found = false;
 
     for (int k = 0; k < SAMPLES; k++)
-        x[3 * k] = wave(k), x[3 * k + 1] = -0.7 * wave(k), x[3 * k + 2] = 1e-18 * (wave(k) + 0.5 * exp(-0.1 * k * dt) * cos(31 * k * dt));
+        x[3 * k] = wave(k), x[3 * k + 1] = -0.7 * wave(k),
+              x[3 * k + 2] = 1e-18 * (wave(k) + 0.5 * exp(-0.1 * k * dt) * cos(31 * k * dt));
     r = identified();
     for (int i = 0; i < r.mode_count; i++)
         found |= cabs(r.modes[i].exponent - CMPLX(-0.1, 31)) < 1e-10;

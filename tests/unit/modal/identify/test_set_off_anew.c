@@ -1,8 +1,11 @@
-/* test_set_off_anew.c - a motion that is struck again within the record is no instability, and a system that grows is one though it is struck
+/* test_set_off_anew.c - a motion that is struck again within the record is no instability, and a
+ * system that grows is one though it is struck
  *
- * DRAWS random systems of one to three modes, 0.5 to 8 Hz, damping ratios 0.002 to 0.03 (one of them negative where it grows), in three signals with
- * noise of 1e-4 to 1e-2 of their rms; struck at the start and, where said, once more at a random sample.  A free response is not what such a
- * record holds, so that `undecided` is as right as the truth; the wrong verdict is what must never come.
+ * DRAWS random systems of one to three modes, 0.5 to 8 Hz, damping ratios 0.002 to 0.03 (one of
+ * them negative where it grows), in three signals with noise of 1e-4 to 1e-2 of their rms; struck
+ * at the start and, where said, once more at a random sample.  A free response is not what such a
+ * record holds, so that `undecided` is as right as the truth; the wrong verdict is what must never
+ * come.
  */
 #include "modal/identify/identify.h"
 #include <math.h>
@@ -34,9 +37,11 @@ static struct system draw(struct random *rng, bool grows)
 static void strike(const struct system *s, struct random *rng, int from, int n, double *y)
 {
     for (int j = 0; j < s->modes; j++) {
-        double w = 2 * M_PI * s->frequency[j], z = s->damping[j], a = 0.3 + 0.7 * random_uniform(rng), phase = 6 * random_uniform(rng);
+        double w = 2 * M_PI * s->frequency[j], z = s->damping[j],
+               a = 0.3 + 0.7 * random_uniform(rng), phase = 6 * random_uniform(rng);
         for (int k = from; k < n; k++) {
-            double t = (k - from) * DT, q = a * exp(-z * w * t) * cos(w * sqrt(1 - z * z) * t + phase);
+            double t = (k - from) * DT,
+                   q = a * exp(-z * w * t) * cos(w * sqrt(1 - z * z) * t + phase);
             for (int c = 0; c < SIGNALS; c++)
                 y[k * SIGNALS + c] += s->shape[j][c] * q;
         }

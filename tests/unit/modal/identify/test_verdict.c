@@ -1,4 +1,5 @@
-/* Stable, unstable or undecided: what grows is said to grow however weak it begins, and what merely makes up for a wrong model is not. */
+/* Stable, unstable or undecided: what grows is said to grow however weak it begins, and what merely
+ * makes up for a wrong model is not. */
 #include "modal/identify/identify.h"
 #include "modal/identify/trend.h"
 #include "modal/identify/verdict.h"
@@ -31,10 +32,12 @@ static double uniform(struct random *rng, double low, double high)
 /* Two decaying modes in two channels, white noise of `noise` on amplitudes of about 1. */
 static void decays(struct random *rng, double noise)
 {
-    double f1 = uniform(rng, 1, 3), f2 = uniform(rng, 4, 8), d1 = uniform(rng, 0.1, 0.4), d2 = uniform(rng, 0.2, 0.6), p = uniform(rng, 0, 6);
+    double f1 = uniform(rng, 1, 3), f2 = uniform(rng, 4, 8), d1 = uniform(rng, 0.1, 0.4),
+           d2 = uniform(rng, 0.2, 0.6), p = uniform(rng, 0, 6);
 
     for (int k = 0; k < SAMPLES; k++) {
-        double t = k * dt, a = exp(-d1 * t) * cos(2 * M_PI * f1 * t + p), b = exp(-d2 * t) * cos(2 * M_PI * f2 * t + 1);
+        double t = k * dt, a = exp(-d1 * t) * cos(2 * M_PI * f1 * t + p),
+               b = exp(-d2 * t) * cos(2 * M_PI * f2 * t + 1);
         x[2 * k] = a + 0.5 * b + noise * random_normal(rng);
         x[2 * k + 1] = 0.7 * a - 0.4 * b + noise * random_normal(rng);
     }
@@ -51,25 +54,30 @@ TEST(two_decaying_modes_in_noise_are_stable)
     }
 }
 
-/* A third mode, a hundredth to a thousandth of the others at the start, that grows thirtyfold; noise ten times below its start. */
+/* A third mode, a hundredth to a thousandth of the others at the start, that grows thirtyfold;
+ * noise ten times below its start. */
 TEST(a_mode_that_begins_weak_and_grows_is_unstable)
 {
     for (int i = 0; i < DRAWS; i++) {
         struct random rng = { 700 + (uint64_t)i };
-        double weak = pow(10, uniform(&rng, -3, -2)), f = uniform(&rng, 9, 15), g = log(30) / (SAMPLES * dt);
+        double weak = pow(10, uniform(&rng, -3, -2)), f = uniform(&rng, 9, 15),
+               g = log(30) / (SAMPLES * dt);
         decays(&rng, weak / 10);
         for (int k = 0; k < SAMPLES; k++)
-            x[2 * k] += weak * exp(g * k * dt) * cos(2 * M_PI * f * k * dt), x[2 * k + 1] -= 0.3 * weak * exp(g * k * dt) * sin(2 * M_PI * f * k * dt);
+            x[2 * k] += weak * exp(g * k * dt) * cos(2 * M_PI * f * k * dt),
+                x[2 * k + 1] -= 0.3 * weak * exp(g * k * dt) * sin(2 * M_PI * f * k * dt);
         CHECK(verdict(2) == VERDICT_UNSTABLE);
     }
 }
 
-/* A sensor that drifts: half a slow sine and a parabola, a tenth of the signal, whose best exponents may well grow. */
+/* A sensor that drifts: half a slow sine and a parabola, a tenth of the signal, whose best
+ * exponents may well grow. */
 TEST(a_drifting_sensor_makes_no_system_unstable)
 {
     for (int i = 0; i < DRAWS; i++) {
         struct random rng = { 300 + (uint64_t)i };
-        double a = uniform(&rng, -0.1, 0.1), c = uniform(&rng, -0.1, 0.1), w = uniform(&rng, 0.3, 0.9) * M_PI / (SAMPLES * dt), p = uniform(&rng, 0, 6);
+        double a = uniform(&rng, -0.1, 0.1), c = uniform(&rng, -0.1, 0.1),
+               w = uniform(&rng, 0.3, 0.9) * M_PI / (SAMPLES * dt), p = uniform(&rng, 0, 6);
         decays(&rng, 1e-3);
         for (int k = 0; k < SAMPLES; k++) {
             double s = k / (double)SAMPLES;
@@ -79,23 +87,27 @@ TEST(a_drifting_sensor_makes_no_system_unstable)
     }
 }
 
-/* Damping by friction, amplitude (1 - t/t0)^2 beside a constant floor of it, and a frequency that rises as it decays: no set of exponents is right. */
+/* Damping by friction, amplitude (1 - t/t0)^2 beside a constant floor of it, and a frequency that
+ * rises as it decays: no set of exponents is right. */
 TEST(a_mode_damped_by_friction_is_not_unstable)
 {
     for (int i = 0; i < DRAWS; i++) {
         struct random rng = { 100 + (uint64_t)i };
-        double f = uniform(&rng, 2, 5), soft = uniform(&rng, 0.002, 0.02), end = uniform(&rng, 1.05, 1.6) * SAMPLES * dt, phase = 0;
+        double f = uniform(&rng, 2, 5), soft = uniform(&rng, 0.002, 0.02),
+               end = uniform(&rng, 1.05, 1.6) * SAMPLES * dt, phase = 0;
         for (int k = 0; k < SAMPLES; k++) {
             double a = pow(1 - k * dt / end, 2);
             phase += 2 * M_PI * f * (1 - soft * a) * dt;
             x[2 * k] = a * cos(phase) + 1e-3 * random_normal(&rng);
-            x[2 * k + 1] = 0.6 * a * cos(phase + 0.2) + 0.02 * a * a * cos(2 * phase) + 1e-3 * random_normal(&rng);
+            x[2 * k + 1] = 0.6 * a * cos(phase + 0.2) + 0.02 * a * a * cos(2 * phase) +
+                           1e-3 * random_normal(&rng);
         }
         CHECK(verdict(2) != VERDICT_UNSTABLE);
     }
 }
 
-/* One mode whose decay rate changes from `first` to `second` in the middle, and a steady one beside it; noise of 1e-3. */
+/* One mode whose decay rate changes from `first` to `second` in the middle, and a steady one beside
+ * it; noise of 1e-3. */
 static void changes_rate(struct random *rng, double first, double second)
 {
     double f = uniform(rng, 2, 5), a = 1, phase = uniform(rng, 0, 6);
@@ -103,12 +115,14 @@ static void changes_rate(struct random *rng, double first, double second)
     for (int k = 0; k < SAMPLES; k++) {
         double b = 0.3 * exp(-0.1 * k * dt) * cos(2 * M_PI * (f + 4) * k * dt);
         x[2 * k] = a * cos(2 * M_PI * f * k * dt + phase) + b + 1e-3 * random_normal(rng);
-        x[2 * k + 1] = 0.6 * a * cos(2 * M_PI * f * k * dt + phase + 0.2) - b + 1e-3 * random_normal(rng);
+        x[2 * k + 1] = 0.6 * a * cos(2 * M_PI * f * k * dt + phase + 0.2) - b +
+                       1e-3 * random_normal(rng);
         a *= exp(-(k < SAMPLES / 2 ? first : second) * dt);
     }
 }
 
-/* No constant rate fits, and half a change is the error of the whole; but nothing in the record fails to decay.  More poles would make up for it, so the order is given. */
+/* No constant rate fits, and half a change is the error of the whole; but nothing in the record
+ * fails to decay.  More poles would make up for it, so the order is given. */
 TEST(a_mode_that_decays_at_two_rates_is_stable_and_one_that_decays_and_grows_is_not)
 {
     struct batch b = { .samples = SAMPLES, .channels = 2, .signals = x, .dt = dt };
@@ -151,7 +165,8 @@ TEST(a_harmonic_of_a_mode_does_not_decide)
     CHECK(r.verdict == VERDICT_UNSTABLE && r.decides == 1);
 }
 
-/* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that stays does not decay. */
+/* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that
+ * stays does not decay. */
 /* A motion gone in 824 nepers a period: its multiplier is below the least double and its logarithm
  * is anybody's guess, but |rho| is at most its bar, and a bar below 1 decays. */
 TEST(a_multiplier_below_the_least_number_is_judged_by_its_bar)
@@ -179,9 +194,11 @@ TEST(what_settles_on_a_limit_cycle_is_not_stable)
 {
     for (int i = 0; i < 4; i++) {
         struct random rng = { 40 + (uint64_t)i };
-        double w = 2 * M_PI * uniform(&rng, 1, 3), e = uniform(&rng, 0.1, 0.4), q = 6, v = 0, h = dt / 20;
+        double w = 2 * M_PI * uniform(&rng, 1, 3), e = uniform(&rng, 0.1, 0.4), q = 6, v = 0,
+               h = dt / 20;
         for (int k = 0; k < SAMPLES; k++) {
-            x[2 * k] = q + 1e-3 * random_normal(&rng), x[2 * k + 1] = v / w + 1e-3 * random_normal(&rng);
+            x[2 * k] = q + 1e-3 * random_normal(&rng),
+                  x[2 * k + 1] = v / w + 1e-3 * random_normal(&rng);
             for (int s = 0; s < 20; s++) {
                 double qm = q + h / 2 * v, vm = v + h / 2 * (e * (1 - q * q) * v - w * w * q);
                 q += h * vm;
@@ -192,7 +209,8 @@ TEST(what_settles_on_a_limit_cycle_is_not_stable)
     }
 }
 
-/* e^{0.009 k} sin(w k) / w nearly meets its conjugate: a cluster within a small radius, but with error bars of rounding.  |rho| - 1 = 0.00904. */
+/* e^{0.009 k} sin(w k) / w nearly meets its conjugate: a cluster within a small radius, but with
+ * error bars of rounding.  |rho| - 1 = 0.00904. */
 TEST(a_close_cluster_that_rounding_resolves_is_decided)
 {
     const double turns[] = { 0.001, 0.002, 0.004 };

@@ -1,4 +1,5 @@
-/* Proper orthogonal modes of data read in panels, against the dense SVD; the step over all channels, against a full refinement. */
+/* Proper orthogonal modes of data read in panels, against the dense SVD; the step over all
+ * channels, against a full refinement. */
 #include "modal/identify/identify.h"
 #include "modal/identify/record.h"
 #include "modal/identify/wide.h"
@@ -10,7 +11,8 @@
 enum { MOST = 400 * 700 };
 static double x[MOST], copy[MOST], column[MOST];
 
-/* Samples by channels as in a batch: `modes` decaying exponentials of graded strength `grade`^i and white noise. */
+/* Samples by channels as in a batch: `modes` decaying exponentials of graded strength `grade`^i and
+ * white noise. */
 static void make(int L, int S, int modes, double grade, double noise, uint64_t seed)
 {
     struct random r = { seed };
@@ -87,7 +89,8 @@ TEST(noisy_data_give_the_modes_of_the_dense_svd_and_no_noise)
     compare(400, 120, false, 8, 1e-8);
 }
 
-/* Grades down to 1e-9 of the first: the Gram matrix loses what is below 1e-8; Lanczos on the data keeps it, to 1e-9 relative. */
+/* Grades down to 1e-9 of the first: the Gram matrix loses what is below 1e-8; Lanczos on the data
+ * keeps it, to 1e-9 relative. */
 TEST(graded_clean_data_are_found_down_to_rounding)
 {
     struct wide w = { x, 500, 150, 500, NULL, false, NULL, NULL };
@@ -145,15 +148,18 @@ TEST(a_sample_that_is_not_finite_is_named_and_constants_do_not_vary)
     CHECK_STRING(err.field, "signals");
     CHECK(strstr(err.message, "sample 12 of channel 2") != NULL);
     x[12 * 5 + 2] = -INFINITY;
-    CHECK(wide_scales(&w, scale, &varies, &err) == MODAL_BAD_INPUT && strstr(err.message, "infinity") != NULL);
+    CHECK(wide_scales(&w, scale, &varies, &err) == MODAL_BAD_INPUT &&
+          strstr(err.message, "infinity") != NULL);
 }
 
-/* 300 channels, the noise of each its own: one step from a start two standard errors off lands where the whole refinement does, to the
- * second order in the step, a few hundredths of a standard error; the standard errors agree, and so do amplitudes with the truth. */
+/* 300 channels, the noise of each its own: one step from a start two standard errors off lands
+ * where the whole refinement does, to the second order in the step, a few hundredths of a standard
+ * error; the standard errors agree, and so do amplitudes with the truth. */
 TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
 {
     enum { L = 400, S = 300 };
-    double complex truth[2] = { CMPLX(-0.05, 2.1), CMPLX(-0.02, 5.3) }, start[2], lambda[2], *B = malloc(sizeof *B * 2 * S);
+    double complex truth[2] = { CMPLX(-0.05, 2.1), CMPLX(-0.02, 5.3) }, start[2], lambda[2],
+                   *B = malloc(sizeof *B * 2 * S);
     double dt = 0.05, scale[S], rest[S], std_re[2], std_im[2];
     struct wide w = { x, S, L, S, scale, false, NULL, NULL };
     struct matrix Y = { L, S, L, copy };
@@ -166,12 +172,15 @@ TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
     for (int c = 0; c < S; c++) {
         double noise = 0.01 * (1 + c % 7);
         for (int k = 0; k < L; k++)
-            x[k * S + c] = creal(CMPLX(1, 0.01 * c) * cexp(truth[0] * k * dt) + 0.5 * cexp(truth[1] * k * dt)) + noise * random_normal(&r);
+            x[k * S + c] = creal(CMPLX(1, 0.01 * c) * cexp(truth[0] * k * dt) +
+                                 0.5 * cexp(truth[1] * k * dt)) +
+                           noise * random_normal(&r);
     }
     for (int c = 0; c < S; c++)
         for (int k = 0; k < L; k++)
             copy[k + c * L] = x[k * S + c];
-    CHECK(refine_poles(&data, truth, 2, NULL, NULL, &full, NULL) == MODAL_OK && full.end == REFINE_CONVERGED);
+    CHECK(refine_poles(&data, truth, 2, NULL, NULL, &full, NULL) == MODAL_OK &&
+          full.end == REFINE_CONVERGED);
     for (int j = 0; j < 2; j++)
         start[j] = full.lambda[j] + CMPLX(2 * full.std_re[j], -2 * full.std_im[j]);
     CHECK(wide_scales(&w, scale, &varies, NULL) == MODAL_OK);
@@ -190,7 +199,8 @@ TEST(one_step_over_all_channels_is_the_refinement_of_all_channels)
     free(B);
 }
 
-/* No pole pays for itself in white noise; there is an answer all the same, and it is that nothing was explained. */
+/* No pole pays for itself in white noise; there is an answer all the same, and it is that nothing
+ * was explained. */
 TEST(a_wide_batch_of_nothing_but_noise_has_no_modes_and_is_left_unexplained)
 {
     enum { L = 900, S = RECORD_WIDE_ENTRIES / L + 1 };
@@ -211,12 +221,14 @@ TEST(a_wide_batch_of_nothing_but_noise_has_no_modes_and_is_left_unexplained)
     free(noise);
 }
 
-/* Rounded to 8 bits of its full scale, and gone below half a step after a fifth of the record: rounding is no white noise then, but the response itself.  No other
- * mode, and errors within five of the stated ones, which are those of noise of a step / sqrt(12) to a small factor. */
+/* Rounded to 8 bits of its full scale, and gone below half a step after a fifth of the record:
+ * rounding is no white noise then, but the response itself.  No other mode, and errors within five
+ * of the stated ones, which are those of noise of a step / sqrt(12) to a small factor. */
 TEST(a_wide_batch_on_a_converters_grid_has_its_modes_and_no_others)
 {
     enum { L = 16400, S = 260 };
-    static const double complex truth[3] = { CMPLX(-0.163, 8.17), CMPLX(-0.182, 18.22), CMPLX(-0.443, 29.53) };
+    static const double complex truth[3] = { CMPLX(-0.163, 8.17), CMPLX(-0.182, 18.22),
+                                             CMPLX(-0.443, 29.53) };
     const double dt = 0.01;
     double *y = malloc(sizeof *y * L * S);
     double complex B[3];
@@ -338,8 +350,9 @@ static void count_released(const void *from, size_t bytes)
     released += bytes;
 }
 
-/* The same sums in another order: what is left of a channel agrees to rounding of its energy, and where energies cancel (noise of 1e-6, an
- * energy of 1e-12) to the rounding of the samples over the noise, 1e-9; the step is as good as its weights. */
+/* The same sums in another order: what is left of a channel agrees to rounding of its energy, and
+ * where energies cancel (noise of 1e-6, an energy of 1e-12) to the rounding of the samples over the
+ * noise, 1e-9; the step is as good as its weights. */
 TEST(what_is_read_in_order_and_given_back_gives_the_same_step)
 {
     enum { L = 400, S = 700 };
@@ -351,16 +364,21 @@ TEST(what_is_read_in_order_and_given_back_gives_the_same_step)
         struct random r = { 8 };
         for (int c = 0; c < S; c++)
             for (int k = 0; k < L; k++)
-                x[k * S + c] = creal(CMPLX(1, 0.01 * c) * cexp(truth[0] * k * dt) + 0.5 * cexp(truth[1] * k * dt)) + noises[i] * random_normal(&r);
+                x[k * S + c] = creal(CMPLX(1, 0.01 * c) * cexp(truth[0] * k * dt) +
+                                     0.5 * cexp(truth[1] * k * dt)) +
+                               noises[i] * random_normal(&r);
         for (int in_order = 0; in_order < 2; in_order++) {
             struct wide w = { x, S, L, S, scale, in_order, in_order ? count_released : NULL, NULL };
-            struct wide_step step = { lambda[in_order], std_re[in_order], std_im[in_order], NULL, rest[in_order], 0, false };
+            struct wide_step step = {
+                lambda[in_order], std_re[in_order], std_im[in_order], NULL, rest[in_order], 0, false
+            };
             bool varies;
             CHECK(wide_scales(&w, scale, &varies, NULL) == MODAL_OK);
             released = 0;
             CHECK(wide_refine(&w, dt, truth, 2, NULL, 20, &step, NULL) == MODAL_OK && step.taken);
         }
-        CHECK(released == (i + 1) * sizeof *x * L * S);       /* one pass; another where energies cancel */
+        /* one pass; another where energies cancel */
+        CHECK(released == (i + 1) * sizeof *x * L * S);
         for (int c = 0; c < S; c++)
             CHECK_NEAR(rest[1][c] / rest[0][c], 1, i == 0 ? 1e-10 : 1e-8);
         for (int j = 0; j < 2; j++) {

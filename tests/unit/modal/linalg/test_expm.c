@@ -29,7 +29,8 @@ TEST(a_jordan_block_has_its_powers_of_time)
     CHECK_NEAR(E3[3], b * exp(a), 1e-15);
 }
 
-/* exp of a skew matrix rotates: [0 -w; w 0] by w, whatever its size; an error of eps in w t is w t eps in the angle. */
+/* exp of a skew matrix rotates: [0 -w; w 0] by w, whatever its size; an error of eps in w t is w t
+ * eps in the angle. */
 TEST(a_long_rotation_keeps_its_length)
 {
     for (double w = 1e-9; w < 1e8; w *= 13.7) {
@@ -40,7 +41,8 @@ TEST(a_long_rotation_keeps_its_length)
     }
 }
 
-/* For every Pade degree and squaring: exp(A) exp(-A) = I and det exp(A) = e^(tr A) (A 3 x 3, full). */
+/* For every Pade degree and squaring: exp(A) exp(-A) = I and det exp(A) = e^(tr A) (A 3 x 3, full).
+ */
 TEST(the_exponential_inverts_and_has_the_trace_in_its_determinant)
 {
     const double base[9] = { 0.31, -1.2, 0.4, 0.9, -0.53, 1.7, -0.2, 0.6, 0.11 };
@@ -62,12 +64,14 @@ TEST(the_exponential_inverts_and_has_the_trace_in_its_determinant)
                     x += E[i + 3 * k] * F[k + 3 * j];
                 CHECK_NEAR(x, i == j, 1e-15 * (1 + scale) * (1 + size));
             }
-        double det = E[0] * (E[4] * E[8] - E[5] * E[7]) - E[3] * (E[1] * E[8] - E[2] * E[7]) + E[6] * (E[1] * E[5] - E[2] * E[4]);
+        double det = E[0] * (E[4] * E[8] - E[5] * E[7]) - E[3] * (E[1] * E[8] - E[2] * E[7]) +
+                     E[6] * (E[1] * E[5] - E[2] * E[4]);
         CHECK_NEAR(det, exp(trace), 1e-14 * (1 + size * size));
     }
 }
 
-/* y' = A y, A = -k on the diagonal, k on the one below: a Poisson process, exp(A)_(i0) = e^-k k^i / i!. */
+/* y' = A y, A = -k on the diagonal, k on the one below: a Poisson process, exp(A)_(i0) = e^-k k^i /
+ * i!. */
 TEST(a_poisson_process_has_its_probabilities)
 {
     enum { n = 24 };
@@ -102,11 +106,12 @@ TEST(what_overflows_is_said)
     expm_free(w);
 }
 
-/* Rates 0.3, 1 and 3e6 1/s side by side, coupled by a similarity: exp(A) = V diag(e^-r) V^-1 has no large entry, though
- * exp(A - tr/3 I) would have. */
+/* Rates 0.3, 1 and 3e6 1/s side by side, coupled by a similarity: exp(A) = V diag(e^-r) V^-1 has no
+ * large entry, though exp(A - tr/3 I) would have. */
 TEST(a_rate_of_millions_beside_slow_ones_does_not_overflow)
 {
-    const double r[3] = { 0.3, 1, 3e6 }, V[9] = { 1, 0.5, 0, 0, 1, 0.25, 0, 0, 1 };      /* by columns, unit triangular */
+    /* by columns, unit triangular */
+    const double r[3] = { 0.3, 1, 3e6 }, V[9] = { 1, 0.5, 0, 0, 1, 0.25, 0, 0, 1 };
     const double inverse[9] = { 1, -0.5, 0.125, 0, 1, -0.25, 0, 0, 1 };
     double A[9] = { 0 }, E[9], expected;
     struct expm *w = NULL;
@@ -122,12 +127,14 @@ TEST(a_rate_of_millions_beside_slow_ones_does_not_overflow)
             expected = 0;
             for (int k = 0; k < 3; k++)
                 expected += V[i + 3 * k] * exp(-r[k]) * inverse[k + 3 * j];
-            CHECK_NEAR(E[i + 3 * j], expected, 3e6 * 10 * DBL_EPSILON);   /* a relative perturbation of A by epsilon */
+            /* a relative perturbation of A by epsilon */
+            CHECK_NEAR(E[i + 3 * j], expected, 3e6 * 10 * DBL_EPSILON);
         }
     expm_free(w);
 }
 
-/* y' = w y + b, y(0) = 0: y(t) = b (e^(wt) - 1) / w, whatever the size of b; and an oscillator driven at its side. */
+/* y' = w y + b, y(0) = 0: y(t) = b (e^(wt) - 1) / w, whatever the size of b; and an oscillator
+ * driven at its side. */
 TEST(a_load_of_any_size_leaves_the_motion_its_digits)
 {
     for (int k = -300; k <= 300; k += 75) {
@@ -143,7 +150,7 @@ TEST(a_load_of_any_size_leaves_the_motion_its_digits)
         CHECK_NEAR(F[0], exp(w), 20 * DBL_EPSILON);
         CHECK_NEAR(F[3] / b, expm1(w) / w, 20 * DBL_EPSILON);
         CHECK_NEAR(F[6] / b, (expm1(w) - w) / (w * w), 20 * DBL_EPSILON);
-        A[1] = -w;                                  /* x' = w v, v' = -w x + b c; c' = -W s, s' = W c */
+        A[1] = -w;   /* x' = w v, v' = -w x + b c; c' = -W s, s' = W c */
         A[0 + 4] = w;
         A[1 + 8] = b;
         A[3 + 8] = W;

@@ -9,7 +9,11 @@
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
-static double uniform(uint32_t *z) { *z = 1664525u * *z + 1013904223u; return *z / 4294967296.0 - 0.5; }
+static double uniform(uint32_t *z)
+{
+    *z = 1664525u * *z + 1013904223u;
+    return *z / 4294967296.0 - 0.5;
+}
 
 static struct matrix random_matrix(int m, int n, int ld, uint32_t seed)
 {
@@ -28,10 +32,12 @@ static double dot(int n, const double *a, const double *b)
     return sum;
 }
 
-/* Orthonormal factors of random matrices make A = Q1 diag(sigma) Q2^T with singular values known by construction. */
+/* Orthonormal factors of random matrices make A = Q1 diag(sigma) Q2^T with singular values known by
+ * construction. */
 static struct matrix with_singular_values(int m, int n, const double *sigma, int count)
 {
-    struct matrix P = random_matrix(m, count, m, 5), Q = random_matrix(n, count, n, 6), A = random_matrix(m, n, m + 2, 7);
+    struct matrix P = random_matrix(m, count, m, 5), Q = random_matrix(n, count, n, 6),
+                  A = random_matrix(m, n, m + 2, 7);
 
     CHECK(qr_orthonormal(&P, NULL, NULL) == MODAL_OK && qr_orthonormal(&Q, NULL, NULL) == MODAL_OK);
     for (int i = 0; i < m; i++)
@@ -134,7 +140,8 @@ TEST(a_symmetric_matrix_has_the_eigenvalues_of_its_construction)
 
 TEST(qr_gives_back_the_matrix_and_orthonormal_columns)
 {
-    struct matrix A = random_matrix(9, 4, 11, 3), B = random_matrix(9, 4, 11, 3), R = random_matrix(4, 4, 5, 4);
+    struct matrix A = random_matrix(9, 4, 11, 3), B = random_matrix(9, 4, 11, 3),
+                  R = random_matrix(4, 4, 5, 4);
 
     CHECK(qr_orthonormal(&A, &R, NULL) == MODAL_OK);
     for (int j = 0; j < 4; j++) {
@@ -159,17 +166,19 @@ TEST(the_triangle_of_a_tall_matrix_read_by_panels_is_the_triangle_of_its_qr)
 
     for (int t = 0; t < 3; t++) {
         int m = rows[t];
-        struct matrix A = random_matrix(m, 7, m + 2, 5), Q = random_matrix(m, 7, m + 2, 5), R = random_matrix(7, 7, 8, 1), S = random_matrix(7, 7, 8, 2);
+        struct matrix A = random_matrix(m, 7, m + 2, 5), Q = random_matrix(m, 7, m + 2, 5),
+                      R = random_matrix(7, 7, 8, 1), S = random_matrix(7, 7, 8, 2);
         CHECK(qr_orthonormal(&Q, &S, NULL) == MODAL_OK && qr_triangle(&A, &R, NULL) == MODAL_OK);
         for (int j = 0; j < 7; j++)
             for (int i = 0; i < 7; i++)
-                CHECK_NEAR(fabs(R.x[i + j * 8]), fabs(S.x[i + j * 8]), 20 * sqrt(m) * DBL_EPSILON * fabs(S.x[j + j * 8]));
+                CHECK_NEAR(fabs(R.x[i + j * 8]), fabs(S.x[i + j * 8]),
+                           20 * sqrt(m) * DBL_EPSILON * fabs(S.x[j + j * 8]));
         free(A.x), free(Q.x), free(R.x), free(S.x);
     }
 }
 
-/* Reflections keep inner products: with the first 4 of 7 columns a triangle, A^T A is that of what stands in A's place, zeros below the triangle included; columns
- * of any size, one of them zero. */
+/* Reflections keep inner products: with the first 4 of 7 columns a triangle, A^T A is that of what
+ * stands in A's place, zeros below the triangle included; columns of any size, one of them zero. */
 TEST(reflected_columns_keep_their_inner_products_and_leave_a_triangle)
 {
     static const double scales[7] = { 1, 1e-160, 1e150, 0, 1, 1, 1e-3 };
@@ -185,10 +194,12 @@ TEST(reflected_columns_keep_their_inner_products_and_leave_a_triangle)
         for (int i = j + 1; i < M && j < K; i++)
             CHECK(B.x[i + j * (M + 2)] == 0);
         for (int i = 0; i <= j; i++) {
-            double si = scales[i] > 0 ? 1 / scales[i] : 0, sj = scales[j] > 0 ? 1 / scales[j] : 0, sum = 0;
+            double si = scales[i] > 0 ? 1 / scales[i] : 0, sj = scales[j] > 0 ? 1 / scales[j] : 0,
+                   sum = 0;
             for (int l = 0; l < M; l++)
                 sum += B.x[l + i * (M + 2)] * si * (B.x[l + j * (M + 2)] * sj);
-            CHECK_NEAR(sum, si * sj == 0 ? 0 : dot(M, A.x + i * (M + 2), A.x + j * (M + 2)), 40 * M * DBL_EPSILON);
+            CHECK_NEAR(sum, si * sj == 0 ? 0 : dot(M, A.x + i * (M + 2), A.x + j * (M + 2)),
+                       40 * M * DBL_EPSILON);
         }
     }
     free(A.x), free(B.x);
@@ -229,7 +240,8 @@ TEST(least_squares_gives_equal_columns_equal_shares_and_a_zero_column_nothing)
 static void check_lanczos(int m, int n, const double *sigma, int count, int wanted, int expected)
 {
     struct matrix A = with_singular_values(m, n, sigma, count);
-    struct matrix U = random_matrix(m, wanted, m + 1, 1), VT = random_matrix(wanted, n, wanted + 1, 2);
+    struct matrix U = random_matrix(m, wanted, m + 1, 1),
+                  VT = random_matrix(wanted, n, wanted + 1, 2);
     struct linear_operator op = dense_operator(&A);
     struct lanczos_options opt = { .wanted = wanted };
     struct lanczos_result result;

@@ -1,4 +1,5 @@
-/* Reflections against what any orthogonal factorisation keeps: A^T A = R^T R, and Q^T A = R.  Tolerances: rounding of sums of some ten numbers of size 1. */
+/* Reflections against what any orthogonal factorisation keeps: A^T A = R^T R, and Q^T A = R.
+ * Tolerances: rounding of sums of some ten numbers of size 1. */
 #include "modal/linalg/reflect.h"
 #include <float.h>
 #include <math.h>
@@ -43,7 +44,8 @@ TEST(a_triangle_has_the_products_of_its_columns)
         reflect_columns(m, n, R, LD, tau);
         for (int i = 0; i < n; i++)
             for (int j = 0; j < n; j++)
-                CHECK_NEAR((double)(triangle_product(R, i, j) - product(A, A, i, j, m)), 0, CLOSE * m);
+                CHECK_NEAR((double)(triangle_product(R, i, j) - product(A, A, i, j, m)), 0,
+                           CLOSE * m);
     }
 }
 
@@ -76,7 +78,10 @@ TEST(the_compact_form_is_the_product_of_the_reflections)
 /* What lies below the trapezoid is not a number, and is not read. */
 TEST(rows_below_a_triangle_are_taken_in)
 {
-    static const int shape[][3] = { { 7, 5, 0 }, { 6, 6, 5 }, { 4, 4, 4 }, { 1, 3, 0 }, { 1, 1, 0 } };      /* m, n, flat */
+    /* m, n, flat */
+    static const int shape[][3] = {
+        { 7, 5, 0 }, { 6, 6, 5 }, { 4, 4, 4 }, { 1, 3, 0 }, { 1, 1, 0 }
+    };
 
     for (int s = 0; s < 5; s++) {
         int m = shape[s][0], n = shape[s][1], flat = shape[s][2];
@@ -91,13 +96,15 @@ TEST(rows_below_a_triangle_are_taken_in)
             for (int i = 0; i < m; i++)
                 V[i + j * LD] = i > m - flat + j ? NAN : all[n + i + j * LD];
             for (int i = 0; i < LD; i++)
-                top[i + j * LD] = all[i + j * LD], low[i + j * LD] = i < m ? all[n + i + j * LD] : 0;
+                top[i + j * LD] = all[i + j * LD],
+                            low[i + j * LD] = i < m ? all[n + i + j * LD] : 0;
         }
         reflect_below(m, n, flat, R, LD, V, LD, tau);
         reflect_below_apply(m, n, flat, V, LD, tau, n, top, LD, low, LD);
         for (int j = 0; j < n; j++) {
             for (int i = 0; i < n; i++) {
-                CHECK_NEAR((double)(triangle_product(R, i, j) - product(all, all, i, j, n + m)), 0, CLOSE);
+                CHECK_NEAR((double)(triangle_product(R, i, j) - product(all, all, i, j, n + m)), 0,
+                           CLOSE);
                 CHECK_NEAR(top[i + j * LD], i <= j ? R[i + j * LD] : 0, CLOSE);
             }
             for (int i = 0; i < m; i++)

@@ -1,4 +1,5 @@
-/* test_clearance.c - contact in a circular race: the journal with mass, and the massless one by its scalar balance */
+/* test_clearance.c - contact in a circular race: the journal with mass, and the massless one by its
+ * scalar balance */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/law.h"
@@ -49,7 +50,8 @@ TEST(a_journal_with_mass_is_pushed_back_along_its_radius)
 /* The balance itself, put back: K (r - d) + k (|r| - gap) r/|r| = 0 with f = K (d - r). */
 TEST(a_massless_journal_balances_contact_against_the_shaft)
 {
-    const double shaft[2] = { 2374, 4200 }, gaps[3] = { 0.8e-3, 1e-9, 0 }, ks[3] = { 15e6, 1e3, 1e12 };
+    const double shaft[2] = { 2374, 4200 }, gaps[3] = { 0.8e-3, 1e-9, 0 },
+                 ks[3] = { 15e6, 1e3, 1e12 };
 
     for (int g = 0; g < 3; g++)
         for (int s = 0; s < 3; s++)
@@ -60,12 +62,14 @@ TEST(a_massless_journal_balances_contact_against_the_shaft)
 
                 CHECK(law_clearance(gaps[g], ks[s], 0, shaft, &law, NULL) == MODAL_OK);
                 struct law_force f = at(&law, d, still);
-                double r[2] = { d[0] - f.f[0] / shaft[0], d[1] - f.f[1] / shaft[1] }, radius = hypot(r[0], r[1]);
+                double r[2] = { d[0] - f.f[0] / shaft[0], d[1] - f.f[1] / shaft[1] },
+                       radius = hypot(r[0], r[1]);
                 double along = hypot(f.f[0], f.f[1]);
                 CHECK(radius >= gaps[g] * (1 - 1e-12));
                 /* radial: f x r = 0; r carries the rounding of d and of f/K */
                 CHECK_NEAR(f.f[0] * r[1] - f.f[1] * r[0], 0, 40 * DBL_EPSILON * along * far);
-                CHECK_NEAR(along, ks[s] * (radius - gaps[g]), 40 * DBL_EPSILON * (ks[s] * far + along));
+                CHECK_NEAR(along, ks[s] * (radius - gaps[g]),
+                           40 * DBL_EPSILON * (ks[s] * far + along));
                 law_done(&law);
             }
 }
@@ -73,7 +77,8 @@ TEST(a_massless_journal_balances_contact_against_the_shaft)
 /* fd against central differences, whose own error is about (eps f/h + h^2 f''') ~ 1e-7 of fd. */
 TEST(the_jacobian_is_the_derivative_of_the_force)
 {
-    const double shaft[2] = { 2374, 4200 }, d[2] = { 1.1e-3, -0.7e-3 }, v[2] = { 0.3, -0.2 }, h = 1e-8;
+    const double shaft[2] = { 2374, 4200 }, d[2] = { 1.1e-3, -0.7e-3 }, v[2] = { 0.3, -0.2 },
+                 h = 1e-8;
 
     for (int massless = 0; massless < 2; massless++) {
         struct law law;
@@ -90,7 +95,8 @@ TEST(the_jacobian_is_the_derivative_of_the_force)
             struct law_force a = at(&law, up, v), b = at(&law, down, v), c = at(&law, d, vup);
             for (int i = 0; i < 2; i++) {
                 CHECK_NEAR((a.f[i] - b.f[i]) / (2 * h), f.fd[i][j], 1e-6 * scale);
-                CHECK_NEAR((c.f[i] - f.f[i]) / 1e-3, f.fv[i][j], 1e-9 * (fabs(f.f[0]) + fabs(f.f[1])));
+                CHECK_NEAR((c.f[i] - f.f[i]) / 1e-3, f.fv[i][j],
+                           1e-9 * (fabs(f.f[0]) + fabs(f.f[1])));
             }
         }
         law_done(&law);

@@ -19,7 +19,8 @@ static struct floquet floquet_text(const char *text)
 
 TEST(one_damped_mass_has_its_closed_form)
 {
-    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[2],'springs':[50,0],'dampers':[0.6,0]}}");
+    struct floquet f = floquet_text(
+        "{'structure':{'type':'chain','masses':[2],'springs':[50,0],'dampers':[0.6,0]}}");
 
     CHECK(f.count == 2 && !f.periodic);
     CHECK_NEAR(creal(f.exponent[0]), -0.15, 1e-16);
@@ -29,10 +30,13 @@ TEST(one_damped_mass_has_its_closed_form)
     floquet_done(&f);
 }
 
-/* Damping of 1e-6 of critical beside a mode 1e4 times stiffer: its relative error stays that of doubles. */
+/* Damping of 1e-6 of critical beside a mode 1e4 times stiffer: its relative error stays that of
+ * doubles. */
 TEST(tiny_damping_beside_a_stiff_mode_keeps_its_digits)
 {
-    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[1,1],'springs':[1,0,1e8]},'effects':[{'type':'modal_damping','ratios':[1e-6,0.01]}]}");
+    struct floquet f =
+        floquet_text("{'structure':{'type':'chain','masses':[1,1],'springs':[1,0,1e8]},'effects':"
+                     "[{'type':'modal_damping','ratios':[1e-6,0.01]}]}");
 
     CHECK_NEAR(creal(f.exponent[0]) / -1e-6, 1, 1e-12);
     CHECK(f.stable == FLOQUET_STABLE);
@@ -41,9 +45,12 @@ TEST(tiny_damping_beside_a_stiff_mode_keeps_its_digits)
 
 TEST(an_undamped_and_a_free_structure_are_undecided_and_a_divergent_one_is_not)
 {
-    struct floquet a = floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[3,4,5]}}");
-    struct floquet b = floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[0,4,0]}}");
-    struct floquet c = floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[-3,4,0]}}");
+    struct floquet a =
+        floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[3,4,5]}}");
+    struct floquet b =
+        floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[0,4,0]}}");
+    struct floquet c =
+        floquet_text("{'structure':{'type':'chain','masses':[1,2],'springs':[-3,4,0]}}");
 
     CHECK(a.stable == FLOQUET_UNDECIDED && a.margin == 0);
     CHECK(b.stable == FLOQUET_UNDECIDED);
@@ -53,22 +60,27 @@ TEST(an_undamped_and_a_free_structure_are_undecided_and_a_divergent_one_is_not)
     floquet_done(&c);
 }
 
-/* Two ratios for six modes: the other four are undamped, whatever rounding the products with Phi leave in C. */
+/* Two ratios for six modes: the other four are undamped, whatever rounding the products with Phi
+ * leave in C. */
 TEST(modes_left_without_damping_are_undecided_beside_damped_ones)
 {
-    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[0.13,1.9,5.1,1.5,0.33,4.8],'springs':[34,2.8,112,3.8,3.7,0,384]},"
-                                    "'effects':[{'type':'modal_damping','ratios':[0.02,0.06]}]}");
+    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':"
+                                    "[0.13,1.9,5.1,1.5,0.33,4.8],'springs':"
+                                    "[34,2.8,112,3.8,3.7,0,384]},'effects':"
+                                    "[{'type':'modal_damping','ratios':[0.02,0.06]}]}");
 
     CHECK(f.stable == FLOQUET_UNDECIDED);
     CHECK_NEAR(f.margin, 0, 1e-15);
     floquet_done(&f);
 }
 
-/* A free beam drifts: its rigid motions have 0 four times, not the root of the rounding beside a mode of 1e5 rad/s; then come its
- * undamped modes by frequency, the first (4.7300407 / l)^2 sqrt(EI / m) to the elements' h^4. */
+/* A free beam drifts: its rigid motions have 0 four times, not the root of the rounding beside a
+ * mode of 1e5 rad/s; then come its undamped modes by frequency, the first (4.7300407 / l)^2 sqrt(EI
+ * / m) to the elements' h^4. */
 TEST(a_free_beam_is_undecided_and_its_modes_come_by_frequency)
 {
-    struct floquet f = floquet_text("{'structure':{'type':'beam','length':1,'elements':8,'EI':6570,'mass_per_length':3.24,'supports':['free','free']}}");
+    struct floquet f = floquet_text("{'structure':{'type':'beam','length':1,'elements':8,'EI':6570,"
+                                    "'mass_per_length':3.24,'supports':['free','free']}}");
 
     CHECK(f.count == 36 && f.stable == FLOQUET_UNDECIDED);
     CHECK_NEAR(cimag(f.exponent[4]) / (4.7300407 * 4.7300407 * sqrt(6570 / 3.24)), 1, 1e-4);
@@ -82,21 +94,24 @@ TEST(a_free_beam_is_undecided_and_its_modes_come_by_frequency)
 /* Gyroscopic: M = I, K = k I, speed G = [0 2w; -2w 0]: whirl at sqrt(w^2 + k) +- w. */
 TEST(gyroscopic_whirl_splits_as_the_closed_form)
 {
-    struct floquet f = floquet_text("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[7,0],[0,7]],'G':[[0,2],[-2,0]],'speed':1.3}}");
+    struct floquet f = floquet_text("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[7,0],"
+                                    "[0,7]],'G':[[0,2],[-2,0]],'speed':1.3}}");
     double high = sqrt(1.3 * 1.3 + 7) + 1.3, low = sqrt(1.3 * 1.3 + 7) - 1.3;
     int found = 0;
 
     for (int i = 0; i < 4; i++)
-        found += fabs(fabs(cimag(f.exponent[i])) - high) < 1e-14 * 20 || fabs(fabs(cimag(f.exponent[i])) - low) < 1e-14 * 20;
+        found += fabs(fabs(cimag(f.exponent[i])) - high) < 1e-14 * 20 ||
+                 fabs(fabs(cimag(f.exponent[i])) - low) < 1e-14 * 20;
     CHECK(found == 4 && f.stable == FLOQUET_UNDECIDED);
     floquet_done(&f);
 }
 
-#define STRUTT(omega, mu, c) "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[" c "]]},'omega':" omega \
+#define STRUTT(omega, mu, c) \
+    "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[" c "]]},'omega':" omega \
     ",'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':-" mu "}]}"
 
-/* q'' + (1 - 0.3 cos 2t) q = 0: |rho| = 1.264911399 by an order-8 Runge-Kutta code of others (10 digits printed); the
- * determinant of an undamped monodromy matrix is 1. */
+/* q'' + (1 - 0.3 cos 2t) q = 0: |rho| = 1.264911399 by an order-8 Runge-Kutta code of others (10
+ * digits printed); the determinant of an undamped monodromy matrix is 1. */
 TEST(the_principal_tongue_grows_as_tabulated)
 {
     struct floquet f = floquet_text(STRUTT("2", "0.3", "0"));
@@ -118,13 +133,16 @@ TEST(damping_shrinks_the_growth_and_the_determinant)
     floquet_done(&f);
 }
 
-/* Edges of the undamped principal tongue at mu = 0.15, from Hill's determinant of others: 0.923779552, 1.073499453. */
+/* Edges of the undamped principal tongue at mu = 0.15, from Hill's determinant of others:
+ * 0.923779552, 1.073499453. */
 TEST(the_verdict_changes_at_the_tongue_s_edges)
 {
-    static const struct { const char *text; enum floquet_verdict expected; } cases[] = {
-        { STRUTT("1.84755910", "0.3", "0"), FLOQUET_UNDECIDED }, { STRUTT("1.84755912", "0.3", "0"), FLOQUET_UNSTABLE },
-        { STRUTT("2.14699889", "0.3", "0"), FLOQUET_UNSTABLE }, { STRUTT("2.14699892", "0.3", "0"), FLOQUET_UNDECIDED },
-        { STRUTT("1.8475", "0.3", "0.001"), FLOQUET_STABLE } };
+    static const struct { const char *text; enum floquet_verdict expected;
+    } cases[] = { { STRUTT("1.84755910", "0.3", "0"), FLOQUET_UNDECIDED },
+                  { STRUTT("1.84755912", "0.3", "0"), FLOQUET_UNSTABLE },
+                  { STRUTT("2.14699889", "0.3", "0"), FLOQUET_UNSTABLE },
+                  { STRUTT("2.14699892", "0.3", "0"), FLOQUET_UNDECIDED },
+                  { STRUTT("1.8475", "0.3", "0.001"), FLOQUET_STABLE } };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct floquet f = floquet_text(cases[i].text);
@@ -138,8 +156,11 @@ TEST(the_verdict_changes_at_the_tongue_s_edges)
 TEST(twice_the_period_squares_the_multipliers)
 {
     struct floquet one = floquet_text(STRUTT("1.7", "0.3", "0.01"));
-    struct floquet two = floquet_text("{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]},'omega':1.7,'period':7.3919827143282197,"
-                                      "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]}");      /* 4 pi / 1.7 */
+    struct floquet two =
+        floquet_text("{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'C':[[0.01]]},"
+                     "'omega':1.7,'period':7.3919827143282197,"
+                     /* 4 pi / 1.7 */
+                     "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3}]}");
 
     CHECK_NEAR(two.max_multiplier, one.max_multiplier * one.max_multiplier, 1e-12);
     CHECK_NEAR(creal(two.exponent[0]), creal(one.exponent[0]), 1e-12);
@@ -149,9 +170,11 @@ TEST(twice_the_period_squares_the_multipliers)
 
 TEST(hill_s_determinant_agrees_with_the_monodromy_matrix)
 {
-    struct program *p = program_text("{'structure':{'type':'beam','length':1,'elements':3,'EI':6570,'mass_per_length':3.24},'omega':888,"
-                                     "'effects':[{'type':'axial_load','mean':2000,'amplitude':19000},{'type':'strain_rate_damping','mu':1e-5},"
-                                     "{'type':'parametric_stiffness','dof':'w1','stiffness':3e4,'k':2,'phase':0.7}]}");
+    struct program *p = program_text(
+        "{'structure':{'type':'beam','length':1,'elements':3,'EI':6570,'mass_per_length':3.24},"
+        "'omega':888,'effects':[{'type':'axial_load','mean':2000,'amplitude':19000},"
+        "{'type':'strain_rate_damping','mu':1e-5},{'type':'parametric_stiffness','dof':'w1',"
+        "'stiffness':3e4,'k':2,'phase':0.7}]}");
     struct floquet f;
     struct hill h;
 
@@ -161,7 +184,8 @@ TEST(hill_s_determinant_agrees_with_the_monodromy_matrix)
     for (int i = 0; i < f.count; i++) {
         double least = HUGE_VAL;
         for (int j = 0; j < h.count; j++)
-            least = fmin(least, hypot(creal(f.exponent[i]) - creal(h.exponent[j]), remainder(cimag(f.exponent[i]) - cimag(h.exponent[j]), 888)));
+            least = fmin(least, hypot(creal(f.exponent[i]) - creal(h.exponent[j]),
+                                      remainder(cimag(f.exponent[i]) - cimag(h.exponent[j]), 888)));
         if (f.resolved[i] && cabs(f.multiplier[i]) > 1e-3)
             CHECK_NEAR(least, 0, 10 * h.truncation + 1e-7);
     }
@@ -197,9 +221,12 @@ TEST(magnus_steps_are_of_order_six)
 
 TEST(a_multiplier_below_rounding_has_no_exponent)
 {
-    struct floquet f = floquet_text("{'structure':{'type':'chain','masses':[1,1],'springs':[1,0,1],'dampers':[0.01,0,40]},'omega':0.5,"
-                                    "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':0.1}]}");
-    int unknown = 0;                             /* the second mass has exponents -0.025 and -39.97: e^(-39.97 * 12.6) = 1e-218 */
+    struct floquet f =
+        floquet_text("{'structure':{'type':'chain','masses':[1,1],'springs':[1,0,1],'dampers':"
+                     "[0.01,0,40]},'omega':0.5,'effects':[{'type':'parametric_stiffness',"
+                     "'dof':'x1','stiffness':0.1}]}");
+    /* the second mass has exponents -0.025 and -39.97: e^(-39.97 * 12.6) = 1e-218 */
+    int unknown = 0;
 
     for (int i = 0; i < f.count; i++)
         unknown += !f.resolved[i];
@@ -209,8 +236,12 @@ TEST(a_multiplier_below_rounding_has_no_exponent)
 
 TEST(what_is_not_linear_is_refused_and_growth_past_doubles_is_said)
 {
-    struct program *p = program_text("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'cubic_spring','dof':'x1','coefficient':1}]}");
-    struct program *q = program_text("{'structure':{'type':'chain','masses':[1],'springs':[-4e6,0]},'omega':1,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}");
+    struct program *p =
+        program_text("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':"
+                     "[{'type':'cubic_spring','dof':'x1','coefficient':1}]}");
+    struct program *q =
+        program_text("{'structure':{'type':'chain','masses':[1],'springs':[-4e6,0]},'omega':1,"
+                     "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}");
     struct modal_error err;
     struct floquet f = { .count = -7 };
 
@@ -222,11 +253,13 @@ TEST(what_is_not_linear_is_refused_and_growth_past_doubles_is_said)
     program_free(q);
 }
 
-/* Pulsating at 3 Omega deep enough that twelve harmonics (four of its own) leave 1e-3: more are taken, until the two ways agree. */
+/* Pulsating at 3 Omega deep enough that twelve harmonics (four of its own) leave 1e-3: more are
+ * taken, until the two ways agree. */
 TEST(hill_takes_harmonics_until_its_truncation_is_small)
 {
-    struct program *p = program_text("{'structure':{'type':'chain','masses':[0.137],'springs':[0,53.6]},'omega':3.03,"
-                                     "'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':24.6,'k':3}]}");
+    struct program *p = program_text(
+        "{'structure':{'type':'chain','masses':[0.137],'springs':[0,53.6]},'omega':3.03,'effects':"
+        "[{'type':'parametric_stiffness','dof':'x1','stiffness':24.6,'k':3}]}");
     struct floquet f;
     struct hill twelve, h;
 
@@ -236,7 +269,9 @@ TEST(hill_takes_harmonics_until_its_truncation_is_small)
     for (int i = 0; i < 2; i++) {
         double least = HUGE_VAL;
         for (int j = 0; j < 2; j++)
-            least = fmin(least, hypot(creal(f.exponent[i]) - creal(h.exponent[j]), remainder(cimag(f.exponent[i]) - cimag(h.exponent[j]), 3.03)));
+            least =
+                fmin(least, hypot(creal(f.exponent[i]) - creal(h.exponent[j]),
+                                  remainder(cimag(f.exponent[i]) - cimag(h.exponent[j]), 3.03)));
         CHECK_NEAR(least, 0, 1e-10);
     }
     hill_done(&twelve);

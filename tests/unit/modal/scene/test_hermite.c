@@ -31,11 +31,14 @@ TEST(a_cantilever_of_one_element_has_the_exact_tip_deflection)
     CHECK_NEAR(-F * k[14] / det, F * h * h / (2 * EI), 1e-14);
 }
 
-/* The closed forms are the integrals of the shape functions: 4-point Gauss is exact for degree 7. */
+/* The closed forms are the integrals of the shape functions: 4-point Gauss is exact for degree 7.
+ */
 TEST(the_matrices_are_the_integrals_of_the_shape_functions)
 {
-    static const double xi[4] = { 0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263 },
-                        weight[4] = { 0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269 };
+    static const double xi[4] = { 0.0694318442029737, 0.3300094782075719, 0.6699905217924281,
+                                  0.9305681557970263 },
+                        weight[4] = { 0.1739274225687269, 0.3260725774312731, 0.3260725774312731,
+                                      0.1739274225687269 };
     const double h = 0.61, EI = 3.7, m = 0.83;
     double k[16], mass[16], g[16], n[4], s[4], c[4], K[16] = { 0 }, M[16] = { 0 }, G[16] = { 0 };
 

@@ -1,4 +1,5 @@
-/* test_inflow.c - inflow models against the reference's matrices (tests/data/wing/unit_checks.json) and known limits
+/* test_inflow.c - inflow models against the reference's matrices (tests/data/wing/unit_checks.json)
+ * and known limits
  *
  * The reference prints 12 decimals; the bar is 1e-9 of the largest entry of each matrix.
  */
@@ -108,12 +109,14 @@ TEST(peters_he_shapes_and_their_forcing_equal_the_reference_to_1e_9)
     cJSON_Delete(ref);
 }
 
-/* (2) of peters_he.c at rest: with the lift given, alpha = L tau / 2; so -A alpha = P v must hold with v = lift + lambda. */
+/* (2) of peters_he.c at rest: with the lift given, alpha = L tau / 2; so -A alpha = P v must hold
+ * with v = lift + lambda. */
 TEST(peters_he_in_steady_flow_gives_half_L_tau)
 {
     struct peters_he_index index[PETERS_HE_STATES_MOST];
     double y[5], weight[5], alpha[12] = { 0 }, v[5];
-    const double U = 77, b = 1.5, a0 = 6.1, R = 13, slope = a0 * b / R, lift[5] = { 0.3, 0.7, -0.2, 0.9, 0.4 };
+    const double U = 77, b = 1.5, a0 = 6.1, R = 13, slope = a0 * b / R,
+                 lift[5] = { 0.3, 0.7, -0.2, 0.9, 0.4 };
     struct inflow_wing wing = { R, b, U, a0, 5, y, weight };
     struct inflow f;
 
@@ -123,7 +126,8 @@ TEST(peters_he_in_steady_flow_gives_half_L_tau)
     for (int i = 0; i < 12; i++)
         for (int j = 0; j < 12; j++)
             for (int g = 0; g < 5; g++)
-                alpha[i] += peters_he_L(index[i], index[j]) * f.P[j * 5 + g] / (U * slope) * lift[g];
+                alpha[i] += peters_he_L(index[i], index[j]) * f.P[j * 5 + g] / (U * slope) *
+                            lift[g];
     for (int g = 0; g < 5; g++) {
         v[g] = lift[g] / slope;                        /* lift = slope (v - lambda) */
         for (int i = 0; i < 12; i++)
@@ -162,7 +166,8 @@ TEST(peters_2d_matrices_equal_the_reference)
     cJSON_Delete(ref);
 }
 
-/* The sum of b_n is 1 and lambda follows a fast change of v by half: 1/2 b' A^-1 c = 1/2, Wagner's start. */
+/* The sum of b_n is 1 and lambda follows a fast change of v by half: 1/2 b' A^-1 c = 1/2, Wagner's
+ * start. */
 TEST(peters_2d_starts_with_half_the_lift_as_wagner_does)
 {
     for (int N = 1; N <= 10; N++) {
@@ -201,7 +206,8 @@ TEST(only_whole_orders_are_accepted)
 {
     CHECK(peters_he_order(30) == 9 && peters_he_order(20) == 7 && peters_he_order(25) == 8);
     CHECK(peters_he_order(72) == 15 && peters_he_order(1) == 0);
-    CHECK(peters_he_order(29) == -1 && peters_he_order(55) == -1 && peters_he_order(0) == -1 && peters_he_order(81) == -1);
+    CHECK(peters_he_order(29) == -1 && peters_he_order(55) == -1 && peters_he_order(0) == -1 &&
+          peters_he_order(81) == -1);
     CHECK(!inflow_peters_he.valid(31) && inflow_peters_he.valid(30));
     CHECK(!inflow_peters_2d.valid(0) && inflow_peters_2d.valid(6) && !inflow_peters_2d.valid(11));
     CHECK(inflow_jones.valid(2) && !inflow_jones.valid(3));

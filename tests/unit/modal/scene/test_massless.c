@@ -1,13 +1,15 @@
-/* test_massless.c - massless dofs eliminated: the dynamic stiffness seen by the dofs with mass stays what it was */
+/* test_massless.c - massless dofs eliminated: the dynamic stiffness seen by the dofs with mass
+ * stays what it was */
 #include "check.h"
 #include <complex.h>
 #include <float.h>
 #include <lapacke.h>
 #include "modal/scene/massless.h"
 
-/* D(s) = s^2 M + s C + K reduced to the dofs KEPT by solving for the others: the inverse's block inverted. */
-static void reduced(int n, const double *M, const double *C, const double *K, double complex s, const int *kept, int m,
-                    double complex *out)
+/* D(s) = s^2 M + s C + K reduced to the dofs KEPT by solving for the others: the inverse's block
+ * inverted. */
+static void reduced(int n, const double *M, const double *C, const double *K, double complex s,
+                    const int *kept, int m, double complex *out)
 {
     double complex D[CONDENSE_ROOM], inverse[CONDENSE_ROOM] = { 0 }, block[CONDENSE_ROOM];
     lapack_int pivot[CONDENSE_MOST];
@@ -51,7 +53,8 @@ static double pattern(int i)
     return sin(1.7 * i * i + 0.3);
 }
 
-/* Dofs 1 and 4 have mass, 0 and 3 are damped, 2 is static; C and K unsymmetric, as circulation makes them. */
+/* Dofs 1 and 4 have mass, 0 and 3 are damped, 2 is static; C and K unsymmetric, as circulation
+ * makes them. */
 TEST(the_dynamic_stiffness_is_kept_at_any_s)
 {
     enum { n = 5 };
@@ -68,7 +71,8 @@ TEST(the_dynamic_stiffness_is_kept_at_any_s)
     M[4 * n + 4] = 1.1;
     M[1 * n + 4] = M[4 * n + 1] = 0.2;
     CHECK(condense_massless(n, M, C, K, &c, NULL) == MODAL_OK);
-    CHECK(c.nx == 2 && c.nb == 2 && c.na == 1 && c.x[0] == 1 && c.x[1] == 4 && c.b[0] == 0 && c.b[1] == 3 && c.a[0] == 2);
+    CHECK(c.nx == 2 && c.nb == 2 && c.na == 1 && c.x[0] == 1 && c.x[1] == 4 && c.b[0] == 0 &&
+          c.b[1] == 3 && c.a[0] == 2);
     for (int q = 0; q < 3; q++) {
         double complex got[4], expected[4];
 

@@ -28,7 +28,8 @@ static double entry(const struct sparse *a, int i, int j)
     return 0;
 }
 
-#define CHAIN "'structure':{'type':'chain','masses':[2.5,3.5],'springs':[10,20,40],'dampers':[1,2,4]}"
+#define CHAIN \
+    "'structure':{'type':'chain','masses':[2.5,3.5],'springs':[10,20,40],'dampers':[1,2,4]}"
 
 TEST(a_chain_has_the_matrices_of_its_elements)
 {
@@ -37,16 +38,20 @@ TEST(a_chain_has_the_matrices_of_its_elements)
     CHECK(p->n == 2 && program_class(p) == PROGRAM_LINEAR_CONSTANT && program_states(p) == 4);
     CHECK_STRING(p->dofs[1], "x2");
     CHECK(entry(&p->constant[PROGRAM_M], 1, 1) == 3.5);
-    CHECK(entry(&p->constant[PROGRAM_K], 0, 0) == 30 && entry(&p->constant[PROGRAM_K], 0, 1) == -20);
+    CHECK(entry(&p->constant[PROGRAM_K], 0, 0) == 30 &&
+          entry(&p->constant[PROGRAM_K], 0, 1) == -20);
     CHECK(entry(&p->constant[PROGRAM_K], 1, 1) == 60 && entry(&p->constant[PROGRAM_C], 1, 1) == 6);
     program_free(p);
 }
 
 TEST(sparse_matrices_lower_to_the_program_of_nested_lists)
 {
-    struct program *dense = program_text("{'structure':{'type':'matrices','M':[[2,0.5],[0.5,3]],'K':[[5,-1],[-2,7]],'C':[[0.1,0],[0,0.2]]}}");
-    struct program *sparse = program_text("{'structure':{'type':'matrices','M':{'shape':[2,2],'row_pointers':[0,2,4],'columns':[0,1,0,1],'values':[2,0.5,0.5,3]},"
-                                   "'K':[[5,-1],[-2,7]],'C':{'shape':[2,2],'row_pointers':[0,1,2],'columns':[0,1],'values':[0.1,0.2]}}}");
+    struct program *dense = program_text("{'structure':{'type':'matrices','M':[[2,0.5],[0.5,3]],"
+                                         "'K':[[5,-1],[-2,7]],'C':[[0.1,0],[0,0.2]]}}");
+    struct program *sparse =
+        program_text("{'structure':{'type':'matrices','M':{'shape':[2,2],'row_pointers':[0,2,4],"
+                     "'columns':[0,1,0,1],'values':[2,0.5,0.5,3]},'K':[[5,-1],[-2,7]],'C':"
+                     "{'shape':[2,2],'row_pointers':[0,1,2],'columns':[0,1],'values':[0.1,0.2]}}}");
 
     CHECK_STRING(sparse->hash, dense->hash);
     program_free(dense);
@@ -55,17 +60,22 @@ TEST(sparse_matrices_lower_to_the_program_of_nested_lists)
 
 TEST(gyroscopic_matrices_come_times_the_speed)
 {
-    struct program *p = program_text("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,3],[-3,0]],'speed':0.5,'dofs':['a','b']}}");
+    struct program *p = program_text("{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':"
+                                     "[[1,0],[0,1]],'G':[[0,3],[-3,0]],'speed':0.5,'dofs':['a',"
+                                     "'b']}}");
 
-    CHECK(entry(&p->constant[PROGRAM_C], 0, 1) == 1.5 && entry(&p->constant[PROGRAM_C], 1, 0) == -1.5);
+    CHECK(entry(&p->constant[PROGRAM_C], 0, 1) == 1.5 &&
+          entry(&p->constant[PROGRAM_C], 1, 0) == -1.5);
     CHECK_STRING(p->dofs[0], "a");
     program_free(p);
 }
 
-/* The pinned-pinned beam's first frequency is (pi/l)^2 sqrt(EI/m); four cubic elements are 2.6e-4 high at most. */
+/* The pinned-pinned beam's first frequency is (pi/l)^2 sqrt(EI/m); four cubic elements are 2.6e-4
+ * high at most. */
 TEST(a_beam_resists_a_uniform_curvature_as_the_closed_form)
 {
-    struct program *p = program_text("{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24}}");
+    struct program *p = program_text(
+        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24}}");
     double x[8], f = 0;
 
     CHECK(p->n == 8);
@@ -89,12 +99,16 @@ TEST(a_beam_resists_a_uniform_curvature_as_the_closed_form)
 TEST(an_axial_load_is_the_geometric_stiffness_times_minus_its_compression)
 {
     static const char *const texts[] = {
-        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},'omega':9,'effects':[{'type':'axial_load','mean':13}]}",
-        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},'omega':9,'effects':[{'type':'axial_load','amplitude':13}]}" };
+        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},"
+        "'omega':9,'effects':[{'type':'axial_load','mean':13}]}",
+        "{'structure':{'type':'beam','length':1.7,'elements':4,'EI':6570,'mass_per_length':3.24},"
+        "'omega':9,'effects':[{'type':'axial_load','amplitude':13}]}"
+    };
     struct program *mean = program_text(texts[0]), *pulse = program_text(texts[1]);
     double x[8], f = 0, g = 0;
 
-    CHECK(program_class(mean) == PROGRAM_LINEAR_CONSTANT && program_class(pulse) == PROGRAM_LINEAR_PERIODIC);
+    CHECK(program_class(mean) == PROGRAM_LINEAR_CONSTANT &&
+          program_class(pulse) == PROGRAM_LINEAR_PERIODIC);
     CHECK(pulse->harmonics == 1 && pulse->harmonic[0].k == 1);
     for (int i = 0, d = 0; i <= 4; i++) {
         double at = 1.7 * i / 4;
@@ -115,7 +129,9 @@ TEST(an_axial_load_is_the_geometric_stiffness_times_minus_its_compression)
 
 TEST(parametric_stiffness_keeps_its_phase)
 {
-    struct program *p = program_text("{" CHAIN ",'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','to':'x2','stiffness':3,'k':2,'phase':0.3}]}");
+    struct program *p =
+        program_text("{" CHAIN ",'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','"
+                               "to':'x2','stiffness':3,'k':2,'phase':0.3}]}");
 
     CHECK(p->harmonics == 1 && p->harmonic[0].k == 2);
     CHECK_NEAR(entry(&p->harmonic[0].cosine[PROGRAM_K], 0, 1), -3 * cos(0.3), 1e-15);
@@ -123,10 +139,13 @@ TEST(parametric_stiffness_keeps_its_phase)
     program_free(p);
 }
 
-/* Phi^T C Phi of modal damping is diag(2 zeta w): its trace against M^-1 is the sum of 2 zeta_i w_i. */
+/* Phi^T C Phi of modal damping is diag(2 zeta w): its trace against M^-1 is the sum of 2 zeta_i
+ * w_i. */
 TEST(modal_damping_gives_the_modes_their_ratios)
 {
-    struct program *p = program_text("{'structure':{'type':'chain','masses':[2,2],'springs':[8,5,8]},'effects':[{'type':'modal_damping','ratios':[0.01,0.03]}]}");
+    struct program *p =
+        program_text("{'structure':{'type':'chain','masses':[2,2],'springs':[8,5,8]},'effects':"
+                     "[{'type':'modal_damping','ratios':[0.01,0.03]}]}");
     const struct sparse *C = &p->constant[PROGRAM_C];
     double w1 = sqrt(8 / 2.0), w2 = sqrt(18 / 2.0);      /* in phase, out of phase */
 
@@ -137,8 +156,10 @@ TEST(modal_damping_gives_the_modes_their_ratios)
 
 TEST(damping_of_the_structure_ignores_the_other_effects)
 {
-    struct program *p = program_text("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1000},{'type':'rayleigh_damping','alpha':0.5,'beta':0.25},"
-                              "{'type':'strain_rate_damping','mu':2}]}");
+    struct program *p = program_text("{" CHAIN
+                                     ",'effects':[{'type':'spring','dof':'x1','stiffness':1000},"
+                                     "{'type':'rayleigh_damping','alpha':0.5,'beta':0.25},"
+                                     "{'type':'strain_rate_damping','mu':2}]}");
 
     CHECK_NEAR(entry(&p->constant[PROGRAM_C], 0, 0), 3 + 0.5 * 2.5 + 0.25 * 30 + 2 * 30, 1e-13);
     CHECK_NEAR(entry(&p->constant[PROGRAM_C], 0, 1), -2 - 0.25 * 20 - 2 * 20, 1e-13);
@@ -148,8 +169,11 @@ TEST(damping_of_the_structure_ignores_the_other_effects)
 
 TEST(local_laws_sit_at_their_dofs_with_their_effects)
 {
-    struct program *p = program_text("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'friction','dof':'x2','to':'x1','stiffness':3,'limit':2},"
-                              "{'type':'gap','dof':'x1','stiffness':3,'clearance':-0.1},{'type':'cubic_spring','dof':'x2','coefficient':0}]}");
+    struct program *p =
+        program_text("{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'"
+                               "friction','dof':'x2','to':'x1','stiffness':3,'limit':2},"
+                               "{'type':'gap','dof':'x1','stiffness':3,'clearance':-0.1},"
+                               "{'type':'cubic_spring','dof':'x2','coefficient':0}]}");
 
     CHECK(p->laws == 2 && program_class(p) == PROGRAM_NONLINEAR && p->effects == 4);
     CHECK(p->law[0].effect == 1 && p->law[0].dof[0] == 1 && p->law[0].to[0] == 0);
@@ -158,30 +182,54 @@ TEST(local_laws_sit_at_their_dofs_with_their_effects)
     program_free(p);
 }
 
-/* For each effect, a scene with it beside others: lowered without it, and without its row in the table. */
-/* Every effect once for each structure that takes it: D and E stand for two of the structure's dofs. */
+/* For each effect, a scene with it beside others: lowered without it, and without its row in the
+ * table. */
+/* Every effect once for each structure that takes it: D and E stand for two of the structure's
+ * dofs. */
 static const char *const one_of_each[] = {
-    "{'type':'spring','dof':'D','stiffness':2}", "{'type':'damper','dof':'D','coefficient':2}", "{'type':'cubic_spring','dof':'D','coefficient':2}",
-    "{'type':'polynomial_spring','dof':'D','coefficients':[1,2]}", "{'type':'friction','dof':'D','stiffness':2,'limit':3}",
-    "{'type':'gap','dof':'D','stiffness':2,'clearance':3}", "{'type':'parametric_stiffness','dof':'D','stiffness':2}",
-    "{'type':'polynomial_damper','dof':'D','coefficients':[-1,0,1]}", "{'type':'coulomb','dof':'D','limit':2}",
-    "{'type':'regularised_coulomb','dof':'D','limit':2,'velocity':1e-3}", "{'type':'iwan','dof':'D','stiffnesses':[2,3],'limits':[3,4]}",
+    "{'type':'spring','dof':'D','stiffness':2}",
+    "{'type':'damper','dof':'D','coefficient':2}",
+    "{'type':'cubic_spring','dof':'D','coefficient':2}",
+    "{'type':'polynomial_spring','dof':'D','coefficients':[1,2]}",
+    "{'type':'friction','dof':'D','stiffness':2,'limit':3}",
+    "{'type':'gap','dof':'D','stiffness':2,'clearance':3}",
+    "{'type':'parametric_stiffness','dof':'D','stiffness':2}",
+    "{'type':'polynomial_damper','dof':'D','coefficients':[-1,0,1]}",
+    "{'type':'coulomb','dof':'D','limit':2}",
+    "{'type':'regularised_coulomb','dof':'D','limit':2,'velocity':1e-3}",
+    "{'type':'iwan','dof':'D','stiffnesses':[2,3],'limits':[3,4]}",
     "{'type':'lua','dof':'D','source':'function force(t,x,v,m) return x end'}",
-    "{'type':'contact_friction','normal':'D','tangential':'E','normal_stiffness':2,'preload':1,'tangential_stiffness':2,'mu':0.2}",
-    "{'type':'axial_load','mean':1,'amplitude':2}", "{'type':'viscous_damping','per_length':2}", "{'type':'strain_rate_damping','mu':2}",
-    "{'type':'modal_damping','ratio':0.1}", "{'type':'rayleigh_damping','alpha':2}", "{'type':'bearing','at':'left','transverse':2,'damping':1}",
-    "{'type':'coupling','at':'right','transverse':2}", "{'type':'gyroscopic'}", "{'type':'rotary_inertia','I_rho':2}",
+    "{'type':'contact_friction','normal':'D','tangential':'E','normal_stiffness':2,'preload':1,"
+    "'tangential_stiffness':2,'mu':0.2}",
+    "{'type':'axial_load','mean':1,'amplitude':2}",
+    "{'type':'viscous_damping','per_length':2}",
+    "{'type':'strain_rate_damping','mu':2}",
+    "{'type':'modal_damping','ratio':0.1}",
+    "{'type':'rayleigh_damping','alpha':2}",
+    "{'type':'bearing','at':'left','transverse':2,'damping':1}",
+    "{'type':'coupling','at':'right','transverse':2}",
+    "{'type':'gyroscopic'}",
+    "{'type':'rotary_inertia','I_rho':2}",
     "{'type':'clearance','at':'left','gap':1,'stiffness':2}",
     "{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'none'}",
     "{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'jones'}",
     "{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'peters_2d'}",
-    "{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'peters_he'}" };
-static const struct { const char *name, *json, *D, *E; } structures[] = {
+    "{'type':'airloads','speed':400,'density':2e-3,'x_qc':-0.5,'inflow':'peters_he'}"
+};
+static const struct { const char *name, *json, *D, *E;
+} structures[] = {
     { "chain", "{'type':'chain','masses':[2,3],'springs':[4,5,0]}", "x1", "x2" },
     { "matrices", "{'type':'matrices','M':[[2,0],[0,3]],'K':[[4,-1],[-1,4]]}", "x1", "x2" },
     { "beam", "{'type':'beam','length':1,'elements':3,'EI':2,'mass_per_length':3}", "w1", "w2" },
-    { "shaft", "{'type':'shaft','length':1,'elements':2,'EI':[2,3],'mass_per_length':3,'speed':7,'disk':{'position':0.5,'mass':2,'radius':0.3}}", "y1", "z1" },
-    { "wing", "{'type':'wing','length':20,'chord':6,'elements':2,'EI':2e7,'GJ':2e6,'mass_per_length':0.7,'I_rho':2,'x_cg':0.6}", "w1", "phi3" } };
+    { "shaft",
+      "{'type':'shaft','length':1,'elements':2,'EI':[2,3],'mass_per_length':3,'speed':7,'disk':"
+      "{'position':0.5,'mass':2,'radius':0.3}}",
+      "y1", "z1" },
+    { "wing",
+      "{'type':'wing','length':20,'chord':6,'elements':2,'EI':2e7,'GJ':2e6,'mass_per_length':0.7,"
+      "'I_rho':2,'x_cg':0.6}",
+      "w1", "phi3" }
+};
 
 static bool takes(const char *structure, const struct scene_effect_kind *effect)
 {
@@ -196,9 +244,10 @@ static cJSON *effect_on(const char *effect, const char *D, const char *E)
 {
     cJSON *json = scene_text(effect), *item;
 
-    cJSON_ArrayForEach(item, json)
-        if (cJSON_IsString(item) && (strcmp(item->valuestring, "D") == 0 || strcmp(item->valuestring, "E") == 0))
-            cJSON_SetValuestring(item, item->valuestring[0] == 'D' ? D : E);
+    cJSON_ArrayForEach(item,
+                       json) if (cJSON_IsString(item) && (strcmp(item->valuestring, "D") == 0 ||
+                                                          strcmp(item->valuestring, "E") == 0))
+        cJSON_SetValuestring(item, item->valuestring[0] == 'D' ? D : E);
     return json;
 }
 
@@ -210,7 +259,8 @@ static const struct scene_effect_kind *kind_of(const cJSON *effect)
     return NULL;
 }
 
-/* Listed and left out, or never written with its module out of the table: one program; listed, another. */
+/* Listed and left out, or never written with its module out of the table: one program; listed,
+ * another. */
 static void check_without(const cJSON *structure, const cJSON *other, const cJSON *effect)
 {
     static struct scene_options options;
@@ -237,7 +287,8 @@ static void check_without(const cJSON *structure, const cJSON *other, const cJSO
     CHECK(scene_lower(scene, &options, &never, NULL) == MODAL_OK);
     CHECK_STRING(without->hash, never->hash);
     CHECK(strcmp(with->hash, never->hash) != 0);
-    CHECK(without->effects == 1 && without->laws == never->laws && program_states(without) == program_states(never));
+    CHECK(without->effects == 1 && without->laws == never->laws &&
+          program_states(without) == program_states(never));
     program_free(with);
     program_free(without);
     program_free(never);
@@ -253,7 +304,9 @@ TEST(a_scene_without_an_effect_is_the_scene_without_its_module)
         for (size_t i = 0; i < sizeof one_of_each / sizeof *one_of_each; i++) {
             cJSON *effect = effect_on(one_of_each[i], structures[s].D, structures[s].E);
             bool spring = kind_of(effect) == scene_effects[0];
-            cJSON *other = effect_on(spring ? one_of_each[1] : "{'type':'spring','dof':'E','stiffness':7}", structures[s].D, structures[s].E);
+            cJSON *other =
+                effect_on(spring ? one_of_each[1] : "{'type':'spring','dof':'E','stiffness':7}",
+                          structures[s].D, structures[s].E);
 
             if (takes(structures[s].name, kind_of(effect)))
                 check_without(structure, other, effect);
@@ -263,19 +316,23 @@ TEST(a_scene_without_an_effect_is_the_scene_without_its_module)
             cJSON_Delete(other);
         }
         for (int k = 0; scene_effects[k] != NULL; k++)
-            CHECK(met[k]);                                 /* a new effect is added to the list above */
+            CHECK(met[k]);   /* a new effect is added to the list above */
         cJSON_Delete(structure);
     }
 }
 
 TEST(loads_initial_state_and_sensors_find_their_dofs)
 {
-    struct program *p = program_text("{" CHAIN ",'omega':3,'excitation':[{'dof':'x2','k':2,'cos':1.5,'sin':-2},{'dof':'x1','type':'half_sine','amplitude':10,'duration':0.05},"
-                              "{'dof':'x1','type':'table','points':[[0,1],[0.5,2],[2,0]]}],'initial':{'x':{'x2':0.5},'v':{'x1':-1}},"
-                              "'sensors':[{'dof':'x2','derivative':2},{'dof':'x1'}]}");
+    struct program *p =
+        program_text("{" CHAIN ",'omega':3,'excitation':[{'dof':'x2','k':2,'cos':1.5,'sin':-2},{'"
+                               "dof':'x1','type':'half_sine','amplitude':10,'duration':0.05},"
+                               "{'dof':'x1','type':'table','points':[[0,1],[0.5,2],[2,0]]}],"
+                               "'initial':{'x':{'x2':0.5},'v':{'x1':-1}},'sensors':[{'dof':'x2',"
+                               "'derivative':2},{'dof':'x1'}]}");
 
     CHECK(p->loads == 3 && p->load[0].dof == 1 && p->load[0].k == 2 && p->load[0].sine == -2);
-    CHECK(p->load[1].type == LOAD_HALF_SINE && p->load[1].duration == 0.05 && p->load[2].points == 3 && p->load[2].force[1] == 2);
+    CHECK(p->load[1].type == LOAD_HALF_SINE && p->load[1].duration == 0.05 &&
+          p->load[2].points == 3 && p->load[2].force[1] == 2);
     CHECK(p->x0[1] == 0.5 && p->v0[0] == -1 && p->x0[0] == 0);
     CHECK(p->outputs == 2 && p->output[0].terms[0].i == 2 && p->output[0].terms[0].j == 1);
     CHECK_STRING(p->output[0].name, "x2_ddot");
@@ -284,42 +341,72 @@ TEST(loads_initial_state_and_sensors_find_their_dofs)
 
 TEST(what_is_wrong_in_a_scene_is_named_by_its_path)
 {
-    static const struct { const char *text, *field; } bad[] = {
+    static const struct { const char *text, *field;
+    } bad[] = {
         { "{}", "structure" },
         { "{'structure':{'type':'cable'}}", "structure.type" },
-        { "{'structure':{'type':'chain','masses':[1],'springs':[1,1],'speed':1}}", "structure.speed" },
-        { "{'structure':{'type':'chain','masses':[1,0],'springs':[1,1,1]}}", "structure.masses[1]" },
+        { "{'structure':{'type':'chain','masses':[1],'springs':[1,1],'speed':1}}",
+          "structure.speed" },
+        { "{'structure':{'type':'chain','masses':[1,0],'springs':[1,1,1]}}",
+          "structure.masses[1]" },
         { "{'structure':{'type':'chain','masses':[1,2],'springs':[1,1]}}", "structure.springs" },
         { "{'structure':{'type':'chain','masses':[1,2]}}", "structure.springs" },
         { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1]]}}", "structure.K" },
         { "{'structure':{'type':'matrices','M':[[1,2],[3,4]],'K':[[1,0],[0,1]]}}", "structure.M" },
         { "{'structure':{'type':'matrices','M':[[1,2],[2,1]],'K':[[1,0],[0,1]]}}", "structure.M" },
         { "{'structure':{'type':'matrices','M':[[1,0],[0,0]],'K':[[1,0],[0,1]]}}", "structure.M" },
-        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,1],[1,0]],'speed':1}}", "structure.G" },
-        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,1],[-1,0]]}}", "structure.speed" },
-        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,'a']]}}", "structure.K[1][1]" },
-        { "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'dofs':['ground']}}", "structure.dofs[0]" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,1],[1,0]],"
+          "'speed':1}}",
+          "structure.G" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,1]],'G':[[0,1],[-1,0]]}"
+          "}",
+          "structure.speed" },
+        { "{'structure':{'type':'matrices','M':[[1,0],[0,1]],'K':[[1,0],[0,'a']]}}",
+          "structure.K[1][1]" },
+        { "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'dofs':['ground']}}",
+          "structure.dofs[0]" },
         { "{'structure':{'type':'matrices','file':'X.h5'}}", "structure.file" },
-        { "{'structure':{'type':'matrices','M':{'shape':[1,1],'row_pointers':[0,1],'columns':[1],'values':[1]},'K':[[1]]}}", "structure.M" },
-        { "{'structure':{'type':'beam','length':1,'elements':2,'EI':1,'mass_per_length':-1}}", "structure.mass_per_length" },
-        { "{'structure':{'type':'beam','length':1,'elements':2,'EI':1,'mass_per_length':1,'supports':['pinned','glued']}}", "structure.supports[1]" },
-        { "{'structure':{'type':'beam','length':1,'elements':1,'EI':1,'mass_per_length':1,'supports':['clamped','clamped']}}", "structure.elements" },
+        { "{'structure':{'type':'matrices','M':{'shape':[1,1],'row_pointers':[0,1],'columns':[1],"
+          "'values':[1]},'K':[[1]]}}",
+          "structure.M" },
+        { "{'structure':{'type':'beam','length':1,'elements':2,'EI':1,'mass_per_length':-1}}",
+          "structure.mass_per_length" },
+        { "{'structure':{'type':'beam','length':1,'elements':2,'EI':1,'mass_per_length':1,"
+          "'supports':['pinned','glued']}}",
+          "structure.supports[1]" },
+        { "{'structure':{'type':'beam','length':1,'elements':1,'EI':1,'mass_per_length':1,"
+          "'supports':['clamped','clamped']}}",
+          "structure.elements" },
         { "{" CHAIN ",'effect':[]}", "effect" },
-        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'spin'}]}", "effects[1].type" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stiffness':1},{'type':'spin'}]}",
+          "effects[1].type" },
         { "{" CHAIN ",'effects':[{'type':'axial_load','mean':1}]}", "effects[0].type" },
         { "{" CHAIN ",'effects':[{'type':'spring','dof':'x9','stiffness':1}]}", "effects[0].dof" },
-        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','to':'x1','stiffness':1}]}", "effects[0].to" },
-        { "{" CHAIN ",'effects':[{'type':'spring','dof':'ground','stiffness':1}]}", "effects[0].dof" },
-        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stifness':1}]}", "effects[0].stifness" },
-        { "{" CHAIN ",'effects':[{'type':'friction','dof':'x1','stiffness':1,'limit':-1}]}", "effects[0].limit" },
-        { "{" CHAIN ",'effects':[{'type':'iwan','dof':'x1','stiffnesses':[1,2],'limits':[1]}]}", "effects[0].limits" },
-        { "{" CHAIN ",'effects':[{'type':'gap','dof':'x1','stiffness':1,'clearance':-1,'both_sides':true}]}", "effects[0].clearance" },
-        { "{" CHAIN ",'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}", "omega" },
-        { "{" CHAIN ",'effects':[{'type':'polynomial_spring','dof':'x1'}]}", "effects[0].coefficients" },
-        { "{" CHAIN ",'effects':[{'type':'modal_damping','ratios':[1,2,3]}]}", "effects[0].ratios" },
-        { "{" CHAIN ",'effects':[{'type':'lua','dof':'x1','source':'function force('}]}", "effects[0].source" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','to':'x1','stiffness':1}]}",
+          "effects[0].to" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'ground','stiffness':1}]}",
+          "effects[0].dof" },
+        { "{" CHAIN ",'effects':[{'type':'spring','dof':'x1','stifness':1}]}",
+          "effects[0].stifness" },
+        { "{" CHAIN ",'effects':[{'type':'friction','dof':'x1','stiffness':1,'limit':-1}]}",
+          "effects[0].limit" },
+        { "{" CHAIN ",'effects':[{'type':'iwan','dof':'x1','stiffnesses':[1,2],'limits':[1]}]}",
+          "effects[0].limits" },
+        { "{" CHAIN
+          ",'effects':[{'type':'gap','dof':'x1','stiffness':1,'clearance':-1,'both_sides':true}]}",
+          "effects[0].clearance" },
+        { "{" CHAIN ",'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}",
+          "omega" },
+        { "{" CHAIN ",'effects':[{'type':'polynomial_spring','dof':'x1'}]}",
+          "effects[0].coefficients" },
+        { "{" CHAIN ",'effects':[{'type':'modal_damping','ratios':[1,2,3]}]}",
+          "effects[0].ratios" },
+        { "{" CHAIN ",'effects':[{'type':'lua','dof':'x1','source':'function force('}]}",
+          "effects[0].source" },
         { "{" CHAIN ",'omega':0}", "omega" },
-        { "{" CHAIN ",'omega':1,'period':5,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':1}]}", "period" },
+        { "{" CHAIN ",'omega':1,'period':5,'effects':[{'type':'parametric_stiffness','dof':'x1','"
+                    "stiffness':1}]}",
+          "period" },
         { "{" CHAIN ",'initial':{'x':{'w9':1}}}", "initial.x.w9" },
         { "{" CHAIN ",'time':{'dt':1,'durations':2}}", "time.durations" },
         { "{" CHAIN ",'time':{'dt':0}}", "time.dt" },
@@ -327,9 +414,12 @@ TEST(what_is_wrong_in_a_scene_is_named_by_its_path)
         { "{" CHAIN ",'time':3}", "time" },
         { "{" CHAIN ",'sensors':[{'dof':'x1','derivative':3}]}", "sensors[0].derivative" },
         { "{" CHAIN ",'excitation':[{'dof':'x1','k':1,'cos':1}]}", "omega" },
-        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'half_sine','amplitude':1}]}", "excitation[0].duration" },
-        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'table','points':[[0,1],[0,2]]}]}", "excitation[0].points[1]" },
-        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'step','amplitude':1,'frame':'fixed'}]}", "excitation[0].frame" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'half_sine','amplitude':1}]}",
+          "excitation[0].duration" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'table','points':[[0,1],[0,2]]}]}",
+          "excitation[0].points[1]" },
+        { "{" CHAIN ",'excitation':[{'dof':'x1','type':'step','amplitude':1,'frame':'fixed'}]}",
+          "excitation[0].frame" },
     };
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
@@ -399,9 +489,12 @@ TEST(every_effect_that_a_scene_may_have_can_be_one_in_lua)
 
 TEST(a_record_has_duration_over_dt_plus_one_samples)
 {
-    static const struct { const char *time; long samples; } cases[] = {
-        { "{'dt':0.1,'duration':1}", 11 }, { "{'dt':0.001,'duration':0.3}", 301 }, { "{'dt':0.3,'duration':1}", 4 }, { "{'dt':0.1,'duration':0}", 1 },
-        { "{'dt':0.0078539816339744833,'periods':3}", 301 } };      /* 2 pi / 8 / 100 */
+    static const struct { const char *time; long samples;
+    } cases[] = { { "{'dt':0.1,'duration':1}", 11 },
+                  { "{'dt':0.001,'duration':0.3}", 301 },
+                  { "{'dt':0.3,'duration':1}", 4 },
+                  { "{'dt':0.1,'duration':0}", 1 },
+                  { "{'dt':0.0078539816339744833,'periods':3}", 301 } };   /* 2 pi / 8 / 100 */
     char text[512];
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

@@ -1,4 +1,5 @@
-/* test_scene_key.c - every table of a scene's keys: its rows, its examples and what the reader says of them */
+/* test_scene_key.c - every table of a scene's keys: its rows, its examples and what the reader says
+ * of them */
 #include "check.h"
 #include <stdlib.h>
 #include "modal/scene/lowering.h"
@@ -54,13 +55,15 @@ static cJSON *scene_with(const struct scene_table *t, cJSON *part)
         return scene;
     }
     if (strcmp(t->list, "sensors") == 0 && strcmp(structure, "wing") == 0)
-        cJSON_AddItemToArray(cJSON_AddArrayToObject(scene, "effects"), part_named("effects", "airloads"));
+        cJSON_AddItemToArray(cJSON_AddArrayToObject(scene, "effects"),
+                             part_named("effects", "airloads"));
     cJSON_AddItemToArray(cJSON_AddArrayToObject(scene, t->list), part);
     return scene;
 }
 
 /* Lower a scene with PART, both given back; the status, and the error in *ERR. */
-static enum modal_status lower_part(const struct scene_table *t, cJSON *part, struct modal_error *err)
+static enum modal_status lower_part(const struct scene_table *t, cJSON *part,
+                                    struct modal_error *err)
 {
     cJSON *scene = scene_with(t, part);
     struct program *p = NULL;
@@ -88,7 +91,7 @@ static void each_row(void (*on)(const struct scene_table *, const struct scene_k
         for (int k = 0; t.keys[k] != NULL; k++)
             for (const struct scene_key *key = t.keys[k]; key->name != NULL; key++)
                 on(&t, key);
-    CHECK(i > 3 + 5 + 20 + 6 + 3);      /* the scene's own, structures, effects, excitations, sensors */
+    CHECK(i > 3 + 5 + 20 + 6 + 3);  /* the scene's own, structures, effects, excitations, sensors */
 }
 
 static bool is_number(const struct scene_key *key)
@@ -167,7 +170,8 @@ TEST(every_example_parses)
     each_row(check_example);
 }
 
-/* A number outside its range, and no number at all: the message has the path, the value, the unit. */
+/* A number outside its range, and no number at all: the message has the path, the value, the unit.
+ */
 static void check_refusal(const struct scene_table *t, const struct scene_key *key)
 {
     cJSON *part = part_of(t);
@@ -183,8 +187,9 @@ static void check_refusal(const struct scene_table *t, const struct scene_key *k
     CHECK(lower_part(t, part, &err) == MODAL_BAD_INPUT);
     dot = strrchr(err.field, '.');
     CHECK_STRING(dot != NULL ? dot + 1 : err.field, key->name);
-    if (strstr(err.message, "{\"wrong\":1}") == NULL || strstr(err.message, "accepted: ") == NULL
-        || (is_number(key) && (strstr(err.message, key->unit) == NULL || strstr(err.message, key->means) == NULL)))
+    if (strstr(err.message, "{\"wrong\":1}") == NULL || strstr(err.message, "accepted: ") == NULL ||
+        (is_number(key) &&
+         (strstr(err.message, key->unit) == NULL || strstr(err.message, key->means) == NULL)))
         fail_msg("%s.%s: %s", called(t), key->name, err.message);
 }
 
@@ -200,8 +205,9 @@ static void check_misspelt(const struct scene_table *t, const struct scene_key *
     struct modal_error err;
     char wrong[64], meant[96];
 
-    if (strcmp(t->list, "sensors") == 0 && t->structures != NULL && strcmp(t->structures[0], "shaft") == 0)
-        cJSON_AddStringToObject(part, "frame", "fixed");   /* without, it is the sensor of any dof */
+    if (strcmp(t->list, "sensors") == 0 && t->structures != NULL &&
+        strcmp(t->structures[0], "shaft") == 0)
+        cJSON_AddStringToObject(part, "frame", "fixed");  /* without, it is the sensor of any dof */
     snprintf(wrong, sizeof wrong, "%sq", key->name);
     cJSON_AddNullToObject(part, wrong);
     CHECK(lower_part(t, part, &err) == MODAL_BAD_INPUT);

@@ -1,7 +1,9 @@
-/* test_shaft.c - the paper's rotor against the reference's exact exponents (tests/data/rotor/modes_*.csv)
+/* test_shaft.c - the paper's rotor against the reference's exact exponents
+ * (tests/data/rotor/modes_*.csv)
  *
- * Sets S, C (bearings of 30 and 20 kN/m), Sd, Cd (with mu = 1 ms, 3 N s/m); models A0 (massless, pinned), A1 (with end couplings of
- * 10 N m/rad), FE6.  The tables print 10 digits; the bar is 1e-6 rad/s.
+ * Sets S, C (bearings of 30 and 20 kN/m), Sd, Cd (with mu = 1 ms, 3 N s/m); models A0 (massless,
+ * pinned), A1 (with end couplings of 10 N m/rad), FE6.  The tables print 10 digits; the bar is 1e-6
+ * rad/s.
  */
 #include "check.h"
 #include <complex.h>
@@ -50,25 +52,29 @@ static void check_refused(const char *text, const char *field)
 }
 
 /* The rotor of the reference: MODEL A0, A1 or FE6; kb in N/m. */
-static void rotor(char *out, size_t room, const char *model, const char *frame, double kb, bool damped, double speed,
-                  const char *more)
+static void rotor(char *out, size_t room, const char *model, const char *frame, double kb,
+                  bool damped, double speed, const char *more)
 {
     bool massless = model[0] == 'A';
     char coupling[256] = "";
 
     if (strcmp(model, "A0") != 0)
-        snprintf(coupling, sizeof coupling, "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8,\"rotational\":10},"
+        snprintf(coupling, sizeof coupling,
+                 "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8,\"rotational\":10},"
                  "{\"type\":\"coupling\",\"at\":\"right\",\"transverse\":1e8,\"rotational\":10},");
     else
-        snprintf(coupling, sizeof coupling, "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8},"
+        snprintf(coupling, sizeof coupling,
+                 "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8},"
                  "{\"type\":\"coupling\",\"at\":\"right\",\"transverse\":1e8},");
     snprintf(out, room,
-             "{\"structure\":{\"type\":\"shaft\",\"length\":1,\"elements\":6,\"EI\":[98.9,175],\"mass_per_length\":0.00475,"
-             "\"disk\":{\"position\":0.5,\"mass\":5,\"radius\":0.18},\"speed\":%.17g,\"frame\":\"%s\",\"model\":\"%s\"},\"effects\":["
-             "{\"type\":\"bearing\",\"at\":\"left\",\"transverse\":%.17g,\"damping\":%g},"
-             "{\"type\":\"bearing\",\"at\":\"right\",\"transverse\":%.17g,\"damping\":%g},%s%s"
-             "{\"type\":\"gyroscopic\"}]%s}",
-             speed, frame, massless ? "massless" : "finite_elements", kb, damped ? 3.0 : 0.0, kb, damped ? 3.0 : 0.0, coupling,
+             "{\"structure\":{\"type\":\"shaft\",\"length\":1,\"elements\":6,\"EI\":[98.9,175],"
+             "\"mass_per_length\":0.00475,\"disk\":{\"position\":0.5,\"mass\":5,\"radius\":0.18},"
+             "\"speed\":%.17g,\"frame\":\"%s\",\"model\":\"%s\"},\"effects\":"
+             "[{\"type\":\"bearing\",\"at\":\"left\",\"transverse\":%.17g,\"damping\":%g},"
+             "{\"type\":\"bearing\",\"at\":\"right\",\"transverse\":%.17g,"
+             "\"damping\":%g},%s%s{\"type\":\"gyroscopic\"}]%s}",
+             speed, frame, massless ? "massless" : "finite_elements", kb, damped ? 3.0 : 0.0, kb,
+             damped ? 3.0 : 0.0, coupling,
              damped ? "{\"type\":\"strain_rate_damping\",\"mu\":1e-3}," : "", more);
 }
 
@@ -79,7 +85,8 @@ static void add(const struct sparse *a, double factor, double *to, int ld, int i
             to[i0 + i + (j0 + a->index[k]) * ld] += factor * a->value[k];
 }
 
-/* All exponents of a linear constant program, from its first-order form [I; M; -Ba E] u' = [...] u. */
+/* All exponents of a linear constant program, from its first-order form [I; M; -Ba E] u' = [...] u.
+ */
 static int exponents(const struct program *p, double complex *lambda)
 {
     static double L[STATES_MOST * STATES_MOST], R[STATES_MOST * STATES_MOST];
@@ -130,14 +137,16 @@ static int check_table(const char *file, const char *model, double tolerance)
         if (strcmp(of, model) != 0)
             continue;
         if (speed != before || set[0] != of_set) {
-            rotor(text, sizeof text, model, "rotating", set[0] == 'S' ? 30e3 : 20e3, set[1] == 'd', speed, "");
+            rotor(text, sizeof text, model, "rotating", set[0] == 'S' ? 30e3 : 20e3, set[1] == 'd',
+                  speed, "");
             struct program *p = lower(text);
             count = exponents(p, lambda);
             program_free(p);
             before = speed;
             of_set = set[0];
         }
-        /* a static divergence splits the pair in two real exponents: near the edge they are square-root sensitive */
+        /* a static divergence splits the pair in two real exponents: near the edge they are
+         * square-root sensitive */
         CHECK_NEAR(distance(lambda, count, re + im * I), 0, tolerance);
         rows++;
     }
@@ -171,7 +180,8 @@ static void insert(const char *text, const char *more, char *out, size_t room)
 /* The same scene with one thing wrong; the path names it. */
 TEST(every_wrong_key_is_named_by_its_path)
 {
-    static const struct { const char *from, *to, *field; } wrong[] = {
+    static const struct { const char *from, *to, *field;
+    } wrong[] = {
         { "\"at\":\"left\"", "\"at\":\"middle\"", "effects[0].at" },
         { "\"at\":\"left\",\"transverse\"", "\"transverse\"", "effects[0].at" },
         { "\"at\":\"right\"", "\"at\":\"left\"", "effects[1]" },
@@ -183,8 +193,12 @@ TEST(every_wrong_key_is_named_by_its_path)
         { "\"speed\":24", "\"speed\":-24", "structure.speed" },
         { "\"elements\":6", "\"elements\":0", "structure.elements" },
         { "\"type\":\"gyroscopic\"", "\"type\":\"gyroscopic\",\"polar\":1", "effects[4].polar" },
-        { "{\"type\":\"gyroscopic\"}", "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":1e-3,\"stiffness\":1e7}", "effects[4].at" },
-        { "{\"type\":\"gyroscopic\"}", "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":-1e-3,\"stiffness\":1e7}", "effects[4].gap" },
+        { "{\"type\":\"gyroscopic\"}",
+          "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":1e-3,\"stiffness\":1e7}",
+          "effects[4].at" },
+        { "{\"type\":\"gyroscopic\"}",
+          "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":-1e-3,\"stiffness\":1e7}",
+          "effects[4].gap" },
         { "{\"type\":\"gyroscopic\"}", "{\"type\":\"rotary_inertia\"}", "effects[4].I_rho" },
         { "{\"type\":\"gyroscopic\"}", "{\"type\":\"axial_load\",\"mean\":1}", "effects[4].type" },
     };
@@ -195,7 +209,8 @@ TEST(every_wrong_key_is_named_by_its_path)
         const char *at = strstr(text, wrong[i].from);
 
         CHECK(at != NULL);
-        snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - text), text, wrong[i].to, at + strlen(wrong[i].from));
+        snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - text), text, wrong[i].to,
+                 at + strlen(wrong[i].from));
         check_refused(changed, wrong[i].field);
     }
     rotor(text, sizeof text, "FE6", "fixed", 2e4, false, 24, ",\"omega\":25");
@@ -224,15 +239,20 @@ static void check_same_matrices(const struct program *a, const struct program *b
     }
 }
 
-/* On fixed axes the rotor is periodic; seen from turning ones it is the program written on turning axes, whatever damps it. */
+/* On fixed axes the rotor is periodic; seen from turning ones it is the program written on turning
+ * axes, whatever damps it. */
 TEST(fixed_axes_seen_from_turning_ones_are_the_constant_program)
 {
-    static const struct { const char *model, *more; bool damped; } cases[] = {
+    static const struct { const char *model, *more; bool damped;
+    } cases[] = {
         { "A0", "", false },
         { "A1", "", false },
         { "FE6", "", true },
         { "FE6", "{\"type\":\"rotary_inertia\",\"I_rho\":1.01e-5},", true },
-        { "FE6", "{\"type\":\"viscous_damping\",\"per_length\":0.013},{\"type\":\"rayleigh_damping\",\"alpha\":0.7,\"beta\":1e-4},", false },
+        { "FE6",
+          "{\"type\":\"viscous_damping\",\"per_length\":0.013},{\"type\":\"rayleigh_damping\","
+          "\"alpha\":0.7,\"beta\":1e-4},",
+          false },
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -255,17 +275,23 @@ TEST(fixed_axes_seen_from_turning_ones_are_the_constant_program)
     }
 }
 
-/* Samples of MODEL damped, told on FRAME's axes to move alike: x' on fixed axes is q' + W J q at t = 0. */
-static double *damped_motion(const char *model, const char *frame, double x0, double z0, double vx, double vz, struct scene_time *t)
+/* Samples of MODEL damped, told on FRAME's axes to move alike: x' on fixed axes is q' + W J q at t
+ * = 0. */
+static double *damped_motion(const char *model, const char *frame, double x0, double z0, double vx,
+                             double vz, struct scene_time *t)
 {
     char more[512], text[4096];
     struct modal_error err;
     struct simulate_result s;
     cJSON *scene = NULL;
 
-    snprintf(more, sizeof more, ",\"initial\":{\"x\":{\"y3\":%.17g,\"z3\":%.17g},\"v\":{\"y3\":%.17g,\"z3\":%.17g}},"
-             "\"excitation\":[{\"dof\":\"z3\",\"type\":\"half_sine\",\"amplitude\":10,\"duration\":0.05,\"frame\":\"fixed\"}],"
-             "\"sensors\":[{\"dof\":\"y3\"},{\"dof\":\"z3\"},{\"dof\":\"y0\"},{\"dof\":\"z0\"}],\"time\":{\"dt\":0.004,\"duration\":0.4}", x0, z0, vx, vz);
+    snprintf(more, sizeof more,
+             ",\"initial\":{\"x\":{\"y3\":%.17g,\"z3\":%.17g},\"v\":{\"y3\":%.17g,\"z3\":%.17g}},"
+             "\"excitation\":[{\"dof\":\"z3\",\"type\":\"half_sine\",\"amplitude\":10,"
+             "\"duration\":0.05,\"frame\":\"fixed\"}],\"sensors\":[{\"dof\":\"y3\"},"
+             "{\"dof\":\"z3\"},{\"dof\":\"y0\"},{\"dof\":\"z0\"}],\"time\":{\"dt\":0.004,"
+             "\"duration\":0.4}",
+             x0, z0, vx, vz);
     rotor(text, sizeof text, model, frame, 2e4, true, 24, more);
     CHECK(json_read(text, strlen(text), &scene, &err) == MODAL_OK);
     struct program *p = lower(text);
@@ -277,7 +303,8 @@ static double *damped_motion(const char *model, const char *frame, double x0, do
     return x;
 }
 
-/* y + i z on fixed axes is e^{i W t} (y + i z) on turning ones, at the disk and at the damped end, which has no mass. */
+/* y + i z on fixed axes is e^{i W t} (y + i z) on turning ones, at the disk and at the damped end,
+ * which has no mass. */
 TEST(damped_ends_of_a_massless_shaft_are_seen_from_fixed_axes)
 {
     static const char *const models[] = { "A0", "A1" };
@@ -286,11 +313,13 @@ TEST(damped_ends_of_a_massless_shaft_are_seen_from_fixed_axes)
     for (int i = 0; i < 2; i++) {
         struct scene_time t;
         double *fixed = damped_motion(models[i], "fixed", 1.3e-4, -2.1e-4, 0.013, 0.021, &t);
-        double *turning = damped_motion(models[i], "rotating", 1.3e-4, -2.1e-4, 0.013 + W * -2.1e-4, 0.021 - W * 1.3e-4, &t);
+        double *turning = damped_motion(models[i], "rotating", 1.3e-4, -2.1e-4, 0.013 + W * -2.1e-4,
+                                        0.021 - W * 1.3e-4, &t);
 
         CHECK(t.samples == 101);
         for (long k = 0; k < 2 * t.samples; k++) {
-            double complex seen = CMPLX(fixed[2 * k], fixed[2 * k + 1]), q = CMPLX(turning[2 * k], turning[2 * k + 1]);
+            double complex seen = CMPLX(fixed[2 * k], fixed[2 * k + 1]),
+                           q = CMPLX(turning[2 * k], turning[2 * k + 1]);
             CHECK_NEAR(cabs(seen - q * cexp(I * W * 0.004 * (double)(k / 2))), 0, 1e-12 * 3e-3);
         }
         free(fixed);
@@ -298,7 +327,8 @@ TEST(damped_ends_of_a_massless_shaft_are_seen_from_fixed_axes)
     }
 }
 
-/* A spring along the fixed y axis alone is a support that is not isotropic: the rotor stays periodic. */
+/* A spring along the fixed y axis alone is a support that is not isotropic: the rotor stays
+ * periodic. */
 TEST(a_support_that_is_not_isotropic_does_not_turn)
 {
     char text[4096], changed[4096];
@@ -324,7 +354,8 @@ static void rates(const struct motion *m, double t, const double *y, double *dy)
         d[i] = y[law->dof[i]];
         v[i] = y[4 + law->dof[i]];
     }
-    CHECK(law->kind->force(law, &(struct law_point) { .t = t, .d = d, .v = v }, &out, NULL) == MODAL_OK);
+    CHECK(law->kind->force(law, &(struct law_point) { .t = t, .d = d, .v = v }, &out, NULL) ==
+          MODAL_OK);
     for (int i = 0; i < 4; i++) {
         f[i] = 0;
         for (int j = 0; j < 4; j++)
@@ -356,15 +387,18 @@ static void step(const struct motion *m, double t, double h, double *y)
         y[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
 }
 
-/* The journal without mass, over ten turns, disk in fixed axes; the reference (same method and step) tells its own step error: 2e-7 m
- * of 2.5 mm.  A change of 1e-7 in the load grows to 2e-5: the bar is 1e-3 of the peak. */
+/* The journal without mass, over ten turns, disk in fixed axes; the reference (same method and
+ * step) tells its own step error: 2e-7 m of 2.5 mm.  A change of 1e-7 in the load grows to 2e-5:
+ * the bar is 1e-3 of the peak. */
 static void check_clearance(double speed, const char *file)
 {
     static const char scene[] =
-        "{\"structure\":{\"type\":\"shaft\",\"length\":1,\"elements\":6,\"EI\":[98.9,175],\"disk\":{\"position\":0.5,\"mass\":5,\"radius\":0.18},"
-        "\"speed\":%g,\"model\":\"massless\"},\"effects\":[{\"type\":\"bearing\",\"at\":\"left\",\"transverse\":2e4},"
-        "{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8,\"rotational\":10},{\"type\":\"gyroscopic\"},"
-        "{\"type\":\"clearance\",\"at\":\"right\",\"gap\":0.8e-3,\"stiffness\":15e6,\"dissipation\":1e-3}]}";
+        "{\"structure\":{\"type\":\"shaft\",\"length\":1,\"elements\":6,\"EI\":[98.9,175],"
+        "\"disk\":{\"position\":0.5,\"mass\":5,\"radius\":0.18},\"speed\":%g,"
+        "\"model\":\"massless\"},\"effects\":[{\"type\":\"bearing\",\"at\":\"left\","
+        "\"transverse\":2e4},{\"type\":\"coupling\",\"at\":\"left\",\"transverse\":1e8,"
+        "\"rotational\":10},{\"type\":\"gyroscopic\"},{\"type\":\"clearance\",\"at\":\"right\","
+        "\"gap\":0.8e-3,\"stiffness\":15e6,\"dissipation\":1e-3}]}";
     struct motion m = { 0 };
     char text[1024], line[512];
     double y[8] = { 0 }, t, u2, u3, worst = 0, peak = 0, h = 2 * M_PI / speed / 2048, now = 0;
@@ -387,7 +421,8 @@ static void check_clearance(double speed, const char *file)
         CHECK(sscanf(line, "%lf,%lf,%lf", &t, &u2, &u3) == 3);
         for (; now < t - h / 2; now += h)
             step(&m, now, h, y);
-        double a = y[program_dof(p, "y3")], b = y[program_dof(p, "z3")], c = cos(speed * t), s = sin(speed * t);
+        double a = y[program_dof(p, "y3")], b = y[program_dof(p, "z3")], c = cos(speed * t),
+               s = sin(speed * t);
         worst = fmax(worst, hypot(c * a - s * b - u2, s * a + c * b - u3));
         peak = fmax(peak, hypot(u2, u3));
     }
@@ -403,7 +438,8 @@ TEST(a_massless_journal_in_its_clearance_follows_the_reference)
     check_clearance(45, TEST_DATA "/rotor/clearance_traj_C_45.csv");
 }
 
-/* Each effect that the rotor does not list leaves the same program, numbers and all, when its module is not in the table. */
+/* Each effect that the rotor does not list leaves the same program, numbers and all, when its
+ * module is not in the table. */
 TEST(an_effect_not_listed_leaves_no_trace)
 {
     static const char *const models[] = { "A0", "FE6" };

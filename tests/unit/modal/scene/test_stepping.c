@@ -5,7 +5,8 @@
 
 /* Steps of nonlinear scenes against motions known in closed form, piece by piece. */
 
-static double *run(const char *text, double tolerance, long *samples, struct simulate_result *s, struct program **out)
+static double *run(const char *text, double tolerance, long *samples, struct simulate_result *s,
+                   struct program **out)
 {
     struct modal_error err;
     struct program *p = program_text(text);
@@ -33,8 +34,10 @@ TEST(a_duffing_oscillator_keeps_its_energy_over_a_hundred_thousand_steps)
 {
     struct simulate_result s;
     long samples;
-    double *x = run("{'structure':{'type':'chain','masses':[1.3],'springs':[2,0]},'effects':[{'type':'cubic_spring','dof':'x1','coefficient':1.7}],"
-                    "'initial':{'x':{'x1':1.1}},'time':{'dt':0.03,'duration':3000},'sensors':[{'dof':'x1'},{'dof':'x1','derivative':1},{'dof':'x1','derivative':2}]}",
+    double *x = run("{'structure':{'type':'chain','masses':[1.3],'springs':[2,0]},'effects':"
+                    "[{'type':'cubic_spring','dof':'x1','coefficient':1.7}],'initial':{'x':"
+                    "{'x1':1.1}},'time':{'dt':0.03,'duration':3000},'sensors':[{'dof':'x1'},"
+                    "{'dof':'x1','derivative':1},{'dof':'x1','derivative':2}]}",
                     0, &samples, &s, NULL);
     double worst = 0, e0 = 1.1 * 1.1 + 1.7 / 4 * pow(1.1, 4);
 
@@ -49,14 +52,18 @@ TEST(a_duffing_oscillator_keeps_its_energy_over_a_hundred_thousand_steps)
     free(x);
 }
 
-/* Three masses with cubic springs to each other and to the ground, motion between all modes: kinetic and elastic energy together. */
+/* Three masses with cubic springs to each other and to the ground, motion between all modes:
+ * kinetic and elastic energy together. */
 TEST(a_chain_with_cubic_springs_keeps_its_energy_over_a_hundred_thousand_steps)
 {
     struct simulate_result s;
     long samples;
-    double *x = run("{'structure':{'type':'chain','masses':[1,2,0.7],'springs':[3,1,2,0]},'effects':[{'type':'cubic_spring','dof':'x1','to':'x2','coefficient':4},"
-                    "{'type':'cubic_spring','dof':'x3','coefficient':2}],'initial':{'x':{'x1':0.8},'v':{'x3':-0.5}},'time':{'dt':0.02,'duration':2000},"
-                    "'sensors':[{'dof':'x1'},{'dof':'x2'},{'dof':'x3'},{'dof':'x1','derivative':1},{'dof':'x2','derivative':1},{'dof':'x3','derivative':1}]}",
+    double *x = run("{'structure':{'type':'chain','masses':[1,2,0.7],'springs':[3,1,2,0]},"
+                    "'effects':[{'type':'cubic_spring','dof':'x1','to':'x2','coefficient':4},"
+                    "{'type':'cubic_spring','dof':'x3','coefficient':2}],'initial':{'x':"
+                    "{'x1':0.8},'v':{'x3':-0.5}},'time':{'dt':0.02,'duration':2000},'sensors':"
+                    "[{'dof':'x1'},{'dof':'x2'},{'dof':'x3'},{'dof':'x1','derivative':1},"
+                    "{'dof':'x2','derivative':1},{'dof':'x3','derivative':1}]}",
                     0, &samples, &s, NULL);
     double worst = 0, start = 0;
 
@@ -64,7 +71,10 @@ TEST(a_chain_with_cubic_springs_keeps_its_energy_over_a_hundred_thousand_steps)
     for (long k = 0; k < samples; k++) {
         const double *q = x + 6 * k, *v = q + 3;
         double a = q[0] - q[1], b = q[1] - q[2];
-        double e = (v[0] * v[0] + 2 * v[1] * v[1] + 0.7 * v[2] * v[2] + 3 * q[0] * q[0] + a * a + 2 * b * b) / 2 + a * a * a * a + q[2] * q[2] * q[2] * q[2] / 2;
+        double e = (v[0] * v[0] + 2 * v[1] * v[1] + 0.7 * v[2] * v[2] + 3 * q[0] * q[0] + a * a +
+                    2 * b * b) /
+                       2 +
+                   a * a * a * a + q[2] * q[2] * q[2] * q[2] / 2;
         start = k == 0 ? e : start;
         worst = fmax(worst, fabs(e / start - 1));
     }
@@ -72,14 +82,17 @@ TEST(a_chain_with_cubic_springs_keeps_its_energy_over_a_hundred_thousand_steps)
     free(x);
 }
 
-/* Rigid friction takes 2 mu off each half swing of a unit oscillator and holds it once the spring pulls less. */
+/* Rigid friction takes 2 mu off each half swing of a unit oscillator and holds it once the spring
+ * pulls less. */
 TEST(rigid_friction_shortens_each_swing_by_twice_its_limit_and_then_holds)
 {
     struct simulate_result s;
     struct program *p;
     long samples;
-    double *x = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'coulomb','dof':'x1','limit':0.07}],"
-                    "'initial':{'x':{'x1':1}},'time':{'dt':0.437,'duration':43.7}}", 0, &samples, &s, &p);
+    double *x = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':"
+                    "[{'type':'coulomb','dof':'x1','limit':0.07}],'initial':{'x':{'x1':1}},'time':"
+                    "{'dt':0.437,'duration':43.7}}",
+                    0, &samples, &s, &p);
 
     for (long k = 0; k < samples; k++) {
         double t = 0.437 * (double)k, a = 1, sign = 1;
@@ -101,8 +114,10 @@ TEST(a_stop_is_met_and_left_at_the_instant)
     struct simulate_result s;
     long samples;
     double w = sqrt(101), period = M_PI / w + M_PI;
-    double *x = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'gap','dof':'x1','stiffness':100,'clearance':0}],"
-                    "'initial':{'v':{'x1':1}},'time':{'dt':0.1,'duration':200}}", 0, &samples, &s, NULL);
+    double *x = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':"
+                    "[{'type':'gap','dof':'x1','stiffness':100,'clearance':0}],'initial':{'v':"
+                    "{'x1':1}},'time':{'dt':0.1,'duration':200}}",
+                    0, &samples, &s, NULL);
 
     for (long k = 0; k < samples; k++) {
         double t = fmod(0.1 * (double)k, period);
@@ -117,14 +132,18 @@ TEST(a_stop_out_of_reach_is_never_active)
     struct simulate_result s;
     struct program *p;
     long samples;
-    double *x = run("{'structure':{'type':'chain','masses':[1,1],'springs':[1,1,1]},'effects':[{'type':'gap','dof':'x1','stiffness':100,'clearance':5},"
-                    "{'type':'friction','dof':'x2','stiffness':0.5,'limit':9}],'initial':{'x':{'x1':1,'x2':1}},'time':{'dt':0.3,'duration':30}}", 0, &samples, &s, &p);
+    double *x = run("{'structure':{'type':'chain','masses':[1,1],'springs':[1,1,1]},'effects':"
+                    "[{'type':'gap','dof':'x1','stiffness':100,'clearance':5},{'type':'friction',"
+                    "'dof':'x2','stiffness':0.5,'limit':9}],'initial':{'x':{'x1':1,'x2':1}},"
+                    "'time':{'dt':0.3,'duration':30}}",
+                    0, &samples, &s, &p);
 
     CHECK(!p->effect[0].active && !p->effect[1].active && p->effect[0].evaluations > 0);
     /* x1, x2 with springs 1, 1, 1 and 0.5 more on x2: K = [2 -1; -1 2.5] */
     double mean = 2.25, half = sqrt(0.0625 + 1), a = mean - half, b = mean + half;
     for (long k = 0; k < samples; k++) {
-        double t = 0.3 * (double)k, u = (1 - (2 - b)) / (b - a);       /* modes (1, 2 - w^2): 1 = u + w, 1 = u (2 - a) + w (2 - b) */
+        /* modes (1, 2 - w^2): 1 = u + w, 1 = u (2 - a) + w (2 - b) */
+        double t = 0.3 * (double)k, u = (1 - (2 - b)) / (b - a);
         CHECK_NEAR(x[2 * k], u * cos(sqrt(a) * t) + (1 - u) * cos(sqrt(b) * t), 1e-11);
     }
     program_free(p);
@@ -132,24 +151,29 @@ TEST(a_stop_out_of_reach_is_never_active)
 }
 
 /*
- * Mass 1, spring 1, Jenkins element (1, L = 0.53), released at x = 2.17: the slider has followed to z = 2.17 - L.  Stuck,
- * x'' = -x - (x - z) until |x - z| = L; slipping, x'' = -x - sign(v) L until v = 0.  (From t = 14.4 on its stuck swing just reaches the limit: grazing, where any rounding decides.)
+ * Mass 1, spring 1, Jenkins element (1, L = 0.53), released at x = 2.17: the slider has followed to
+ * z = 2.17 - L.  Stuck, x'' = -x - (x - z) until |x - z| = L; slipping, x'' = -x - sign(v) L until
+ * v = 0.  (From t = 14.4 on its stuck swing just reaches the limit: grazing, where any rounding
+ * decides.)
  */
 TEST(a_jenkins_element_sticks_and_slips_as_its_pieces)
 {
     struct simulate_result s;
     long samples;
-    double *x = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'friction','dof':'x1','stiffness':1,'limit':0.53}],"
-                    "'initial':{'x':{'x1':2.17}},'time':{'dt':0.05,'duration':14}}", 0, &samples, &s, NULL);
+    double *x = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':"
+                    "[{'type':'friction','dof':'x1','stiffness':1,'limit':0.53}],'initial':{'x':"
+                    "{'x1':2.17}},'time':{'dt':0.05,'duration':14}}",
+                    0, &samples, &s, NULL);
     double L = 0.53, t0 = 0, a = 2.17, v = 0, z = 1.64;
     int mode = 0;
     long k = 0;
 
     while (k < samples) {
         double w = mode == 0 ? sqrt(2) : 1, centre = mode == 0 ? z / 2 : -mode * L, end = HUGE_VAL;
-        double amplitude = hypot(a - centre, v / w), phase = atan2(-v / w, a - centre);      /* x = centre + A cos(w t + phase) */
+        /* x = centre + A cos(w t + phase) */
+        double amplitude = hypot(a - centre, v / w), phase = atan2(-v / w, a - centre);
         if (mode == 0) {
-            for (int sign = -1; sign <= 1; sign += 2) {                /* x = z + sign L, moving that way */
+            for (int sign = -1; sign <= 1; sign += 2) {   /* x = z + sign L, moving that way */
                 double c = (z + sign * L - centre) / amplitude;
                 if (fabs(c) > 1)
                     continue;
@@ -183,12 +207,16 @@ TEST(a_jenkins_element_sticks_and_slips_as_its_pieces)
 /* A law of no effect at this amplitude, beside a pulsating spring: the Magnus steps' motion. */
 TEST(pulsating_stiffness_beside_a_law_is_stepped_as_alone)
 {
-#define PULSATING "{'structure':{'type':'chain','masses':[1,2],'springs':[3,1,2],'dampers':[0.1,0.02,0]},'omega':2.1,'initial':{'x':{'x1':1e-6}}," \
-    "'time':{'dt':0.1,'duration':30},'effects':[{'type':'parametric_stiffness','dof':'x1','to':'x2','stiffness':0.8,'k':2,'phase':0.3}"
+#define PULSATING \
+    "{'structure':{'type':'chain','masses':[1,2],'springs':[3,1,2],'dampers':[0.1,0.02,0]},'" \
+    "omega':2.1,'initial':{'x':{'x1':1e-6}}," \
+    "'time':{'dt':0.1,'duration':30},'effects':[{'type':'parametric_stiffness','dof':'x1','to':'" \
+    "x2','stiffness':0.8,'k':2,'phase':0.3}"
     struct simulate_result s, r;
     long samples;
     double *x = run(PULSATING "]}", 0, &samples, &s, NULL);
-    double *y = run(PULSATING ",{'type':'cubic_spring','dof':'x2','coefficient':1e-3}]}", 1e-12, &samples, &r, NULL);
+    double *y = run(PULSATING ",{'type':'cubic_spring','dof':'x2','coefficient':1e-3}]}", 1e-12,
+                    &samples, &r, NULL);
 
     CHECK_STRING(s.integrator, "magnus-maps");
     CHECK_STRING(r.integrator, "exponential-collocation");
@@ -199,13 +227,16 @@ TEST(pulsating_stiffness_beside_a_law_is_stepped_as_alone)
 }
 
 /*
- * A contact that opens six times, sticks and slips either way: x1, x2 at t = 3, 6, .. 24 by DOP853 (scipy, relative tolerance
- * 2.3e-14) from regime to regime, each regime's end located on its dense output.
+ * A contact that opens six times, sticks and slips either way: x1, x2 at t = 3, 6, .. 24 by DOP853
+ * (scipy, relative tolerance 2.3e-14) from regime to regime, each regime's end located on its dense
+ * output.
  */
 static const double REGIMES[8][2] = {
-    { -0.2351226785886, -0.01493607834031 }, { -0.2049153747263, 0.4627692547459 }, { -1.078140742272, -2.015350198742 },
-    { 0.7359757419167, 1.350764697675 },     { -1.530930602103, -1.309063463974 },  { -1.443644740213, -1.859107773069 },
-    { 1.108152398788, 2.078458086493 },      { -2.863192781863, -3.283453057858 } };
+    { -0.2351226785886, -0.01493607834031 }, { -0.2049153747263, 0.4627692547459 },
+    { -1.078140742272, -2.015350198742 },    { 0.7359757419167, 1.350764697675 },
+    { -1.530930602103, -1.309063463974 },    { -1.443644740213, -1.859107773069 },
+    { 1.108152398788, 2.078458086493 },      { -2.863192781863, -3.283453057858 }
+};
 
 /* The largest difference from REGIMES with 0.3 / PARTS between samples. */
 static double regimes_error(int parts, double tolerance)
@@ -215,10 +246,14 @@ static double regimes_error(int parts, double tolerance)
     double *x, worst = 0;
     long samples;
 
-    snprintf(text, sizeof text, "{'structure':{'type':'matrices','M':[[1,0],[0,0.93]],'C':[[0.208,-0.097],[-0.097,0.208]],'K':[[1.883,-0.883],[-0.883,1.883]]},"
-             "'omega':1.333,'effects':[{'type':'contact_friction','normal':'x1','tangential':'x2','normal_stiffness':2.233,'preload':0.898,"
-             "'tangential_stiffness':1.763,'mu':0.843}],'excitation':[{'dof':'x1','k':1,'cos':0.345},{'dof':'x2','k':1,'sin':1.043},"
-             "{'dof':'x2','k':2,'cos':0.339}],'time':{'dt':%.17g,'duration':24}}", 0.3 / parts);
+    snprintf(text, sizeof text,
+             "{'structure':{'type':'matrices','M':[[1,0],[0,0.93]],'C':[[0.208,-0.097],"
+             "[-0.097,0.208]],'K':[[1.883,-0.883],[-0.883,1.883]]},'omega':1.333,'effects':"
+             "[{'type':'contact_friction','normal':'x1','tangential':'x2',"
+             "'normal_stiffness':2.233,'preload':0.898,'tangential_stiffness':1.763,'mu':0.843}],"
+             "'excitation':[{'dof':'x1','k':1,'cos':0.345},{'dof':'x2','k':1,'sin':1.043},"
+             "{'dof':'x2','k':2,'cos':0.339}],'time':{'dt':%.17g,'duration':24}}",
+             0.3 / parts);
     x = run(text, tolerance, &samples, &s, NULL);
     CHECK(samples == 80 * parts + 1);
     for (long k = 0; k < 8; k++)
@@ -229,9 +264,9 @@ static double regimes_error(int parts, double tolerance)
 }
 
 /*
- * The reference is known to a few 1e-13 (its tolerance, its digits) and the default tolerance is 1e-10; one step a sample, let
- * alone by a tolerance of 1 but for its events, has the order of smooth motions, 7: an instant located to first order in the
- * step would show.
+ * The reference is known to a few 1e-13 (its tolerance, its digits) and the default tolerance is
+ * 1e-10; one step a sample, let alone by a tolerance of 1 but for its events, has the order of
+ * smooth motions, 7: an instant located to first order in the step would show.
  */
 TEST(contact_with_friction_follows_its_regimes_whatever_the_step)
 {
@@ -241,11 +276,15 @@ TEST(contact_with_friction_follows_its_regimes_whatever_the_step)
     CHECK_NEAR(log2(regimes_error(2, 1) / regimes_error(4, 1)), 7, 0.5);
 }
 
-/* The error of a smooth motion falls with the tolerance (a user's order of magnitude), and the strict one is exact. */
+/* The error of a smooth motion falls with the tolerance (a user's order of magnitude), and the
+ * strict one is exact. */
 TEST(the_tolerance_bounds_the_error)
 {
-#define ROUGH "{'structure':{'type':'chain','masses':[1,1.4],'springs':[1,0.8,0],'dampers':[0.3,0,0.01]},'omega':1.1,'excitation':[{'dof':'x2','cos':2}]," \
-    "'effects':[{'type':'cubic_spring','dof':'x1','coefficient':2},{'type':'polynomial_damper','dof':'x2','coefficients':[-0.1,0,0.3]}]," \
+#define ROUGH \
+    "{'structure':{'type':'chain','masses':[1,1.4],'springs':[1,0.8,0],'dampers':[0.3,0,0.01]},'" \
+    "omega':1.1,'excitation':[{'dof':'x2','cos':2}]," \
+    "'effects':[{'type':'cubic_spring','dof':'x1','coefficient':2},{'type':'polynomial_damper','" \
+    "dof':'x2','coefficients':[-0.1,0,0.3]}]," \
     "'initial':{'x':{'x1':1}},'time':{'dt':0.2,'duration':40}}"
     struct simulate_result s;
     long samples;
@@ -265,14 +304,20 @@ TEST(the_tolerance_bounds_the_error)
 /* Its end state with one step a sample, DT long: a tolerance of 1 leaves the step alone. */
 static double end_error(double dt, bool rk4)
 {
-    struct simulate_options rough = { .tolerance = 1, .rk4 = rk4, .substeps = 1 }, strict = { .tolerance = 1e-13 };
+    struct simulate_options rough = { .tolerance = 1, .rk4 = rk4, .substeps = 1 },
+                            strict = { .tolerance = 1e-13 };
     char text[1024];
     double worst = 0, *x[2];
     struct scene_time t;
 
-    snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1,1.4],'springs':[1,0.8,0],'dampers':[0.3,0,0.01]},'omega':1.1,"
-             "'excitation':[{'dof':'x2','cos':2}],'effects':[{'type':'cubic_spring','dof':'x1','coefficient':2},{'type':'polynomial_damper','dof':'x2',"
-             "'coefficients':[-0.1,0,0.3]}],'initial':{'x':{'x1':1}},'time':{'dt':%.17g,'duration':16}}", dt);
+    snprintf(
+        text, sizeof text,
+        "{'structure':{'type':'chain','masses':[1,1.4],'springs':[1,0.8,0],'dampers':"
+        "[0.3,0,0.01]},'omega':1.1,'excitation':[{'dof':'x2','cos':2}],'effects':"
+        "[{'type':'cubic_spring','dof':'x1','coefficient':2},{'type':'polynomial_damper',"
+        "'dof':'x2','coefficients':[-0.1,0,0.3]}],'initial':{'x':{'x1':1}},'time':{'dt':%.17g,"
+        "'duration':16}}",
+        dt);
     for (int i = 0; i < 2; i++) {
         struct program *p = program_text(text);
         struct simulate_result s;
@@ -292,22 +337,30 @@ static double end_error(double dt, bool rk4)
     return worst;
 }
 
-/* Radau's four nodes make 2 * 4 - 1, the classical Runge-Kutta method 4; the next order moves the measured one by some h. */
+/* Radau's four nodes make 2 * 4 - 1, the classical Runge-Kutta method 4; the next order moves the
+ * measured one by some h. */
 TEST(halving_the_step_shows_the_orders_seven_and_four)
 {
     CHECK_NEAR(log2(end_error(0.1, false) / end_error(0.05, false)), 7, 0.5);
     CHECK_NEAR(log2(end_error(0.1, true) / end_error(0.05, true)), 4, 0.1);
 }
 
-/* Asked once a step, in order, a user's cubic spring is the built-in one up to the first of 64 x 100 steps, which knows one value
- * only: it errs by f' h^2 / 2 = 3 (0.05 / 64)^2, of order 1e-9 in x after the second integral. */
+/* Asked once a step, in order, a user's cubic spring is the built-in one up to the first of 64 x
+ * 100 steps, which knows one value only: it errs by f' h^2 / 2 = 3 (0.05 / 64)^2, of order 1e-9 in
+ * x after the second integral. */
 TEST(a_force_in_lua_moves_like_the_same_force_in_c)
 {
-#define CUBIC "{'structure':{'type':'chain','masses':[1.3],'springs':[2,0]},'initial':{'x':{'x1':1.1}},'time':{'dt':0.05,'duration':5},'effects':[{"
+#define CUBIC \
+    "{'structure':{'type':'chain','masses':[1.3],'springs':[2,0]},'initial':{'x':{'x1':1.1}},'" \
+    "time':{'dt':0.05,'duration':5},'effects':[{"
     struct simulate_result s;
     long samples;
-    double *x = run(CUBIC "'type':'cubic_spring','dof':'x1','coefficient':1.7}]}", 0, &samples, &s, NULL);
-    double *y = run(CUBIC "'type':'lua','dof':'x1','source':'function force(t, x, v, memory) memory.n = (memory.n or 0) + 1 return 1.7 * x^3 end'}]}", 0, &samples, &s, NULL);
+    double *x =
+        run(CUBIC "'type':'cubic_spring','dof':'x1','coefficient':1.7}]}", 0, &samples, &s, NULL);
+    double *y = run(CUBIC "'type':'lua','dof':'x1',"
+                          "'source':'function force(t, x, v, memory) memory.n = (memory.n or 0) + "
+                          "1 return 1.7 * x^3 end'}]}",
+                    0, &samples, &s, NULL);
 
     for (long k = 0; k < samples; k++)
         CHECK_NEAR(y[k], x[k], 1e-8);
@@ -317,8 +370,9 @@ TEST(a_force_in_lua_moves_like_the_same_force_in_c)
 
 TEST(a_force_that_fails_names_itself)
 {
-    const char *text = "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':{'x1':1}},'time':{'dt':0.1,'duration':1},"
-                       "'effects':[{'type':'lua','dof':'x1','source':'function force(t, x, v, m) return nil end'}]}";
+    const char *text = "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'initial':{'x':"
+                       "{'x1':1}},'time':{'dt':0.1,'duration':1},'effects':[{'type':'lua',"
+                       "'dof':'x1','source':'function force(t, x, v, m) return nil end'}]}";
     struct program *p = program_text(text);
     struct scene_time t = { .dt = 0.1, .samples = 11, .duration = 1 };
     struct simulate_result s;

@@ -1,4 +1,5 @@
-/* test_wing.c - the wing as a scene: its program is the model's, its states are counted, its wrong keys are named */
+/* test_wing.c - the wing as a scene: its program is the model's, its states are counted, its wrong
+ * keys are named */
 #include "check.h"
 #include <stdlib.h>
 #include "base/json.h"
@@ -6,9 +7,13 @@
 #include "modal/scene/scene.h"
 #include "modal/scene/wing_model.h"
 
-#define WING "\"structure\":{\"type\":\"wing\",\"length\":20,\"chord\":6,\"elements\":4,\"EI\":2.4e7,\"GJ\":2.4e6,\"mass_per_length\":0.75," \
-             "\"I_rho\":1.95,\"x_cg\":0.6}"
-#define AIR(INFLOW) "{\"type\":\"airloads\",\"speed\":585,\"density\":0.0019791,\"lift_slope\":6.28,\"x_qc\":-0.5,\"stations\":9," INFLOW "}"
+#define WING \
+    "\"structure\":{\"type\":\"wing\",\"length\":20,\"chord\":6,\"elements\":4,\"EI\":2.4e7," \
+    "\"GJ\":2.4e6,\"mass_per_length\":0.75," \
+    "\"I_rho\":1.95,\"x_cg\":0.6}"
+#define AIR(INFLOW) \
+    "{\"type\":\"airloads\",\"speed\":585,\"density\":0.0019791,\"lift_slope\":6.28," \
+    "\"x_qc\":-0.5,\"stations\":9," INFLOW "}"
 
 static enum modal_status lower(const char *text, struct program **p, struct modal_error *err)
 {
@@ -47,12 +52,16 @@ TEST(each_inflow_brings_its_states_and_no_others)
     }
 }
 
-/* A station's lift integrated with the Gauss weights is the generalised force of a rigid plunge: sum of W L' = -(row of M a + ...). */
+/* A station's lift integrated with the Gauss weights is the generalised force of a rigid plunge:
+ * sum of W L' = -(row of M a + ...). */
 TEST(the_stations_lift_is_the_force_in_the_equations)
 {
-    static const char scene[] = "{" WING ",\"effects\":[" AIR("\"inflow\":\"peters_he\"") "],\"sensors\":["
-        "{\"station\":0,\"quantity\":\"lift\"},{\"station\":8,\"quantity\":\"moment\"},{\"position\":15,\"quantity\":\"phi\"},"
-        "{\"position\":20,\"quantity\":\"w\",\"derivative\":1},{\"dof\":\"wp4\",\"derivative\":2}]}";
+    static const char scene[] = "{" WING ",\"effects\":[" AIR(
+        "\"inflow\":\"peters_he\"") "],\"sensors\":["
+                                    "{\"station\":0,\"quantity\":\"lift\"},{\"station\":8,"
+                                    "\"quantity\":\"moment\"},{\"position\":15,"
+                                    "\"quantity\":\"phi\"},{\"position\":20,\"quantity\":\"w\","
+                                    "\"derivative\":1},{\"dof\":\"wp4\",\"derivative\":2}]}";
     const struct wing goland = { 20, 6, 4, 2.4e7, 2.4e6, 0.75, 1.95, 0.6 };
     const struct airloads a = { 585, 0.0019791, 6.28, -0.5, 9, &inflow_peters_he, 30 };
     struct airloads_matrices air;
@@ -64,16 +73,19 @@ TEST(the_stations_lift_is_the_force_in_the_equations)
     CHECK_STRING(p->output[1].name, "moment_8");
     CHECK_STRING(p->output[2].name, "phi(15)");
     CHECK_STRING(p->output[3].name, "w(20)_dot");
-    CHECK(p->output[3].count == 1 && p->output[3].terms[0].i == 1 && p->output[3].terms[0].j == 6);   /* the tip's w4 itself */
+    /* the tip's w4 itself */
+    CHECK(p->output[3].count == 1 && p->output[3].terms[0].i == 1 && p->output[3].terms[0].j == 6);
     CHECK(airloads_new(&goland, &a, &air, NULL) == MODAL_OK);
-    for (int j = 0; j < 20; j++) {                     /* the rows times N_w(y_g)^T summed: column j of K, by quadrature */
+    /* the rows times N_w(y_g)^T summed: column j of K, by quadrature */
+    for (int j = 0; j < 20; j++) {
         double sum = 0, K = 0;
 
         for (int g = 0; g < 9; g++) {
             double at_w[20], at_phi[20];
 
             wing_rows(&goland, air.position[g], at_w, at_phi);
-            sum -= air.weight[g] * (at_w[6] * air.lift[0][g * 20 + j] + at_phi[6] * air.moment[0][g * 20 + j]);
+            sum -= air.weight[g] *
+                   (at_w[6] * air.lift[0][g * 20 + j] + at_phi[6] * air.moment[0][g * 20 + j]);
         }
         K = air.K[6 * 20 + j];
         CHECK_NEAR(sum, K, 1e-12 * (1 + fabs(K)));
@@ -84,25 +96,41 @@ TEST(the_stations_lift_is_the_force_in_the_equations)
 
 TEST(every_wrong_key_is_named_by_its_path)
 {
-    static const struct { const char *scene, *field; } wrong[] = {
+    static const struct { const char *scene, *field;
+    } wrong[] = {
         { "{" WING ",\"effects\":[" AIR("\"inflow\":\"wagner\"") "]}", "effects[0].inflow" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"peters_he\",\"inflow_states\":29") "]}", "effects[0].inflow_states" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"peters_he\",\"inflow_states\":55") "]}", "effects[0].inflow_states" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"jones\",\"inflow_states\":3") "]}", "effects[0].inflow_states" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\",\"inflow_states\":1") "]}", "effects[0].inflow_states" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\",\"chord\":1") "]}", "effects[0].chord" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\"") "," AIR("\"inflow\":\"none\"") "]}", "effects[1]" },
-        { "{" WING ",\"effects\":[{\"type\":\"airloads\",\"speed\":-1,\"density\":1,\"x_qc\":0}]}", "effects[0].speed" },
-        { "{" WING ",\"effects\":[{\"type\":\"airloads\",\"speed\":1,\"x_qc\":0}]}", "effects[0].density" },
+        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"peters_he\",\"inflow_states\":29") "]}",
+          "effects[0].inflow_states" },
+        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"peters_he\",\"inflow_states\":55") "]}",
+          "effects[0].inflow_states" },
+        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"jones\",\"inflow_states\":3") "]}",
+          "effects[0].inflow_states" },
+        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\",\"inflow_states\":1") "]}",
+          "effects[0].inflow_states" },
+        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\",\"chord\":1") "]}",
+          "effects[0].chord" },
+        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\"") "," AIR("\"inflow\":\"none\"") "]}",
+          "effects[1]" },
+        { "{" WING ",\"effects\":[{\"type\":\"airloads\",\"speed\":-1,\"density\":1,\"x_qc\":0}]}",
+          "effects[0].speed" },
+        { "{" WING ",\"effects\":[{\"type\":\"airloads\",\"speed\":1,\"x_qc\":0}]}",
+          "effects[0].density" },
         { "{" WING ",\"effects\":[{\"type\":\"bearing\",\"at\":\"left\"}]}", "effects[0].type" },
         { "{" WING ",\"sensors\":[{\"station\":0,\"quantity\":\"lift\"}]}", "sensors[0].station" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\"") "],\"sensors\":[{\"station\":9,\"quantity\":\"lift\"}]}", "sensors[0].station" },
-        { "{" WING ",\"effects\":[" AIR("\"inflow\":\"none\"") "],\"sensors\":[{\"station\":1,\"quantity\":\"drag\"}]}", "sensors[0].quantity" },
-        { "{" WING ",\"sensors\":[{\"position\":20.5,\"quantity\":\"w\"}]}", "sensors[0].position" },
+        { "{" WING ",\"effects\":[" AIR(
+              "\"inflow\":\"none\"") "],\"sensors\":[{\"station\":9,\"quantity\":\"lift\"}]}",
+          "sensors[0].station" },
+        { "{" WING ",\"effects\":[" AIR(
+              "\"inflow\":\"none\"") "],\"sensors\":[{\"station\":1,\"quantity\":\"drag\"}]}",
+          "sensors[0].quantity" },
+        { "{" WING ",\"sensors\":[{\"position\":20.5,\"quantity\":\"w\"}]}",
+          "sensors[0].position" },
         { "{" WING ",\"sensors\":[{\"dof\":\"w0\"}]}", "sensors[0].dof" },
-        { "{\"structure\":{\"type\":\"wing\",\"length\":20,\"chord\":6,\"elements\":4,\"EI\":1,\"GJ\":1,\"mass_per_length\":1,\"I_rho\":0.3,"
-          "\"x_cg\":0.6}}", "structure.I_rho" },
-        { "{\"structure\":{\"type\":\"wing\",\"length\":20,\"chord\":6,\"EI\":1,\"GJ\":1,\"mass_per_length\":1,\"I_rho\":2,\"x_cg\":0.6}}",
+        { "{\"structure\":{\"type\":\"wing\",\"length\":20,\"chord\":6,\"elements\":4,\"EI\":1,"
+          "\"GJ\":1,\"mass_per_length\":1,\"I_rho\":0.3,\"x_cg\":0.6}}",
+          "structure.I_rho" },
+        { "{\"structure\":{\"type\":\"wing\",\"length\":20,\"chord\":6,\"EI\":1,\"GJ\":1,"
+          "\"mass_per_length\":1,\"I_rho\":2,\"x_cg\":0.6}}",
           "structure.elements" },
     };
 

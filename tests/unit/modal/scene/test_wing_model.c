@@ -1,6 +1,7 @@
 /* test_wing_model.c - the paper's wing against the reference's frequencies and exact exponents
  *
- * Wing and densities of the reference (ft, slug, s); its tables print 6 decimals, the bar is 1e-5 of |lambda|.
+ * Wing and densities of the reference (ft, slug, s); its tables print 6 decimals, the bar is 1e-5
+ * of |lambda|.
  */
 #include "check.h"
 #include <complex.h>
@@ -35,14 +36,16 @@ static void assemble(const struct wing *w, double *M, double *K)
     }
 }
 
-static void add_rows(double *to, int ld, int i0, int j0, const double *from, int m, int n, double factor)
+static void add_rows(double *to, int ld, int i0, int j0, const double *from, int m, int n,
+                     double factor)
 {
     for (int i = 0; i < m; i++)
         for (int j = 0; j < n; j++)
             to[(i0 + i) * ld + j0 + j] += factor * from[i * n + j];
 }
 
-/* Exponents of M x'' + C x' + K x = F z, E z' = A z + Bx x + Bv x' + Ba x'': left [I, M -; -Ba E] times rates. */
+/* Exponents of M x'' + C x' + K x = F z, E z' = A z + Bx x + Bv x' + Ba x'': left [I, M -; -Ba E]
+ * times rates. */
 static int exponents(const struct wing *w, const struct airloads *a, double complex *lambda)
 {
     struct airloads_matrices air;
@@ -90,7 +93,8 @@ static double distance(const double complex *lambda, int count, double complex t
 }
 
 /* Every row of a table up to 1.05 of the flutter speed, both modes. */
-static void check_table(const char *file, const struct inflow_kind *inflow, double density, double flutter)
+static void check_table(const char *file, const struct inflow_kind *inflow, double density,
+                        double flutter)
 {
     double complex lambda[512];
     char line[512];
@@ -101,7 +105,8 @@ static void check_table(const char *file, const struct inflow_kind *inflow, doub
     while (fgets(line, sizeof line, f) != NULL) {
         double U, hz, w1, s1, zeta, w2, s2;
 
-        CHECK(sscanf(line, "%lf,%lf,%lf,%lf,%lf,%lf,%lf,%lf", &U, &hz, &w1, &s1, &zeta, &hz, &w2, &s2) == 8);
+        CHECK(sscanf(line, "%lf,%lf,%lf,%lf,%lf,%lf,%lf,%lf", &U, &hz, &w1, &s1, &zeta, &hz, &w2,
+                     &s2) == 8);
         if (U > 1.05 * flutter)
             continue;
         struct airloads a = { U, density, 6.28, -0.5, 9, inflow, inflow->standard };
@@ -137,9 +142,10 @@ TEST(jones_matches_the_reference_up_to_flutter)
 /* Frequencies of unit_checks.json: in vacuum, and at rest in air (added mass only). */
 TEST(vacuum_frequencies_are_the_reference_s)
 {
-    static const double vacuum[6] = { 48.365058344041, 95.792261728703, 244.187111637672, 349.034544212196,
-                                      444.87350174063, 601.833429358974 },
-                        added[4] = { 46.553220656847, 93.93452205883, 235.569235436094, 340.299844752646 };
+    static const double vacuum[6] = { 48.365058344041,  95.792261728703, 244.187111637672,
+                                      349.034544212196, 444.87350174063, 601.833429358974 },
+                        added[4] = { 46.553220656847, 93.93452205883, 235.569235436094,
+                                     340.299844752646 };
     double complex lambda[64];
     struct airloads a = { 0, 0, 6.28, -0.5, 9, &inflow_none, 0 };
     int count = exponents(&goland, &a, lambda);
@@ -152,9 +158,9 @@ TEST(vacuum_frequencies_are_the_reference_s)
         CHECK_NEAR(distance(lambda, count, added[i] * I), 0, 1e-9 * added[i]);
 }
 
-/* Without offset the wing is a beam and a rod: torsion's exact first frequency is (pi/2L) sqrt(GJ/I_rho), the beam's
- * (1.8751040687/L)^2 sqrt(EI/m); a cubic element's
- * error is (beta h)^4/1440 of the frequency, 3.4e-5 for the beam of four. */
+/* Without offset the wing is a beam and a rod: torsion's exact first frequency is (pi/2L)
+ * sqrt(GJ/I_rho), the beam's (1.8751040687/L)^2 sqrt(EI/m); a cubic element's error is (beta
+ * h)^4/1440 of the frequency, 3.4e-5 for the beam of four. */
 TEST(uncoupled_frequencies_converge_to_beam_and_rod)
 {
     struct wing w = goland;
@@ -163,7 +169,8 @@ TEST(uncoupled_frequencies_converge_to_beam_and_rod)
 
     w.x_cg = 0;
     int count = exponents(&w, &a, lambda);
-    double torsion = M_PI / 40 * sqrt(2.4e6 / 1.95), bending = pow(1.87510406871196 / 20, 2) * sqrt(2.4e7 / 0.75);
+    double torsion = M_PI / 40 * sqrt(2.4e6 / 1.95),
+           bending = pow(1.87510406871196 / 20, 2) * sqrt(2.4e7 / 0.75);
     CHECK_NEAR(distance(lambda, count, torsion * I), 0, 1e-5 * torsion);
     CHECK_NEAR(distance(lambda, count, bending * I), 0, 4e-5 * bending);
 }

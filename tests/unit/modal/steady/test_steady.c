@@ -14,34 +14,43 @@ static struct program *lower(const char *text)
     struct program *p = NULL;
     cJSON *scene = NULL;
 
-    if (json_read(text, strlen(text), &scene, &err) != MODAL_OK || scene_lower(scene, NULL, &p, &err) != MODAL_OK)
+    if (json_read(text, strlen(text), &scene, &err) != MODAL_OK ||
+        scene_lower(scene, NULL, &p, &err) != MODAL_OK)
         fail_msg("%s: %s", err.field, err.message);
     cJSON_Delete(scene);
     return p;
 }
 
-static void solve(const struct program *p, const struct steady_options *opt, struct steady **s, struct steady_point *point)
+static void solve(const struct program *p, const struct steady_options *opt, struct steady **s,
+                  struct steady_point *point)
 {
     struct modal_error err = { 0 };
 
-    if (steady_new(p, opt, s, &err) != MODAL_OK || steady_solve(*s, p->omega, NULL, point, &err) != MODAL_OK)
+    if (steady_new(p, opt, s, &err) != MODAL_OK ||
+        steady_solve(*s, p->omega, NULL, point, &err) != MODAL_OK)
         fail_msg("%s: %s", err.field, err.message);
 }
 
 /* The sample problem of Cameron and Griffin (1989), (8). */
 static const char *const friction_damper =
-    "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.25,"
-    "\"effects\":[{\"type\":\"friction\",\"dof\":\"x1\",\"stiffness\":0.25,\"limit\":0.25}],"
-    "\"excitation\":[{\"dof\":\"x1\",\"k\":2,\"sin\":0.75},{\"dof\":\"x1\",\"k\":3,\"sin\":0.5},{\"dof\":\"x1\",\"k\":4,\"sin\":0.375}]}";
+    "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},"
+    "\"omega\":0.25,\"effects\":[{\"type\":\"friction\",\"dof\":\"x1\",\"stiffness\":0.25,"
+    "\"limit\":0.25}],\"excitation\":[{\"dof\":\"x1\",\"k\":2,\"sin\":0.75},{\"dof\":\"x1\","
+    "\"k\":3,\"sin\":0.5},{\"dof\":\"x1\",\"k\":4,\"sin\":0.375}]}";
 
 /* Twice the two-sided coefficients of the event-exact reference (34 digits), X_0 .. X_6. */
 static const double complex friction_exact[] = {
-    0.041499106176073753022, 2 * (0.040552896013259665892 + 0.030127090852996863751 * I),
-    2 * (-0.028686839542598408468 - 0.65864493572785270346 * I), 2 * (-0.3235735040449855171 - 0.89198369316520571738 * I),
-    2 * (-0.44146451736077982575 + 0.85497276871755921745 * I), 2 * (-0.016520196744539577337 - 0.016299827133257139888 * I),
-    2 * (-0.0059682387401277418552 + 0.00072203930596272105058 * I) };
+    0.041499106176073753022,
+    2 * (0.040552896013259665892 + 0.030127090852996863751 * I),
+    2 * (-0.028686839542598408468 - 0.65864493572785270346 * I),
+    2 * (-0.3235735040449855171 - 0.89198369316520571738 * I),
+    2 * (-0.44146451736077982575 + 0.85497276871755921745 * I),
+    2 * (-0.016520196744539577337 - 0.016299827133257139888 * I),
+    2 * (-0.0059682387401277418552 + 0.00072203930596272105058 * I)
+};
 
-/* Harmonics fall as k^-4, so that truncation at H leaves an error of order H^-4 in each: 1e-6 at H = 64, 1e-9 at 256. */
+/* Harmonics fall as k^-4, so that truncation at H leaves an error of order H^-4 in each: 1e-6 at H
+ * = 64, 1e-9 at 256. */
 TEST(friction_with_located_events_converges_with_the_truncation_alone)
 {
     struct program *p = lower(friction_damper);
@@ -63,14 +72,20 @@ TEST(friction_with_located_events_converges_with_the_truncation_alone)
 }
 
 /*
- * A round shaft without mass on pinned ends, a disk M at its middle, shaken in space along z by F cos(w t): z = F cos(w t)/(48 EI/L^3
- * - w^2 M), y = 0.  Axes that turn at 2 w see (y, z) = z (sin 2wt, cos 2wt): half of it at w and at 3 w each.
+ * A round shaft without mass on pinned ends, a disk M at its middle, shaken in space along z by F
+ * cos(w t): z = F cos(w t)/(48 EI/L^3
+ * - w^2 M), y = 0.  Axes that turn at 2 w see (y, z) = z (sin 2wt, cos 2wt): half of it at w and at
+ * 3 w each.
  */
 TEST(a_load_fixed_in_space_is_seen_from_turning_axes)
 {
-    struct program *p = lower("{\"structure\":{\"type\":\"shaft\",\"length\":1.1,\"EI\":[98.9,98.9],\"disk\":{\"mass\":5.3},\"speed\":14.6,\"model\":\"massless\"},"
-                              "\"omega\":7.3,\"excitation\":[{\"dof\":\"z1\",\"k\":1,\"cos\":2.7,\"frame\":\"fixed\"}],\"effects\":["
-                              "{\"type\":\"bearing\",\"at\":\"left\",\"transverse\":1e12},{\"type\":\"bearing\",\"at\":\"right\",\"transverse\":1e12}]}");
+    struct program *p = lower("{\"structure\":{\"type\":\"shaft\",\"length\":1.1,\"EI\":"
+                              "[98.9,98.9],\"disk\":{\"mass\":5.3},\"speed\":14.6,"
+                              "\"model\":\"massless\"},\"omega\":7.3,\"excitation\":"
+                              "[{\"dof\":\"z1\",\"k\":1,\"cos\":2.7,\"frame\":\"fixed\"}],"
+                              "\"effects\":[{\"type\":\"bearing\",\"at\":\"left\","
+                              "\"transverse\":1e12},{\"type\":\"bearing\",\"at\":\"right\","
+                              "\"transverse\":1e12}]}");
     double half = 2.7 / (48 * 98.9 / (1.1 * 1.1 * 1.1) - 7.3 * 7.3 * 5.3) / 2;
     struct steady_options opt = { .harmonics = 4 };
     struct steady_point point;
@@ -78,10 +93,11 @@ TEST(a_load_fixed_in_space_is_seen_from_turning_axes)
 
     CHECK(strcmp(p->dofs[0], "y1") == 0 && strcmp(p->dofs[1], "z1") == 0);
     solve(p, &opt, &s, &point);
-    for (int k = 0; k <= 4; k++) {                     /* the supports' 1e12 N/m against the shaft's 4e3 */
+    for (int k = 0; k <= 4; k++) {   /* the supports' 1e12 N/m against the shaft's 4e3 */
         double complex y[5], z[5];
 
-        CHECK(steady_recover(s, &point, 0, y, NULL) == MODAL_OK && steady_recover(s, &point, 1, z, NULL) == MODAL_OK);
+        CHECK(steady_recover(s, &point, 0, y, NULL) == MODAL_OK &&
+              steady_recover(s, &point, 1, z, NULL) == MODAL_OK);
         CHECK_NEAR(cabs(y[k] - (k == 1 || k == 3 ? -I * half : 0)), 0, 1e-7 * half);
         CHECK_NEAR(cabs(z[k] - (k == 1 || k == 3 ? half : 0)), 0, 1e-7 * half);
     }
@@ -94,11 +110,14 @@ TEST(a_load_fixed_in_space_is_seen_from_turning_axes)
     program_free(p);
 }
 
-/* (c - w^2) etc.: a linear oscillator's X = F / (k - w^2 m + i w c), one solve, nothing evaluated. */
+/* (c - w^2) etc.: a linear oscillator's X = F / (k - w^2 m + i w c), one solve, nothing evaluated.
+ */
 TEST(a_linear_scene_is_its_closed_form_without_iterations)
 {
-    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[2.385]],\"C\":[[0.31]],\"K\":[[7.7]]},\"omega\":1.37,"
-                              "\"excitation\":[{\"dof\":\"x1\",\"k\":2,\"cos\":0.75,\"sin\":-1.9},{\"dof\":\"x1\",\"k\":0,\"cos\":3.1}]}");
+    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[2.385]],\"C\":"
+                              "[[0.31]],\"K\":[[7.7]]},\"omega\":1.37,\"excitation\":"
+                              "[{\"dof\":\"x1\",\"k\":2,\"cos\":0.75,\"sin\":-1.9},"
+                              "{\"dof\":\"x1\",\"k\":0,\"cos\":3.1}]}");
     double w = 2 * 1.37;
     double complex exact = (0.75 + 1.9 * I) / (7.7 - w * w * 2.385 + I * w * 0.31), X[3];
     struct steady_options opt = { 0 };
@@ -132,12 +151,15 @@ static void residual_of_friction(const char *text, int H, double *rms, double *m
     program_free(p);
 }
 
-/* A body that never stops turns twice a period, half a period apart: its friction is a square wave, what H of its harmonics lack has
- * the mean square sum_{odd k > H} (4 F / pi k)^2 / 2, and is nowhere more than the jump's half.  Instants on 8192 samples: 1e-3. */
+/* A body that never stops turns twice a period, half a period apart: its friction is a square wave,
+ * what H of its harmonics lack has the mean square sum_{odd k > H} (4 F / pi k)^2 / 2, and is
+ * nowhere more than the jump's half.  Instants on 8192 samples: 1e-3. */
 TEST(rigid_friction_leaves_the_square_waves_tail_of_the_equation_of_motion)
 {
-    static const char *const text = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.5,"
-        "\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.9}]}";
+    static const char *const text = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":"
+                                    "[[0.02]],\"K\":[[0.75]]},\"omega\":0.5,\"effects\":"
+                                    "[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],"
+                                    "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.9}]}";
 
     for (int H = 16; H <= 256; H *= 4) {
         double rms, most, squares = 0;
@@ -150,13 +172,18 @@ TEST(rigid_friction_leaves_the_square_waves_tail_of_the_equation_of_motion)
     }
 }
 
-/* Held fast, friction is the load itself, which one harmonic holds; with stops between two bodies the rms falls as H^-1/2. */
+/* Held fast, friction is the load itself, which one harmonic holds; with stops between two bodies
+ * the rms falls as H^-1/2. */
 TEST(rigid_friction_that_holds_balances_the_load)
 {
-    static const char *const held = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.5,"
-        "\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.3}]}";
-    static const char *const stops = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,1]],\"C\":[[0.1,0],[0,0.1]],\"K\":[[2,-1],[-1,2]]},\"omega\":0.3,"
-        "\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\",\"to\":\"x2\",\"limit\":0.3}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.9}]}";
+    static const char *const held = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":"
+                                    "[[0.02]],\"K\":[[0.75]]},\"omega\":0.5,\"effects\":"
+                                    "[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],"
+                                    "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.3}]}";
+    static const char *const stops =
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,1]],\"C\":[[0.1,0],[0,0.1]],\"K\":"
+        "[[2,-1],[-1,2]]},\"omega\":0.3,\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\","
+        "\"to\":\"x2\",\"limit\":0.3}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.9}]}";
     double rms, most, finer;
 
     residual_of_friction(held, 8, &rms, &most);
@@ -168,21 +195,24 @@ TEST(rigid_friction_that_holds_balances_the_load)
 }
 
 /*
- * What follows a motion through rigid friction is work as any other: each of CYCLE_SAMPLES instants is reached by a step that asks
- * the law at COLLOCATION_STAGES nodes once at least.  A body of 1e-8 kg that a slider of 1e30 N holds beside another law never
- * repeats to rounding: half the work allowed goes into following it, and the balance ends within the whole.
+ * What follows a motion through rigid friction is work as any other: each of CYCLE_SAMPLES instants
+ * is reached by a step that asks the law at COLLOCATION_STAGES nodes once at least.  A body of 1e-8
+ * kg that a slider of 1e30 N holds beside another law never repeats to rounding: half the work
+ * allowed goes into following it, and the balance ends within the whole.
  */
 TEST(steps_through_rigid_friction_count_as_work_and_end_with_it)
 {
-    static const char *const slips = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},\"omega\":0.5,"
-        "\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],"
+    static const char *const slips =
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.02]],\"K\":[[0.75]]},"
+        "\"omega\":0.5,\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}],"
         "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.9}]}";
-    static const char *const never = "{\"structure\":{\"type\":\"matrices\",\"M\":[[1e-8,0],[0,1]],\"C\":[[1e-30,0],[0,0.1]],"
-        "\"K\":[[7.7,-1],[-1,0.1]]},\"omega\":0.001,\"effects\":["
-        "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":10,\"limit\":7.7},"
-        "{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":1e30},"
-        "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":3,\"velocity\":1}],"
-        "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.5},{\"dof\":\"x2\",\"k\":2,\"sin\":-1}]}";
+    static const char *const never =
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1e-8,0],[0,1]],\"C\":[[1e-30,0],[0,0.1]],"
+        "\"K\":[[7.7,-1],[-1,0.1]]},\"omega\":0.001,\"effects\":[{\"type\":\"friction\","
+        "\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":10,\"limit\":7.7},{\"type\":\"coulomb\","
+        "\"dof\":\"x1\",\"limit\":1e30},{\"type\":\"regularised_coulomb\",\"dof\":\"x1\","
+        "\"limit\":3,\"velocity\":1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.5},"
+        "{\"dof\":\"x2\",\"k\":2,\"sin\":-1}]}";
     const char *const texts[] = { slips, never };
 
     for (int r = 0; r < 2; r++) {
@@ -202,12 +232,17 @@ TEST(steps_through_rigid_friction_count_as_work_and_end_with_it)
     }
 }
 
-/* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the X reported. */
+/* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the
+ * X reported. */
 TEST(a_linear_scene_reports_the_residual_of_its_equation_of_motion)
 {
-    struct program *p = lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[2,0.1],[0.1,3]],\"C\":[[0.3,-0.1],[-0.1,0.2]],\"K\":[[70000.3,-69999.1],[-69999.1,70001.7]]},"
-                              "\"omega\":0.7,\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1.1},{\"dof\":\"x2\",\"k\":3,\"sin\":0.3},{\"dof\":\"x2\",\"k\":0,\"cos\":0.9}]}");
-    const double M[] = { 2, 0.1, 0.1, 3 }, C[] = { 0.3, -0.1, -0.1, 0.2 }, K[] = { 70000.3, -69999.1, -69999.1, 70001.7 };
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[2,0.1],[0.1,3]],\"C\":[[0.3,-0.1],"
+              "[-0.1,0.2]],\"K\":[[70000.3,-69999.1],[-69999.1,70001.7]]},\"omega\":0.7,"
+              "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1.1},{\"dof\":\"x2\",\"k\":3,"
+              "\"sin\":0.3},{\"dof\":\"x2\",\"k\":0,\"cos\":0.9}]}");
+    const double M[] = { 2, 0.1, 0.1, 3 }, C[] = { 0.3, -0.1, -0.1, 0.2 },
+                 K[] = { 70000.3, -69999.1, -69999.1, 70001.7 };
     const double complex P[4][2] = { { 0, 0.9 }, { 1.1, 0 }, { 0, 0 }, { 0, -0.3 * I } };
     double complex X[2][4];
     double most = 0, squares = 0, peak[2] = { 0 };
@@ -224,7 +259,8 @@ TEST(a_linear_scene_reports_the_residual_of_its_equation_of_motion)
             double complex R = -P[k][i];
 
             for (int j = 0; j < 2; j++)
-                R += (K[2 * i + j] - 0.49 * k * k * M[2 * i + j] + I * 0.7 * k * C[2 * i + j]) * X[j][k];
+                R += (K[2 * i + j] - 0.49 * k * k * M[2 * i + j] + I * 0.7 * k * C[2 * i + j]) *
+                     X[j][k];
             most = fmax(most, cabs(R));
             squares += pow(cabs(R), 2) / (k == 0 ? 1 : 2);
             peak[i] += cabs(R);
@@ -259,7 +295,8 @@ static double uniform(double a, double b)
     return a + (b - a) * (double)(seed >> 11) / 9007199254740992.0;
 }
 
-/* Every law's dF/dX against eighth-order central differences of F; h^8 and rounding balance near 1e-9 of the slope. */
+/* Every law's dF/dX against eighth-order central differences of F; h^8 and rounding balance near
+ * 1e-9 of the slope. */
 static double derivative_error(const char *effects, int H, int N, double amplitude)
 {
     static const double weight[] = { 4.0 / 5, -1.0 / 5, 4.0 / 105, -1.0 / 280 };
@@ -271,22 +308,29 @@ static double derivative_error(const char *effects, int H, int N, double amplitu
     double worst = 0, scale = 0, *column, *J;
     double complex *X;
 
-    snprintf(text, sizeof text, "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,2]],\"C\":[[0.1,0],[0,0.1]],\"K\":[[1,-0.3],[-0.3,2]]},"
-             "\"omega\":0.7,\"effects\":[%s],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}", effects);
+    snprintf(text, sizeof text,
+             "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,2]],\"C\":[[0.1,0],[0,0.1]],"
+             "\"K\":[[1,-0.3],[-0.3,2]]},\"omega\":0.7,\"effects\":[%s],\"excitation\":"
+             "[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}",
+             effects);
     p = lower(text);
-    if (condense_new(p, false, &c, &err) != MODAL_OK || balance_new(p, c, H, N, true, &b, &err) != MODAL_OK || balance_set(b, 0.7, 1, &err) != MODAL_OK)
+    if (condense_new(p, false, &c, &err) != MODAL_OK ||
+        balance_new(p, c, H, N, true, &b, &err) != MODAL_OK ||
+        balance_set(b, 0.7, 1, &err) != MODAL_OK)
         fail_msg("%s", err.message);
     X = calloc((size_t)b->q * ((size_t)H + 1), sizeof *X);
     column = calloc((size_t)b->order, sizeof *column);
     J = malloc((size_t)b->order * (size_t)b->order * sizeof *J);
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k <= H; k++)
-            X[i * (H + 1) + k] = amplitude * pow(k + 1, -2.5) * (uniform(-1, 1) + (k > 0 ? I * uniform(-1, 1) : 0));
+            X[i * (H + 1) + k] = amplitude * pow(k + 1, -2.5) *
+                                 (uniform(-1, 1) + (k > 0 ? I * uniform(-1, 1) : 0));
     CHECK(balance_residual(b, X, true, &err) == MODAL_OK);
     memcpy(J, b->J, (size_t)b->order * (size_t)b->order * sizeof *J);
     for (int e = 0; e < b->order; e++) {
         int n = 2 * H + 1, i = e / n, r = e % n;
-        double complex *x = &X[i * (H + 1) + (r + 1) / 2], kept = *x, unit = r > 0 && r % 2 == 0 ? I : 1;
+        double complex *x = &X[i * (H + 1) + (r + 1) / 2], kept = *x,
+                       unit = r > 0 && r % 2 == 0 ? I : 1;
         double h = 1e-3 * amplitude / 16;
 
         memset(column, 0, (size_t)b->order * sizeof *column);
@@ -312,23 +356,39 @@ static double derivative_error(const char *effects, int H, int N, double amplitu
     return worst / scale;
 }
 
-/* Smooth laws: 1e-8.  Piecewise ones are twice continuously differentiable in X but for the events' square roots: the
- * differences themselves are good to h^2 f''' / f', about 1e-6 here, where no event appears within h. */
+/* Smooth laws: 1e-8.  Piecewise ones are twice continuously differentiable in X but for the events'
+ * square roots: the differences themselves are good to h^2 f''' / f', about 1e-6 here, where no
+ * event appears within h. */
 TEST(every_laws_derivative_agrees_with_differences)
 {
-    static const struct { const char *effect; int N; double tolerance; } rows[] = {
-        { "{\"type\":\"cubic_spring\",\"dof\":\"x1\",\"to\":\"x2\",\"coefficient\":0.83}", 64, 1e-8 },
-        { "{\"type\":\"polynomial_spring\",\"dof\":\"x2\",\"coefficients\":[0.4,-0.2,0.1,0.7]}", 64, 1e-8 },
-        { "{\"type\":\"polynomial_damper\",\"dof\":\"x1\",\"coefficients\":[-0.5,0.1,0.5]}", 64, 1e-8 },
+    static const struct { const char *effect; int N; double tolerance;
+    } rows[] = {
+        { "{\"type\":\"cubic_spring\",\"dof\":\"x1\",\"to\":\"x2\",\"coefficient\":0.83}", 64,
+          1e-8 },
+        { "{\"type\":\"polynomial_spring\",\"dof\":\"x2\",\"coefficients\":[0.4,-0.2,0.1,0.7]}", 64,
+          1e-8 },
+        { "{\"type\":\"polynomial_damper\",\"dof\":\"x1\",\"coefficients\":[-0.5,0.1,0.5]}", 64,
+          1e-8 },
         { "{\"type\":\"cubic_spring\",\"dof\":\"x1\",\"coefficient\":0.83}", 9, 1e-8 },
-        { "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":0.3,\"velocity\":0.2}", 512, 1e-7 },
-        { "{\"type\":\"parametric_stiffness\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":0.4,\"k\":2,\"phase\":0.3}", 64, 1e-8 },
-        { "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":0.9,\"limit\":0.35}", 64, 1e-5 },
-        { "{\"type\":\"iwan\",\"dof\":\"x1\",\"stiffnesses\":[0.9,0.5],\"limits\":[0.35,0.1]}", 64, 1e-5 },
+        { "{\"type\":\"regularised_coulomb\",\"dof\":\"x1\",\"limit\":0.3,\"velocity\":0.2}", 512,
+          1e-7 },
+        { "{\"type\":\"parametric_stiffness\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":0.4,"
+          "\"k\":2,\"phase\":0.3}",
+          64, 1e-8 },
+        { "{\"type\":\"friction\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":0.9,\"limit\":0.35}",
+          64, 1e-5 },
+        { "{\"type\":\"iwan\",\"dof\":\"x1\",\"stiffnesses\":[0.9,0.5],\"limits\":[0.35,0.1]}", 64,
+          1e-5 },
         { "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":3,\"clearance\":0.1}", 64, 1e-5 },
-        { "{\"type\":\"gap\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":3,\"clearance\":0.2,\"both_sides\":true,\"dissipation\":0.4}", 64, 1e-5 },
-        { "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":3,\"clearance\":-0.4,\"dissipation\":2.5}", 64, 1e-5 },
-        { "{\"type\":\"contact_friction\",\"normal\":\"x1\",\"tangential\":\"x2\",\"normal_stiffness\":1.3,\"preload\":0.4,\"tangential_stiffness\":0.8,\"mu\":0.5}", 128, 1e-5 },
+        { "{\"type\":\"gap\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":3,\"clearance\":0.2,"
+          "\"both_sides\":true,\"dissipation\":0.4}",
+          64, 1e-5 },
+        { "{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":3,\"clearance\":-0.4,\"dissipation\":2."
+          "5}",
+          64, 1e-5 },
+        { "{\"type\":\"contact_friction\",\"normal\":\"x1\",\"tangential\":\"x2\","
+          "\"normal_stiffness\":1.3,\"preload\":0.4,\"tangential_stiffness\":0.8,\"mu\":0.5}",
+          128, 1e-5 },
         { "{\"type\":\"coulomb\",\"dof\":\"x1\",\"limit\":0.35}", 64, 1e-5 },
     };
 

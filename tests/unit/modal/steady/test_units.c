@@ -1,17 +1,20 @@
-/* A scene in other units is the same scene; where rigid friction holds for good its slider is at zero. */
+/* A scene in other units is the same scene; where rigid friction holds for good its slider is at
+ * zero. */
 #include "check.h"
 #include <complex.h>
 #include "modal/scene/simulate.h"
 #include "modal/steady/solve.h"
 #include "scene_text.h"
 
-static void solve(const char *text, int H, struct program **p, struct steady **s, struct steady_point *point)
+static void solve(const char *text, int H, struct program **p, struct steady **s,
+                  struct steady_point *point)
 {
     struct steady_options opt = { .harmonics = H };
     struct modal_error err = { 0 };
 
     *p = program_text(text);
-    if (steady_new(*p, &opt, s, &err) != MODAL_OK || steady_solve(*s, (*p)->omega, NULL, point, &err) != MODAL_OK)
+    if (steady_new(*p, &opt, s, &err) != MODAL_OK ||
+        steady_solve(*s, (*p)->omega, NULL, point, &err) != MODAL_OK)
         fail_msg("%s: %s: %s", text, err.field, err.message);
 }
 
@@ -24,7 +27,10 @@ static void release(struct program *p, struct steady *s, struct steady_point *po
 
 /* Lengths in units of L, times of T, masses of M: every number divided by its own. */
 struct units { double L, T, M; };
-static const struct units systems[] = { { 1, 1, 1 }, { 1e-6, 1e6, 1e-6 }, { 1e6, 1e-6, 1e6 }, { 1e-6, 1e-6, 1e6 }, { 1e-9, 1e-9, 1e-24 }, { 1, 1e6, 1 }, { 1e10, 1, 1 } };
+static const struct units systems[] = { { 1, 1, 1 },           { 1e-6, 1e6, 1e-6 },
+                                        { 1e6, 1e-6, 1e6 },    { 1e-6, 1e-6, 1e6 },
+                                        { 1e-9, 1e-9, 1e-24 }, { 1, 1e6, 1 },
+                                        { 1e10, 1, 1 } };
 enum { SYSTEMS = sizeof systems / sizeof *systems };
 
 static void write_chain(const struct units *u, const char *more, char *text, size_t size)
@@ -32,14 +38,17 @@ static void write_chain(const struct units *u, const char *more, char *text, siz
     double m = u->M, c = u->M / u->T, k = c / u->T, f = k * u->L;
 
     snprintf(text, size,
-             "{'structure':{'type':'chain','masses':[%.17g,%.17g,%.17g],'springs':[%.17g,%.17g,%.17g,0],'dampers':[%.17g,%.17g,0,%.17g]},"
-             "'omega':%.17g,'effects':[{'type':'coulomb','dof':'x2','limit':%.17g},{'type':'coulomb','dof':'x3','to':'x1','limit':%.17g}],"
-             "'excitation':[{'dof':'x1','k':1,'cos':%.17g},{'dof':'x3','k':3,'sin':%.17g}]%s}",
-             1.2 / m, 0.7 / m, 1.9 / m, 210 / k, 130 / k, 95 / k, 1.1 / c, 0.8 / c, 1.4 / c, 8.3 * u->T, 2.2 / f, 1.7 / f, 13.0 / f, 4.1 / f, more);
+             "{'structure':{'type':'chain','masses':[%.17g,%.17g,%.17g],'springs':"
+             "[%.17g,%.17g,%.17g,0],'dampers':[%.17g,%.17g,0,%.17g]},'omega':%.17g,'effects':"
+             "[{'type':'coulomb','dof':'x2','limit':%.17g},{'type':'coulomb','dof':'x3','to':'x1',"
+             "'limit':%.17g}],'excitation':[{'dof':'x1','k':1,'cos':%.17g},{'dof':'x3','k':3,"
+             "'sin':%.17g}]%s}",
+             1.2 / m, 0.7 / m, 1.9 / m, 210 / k, 130 / k, 95 / k, 1.1 / c, 0.8 / c, 1.4 / c,
+             8.3 * u->T, 2.2 / f, 1.7 / f, 13.0 / f, 4.1 / f, more);
 }
 
-/* Both sliders slip and stick within the period; rounding of the numbers written moves the answer by a few units in the last place,
- * times the condition of the cycle. */
+/* Both sliders slip and stick within the period; rounding of the numbers written moves the answer
+ * by a few units in the last place, times the condition of the cycle. */
 TEST(rigid_friction_on_several_dofs_gives_the_same_motion_in_any_units)
 {
     double complex first[3 * 33];
@@ -58,7 +67,8 @@ TEST(rigid_friction_on_several_dofs_gives_the_same_motion_in_any_units)
         for (int j = 0; j < 3 * 33; j++) {
             if (i == 0)
                 first[j] = point.X[j];
-            CHECK_NEAR(cabs(point.X[j] * systems[i].L - first[j]), 0, 1e-12 * cabs(point.X[1]) * systems[i].L);
+            CHECK_NEAR(cabs(point.X[j] * systems[i].L - first[j]), 0,
+                       1e-12 * cabs(point.X[1]) * systems[i].L);
         }
         multiplier = i == 0 ? cabs(point.multiplier[0]) : multiplier;
         CHECK_NEAR(cabs(point.multiplier[0]), multiplier, 1e-10);
@@ -84,21 +94,24 @@ TEST(what_is_simulated_is_the_same_in_any_units)
         if (simulate(p, &time, &opt, i == 0 ? first : signals, &result, &err) != MODAL_OK)
             fail_msg("%s", err.message);
         for (int j = 0; i > 0 && j < samples * dofs; j++)
-            CHECK_NEAR(signals[j] * systems[i].L, first[j], 1e-13);           /* displacements of 0.1 m */
+            CHECK_NEAR(signals[j] * systems[i].L, first[j], 1e-13);   /* displacements of 0.1 m */
         program_free(p);
     }
 }
 
-/* A mass on K = 2.3 under 5 + 0.7 cos: slipping from rest it would stop wherever its history says.  Held by 3.1 at most it may lie
- * anywhere in |5 + 0.7 cos - 2.3 d| <= 3.1; nearest to zero is d = (5.7 - 3.1) / 2.3. */
+/* A mass on K = 2.3 under 5 + 0.7 cos: slipping from rest it would stop wherever its history says.
+ * Held by 3.1 at most it may lie anywhere in |5 + 0.7 cos - 2.3 d| <= 3.1; nearest to zero is d =
+ * (5.7 - 3.1) / 2.3. */
 TEST(a_body_that_friction_cannot_hold_at_zero_lies_as_near_as_it_can)
 {
     struct program *p;
     struct steady *s;
     struct steady_point point;
 
-    solve("{'structure':{'type':'matrices','M':[[1.4]],'C':[[0.3]],'K':[[2.3]]},'omega':2.1,'effects':[{'type':'coulomb','dof':'x1','limit':3.1}],"
-          "'excitation':[{'dof':'x1','k':0,'cos':5},{'dof':'x1','k':1,'cos':0.7}]}", 8, &p, &s, &point);
+    solve("{'structure':{'type':'matrices','M':[[1.4]],'C':[[0.3]],'K':[[2.3]]},'omega':2.1,"
+          "'effects':[{'type':'coulomb','dof':'x1','limit':3.1}],'excitation':[{'dof':'x1','k':0,"
+          "'cos':5},{'dof':'x1','k':1,'cos':0.7}]}",
+          8, &p, &s, &point);
     CHECK(point.converged && point.undetermined[0] && !point.acts[0]);
     CHECK_NEAR(creal(point.X[0]), (5.7 - 3.1) / 2.3, 1e-12);
     for (int k = 1; k <= 8; k++)
@@ -106,7 +119,8 @@ TEST(a_body_that_friction_cannot_hold_at_zero_lies_as_near_as_it_can)
     release(p, s, &point);
 }
 
-/* Two masses locked together: they move as one of the sum, without mean, wherever the start has left them. */
+/* Two masses locked together: they move as one of the sum, without mean, wherever the start has
+ * left them. */
 TEST(two_bodies_that_friction_locks_swing_about_no_offset)
 {
     const double m = 0.6 + 1.58, k = 150.6 + 52.3, c = 1.06 + 2.93, w = 24.8, a = 6.73;
@@ -115,8 +129,10 @@ TEST(two_bodies_that_friction_locks_swing_about_no_offset)
     struct steady *s;
     struct steady_point point;
 
-    solve("{'structure':{'type':'chain','masses':[0.6,1.58],'springs':[150.6,61.5,52.3],'dampers':[1.06,0.58,2.93]},'omega':24.8,"
-          "'effects':[{'type':'coulomb','dof':'x1','to':'x2','limit':3.9}],'excitation':[{'dof':'x2','k':1,'cos':6.73}]}", 4, &p, &s, &point);
+    solve("{'structure':{'type':'chain','masses':[0.6,1.58],'springs':[150.6,61.5,52.3],'dampers':"
+          "[1.06,0.58,2.93]},'omega':24.8,'effects':[{'type':'coulomb','dof':'x1','to':'x2',"
+          "'limit':3.9}],'excitation':[{'dof':'x2','k':1,'cos':6.73}]}",
+          4, &p, &s, &point);
     CHECK(point.converged && point.undetermined[0]);
     for (int i = 0; i < 2; i++) {
         CHECK_NEAR(cabs(point.X[5 * i]), 0, 1e-12 * cabs(X));
@@ -125,11 +141,13 @@ TEST(two_bodies_that_friction_locks_swing_about_no_offset)
     release(p, s, &point);
 }
 
-/* A stop that is never reached changes nothing, but the disturbances are then differences of the period map, not products of its
- * exponentials and jumps. */
+/* A stop that is never reached changes nothing, but the disturbances are then differences of the
+ * period map, not products of its exponentials and jumps. */
 TEST(multipliers_of_rigid_friction_by_differences_are_those_of_its_phases)
 {
-    static const char *const beside[2] = { "", ",{'type':'gap','dof':'x1','stiffness':40,'clearance':90}" };
+    static const char *const beside[2] = {
+        "", ",{'type':'gap','dof':'x1','stiffness':40,'clearance':90}"
+    };
     double complex multiplier[2][4];
     double error = 0;
 
@@ -139,8 +157,12 @@ TEST(multipliers_of_rigid_friction_by_differences_are_those_of_its_phases)
         struct steady_point point;
         char text[1024];
 
-        snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1.2,0.7],'springs':[210,130,95],'dampers':[1.1,0.8,1.4]},'omega':8.3,"
-                 "'effects':[{'type':'coulomb','dof':'x2','limit':2.2}%s],'excitation':[{'dof':'x1','k':1,'cos':13},{'dof':'x2','k':3,'sin':4.1}]}", beside[i]);
+        snprintf(text, sizeof text,
+                 "{'structure':{'type':'chain','masses':[1.2,0.7],'springs':[210,130,95],"
+                 "'dampers':[1.1,0.8,1.4]},'omega':8.3,'effects':[{'type':'coulomb','dof':'x2',"
+                 "'limit':2.2}%s],'excitation':[{'dof':'x1','k':1,'cos':13},{'dof':'x2','k':3,"
+                 "'sin':4.1}]}",
+                 beside[i]);
         solve(text, 16, &p, &s, &point);
         CHECK(point.converged && point.states == 4);
         memcpy(multiplier[i], point.multiplier, sizeof multiplier[i]);
@@ -158,11 +180,13 @@ TEST(multipliers_of_rigid_friction_by_differences_are_those_of_its_phases)
     }
 }
 
-/* Rigid friction of 1.5 and of 0.7 between the same two bodies is friction of 2.2, whichever way round each is written. */
+/* Rigid friction of 1.5 and of 0.7 between the same two bodies is friction of 2.2, whichever way
+ * round each is written. */
 TEST(two_rigid_sliders_at_one_place_are_one_of_both_strengths)
 {
     static const char *const effects[2] = { "{'type':'coulomb','dof':'x1','to':'x2','limit':2.2}",
-                                            "{'type':'coulomb','dof':'x1','to':'x2','limit':1.5},{'type':'coulomb','dof':'x2','to':'x1','limit':0.7}" };
+                                            "{'type':'coulomb','dof':'x1','to':'x2','limit':1.5},"
+                                            "{'type':'coulomb','dof':'x2','to':'x1','limit':0.7}" };
     double complex first[2 * 13];
 
     for (int i = 0; i < 2; i++) {
@@ -171,8 +195,11 @@ TEST(two_rigid_sliders_at_one_place_are_one_of_both_strengths)
         struct steady_point point;
         char text[1024];
 
-        snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1.2,0.7],'springs':[210,130,95],'dampers':[1.1,0.8,1.4]},'omega':8.3,"
-                 "'effects':[%s],'excitation':[{'dof':'x1','k':1,'cos':13},{'dof':'x2','k':3,'sin':4.1}]}", effects[i]);
+        snprintf(text, sizeof text,
+                 "{'structure':{'type':'chain','masses':[1.2,0.7],'springs':[210,130,95],"
+                 "'dampers':[1.1,0.8,1.4]},'omega':8.3,'effects':[%s],'excitation':[{'dof':'x1',"
+                 "'k':1,'cos':13},{'dof':'x2','k':3,'sin':4.1}]}",
+                 effects[i]);
         solve(text, 12, &p, &s, &point);
         CHECK(point.converged);
         CHECK(p->laws == 1 && p->effects == 1 + i && p->effect[i].carrier == i);

@@ -11,7 +11,12 @@
 #include <stdbool.h>
 #include "base/error.h"
 
-enum { LADDER_RUNGS_MOST = 256, LADDER_REPETITIONS_MOST = 99 };
+enum {
+    /* several times the settings of any kind: their tables have fixed sizes */
+    LADDER_RUNGS_MOST = 256,
+    /* a median of so many moves no more; their seconds lie on the stack */
+    LADDER_REPETITIONS_MOST = 99,
+};
 
 struct ladder {
     int rungs;                 /* 1 .. LADDER_RUNGS_MOST */

@@ -21,9 +21,9 @@ static void unpack_vectors(int n, const double *wi, const double *vr, double com
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++) {
             const double *at = vr + i + (size_t)j * n;
-            if (wi[j] == 0)
+            if (wi[j] == 0)               /* real: one column */
                 V[i + (size_t)j * n] = at[0];
-            else if (wi[j] > 0)
+            else if (wi[j] > 0)           /* the first of a pair: columns j and j + 1 */
                 V[i + (size_t)j * n] = CMPLX(at[0], at[n]);
             else
                 V[i + (size_t)j * n] = CMPLX(at[-n], -at[0]);
@@ -36,7 +36,7 @@ enum modal_status eigen_general(struct matrix *A, double complex *w, double *con
     int n = A->n, ilo, ihi, info;
     size_t nn = (size_t)n * n;
     double *work, *wr, *wi, *scale, *rconde, *rcondv, *vl, *vr, abnrm;
-    bool vectors = V != NULL || condition != NULL;
+    bool vectors = V != NULL || condition != NULL;     /* dgeevx needs both sides for conditions */
 
     if (!finite_square(A))
         return modal_fail(err, MODAL_NO_CONVERGENCE,
@@ -56,6 +56,7 @@ enum modal_status eigen_general(struct matrix *A, double complex *w, double *con
         for (int j = 0; j < n; j++) {
             w[j] = CMPLX(wr[j], wi[j]);
             if (condition != NULL)
+                /* LAPACK's is |y^H x|: 0 of a defective eigenvalue */
                 condition[j] = rconde[j] > 0 ? 1 / rconde[j] : HUGE_VAL;
         }
         if (V != NULL)

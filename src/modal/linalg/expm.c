@@ -24,6 +24,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Up to here a product is some hundred multiplications, about what a call of BLAS spends before its
+ * first. */
+enum { INLINE_MOST = 8 };
+
+/* sinh(r) / r = 1 + r^2 / 6 + r^4 / 120 ...: below it the third term is 1e-34 of the first. */
+static const double SERIES_BELOW = 1e-8;
+
+/* 38 squarings, each of which may double the relative error: 6e-5 at the worst; beyond, none is
+ * stated. */
+static const double NORM_MOST = 1e12;
+
 struct expm {
     int n;
     double *B, *B2, *B4, *B6, *U, *V, *A; /* n x n each, in one piece; A: what expm_driven scales */
@@ -62,17 +73,18 @@ void expm_free(struct expm *w)
 
 void square_multiply(int n, double alpha, const double *A, const double *B, double beta, double *C)
 {
-    if (n > 8) {
+    if (n > INLINE_MOST) {
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta, C,
                     n);
         return;
     }
     for (int j = 0; j < n; j++) {
-        double column[8] = { 0 };
+        double column[INLINE_MOST] = { 0 };     /* so that C may be A or B */
         for (int k = 0; k < n; k++)
             for (int i = 0; i < n; i++)
                 column[i] += A[i + k * n] * B[k + j * n];
         for (int i = 0; i < n; i++)
+            /* as BLAS has it: with beta 0 what C holds, a NaN too, is not read */
             C[i + j * n] = alpha * column[i] + (beta != 0 ? beta * C[i + j * n] : 0);
     }
 }
@@ -81,8 +93,8 @@ void square_multiply(int n, double alpha, const double *A, const double *B, doub
 static void exponential_2(const double *A, double *E)
 {
     double t = (A[0] + A[3]) / 2, a = (A[0] - A[3]) / 2, d = a * a + A[1] * A[2], r = sqrt(fabs(d));
-    double c = d < 0 ? cos(r) : cosh(r), s = r < 1e-8 ? 1 + d / 6 : (d < 0 ? sin(r) : sinh(r)) / r,
-           e = exp(t);
+    double c = d < 0 ? cos(r) : cosh(r),
+           s = r < SERIES_BELOW ? 1 + d / 6 : (d < 0 ? sin(r) : sinh(r)) / r, e = exp(t);
 
     E[0] = e * (c + s * a);
     E[3] = e * (c - s * a);
@@ -98,12 +110,12 @@ static int exponent_of(const double *X, int rows, int columns, size_t ld)
     for (int j = 0; j < columns; j++)
         for (int i = 0; i < rows; i++)
             most = fmax(most, fabs(X[(size_t)i + (size_t)j * ld]));
-    return most > 1 && isfinite(most) ? ilogb(most) + 1 : 0;
+    return most > 1 && isfinite(most) ? ilogb(most) + 1 : 0;   /* what is small already stays */
 }
 
 static void scale_block(double *X, int rows, int columns, size_t ld, int k)
 {
-    for (int j = 0; k != 0 && j < columns; j++)
+    for (int j = 0; k != 0 && j < columns; j++)         /* powers of 2: exact */
         for (int i = 0; i < rows; i++)
             X[(size_t)i + (size_t)j * ld] = ldexp(X[(size_t)i + (size_t)j * ld], k);
 }
@@ -140,7 +152,7 @@ static void add_scaled(size_t size, double a, const double *X, double *Y)
         Y[i] += a * X[i];
 }
 
-/* Y = c0 I + c2 B2 + c4 B4 + c6 B6 */
+/* Y = c0 I + c2 B^2 + c4 B^4 + c6 B^6; a power whose factor is 0 may not have been made. */
 static void even(const struct expm *w, double c0, double c2, double c4, double c6, double *Y)
 {
     size_t size = (size_t)w->n * (size_t)w->n;
@@ -151,7 +163,8 @@ static void even(const struct expm *w, double c0, double c2, double c4, double c
         Y[(size_t)i * ((size_t)w->n + 1)] += c0;
 }
 
-/* U (odd part) and V (even part) of the numerator of degree row->m; E is scratch. */
+/* p(B) = U + V of the numerator, U its odd powers and V its even ones: p(-B) = V - U is
+ * the denominator, so one set of powers makes both.  E is scratch. */
 static void numerator(struct expm *w, int row, double *E)
 {
     const double *b = pade[row].b;
@@ -159,18 +172,18 @@ static void numerator(struct expm *w, int row, double *E)
     size_t size = (size_t)n * (size_t)n;
 
     square_multiply(n, 1, w->B, w->B, 0, w->B2);
-    if (m >= 5)
+    if (b[5] != 0)
         square_multiply(n, 1, w->B2, w->B2, 0, w->B4);
-    if (m >= 7)
+    if (b[7] != 0)
         square_multiply(n, 1, w->B2, w->B4, 0, w->B6);
-    even(w, b[1], b[3], m >= 5 ? b[5] : 0, m >= 7 ? b[7] : 0, E);
-    even(w, b[0], b[2], m >= 5 ? b[4] : 0, m >= 7 ? b[6] : 0, w->V);
+    even(w, b[1], b[3], b[5], b[7], E);      /* U / B; of low degrees the table ends in zeros */
+    even(w, b[0], b[2], b[4], b[6], w->V);
     if (m == 9) {
         square_multiply(n, 1, w->B2, w->B6, 0, w->U);              /* B^8 */
         add_scaled(size, b[9], w->U, E);
         add_scaled(size, b[8], w->U, w->V);
     }
-    if (m == 13) {
+    if (m == 13) {      /* B^8 and above as B^6 times a second even part */
         double *inner = w->U;
         even(w, 0, b[9], b[11], b[13], inner);
         square_multiply(n, 1, w->B6, inner, 1, E);
@@ -183,23 +196,24 @@ static void numerator(struct expm *w, int row, double *E)
 static enum modal_status exponential(struct expm *w, const double *A, double *E, double shift,
                                      double norm)
 {
+    enum { LAST = sizeof pade / sizeof *pade - 1 };
     int n = w->n, row = 0, squarings = 0;
     size_t size = (size_t)n * (size_t)n;
     double *result = E, *other = w->B;
 
-    while (row < 4 && norm > pade[row].theta)
+    while (row < LAST && norm > pade[row].theta)   /* the cheapest degree that needs no squaring */
         row++;
-    if (norm > pade[4].theta)
-        squarings = (int)ceil(log2(norm / pade[4].theta));
+    if (norm > pade[LAST].theta)
+        squarings = (int)ceil(log2(norm / pade[LAST].theta));
     for (size_t i = 0; i < size; i++)
         w->B[i] = ldexp(A[i], -squarings);
     for (int i = 0; i < n; i++)
-        w->B[(size_t)i * ((size_t)n + 1)] -= ldexp(shift, -squarings);
+        w->B[(size_t)i * ((size_t)n + 1)] -= ldexp(shift, -squarings);   /* the trace, taken out */
     numerator(w, row, E);
     for (size_t i = 0; i < size; i++) {
         double u = w->U[i], v = w->V[i];
-        E[i] = v + u;
-        w->V[i] = v - u;
+        E[i] = v + u;           /* p(B) */
+        w->V[i] = v - u;        /* p(-B) */
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, n, w->V, n, w->pivot, E, n) != 0)
         return MODAL_OVERFLOW;
@@ -227,7 +241,7 @@ enum modal_status expm(struct expm *w, const double *A, double *E, struct modal_
     if (n == 0)
         return MODAL_OK;
     norm = norm_1(n, A);
-    if (!(norm < 1e12))
+    if (!(norm < NORM_MOST))        /* a NaN too */
         return modal_fail(err, MODAL_OVERFLOW, "expm: the matrix has norm %g; at most 1e12", norm);
     for (int i = 0; i < n; i++)
         shift += A[(size_t)i * ((size_t)n + 1)] / n;
@@ -236,7 +250,7 @@ enum modal_status expm(struct expm *w, const double *A, double *E, struct modal_
     else if (n == 2)
         exponential_2(A, E);
     else
-        rc = exponential(w, A, E, shift, norm + fabs(shift));
+        rc = exponential(w, A, E, shift, norm + fabs(shift));   /* a bound of |A - shift I| */
     if (rc != MODAL_OK || !isfinite(norm_1(n, E)))
         return modal_fail(err, MODAL_OVERFLOW,
                           "expm: exp(A) leaves the range of doubles (norm of A %g)", norm);

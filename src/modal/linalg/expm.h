@@ -5,6 +5,7 @@
 
 struct expm;      /* workspace for one size: made once, used for every step */
 
+/* For matrices of order N; the caller frees *out with expm_free.  Fails with MODAL_NO_MEMORY. */
 enum modal_status expm_new(int n, struct expm **out, struct modal_error *err);
 void expm_free(struct expm *w);
 

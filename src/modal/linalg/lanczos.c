@@ -33,6 +33,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* What is left of a unit vector once the basis is taken out is rounding below about
+ * sqrt(DBL_EPSILON): such a rest would be normalised to noise that is not orthogonal to anything.
+ */
+static const double LEAST_REST = 1e-8;
+
+/* Steps between two looks at the small SVD, at least; later a quarter of the steps so far, so that
+ * all looks together cost a constant multiple of the last. */
+enum { STEPS_BETWEEN_LOOKS = 3 };
+
 /* The vectors so far, growing by halves. */
 struct basis { int length, count, room; double *x; };
 
@@ -89,7 +98,7 @@ static double fresh(const struct basis *b, double *x, double *work)
     cblas_dscal(b->length, 1 / norm, x, 1);
     orthogonalise(b, x, work);
     norm = cblas_dnrm2(b->length, x, 1);
-    if (b->count >= b->length || norm < 1e-8)
+    if (b->count >= b->length || norm < LEAST_REST)
         return 0;
     cblas_dscal(b->length, 1 / norm, x, 1);
     return norm;
@@ -122,10 +131,10 @@ static enum modal_status step_left(struct lanczos *L, const struct linear_operat
     rc = A->apply(A->context, v, u, err);
     if (rc != MODAL_OK)
         return rc;
-    orthogonalise(&L->U, u, work);
+    orthogonalise(&L->U, u, work);              /* takes beta_{k-1} u_{k-1} off as well */
     L->alpha[k] = cblas_dnrm2(A->m, u, 1);
     note_scale(L, L->alpha[k]);
-    if (L->alpha[k] > floor_of(L)) {
+    if (L->alpha[k] > floor_of(L)) {            /* else its direction is rounding */
         cblas_dscal(A->m, 1 / L->alpha[k], u, 1);
     } else {
         L->alpha[k] = 0;
@@ -133,7 +142,7 @@ static enum modal_status step_left(struct lanczos *L, const struct linear_operat
             L->exhausted = true;
     }
     L->U.count += !L->exhausted;
-    L->V.count -= L->exhausted;
+    L->V.count -= L->exhausted;                 /* v_k is no part of the answer then */
     return MODAL_OK;
 }
 
@@ -152,7 +161,7 @@ static enum modal_status step_right(struct lanczos *L, const struct linear_opera
     rc = A->apply_transpose(A->context, u, v, err);
     if (rc != MODAL_OK)
         return rc;
-    orthogonalise(&L->V, v, work);
+    orthogonalise(&L->V, v, work);              /* takes alpha_k v_k off as well */
     L->beta[k] = cblas_dnrm2(A->n, v, 1);
     note_scale(L, L->beta[k]);
     *restarted = !(L->beta[k] > floor_of(L));
@@ -196,6 +205,7 @@ static int count_converged(const struct lanczos *L, const struct small *B,
                            const struct lanczos_options *opt, double *residual)
 {
     double tolerance = (opt->tolerance > 0 ? opt->tolerance : 1e-14) * B->s[0];
+    /* beta_k of (3); nothing couples to a space that is exhausted or whole */
     double last = L->exhausted || B->k == L->V.length ? 0 : L->beta[B->k - 1];
     int i;
 
@@ -230,7 +240,7 @@ static enum modal_status iterate(struct lanczos *L, const struct linear_operator
                                  const struct lanczos_options *opt, double *work, struct small *B,
                                  struct lanczos_result *out, struct modal_error *err)
 {
-    int check = opt->wanted + 2;
+    int check = opt->wanted + 2;                /* fewer steps cannot have that many triplets */
     bool restarted = true;
     enum modal_status rc = MODAL_OK;
 
@@ -245,7 +255,8 @@ static enum modal_status iterate(struct lanczos *L, const struct linear_operator
         rc = small_svd(L, out->steps, B, err);
         if (rc == MODAL_OK)
             out->count = count_converged(L, B, opt, &out->residual);
-        check = out->steps + (out->steps / 4 > 3 ? out->steps / 4 : 3);
+        check = out->steps + (out->steps / 4 > STEPS_BETWEEN_LOOKS ? out->steps / 4
+                                                                   : STEPS_BETWEEN_LOOKS);
     }
     return rc;
 }

@@ -22,7 +22,7 @@ static void scale_columns(struct matrix *A, double *norm)
         double *a = A->x + (size_t)j * A->ld;
         norm[j] = safe_norm(a, A->m);
         for (int i = 0; i < A->m && norm[j] > 0; i++)
-            a[i] /= norm[j];
+            a[i] /= norm[j];                        /* A D, D = diag(1/|a_j|) */
     }
 }
 
@@ -39,7 +39,7 @@ static void unscale(struct matrix *B, int n, const double *norm)
     for (int j = 0; j < B->n; j++)
         for (int i = 0; i < n; i++) {
             double *x = B->x + i + (size_t)j * B->ld;
-            *x = norm[i] > 0 ? *x / norm[i] : 0;
+            *x = norm[i] > 0 ? *x / norm[i] : 0;   /* x = D z; a zero column's unknown is free: 0 */
         }
 }
 
@@ -62,7 +62,7 @@ enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, double
     s = norm + n;
     scale_columns(A, norm);
     if (rcond <= 0)
-        rcond = (m > n ? m : n) * DBL_EPSILON;
+        rcond = (m > n ? m : n) * DBL_EPSILON;      /* what rounding makes of an exact 0 */
     if (k > 0 && B->n > 0)
         info =
             LAPACKE_dgelsd(LAPACK_COL_MAJOR, m, n, B->n, A->x, A->ld, B->x, B->ld, s, rcond, &rank);

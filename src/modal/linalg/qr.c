@@ -35,6 +35,7 @@ static void copy_triangle(const struct matrix *A, struct matrix *R)
 {
     for (int j = 0; j < A->n; j++)
         for (int i = 0; i < A->n; i++)
+            /* below the diagonal LAPACK keeps the reflections */
             R->x[i + (size_t)j * R->ld] = i <= j ? A->x[i + (size_t)j * A->ld] : 0;
 }
 
@@ -61,7 +62,7 @@ static bool join_rows(const struct matrix *A, int first, int count, int above, d
     int n = A->n, m = above + count;
 
     for (int j = 0; j < n; j++) {
-        for (int i = j + 1; i < above; i++)
+        for (int i = j + 1; i < above; i++)     /* the reflections of the panel before */
             stack[i + (size_t)j * ld] = 0;
         memcpy(stack + above + (size_t)j * ld, A->x + first + (size_t)j * A->ld,
                sizeof(double) * (size_t)count);
@@ -95,6 +96,7 @@ enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_e
     int panel = 3 * A->n > PANEL_LEAST ? 3 * A->n : PANEL_LEAST;
     double *tau;
 
+    /* panels read A once; they pay where there are several */
     if (A->n > 0 && A->m > 2 * (A->n + panel))
         return triangle_by_panels(A, panel, R, err);
     tau = factor(A, &rc, err);
@@ -109,7 +111,7 @@ static double reflector(double *x, int count, double *beta)
 {
     double norm = quick_norm(x, (size_t)count), alpha = x[0];
 
-    *beta = alpha > 0 ? -norm : norm;
+    *beta = alpha > 0 ? -norm : norm;       /* of the other sign: alpha - beta does not cancel */
     if (norm == 0)
         return 0;
     for (int i = 1; i < count; i++)
@@ -128,7 +130,7 @@ void qr_reflect(struct matrix *A, int k, double *work)
             cblas_dgemv(CblasColMajor, CblasTrans, rows, left, 1, rest, A->ld, v, 1, 0, work, 1);
             cblas_dger(CblasColMajor, rows, left, -tau, v, 1, work, 1, rest, A->ld);
         }
-        memset(v, 0, sizeof *v * (size_t)rows);
+        memset(v, 0, sizeof *v * (size_t)rows);   /* v has done its work: the column is beta e_1 */
         v[0] = beta;
     }
 }

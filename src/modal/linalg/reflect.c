@@ -21,7 +21,7 @@ static double dot(int m, const double *x, const double *y)
     double sum;
     int i = 0;
 
-    for (; i + 4 <= m; i += 4) {
+    for (; i + 4 <= m; i += 4) {            /* two sums: an addition need not wait for the last */
         s += *(const two *)(x + i) * *(const two *)(y + i);
         t += *(const two *)(x + i + 2) * *(const two *)(y + i + 2);
     }
@@ -52,7 +52,7 @@ static double reflection(int m, double *alpha, double *x)
     double square = dot(m, x, x), beta, scale, tau;
 
     if (square == 0)
-        return 0;
+        return 0;                           /* nothing to annihilate: the identity */
     beta = -copysign(sqrt(*alpha * *alpha + square), *alpha);
     tau = (beta - *alpha) / beta, scale = 1 / (*alpha - beta);
     for (int i = 0; i < m; i++)
@@ -68,7 +68,7 @@ void reflect_columns(int m, int n, double *A, int ld, double *tau)
         tau[k] = reflection(m - k - 1, v, v + 1);
         for (int j = k + 1; j < n && tau[k] != 0; j++) {
             double *x = A + k + (ptrdiff_t)j * ld,
-                   s = tau[k] * (x[0] + dot(m - k - 1, v + 1, x + 1));
+                   s = tau[k] * (x[0] + dot(m - k - 1, v + 1, x + 1));     /* tau v^T x, v_0 = 1 */
             x[0] -= s;
             subtract(m - k - 1, s, v + 1, x + 1);
         }
@@ -82,7 +82,7 @@ void reflect_compact(int m, int n, const double *V, int ld, const double *tau, d
         double *t = T + (ptrdiff_t)k * n;
         for (int i = 0; i < k; i++) {
             const double *u = V + k + (ptrdiff_t)i * ld;
-            t[i] = -tau[k] * (u[0] + dot(m - k - 1, u + 1, v + 1));
+            t[i] = -tau[k] * (u[0] + dot(m - k - 1, u + 1, v + 1));     /* -tau_k v_i^T v_k */
         }
         for (int i = 0; i < k; i++) {         /* T of those before, from the left, in place */
             double sum = 0;
@@ -112,7 +112,7 @@ void reflect_below(int m, int n, int flat, double *R, int ldr, double *B, int ld
         tau[k] = reflection(rows, r, v);
         for (int j = k + 1; j < n && tau[k] != 0; j++) {
             double *x = B + (ptrdiff_t)j * ldb, *top = r + (ptrdiff_t)(j - k) * ldr,
-                   s = tau[k] * (*top + dot(rows, v, x));
+                   s = tau[k] * (*top + dot(rows, v, x));      /* v's upper part is e_k */
             *top -= s;
             subtract(rows, s, v, x);
         }

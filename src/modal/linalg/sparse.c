@@ -40,10 +40,10 @@ enum modal_status sparse_from_triplets(int m, int n, const struct triplet *entri
         while (k < count && sorted[k].t.i == t.i && sorted[k].t.j == t.j)
             t.value += sorted[k++].t.value;
         if (t.value == 0)
-            continue;
+            continue;                     /* what cancels is no part of the structure */
         a.index[filled] = t.j;
         a.value[filled++] = t.value;
-        a.start[t.i + 1] = filled;
+        a.start[t.i + 1] = filled;        /* the end of row i so far */
     }
     for (int i = 1; i <= m; i++)          /* rows without entries end where the row before does */
         if (a.start[i] < a.start[i - 1])

@@ -37,7 +37,7 @@ enum modal_status sparse_lu_new(int n, const int *start, const int *index, bool 
     f->start = malloc((order + 1) * sizeof *f->start);
     f->index = malloc((entries + 1) * sizeof *f->index);
     f->room = malloc((order + 1) * sizeof *f->room);
-    f->scratch = malloc((4 * order + 1) * sizeof *f->scratch);
+    f->scratch = malloc((4 * order + 1) * sizeof *f->scratch);  /* what umfpack_*_wsolve asks for */
     if (f->start == NULL || f->index == NULL || f->room == NULL || f->scratch == NULL) {
         sparse_lu_free(f);
         return modal_fail(err, MODAL_NO_MEMORY, "sparse factors: no memory for %zu entries",
@@ -46,7 +46,7 @@ enum modal_status sparse_lu_new(int n, const int *start, const int *index, bool 
     memcpy(f->start, start, (order + 1) * sizeof *start);
     memcpy(f->index, index, entries * sizeof *index);
     umfpack_di_defaults(f->control);
-    f->control[UMFPACK_IRSTEP] = 0;
+    f->control[UMFPACK_IRSTEP] = 0;               /* no refinement: who iterates corrects itself */
     *out = f;
     return MODAL_OK;
 }
@@ -94,7 +94,7 @@ static bool finite_values(const double *value, size_t count)
     double sum = 0;
 
     for (size_t i = 0; i < count; i++)
-        sum += fabs(value[i]);
+        sum += fabs(value[i]);          /* one NaN or infinity stays in a sum */
     return isfinite(sum);
 }
 
@@ -115,6 +115,8 @@ bool sparse_lu_factor(struct sparse_lu *f, const void *value)
                                 info);
     f->work = info[UMFPACK_FLOPS];
     f->rcond = info[UMFPACK_RCOND];
+    /* pivots that differ by 1 / DBL_EPSILON^2 are those of a singular matrix, however its rows are
+     * scaled */
     if (status == UMFPACK_OK && info[UMFPACK_RCOND] > 4 * DBL_EPSILON * DBL_EPSILON)
         return true;
     drop_numeric(f);

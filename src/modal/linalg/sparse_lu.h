@@ -13,7 +13,7 @@ struct sparse_lu;
  */
 enum modal_status sparse_lu_new(int n, const int *start, const int *index, bool of_complex,
                                 struct sparse_lu **out, struct modal_error *err);
-void sparse_lu_free(struct sparse_lu *f);
+void sparse_lu_free(struct sparse_lu *f);       /* NULL too */
 
 /*
  * Factor VALUE, in the order of the structure, borrowed until the next factorization

@@ -16,7 +16,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double PLAIN_LEAST = 1e-100, PLAIN_MOST = 1e100;
+/* Between these magnitudes squares, and sums of 1e100 of them, stay within the doubles (1e-308 to
+ * 1e308), and what underflows is below DBL_EPSILON of the largest square. */
+static const double PLAIN_LEAST = 1e-100;
+static const double PLAIN_MOST = 1e100;      /* see PLAIN_LEAST */
 
 double largest_magnitude(const double *x, size_t count)
 {
@@ -56,7 +59,8 @@ double quick_norm(const double *x, size_t count)
 {
     double square = count <= INT_MAX ? cblas_ddot((int)count, x, 1, x, 1) : 0;
 
-    return square > 1e-200 && square < 1e200 ? sqrt(square) : safe_norm(x, count);
+    return square > PLAIN_LEAST * PLAIN_LEAST && square < PLAIN_MOST * PLAIN_MOST ? sqrt(square)
+                                                                      : safe_norm(x, count);
 }
 
 double safe_matrix_norm(const struct matrix *a)
@@ -128,7 +132,7 @@ enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct
         return modal_fail(err, MODAL_BAD_INPUT,
                           "svd: the %d x %d matrix has an entry that is not finite", A->m, A->n);
     if (most > 0) {
-        frexp(most, &exponent);
+        frexp(most, &exponent);         /* most = f 2^exponent, f in [1/2, 1) */
         scale_by(A, -exponent);
     }
     copy = malloc(sizeof *copy * A->m * A->n);
@@ -145,6 +149,6 @@ enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct
         return modal_fail(err, MODAL_NO_CONVERGENCE,
                           "svd: dgesdd and dgesvd failed on %d x %d (info %d)", A->m, A->n, info);
     for (int i = 0; i < k; i++)
-        s[i] = ldexp(s[i], exponent);
+        s[i] = ldexp(s[i], exponent);   /* singular values scale with A, its vectors not at all */
     return MODAL_OK;
 }

@@ -25,7 +25,8 @@
 #include <string.h>
 #include "modal/linalg/qr.h"
 
-enum { PANEL = 16 };                                 /* columns a step of dtpqrt */
+/* columns a step of dtpqrt: a panel of 16 and its triangle of 16 x 16 stay in the first cache */
+enum { PANEL = 16 };
 
 struct stack { double *x; int count, room; };        /* triangles, n x n each */
 

@@ -15,8 +15,8 @@ struct window_qr;
 /* The caller frees *out with window_qr_free.  Fails with MODAL_BAD_INPUT (n < 1), MODAL_NO_MEMORY.
  */
 enum modal_status window_qr_new(int n, struct window_qr **out, struct modal_error *err);
-void window_qr_free(struct window_qr *q);
-void window_qr_clear(struct window_qr *q);
+void window_qr_free(struct window_qr *q);      /* NULL too */
+void window_qr_clear(struct window_qr *q);     /* as it was when new */
 
 /* Rows (m x n, m >= 1, destroyed) join as the newest block.  Fails with MODAL_NO_MEMORY. */
 enum modal_status window_qr_push(struct window_qr *q, struct matrix *rows, struct modal_error *err);
@@ -24,6 +24,7 @@ enum modal_status window_qr_push(struct window_qr *q, struct matrix *rows, struc
 /* The oldest block leaves; nothing happens where there is none.  Fails with MODAL_NO_MEMORY. */
 enum modal_status window_qr_pop(struct window_qr *q, struct modal_error *err);
 
+/* The blocks in the queue. */
 int window_qr_blocks(const struct window_qr *q);
 
 /* R: n x n, zeros below the diagonal; all zero where the queue is empty.  MORE (m x n, kept; may be

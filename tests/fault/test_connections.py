@@ -1,4 +1,5 @@
 """What one connection may do to the daemon and to the others: nothing."""
+# Tests as well: accept.c hangup.c intake.c
 import contextlib
 import json
 import os

@@ -1,4 +1,5 @@
 """Steady states against references computed by other means (tests/data/steady): spectra, multipliers, folds, counts, refusals."""
+# Tests as well: backbone.c monodromy.c offset.c path.c resonance.c solutions.c stability.c
 import cmath
 import csv
 import json

@@ -1,4 +1,5 @@
 """Keys, roles, shares and limits (PROTOCOL.md, section 12): who may what, who sees what, who waits how long."""
+# Tests as well: config.c zap.c
 import json
 import pathlib
 import subprocess

@@ -1,3 +1,4 @@
+/* Tests as well: json_read.c json_text.c json_tree.c */
 #include "check.h"
 #include <stdlib.h>
 #include "base/json.h"

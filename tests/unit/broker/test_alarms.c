@@ -1,5 +1,6 @@
 /* Alarm rules: on documents written by hand, where every edge is known, and on live windows of
  * synthetic signals, where the truth is. */
+/* Tests as well: live.c */
 #include "broker/core/alarms.h"
 #include "check.h"
 #include "job/live.h"

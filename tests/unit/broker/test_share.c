@@ -9,6 +9,7 @@
  * backlog and before which neither  (1) had any, and twice that otherwise, for each may begin with
  * a debt or a credit.
  */
+/* Tests as well: users.c */
 #include "check.h"
 #include <math.h>
 #include <stdlib.h>

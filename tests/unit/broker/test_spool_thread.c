@@ -1,5 +1,6 @@
 /* test_spool_thread.c - the spool's threads: in which order they give tasks back while streams with
  * long gaps are sealed */
+/* Tests as well: queue.c sums.c */
 #include "check.h"
 #include <poll.h>
 #include <stdlib.h>

@@ -1,4 +1,5 @@
 /* test_job_identify.c - identify as a job: options in, the document of the contract out */
+/* Tests as well: identify_job.c identify_options.c */
 #include "check.h"
 #include <stdlib.h>
 #include "job/identify_job.h"

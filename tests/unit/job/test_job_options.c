@@ -1,4 +1,5 @@
 /* test_job_options.c - the tables of options agree with themselves and with their parsers */
+/* Tests as well: kinds.c */
 #include "check.h"
 #include <stdlib.h>
 #include "ctl/option.h"

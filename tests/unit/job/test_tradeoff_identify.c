@@ -1,5 +1,6 @@
 /* Error against time through the job: on exact signals errors are those against the truth, settings
  * are options that give them again. */
+/* Tests as well: identify_ladder.c tradeoff.c */
 #include "job/tradeoff.h"
 #include <stdlib.h>
 #include "check.h"

@@ -1,4 +1,5 @@
 /* test_check.c - fsck names what is damaged and where, dump shows every row, a backup is a store */
+/* Tests as well: backup.c dump.c ledger_db.c */
 #include "check.h"
 #include <fcntl.h>
 #include <stdlib.h>

@@ -1,4 +1,5 @@
 /* test_file.c - the calls of file.h do what they say, and say what went wrong where */
+/* Tests as well: file_fault.c */
 #include "check.h"
 #include <fcntl.h>
 #include <signal.h>

@@ -1,4 +1,5 @@
 /* test_ledger.c - the ledger: groups, moves, conflicts, reading back, locks, damage */
+/* Tests as well: file_vfs.c ledger_reader.c ledger_wal.c samples.c */
 #include "check.h"
 #include <fcntl.h>
 #include <stdlib.h>

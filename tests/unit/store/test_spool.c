@@ -1,5 +1,6 @@
 /* test_spool.c - uploads: written in chunks, resumed, sealed, mapped; every limit and every kind of
  * damage */
+/* Tests as well: batch_h5.c file_h5.c mapping.c */
 #include "check.h"
 #include <dirent.h>
 #include <fcntl.h>

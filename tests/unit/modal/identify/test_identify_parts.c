@@ -1,4 +1,6 @@
 /* test_identify_parts.c - the modules of identification, each against a closed form */
+/* Tests as well: exponents.c fold.c hankel.c harmonics.c modes.c pod.c projection.c rank.c record.c
+ * synthesis.c transition.c */
 #include "check.h"
 #include <complex.h>
 #include <float.h>

@@ -1,5 +1,7 @@
 /* The identification of a moving window against the batch's on the same samples, and the triangles
  * it rests on against closed forms. */
+/* Tests as well: moving_blocks.c moving_columns.c moving_fit.c moving_judge.c moving_report.c
+ * window_qr.c */
 #include "modal/identify/moving.h"
 #include <float.h>
 #include "check.h"

@@ -1,4 +1,5 @@
 /* What trimming leaves out, and what a fit leaves: against least squares made anew. */
+/* Tests as well: criterion.c remainder.c */
 #include "modal/identify/remainder.h"
 #include "modal/identify/trim.h"
 #include "check.h"

@@ -1,5 +1,6 @@
 /* Stable, unstable or undecided: what grows is said to grow however weak it begins, and what merely
  * makes up for a wrong model is not. */
+/* Tests as well: diagnose.c trend.c */
 #include "modal/identify/identify.h"
 #include "modal/identify/trend.h"
 #include "modal/identify/verdict.h"

@@ -1,4 +1,5 @@
 /* test_linalg.c - the thin calls on LAPACK and the Golub-Kahan-Lanczos iteration */
+/* Tests as well: eigen.c lanczos.c least_squares.c qr.c svd.c */
 #include "check.h"
 #include <complex.h>
 #include <float.h>

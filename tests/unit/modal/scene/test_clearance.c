@@ -1,5 +1,6 @@
 /* test_clearance.c - contact in a circular race: the journal with mass, and the massless one by its
  * scalar balance */
+/* Tests as well: journal_contact.c law.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/law.h"

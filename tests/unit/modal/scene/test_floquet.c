@@ -1,3 +1,4 @@
+/* Tests as well: hill.c magnus.c parametric_stiffness.c statespace.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/floquet.h"

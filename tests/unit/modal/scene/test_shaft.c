@@ -5,6 +5,8 @@
  * pinned), A1 (with end couplings of 10 N m/rad), FE6.  The tables print 10 digits; the bar is 1e-6
  * rad/s.
  */
+/* Tests as well: bearing.c gyroscopic.c rotary_inertia.c shaft_axes.c shaft_massless.c
+ * shaft_sensor.c shaft_supports.c sparse.c turning.c viscous_damping.c */
 #include "check.h"
 #include <complex.h>
 #include <cblas.h>

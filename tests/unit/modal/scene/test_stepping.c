@@ -1,3 +1,6 @@
+/* Tests as well: collocation.c cubic_spring.c holding.c linear_stepper.c lua.c nonlinear_stepper.c
+ * periodic_stepper.c polynomial.c polynomial_damper.c ports.c readout.c regime_events.c
+ * rk4_stepper.c sources.c user_law.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/simulate.h"

@@ -1,5 +1,6 @@
 /* A scene in other units is the same scene; where rigid friction holds for good its slider is at
  * zero. */
+/* Tests as well: coulomb.c orbit.c */
 #include "check.h"
 #include <complex.h>
 #include "modal/scene/simulate.h"

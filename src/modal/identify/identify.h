@@ -42,7 +42,7 @@ extern const char *const identify_scale_names[SCALE_COUNT + 1];
 
 enum {
     IDENTIFY_SAMPLES_LEAST = 8,
-    IDENTIFY_ORDER_MOST = 400,           /* exponents looked for */
+    IDENTIFY_ORDER_MOST = 1600,          /* exponents looked for */
     IDENTIFY_CHANNELS_MOST = 10000000,
     IDENTIFY_DIAGNOSTICS_MOST = 64,
     IDENTIFY_STAGES = 12

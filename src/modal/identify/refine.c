@@ -51,6 +51,7 @@
 #include "modal/identify/criterion.h"
 #include "modal/identify/doubling.h"
 #include "modal/identify/exponents.h"
+#include "modal/identify/gram.h"
 #include "modal/identify/powers.h"
 #include "modal/identify/wide.h"
 #include "modal/linalg/qr.h"
@@ -84,6 +85,7 @@ struct work {
     int most_columns;            /* min(L, columns): columns of Q */
     bool join;                   /* Y joins the QR */
     struct doubling *doubling;   /* long records: instead of a QR of all rows; else NULL */
+    struct gram *gram;           /* many poles: instead of any QR; else NULL */
     int panel;                   /* columns of Y at a time */
     double *basis;               /* L x columns: [Phi D], then Q; L x (columns + S) where Y joins */
     double *triangle;            /* (columns + S)^2, for many rows; else NULL: the QR is in place */
@@ -112,11 +114,21 @@ struct evaluation {
     bool degenerate;
 };
 
+/* What evaluations need. */
+static void work_release(struct work *w)
+{
+    doubling_free(w->doubling), gram_free(w->gram);
+    w->doubling = NULL, w->gram = NULL;
+    free(w->basis), free(w->triangle), free(w->tau), free(w->R), free(w->Z), free(w->C);
+    free(w->rest), free(w->stack), free(w->reflect);
+    w->basis = w->triangle = w->tau = w->R = w->Z = w->C = NULL;
+    w->rest = w->stack = w->reflect = NULL;
+}
+
 static void work_done(struct work *w)
 {
     free(w->kind), free(w->column), free(w->first);
-    doubling_free(w->doubling);
-    free(w->basis), free(w->triangle), free(w->tau), free(w->R), free(w->Z), free(w->C), free(w->rest), free(w->stack), free(w->reflect);
+    work_release(w);
     free(w->weight), free(w->energy), free(w->floor2), free(w->lowest);
 }
 
@@ -164,13 +176,12 @@ static bool work_plan(struct work *w, bool whole)
     return true;
 }
 
-static bool work_allocate(struct work *w, bool whole)
+/* For a QR of all rows, or by doubling. */
+static bool allocate_rows(struct work *w, bool whole)
 {
     int q = w->order, P = w->parameters + 1;
     size_t L = (size_t)w->L;
 
-    w->columns = w->look ? q : 2 * q;
-    w->most_columns = w->L < w->columns ? w->L : w->columns;
     if (!work_plan(w, whole))
         return false;
     w->stack_rows = P + w->panel * (w->most_columns - q);
@@ -185,11 +196,33 @@ static bool work_allocate(struct work *w, bool whole)
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
     w->rest = numbers(w->join ? 0 : w->doubling != NULL ? 1 : L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
     w->reflect = numbers(REFLECT, (size_t)(w->columns + w->panel + P));
-    w->weight = numbers((size_t)w->groups, 1), w->energy = numbers((size_t)w->groups, 1);
-    w->floor2 = numbers((size_t)w->groups, 1), w->lowest = numbers((size_t)w->groups, 1);
-    return w->lowest != NULL && w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL
-        && w->C != NULL && w->rest != NULL
-        && w->stack != NULL && w->reflect != NULL && w->weight != NULL && w->energy != NULL && w->floor2 != NULL;
+    return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL
+        && w->rest != NULL && w->stack != NULL && w->reflect != NULL;
+}
+
+/* For sums in closed form; rest is each column's weight, then what it leaves. */
+static bool allocate_sums(struct work *w)
+{
+    size_t S = (size_t)w->S, K = (size_t)w->columns;
+
+    w->gram = gram_new(w->L, w->count, w->order);
+    w->R = numbers(K, K), w->Z = numbers(K, S), w->C = numbers((size_t)w->order, S);
+    w->rest = numbers(S, 2);
+    w->cost = w->gram != NULL ? gram_cost(w->gram, w->S) : 0;
+    return w->gram != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL;
+}
+
+static bool work_allocate(struct work *w, bool whole)
+{
+    size_t groups = (size_t)w->groups;
+
+    w->columns = w->look ? w->order : 2 * w->order;
+    w->most_columns = w->L < w->columns ? w->L : w->columns;
+    w->weight = numbers(groups, 1), w->energy = numbers(groups, 1);
+    w->floor2 = numbers(groups, 1), w->lowest = numbers(groups, 1);
+    if (w->weight == NULL || w->energy == NULL || w->floor2 == NULL || w->lowest == NULL)
+        return false;
+    return whole && gram_pays(w->L, w->order, w->S) ? allocate_sums(w) : allocate_rows(w, whole);
 }
 
 /* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the column only. */
@@ -373,6 +406,30 @@ static void weigh(const struct work *w, struct evaluation *e)
         e->F += w->weight[g] * w->weight[g] * e->rss[g];
 }
 
+/* One evaluation by sums; false where they do not tell enough. */
+static bool evaluate_sums(struct work *w, const struct doubling_poles *poles,
+                          struct evaluation *e)
+{
+    int q = w->order, K = w->columns, S = w->S;
+    double *rest = w->rest, *weight = w->rest + S;
+
+    if (!gram_factor(w->gram, poles, w->look, w->R)
+        || !gram_project(w->gram, w->Y, w->R, w->C, w->Z, rest))
+        return false;
+    for (int c = 0; c < S; c++) {
+        const double *z = w->Z + (size_t)c * (size_t)K;
+        weight[c] = w->weight[c / w->phases];
+        e->rss[c / w->phases] += rest[c];
+        e->near[c / w->phases] += cblas_ddot(K - q, z + q, 1, z + q, 1);
+        if (w->all != NULL)
+            memcpy(w->all + (size_t)c * (size_t)q, z, (size_t)q * sizeof *w->all);
+    }
+    weigh(w, e);
+    e->degenerate = !isfinite(e->F);
+    return w->look || w->parameters == 0
+        || gram_triangle(w->gram, w->R, w->C, w->Z, S, weight, w->first, w->parameters, e->T);
+}
+
 static enum modal_status evaluate(struct work *w, const struct point *at, struct evaluation *e, struct modal_error *err)
 {
     const struct doubling_poles poles = { w->count, w->order, w->kind, w->column, at->a, at->b };
@@ -380,6 +437,18 @@ static enum modal_status evaluate(struct work *w, const struct point *at, struct
 
     e->F = HUGE_VAL, e->degenerate = true;
     w->spent += w->cost;
+    memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
+    memset(e->near, 0, (size_t)w->groups * sizeof *e->near);
+    if (w->gram != NULL) {
+        if (evaluate_sums(w, &poles, e))
+            return MODAL_OK;
+        work_release(w);                    /* from here on by rows */
+        if (!allocate_rows(w, true))
+            return modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d",
+                              w->L, w->S, w->order);
+        w->spent += w->cost;
+    }
+    e->F = HUGE_VAL, e->degenerate = true;
     memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
     memset(e->near, 0, (size_t)w->groups * sizeof *e->near);
     memset(e->T, 0, (size_t)(w->parameters + 1) * (size_t)(w->parameters + 1) * sizeof *e->T);
@@ -795,13 +864,11 @@ static void covariance(const struct work *w, const struct evaluation *e, double 
         for (int i = 0; i < n; i++)
             R[i + j * n] = i <= j ? e->T[i + j * P] : 0;
     bool singular = n > 0 && LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', n, R, n) != 0;
+    if (n > 0 && !singular)
+        singular = LAPACKE_dlauum(LAPACK_COL_MAJOR, 'U', n, R, n) != 0;
     for (int j = 0; j < n; j++)
-        for (int i = 0; i <= j; i++) {
-            double sum = 0;
-            for (int l = j; l < n; l++)          /* row i of R^{-1} times row j, both from column j on */
-                sum += R[i + l * n] * R[j + l * n];
-            R[i + j * n] = singular ? NAN : s2 * sum;
-        }
+        for (int i = 0; i <= j; i++)
+            R[i + j * n] = singular ? NAN : s2 * R[i + j * n];
     for (int j = 0; j < n; j++)
         for (int i = j + 1; i < n; i++)
             R[i + j * n] = R[j + i * n];

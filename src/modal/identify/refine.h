@@ -7,7 +7,7 @@
 #include "modal/identify/criterion.h"
 #include "modal/linalg/matrix.h"
 
-enum { REFINE_ORDER_MOST = 400, REFINE_ITERATIONS_MOST = 200 };
+enum { REFINE_ORDER_MOST = 1600, REFINE_ITERATIONS_MOST = 200 };
 
 /*
  * The data: Y, L rows a step tau apart, S columns, with the model of synthesis.h.  A periodic system with Ns signals of p

@@ -57,21 +57,16 @@ struct gram {
     double *normal;                          /* 2 order x 2 order */
 };
 
-static double cost_of(double L, double order, double S)
+double gram_work(int L, int order, int S)
 {
-    return 4 * L * order * S + 4 * order * order * order;
+    return 4.0 * order * ((double)L * S + (double)order * order);
 }
 
 bool gram_pays(int L, int order, int S)
 {
     double wide = 2.0 * order + S;
 
-    return order >= ORDER_LEAST && 2 * order < L && 2 * cost_of(L, order, S) < L * wide * wide;
-}
-
-double gram_cost(const struct gram *g, int S)
-{
-    return cost_of(g->L, g->order, S);
+    return order >= ORDER_LEAST && 2 * order < L && 2 * gram_work(L, order, S) < L * wide * wide;
 }
 
 /* sum (r / (L/2))^n over the rows, r from the middle. */

@@ -9,13 +9,12 @@ struct gram;
 
 /* Is it cheaper than refine's QR, for S columns of data? */
 bool gram_pays(int L, int order, int S);
+/* Multiplications of one evaluation, about. */
+double gram_work(int L, int order, int S);
 
 /* For COUNT poles of ORDER columns over L rows. NULL: no memory. */
 struct gram *gram_new(int L, int count, int order);
 void gram_free(struct gram *g);
-
-/* Multiplications of one evaluation with S columns of data, about. */
-double gram_cost(const struct gram *g, int S);
 
 /*
  * R of Phi (look) or of [Phi D], as doubling_factor has them, K x K for its K columns. False where

@@ -52,9 +52,10 @@ enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 
 /* In records longer than this a ladder that is near the number of triplets is not refined before they are doubled: it is thrown away, and costs seconds. */
 enum { VERY_LONG = 32768 };
 
-/* What is searched from above: at most so many signals, found for so many multiplications. */
-enum { SIGNALS_MOST = 256 };
-static const double SIGNALS_WORK = 4e9;
+/* What is searched from above: at most so many signals, found for so many multiplications; and
+ * where many modes are seen to be there. */
+enum { SIGNALS_MOST = 256, MANY_MOST = 1024, LAG = 5 };
+static const double SIGNALS_WORK = 4e9, MANY_WORK = 1e11;
 
 enum { WEIGH_MOST = 5 };
 /* Records that end below the grid: steps from the end's value, rows that must be left, and the share of all above which they stay whole. */
@@ -70,6 +71,9 @@ static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
 static const double WORK_MOST = 1.6e10, WORK_LONG = 5e9, WORK_LEAST = 5e8;
 /* The same of a first search among few channels that have not been weighed by their noise: if that differs much the search may find no end. */
 static const double WORK_TRIAL = 1e9;
+/* Where signals say that there are many modes: as many evaluations of all of them as a search takes
+ * that begins near its end. */
+static const double EVALUATIONS_MANY = 64;
 
 struct work {
     struct identify_options opt;    /* defaults filled in */
@@ -93,6 +97,8 @@ struct work {
     bool projected;                 /* which of the two was made */
     double spent;                   /* work of the ladders so far */
     bool trial;                     /* this search has WORK_TRIAL only */
+    bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
+    bool known;                     /* the last search found one set of modes: out->unweighed */
     struct order_choice choice;
     int rank;                       /* of the chosen candidate */
     struct poles poles;
@@ -348,14 +354,59 @@ static enum modal_status project(struct work *w, struct identify_result *out, st
     return rc;
 }
 
-/* Do signals fill the triplets, so that there may be more of them, and can more be had for
- * SIGNALS_WORK? */
+/* Rows for many triplets: as high as it is wide the Hankel matrix has its noise lowest beside its
+ * signals, and more rows cost more; it has room for FOLD times the triplets. */
+static int rows_of_many(const struct work *w, int triplets)
+{
+    enum { FOLD = 4 };
+    int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
+
+    if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST)
+        return w->opt.rows;
+    rows = rows > least ? rows : least;
+    return rows < (L + 2) / 3 ? rows : (L + 2) / 3;
+}
+
+/* Do as many triplets as few modes need leave much of the signals? Then many modes are there. What
+ * follows its own amplitude has many directions too, and next to nothing in the later ones. */
+static bool leaves_much(const struct pencil *p)
+{
+    double rest = p->energy;
+
+    for (int i = 0; i < p->count; i++)
+        rest -= p->s[i] * p->s[i];
+    return rest > ORDER_POOR * ORDER_POOR * p->energy;
+}
+
+/* Do signals fill the triplets, so that there may be more of them? Of many triplets, which Lanczos
+ * ends as soon as it has their number, the last have not converged: they are less than the
+ * signals, by a tenth of the number as seen. */
 static bool signals_fill(const struct work *w, const struct pencil *p)
 {
-    double k = 2.0 * p->count, side = (double)p->height + p->columns;
+    int lag = w->many ? p->count / LAG : 0;
 
-    return pencil_signals(p) + ORDER_AHEAD > p->count && p->count < w->X->m / 4
-        && k <= SIGNALS_MOST && side * k * k <= SIGNALS_WORK;
+    return pencil_signals(p) + lag + ORDER_AHEAD > p->count;
+}
+
+/* Can twice the triplets be had for the work? */
+static bool can_double(const struct work *w, const struct pencil *p)
+{
+    int more = 2 * p->count, rows = rows_of_many(w, more);
+    double k = more, m = rows > 0 ? rows : p->rows, side = m * w->X->n + w->X->m - m;
+
+    return p->count < w->X->m / 4 && k <= (w->many ? MANY_MOST : SIGNALS_MOST)
+        && side * k * k <= (w->many ? MANY_WORK : SIGNALS_WORK);
+}
+
+/* A response that noise drives has no end of signals: of those not even many are searched. */
+static void drop_endless(struct work *w, struct pencil *all)
+{
+    if (!w->many || !signals_fill(w, all))
+        return;
+    w->many = false;
+    if (all->s != w->pencil.s)
+        pencil_done(all);
+    *all = w->pencil;
 }
 
 /* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
@@ -364,16 +415,20 @@ static enum modal_status pencil_of_all(struct work *w, struct pencil *all, struc
     enum modal_status rc = MODAL_OK;
 
     *all = w->pencil;
-    while (rc == MODAL_OK && signals_fill(w, all)) {
-        struct pencil_options opt = { w->opt.rows, 2 * all->count };
+    w->many = false;
+    while (rc == MODAL_OK && signals_fill(w, all) && can_double(w, all)) {
+        struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
         struct pencil more = { 0 };
         rc = pencil_new(searched(w), &opt, &more, err);
         if (all->s != w->pencil.s)
             pencil_done(all);
         *all = rc == MODAL_OK ? more : w->pencil;
+        if (all->count == TRIPLETS_MOST)
+            w->many = leaves_much(all);
         if (more.count < opt.wanted)
             break;
     }
+    drop_endless(w, all);
     return rc;
 }
 
@@ -560,8 +615,9 @@ static void note_chosen(struct work *w, struct identify_result *out)
 
 static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
 {
-    struct order_source source = { order_most(w), 0,
-                                   w->projected ? projection_source : pencil_source, w };
+    struct order_source source = { .most = order_most(w), .context = w,
+                                   .poles = w->projected ? projection_source
+                                                         : pencil_source };
     struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 }, .cancelled = w->opt.cancelled, .context = w->opt.context };
     const struct projection *p = &w->projection;
     enum modal_status rc;
@@ -594,18 +650,37 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     return rc;
 }
 
+/* Many poles of one set that channels not yet weighed showed: weighed ones begin there. */
+static bool begins_there(const struct work *w, const struct identify_result *out)
+{
+    const struct identify_chosen *k = &out->unweighed;
+
+    return w->known && poles_order(k->lambda, k->count, w->tau) > TRIPLETS_MOST;
+}
+
 /* From all signals downwards, in w->pencil, for w->choice. */
-static enum modal_status descend(struct work *w, struct modal_error *err)
+static enum modal_status descend(struct work *w, const struct identify_result *out,
+                                 struct modal_error *err)
 {
     struct order_options opt = { .order_most = rows_allow(w), .cancelled = w->opt.cancelled,
                                  .context = w->opt.context };
     struct order_source source = { .most = order_most(w), .signals = pencil_signals(&w->pencil),
                                    .poles = pencil_source, .context = w };
+    int many = source.signals;
     enum modal_status rc;
 
-    opt.look = before_gap(w);
+    if (begins_there(w, out)) {
+        many = poles_order(out->unweighed.lambda, out->unweighed.count, w->tau);
+        source.most = source.signals = 0;
+        source.known = out->unweighed.lambda, source.known_count = out->unweighed.count;
+    } else {
+        opt.look = before_gap(w);
+    }
     opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
              : fmax(WORK_MOST - w->spent, WORK_LEAST);
+    opt.many = w->many || source.known != NULL;
+    if (opt.many)
+        opt.work = fmax(opt.work, EVALUATIONS_MANY * refine_work(&w->data, many));
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
     if (rc != MODAL_OK || !w->choice.clean)
         return rc;
@@ -648,12 +723,13 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
 
     if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0)
         return MODAL_OK;
-    rc = pencil_of_all(w, &all, err);
+    all = w->pencil;
+    rc = begins_there(w, out) ? MODAL_OK : pencil_of_all(w, &all, err);
     w->pencil = all;
     if (rc == MODAL_OK)
         rc = report_values(w, out, err);
     if (rc == MODAL_OK)
-        rc = descend(w, err);
+        rc = descend(w, out, err);
     above->pencil = w->pencil, above->choice = w->choice;
     w->pencil = few, w->choice = (struct order_choice) { .chosen = -1 };
     if (above->pencil.s == few.s)
@@ -1009,6 +1085,7 @@ static enum modal_status analyse_weighed(struct work *w, struct identify_result 
         w->trial = false;
         if (round == 0)
             rc = keep_chosen(w, &out->unweighed, err);
+        w->known = round == 0 && w->choice.clean && !w->choice.crowded;
         if (rc != MODAL_OK)
             return rc;
         forget_analysis(w, out);

@@ -402,12 +402,24 @@ static enum modal_status search_remainder(struct climb *c, int *best, struct mod
     return rc;
 }
 
-/* Multiplications of one evaluation of FIT with its derivatives. */
-static double evaluation_cost(const struct climb *c, const struct refined *fit)
+/* Multiplications of one evaluation of ORDER columns. Signals that no few modes make may be exact,
+ * of a system that is not linear: those take a QR. */
+static double evaluation_work(const struct climb *c, int order)
 {
-    double columns = 2.0 * fit->order + c->data->Y->n;
+    double columns = 2.0 * order + c->data->Y->n;
 
-    return c->data->Y->m * columns * columns;
+    return c->opt->many ? refine_work(c->data, order) : c->data->Y->m * columns * columns;
+}
+
+/* The poles that are known, as they are. */
+static enum modal_status look_at_known(struct climb *c, int *best, struct modal_error *err)
+{
+    const struct order_source *s = c->source;
+    int count = s->known_count;
+
+    if (s->known == NULL || count < 1 || count > c->poles_most)
+        return MODAL_OK;
+    return try_poles(c, 0, s->known, count, NULL, false, 0, best, err);
 }
 
 /* The whole signal subspace, at the sizes that the singular values suggest; the best of them
@@ -416,7 +428,7 @@ static enum modal_status descend(struct climb *c, int *best, struct modal_error 
 {
     const struct order_source *s = c->source;
     const int tops[] = { s->signals > 0 ? s->signals + ORDER_AHEAD : 0, c->opt->look, s->most };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = look_at_known(c, best, err);
     double expected;
     int before = 0;
 
@@ -431,7 +443,7 @@ static enum modal_status descend(struct climb *c, int *best, struct modal_error 
     }
     if (rc != MODAL_OK || *best < 0 || c->opt->refine.iterations < 0)
         return rc;
-    expected = EVALUATIONS * evaluation_cost(c, &c->choice.candidates[*best].fit);
+    expected = EVALUATIONS * evaluation_work(c, c->choice.candidates[*best].fit.order);
     if (c->opt->work > 0 && c->choice.work + expected > c->opt->work)
         return MODAL_OK;                        /* more than there is to spend */
     rc = ripen(c, best, err);
@@ -689,7 +701,8 @@ static enum modal_status climb_new(struct climb *c, const struct refine_data *da
                                    const struct order_options *opt, struct modal_error *err)
 {
     /* each pole split at most once, and more found in what they leave */
-    size_t most = 2 * (size_t)(source->most > 0 ? source->most : 0) + 4 * MORE_MOST;
+    size_t most = 2 * (size_t)(source->most > 0 ? source->most : 0) + 4 * MORE_MOST
+                + 2 * (size_t)source->known_count;
 
     *c = (struct climb) { .data = data, .source = source, .opt = opt, .poles_most = (int)most,
                           .choice = { .chosen = -1 } };

@@ -24,6 +24,8 @@ struct order_source {
     int most;                   /* largest r */
     /* singular values above the edge of noise (pencil.h); 0: not known */
     int signals;
+    /* from above: poles to begin with, borrowed; NULL: only those of the decomposition */
+    const double complex *known; int known_count;
     enum modal_status (*poles)(void *context, int r, double complex *lambda, int *count, struct modal_error *err);
     void *context;
 };
@@ -35,6 +37,7 @@ struct order_options {
     int order_most;             /* no candidate of a higher order; 0: one less than the rows */
     bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no guide to the refined one's */
     double work;                /* most multiplications, as refine.h counts them, before another candidate or step; 0: no limit */
+    bool many;                  /* from above: many modes are there, in noise; steps go by sums (gram.h) */
     int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do not refine: the caller has a larger source */
     bool no_offset;             /* do not try a slow real pole as a constant */
     bool (*cancelled)(void *context);   /* may be NULL */

@@ -208,7 +208,7 @@ static bool allocate_sums(struct work *w)
     w->gram = gram_new(w->L, w->count, w->order);
     w->R = numbers(K, K), w->Z = numbers(K, S), w->C = numbers((size_t)w->order, S);
     w->rest = numbers(S, 2);
-    w->cost = w->gram != NULL ? gram_cost(w->gram, w->S) : 0;
+    w->cost = gram_work(w->L, w->order, w->S);
     return w->gram != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL;
 }
 
@@ -1008,6 +1008,14 @@ out:
     search_done(&s);
     work_done(&w);
     return rc;
+}
+
+double refine_work(const struct refine_data *data, int order)
+{
+    int L = data->Y->m, S = data->Y->n;
+    double columns = 2.0 * order + S;
+
+    return gram_pays(L, order, S) ? gram_work(L, order, S) : L * columns * columns;
 }
 
 void projected_done(struct projected *p)

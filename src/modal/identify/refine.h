@@ -75,6 +75,9 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
                                const struct refine_options *options, struct refined *out, struct modal_error *err);
 void refined_done(struct refined *r);
 
+/* Multiplications of one evaluation of ORDER columns with their derivatives, about. */
+double refine_work(const struct refine_data *data, int order);
+
 /* The data in the span of a set of poles: Phi = Q R, Z = Q^T Y, columns of Phi in the order of
  * the poles. */
 struct projected {

@@ -121,15 +121,29 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
     return at;
 }
 
-/* The first column that the ones before it span, -1: none. */
-static int dependent(const struct projected *p)
+/* Is column J in the span of those before it? */
+static bool dependent(const struct projected *p, int j)
 {
-    for (int j = 0; j < p->order; j++) {
-        const double *column = p->R + (size_t)j * p->order;
-        if (!(fabs(column[j]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, column, 1)))
-            return j;
+    const double *column = p->R + (size_t)j * (size_t)p->order;
+
+    return !(fabs(column[j]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, column, 1));
+}
+
+/* Poles whose columns those before them span are dropped, one stays; how many were. */
+static int drop_dependent(struct trim *t)
+{
+    int dropped = 0;
+
+    for (int j = 0, column = 0; j < t->count && t->count > 1;) {
+        int n = pole_order(t->lambda[j], t->data->tau);
+        bool spanned = dependent(&t->p, column) || (n == 2 && dependent(&t->p, column + 1));
+        column += n;
+        if (spanned)
+            drop_pole(t, j), dropped++;
+        else
+            j++;
     }
-    return -1;
+    return dropped;
 }
 
 /* The factorisation, of poles that are independent. */
@@ -137,16 +151,11 @@ static enum modal_status project(struct trim *t, double *work, struct modal_erro
 {
     for (;;) {
         enum modal_status rc = refine_project(t->data, t->lambda, t->count, t->fixed, &t->p, err);
-        int column = rc == MODAL_OK && t->p.degenerate && t->count > 1 ? dependent(&t->p) : -1,
-            j = 0;
         if (rc != MODAL_OK)
             return rc;
         *work += t->p.work;
-        if (column < 0)
+        if (!t->p.degenerate || drop_dependent(t) == 0)
             return MODAL_OK;
-        for (int i = 0; (i += pole_order(t->lambda[j], t->data->tau)) <= column;)
-            j++;
-        drop_pole(t, j);
         projected_done(&t->p);
     }
 }

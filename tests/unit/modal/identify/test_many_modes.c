@@ -166,3 +166,40 @@ TEST(eleven_modes_in_one_channel_are_all_found)
         identify_result_done(&r);
     }
 }
+
+/* A hundred lightly damped modes, 50 dB: every one within five of its own standard errors. */
+TEST(a_hundred_modes_are_all_found)
+{
+    enum { ROWS = 4000, WIDTH = 8, MODES = 100 };
+    static double y[ROWS * WIDTH];
+    static double complex lambda[MODES], B[MODES];
+    struct random rng = { 81 };
+    struct batch b = { .samples = ROWS, .channels = WIDTH, .signals = y, .dt = 0.01 };
+    struct identify_result r;
+
+    for (int j = 0; j < MODES; j++)
+        lambda[j] = decay_pole(1.2 + 0.45 * j + 0.2 * random_uniform(&rng),
+                               1e-4 + 9e-4 * random_uniform(&rng));
+    for (int c = 0; c < WIDTH; c++) {
+        for (int k = 0; k < ROWS; k++)
+            y[k * WIDTH + c] = 0.03 * random_normal(&rng);
+        for (int j = 0; j < MODES; j++)
+            B[j] = CMPLX(random_normal(&rng), random_normal(&rng));
+        for (int j = 0; j < MODES; j++) {
+            double complex z = 1, step = cexp(lambda[j] * b.dt);
+            for (int k = 0; k < ROWS; k++, z *= step)
+                y[k * WIDTH + c] += creal(B[j] * z);
+        }
+    }
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == MODES && r.verdict == VERDICT_STABLE);
+    for (int j = 0; j < MODES; j++) {
+        int at = 0;
+        for (int m = 1; m < r.mode_count; m++)
+            if (cabs(r.modes[m].exponent - lambda[j]) < cabs(r.modes[at].exponent - lambda[j]))
+                at = m;
+        CHECK(fabs(creal(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_re);
+        CHECK(fabs(cimag(r.modes[at].exponent - lambda[j])) < 5 * r.modes[at].std_im);
+    }
+    identify_result_done(&r);
+}

@@ -149,7 +149,7 @@ TEST(a_cancel_is_heard_and_a_source_without_poles_has_no_choice)
     struct matrix Y = { 200, 3, 200, y };
     struct refine_data data = { .Y = &Y, .tau = 0.05 };
     struct order_options opt = { .cancelled = yes };
-    struct order_source source = { 0, 0, poles, NULL };
+    struct order_source source = { .poles = poles };
     struct pencil_source s = { .tau = 0.05 };
     struct order_choice c;
 
@@ -157,7 +157,7 @@ TEST(a_cancel_is_heard_and_a_source_without_poles_has_no_choice)
     CHECK(c.chosen == -1 && c.count == 0);
     order_done(&c);
     CHECK(pencil_new(&Y, NULL, &s.p, NULL) == MODAL_OK);
-    source = (struct order_source) { s.p.count, 0, poles, &s };
+    source = (struct order_source) { .most = s.p.count, .poles = poles, .context = &s };
     CHECK(order_choose(&data, &source, &opt, &c, NULL) == MODAL_CANCELLED);
     pencil_done(&s.p);
 }

@@ -6,7 +6,8 @@
         for mode in result["modes"]:
             print(mode["frequency_hz"], mode["damping_ratio"])
 
-One client serves any number of threads.  Documents are those of proto/PROTOCOL.md, as dictionaries; every failure is a `modald.Error` with the protocol's stable code.
+One client serves any number of threads.  Documents are those of proto/PROTOCOL.md, as dictionaries;
+every failure is a `modald.Error` with the protocol's stable code.
 """
 from .client import Batch, Client, Error, Event, Job, connect
 from .streaming import Stream, stream

@@ -1,4 +1,7 @@
-"""A connection to modald: every verb of proto/PROTOCOL.md, reconnecting by itself, never waiting longer than it is told."""
+"""A connection to modald: every verb of proto/PROTOCOL.md.
+
+It reconnects by itself and never waits longer than it is told.
+"""
 from __future__ import annotations
 
 import math
@@ -17,21 +20,23 @@ from .link import Error, Link, LOST_PATIENCE, Talk
 
 Document = dict[str, Any]
 Progress = Callable[[str, float], None]
-SHARES_MOST = 64                                                                    # of a sweep
-TOGETHER_MOST = 64                                                                  # submissions in one message
+SHARES_MOST = 64            # of a sweep: as many workers may have one each
+TOGETHER_MOST = 64          # submissions in one message
 ENDED = ("done", "failed", "cancelled", "dead")
-ASK_AGAIN, CHUNK_PATIENCE = 5.0, 10.0                                               # s
+ASK_AGAIN = 5.0             # s without an answer to a wait beyond what it asked for
+CHUNK_PATIENCE = 10.0       # s without an answer while chunks are under way: begin again
 
 
 def _seconds(value: Any, field: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError) as why:
-        raise Error("bad_input", f"{field} is {value!r}; accepted: a positive number of seconds", field) from why
+        raise Error("bad_input", f"{field} is {value!r}; accepted: a positive number of seconds",
+                    field) from why
 
 
 def _plain(value: Any) -> Any:
-    """An attribute of HDF5 as JSON has it: numbers, text (bytes are of a fixed length there), lists of them."""
+    """An attribute of HDF5 as JSON has it: numbers, text (there bytes of a fixed length), lists."""
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
@@ -45,7 +50,8 @@ def _one(value: Any) -> Any:
 def _same_step(given: float | None, own: float, whose: str) -> float:
     """The step that a file or batch has; one given beside it must be the same, to 1e-9 of it."""
     if given is not None and not abs(_seconds(given, "dt") - own) <= 1e-9 * own:
-        raise Error("bad_input", f"dt is {given!r} s, but {whose} says {own!r} s; accepted: that, or no dt", "dt")
+        why = f"dt is {given!r} s, but {whose} says {own!r} s; accepted: that, or no dt"
+        raise Error("bad_input", why, "dt")
     return own
 
 
@@ -62,11 +68,13 @@ class Batch:
 
     def __post_init__(self) -> None:
         if getattr(self.signals, "dtype", None) is not None and np.iscomplexobj(self.signals):
-            raise Error("bad_input", "signals are complex; accepted: real numbers, real and imaginary parts as two channels", "signals")
+            raise Error("bad_input", "signals are complex; accepted: real numbers, real and "
+                        "imaginary parts as two channels", "signals")
         try:
             signals = np.asarray(self.signals, dtype="<f8")
         except (TypeError, ValueError) as why:
-            raise Error("bad_input", f"signals are not numbers of one shape: {why}", "signals") from why
+            raise Error("bad_input", f"signals are not numbers of one shape: {why}",
+                        "signals") from why
         self.dt = _seconds(self.dt, "dt")
         self.period = None if self.period is None else _seconds(self.period, "period")
         self.signals = np.ascontiguousarray(signals[:, None] if signals.ndim == 1 else signals)
@@ -75,7 +83,10 @@ class Batch:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], dt: float | None = None) -> "Batch":
-        """A batch of the usual layout from an HDF5 file (needs h5py); `dt` where the file does not say, never against it."""
+        """A batch of the usual layout from an HDF5 file (needs h5py).
+
+        `dt` where the file does not say, never against it.
+        """
         import h5py
         try:
             file = h5py.File(path)
@@ -87,17 +98,21 @@ class Batch:
             data = file["signals"]
             found = {key: _plain(value) for key, value in {**file.attrs, **data.attrs}.items()}
             if "dt" not in found and dt is None:
-                raise Error("bad_input", f"{path}: no attribute dt on signals or the root; give dt", "dt")
-            step = _same_step(dt, _seconds(_one(found["dt"]), "dt"), f"{path}: its attribute dt") if "dt" in found else dt
+                raise Error("bad_input", f"{path}: no attribute dt on signals or the root; give dt",
+                            "dt")
+            step = _same_step(dt, _seconds(_one(found["dt"]), "dt"),
+                              f"{path}: its attribute dt") if "dt" in found else dt
             names = found.pop("channels", None)
             units = found.pop("units", None)
             rest = {key: value for key, value in found.items() if key not in ("dt", "period")}
             return cls(data[...], step, _one(found["period"]) if "period" in found else None,
-                       [str(n) for n in names] if names is not None else None, str(units) if units is not None else None, rest or None)
+                       [str(n) for n in names] if names is not None else None,
+                       str(units) if units is not None else None, rest or None)
 
     def description(self) -> Document:
         samples, channels = self.signals.shape
-        out: Document = {"content": "batch", "samples": samples, "channels": channels, "dt": self.dt}
+        out: Document = {"content": "batch", "samples": samples, "channels": channels,
+                         "dt": self.dt}
         if self.period:
             out["period"] = self.period
         if self.names is not None:
@@ -109,11 +124,13 @@ class Batch:
         return out
 
     def bytes(self) -> memoryview:
-        return memoryview(self.signals.reshape(-1)).cast("B") if self.signals.size else memoryview(b"")
+        flat = memoryview(self.signals.reshape(-1))
+        return flat.cast("B") if self.signals.size else memoryview(b"")
 
     def sha256(self) -> str:
         samples, channels = self.signals.shape
-        return wire.batch_identity(self.bytes(), samples, channels, self.dt, self.period or 0.0, self.units or "", self.names)
+        return wire.batch_identity(self.bytes(), samples, channels, self.dt, self.period or 0.0,
+                                   self.units or "", self.names)
 
 
 Scene = Mapping[str, Any]
@@ -147,7 +164,8 @@ class Job:
         """Wait for the job's end and give its result; its own error is raised."""
         self.wait(timeout)
         if self.state != "done":
-            raise Error.of(self.document.get("error") or {"code": self.state, "message": f"the job is {self.state}"})
+            raise Error.of(self.document.get("error") or {"code": self.state,
+                                                          "message": f"the job is {self.state}"})
         return self.client.result(self.id)
 
     def cancel(self) -> "Job":
@@ -179,12 +197,14 @@ def default_endpoint() -> str:
 
 
 class Client:
-    """A connection, for any number of threads: one of its own speaks with the daemon, and who asks waits for his answer alone.
+    """A connection, for any number of threads: one of its own speaks with the daemon.
 
-    `timeout` [s] bounds every call that is not given its own; None: no bound but a lost daemon's 30 s.  After `close` every call, also
-    one that waits in another thread, is an Error.  A client is not taken over a fork: the child makes its own."""
+    Who asks waits for his answer alone.  `timeout` [s] bounds every call that is not given its own;
+    None: no bound but a lost daemon's 30 s.  After `close` every call, also one that waits in
+    another thread, is an Error.  A client is not taken over a fork: the child makes its own."""
 
-    def __init__(self, endpoint: str | None = None, keyfile: str | None = None, timeout: float | None = 60.0):
+    def __init__(self, endpoint: str | None = None, keyfile: str | None = None,
+                 timeout: float | None = 60.0):
         self.endpoint = endpoint or default_endpoint()
         self.keyfile = keyfile or os.environ.get("MODALD_KEYFILE") or None
         self.timeout = timeout
@@ -201,13 +221,14 @@ class Client:
         """End the connection; calls that still wait in other threads are told so."""
         self._end()
 
-    # -- messages -------------------------------------------------------------------------------------------------
+    # -- messages ---------------------------------------------------------------------------------
 
     def _deadline(self, timeout: float | None) -> float:
         timeout = self.timeout if timeout is None else timeout
         return float("inf") if timeout is None else time.monotonic() + timeout
 
-    def ask(self, verb: str, header: Document | None = None, body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
+    def ask(self, verb: str, header: Document | None = None,
+            body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
             once: bool = False, patience: float = ASK_AGAIN) -> tuple[Document, list[bytes]]:
         """Ask and wait for the answer; asked again over a new connection, unless `once`."""
         deadline = self._deadline(timeout)
@@ -225,7 +246,8 @@ class Client:
                     if message is None:
                         self._link.check()
                         if once:
-                            raise Error("no_server", "the connection was lost before the answer; the job may have been accepted or not")
+                            raise Error("no_server", "the connection was lost before the answer; "
+                                        "the job may have been accepted or not")
                         break
                     return self._answer(message)
 
@@ -236,7 +258,7 @@ class Client:
             raise Error.of(answer["error"])
         return {key: value for key, value in answer.items() if key not in ("id", "verb")}, parts
 
-    # -- inputs ---------------------------------------------------------------------------------------------------
+    # -- inputs -----------------------------------------------------------------------------------
 
     @staticmethod
     def _input(value: Input) -> tuple[Document, memoryview, str]:
@@ -246,18 +268,21 @@ class Client:
         text = wire.dumps(value)
         return {"content": "scene"}, memoryview(text), wire.scene_identity(text)
 
-    def upload(self, value: Input, timeout: float | None = None, progress: Progress | None = None) -> str:
-        """Bring an input, resuming where an earlier try ended; its identity, to submit any number of jobs on."""
+    def upload(self, value: Input, timeout: float | None = None,
+               progress: Progress | None = None) -> str:
+        """Bring an input, resuming where an earlier try ended; its identity, to submit jobs on."""
         return self._bring(value, timeout, progress)[1]
 
-    def _bring(self, value: Input, timeout: float | None = None, progress: Progress | None = None) -> tuple[str, str]:
-        """Its upload, which tells it from inputs that differ in attributes only, and its identity."""
+    def _bring(self, value: Input, timeout: float | None = None,
+               progress: Progress | None = None) -> tuple[str, str]:
+        """Its upload, which tells it from inputs of other attributes, and its identity."""
         description, data, sha256 = self._input(value)
         if description["content"] == "scene":
             description["bytes"] = len(data)
         deadline = self._deadline(timeout)
         while True:
-            begun, _ = self.ask("UPLOAD", {"op": "begin", "sha256": sha256, **description}, timeout=deadline - time.monotonic())
+            begun, _ = self.ask("UPLOAD", {"op": "begin", "sha256": sha256, **description},
+                                timeout=deadline - time.monotonic())
             try:
                 if begun["state"] == "sealed" or self._chunks(begun, data, deadline, progress):
                     break
@@ -268,11 +293,13 @@ class Client:
             if time.monotonic() >= deadline:
                 raise Error("timeout", "the upload was not finished in time")
         if begun["state"] != "sealed":
-            self.ask("UPLOAD", {"op": "seal", "upload": begun["upload"], "sha256": sha256}, timeout=deadline - time.monotonic())
+            self.ask("UPLOAD", {"op": "seal", "upload": begun["upload"], "sha256": sha256},
+                     timeout=deadline - time.monotonic())
         return begun["upload"], sha256
 
-    def _chunks(self, begun: Document, data: memoryview, deadline: float, progress: Progress | None) -> bool:
-        """All chunks from `present` on, within the credit; False: the connection was lost, begin again."""
+    def _chunks(self, begun: Document, data: memoryview, deadline: float,
+                progress: Progress | None) -> bool:
+        """All chunks from `present` on, within the credit; False: the connection was lost."""
         present, credit, sent = int(begun["present"]), int(begun["credit"]), int(begun["present"])
         with Talk(self._link) as talk:
             while present < len(data):
@@ -280,7 +307,8 @@ class Client:
                     chunk = data[sent:sent + wire.CHUNK_MOST]
                     if sent > present and sent + len(chunk) - present > credit:
                         break
-                    talk.send("UPLOAD", {"op": "chunk", "upload": begun["upload"], "offset": sent, "crc32c": wire.crc32c(chunk)}, [chunk])
+                    talk.send("UPLOAD", {"op": "chunk", "upload": begun["upload"], "offset": sent,
+                                         "crc32c": wire.crc32c(chunk)}, [chunk])
                     sent += len(chunk)
                 try:
                     message = talk.receive(min(deadline, time.monotonic() + CHUNK_PATIENCE))
@@ -296,22 +324,25 @@ class Client:
                     progress("upload", present / len(data))
         return True
 
-    # -- the queue ------------------------------------------------------------------------------------------------
+    # -- the queue --------------------------------------------------------------------------------
 
-    def submit(self, kind: str, value: Input | None = None, options: Document | None = None, *, sha256: str | None = None,
-               key: str | None = None, priority: int | None = None, run_limit: float | None = None, deadline: float | None = None,
-               not_before: float | None = None, max_attempts: int | None = None, fresh: bool = False,
-               timeout: float | None = None) -> Job:
+    def submit(self, kind: str, value: Input | None = None, options: Document | None = None, *,
+               sha256: str | None = None, key: str | None = None, priority: int | None = None,
+               run_limit: float | None = None, deadline: float | None = None,
+               not_before: float | None = None, max_attempts: int | None = None,
+               fresh: bool = False, timeout: float | None = None) -> Job:
         """Put a job on the queue: on `value`, or on an input brought before, by its identity."""
         header, body = self.submission(kind, value, options, sha256=sha256, timeout=timeout)
-        for name, given in (("key", key), ("priority", priority), ("run_limit_s", run_limit), ("deadline_s", deadline),
-                            ("not_before", not_before), ("max_attempts", max_attempts), ("fresh", fresh or None)):
+        for name, given in (("key", key), ("priority", priority), ("run_limit_s", run_limit),
+                            ("deadline_s", deadline), ("not_before", not_before),
+                            ("max_attempts", max_attempts), ("fresh", fresh or None)):
             if given is not None:
                 header[name] = given
         answer, _ = self.ask("SUBMIT", header, body, timeout=timeout, once=key is None)
         return Job(self, answer)
 
-    def submission(self, kind: str, value: Input | None, options: Document | None, *, sha256: str | None = None,
+    def submission(self, kind: str, value: Input | None, options: Document | None, *,
+                   sha256: str | None = None,
                    timeout: float | None = None) -> tuple[Document, list[memoryview]]:
         """Header and body of a SUBMIT; a large input is uploaded first."""
         header: Document = {"kind": kind}
@@ -326,12 +357,17 @@ class Client:
             return {**header, "input": {"upload": self._bring(value, timeout)[0]}}, []
         return {**header, "input": description}, [data]
 
-    def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]], window: int = 256,
+    def submit_many(self, jobs: Sequence[tuple[str, Input, Document | None, str]],
+                    window: int = 256,
                     timeout: float | None = None) -> list[Job]:
-        """Submissions (kind, input, options, key) with `window` of them in flight, many in a message, each accepted once; in their order."""
+        """Submissions (kind, input, options, key), each accepted once; the jobs in their order.
+
+        `window` of them are in flight, many in a message.
+        """
         deadline = self._deadline(timeout)
         out: list[Job | None] = [None] * len(jobs)
-        waiting, together = list(range(len(jobs) - 1, -1, -1)), max(1, min(TOGETHER_MOST, window // 4))
+        waiting = list(range(len(jobs) - 1, -1, -1))
+        together = max(1, min(TOGETHER_MOST, window // 4))
         flying: dict[int, list[int]] = {}
         ready: dict[int, tuple[Document, list[memoryview]]] = {}
         for i, (kind, value, options, key) in enumerate(jobs):
@@ -339,7 +375,8 @@ class Client:
             ready[i] = ({**header, "key": key}, body)
         with Talk(self._link) as talk:
             while waiting or flying:
-                while waiting and sum(map(len, flying.values())) + together <= max(window, together):
+                most = max(window, together)
+                while waiting and sum(map(len, flying.values())) + together <= most:
                     number, parts = self._send_some(talk, ready, waiting, together)
                     flying[number] = parts
                 message = talk.receive(deadline)
@@ -354,11 +391,13 @@ class Client:
                     together = 1                        # a daemon of before SUBMITS
                     waiting.extend(parts)
                     continue
-                answers = wire.loads(body[0])["jobs"] if kind == "REPLY" and len(parts) > 1 else [answer] * len(parts)
+                several = kind == "REPLY" and len(parts) > 1
+                answers = wire.loads(body[0])["jobs"] if several else [answer] * len(parts)
                 waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
 
-    def _send_some(self, talk: Talk, ready: Mapping[int, tuple[Document, list[memoryview]]], waiting: list[int], most: int) -> tuple[int, list[int]]:
+    def _send_some(self, talk: Talk, ready: Mapping[int, tuple[Document, list[memoryview]]],
+                   waiting: list[int], most: int) -> tuple[int, list[int]]:
         """As many of `waiting`, from its end, as one message takes: its number and theirs."""
         parts: list[int] = []
         header = length = 0
@@ -372,7 +411,8 @@ class Client:
         if len(parts) == 1:
             return talk.send("SUBMIT", *ready[parts[0]]), parts
         bodies = b"".join(chunk for i in parts for chunk in ready[i][1])
-        return talk.send("SUBMITS", {"jobs": [self._part(*ready[i]) for i in parts]}, [bodies] if bodies else []), parts
+        return talk.send("SUBMITS", {"jobs": [self._part(*ready[i]) for i in parts]},
+                         [bodies] if bodies else []), parts
 
     @staticmethod
     def _part(header: Document, body: Sequence[memoryview]) -> Document:
@@ -381,14 +421,17 @@ class Client:
             return header
         return {**header, "input": {**header["input"], "bytes": sum(map(len, body))}}
 
-    def _take(self, parts: Sequence[int], answers: Sequence[Document], out: list[Job | None]) -> list[int]:
+    def _take(self, parts: Sequence[int], answers: Sequence[Document],
+              out: list[Job | None]) -> list[int]:
         """Accepted jobs into `out`; those that are to be sent again, after a pause."""
         again, pause = [], 0.0
         for i, answer in zip(parts, answers):
             error = answer.get("error") if "job" not in answer else None
             if error is None:
-                out[i] = Job(self, {name: value for name, value in answer.items() if name not in ("id", "verb")})
-            elif error["code"] in ("busy", "draining") or "retry_after_s" in (error.get("detail") or {}):
+                out[i] = Job(self, {name: value for name, value in answer.items()
+                                    if name not in ("id", "verb")})
+            elif (error["code"] in ("busy", "draining")
+                  or "retry_after_s" in (error.get("detail") or {})):
                 pause = max(pause, float((error.get("detail") or {}).get("retry_after_s", 0.1)))
                 again.append(i)
             else:
@@ -408,18 +451,22 @@ class Client:
     def delete(self, job: str) -> Document:
         return self.ask("DELETE", {"job": job})[0]
 
-    def wait(self, job: str, timeout: float | None = None, progress: Progress | None = None) -> Document:
+    def wait(self, job: str, timeout: float | None = None,
+             progress: Progress | None = None) -> Document:
         """The document of the ended job; `timeout` raises Error with the code "timeout"."""
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
         while True:
             part = max(0.0, min(0.5 if progress else 20.0, deadline - time.monotonic()))
-            document, _ = self.ask("WAIT", {"job": job, "timeout_s": part}, timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
+            document, _ = self.ask("WAIT", {"job": job, "timeout_s": part},
+                                   timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
             if document["state"] in ENDED:
                 return document
             if progress:
-                progress(document["state"], float((document.get("progress") or {}).get("fraction", 0.0)))
+                done = (document.get("progress") or {}).get("fraction", 0.0)
+                progress(document["state"], float(done))
             if time.monotonic() >= deadline:
-                raise Error("timeout", f"job {job} is {document['state']}; not finished in time", detail=document)
+                raise Error("timeout", f"job {job} is {document['state']}; not finished in time",
+                            detail=document)
 
     def _fetch(self, job: str, part: str) -> tuple[bytes, Document]:
         data, description = bytearray(), {}
@@ -445,11 +492,14 @@ class Client:
     def signals(self, job: str) -> Batch:
         """The batch that a `simulate` job made."""
         data, d = self._fetch(job, "batch")
-        return Batch(np.frombuffer(data, dtype="<f8").reshape(d["samples"], d["channels"]), d["dt"], d.get("period"), d.get("names"), d.get("units"))
+        return Batch(np.frombuffer(data, dtype="<f8").reshape(d["samples"], d["channels"]), d["dt"],
+                     d.get("period"), d.get("names"), d.get("units"))
 
-    def list(self, state: str | None = None, kind: str | None = None, limit: int = 100) -> Iterator[Document]:
+    def list(self, state: str | None = None, kind: str | None = None,
+             limit: int = 100) -> Iterator[Document]:
         """All jobs, page by page."""
-        header: Document = {"limit": limit, **({"state": state} if state else {}), **({"kind": kind} if kind else {})}
+        header: Document = {"limit": limit, **({"state": state} if state else {}),
+                            **({"kind": kind} if kind else {})}
         while True:
             page = wire.loads(self.ask("LIST", header)[1][0])
             yield from page["jobs"]
@@ -459,13 +509,17 @@ class Client:
 
     def events(self, start: int | None = None, job: str | None = None, stream: str | None = None,
                timeout: float | None = None) -> Iterator[Event]:
-        """Events as they happen, over a connection of their own; from number `start` on, without a hole over reconnections."""
+        """Events as they happen, over a connection of their own.
+
+        From number `start` on, without a hole over reconnections.
+        """
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
         with Client(self.endpoint, self.keyfile, self.timeout) as other:
             while True:
                 with Talk(other._link) as talk:
                     talk.listens = True
-                    talk.send("EVENTS", {**({"from": start} if start is not None else {}), **({"job": job} if job else {}),
+                    talk.send("EVENTS", {**({"from": start} if start is not None else {}),
+                                         **({"job": job} if job else {}),
                                          **({"stream": stream} if stream else {})})
                     subscription = None
                     while (message := talk.receive(deadline)) is not None:
@@ -496,15 +550,18 @@ class Client:
     def undrain(self) -> Document:
         return self.ask("UNDRAIN")[0]
 
-    # -- jobs, from input to result -------------------------------------------------------------------------------
+    # -- jobs, from input to result ---------------------------------------------------------------
 
-    def run(self, kind: str, value: Input, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+    def run(self, kind: str, value: Input, options: Document | None = None,
+            timeout: float | None = None, **limits: Any) -> Document:
         """Submit, wait, fetch; a job's own error is raised."""
         limits.setdefault("key", "python-" + secrets.token_hex(16))
         return self.submit(kind, value, options, **limits).result(timeout)
 
-    def identify(self, signals: npt.ArrayLike | Batch, dt: float | None = None, options: Document | None = None, *,
-                 period: float | None = None, names: Sequence[str] | None = None, timeout: float | None = None, **limits: Any) -> Document:
+    def identify(self, signals: npt.ArrayLike | Batch, dt: float | None = None,
+                 options: Document | None = None, *,
+                 period: float | None = None, names: Sequence[str] | None = None,
+                 timeout: float | None = None, **limits: Any) -> Document:
         """Modes of signals (n_samples x n_channels at steps of `dt` seconds), or of a Batch."""
         if isinstance(signals, Batch):
             _same_step(dt, signals.dt, "the batch")
@@ -514,28 +571,35 @@ class Client:
             signals = Batch(np.asarray(signals), dt, period, names)
         return self.run("identify", signals, options, timeout, **limits)
 
-    def steady(self, scene: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+    def steady(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
+               **limits: Any) -> Document:
         return self.run("steady", scene, options, timeout, **limits)
 
-    def floquet(self, scene: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
+    def floquet(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
+                **limits: Any) -> Document:
         return self.run("floquet", scene, options, timeout, **limits)
 
-    def simulate(self, scene: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> tuple[Document, Batch]:
+    def simulate(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
+                 **limits: Any) -> tuple[Document, Batch]:
         limits.setdefault("key", "python-" + secrets.token_hex(16))
         job = self.submit("simulate", scene, options, **limits)
         return job.result(timeout), self.signals(job.id)
 
-    def sweep(self, document: Scene, options: Document | None = None, timeout: float | None = None, **limits: Any) -> Document:
-        """A scene over a grid of its values: shares of the points as jobs over all workers, as one table.  The same sweep
-        finds its jobs again, also after a restart of either side."""
+    def sweep(self, document: Scene, options: Document | None = None, timeout: float | None = None,
+              **limits: Any) -> Document:
+        """A scene over a grid of its values: shares of the points as jobs over all workers, as one
+        table.  The same sweep finds its jobs again, also after a restart of either side."""
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
         points = math.prod(len(axis["values"]) for axis in document["grid"])
         shares = max(1, min(SHARES_MOST, points))
         cuts = [points * i // shares for i in range(shares + 1)]
-        stem = limits.pop("key", None) or "python-sweep-" + wire.scene_identity(wire.dumps([document, options]))
-        jobs = [self._share(document, {**(options or {}), "first": a, "count": b - a}, f"{stem}:{a}", limits) for a, b in zip(cuts, cuts[1:])]
+        same = wire.scene_identity(wire.dumps([document, options]))
+        stem = limits.pop("key", None) or "python-sweep-" + same
+        jobs = [self._share(document, {**(options or {}), "first": a, "count": b - a},
+                            f"{stem}:{a}", limits) for a, b in zip(cuts, cuts[1:])]
         try:
-            parts = [job.result(None if timeout is None else max(0.0, deadline - time.monotonic())) for job in jobs]
+            parts = [job.result(None if timeout is None else max(0.0, deadline - time.monotonic()))
+                     for job in jobs]
         except Error as why:
             if why.code not in ("timeout", "no_server"):
                 for job in jobs:
@@ -544,8 +608,10 @@ class Client:
         whole = parts[0]
         for part in parts[1:]:
             whole["points"] += part["points"]
-            for cost, more in ((whole["cost"], part["cost"]), (whole["cost"]["stages"], part["cost"]["stages"])):
-                cost.update({key: (max if key == "peak_bytes" else sum)((cost[key], more[key])) for key in cost if key != "stages"})
+            for cost, more in ((whole["cost"], part["cost"]),
+                               (whole["cost"]["stages"], part["cost"]["stages"])):
+                cost.update({key: (max if key == "peak_bytes" else sum)((cost[key], more[key]))
+                             for key in cost if key != "stages"})
         whole["provenance"]["options"]["count"] = points
         return whole
 
@@ -555,7 +621,8 @@ class Client:
         while True:
             try:
                 job = self.submit("sweep", document, options, key=f"{key}:{number}", **limits)
-                if not job.document.get("duplicate") or job.state not in ("failed", "cancelled", "dead"):
+                ended = job.state in ("failed", "cancelled", "dead")
+                if not job.document.get("duplicate") or not ended:
                     return job
                 number += 1
             except Error as why:
@@ -566,6 +633,10 @@ class Client:
                     time.sleep(float(why.detail.get("retry_after_s", 1)))
 
 
-def connect(endpoint: str | None = None, keyfile: str | None = None, timeout: float | None = 60.0) -> Client:
-    """A client of the daemon at `endpoint`; default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald."""
+def connect(endpoint: str | None = None, keyfile: str | None = None,
+            timeout: float | None = 60.0) -> Client:
+    """A client of the daemon at `endpoint`.
+
+    Default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald.
+    """
     return Client(endpoint, keyfile, timeout)

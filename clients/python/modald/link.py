@@ -1,10 +1,12 @@
 """One connection to modald, lost and found again by itself, for any number of threads.
 
-A thread of its own owns the socket; those who ask hand it their messages and wait for what comes back (`Talk`).
+A thread of its own owns the socket; those who ask hand it their messages and wait for what comes
+back (`Talk`).
 
-No server may end the interpreter.  libzmq 4.3.4 asserts where input has stopped or a pipe is taken away (clients/c/stream/state.h
-tells how), so input never stops (ZMQ_RCVHWM 0), no heartbeat is ours, nothing is given to a connection that is not ready, and one that
-is lost ends its socket.  A server that says more than we take is hung up on.
+No server may end the interpreter.  libzmq 4.3.4 asserts where input has stopped or a pipe is taken
+away (clients/c/stream/state.h tells how), so input never stops (ZMQ_RCVHWM 0), no heartbeat is
+ours, nothing is given to a connection that is not ready, and one that is lost ends its socket.  A
+server that says more than we take is hung up on.
 """
 from __future__ import annotations
 
@@ -29,45 +31,56 @@ from . import wire
 Document = dict[str, Any]
 Frames = Sequence["bytes | memoryview"]
 Message = tuple[str, Document, list[bytes]]
-FIRST_PATIENCE, LOST_PATIENCE = 2.0, 30.0               # s: nobody there at the start; a daemon that was there comes back in this time
-PAUSE_LEAST, PAUSE_MOST = 0.05, 1.0                     # s between two connections
-UNREAD_MOST, MESSAGES_MOST = 67108864, 16384            # of a talk: bytes that nobody fetches; messages that come without a silence
-MECHANISM_MISMATCH = 0x11000002                         # libzmq's number for "the other side wants keys, or none"
-_OPTIONS = ((zmq.LINGER, 0), (zmq.RECONNECT_IVL, 50), (zmq.RECONNECT_IVL_MAX, 1000), (zmq.SNDHWM, 256), (zmq.RCVHWM, 0), (zmq.TCP_KEEPALIVE, 1),
-            (zmq.TCP_KEEPALIVE_IDLE, 5), (zmq.TCP_KEEPALIVE_INTVL, 5), (zmq.TCP_KEEPALIVE_CNT, 2), (zmq.TCP_MAXRT, 15000), (zmq.MAXMSGSIZE, wire.BODY_MOST))
-_EVENTS = (zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+FIRST_PATIENCE = 2.0            # s: nobody there at the start
+LOST_PATIENCE = 30.0            # s: in which a daemon that was there comes back
+PAUSE_LEAST = 0.05              # s between two connections; doubled until one is good
+PAUSE_MOST = 1.0                # s
+UNREAD_MOST = 67108864          # bytes of a talk that nobody fetches: the largest document's
+MESSAGES_MOST = 16384           # of a talk, without a silence
+MECHANISM_MISMATCH = 0x11000002     # libzmq's number for "the other side wants keys, or none"
+_OPTIONS = ((zmq.LINGER, 0), (zmq.RECONNECT_IVL, 50), (zmq.RECONNECT_IVL_MAX, 1000),
+            (zmq.SNDHWM, 256), (zmq.RCVHWM, 0), (zmq.TCP_KEEPALIVE, 1),
+            (zmq.TCP_KEEPALIVE_IDLE, 5), (zmq.TCP_KEEPALIVE_INTVL, 5), (zmq.TCP_KEEPALIVE_CNT, 2),
+            (zmq.TCP_MAXRT, 15000), (zmq.MAXMSGSIZE, wire.BODY_MOST))
+_EVENTS = (zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED
+           | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
            | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL)
 
 
 class Error(Exception):
     """A failure: `code` is the protocol's, `field` names what is at fault, `detail` says more."""
 
-    def __init__(self, code: str, message: str, field: str | None = None, detail: Document | None = None):
+    def __init__(self, code: str, message: str, field: str | None = None,
+                 detail: Document | None = None):
         super().__init__(f"{code}: {field + ': ' if field else ''}{message}")
         self.code, self.message, self.field, self.detail = code, message, field, detail or {}
 
     @classmethod
     def of(cls, error: Any) -> "Error":
-        return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"), error.get("detail"))
+        return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"),
+                   error.get("detail"))
 
 
 def read_keyfile(path: str) -> dict[str, bytes]:
     """Keys of a file that only its owner may read."""
     if stat.S_IMODE(os.stat(path).st_mode) & 0o077:
-        raise Error("bad_input", f"{path}: others may read it; accepted: a file of mode 0600", "keyfile")
+        raise Error("bad_input", f"{path}: others may read it; accepted: a file of mode 0600",
+                    "keyfile")
     keys = {}
     for line in pathlib.Path(path).read_text().splitlines():
         name, equals, value = line.partition("=")
         if equals and not line.lstrip().startswith("#"):
             keys[name.strip()] = value.strip().strip('"').encode()
     if not {"public-key", "secret-key", "server-key"} <= keys.keys():
-        raise Error("bad_input", f"{path}: accepted: public-key, secret-key and server-key", "keyfile")
+        raise Error("bad_input", f"{path}: accepted: public-key, secret-key and server-key",
+                    "keyfile")
     return keys
 
 
 class Talk:
-    """What one caller asks, and what comes back, in its order; None once after a loss of the connection that took answers with it.
+    """What one caller asks, and what comes back, in its order.
 
+    None comes once after a loss of the connection that took answers with it.
     Of one thread; `with` ends it, however it is left: what was asked in it is then nobody's."""
 
     def __init__(self, link: "Link"):
@@ -90,13 +103,15 @@ class Talk:
         while True:
             left = deadline - time.monotonic()
             try:
-                message, size = self.inbox.get(timeout=max(0.0, min(left, 0.5 if self.link.ready else 0.02)))
+                look = 0.5 if self.link.ready else 0.02
+                message, size = self.inbox.get(timeout=max(0.0, min(left, look)))
                 self.unread -= size
                 return message
             except queue.Empty:
                 self.link.check()
                 if left <= 0:
-                    raise Error("timeout", f"{self.link.endpoint}: {what}") if self.link.ready else self.link.nobody()
+                    raise (Error("timeout", f"{self.link.endpoint}: {what}") if self.link.ready
+                           else self.link.nobody())
 
 
 class Link:
@@ -109,12 +124,13 @@ class Link:
         except OSError as why:
             raise Error("bad_input", f"{endpoint}: {why}", "keyfile") from why
         self.ready = self.was_ready = False
-        self.failure = ""                               # of the last try: "key", "mechanism", "handshake"
+        self.failure = ""               # of the last try: "key", "mechanism", "handshake"
         self.since = time.monotonic()                   # of the connection's absence
         self._ended: Error | None = None
         self._ids = itertools.count(1)
         self._pid = os.getpid()
-        self._lock = threading.RLock()                  # the collector may close a client while the thread is inside
+        # the collector may close a client while the thread is inside
+        self._lock = threading.RLock()
         self._asking: dict[int, Talk] = {}              # by the number of what is not answered yet
         self._listeners: list[Talk] = []
         self._outgoing: collections.deque[tuple[int, Frames]] = collections.deque()
@@ -158,7 +174,8 @@ class Link:
             for number in talk.numbers:
                 self._asking.pop(number, None)
             if any(number in talk.numbers for number, _ in self._outgoing):
-                self._outgoing = collections.deque(one for one in self._outgoing if one[0] not in talk.numbers)
+                self._outgoing = collections.deque(one for one in self._outgoing
+                                                   if one[0] not in talk.numbers)
             if talk in self._listeners:
                 self._listeners.remove(talk)
             talk.numbers.clear()
@@ -175,7 +192,8 @@ class Link:
     def check(self) -> None:
         """Raise where there is no connection, and none is to be expected."""
         if os.getpid() != self._pid:
-            raise Error("bad_input", "this client was made before a fork; a child makes its own", "client")
+            raise Error("bad_input", "this client was made before a fork; a child makes its own",
+                        "client")
         if self._ended is not None:
             raise Error(self._ended.code, self._ended.message)
         if not self.ready and self._given_up():
@@ -184,7 +202,9 @@ class Link:
     def _given_up(self) -> bool:
         if self.was_ready:
             return time.monotonic() > self.since + LOST_PATIENCE
-        return self.failure in ("key", "mechanism") or time.monotonic() > self.since + FIRST_PATIENCE or self._closed_to_us() is not None
+        return (self.failure in ("key", "mechanism")
+                or time.monotonic() > self.since + FIRST_PATIENCE
+                or self._closed_to_us() is not None)
 
     def _closed_to_us(self) -> str | None:
         """Why we may not open a socket of this host; None: we may, or it is none."""
@@ -201,7 +221,8 @@ class Link:
             group = grp.getgrgid(found.st_gid).gr_name
         except KeyError:
             group = "unknown"
-        return f"the socket has mode {stat.S_IMODE(found.st_mode):03o} and group {group}; ipc_mode of the daemon and being of that group let one in"
+        return (f"the socket has mode {stat.S_IMODE(found.st_mode):03o} and group {group}; "
+                "ipc_mode of the daemon and being of that group let one in")
 
     def nobody(self) -> Error:
         """Why there is no connection."""
@@ -211,16 +232,20 @@ class Link:
         keys = bool(self.keys)
         code, text = {
             "": ("no_server", f"no modald at {self.endpoint}"),
-            "key": ("denied", f"{self.endpoint}: our key was refused: the daemon's keys file does not have it"),
-            "mechanism": ("denied", f"{self.endpoint}: the daemon takes no keys: leave out keyfile and $MODALD_KEYFILE" if keys else
-                          f"{self.endpoint}: the daemon wants a key: keyfile or $MODALD_KEYFILE names a file that modalctl keygen made"),
-            "handshake": ("denied", f"{self.endpoint}: somebody is there, but does not answer to our keys: server-key in the key file is another daemon's") if keys
-            else ("no_server", f"{self.endpoint}: somebody is there, but no modald, or one that wants a key (keyfile, $MODALD_KEYFILE)"),
+            "key": ("denied", "our key was refused: the daemon's keys file does not have it"),
+            "mechanism": ("denied", "the daemon takes no keys: leave out keyfile and "
+                                    "$MODALD_KEYFILE" if keys else
+                                    "the daemon wants a key: keyfile or $MODALD_KEYFILE names a "
+                                    "file that modalctl keygen made"),
+            "handshake": ("denied", "somebody is there, but does not answer to our keys: "
+                                    "server-key in the key file is another daemon's") if keys else
+                         ("no_server", "somebody is there, but no modald, or one that wants a key "
+                                       "(keyfile, $MODALD_KEYFILE)"),
         }[self.failure]
-        return Error(code, text)
+        return Error(code, f"{self.endpoint}: {text}" if self.failure else text)
 
     def _ring(self) -> None:
-        with self._lock:                                # the thread may be gone, and the rope with it
+        with self._lock:  # the thread may be gone, and the rope with it
             if self._rope.fileno() < 0:
                 return
             try:
@@ -228,17 +253,19 @@ class Link:
             except BlockingIOError:                     # it has been rung often enough
                 pass
 
-    # -- the thread's ---------------------------------------------------------------------------------------------
+    # -- the thread's -----------------------------------------------------------------------------
 
     def _open(self) -> None:
         self._socket = self._context.socket(zmq.DEALER)
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         if self.keys:
-            self._socket.curve_publickey, self._socket.curve_secretkey = self.keys["public-key"], self.keys["secret-key"]
+            self._socket.curve_publickey = self.keys["public-key"]
+            self._socket.curve_secretkey = self.keys["secret-key"]
             self._socket.curve_serverkey = self.keys["server-key"]
         self._sockets += 1
-        self._monitor = self._socket.get_monitor_socket(_EVENTS, f"inproc://monitor-{self._sockets}")
+        self._monitor = self._socket.get_monitor_socket(_EVENTS,
+                                                        f"inproc://monitor-{self._sockets}")
         self._socket.connect(self.endpoint)
         self._poller = zmq.Poller()
         for one in (self._socket, self._monitor, self._bell):
@@ -276,7 +303,8 @@ class Link:
             else:
                 self._broken = kind != zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
                 self.failure = ("key" if kind == zmq.EVENT_HANDSHAKE_FAILED_AUTH else
-                                "mechanism" if self._broken and event["value"] == MECHANISM_MISMATCH else "handshake")
+                                "mechanism" if self._broken
+                                and event["value"] == MECHANISM_MISMATCH else "handshake")
 
     def _deliver(self, frames: list[bytes]) -> bool:
         """To whom it is for; False: he has more than he fetches."""
@@ -289,7 +317,7 @@ class Link:
         with self._lock:
             if kind == "EVENT":
                 talks = list(self._listeners)
-            elif number is None and kind == "ERROR":    # a header that could not be read: one of ours
+            elif number is None and kind == "ERROR":    # a header of ours that could not be read
                 talks = list(set(self._asking.values()))
             else:
                 talk = self._asking.pop(number, None) if isinstance(number, int) else None
@@ -348,8 +376,9 @@ class Link:
         try:
             while self._ended is None:
                 self._turn()
-        except Exception as why:                        # nobody shall wait for a thread that is gone
-            self._ended = Error("internal", f"{self.endpoint}: the connection's thread ended: {why!r}")
+        except Exception as why:  # nobody shall wait for a thread that is gone
+            self._ended = Error("internal",
+                                f"{self.endpoint}: the connection's thread ended: {why!r}")
         self.ready = False
         self._context.destroy(linger=0)
         with self._lock:

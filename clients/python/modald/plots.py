@@ -1,4 +1,4 @@
-"""Results as pictures, by matplotlib: each function draws one kind of document and gives its figure."""
+"""Results as pictures, by matplotlib: each function draws one kind of document, and gives it."""
 from __future__ import annotations
 
 from typing import Any, Mapping
@@ -16,8 +16,9 @@ def modes(result: Document) -> Figure:
     figure, axes = plt.subplots()
     found = result["modes"]
     std = [m.get("std") or {} for m in found]
-    axes.errorbar([m["frequency_hz"] for m in found], [m["damping_ratio"] for m in found], fmt="o", capsize=3,
-                  xerr=[s.get("frequency_hz") or 0 for s in std], yerr=[s.get("damping_ratio") or 0 for s in std])
+    axes.errorbar([m["frequency_hz"] for m in found], [m["damping_ratio"] for m in found], fmt="o",
+                  capsize=3, xerr=[s.get("frequency_hz") or 0 for s in std],
+                  yerr=[s.get("damping_ratio") or 0 for s in std])
     axes.axhline(0, color="grey", lw=0.8)
     axes.set(xlabel="frequency, Hz", ylabel="damping ratio")
     return figure
@@ -29,7 +30,8 @@ def tradeoff(result: Document) -> Figure:
     rungs = [r for r in result["rungs"] if r["error"] and r["seconds"]]
     for best, fill in ((True, "C0"), (False, "none")):
         some = [r for r in rungs if bool(r["pareto"]) is best]
-        axes.scatter([r["seconds"] for r in some], [r["error"] for r in some], facecolors=fill, edgecolors="C0")
+        axes.scatter([r["seconds"] for r in some], [r["error"] for r in some], facecolors=fill,
+                     edgecolors="C0")
     if result.get("bound"):
         axes.axhline(result["bound"], color="C3", ls="--", label="Cramér-Rao bound of the data")
         axes.legend()
@@ -49,7 +51,8 @@ def curve(result: Document, dof: int = 0) -> Figure:
     points = result["points"]
     x = np.array([p.get("value", p["omega"]) for p in points], dtype=float)
     y = np.array([_size(p, dof) for p in points])
-    unstable = np.array([(p.get("stability") or {}).get("stable") is False for p in points], dtype=bool)
+    unstable = np.array([(p.get("stability") or {}).get("stable") is False for p in points],
+                        dtype=bool)
     start = 0
     for end in range(1, len(points) + 1):
         if end == len(points) or unstable[end] != unstable[start]:
@@ -80,7 +83,8 @@ def multipliers(result: Document) -> Figure:
     figure, axes = plt.subplots()
     turn = np.linspace(0, 2 * np.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), "grey", lw=0.8)
-    pairs = np.array([p for p in result["multipliers"] if p is not None], dtype=float).reshape(-1, 2)
+    pairs = np.array([p for p in result["multipliers"] if p is not None], dtype=float).reshape(-1,
+                                                                                               2)
     axes.plot(pairs[:, 0], pairs[:, 1], "o")
     axes.set(xlabel="Re multiplier", ylabel="Im", aspect="equal")
     return figure

@@ -1,4 +1,4 @@
-"""Samples of a running simulation to modald: the C library of modald_stream.h, so that a push is as cheap as there.
+"""Samples of a running simulation to modald, by the C library: a push is as cheap as there.
 
     with modald.stream("rig7", ["root", "mid", "tip"], dt) as s:
         for y in simulation:
@@ -6,7 +6,8 @@
             if s.unstable:
                 break
 
-Without $MODALD_URL every call does nothing.  An exception closes the stream too and marks it as broken off.
+Without $MODALD_URL every call does nothing.  An exception closes the stream too and marks it as
+broken off.
 """
 from __future__ import annotations
 
@@ -27,11 +28,13 @@ VERDICTS = ("unknown", "stable", "unstable", "undecided")
 
 
 class _Estimate(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in ("frequency_hz", "frequency_std", "damping_ratio", "damping_std", "sample")]
+    _fields_ = [(name, ctypes.c_double) for name in ("frequency_hz", "frequency_std",
+                                                     "damping_ratio", "damping_std", "sample")]
 
 
 class _Report(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in ("pushed", "acknowledged", "dropped", "waiting", "spilled", "resampling_error", "refused")]
+    _fields_ = [(name, ctypes.c_double) for name in ("pushed", "acknowledged", "dropped", "waiting",
+                                                     "spilled", "resampling_error", "refused")]
 
 
 def _say(text: str) -> None:
@@ -65,12 +68,15 @@ class Report:
 
 
 def _load() -> ctypes.CDLL:
-    """$MODALD_LIBRARY, a build folder's, the one installed under the same prefix as this file, or the system's libmodald-stream."""
-    named, build, prefix = os.environ.get("MODALD_LIBRARY"), os.environ.get("MODALD_BUILD"), pathlib.Path(__file__).resolve().parents[3]
+    """$MODALD_LIBRARY, a build folder's, the one beside this file's prefix, or the system's."""
+    named, build = os.environ.get("MODALD_LIBRARY"), os.environ.get("MODALD_BUILD")
+    prefix = pathlib.Path(__file__).resolve().parents[3]
     places = [pathlib.Path(build) / "lib"] if build else []
     places += [prefix, *sorted(prefix.glob("*-linux-gnu*"))]
-    beside = next((str(p / "libmodald-stream.so.0") for p in places if (p / "libmodald-stream.so.0").exists()), None)
-    lib = ctypes.CDLL(named or beside or ctypes.util.find_library("modald-stream") or "libmodald-stream.so.0")
+    beside = next((str(p / "libmodald-stream.so.0") for p in places
+                   if (p / "libmodald-stream.so.0").exists()), None)
+    lib = ctypes.CDLL(named or beside or ctypes.util.find_library("modald-stream")
+                      or "libmodald-stream.so.0")
     pointer, number, text = ctypes.c_void_p, ctypes.c_double, ctypes.c_char_p
     for name, result, arguments in (
             ("modald_open", pointer, [text, ctypes.c_int, number]),
@@ -92,7 +98,8 @@ def _load() -> ctypes.CDLL:
 class Stream:
     """See the module.  `channels`: how many, or their names."""
 
-    def __init__(self, name: str, channels: int | Sequence[str], dt: float, *, units: str | None = None, period: float = 0.0,
+    def __init__(self, name: str, channels: int | Sequence[str], dt: float, *,
+                 units: str | None = None, period: float = 0.0,
                  window: int | None = None, hop: int | None = None, options: str | None = None):
         names = None if isinstance(channels, int) else list(channels)
         self.channels = channels if isinstance(channels, int) else len(channels)
@@ -107,17 +114,24 @@ class Stream:
             return
         self._handle = self._lib.modald_open(name.encode(errors="replace"), self.channels, dt)
         if self._handle and (names or units or period):
-            array = (ctypes.c_char_p * self.channels)(*(n.encode(errors="replace") for n in names)) if names else None
-            self._lib.modald_describe(self._handle, array, units.encode() if units else None, period)
+            array = (ctypes.c_char_p * self.channels)(*(n.encode(errors="replace")
+                                                        for n in names)) if names else None
+            self._lib.modald_describe(self._handle, array, units.encode() if units else None,
+                                      period)
         if self._handle and window:
-            self._lib.modald_window(self._handle, window, hop or window, options.encode() if options else None)
+            self._lib.modald_window(self._handle, window, hop or window, options.encode() if options
+                                    else None)
 
     def _samples(self, y: npt.ArrayLike, one: bool = False) -> npt.NDArray[np.float64]:
-        """Whole samples, or ONE of them, or none and a word on stderr: what would not end a run without a daemon does not end it with one."""
+        """Whole samples, or ONE of them, or none and a word on stderr.
+
+        What would not end a run without a daemon does not end it with one.
+        """
         try:
             rows = np.ascontiguousarray(y, dtype=np.float64)
             wrong = rows.size != self.channels if one else rows.size % self.channels
-            why = f"{rows.size} values are no {'sample' if one else 'samples'} of {self.channels} channels" if wrong else ""
+            what = "sample" if one else "samples"
+            why = f"{rows.size} values are no {what} of {self.channels} channels" if wrong else ""
         except (TypeError, ValueError) as error:
             why = str(error)
         if why and not self._told:
@@ -182,7 +196,8 @@ class Stream:
     def __enter__(self) -> "Stream":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
+                 trace: TracebackType | None) -> None:
         if kind is None:
             self.close()
         else:

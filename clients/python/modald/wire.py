@@ -26,7 +26,7 @@ _TABLE = _table()
 
 
 def _shift(crc: int, zeros: int) -> int:
-    """The CRC register after `zeros` more zero bytes: x^(8 zeros) times it, modulo the polynomial (square and multiply)."""
+    """The CRC register after `zeros` more zero bytes: x^(8 zeros) times it in the field."""
     def times(a: int, b: int) -> int:
         product = 0
         while b:
@@ -55,7 +55,7 @@ def crc32c(data: bytes | memoryview) -> int:
 
 
 def _crc32c_lanes(data: bytes | memoryview) -> int:
-    """Equal lanes side by side by numpy, then joined: CRC is linear, CRC(a b) = shift(CRC(a), len b) + CRC(b)."""
+    """Equal lanes side by side by numpy, joined: CRC(a b) = shift(CRC(a), len b) + CRC(b)."""
     table = np.array(_TABLE, dtype=np.uint32)
     lanes = 1024
     length = len(data) // lanes
@@ -67,7 +67,8 @@ def _crc32c_lanes(data: bytes | memoryview) -> int:
     total = int(crc[0])
     step = _shift_table(length)
     for value in crc[1:].tolist():
-        total = step[0][total & 0xFF] ^ step[1][total >> 8 & 0xFF] ^ step[2][total >> 16 & 0xFF] ^ step[3][total >> 24] ^ value
+        total = (step[0][total & 0xFF] ^ step[1][total >> 8 & 0xFF]
+                 ^ step[2][total >> 16 & 0xFF] ^ step[3][total >> 24] ^ value)
     for byte in data[lanes * length:]:
         total = (total >> 8) ^ _TABLE[(total ^ byte) & 0xFF]
     return total ^ 0xFFFFFFFF
@@ -95,10 +96,12 @@ def _text(value: str) -> bytes:
     return struct.pack("<I", len(raw)) + raw
 
 
-def batch_identity(data: bytes | memoryview, samples: int, channels: int, dt: float, period: float = 0.0, units: str = "",
+def batch_identity(data: bytes | memoryview, samples: int, channels: int, dt: float,
+                   period: float = 0.0, units: str = "",
                    names: Sequence[str] | None = None) -> str:
     """SHA-256 of a batch: its canonical header, then its samples."""
-    head = b"modald/batch/1\0" + struct.pack("<QQdd", samples, channels, dt, period) + _text(units or "")
+    head = b"modald/batch/1\0" + struct.pack("<QQdd", samples, channels, dt, period) + _text(units
+                                                                                             or "")
     head += b"".join(_text(name) for name in (names or [f"ch{i}" for i in range(channels)]))
     digest = hashlib.sha256(head)
     digest.update(data)
@@ -134,10 +137,12 @@ def dumps(value: Any) -> bytes:
     return json.dumps(value, separators=(",", ":"), allow_nan=False, ensure_ascii=False).encode()
 
 
-def encode(verb: str, header: dict[str, Any], *body: bytes | memoryview) -> list[bytes | memoryview]:
+def encode(verb: str, header: dict[str, Any],
+           *body: bytes | memoryview) -> list[bytes | memoryview]:
     """The frames of a request."""
     frames: list[bytes | memoryview] = [VERSION, verb.encode(), dumps(header), *body]
-    if len(frames[2]) > HEADER_MOST or len(frames) > FRAMES_MOST or any(len(b) > BODY_MOST for b in body):
+    if len(frames[2]) > HEADER_MOST or len(frames) > FRAMES_MOST or any(len(b) > BODY_MOST
+                                                                        for b in body):
         raise ValueError("the message is larger than the protocol allows")
     return frames
 

@@ -13,16 +13,16 @@ enum { RMS_LEAST = 8 };          /* samples beyond which their rms is a scale fo
 
 static bool frames_new(modald_stream *s)
 {
-    size_t sample = (size_t)s->channels * sizeof(double);
+    size_t sample = bytes_of(s, 1);
 
     s->frame_samples = sample < FRAME_BYTES ? FRAME_BYTES / sample : 1;
     for (int i = 0; i < WINDOW; i++)
-        if ((s->window[i].data = loan_new(frame_bytes(s))) == NULL)
+        if ((s->window[i].data = loan_new(bytes_of(s, s->frame_samples))) == NULL)
             return false;
     for (int i = 0; i < HISTORY; i++)
         if ((s->history[i].y = malloc(sample)) == NULL)
             return false;
-    s->build.data = loan_new(frame_bytes(s));
+    s->build.data = loan_new(bytes_of(s, s->frame_samples));
     s->rms = calloc((size_t)s->channels, sizeof *s->rms);
     s->sample = calloc((size_t)s->channels, sizeof *s->sample);
     return s->build.data && s->rms && s->sample;
@@ -36,7 +36,7 @@ static bool finish_build(modald_stream *s)
         return true;
     if (!spilling(s) && s->frames == WINDOW)
         return false;
-    s->build.crc = crc32c(0, s->build.data, s->build.count * (size_t)s->channels * sizeof(double));
+    s->build.crc = crc32c(0, s->build.data, bytes_of(s, s->build.count));
     s->build.ring_end = s->taken;
     s->build.id = 0;
     s->build.acknowledged = false;
@@ -61,7 +61,7 @@ static bool add_sample(modald_stream *s, uint64_t index, const double *y)
              && s->build.count < s->frame_samples;
 
     if (!fits) {
-        if (!finish_build(s) || !loan_own(&s->build.data, frame_bytes(s)))
+        if (!finish_build(s) || !loan_own(&s->build.data, bytes_of(s, s->frame_samples)))
             return false;
         s->build.first = index;
         s->build_since = now();

@@ -64,7 +64,7 @@ static void send_open(modald_stream *s)
 
 static bool send_frame(modald_stream *s, struct frame *f)
 {
-    size_t length = f->count * (size_t)s->channels * sizeof(double);
+    size_t length = bytes_of(s, f->count);
     char text[512];
     int64_t id;
 
@@ -98,7 +98,7 @@ static void send_frames(modald_stream *s)
 {
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);
-        size_t length = f->count * (size_t)s->channels * sizeof(double);
+        size_t length = bytes_of(s, f->count);
         if (f->id != 0)
             continue;
         if ((s->flying > 0 && s->flying + length > s->credit) || !send_frame(s, f))
@@ -157,7 +157,7 @@ static void on_reply(modald_stream *s, const char *const *members)
     }
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);
-        size_t length = f->count * (size_t)s->channels * sizeof(double);
+        size_t length = bytes_of(s, f->count);
         if (f->id != id || id == 0)
             continue;
         f->acknowledged = true;

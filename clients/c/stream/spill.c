@@ -82,7 +82,7 @@ static bool spill_open(modald_stream *s)
 /* Append F; false: the disk or the limit is full. */
 static bool spill_write(modald_stream *s, struct frame *f)
 {
-    size_t length = f->count * (size_t)s->channels * sizeof(double);
+    size_t length = bytes_of(s, f->count);
     struct spill_head head = { f->first, f->count, f->crc, 0 };
 
     if (!spill_open(s) || s->spill_end + sizeof head + length > s->spill_most
@@ -107,7 +107,7 @@ static bool spill_write(modald_stream *s, struct frame *f)
 static bool is_record(const modald_stream *s, const struct spill_head *head)
 {
     return head->count > 0 && head->count <= s->frame_samples
-        && s->spill_read + sizeof *head + head->count * (size_t)s->channels * sizeof(double)
+        && s->spill_read + sizeof *head + bytes_of(s, head->count)
                <= s->spill_end;
 }
 
@@ -115,7 +115,7 @@ static bool is_record(const modald_stream *s, const struct spill_head *head)
  * shows the gap. */
 static void spill_skip(modald_stream *s, const struct spill_head *head)
 {
-    s->spill_read += sizeof *head + head->count * (size_t)s->channels * sizeof(double);
+    s->spill_read += sizeof *head + bytes_of(s, head->count);
     s->damaged += head->count;
     atomic_fetch_add_explicit(&s->dropped, head->count, memory_order_relaxed);
     if (s->frames > 0)
@@ -131,7 +131,7 @@ static bool spill_next(modald_stream *s, struct frame *f)
     struct spill_head head;
     size_t length;
 
-    if (!loan_own(&f->data, frame_bytes(s)))
+    if (!loan_own(&f->data, bytes_of(s, s->frame_samples)))
         return false;
     for (;;) {
         if (s->spill_read >= s->spill_end)
@@ -142,7 +142,7 @@ static bool spill_next(modald_stream *s, struct frame *f)
             s->spill_end = s->spill_read;
             return false;
         }
-        length = head.count * (size_t)s->channels * sizeof(double);
+        length = bytes_of(s, head.count);
         if (pread(s->spill_fd, f->data, length, (off_t)(s->spill_read + sizeof head))
                 == (ssize_t)length
             && crc32c(0, f->data, length) == head.crc)

@@ -116,9 +116,9 @@ static bool loan_own(double **data, size_t bytes)
     return true;
 }
 
-static size_t frame_bytes(const modald_stream *s)
+static size_t bytes_of(const modald_stream *s, uint64_t count)
 {
-    return s->frame_samples * (size_t)s->channels * sizeof(double);
+    return count * (size_t)s->channels * sizeof(double);
 }
 
 static struct frame *frame_at(modald_stream *s, int i)

@@ -237,8 +237,8 @@ static void loan_drop(double *data);
 /* The same, as libzmq calls it. */
 static void give_back(void *data, void *hint);
 
-/* Bytes of a full frame. */
-static size_t frame_bytes(const modald_stream *s);
+/* Bytes of COUNT samples. */
+static size_t bytes_of(const modald_stream *s, uint64_t count);
 
 /* Room of BYTES that may be written: *DATA, or in its place other room while a message of an old
  * connection still has that.  False: no memory, *DATA is as it was. */

@@ -26,7 +26,7 @@ static const char *text(const cJSON *object, const char *key)
     return s ? s : "";
 }
 
-static void tell(const struct client_progress *progress, const char *what, double fraction)
+static void report(const struct client_progress *progress, const char *what, double fraction)
 {
     if (progress != NULL && progress->tell != NULL)
         progress->tell(progress->context, what, fraction);
@@ -143,7 +143,7 @@ static enum modal_status send_chunk(struct link *link, const struct upload *up, 
 }
 
 /* One message about our chunks into UP.  MODAL_NO_SERVER, MODAL_BUSY: begin again. */
-static enum modal_status take_answer(struct link *link, struct upload *up, double deadline,
+static enum modal_status read_answer(struct link *link, struct upload *up, double deadline,
                                      cJSON **detail, struct modal_error *err)
 {
     struct link_message message;
@@ -179,13 +179,13 @@ static enum modal_status send_chunks(struct link *link, const char *bytes, struc
             sent += length;
         }
         if (rc == MODAL_OK)
-            rc = take_answer(link, up, deadline, detail, err);
-        tell(progress, "upload", (double)up->present / (double)up->total);
+            rc = read_answer(link, up, deadline, detail, err);
+        report(progress, "upload", (double)up->present / (double)up->total);
     }
     return rc;
 }
 
-static void rest(const cJSON *detail)
+static void sleep_as_told(const cJSON *detail)
 {
     double s = fmin(fmax(number(detail, "retry_after_s", 0.2), 0.01), 5);
     struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
@@ -224,7 +224,7 @@ enum modal_status client_upload(struct link *link, const struct client_input *in
         if ((rc != MODAL_BUSY && rc != MODAL_NO_SERVER) || link_now() >= deadline
             || link_lost(link))
             break;
-        rest(why);
+        sleep_as_told(why);
         cJSON_Delete(why);
         why = NULL;
         rc = MODAL_OK;
@@ -380,7 +380,7 @@ enum modal_status client_wait(struct link *link, const char *job,
         rc = wait_once(link, job, slice, deadline, doc, detail, err);
         if (rc != MODAL_OK || client_ended(*doc))
             return rc;
-        tell(progress, text(*doc, "state"),
+        report(progress, text(*doc, "state"),
              number(cJSON_GetObjectItemCaseSensitive(*doc, "progress"), "fraction", 0));
         if (link_now() >= deadline)
             return modal_fail(err, MODAL_TIMEOUT, "job %.64s is %s; not finished in time", job,

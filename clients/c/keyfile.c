@@ -17,7 +17,7 @@ void keyfile_wipe(struct keyfile *keys)
 }
 
 /* One line into KEYS; what is blank or a comment changes nothing. */
-static bool take_line(char *line, struct keyfile *keys)
+static bool read_line(char *line, struct keyfile *keys)
 {
     struct { const char *name; char *to; } rows[] = {
         { "public-key", keys->public },
@@ -46,7 +46,7 @@ static enum modal_status read_lines(FILE *file, const char *path, struct keyfile
     char line[256];
 
     for (int number = 1; fgets(line, sizeof line, file) != NULL; number++)
-        if (!take_line(line, keys)) {
+        if (!read_line(line, keys)) {
             explicit_bzero(line, sizeof line);
             return BAD(
                 "%s: line %d: accepted: public-key, secret-key or server-key = \"40 signs of Z85\"",

@@ -223,7 +223,7 @@ static void renew(struct link *link)
     link->pause = fmin(2 * link->pause, pause_most);
 }
 
-static void note(struct link *link, uint16_t event, uint32_t value)
+static void on_monitor_event(struct link *link, uint16_t event, uint32_t value)
 {
     switch (event) {
     case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
@@ -251,7 +251,7 @@ static void note(struct link *link, uint16_t event, uint32_t value)
 }
 
 /* Take in what the monitor has to say; begin the next connection when it is time. */
-static void listen(struct link *link)
+static void read_monitor(struct link *link)
 {
     struct modal_error ignored;
     zmq_msg_t frame;
@@ -269,7 +269,7 @@ static void listen(struct link *link)
             continue;
         memcpy(&event, zmq_msg_data(&frame), sizeof event);
         memcpy(&value, (const char *)zmq_msg_data(&frame) + sizeof event, sizeof value);
-        note(link, event, value);
+        on_monitor_event(link, event, value);
     }
     zmq_msg_close(&frame);
 }
@@ -288,7 +288,7 @@ static void sleep_on(struct link *link, double seconds)
         s = fmin(s, fmax(link->begin_at - link_now(), 0));
         nanosleep(&(struct timespec) { (time_t)s, (long)(1e9 * (s - floor(s))) }, NULL);
     }
-    listen(link);
+    read_monitor(link);
 }
 
 static bool send_frame(struct link *link, const void *data, size_t length, int flags)
@@ -307,7 +307,7 @@ static bool send_now(struct link *link, const struct link_ask *ask, const char *
 }
 
 /* Frame COUNT of a message into what it is; frames that do not belong are dropped. */
-static void take_frame(int count, zmq_msg_t *frame, struct link_message *out, bool *good)
+static void read_frame(int count, zmq_msg_t *frame, struct link_message *out, bool *good)
 {
     const char *data = zmq_msg_data(frame);
     size_t length = zmq_msg_size(frame);
@@ -348,7 +348,7 @@ static int receive_frames(struct link *link, struct link_message *out, bool *goo
            && zmq_msg_recv(&frame, link->socket, ZMQ_DONTWAIT) >= 0) {
         more = zmq_msg_more(&frame);
         link->heard += MESSAGE_COST + zmq_msg_size(&frame);
-        take_frame(count++, &frame, out, good);
+        read_frame(count++, &frame, out, good);
     }
     zmq_msg_close(&frame);
     return count;
@@ -357,7 +357,7 @@ static int receive_frames(struct link *link, struct link_message *out, bool *goo
 /* The server says more than we take: the connection is lost by our own doing. */
 static void hang_up(struct link *link)
 {
-    note(link, ZMQ_EVENT_DISCONNECTED, 0);
+    on_monitor_event(link, ZMQ_EVENT_DISCONNECTED, 0);
     link->pause = pause_most;
     renew(link);
 }
@@ -516,7 +516,7 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
 
     if (rc != MODAL_OK)
         return rc;
-    listen(link);
+    read_monitor(link);
     while (!send_now(link, ask, header)) {
         double now = link_now();
         if (given_up(link, now)) {
@@ -541,7 +541,7 @@ enum modal_status link_receive(struct link *link, double deadline, struct link_m
                                struct modal_error *err)
 {
     for (;;) {
-        listen(link);
+        read_monitor(link);
         if (receive_now(link, out))
             return MODAL_OK;
         if (link->told != link->generation) {
@@ -586,7 +586,7 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
     struct sending state = { 0 };
 
     for (;;) {
-        listen(link);
+        read_monitor(link);
         while (receive_now(link, out)) {
             if (out->type != LINK_EVENT && (link_message_id(out) == id || is_of_nobody(out)))
                 return MODAL_OK;

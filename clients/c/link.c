@@ -105,8 +105,10 @@ static bool set_keys(const struct link *link)
 static void set_options(void *socket)
 {
     static const struct { int name, value; } options[] = {
-        { ZMQ_LINGER, 0 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
+        { ZMQ_LINGER, 0 },
+        { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },      /* ms */
         { ZMQ_SNDHWM, 256 }, { ZMQ_RCVHWM, 0 },
+        /* s: a peer that is gone is found in 15, whether something is under way or not */
         { ZMQ_TCP_KEEPALIVE, 1 }, { ZMQ_TCP_KEEPALIVE_IDLE, 5 },
         { ZMQ_TCP_KEEPALIVE_INTVL, 5 }, { ZMQ_TCP_KEEPALIVE_CNT, 2 }, { ZMQ_TCP_MAXRT, 15000 },
     };

@@ -19,7 +19,7 @@ static void warn_refused(modald_stream *s, uint16_t event, uint32_t value)
         warn_once(s, "the daemon refused our key; the run goes on without it");
     else if (value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
         warn_once(s, keys ? "the daemon takes no keys (MODALD_KEYFILE); the run goes on without it"
-                    : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
+                          : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
 }
 
 /* A daemon that hangs up before its reason is read gives none: the failures are counted. */
@@ -55,8 +55,7 @@ static void read_monitor(modald_stream *s)
     zmq_msg_close(&part);
 }
 
-/* The key of NAME in TEXT, where a line says: NAME = "40 signs".  Other lines, and comments, do
- * not. */
+/* The key of NAME in TEXT, where a line begins NAME = "40 signs"; comments do not. */
 static bool read_key(char key[KEY_SIGNS + 1], const char *text, const char *name)
 {
     char of[32], mark;
@@ -121,8 +120,10 @@ static bool may_begin(void)
 static bool set_options(const modald_stream *s)
 {
     static const struct { int name, value; } options[] = {
-        { ZMQ_LINGER, 0 }, { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },
+        { ZMQ_LINGER, 0 },
+        { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },      /* ms */
         { ZMQ_SNDHWM, 64 }, { ZMQ_RCVHWM, 0 },
+        /* s: a peer that is gone is found in 15, whether something is under way or not */
         { ZMQ_TCP_KEEPALIVE, 1 }, { ZMQ_TCP_KEEPALIVE_IDLE, 5 },
         { ZMQ_TCP_KEEPALIVE_INTVL, 5 }, { ZMQ_TCP_KEEPALIVE_CNT, 2 }, { ZMQ_TCP_MAXRT, 15000 },
     };

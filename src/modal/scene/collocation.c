@@ -1,13 +1,15 @@
 /*
  * collocation.c - see collocation.h
  *
- * The nodes are Radau's on the right: roots of P_s(2c - 1) - P_(s-1)(2c - 1), so that the quadrature at the end is of
- * order 2 s - 1.  In c = t / h, phi(c) = sum_k a_k c^k / k!, a = V^-1 (phi_j), V_jk = c_j^k / k!, and
+ * The nodes are Radau's on the right: roots of P_s(2c - 1) - P_(s-1)(2c - 1), so that the
+ * quadrature at the end is of order 2 s - 1.  In c = t / h, phi(c) = sum_k a_k c^k / k!, a = V^-1
+ * (phi_j), V_jk = c_j^k / k!, and
  *
- *     d/dc (y, u_0, .., u_(s-1), w) = [hA  hU 0 ..  hB_s;  u_k' = u_(k+1);  hS] (y, u, w)              (3)
+ *     d/dc (y, u_0, .., u_(s-1), w) = [hA  hU 0 ..  hB_s;  u_k' = u_(k+1);  hS] (y, u, w)       (3)
  *
- * whose exponential over c_i holds E_i, the integrals of e^(hA(c_i - c)) hU c^k / k!, and G_i.  Where A falls into
- * 2 x 2 blocks, (3) is solved mode by mode with one unit channel on the rate; E_i then is the closed form of expm.c.
+ * whose exponential over c_i holds E_i, the integrals of e^(hA(c_i - c)) hU c^k / k!, and G_i.
+ * Where A falls into 2 x 2 blocks, (3) is solved mode by mode with one unit channel on the rate;
+ * E_i then is the closed form of expm.c.
  */
 #include "modal/scene/collocation.h"
 #include <cblas.h>
@@ -29,7 +31,8 @@ struct collocation {
     int64_t used[MAPS_KEPT], clock, made;
     int size;                                         /* of (3): dense, or of one mode */
     struct expm *exponential, *two;
-    double *X, *Y, *full, *block;                     /* (3) and its exponential; N x N; N x (m S) */
+    /* (3) and its exponential; N x N; N x (m S) */
+    double *X, *Y, *full, *block;
 };
 
 static double legendre(int n, double x)
@@ -84,7 +87,8 @@ static double lagrange(const double *node, int j, double theta)
 /* Column j of V^-1: the coefficients of l_j in c^k / k!. */
 static void monomials(const double *node, int j, double *column)
 {
-    double a[S + 1] = { 1 };                          /* ascending powers of prod (c - c_i) / (c_j - c_i) */
+    /* ascending powers of prod (c - c_i) / (c_j - c_i) */
+    double a[S + 1] = { 1 };
     double factorial = 1;
 
     for (int i = 0, degree = 0; i < S; i++) {
@@ -92,7 +96,8 @@ static void monomials(const double *node, int j, double *column)
             continue;
         degree++;
         for (int k = degree; k >= 0; k--)
-            a[k] = ((k > 0 ? a[k - 1] : 0) - node[i] * (k < degree ? a[k] : 0)) / (node[j] - node[i]);
+            a[k] =
+                ((k > 0 ? a[k - 1] : 0) - node[i] * (k < degree ? a[k] : 0)) / (node[j] - node[i]);
     }
     for (int k = 0; k < S; k++) {
         column[k] = a[k] * factorial;
@@ -119,8 +124,9 @@ static double *copy_of(const double *x, size_t count)
     return y;
 }
 
-enum modal_status collocation_new(const struct statespace *ss, const struct sources *src, int m, const double *U, int r, const double *R,
-                                  struct collocation **out, struct modal_error *err)
+enum modal_status collocation_new(const struct statespace *ss, const struct sources *src, int m,
+                                  const double *U, int r, const double *R, struct collocation **out,
+                                  struct modal_error *err)
 {
     struct collocation *c = calloc(1, sizeof *c);
     enum modal_status rc;
@@ -149,7 +155,9 @@ enum modal_status collocation_new(const struct statespace *ss, const struct sour
     rc = expm_new(c->size, &c->exponential, err);
     if (rc == MODAL_OK)
         rc = expm_new(2, &c->two, err);
-    if (rc == MODAL_OK && (c->U == NULL || c->R == NULL || c->BP == NULL || c->X == NULL || c->Y == NULL || c->full == NULL || c->block == NULL))
+    if (rc == MODAL_OK
+        && (c->U == NULL || c->R == NULL || c->BP == NULL || c->X == NULL || c->Y == NULL
+            || c->full == NULL || c->block == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "collocation: out of memory");
     if (rc == MODAL_OK)
         *out = c;
@@ -190,7 +198,8 @@ void collocation_free(struct collocation *c)
 /* (3), times c_i: X for the dense system. */
 static void assemble_dense(struct collocation *c, double h, double ci)
 {
-    size_t N = (size_t)c->N, m = (size_t)c->m, nw = (size_t)c->nw, size = (size_t)c->size, first = N + m * S;
+    size_t N = (size_t)c->N, m = (size_t)c->m, nw = (size_t)c->nw, size = (size_t)c->size,
+           first = N + m * S;
 
     memset(c->X, 0, size * size * sizeof *c->X);
     for (size_t j = 0; j < N; j++)
@@ -211,7 +220,8 @@ static void assemble_dense(struct collocation *c, double h, double ci)
 }
 
 /* E, W (N x m S by monomials in c->block, then by nodes) and G at node i, dense. */
-static enum modal_status node_dense(struct collocation *c, double h, int i, double *E, double *W, double *G, struct modal_error *err)
+static enum modal_status node_dense(struct collocation *c, double h, int i, double *E, double *W,
+                                    double *G, struct modal_error *err)
 {
     size_t N = (size_t)c->N, m = (size_t)c->m, size = (size_t)c->size;
     enum modal_status rc;
@@ -225,7 +235,8 @@ static enum modal_status node_dense(struct collocation *c, double h, int i, doub
     for (size_t j = 0; j < S; j++)
         for (size_t k = 0; k < S; k++)
             for (size_t ch = 0; ch < m; ch++)
-                cblas_daxpy((int)N, c->inverse[k + S * j], c->Y + (N + k * m + ch) * size, 1, W + (j * m + ch) * N, 1);
+                cblas_daxpy((int)N, c->inverse[k + S * j], c->Y + (N + k * m + ch) * size, 1,
+                            W + (j * m + ch) * N, 1);
     for (int j = 0; j < c->nw; j++)
         memcpy(G + (size_t)j * N, c->Y + (N + m * S + (size_t)j) * size, N * sizeof *G);
     return MODAL_OK;
@@ -239,20 +250,23 @@ static void assemble_mode(struct collocation *c, int mode, double h, double ci)
     memset(c->X, 0, (size_t)size * (size_t)size * sizeof *c->X);
     for (int a = 0; a < 2; a++)
         for (int b = 0; b < 2; b++)
-            c->X[a + b * size] = ci * h * c->ss->A[(size_t)(mode + a * n) + (size_t)(mode + b * n) * (size_t)N];
+            c->X[a + b * size] =
+                ci * h * c->ss->A[(size_t)(mode + a * n) + (size_t)(mode + b * n) * (size_t)N];
     c->X[1 + 2 * size] = ci * h;
     for (int k = 0; k + 1 < S; k++)
         c->X[2 + k + (3 + k) * size] = ci;
     for (int j = 0; j < c->nw; j++) {
         for (int a = 0; a < 2; a++)
-            c->X[a + (first + j) * size] = ci * h * c->BP[(size_t)(mode + a * n) + (size_t)j * (size_t)N];
+            c->X[a + (first + j) * size] =
+                ci * h * c->BP[(size_t)(mode + a * n) + (size_t)j * (size_t)N];
         for (int i = 0; i < c->nw; i++)
             c->X[first + i + (first + j) * size] = ci * h * c->src->S[i + j * c->nw];
     }
 }
 
 /* The same by modes; E holds 4 numbers a mode. */
-static enum modal_status node_modal(struct collocation *c, double h, int i, double *E, double *W, double *G, struct modal_error *err)
+static enum modal_status node_modal(struct collocation *c, double h, int i, double *E, double *W,
+                                    double *G, struct modal_error *err)
 {
     int n = c->ss->n, m = c->m, size = c->size;
     size_t N = (size_t)c->N;
@@ -272,8 +286,10 @@ static enum modal_status node_modal(struct collocation *c, double h, int i, doub
                 double weight = 0;
                 for (int k = 0; k < S; k++)
                     weight += c->Y[a + (2 + k) * size] * c->inverse[k + S * j];
-                for (int ch = 0; ch < m; ch++)               /* U acts on rates only where there are no linear states */
-                    W[row + (size_t)(j * m + ch) * N] = weight * c->U[(size_t)(n + mode) + (size_t)ch * N];
+                /* U acts on rates only where there are no linear states */
+                for (int ch = 0; ch < m; ch++)
+                    W[row + (size_t)(j * m + ch) * N] =
+                        weight * c->U[(size_t)(n + mode) + (size_t)ch * N];
             }
             for (int j = 0; j < c->nw; j++)
                 G[row + (size_t)j * N] = c->Y[a + (2 + S + j) * size];
@@ -289,13 +305,15 @@ static void rows_times_blocks(const struct collocation *c, const double *E, doub
 
     for (int mode = 0; mode < n; mode++)
         for (int a = 0; a < c->r; a++) {
-            double x = c->R[a + (size_t)mode * (size_t)c->r], v = c->R[a + (size_t)(n + mode) * (size_t)c->r];
+            double x = c->R[a + (size_t)mode * (size_t)c->r],
+                   v = c->R[a + (size_t)(n + mode) * (size_t)c->r];
             RE[a + (size_t)mode * (size_t)c->r] = x * E[4 * mode] + v * E[4 * mode + 1];
             RE[a + (size_t)(n + mode) * (size_t)c->r] = x * E[4 * mode + 2] + v * E[4 * mode + 3];
         }
 }
 
-static enum modal_status allocate(const struct collocation *c, struct collocation_map *map, struct modal_error *err)
+static enum modal_status allocate(const struct collocation *c, struct collocation_map *map,
+                                  struct modal_error *err)
 {
     size_t N = (size_t)c->N, m = (size_t)c->m, r = (size_t)c->r, nw = (size_t)c->nw;
 
@@ -307,38 +325,46 @@ static enum modal_status allocate(const struct collocation *c, struct collocatio
     map->RE = malloc(S * r * N * sizeof(double) + 1);
     map->RG = malloc(S * r * nw * sizeof(double) + 1);
     map->H = malloc(S * S * r * m * sizeof(double) + 1);
-    if (map->E != NULL && map->G != NULL && map->W != NULL && map->RE != NULL && map->RG != NULL && map->H != NULL)
+    if (map->E != NULL && map->G != NULL && map->W != NULL && map->RE != NULL && map->RG != NULL
+        && map->H != NULL)
         return MODAL_OK;
     map_done(map);
     return modal_fail(err, MODAL_NO_MEMORY, "collocation: out of memory");
 }
 
-static enum modal_status compute(struct collocation *c, double h, struct collocation_map *map, struct modal_error *err)
+static enum modal_status compute(struct collocation *c, double h, struct collocation_map *map,
+                                 struct modal_error *err)
 {
     int N = c->N, m = c->m, r = c->r, nw = c->nw;
     enum modal_status rc = allocate(c, map, err);
 
     for (int i = 0; i < S && rc == MODAL_OK; i++) {
         bool last = i == S - 1;
-        double *E = last ? map->E : c->full, *W = last ? map->W : c->block, *G = last ? map->G : c->block + (size_t)N * (size_t)(m * S);
-        double *RE = map->RE + (size_t)i * (size_t)r * (size_t)N, *H = map->H + (size_t)i * S * (size_t)r * (size_t)m;
+        double *E = last ? map->E : c->full, *W = last ? map->W : c->block,
+               *G = last ? map->G : c->block + (size_t)N * (size_t)(m * S);
+        double *RE = map->RE + (size_t)i * (size_t)r * (size_t)N,
+               *H = map->H + (size_t)i * S * (size_t)r * (size_t)m;
         rc = c->ss->modal ? node_modal(c, h, i, E, W, G, err) : node_dense(c, h, i, E, W, G, err);
         if (rc != MODAL_OK)
             break;
         if (c->ss->modal)
             rows_times_blocks(c, E, RE);
         else
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, N, N, 1, c->R, r, E, N, 0, RE, r);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, m * S, N, 1, c->R, r, W, N, 0, H, r);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, N, N, 1, c->R, r, E, N, 0, RE,
+                        r);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, m * S, N, 1, c->R, r, W, N, 0, H,
+                    r);
         if (nw > 0)
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, nw, N, 1, c->R, r, G, N, 0, map->RG + (size_t)i * (size_t)r * (size_t)nw, r);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, nw, N, 1, c->R, r, G, N, 0,
+                        map->RG + (size_t)i * (size_t)r * (size_t)nw, r);
     }
     map->h = h;
     c->made++;
     return rc;
 }
 
-enum modal_status collocation_map(struct collocation *c, double h, const struct collocation_map **out, struct modal_error *err)
+enum modal_status collocation_map(struct collocation *c, double h,
+                                  const struct collocation_map **out, struct modal_error *err)
 {
     int oldest = 0;
     enum modal_status rc;
@@ -361,7 +387,8 @@ enum modal_status collocation_map(struct collocation *c, double h, const struct 
     return MODAL_OK;
 }
 
-void collocation_finish(const struct collocation *c, const struct collocation_map *map, const double *w, const double *phi, double *y)
+void collocation_finish(const struct collocation *c, const struct collocation_map *map,
+                        const double *w, const double *phi, double *y)
 {
     int N = c->N, n = c->ss->n;
 

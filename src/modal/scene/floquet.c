@@ -1,16 +1,19 @@
 /*
  * floquet.c - see floquet.h
  *
- * Constant programs: the eigenvalues of A (statespace.h), 2 x 2 block by block in closed form where the modes decouple.
- * Periodic ones: the monodromy matrix Phi(T) by Magnus steps, its eigenvalues rho.  An eigenvalue moves by at most
- * kappa e to first order under a perturbation of norm e, kappa = 1 / |y^H x| (left and right unit eigenvectors), and by
- * about sqrt(e |Phi|) where two meet: the smaller of both is its bar.  A multiplier that does not exceed its bar is
- * below rounding and has no exponent.
+ * Constant programs: the eigenvalues of A (statespace.h), 2 x 2 block by block in closed form where
+ * the modes decouple. Periodic ones: the monodromy matrix Phi(T) by Magnus steps, its eigenvalues
+ * rho.  An eigenvalue moves by at most kappa e to first order under a perturbation of norm e, kappa
+ * = 1 / |y^H x| (left and right unit eigenvectors), and by about sqrt(e |Phi|) where two meet: the
+ * smaller of both is its bar.  A multiplier that does not exceed its bar is below rounding and has
+ * no exponent.
  *
- * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of those, and over a period T that
- * holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I: exact however stiff the shaft.
+ * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of
+ * those, and over a period T that holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I:
+ * exact however stiff the shaft.
  *
- * ln|rho| near the circle is log1p((|rho| - 1)(|rho| + 1)) / 2 of the squared modulus, without cancellation.
+ * ln|rho| near the circle is log1p((|rho| - 1)(|rho| + 1)) / 2 of the squared modulus, without
+ * cancellation.
  */
 #include "modal/scene/floquet.h"
 #include <float.h>
@@ -35,7 +38,9 @@ static enum modal_status make(int count, struct floquet *f, struct modal_error *
     f->exponent = calloc((size_t)count + 1, sizeof *f->exponent);
     f->bar = calloc((size_t)count + 1, sizeof *f->bar);
     f->resolved = calloc((size_t)count + 1, sizeof *f->resolved);
-    return f->multiplier != NULL && f->exponent != NULL && f->bar != NULL && f->resolved != NULL ? MODAL_OK : no_memory(err);
+    return f->multiplier != NULL && f->exponent != NULL && f->bar != NULL && f->resolved != NULL
+               ? MODAL_OK
+               : no_memory(err);
 }
 
 void floquet_done(struct floquet *f)
@@ -64,15 +69,16 @@ static void block_roots(double c, double k, double complex root[2])
     if (d < 0) {
         root[0] = CMPLX(-c / 2, sqrt(-d));
         root[1] = CMPLX(-c / 2, -sqrt(-d));
-    } else {                                   /* the larger in magnitude first: the other by their product */
+    /* the larger in magnitude first: the other by their product */
+    } else {
         double far = -c / 2 - copysign(sqrt(d), c);
         root[0] = far;
         root[1] = far != 0 ? k / far : 0;
     }
 }
 
-/* What rounding of the modal products leaves in every squared frequency; 0: all of them stand above it (no rigid motion).  Within it
- * exponents are +-sqrt(-k) of rounding alone. */
+/* What rounding of the modal products leaves in every squared frequency; 0: all of them stand above
+ * it (no rigid motion).  Within it exponents are +-sqrt(-k) of rounding alone. */
 static double rigid_rounding(const struct statespace *ss)
 {
     double largest = 0, least = HUGE_VAL;
@@ -81,30 +87,37 @@ static double rigid_rounding(const struct statespace *ss)
         largest = fmax(largest, ss->s[i]);
         least = fmin(least, ss->s[i]);
     }
-    return least <= 1.0001e-7 * largest ? 8 * DBL_EPSILON * largest * largest : 0;       /* statespace.c bounds s below by 1e-7 */
+    /* statespace.c bounds s below by 1e-7 */
+    return least <= 1.0001e-7 * largest ? 8 * DBL_EPSILON * largest * largest : 0;
 }
 
 static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
 {
     int n = ss->n;
     size_t N = (size_t)ss->N;
-    double damping = 0, rigid = rigid_rounding(ss);      /* damping: the largest, whose rounding the modal products leave in all */
+    /* damping: the largest, whose rounding the modal products leave in all */
+    double damping = 0, rigid = rigid_rounding(ss);
 
     for (int i = 0; i < n; i++)
         damping = fmax(damping, fabs(ss->A[(size_t)(n + i) + (size_t)(n + i) * N]));
     for (int i = 0; i < n; i++) {
-        double s = ss->A[(size_t)i + (size_t)(n + i) * N], k = -ss->A[(size_t)(n + i) + (size_t)i * N] * s;
+        double s = ss->A[(size_t)i + (size_t)(n + i) * N],
+               k = -ss->A[(size_t)(n + i) + (size_t)i * N] * s;
         double c = -ss->A[(size_t)(n + i) + (size_t)(n + i) * N];
         block_roots(c, k, f->exponent + 2 * i);
         for (int j = 0; j < 2; j++)
-            f->bar[2 * i + j] = fabs(k) <= rigid ? sqrt(fabs(k) + rigid) : 8 * DBL_EPSILON * (damping + DBL_EPSILON * s);
+            f->bar[2 * i + j] = fabs(k) <= rigid ? sqrt(fabs(k) + rigid)
+                                                 : 8 * DBL_EPSILON * (damping + DBL_EPSILON * s);
     }
 }
 
-static enum modal_status coupled_exponents(const struct statespace *ss, struct floquet *f, struct modal_error *err)
+static enum modal_status coupled_exponents(const struct statespace *ss, struct floquet *f,
+                                           struct modal_error *err)
 {
     size_t count = (size_t)ss->N * (size_t)ss->N;
-    double *copy = malloc(count * sizeof *copy + 1), *condition = malloc((size_t)ss->N * sizeof *condition + 1), e, rigid = rigid_rounding(ss);
+    double *copy = malloc(count * sizeof *copy + 1),
+           *condition = malloc((size_t)ss->N * sizeof *condition + 1), e,
+           rigid = rigid_rounding(ss);
     struct matrix A = { ss->N, ss->N, ss->N, copy };
     enum modal_status rc = copy != NULL && condition != NULL ? MODAL_OK : no_memory(err);
 
@@ -123,7 +136,8 @@ static enum modal_status coupled_exponents(const struct statespace *ss, struct f
     return rc;
 }
 
-static enum modal_status constant(const struct statespace *ss, double period, struct floquet *f, struct modal_error *err)
+static enum modal_status constant(const struct statespace *ss, double period, struct floquet *f,
+                                  struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -142,27 +156,32 @@ static enum modal_status constant(const struct statespace *ss, double period, st
 static double complex exponent_of(double complex rho, double period)
 {
     double re = fabs(creal(rho)), im = cimag(rho), square = re * re + im * im;
-    double log_modulus = square > 0.5 && square < 2 ? log1p((re - 1) * (re + 1) + im * im) / 2 : log(cabs(rho));
+    double log_modulus =
+        square > 0.5 && square < 2 ? log1p((re - 1) * (re + 1) + im * im) / 2 : log(cabs(rho));
     double angle = atan2(im == 0 ? 0.0 : im, creal(rho));
 
     return CMPLX(log_modulus / period, angle / period);
 }
 
-static enum modal_status periodic(const struct statespace *ss, double period, const struct floquet_options *opt, struct floquet *f,
+static enum modal_status periodic(const struct statespace *ss, double period,
+                                  const struct floquet_options *opt, struct floquet *f,
                                   struct modal_error *err)
 {
     size_t count = (size_t)ss->N * (size_t)ss->N;
-    double *Phi = malloc(count * sizeof *Phi + 1), *condition = malloc((size_t)ss->N * sizeof *condition + 1), norm = 0, e = 0;
+    double *Phi = malloc(count * sizeof *Phi + 1),
+           *condition = malloc((size_t)ss->N * sizeof *condition + 1), norm = 0, e = 0;
     struct matrix A = { ss->N, ss->N, ss->N, Phi };
     struct magnus *m = NULL;
     double tolerance = opt != NULL && opt->tolerance > 0 ? opt->tolerance : 1e-12;
-    enum modal_status rc = Phi != NULL && condition != NULL ? magnus_new(ss, NULL, &m, err) : no_memory(err);
+    enum modal_status rc =
+        Phi != NULL && condition != NULL ? magnus_new(ss, NULL, &m, err) : no_memory(err);
 
     f->substeps = 16;
     if (rc == MODAL_OK)
         rc = magnus_converge(m, 0, period, tolerance, &f->substeps, Phi, &f->error, err);
     if (rc == MODAL_OVERFLOW)
-        modal_fail(err, rc, "the growth over one period of %g s leaves the range of doubles", period);
+        modal_fail(err, rc, "the growth over one period of %g s leaves the range of doubles",
+                   period);
     if (rc == MODAL_OK) {
         norm = norm_of(ss->N, Phi);
         e = fmax(f->error, DBL_EPSILON) * norm;
@@ -182,7 +201,8 @@ static enum modal_status periodic(const struct statespace *ss, double period, co
 }
 
 /* The multipliers over PERIOD on fixed axes, from the exponents on axes turning at SPEED. */
-static enum modal_status turning(const struct statespace *ss, double speed, double period, struct floquet *f, struct modal_error *err)
+static enum modal_status turning(const struct statespace *ss, double speed, double period,
+                                 struct floquet *f, struct modal_error *err)
 {
     double side = fmod(round(speed * period / M_PI), 2) == 0 ? 1 : -1, largest = 1;
     enum modal_status rc = constant(ss, period, f, err);
@@ -192,31 +212,38 @@ static enum modal_status turning(const struct statespace *ss, double speed, doub
         largest = fmax(largest, cabs(f->multiplier[i]));
     }
     if (rc == MODAL_OK && !isfinite(largest))
-        return modal_fail(err, MODAL_OVERFLOW, "the growth over one period of %g s leaves the range of doubles", period);
+        return modal_fail(err, MODAL_OVERFLOW,
+                          "the growth over one period of %g s leaves the range of doubles", period);
     for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
         double size = cabs(f->multiplier[i]);
 
         f->bar[i] = size * (f->bar[i] * period + DBL_EPSILON);
         f->resolved[i] = size > DBL_EPSILON * largest;
-        f->exponent[i] = f->resolved[i] ? CMPLX(creal(f->exponent[i]), cimag(exponent_of(f->multiplier[i], period))) : 0;
+        f->exponent[i] = f->resolved[i] ? CMPLX(creal(f->exponent[i]),
+                                                cimag(exponent_of(f->multiplier[i], period)))
+                                        : 0;
     }
     f->periodic = true;
     return rc;
 }
 
-/* What value I is ordered by: |rho| (periodic) or Re lambda, on the boundary of stability where its bar holds that. */
+/* What value I is ordered by: |rho| (periodic) or Re lambda, on the boundary of stability where
+ * its bar holds that. */
 static double size_of(const struct floquet *f, int i)
 {
-    double x = f->periodic ? cabs(f->multiplier[i]) : creal(f->exponent[i]), boundary = f->periodic ? 1 : 0;
+    double x = f->periodic ? cabs(f->multiplier[i]) : creal(f->exponent[i]),
+           boundary = f->periodic ? 1 : 0;
 
     return fabs(x - boundary) <= f->bar[i] ? boundary : x;
 }
 
-/* Descending in size, then ascending in |Im|, pairs together, the one with positive imaginary part first. */
+/* Descending in size, then ascending in |Im|, pairs together, the one with positive imaginary
+ * part first. */
 static bool comes_before(const struct floquet *f, int a, int b)
 {
     double x = size_of(f, a), y = size_of(f, b);
-    double complex u = f->periodic ? f->multiplier[a] : f->exponent[a], v = f->periodic ? f->multiplier[b] : f->exponent[b];
+    double complex u = f->periodic ? f->multiplier[a] : f->exponent[a],
+                   v = f->periodic ? f->multiplier[b] : f->exponent[b];
 
     if (x != y)
         return x > y;
@@ -261,7 +288,8 @@ static void judge(struct floquet *f)
     f->stable = unstable ? FLOQUET_UNSTABLE : stable ? FLOQUET_STABLE : FLOQUET_UNDECIDED;
 }
 
-enum modal_status floquet(const struct program *p, const struct floquet_options *opt, struct floquet *out, struct modal_error *err)
+enum modal_status floquet(const struct program *p, const struct floquet_options *opt,
+                          struct floquet *out, struct modal_error *err)
 {
     struct floquet f = { 0 };
     struct statespace *ss = NULL;
@@ -272,7 +300,9 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
     if (p->laws > 0) {
         char path[32];
         snprintf(path, sizeof path, "effects[%d]", p->law[0].effect);
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "floquet is of linear scenes; the %s is not linear (steady gives the stability of its orbits)",
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "floquet is of linear scenes; the %s is not linear (steady gives "
+                                "the stability of its orbits)",
                                 p->effect[p->law[0].effect].type);
     }
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
@@ -282,7 +312,8 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
         rc = make(ss->N, &f, err);
     if (rc == MODAL_OK)
         rc = turned != NULL || p->seen_fixed ? turning(ss, p->turn_speed, period, &f, err)
-             : ss->harmonics > 0 ? periodic(ss, period, opt, &f, err) : constant(ss, p->period, &f, err);
+             : ss->harmonics > 0             ? periodic(ss, period, opt, &f, err)
+                                             : constant(ss, p->period, &f, err);
     statespace_free(ss);
     program_turned_free(turned);
     if (rc != MODAL_OK) {

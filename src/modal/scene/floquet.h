@@ -1,7 +1,8 @@
-/* floquet.h - the exponents of a linear program: eigenvalues where it is constant, multipliers where it is periodic
+/* floquet.h - the exponents of a linear program: eigenvalues where it is constant, multipliers
+ * where it is periodic
  *
- * Conventions: exponent lambda = sigma + i omega_d; multiplier rho = exp(lambda T); of a periodic program lambda is the
- * principal value, (ln|rho| + i arg rho) / T with arg in (-pi, pi].
+ * Conventions: exponent lambda = sigma + i omega_d; multiplier rho = exp(lambda T); of a periodic
+ * program lambda is the principal value, (ln|rho| + i arg rho) / T with arg in (-pi, pi].
  */
 #ifndef MODAL_FLOQUET_H
 #define MODAL_FLOQUET_H
@@ -19,11 +20,15 @@ struct floquet {
     int count;                   /* 2 n + linear states: both of each pair */
     bool periodic;
     double period;               /* s; 0: constant without a period */
-    double complex *multiplier;  /* descending in magnitude; of constant programs only where period > 0 */
+    /* descending in magnitude; of constant programs only where period > 0 */
+    double complex *multiplier;
     double complex *exponent;    /* descending in real part */
-    double *bar;                 /* of each: on |multiplier| where periodic, else on the exponent, 1/s and rad/s */
-    bool *resolved;              /* false: the multiplier is below rounding, and its exponent not known */
-    enum floquet_verdict stable; /* undecided: the largest is within its error bar of the boundary */
+    /* of each: on |multiplier| where periodic, else on the exponent, 1/s and rad/s */
+    double *bar;
+    /* false: the multiplier is below rounding, and its exponent not known */
+    bool *resolved;
+    /* undecided: the largest is within its error bar of the boundary */
+    enum floquet_verdict stable;
     double max_multiplier;       /* |rho|; 0 where there is no period */
     double margin;               /* -max Re exponent, 1/s */
     double error;                /* estimated, relative, of the monodromy matrix */
@@ -31,11 +36,12 @@ struct floquet {
 };
 
 /*
- * Fails with MODAL_BAD_INPUT (laws: "effects"; a periodic program's period does not fit), MODAL_TOO_LARGE,
- * MODAL_OVERFLOW (growth over one period leaves the range of doubles), MODAL_NO_CONVERGENCE, MODAL_NO_MEMORY.
- * floquet_done frees the arrays.
+ * Fails with MODAL_BAD_INPUT (laws: "effects"; a periodic program's period does not fit),
+ * MODAL_TOO_LARGE, MODAL_OVERFLOW (growth over one period leaves the range of doubles),
+ * MODAL_NO_CONVERGENCE, MODAL_NO_MEMORY. floquet_done frees the arrays.
  */
-enum modal_status floquet(const struct program *p, const struct floquet_options *opt, struct floquet *out, struct modal_error *err);
+enum modal_status floquet(const struct program *p, const struct floquet_options *opt,
+                          struct floquet *out, struct modal_error *err);
 void floquet_done(struct floquet *f);
 
 #endif

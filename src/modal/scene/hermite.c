@@ -3,10 +3,11 @@
  *
  * w(xi) = N(xi)^T [w_1, s_1, w_2, s_2], xi = x/h, with
  *
- *     N = [1 - 3 xi^2 + 2 xi^3,  h (xi - 2 xi^2 + xi^3),  3 xi^2 - 2 xi^3,  h (xi^3 - xi^2)]            (1)
+ *     N = [1 - 3 xi^2 + 2 xi^3,  h (xi - 2 xi^2 + xi^3),  3 xi^2 - 2 xi^3,  h (xi^3 - xi^2)]    (1)
  *
- * The three matrices are the integrals over the element of N'' N''^T, N N^T and N' N'^T in closed form.  For loads at
- * the nodes of a beam without mass the element is exact, since (1) spans the solutions of w'''' = 0.
+ * The three matrices are the integrals over the element of N'' N''^T, N N^T and N' N'^T in closed
+ * form.  For loads at the nodes of a beam without mass the element is exact, since (1) spans the
+ * solutions of w'''' = 0.
  */
 #include "modal/scene/hermite.h"
 #include "modal/linalg/matrix.h"
@@ -28,7 +29,8 @@ void hermite_stiffness(double EI, double h, double k[16])
 
 void hermite_mass(double m, double h, double mass[16])
 {
-    static const int table[16] = { 156, 22, 54, -13, 22, 4, 13, -3, 54, 13, 156, -22, -13, -3, -22, 4 };
+    static const int table[16] = { 156, 22, 54,  -13, 22,  4,  13,  -3,
+                                   54,  13, 156, -22, -13, -3, -22, 4 };
     scaled(table, m * h / 420, h, mass);
 }
 

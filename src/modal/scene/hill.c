@@ -1,13 +1,15 @@
 /*
  * hill.c - see hill.h
  *
- * A Floquet mode is e^(lambda t) sum_k u_k e^(i k W t), W = 2 pi / T.  With A(t) = sum_m A_m e^(i m W t), y' = A y asks
+ * A Floquet mode is e^(lambda t) sum_k u_k e^(i k W t), W = 2 pi / T.  With A(t) = sum_m A_m e^(i m
+ * W t), y' = A y asks
  *
- *     lambda u_k = sum_m A_(k-m) u_m - i k W u_k,    k = -H .. H,                                     (1)
+ *     lambda u_k = sum_m A_(k-m) u_m - i k W u_k,    k = -H .. H,                               (1)
  *
- * an eigenproblem of (2 H + 1) N: each exponent appears as lambda + i k W for every k, and those at the rim are spoilt by the
- * cut.  Of each family we take the member whose u is centred best, i.e. with the least sum_k |k| |u_k|^2 / sum_k |u_k|^2: the N best
- * centred of all, no two of which are translates of each other with the same vector (moved by one block).
+ * an eigenproblem of (2 H + 1) N: each exponent appears as lambda + i k W for every k, and those at
+ * the rim are spoilt by the cut.  Of each family we take the member whose u is centred best, i.e.
+ * with the least sum_k |k| |u_k|^2 / sum_k |u_k|^2: the N best centred of all, no two of which are
+ * translates of each other with the same vector (moved by one block).
  */
 #include "modal/scene/hill.h"
 #include <lapacke.h>
@@ -17,7 +19,8 @@
 #include <string.h>
 #include "modal/scene/statespace.h"
 
-static const double ENOUGH = 1e-10;            /* truncation, of the exponents' strip 2 pi / T, that ends the growth of H */
+/* truncation, of the exponents' strip 2 pi / T, that ends the growth of H */
+static const double ENOUGH = 1e-10;
 
 static enum modal_status no_memory(struct modal_error *err)
 {
@@ -46,7 +49,8 @@ static void assemble(const struct statespace *ss, double period, int H, double c
                         continue;
                     for (int i = 0; i < N; i++) {        /* cos = (e + e*)/2, sin = (e - e*)/2i */
                         size_t at = i + (size_t)j * (size_t)N;
-                        column[(size_t)(row + H) * (size_t)N + (size_t)i] += (ss->harmonic[h].cosine[at] - I * sign * ss->harmonic[h].sine[at]) / 2;
+                        column[(size_t)(row + H) * (size_t)N + (size_t)i] +=
+                            (ss->harmonic[h].cosine[at] - I * sign * ss->harmonic[h].sine[at]) / 2;
                     }
                 }
             }
@@ -59,7 +63,8 @@ static int by_spread(const void *a, const void *b)
 {
     const struct candidate *x = a, *y = b;
 
-    return x->spread != y->spread ? (x->spread > y->spread) - (x->spread < y->spread) : (x->index > y->index) - (x->index < y->index);
+    return x->spread != y->spread ? (x->spread > y->spread) - (x->spread < y->spread)
+                                  : (x->index > y->index) - (x->index < y->index);
 }
 
 static int by_value(const void *a, const void *b)
@@ -112,7 +117,8 @@ static double complex principal(double complex lambda, double W)
 }
 
 /* The N best centred eigenvalues of COUNT, no translates, as principal values. */
-static void choose(struct candidate *c, size_t count, const double complex *V, int N, int H, double W, double complex *out)
+static void choose(struct candidate *c, size_t count, const double complex *V, int N, int H,
+                   double W, double complex *out)
 {
     int found = 0;                       /* those chosen stand first in c */
 
@@ -121,8 +127,12 @@ static void choose(struct candidate *c, size_t count, const double complex *V, i
         bool again = false;
         for (int j = 0; j < found && !again; j++) {
             double shift = (cimag(c[j].value) - cimag(c[i].value)) / W, whole = round(shift);
-            bool near = whole != 0 && fabs(shift - whole) < 1e-3 && fabs(creal(c[j].value) - creal(c[i].value)) < 1e-3 * W;
-            again = near && overlap(V + (size_t)c[j].index * count, V + (size_t)c[i].index * count, N, H, (int)whole) > 0.9;
+            bool near = whole != 0 && fabs(shift - whole) < 1e-3
+                        && fabs(creal(c[j].value) - creal(c[i].value)) < 1e-3 * W;
+            again = near
+                    && overlap(V + (size_t)c[j].index * count, V + (size_t)c[i].index * count, N, H,
+                               (int)whole)
+                           > 0.9;
         }
         if (!again)
             c[found++] = c[i];
@@ -132,10 +142,12 @@ static void choose(struct candidate *c, size_t count, const double complex *V, i
     qsort(out, (size_t)N, sizeof *out, by_value);
 }
 
-static enum modal_status solve(const struct statespace *ss, double period, int H, double complex *out, struct modal_error *err)
+static enum modal_status solve(const struct statespace *ss, double period, int H,
+                               double complex *out, struct modal_error *err)
 {
     size_t size = (size_t)ss->N * (size_t)(2 * H + 1);
-    double complex *Z = malloc(size * size * sizeof *Z), *V = malloc(size * size * sizeof *V), *w = malloc(size * sizeof *w);
+    double complex *Z = malloc(size * size * sizeof *Z), *V = malloc(size * size * sizeof *V),
+                   *w = malloc(size * sizeof *w);
     struct candidate *c = malloc(size * sizeof *c);
     enum modal_status rc = MODAL_OK;
 
@@ -143,8 +155,11 @@ static enum modal_status solve(const struct statespace *ss, double period, int H
         rc = no_memory(err);
     if (rc == MODAL_OK) {
         assemble(ss, period, H, Z);
-        if (LAPACKE_zgeev(LAPACK_COL_MAJOR, 'N', 'V', (int)size, Z, (int)size, w, NULL, 1, V, (int)size) != 0)
-            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "hill: the eigenproblem of size %zu failed", size);
+        if (LAPACKE_zgeev(LAPACK_COL_MAJOR, 'N', 'V', (int)size, Z, (int)size, w, NULL, 1, V,
+                          (int)size)
+            != 0)
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "hill: the eigenproblem of size %zu failed",
+                            size);
     }
     for (size_t i = 0; rc == MODAL_OK && i < size; i++)
         c[i] = (struct candidate) { w[i], spread(V + i * size, ss->N, H), (int)i };
@@ -173,7 +188,8 @@ static double distance(const double complex *a, const double complex *b, int cou
     return worst;
 }
 
-/* The highest harmonic of A over PERIOD, at least 2: a cut must lose at least one of its steps to be seen. */
+/* The highest harmonic of A over PERIOD, at least 2: a cut must lose at least one of its steps
+ * to be seen. */
 static int highest(const struct statespace *ss, double period)
 {
     int most = 2;
@@ -185,10 +201,12 @@ static int highest(const struct statespace *ss, double period)
     return most;
 }
 
-static enum modal_status solve_two(const struct statespace *ss, double period, int H, struct hill *out, struct modal_error *err)
+static enum modal_status solve_two(const struct statespace *ss, double period, int H,
+                                   struct hill *out, struct modal_error *err)
 {
     int less = H - highest(ss, period);
-    double complex *fine = malloc((size_t)ss->N * sizeof *fine + 1), *coarse = malloc((size_t)ss->N * sizeof *coarse + 1);
+    double complex *fine = malloc((size_t)ss->N * sizeof *fine + 1),
+                   *coarse = malloc((size_t)ss->N * sizeof *coarse + 1);
     enum modal_status rc = fine != NULL && coarse != NULL ? MODAL_OK : no_memory(err);
 
     if (rc == MODAL_OK)
@@ -196,7 +214,10 @@ static enum modal_status solve_two(const struct statespace *ss, double period, i
     if (rc == MODAL_OK)
         rc = solve(ss, period, H, fine, err);
     if (rc == MODAL_OK) {
-        *out = (struct hill) { .count = ss->N, .harmonics = H, .exponent = fine, .truncation = distance(fine, coarse, ss->N, 2 * M_PI / period) };
+        *out = (struct hill){ .count = ss->N,
+                              .harmonics = H,
+                              .exponent = fine,
+                              .truncation = distance(fine, coarse, ss->N, 2 * M_PI / period) };
         fine = NULL;
     }
     free(fine);
@@ -204,7 +225,8 @@ static enum modal_status solve_two(const struct statespace *ss, double period, i
     return rc;
 }
 
-enum modal_status hill(const struct program *p, int harmonics, struct hill *out, struct modal_error *err)
+enum modal_status hill(const struct program *p, int harmonics, struct hill *out,
+                       struct modal_error *err)
 {
     struct statespace *ss = NULL;
     double period = p->period > 0 ? p->period : 2 * M_PI / p->omega;
@@ -212,15 +234,19 @@ enum modal_status hill(const struct program *p, int harmonics, struct hill *out,
     enum modal_status rc;
 
     if (p->laws > 0 || p->harmonics == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "Hill's determinant is of linear periodic scenes");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "effects",
+                                "Hill's determinant is of linear periodic scenes");
     rc = statespace_new(p, &ss, err);
     while (rc == MODAL_OK && harmonics == 0 && H > 2 && ss->N * (2 * H + 1) > HILL_SIZE_MOST / 2)
         H--;
     if (rc == MODAL_OK && ss->N * (2 * H + 1) > HILL_SIZE_MOST)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "hill", "Hill's matrix would be of size %d; at most %d", ss->N * (2 * H + 1), HILL_SIZE_MOST);
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "hill",
+                              "Hill's matrix would be of size %d; at most %d", ss->N * (2 * H + 1),
+                              HILL_SIZE_MOST);
     if (rc == MODAL_OK)
         rc = solve_two(ss, period, H, out, err);
-    while (rc == MODAL_OK && harmonics == 0 && out->truncation > ENOUGH * 2 * M_PI / period && ss->N * (4 * H + 1) <= HILL_SIZE_MOST / 2) {
+    while (rc == MODAL_OK && harmonics == 0 && out->truncation > ENOUGH * 2 * M_PI / period
+           && ss->N * (4 * H + 1) <= HILL_SIZE_MOST / 2) {
         hill_done(out);
         rc = solve_two(ss, period, H *= 2, out, err);
     }

@@ -3,7 +3,7 @@
  *
  * With y' = A y + B P w + U phi, the rates R_C y of the stuck sliders C stay 0 where
  *
- *     R_C U_C phi_C = -R_C (A y + B P w + U_S phi_S),                                                   (1)
+ *     R_C U_C phi_C = -R_C (A y + B P w + U_S phi_S),                                           (1)
  *
  * S all other channels.  The rows R A, R B P and R U of all rigid sliders are made once.
  */
@@ -44,14 +44,18 @@ static void fill(struct holding *h, const double *BP)
     for (int i = 0; i < h->count; i++) {
         const double *R = p->R + p->probes + p->law[h->law[i]].channel;
 
-        cblas_dgemv(CblasColMajor, CblasTrans, N, N, 1, p->ss->A, N, R, r, 0, h->RA + (size_t)i * (size_t)N, 1);
+        cblas_dgemv(CblasColMajor, CblasTrans, N, N, 1, p->ss->A, N, R, r, 0,
+                    h->RA + (size_t)i * (size_t)N, 1);
         if (h->nw > 0)
-            cblas_dgemv(CblasColMajor, CblasTrans, N, h->nw, 1, BP, N, R, r, 0, h->RB + (size_t)i * (size_t)h->nw, 1);
-        cblas_dgemv(CblasColMajor, CblasTrans, N, p->channels, 1, p->U, N, R, r, 0, h->RU + (size_t)i * (size_t)p->channels, 1);
+            cblas_dgemv(CblasColMajor, CblasTrans, N, h->nw, 1, BP, N, R, r, 0,
+                        h->RB + (size_t)i * (size_t)h->nw, 1);
+        cblas_dgemv(CblasColMajor, CblasTrans, N, p->channels, 1, p->U, N, R, r, 0,
+                    h->RU + (size_t)i * (size_t)p->channels, 1);
     }
 }
 
-enum modal_status holding_new(const struct ports *ports, const struct sources *src, struct holding **out, struct modal_error *err)
+enum modal_status holding_new(const struct ports *ports, const struct sources *src,
+                              struct holding **out, struct modal_error *err)
 {
     struct holding *h = calloc(1, sizeof *h);
     double *BP = stepper_source_matrix(ports->ss, src);
@@ -72,7 +76,8 @@ enum modal_status holding_new(const struct ports *ports, const struct sources *s
         h->G = malloc((most * most + 1) * sizeof *h->G);
         h->phi = malloc((most + 1) * sizeof *h->phi);
         h->pivot = malloc((most + 1) * sizeof *h->pivot);
-        made = h->RA != NULL && h->RB != NULL && h->RU != NULL && h->G != NULL && h->phi != NULL && h->pivot != NULL;
+        made = h->RA != NULL && h->RB != NULL && h->RU != NULL && h->G != NULL && h->phi != NULL
+               && h->pivot != NULL;
     }
     if (made) {
         fill(h, BP);
@@ -84,11 +89,13 @@ enum modal_status holding_new(const struct ports *ports, const struct sources *s
 }
 
 /* The right side of (1) for slider I. */
-static double driven(const struct holding *h, int i, const double *y, const double *w, const double *force)
+static double driven(const struct holding *h, int i, const double *y, const double *w,
+                     const double *force)
 {
     const struct ports *p = h->ports;
     const double *RU = h->RU + (size_t)i * (size_t)p->channels;
-    double sum = cblas_ddot(h->N, h->RA + (size_t)i * (size_t)h->N, 1, y, 1) + cblas_ddot(h->nw, h->RB + (size_t)i * (size_t)h->nw, 1, w, 1);
+    double sum = cblas_ddot(h->N, h->RA + (size_t)i * (size_t)h->N, 1, y, 1)
+                 + cblas_ddot(h->nw, h->RB + (size_t)i * (size_t)h->nw, 1, w, 1);
 
     sum += cblas_ddot(p->channels, RU, 1, force, 1);
     for (int k = 0; k < h->count; k++)
@@ -109,10 +116,13 @@ bool holding_forces(struct holding *h, const double *y, const double *w, double 
             continue;
         for (int k = 0, column = 0; k < h->count; k++)
             if (p->law[h->law[k]].held == 0)
-                h->G[row + stuck * column++] = h->RU[(size_t)i * (size_t)p->channels + (size_t)p->law[h->law[k]].channel];
+                h->G[row + stuck * column++] =
+                    h->RU[(size_t)i * (size_t)p->channels + (size_t)p->law[h->law[k]].channel];
         h->phi[row++] = driven(h, i, y, w, force);
     }
-    if (stuck > 0 && LAPACKE_dgesv_work(LAPACK_COL_MAJOR, stuck, 1, h->G, stuck, h->pivot, h->phi, stuck) != 0)
+    if (stuck > 0
+        && LAPACKE_dgesv_work(LAPACK_COL_MAJOR, stuck, 1, h->G, stuck, h->pivot, h->phi, stuck)
+               != 0)
         return false;
     for (int i = 0, row = 0; i < h->count; i++)
         if (p->law[h->law[i]].held == 0)

@@ -1,12 +1,13 @@
 /* influence.c - see influence.h
  *
- * States of the two programs, y = (s q, q', z) each in its own modes, are related by y = D y', D = diag(S Phi^T M Phi' / S',
- * Phi^T M Phi', 1), since x is the same: A' of (1) is D A' D^-1.  Eigenvalues are matched by the largest overlaps
- * |l_i D r'_j|, |r'| = 1, greedily.  Where the numbers of linear states differ, the common part of the states is compared.
+ * States of the two programs, y = (s q, q', z) each in its own modes, are related by y = D y', D =
+ * diag(S Phi^T M Phi' / S', Phi^T M Phi', 1), since x is the same: A' of (1) is D A' D^-1.
+ * Eigenvalues are matched by the largest overlaps |l_i D r'_j|, |r'| = 1, greedily.  Where the
+ * numbers of linear states differ, the common part of the states is compared.
  *
  * The change of the monodromy matrix to first order is the corner of that of twice the states:
  *
- *     Y' = [A dA; 0 A] Y,   dA(t) = A'(t) - A(t),   Y(T) = [Phi dPhi; 0 Phi].                                (2)
+ *     Y' = [A dA; 0 A] Y,   dA(t) = A'(t) - A(t),   Y(T) = [Phi dPhi; 0 Phi].                   (2)
  */
 #include "modal/scene/influence.h"
 #include <cblas.h>
@@ -21,7 +22,8 @@
 struct side {
     struct statespace *ss;
     double *X;                       /* N x N */
-    double complex *value, *V, *L;   /* eigenvalues, right eigenvectors, and (of `from`) left ones as rows */
+    /* eigenvalues, right eigenvectors, and (of `from`) left ones as rows */
+    double complex *value, *V, *L;
 };
 
 static enum modal_status no_memory(struct modal_error *err)
@@ -29,7 +31,8 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "influence: out of memory");
 }
 
-static enum modal_status matrix_of(struct side *side, bool periodic, double period, struct modal_error *err)
+static enum modal_status matrix_of(struct side *side, bool periodic, double period,
+                                   struct modal_error *err)
 {
     struct statespace *ss = side->ss;
     size_t bytes = (size_t)ss->N * (size_t)ss->N * sizeof *side->X;
@@ -51,7 +54,8 @@ static enum modal_status matrix_of(struct side *side, bool periodic, double peri
     return rc;
 }
 
-static enum modal_status solve(struct side *side, bool periodic, double period, struct modal_error *err)
+static enum modal_status solve(struct side *side, bool periodic, double period,
+                               struct modal_error *err)
 {
     int N = side->ss->N;
     size_t count = (size_t)N * (size_t)N;
@@ -98,16 +102,19 @@ static double *change(const struct statespace *a, const struct statespace *b)
 {
     int n = a->n, nz = a->nz < b->nz ? a->nz : b->nz;
     size_t Na = (size_t)a->N;
-    double *D = calloc(Na * (size_t)b->N + 1, sizeof *D), *work = calloc((size_t)n * (size_t)n + 1, sizeof *work);
+    double *D = calloc(Na * (size_t)b->N + 1, sizeof *D),
+           *work = calloc((size_t)n * (size_t)n + 1, sizeof *work);
     const struct sparse *M = &a->p->constant[PROGRAM_M];
 
     for (int j = 0; D != NULL && work != NULL && j < n; j++)
         sparse_multiply_add(M, 1, b->phi + (size_t)j * (size_t)n, work + (size_t)j * (size_t)n);
     if (D != NULL && work != NULL)
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, n, 1, a->phi, n, work, n, 0, D + (size_t)n + (size_t)n * Na, (int)Na);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, n, 1, a->phi, n, work, n, 0,
+                    D + (size_t)n + (size_t)n * Na, (int)Na);
     for (int j = 0; D != NULL && j < n; j++)
         for (int i = 0; i < n; i++)
-            D[(size_t)i + (size_t)j * Na] = a->s[i] * D[(size_t)(n + i) + (size_t)(n + j) * Na] / b->s[j];
+            D[(size_t)i + (size_t)j * Na] =
+                a->s[i] * D[(size_t)(n + i) + (size_t)(n + j) * Na] / b->s[j];
     for (int k = 0; D != NULL && k < nz; k++)
         D[(size_t)(2 * n + k) + (size_t)(2 * n + k) * Na] = 1;
     if (work == NULL) {
@@ -119,7 +126,8 @@ static double *change(const struct statespace *a, const struct statespace *b)
 }
 
 /* OUT = D X_b D^-1, all N x N; X NULL: 0. */
-static void carry(int N, const double *D, const double *X, const double *back, double *work, double *out)
+static void carry(int N, const double *D, const double *X, const double *back, double *work,
+                  double *out)
 {
     if (X == NULL) {
         memset(out, 0, (size_t)N * (size_t)N * sizeof *out);
@@ -153,7 +161,8 @@ static const struct statespace_harmonic *harmonic_of(const struct statespace *ss
 }
 
 /* What pulsates with K in either, doubled, behind those of OUT. */
-static bool add_harmonic(struct statespace *out, const struct side *a, const struct side *b, int k, const double *D, const double *back, double *work)
+static bool add_harmonic(struct statespace *out, const struct side *a, const struct side *b, int k,
+                         const double *D, const double *back, double *work)
 {
     int N = a->ss->N;
     size_t count = (size_t)N * (size_t)N;
@@ -169,8 +178,9 @@ static bool add_harmonic(struct statespace *out, const struct side *a, const str
 }
 
 /* The system (2): room for it is OUT's, which statespace_free frees. */
-static enum modal_status doubled_system(const struct side *a, const struct side *b, const double *D, const double *back, double *work,
-                                        struct statespace *out, struct modal_error *err)
+static enum modal_status doubled_system(const struct side *a, const struct side *b, const double *D,
+                                        const double *back, double *work, struct statespace *out,
+                                        struct modal_error *err)
 {
     int N = a->ss->N;
     size_t count = (size_t)N * (size_t)N;
@@ -178,7 +188,8 @@ static enum modal_status doubled_system(const struct side *a, const struct side 
 
     out->p = a->ss->p->harmonics > 0 ? a->ss->p : b->ss->p;
     out->N = 2 * N;
-    out->harmonic = calloc((size_t)(a->ss->harmonics + b->ss->harmonics) + 1, sizeof *out->harmonic);
+    out->harmonic =
+        calloc((size_t)(a->ss->harmonics + b->ss->harmonics) + 1, sizeof *out->harmonic);
     carry(N, D, b->ss->A, back, work, work + count);
     out->A = doubled(N, a->ss->A, work + count);
     whole = out->harmonic != NULL && out->A != NULL;
@@ -191,14 +202,16 @@ static enum modal_status doubled_system(const struct side *a, const struct side 
 }
 
 /* dPhi of (2) into OUT; WORK holds 2 N^2. */
-static enum modal_status monodromy_change(const struct side *a, const struct side *b, double period, const double *D, const double *back,
-                                          double *work, double *out, struct modal_error *err)
+static enum modal_status monodromy_change(const struct side *a, const struct side *b, double period,
+                                          const double *D, const double *back, double *work,
+                                          double *out, struct modal_error *err)
 {
     int N = a->ss->N, substeps = 16;
     struct statespace *ss = calloc(1, sizeof *ss);
     struct magnus *m = NULL;
     double *map = malloc(4 * (size_t)N * (size_t)N * sizeof *map + 1), error;
-    enum modal_status rc = ss != NULL && map != NULL ? doubled_system(a, b, D, back, work, ss, err) : no_memory(err);
+    enum modal_status rc =
+        ss != NULL && map != NULL ? doubled_system(a, b, D, back, work, ss, err) : no_memory(err);
 
     if (rc == MODAL_OK)
         rc = magnus_new(ss, NULL, &m, err);
@@ -229,12 +242,17 @@ static void project(const struct side *a, const double *X, double complex *out)
 }
 
 /* (1) for every eigenvalue of a. */
-static enum modal_status estimate(const struct side *a, const struct side *b, const struct influence *f, double complex *out, struct modal_error *err)
+static enum modal_status estimate(const struct side *a, const struct side *b,
+                                  const struct influence *f, double complex *out,
+                                  struct modal_error *err)
 {
     int N = a->ss->N;
     size_t count = (size_t)N * (size_t)N;
-    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss), *work = malloc(2 * count * sizeof *work + 1), *difference = malloc(count * sizeof *work + 1);
-    enum modal_status rc = D != NULL && back != NULL && work != NULL && difference != NULL ? MODAL_OK : no_memory(err);
+    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss),
+           *work = malloc(2 * count * sizeof *work + 1),
+           *difference = malloc(count * sizeof *work + 1);
+    enum modal_status rc =
+        D != NULL && back != NULL && work != NULL && difference != NULL ? MODAL_OK : no_memory(err);
 
     if (rc == MODAL_OK && f->periodic)
         rc = monodromy_change(a, b, f->period, D, back, work, difference, err);
@@ -252,24 +270,29 @@ static enum modal_status estimate(const struct side *a, const struct side *b, co
 }
 
 /* match[i]: which eigenvalue of b is i's, -1 none. */
-static enum modal_status pair_up(const struct side *a, const struct side *b, int *match, struct modal_error *err)
+static enum modal_status pair_up(const struct side *a, const struct side *b, int *match,
+                                 struct modal_error *err)
 {
     int Na = a->ss->N, Nb = b->ss->N;
-    double *D = change(a->ss, b->ss), *overlap = calloc((size_t)Na * (size_t)Nb + 1, sizeof *overlap);
+    double *D = change(a->ss, b->ss),
+           *overlap = calloc((size_t)Na * (size_t)Nb + 1, sizeof *overlap);
     double complex *moved = calloc((size_t)Na + 1, sizeof *moved);
-    enum modal_status rc = D != NULL && overlap != NULL && moved != NULL ? MODAL_OK : no_memory(err);
+    enum modal_status rc =
+        D != NULL && overlap != NULL && moved != NULL ? MODAL_OK : no_memory(err);
 
     for (int j = 0; rc == MODAL_OK && j < Nb; j++) {
         for (int i = 0; i < Na; i++) {
             moved[i] = 0;
             for (int k = 0; k < Nb; k++)
-                moved[i] += D[(size_t)i + (size_t)k * (size_t)Na] * b->V[(size_t)k + (size_t)j * (size_t)Nb];
+                moved[i] += D[(size_t)i + (size_t)k * (size_t)Na]
+                            * b->V[(size_t)k + (size_t)j * (size_t)Nb];
         }
         for (int i = 0; i < Na; i++) {
             double complex sum = 0;
             for (int k = 0; k < Na; k++)
                 sum += a->L[(size_t)i + (size_t)k * (size_t)Na] * moved[k];
-            overlap[(size_t)i + (size_t)j * (size_t)Na] = isnan(cabs(sum)) ? 1 / (1 + cabs(a->value[i] - b->value[j])) : cabs(sum);
+            overlap[(size_t)i + (size_t)j * (size_t)Na] =
+                isnan(cabs(sum)) ? 1 / (1 + cabs(a->value[i] - b->value[j])) : cabs(sum);
         }
     }
     for (int i = 0; i < Na; i++)
@@ -310,7 +333,8 @@ static double margin(const double complex *value, int count, const struct influe
     return -most;
 }
 
-static enum modal_status fill(struct influence *f, const struct side *a, const struct side *b, struct modal_error *err)
+static enum modal_status fill(struct influence *f, const struct side *a, const struct side *b,
+                              struct modal_error *err)
 {
     int N = a->ss->N, *match = malloc((size_t)N * sizeof *match + 1);
     bool alike = a->ss->nz == b->ss->nz;
@@ -320,13 +344,17 @@ static enum modal_status fill(struct influence *f, const struct side *a, const s
     f->from = calloc((size_t)N + 1, sizeof *f->from);
     f->to = calloc((size_t)N + 1, sizeof *f->to);
     f->first_order = calloc((size_t)N + 1, sizeof *f->first_order);
-    rc = match != NULL && f->from != NULL && f->to != NULL && f->first_order != NULL ? pair_up(a, b, match, err) : no_memory(err);
+    rc = match != NULL && f->from != NULL && f->to != NULL && f->first_order != NULL
+             ? pair_up(a, b, match, err)
+             : no_memory(err);
     if (rc == MODAL_OK && alike)
         rc = estimate(a, b, f, f->first_order, err);
     for (int i = 0; rc == MODAL_OK && i < N; i++) {
         f->from[i] = exponent(a->value[i], f);
         f->to[i] = match[i] >= 0 ? exponent(b->value[match[i]], f) : CMPLX(NAN, NAN);
-        f->first_order[i] = !alike ? CMPLX(NAN, NAN) : f->periodic ? f->first_order[i] / (a->value[i] * f->period) : f->first_order[i];
+        f->first_order[i] = !alike        ? CMPLX(NAN, NAN)
+                            : f->periodic ? f->first_order[i] / (a->value[i] * f->period)
+                                          : f->first_order[i];
     }
     f->margin_from = margin(a->value, N, f);
     f->margin_to = margin(b->value, b->ss->N, f);
@@ -343,7 +371,8 @@ static void side_done(struct side *s)
     free(s->L);
 }
 
-enum modal_status influence(const struct program *from, const struct program *to, struct influence *out, struct modal_error *err)
+enum modal_status influence(const struct program *from, const struct program *to,
+                            struct influence *out, struct modal_error *err)
 {
     struct influence f = { .periodic = from->harmonics > 0 || to->harmonics > 0 };
     struct side a = { 0 }, b = { 0 };
@@ -351,8 +380,10 @@ enum modal_status influence(const struct program *from, const struct program *to
 
     f.period = from->period > 0 ? from->period : from->omega > 0 ? 2 * M_PI / from->omega : 0;
     if (from->laws > 0 || to->laws > 0 || from->n != to->n)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "effects", from->n != to->n ? "the two scenes differ in their dofs"
-                                : "exponents are of linear scenes; give the scene an excitation, and steady states are compared");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "effects",
+                                from->n != to->n ? "the two scenes differ in their dofs"
+                                                 : "exponents are of linear scenes; give the scene "
+                                                   "an excitation, and steady states are compared");
     rc = statespace_new(from, &a.ss, err);
     if (rc == MODAL_OK)
         rc = statespace_new(to, &b.ss, err);

@@ -16,7 +16,8 @@ enum modal_status law_check(const char *what, double value, double low, struct m
 {
     if (isfinite(value) && value >= low)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, what, "%s is %g; accepted: finite and at least %g", what, value, low);
+    return modal_fail_field(err, MODAL_BAD_INPUT, what,
+                            "%s is %g; accepted: finite and at least %g", what, value, low);
 }
 
 void law_done(struct law *law)

@@ -1,7 +1,9 @@
-/* law.h - a local nonlinear force: one table of functions a kind, the same for steady states and for stepping
+/* law.h - a local nonlinear force: one table of functions a kind, the same for steady states and
+ * for stepping
  *
- * A law reads the relative displacements d[i] = x[dof[i]] - x[to[i]] (to = -1: ground) and their rates, and gives the
- * forces f[i] with which it resists: (1) of program.h has +f on dof[i], -f on to[i].
+ * A law reads the relative displacements d[i] = x[dof[i]] - x[to[i]] (to = -1: ground) and their
+ * rates, and gives the forces f[i] with which it resists: (1) of program.h has +f on dof[i], -f on
+ * to[i].
  */
 #ifndef MODAL_LAW_H
 #define MODAL_LAW_H
@@ -20,17 +22,21 @@ struct law_point {                    /* one instant, reached from the one befor
     double t;                         /* s */
     const double *d, *v;              /* inputs each, now */
     const double *d_before;           /* at the step's start (laws with memory) */
-    const double *memory_before;      /* `memory` doubles at the step's start; zeros at the very start */
+    /* `memory` doubles at the step's start; zeros at the very start */
+    const double *memory_before;
 };
 
 struct law_force {
     double f[LAW_INPUTS_MOST];
-    double fd[LAW_INPUTS_MOST][LAW_INPUTS_MOST];   /* df_i/dd_j, exact, memory_before and d_before held */
+    /* df_i/dd_j, exact, memory_before and d_before held */
+    double fd[LAW_INPUTS_MOST][LAW_INPUTS_MOST];
     double fv[LAW_INPUTS_MOST][LAW_INPUTS_MOST];   /* df_i/dv_j */
     double *memory;                                /* out: `memory` doubles after the step */
-    bool acts;                                     /* slipping, in contact, ... : not in its rest regime */
-    int regime;                                    /* which smooth piece this is: within one, f is analytic; 0 for smooth
-                                                    * laws (stepping locates the instants where it changes) */
+    /* slipping, in contact, ... : not in its rest regime */
+    bool acts;
+    int regime; /* which smooth piece this is: within one, f is analytic; 0 for smooth
+                                                    * laws (stepping locates the instants where it
+                                                    * changes) */
 };
 
 struct law_class {
@@ -38,16 +44,21 @@ struct law_class {
     int inputs;                       /* 1 or 2 */
     bool reads_velocity, reads_time;
     bool smooth;                      /* analytic in d and v: no events to locate */
-    bool turns;                       /* inputs (y, z) of one place: f(R d, R v) = R f(d, v) for every rotation R */
-    bool set_valued;                  /* rigid Coulomb: at v = 0 any f in [-limit, limit]; `force` gives 0 there */
-    enum modal_status (*force)(const struct law *law, const struct law_point *at, struct law_force *out,
-                               struct modal_error *err);
-    /* The exact force of a periodic motion, cut at its events (pieces.h); NULL: the law is sampled. */
-    enum modal_status (*pieces)(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
-                                struct modal_error *err);
-    /* The start of a period: forget every call before it (memory of a user's law); NULL: nothing to forget. */
+    /* inputs (y, z) of one place: f(R d, R v) = R f(d, v) for every rotation R */
+    bool turns;
+    /* rigid Coulomb: at v = 0 any f in [-limit, limit]; `force` gives 0 there */
+    bool set_valued;
+    enum modal_status (*force)(const struct law *law, const struct law_point *at,
+                               struct law_force *out, struct modal_error *err);
+    /* The exact force of a periodic motion, cut at its events (pieces.h); NULL: the law is
+     * sampled. */
+    enum modal_status (*pieces)(const struct law *law, const struct orbit *const *input,
+                                struct law_pieces *out, struct modal_error *err);
+    /* The start of a period: forget every call before it (memory of a user's law); NULL: nothing
+     * to forget. */
     void (*restart)(const struct law *law);
-    /* With `restart`: whether anything has been kept since.  One that keeps nothing is a function of t, d and v alone. */
+    /* With `restart`: whether anything has been kept since.  One that keeps nothing is a
+     * function of t, d and v alone. */
     bool (*remembers)(const struct law *law);
     void (*free)(struct law *law);    /* of law->data; NULL: free() */
 };
@@ -63,40 +74,51 @@ struct law {
 };
 
 /*
- * Constructors: each fills *OUT but for `effect`, `dof` and `to`, which the caller sets (it preset to ground, -1).
- * Numbers are copied.  Fails with MODAL_NO_MEMORY, or MODAL_BAD_INPUT where a number is not finite or out of the range
- * named here (the caller checks first to name a scene's path; this is the last line).  law_done frees.
+ * Constructors: each fills *OUT but for `effect`, `dof` and `to`, which the caller sets (it preset
+ * to ground, -1). Numbers are copied.  Fails with MODAL_NO_MEMORY, or MODAL_BAD_INPUT where a
+ * number is not finite or out of the range named here (the caller checks first to name a scene's
+ * path; this is the last line).  law_done frees.
  */
-/* f = sum_i c[i] d^(i+1), i = 0 .. count-1; count <= LAW_TERMS_MOST.  (A cubic spring is {0, 0, c}.) */
-enum modal_status law_polynomial_spring(const double *c, int count, struct law *out, struct modal_error *err);
+/* f = sum_i c[i] d^(i+1), i = 0 .. count-1; count <= LAW_TERMS_MOST.  (A cubic spring is {0, 0,
+ * c}.) */
+enum modal_status law_polynomial_spring(const double *c, int count, struct law *out,
+                                        struct modal_error *err);
 /* f = sum_i c[i] d^i v */
-enum modal_status law_polynomial_damper(const double *c, int count, struct law *out, struct modal_error *err);
-/* Elastic, perfectly plastic: a spring `stiffness` > 0 in series with a slider that holds up to `limit` >= 0.
- * Its memory is the slider's place z: f = stiffness (d - z), |f| <= limit; z = 0 at the start. */
-enum modal_status law_jenkins(double stiffness, double limit, struct law *out, struct modal_error *err);
+enum modal_status law_polynomial_damper(const double *c, int count, struct law *out,
+                                        struct modal_error *err);
+/* Elastic, perfectly plastic: a spring `stiffness` > 0 in series with a slider that holds up to
+ * `limit` >= 0. Its memory is the slider's place z: f = stiffness (d - z), |f| <= limit; z = 0 at
+ * the start. */
+enum modal_status law_jenkins(double stiffness, double limit, struct law *out,
+                              struct modal_error *err);
 /* `count` Jenkins elements side by side; memory: their sliders' places. */
 enum modal_status law_iwan(const double *stiffness, const double *limit, int count, struct law *out,
                            struct modal_error *err);
-/* f = stiffness (d - clearance)(1 + dissipation v) where d > clearance, never pulling; both_sides: and its mirror
- * image below -clearance (clearance >= 0 then).  stiffness >= 0, dissipation >= 0 in s/m. */
-enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides, struct law *out,
-                          struct modal_error *err);
+/* f = stiffness (d - clearance)(1 + dissipation v) where d > clearance, never pulling; both_sides:
+ * and its mirror image below -clearance (clearance >= 0 then).  stiffness >= 0, dissipation >= 0 in
+ * s/m. */
+enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides,
+                          struct law *out, struct modal_error *err);
 /* Rigid friction: f = limit sign(v); at rest whatever holds it, up to limit. */
 enum modal_status law_coulomb(double limit, struct law *out, struct modal_error *err);
 /* f = limit tanh(v / velocity), velocity > 0 */
-enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out, struct modal_error *err);
-/* Inputs: 0 normal, 1 tangential.  Normal force N = max(0, preload + normal_stiffness d_0), f_0 = N; tangential a
- * Jenkins element of tangential_stiffness whose limit is mu N of the moment.  Memory: the slider's place. */
-enum modal_status law_contact_friction(double normal_stiffness, double preload, double tangential_stiffness, double mu,
-                                       struct law *out, struct modal_error *err);
-/* inputs: d = (y, z) of a journal in a circular race.  SHAFT: NULL for a journal with mass, whose position d is; else the stiffness
- * (K_y, K_z) of the shaft's end at a massless journal, and d is where the end would lie without contact. */
-enum modal_status law_clearance(double gap, double stiffness, double dissipation, const double *shaft, struct law *out,
-                                struct modal_error *err);
-/* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and memory (laws/user_law.c).  A
- * source that does not compile, or defines no function `force`, is MODAL_BAD_INPUT (err->field: "source", which the caller
- * prefixes), one that fails when called MODAL_ELEMENT_FAILED; both name the line.
- * restart empties its memory.
+enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out,
+                                          struct modal_error *err);
+/* Inputs: 0 normal, 1 tangential.  Normal force N = max(0, preload + normal_stiffness d_0), f_0 =
+ * N; tangential a Jenkins element of tangential_stiffness whose limit is mu N of the moment.
+ * Memory: the slider's place. */
+enum modal_status law_contact_friction(double normal_stiffness, double preload,
+                                       double tangential_stiffness, double mu, struct law *out,
+                                       struct modal_error *err);
+/* inputs: d = (y, z) of a journal in a circular race.  SHAFT: NULL for a journal with mass, whose
+ * position d is; else the stiffness (K_y, K_z) of the shaft's end at a massless journal, and d is
+ * where the end would lie without contact. */
+enum modal_status law_clearance(double gap, double stiffness, double dissipation,
+                                const double *shaft, struct law *out, struct modal_error *err);
+/* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and
+ * memory (laws/user_law.c).  A source that does not compile, or defines no function `force`, is
+ * MODAL_BAD_INPUT (err->field: "source", which the caller prefixes), one that fails when called
+ * MODAL_ELEMENT_FAILED; both name the line. restart empties its memory.
  *
  * The law has LAW_LUA_MOST bytes, and all that count theirs in *TOGETHER, which must outlive them,
  * LAW_LUA_TOGETHER_MOST: each of as many elements as a scene may have begins with room to spare.

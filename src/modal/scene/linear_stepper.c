@@ -1,11 +1,12 @@
 /*
  * linear_stepper.c - exact steps of y' = A y + B P w, w' = S w
  *
- *     y(t + h) = E y(t) + G w(t),   [E G; 0 *] = exp(h [A BP; 0 S])                                  (1)
+ *     y(t + h) = E y(t) + G w(t),   [E G; 0 *] = exp(h [A BP; 0 S])                             (1)
  *
- * is exact for every excitation of sources.h.  Where A falls into 2 x 2 blocks so do E and G: E_i in closed form, whose
- * determinant e^(h tr A_i) is exact to rounding (energy is kept over any number of steps), and G_i block by block of S.
- * The maps of the last few h are kept: the sample step's is computed once, those to and from corners as they come.
+ * is exact for every excitation of sources.h.  Where A falls into 2 x 2 blocks so do E and G: E_i
+ * in closed form, whose determinant e^(h tr A_i) is exact to rounding (energy is kept over any
+ * number of steps), and G_i block by block of S. The maps of the last few h are kept: the sample
+ * step's is computed once, those to and from corners as they come.
  */
 #include <cblas.h>
 #include <math.h>
@@ -19,7 +20,8 @@ enum { MAPS_KEPT = 4 };
 struct map {
     double h;
     int64_t used;                 /* when last; 0: empty */
-    double *E, *G;                /* modal: 4 per mode and 2 x nw per mode; dense: N x N and N x nw */
+    /* modal: 4 per mode and 2 x nw per mode; dense: N x N and N x nw */
+    double *E, *G;
 };
 
 struct linear_stepper {
@@ -34,8 +36,9 @@ struct linear_stepper {
 };
 
 /* G of mode I for one block of S, by the exponential of the small augmented matrix of (1). */
-static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w, int i, const struct source_block *b, double h,
-                                       double *G, struct modal_error *err)
+static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w, int i,
+                                       const struct source_block *b, double h, double *G,
+                                       struct modal_error *err)
 {
     double X[64] = { 0 }, Y[64] = { 0 };
     int n = s->ss->n, N = s->ss->N, size = 2 + b->count, nw = s->src->nw;
@@ -46,9 +49,11 @@ static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w,
             X[r + c * size] = h * s->ss->A[(size_t)(i + r * n) + (size_t)(i + c * n) * (size_t)N];
     for (int k = 0; k < b->count; k++) {
         for (int r = 0; r < 2; r++)
-            X[r + (2 + k) * size] = h * s->BP[(size_t)(i + r * n) + (size_t)(b->first + k) * (size_t)N];
+            X[r + (2 + k) * size] =
+                h * s->BP[(size_t)(i + r * n) + (size_t)(b->first + k) * (size_t)N];
         for (int r = 0; r < b->count; r++)
-            X[2 + r + (2 + k) * size] = h * s->src->S[(size_t)(b->first + r) + (size_t)(b->first + k) * (size_t)nw];
+            X[2 + r + (2 + k) * size] =
+                h * s->src->S[(size_t)(b->first + r) + (size_t)(b->first + k) * (size_t)nw];
     }
     rc = expm_driven(w, 2, X, Y, err);
     for (int k = 0; rc == MODAL_OK && k < b->count; k++)
@@ -57,7 +62,8 @@ static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w,
     return rc;
 }
 
-static enum modal_status modal_map(struct linear_stepper *s, double h, struct map *m, struct modal_error *err)
+static enum modal_status modal_map(struct linear_stepper *s, double h, struct map *m,
+                                   struct modal_error *err)
 {
     int n = s->ss->n, N = s->ss->N;
     struct expm *two = NULL, *small[SOURCES_BLOCK_MOST + 1] = { NULL };
@@ -73,7 +79,8 @@ static enum modal_status modal_map(struct linear_stepper *s, double h, struct ma
             if (small[count] == NULL)
                 rc = expm_new(2 + count, &small[count], err);
             if (rc == MODAL_OK)
-                rc = modal_forcing(s, small[count], i, &s->src->block[b], h, m->G + 2 * (size_t)i * (size_t)s->src->nw, err);
+                rc = modal_forcing(s, small[count], i, &s->src->block[b], h,
+                                   m->G + 2 * (size_t)i * (size_t)s->src->nw, err);
         }
     }
     expm_free(two);
@@ -82,7 +89,8 @@ static enum modal_status modal_map(struct linear_stepper *s, double h, struct ma
     return rc;
 }
 
-static enum modal_status dense_map(struct linear_stepper *s, double h, struct map *m, struct modal_error *err)
+static enum modal_status dense_map(struct linear_stepper *s, double h, struct map *m,
+                                   struct modal_error *err)
 {
     size_t N = (size_t)s->ss->N, nw = (size_t)s->src->nw, size = N + nw;
     enum modal_status rc;
@@ -99,12 +107,14 @@ static enum modal_status dense_map(struct linear_stepper *s, double h, struct ma
     }
     rc = expm_driven(s->exponential, (int)N, s->augmented, s->result, err);
     for (size_t j = 0; rc == MODAL_OK && j < size; j++)
-        memcpy(j < N ? m->E + j * N : m->G + (j - N) * N, s->result + j * size, N * sizeof *s->result);
+        memcpy(j < N ? m->E + j * N : m->G + (j - N) * N, s->result + j * size,
+               N * sizeof *s->result);
     return rc;
 }
 
 /* The map of h, computed where none of those kept is its. */
-static enum modal_status find_map(struct linear_stepper *s, double h, struct map **out, struct modal_error *err)
+static enum modal_status find_map(struct linear_stepper *s, double h, struct map **out,
+                                  struct modal_error *err)
 {
     struct map *oldest = &s->kept[0];
     size_t N = (size_t)s->ss->N, nw = (size_t)s->src->nw;
@@ -151,7 +161,8 @@ static void apply_modal(const struct linear_stepper *s, const struct map *m, dou
     }
 }
 
-static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+static enum modal_status advance(struct stepper *face, double t, double h, double *y,
+                                 struct modal_error *err)
 {
     struct linear_stepper *s = (struct linear_stepper *)face;
     int N = s->ss->N, nw = s->src->nw;
@@ -174,7 +185,8 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return MODAL_OK;
 }
 
-static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
+                               struct modal_error *err)
 {
     struct linear_stepper *s = (struct linear_stepper *)face;
     int N = s->ss->N, nw = s->src->nw;
@@ -210,12 +222,14 @@ double *stepper_source_matrix(const struct statespace *ss, const struct sources 
     double *BP = calloc((size_t)ss->N * (size_t)src->nw + 1, sizeof *BP);
 
     if (BP != NULL && src->nw > 0)
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, src->nw, ss->n, 1, ss->B, ss->N, src->P, ss->n, 0, BP, ss->N);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, src->nw, ss->n, 1, ss->B,
+                    ss->N, src->P, ss->n, 0, BP, ss->N);
     return BP;
 }
 
-enum modal_status linear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
-                                     struct stepper **out, struct modal_error *err)
+enum modal_status linear_stepper_new(const struct statespace *ss, const struct sources *src,
+                                     const struct stepper_options *opt, struct stepper **out,
+                                     struct modal_error *err)
 {
     struct linear_stepper *s = calloc(1, sizeof *s);
     size_t size = (size_t)ss->N + (size_t)src->nw;
@@ -224,7 +238,10 @@ enum modal_status linear_stepper_new(const struct statespace *ss, const struct s
     (void)opt;
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-    s->face = (struct stepper) { .name = ss->modal ? "modal-exponential" : "dense-exponential", .advance = advance, .force = force, .free = linear_free };
+    s->face = (struct stepper){ .name = ss->modal ? "modal-exponential" : "dense-exponential",
+                                .advance = advance,
+                                .force = force,
+                                .free = linear_free };
     s->ss = ss;
     s->src = src;
     s->BP = stepper_source_matrix(ss, src);
@@ -235,7 +252,9 @@ enum modal_status linear_stepper_new(const struct statespace *ss, const struct s
         s->result = malloc(size * size * sizeof *s->result);
         rc = expm_new((int)size, &s->exponential, err);
     }
-    if (rc == MODAL_OK && (s->BP == NULL || s->w == NULL || s->next == NULL || (!ss->modal && (s->augmented == NULL || s->result == NULL))))
+    if (rc == MODAL_OK
+        && (s->BP == NULL || s->w == NULL || s->next == NULL
+            || (!ss->modal && (s->augmented == NULL || s->result == NULL))))
         rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
     if (rc == MODAL_OK)
         *out = &s->face;

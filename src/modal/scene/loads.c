@@ -16,13 +16,15 @@ struct keys {                      /* of all types: each reads those of its own 
     struct scene_numbers time, force;
 };
 
-static const struct scene_key load_keys[] = {          /* of all */
-    { "type", SCENE_TEXT, SCENE_ELSEWHERE, .otherwise = "\"harmonic\"", .means = "what it is in time" },
+static const struct scene_key load_keys[] = {
+    /* of all */
+    { "type", SCENE_TEXT, SCENE_ELSEWHERE, .otherwise = "\"harmonic\"",
+      .means = "what it is in time" },
     { "dof", SCENE_DOF, offsetof(struct keys, dof), .needed = true,
       .means = "on which p(t) acts, positive along it", .example = "\"x1\"" },
     { "frame", SCENE_WORD, offsetof(struct keys, frame), .words = frames, .standard = ABSENT,
-      .otherwise = "the structure's", .means = "on a shaft: axes on which the load keeps its direction",
-      .example = "\"fixed\"" },
+      .otherwise = "the structure's",
+      .means = "on a shaft: axes on which the load keeps its direction", .example = "\"fixed\"" },
     { 0 },
 };
 static const struct scene_key harmonic_keys[] = {
@@ -91,7 +93,8 @@ const struct scene_table loads_types[] = {
 enum { TYPES = sizeof loads_types / sizeof *loads_types - 1 };
 
 /* `points` as two arrays. */
-static enum modal_status read_points(const cJSON *list, const char *path, struct program_load *load, struct modal_error *err)
+static enum modal_status read_points(const cJSON *list, const char *path, struct program_load *load,
+                                     struct modal_error *err)
 {
     const cJSON *point;
     char where[160];
@@ -103,7 +106,8 @@ static enum modal_status read_points(const cJSON *list, const char *path, struct
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     cJSON_ArrayForEach(point, list) {
         const cJSON *t = cJSON_GetArrayItem(point, 0), *f = cJSON_GetArrayItem(point, 1);
-        if (!cJSON_IsArray(point) || cJSON_GetArraySize(point) != 2 || !cJSON_IsNumber(t) || !cJSON_IsNumber(f)) {
+        if (!cJSON_IsArray(point) || cJSON_GetArraySize(point) != 2 || !cJSON_IsNumber(t)
+            || !cJSON_IsNumber(f)) {
             snprintf(where, sizeof where, "%.90s.points[%d]", path, load->points);
             return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s must be [t, force]", where);
         }
@@ -114,13 +118,15 @@ static enum modal_status read_points(const cJSON *list, const char *path, struct
 }
 
 /* `time` and `force` become the load's. */
-static enum modal_status move_lists(struct keys *k, const char *path, struct program_load *load, struct modal_error *err)
+static enum modal_status move_lists(struct keys *k, const char *path, struct program_load *load,
+                                    struct modal_error *err)
 {
     char where[128];
 
     json_path(where, path, "force");
     if (k->time.count != k->force.count)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers, time has %zu; as many of each", where,
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s has %zu numbers, time has %zu; as many of each", where,
                                 k->force.count, k->time.count);
     if (k->time.count <= LOWERING_POINTS_MOST)
         load->points = (int)k->time.count;
@@ -130,9 +136,11 @@ static enum modal_status move_lists(struct keys *k, const char *path, struct pro
     return MODAL_OK;
 }
 
-static enum modal_status read_table(struct keys *k, const char *path, struct program_load *load, struct modal_error *err)
+static enum modal_status read_table(struct keys *k, const char *path, struct program_load *load,
+                                    struct modal_error *err)
 {
-    enum modal_status rc = k->points != NULL ? read_points(k->points, path, load, err) : move_lists(k, path, load, err);
+    enum modal_status rc = k->points != NULL ? read_points(k->points, path, load, err)
+                                             : move_lists(k, path, load, err);
     const char *key = k->points != NULL ? "points" : "time";
     char where[160];
 
@@ -140,11 +148,14 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
         return rc;
     json_path(where, path, key);
     if (load->points < 2 || load->points > LOWERING_POINTS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: a table has 2 to %d points", where, LOWERING_POINTS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: a table has 2 to %d points",
+                                where, LOWERING_POINTS_MOST);
     for (int i = 1; i < load->points; i++)
         if (load->time[i] <= load->time[i - 1]) {
             snprintf(where, sizeof where, "%.90s.%s[%d]", path, key, i);
-            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: times must ascend; %g follows %g", where, load->time[i], load->time[i - 1]);
+            return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                    "%s: times must ascend; %g follows %g", where, load->time[i],
+                                    load->time[i - 1]);
         }
     for (int i = 0; i < load->points; i++)
         load->force[i] *= load->amplitude;
@@ -152,8 +163,8 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
 }
 
 /* A load fixed in space on turning axes acts on two dofs. */
-static enum modal_status read_frame(const struct lowering *l, int frame, const char *path, struct program_load *load,
-                                    struct modal_error *err)
+static enum modal_status read_frame(const struct lowering *l, int frame, const char *path,
+                                    struct program_load *load, struct modal_error *err)
 {
     char where[128];
 
@@ -164,10 +175,14 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
         return MODAL_OK;
     json_path(where, path, "frame");
     if (!l->names_frames)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the axes of a %s do not turn", where, l->structure->name);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the axes of a %s do not turn",
+                                where, l->structure->name);
     if (frame == ROTATING && (l->turn_partner == NULL || l->p->seen_fixed))
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the structure's dofs are on fixed axes; a load on turning ones needs "
-                                "structure.frame \"rotating\"", where);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, where,
+            "%s: the structure's dofs are on fixed axes; a load on turning ones needs "
+            "structure.frame \"rotating\"",
+            where);
     if (frame == FIXED && l->turn_partner != NULL) {
         load->dof_sine = l->turn_partner[load->dof];
         load->turn = l->turn_sign[load->dof];
@@ -176,15 +191,16 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
 }
 
 /* What K says into LOAD, whose type is set. */
-static enum modal_status fill_load(const struct lowering *l, struct keys *k, const char *path, struct program_load *load,
-                                   struct modal_error *err)
+static enum modal_status fill_load(const struct lowering *l, struct keys *k, const char *path,
+                                   struct program_load *load, struct modal_error *err)
 {
     char where[128];
     enum modal_status rc;
 
     json_path(where, path, "dof");
     if ((load->dof = k->dof) < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the ground cannot be excited", where);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the ground cannot be excited",
+                                where);
     if ((rc = read_frame(l, k->frame, path, load, err)) != MODAL_OK)
         return rc;
     load->k = k->k;
@@ -198,8 +214,8 @@ static enum modal_status fill_load(const struct lowering *l, struct keys *k, con
     return load->type == LOAD_TABLE ? read_table(k, path, load, err) : MODAL_OK;
 }
 
-static enum modal_status read_load(const struct lowering *l, const cJSON *json, const char *path, struct program_load *load,
-                                   struct modal_error *err)
+static enum modal_status read_load(const struct lowering *l, const cJSON *json, const char *path,
+                                   struct program_load *load, struct modal_error *err)
 {
     const char *names[TYPES + 1] = { NULL };
     int type = LOAD_HARMONIC;
@@ -233,7 +249,9 @@ enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struc
         return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation must be a list");
     count = cJSON_GetArraySize(excitation);
     if (count > LOWERING_LOADS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "excitation", "excitation lists %d loads; at most %d", count, LOWERING_LOADS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "excitation",
+                                "excitation lists %d loads; at most %d", count,
+                                LOWERING_LOADS_MOST);
     if ((l->p->load = calloc((size_t)count + 1, sizeof *l->p->load)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     cJSON_ArrayForEach(item, excitation) {

@@ -67,7 +67,8 @@ static struct lowering_harmonic *harmonic(struct lowering *l, int k)
         at++;
     if (at < l->harmonics && l->harmonic[at].k == k)
         return &l->harmonic[at];
-    struct lowering_harmonic *more = realloc(l->harmonic, ((size_t)l->harmonics + 1) * sizeof *more);
+    struct lowering_harmonic *more =
+        realloc(l->harmonic, ((size_t)l->harmonics + 1) * sizeof *more);
     if (more == NULL) {
         l->no_memory = true;
         return NULL;
@@ -79,7 +80,8 @@ static struct lowering_harmonic *harmonic(struct lowering *l, int k)
     return &more[at];
 }
 
-void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine, double sine)
+void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine,
+                           double sine)
 {
     if (k == 0) {
         lowering_add(l, matrix, i, j, cosine);
@@ -96,7 +98,8 @@ void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, 
         append(l, &h->sine[matrix], i, j, sine);
 }
 
-void lowering_add_element(struct lowering *l, int matrix, int n, const int *index, const double *values)
+void lowering_add_element(struct lowering *l, int matrix, int n, const int *index,
+                          const double *values)
 {
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++)
@@ -142,7 +145,8 @@ void lowering_add_law(struct lowering *l, struct law *law)
     *law = (struct law) { 0 };
 }
 
-void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j, double value)
+void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j,
+                       double value)
 {
     if (j < 0)
         return;
@@ -162,7 +166,8 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
 
     cJSON_ArrayForEach(item, list) {
         const cJSON *name = cJSON_GetObjectItemCaseSensitive(item, "type");
-        bool left_out = l->options != NULL && position < SCENE_EFFECTS_MOST && l->options->without[position];
+        bool left_out =
+            l->options != NULL && position < SCENE_EFFECTS_MOST && l->options->without[position];
 
         position++;
         if (after != NULL) {
@@ -175,8 +180,8 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
     return NULL;
 }
 
-enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key, int *dof,
-                               struct modal_error *err)
+enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
+                               const char *key, int *dof, struct modal_error *err)
 {
     const char *name = NULL;
     char path[128];
@@ -191,8 +196,10 @@ enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, cons
     int found = program_dof(l->p, name);
     if (found < 0) {
         json_path(path, base, key);
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "no dof \"%.40s\" in this structure; its dofs run from %s to %s", name,
-                                l->p->n > 0 ? l->p->dofs[0] : "-", l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "no dof \"%.40s\" in this structure; its dofs run from %s to %s",
+                                name, l->p->n > 0 ? l->p->dofs[0] : "-",
+                                l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
     }
     *dof = found;
     return MODAL_OK;
@@ -203,9 +210,11 @@ const char *const lowering_suffix[3] = { "", "_dot", "_ddot" };
 const struct scene_key lowering_ends_keys[] = {
     { "type", SCENE_TEXT, SCENE_ELSEWHERE, .means = "which effect it is" },
     { "dof", SCENE_DOF, offsetof(struct local_ends, dof), .needed = true,
-      .means = "on which the force acts, and whose displacement counts positive in d", .example = "\"x1\"" },
+      .means = "on which the force acts, and whose displacement counts positive in d",
+      .example = "\"x1\"" },
     { "to", SCENE_DOF, offsetof(struct local_ends, to), .otherwise = "\"ground\"",
-      .means = "the other end, with the opposite force: d = x_dof - x_to", .example = "\"ground\"" },
+      .means = "the other end, with the opposite force: d = x_dof - x_to",
+      .example = "\"ground\"" },
     { 0 },
 };
 
@@ -230,7 +239,8 @@ void lowering_between(struct lowering *l, int matrix, struct local_ends at, doub
     lowering_add(l, matrix, at.to, at.dof, -value);
 }
 
-void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at, double cosine, double sine)
+void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at,
+                               double cosine, double sine)
 {
     lowering_add_harmonic(l, matrix, k, at.dof, at.dof, cosine, sine);
     lowering_add_harmonic(l, matrix, k, at.to, at.to, cosine, sine);
@@ -238,11 +248,13 @@ void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct loc
     lowering_add_harmonic(l, matrix, k, at.to, at.dof, -cosine, -sine);
 }
 
-enum modal_status lowering_need_omega(const struct lowering *l, const char *who, struct modal_error *err)
+enum modal_status lowering_need_omega(const struct lowering *l, const char *who,
+                                      struct modal_error *err)
 {
     if (l->p->omega > 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "%s needs the scene's omega [rad/s], a number > 0", who);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "omega",
+                            "%s needs the scene's omega [rad/s], a number > 0", who);
 }
 
 double *lowering_structural_dense(const struct lowering *l, int matrix)

@@ -1,13 +1,14 @@
-/* lowering.h - what structures and effects write a scene into: entries, states, laws, by name and path
+/* lowering.h - what structures and effects write a scene into: entries, states, laws, by name and
+ * path
  *
- * How to add an effect: write src/modal/scene/effects/<name>.c with what its keys are read into, a row
- * for each key (scene_key.h), one function `lower` and one row for the effect,
+ * How to add an effect: write src/modal/scene/effects/<name>.c with what its keys are read into, a
+ * row for each key (scene_key.h), one function `lower` and one row for the effect,
  *
  *     struct spring { struct local_ends at; double stiffness; };
  *
  *     static const struct scene_key keys[] = {
- *         { "stiffness", SCENE_NUMBER, offsetof(struct spring, stiffness), "N/m", -HUGE_VAL, HUGE_VAL,
- *           .needed = true, .means = "k in f = k d, of any sign", .example = "1000" },
+ *         { "stiffness", SCENE_NUMBER, offsetof(struct spring, stiffness), "N/m", -HUGE_VAL,
+ *           HUGE_VAL, .needed = true, .means = "k in f = k d, of any sign", .example = "1000" },
  *         { 0 },
  *     };
  *
@@ -26,10 +27,12 @@
  *         .law = "minus stiffness d on dof, d = x_dof - x_to", .lower = lower,
  *     };
  *
- * and name the row in effects.c.  A structure is the same: one file, one row, one line in structures.c.
+ * and name the row in effects.c.  A structure is the same: one file, one row, one line in
+ * structures.c.
  *
- * The structure is lowered first, then the effects in the scene's order, then excitation, initial state and sensors.
- * Adding never fails: running out of memory is remembered and reported once, by scene_lower.
+ * The structure is lowered first, then the effects in the scene's order, then excitation, initial
+ * state and sensors. Adding never fails: running out of memory is remembered and reported once, by
+ * scene_lower.
  */
 #ifndef MODAL_LOWERING_H
 #define MODAL_LOWERING_H
@@ -54,33 +57,42 @@ struct scene_effect {                  /* one entry of the scene's effects */
     const cJSON *json;
     const char *path;                  /* "effects[2]" */
     int index;                         /* its row of program.effect */
-    void *values;                      /* its keys, read as the rows of its kind say; freed after `lower` */
+    /* its keys, read as the rows of its kind say; freed after `lower` */
+    void *values;
 };
 
 struct scene_effect_kind {
     const char *name;
-    const struct scene_key *keys[SCENE_TABLES_MOST];   /* read before `lower` into `size` zeroed bytes */
+    /* read before `lower` into `size` zeroed bytes */
+    const struct scene_key *keys[SCENE_TABLES_MOST];
     size_t size;
     const char *const *structures;     /* that take it, NULL-terminated; NULL: all */
-    const char *law;                   /* the force or matrix that it adds, with its sign; one line */
-    enum modal_status (*lower)(struct lowering *l, const struct scene_effect *e, struct modal_error *err);
+    /* the force or matrix that it adds, with its sign; one line */
+    const char *law;
+    enum modal_status (*lower)(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err);
 };
 
 struct scene_structure_kind {
     const char *name;
-    const struct scene_key *keys[SCENE_TABLES_MOST];   /* read before `lower` into `size` zeroed bytes */
+    /* read before `lower` into `size` zeroed bytes */
+    const struct scene_key *keys[SCENE_TABLES_MOST];
     size_t size;
     const char *law;                   /* its equation of motion; one line */
-    const struct scene_table *sensors; /* what `sensor` reads, ended by one without `list`; NULL: none */
-    /* Dofs, then M, C, K entries; what effects will ask for goes into l->mesh.  VALUES: its keys, at the
-     * path "structure"; freed afterwards. */
+    /* what `sensor` reads, ended by one without `list`; NULL: none */
+    const struct scene_table *sensors;
+    /* Dofs, then M, C, K entries; what effects will ask for goes into l->mesh.  VALUES: its keys,
+     * at the path "structure"; freed afterwards. */
     enum modal_status (*lower)(struct lowering *l, void *values, struct modal_error *err);
-    /* strain_rate_damping, C = mu K of the elastic members; NULL: mu times the structure's own K. */
+    /* strain_rate_damping, C = mu K of the elastic members; NULL: mu times the structure's own
+     * K. */
     enum modal_status (*strain_rate)(struct lowering *l, double mu, struct modal_error *err);
-    /* A sensor that names no dof of the program or names a frame (wing: station, position), into the output row, `name` too; NULL: none. */
-    enum modal_status (*sensor)(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                                struct modal_error *err);
-    /* After all effects, before excitation: what depends on them all (ends in series, ...); NULL: nothing. */
+    /* A sensor that names no dof of the program or names a frame (wing: station, position), into
+     * the output row, `name` too; NULL: none. */
+    enum modal_status (*sensor)(struct lowering *l, const cJSON *json, const char *path,
+                                struct program_output *out, struct modal_error *err);
+    /* After all effects, before excitation: what depends on them all (ends in series, ...);
+     * NULL: nothing. */
     enum modal_status (*finish)(struct lowering *l, struct modal_error *err);
     void (*mesh_free)(void *mesh);     /* NULL: free() */
 };
@@ -97,21 +109,26 @@ enum lowering_block { LOWER_E, LOWER_A, LOWER_BX, LOWER_BV, LOWER_BA, LOWER_F, L
 struct scene_options;
 
 struct lowering {
-    const cJSON *scene;                /* borrowed, with the options it is lowered by (may be NULL) */
+    /* borrowed, with the options it is lowered by (may be NULL) */
+    const cJSON *scene;
     const struct scene_options *options;
-    struct program *p;                 /* its n, dofs, omega, laws, loads, outputs grow here; matrices come at the end */
+    /* its n, dofs, omega, laws, loads, outputs grow here; matrices come at the end */
+    struct program *p;
     const struct scene_structure_kind *structure;
     void *mesh;                        /* the structure's own numbers, freed by mesh_free */
     int effect;                        /* row of program.effect being lowered; -1: the structure */
-    double mass_per_length;            /* of a distributed structure, for viscous_damping; 0: none */
-    /* On turning axes, a load fixed in space on dof i also acts on turn_partner[i], times turn_sign[i] (see
-     * program_load.dof_sine); both NULL: axes do not turn.  The lowering frees them. */
+    /* of a distributed structure, for viscous_damping; 0: none */
+    double mass_per_length;
+    /* On turning axes, a load fixed in space on dof i also acts on turn_partner[i], times
+     * turn_sign[i] (see program_load.dof_sine); both NULL: axes do not turn.  The lowering frees
+     * them. */
     int *turn_partner;
     double *turn_sign;
     bool names_frames;                 /* loads may say "frame": "fixed" or "rotating" */
 
     struct lowering_entries constant[3];
-    int structural[3];                 /* of constant[i], the first so many are the structure's own */
+    /* of constant[i], the first so many are the structure's own */
+    int structural[3];
     struct lowering_harmonic *harmonic;
     int harmonics;
     struct lowering_entries block[LOWER_BLOCKS];
@@ -123,33 +140,40 @@ int lowering_add_dof(struct lowering *l, const char *name);
 
 /* Entries; an index of -1 (ground, a support) adds nothing. */
 void lowering_add(struct lowering *l, int matrix, int i, int j, double value);
-/* A damper that does not turn: C and, on turning axes, the K entry that its circulation is there (frame_speed c J). */
+/* A damper that does not turn: C and, on turning axes, the K entry that its circulation is there
+ * (frame_speed c J). */
 void lowering_add_still_damping(struct lowering *l, int i, int j, double c);
-/* The constant part of a harmonic matrix: cosine * cos(k Omega t) + sine * sin(k Omega t).  k = 0 is lowering_add of cosine. */
-void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine, double sine);
+/* The constant part of a harmonic matrix: cosine * cos(k Omega t) + sine * sin(k Omega t).  k =
+ * 0 is lowering_add of cosine. */
+void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine,
+                           double sine);
 /* N x N element matrix (row-major) at dofs INDEX. */
-void lowering_add_element(struct lowering *l, int matrix, int n, const int *index, const double *values);
+void lowering_add_element(struct lowering *l, int matrix, int n, const int *index,
+                          const double *values);
 /* COUNT linear states for the effect being lowered; the first one's index. */
 int lowering_add_states(struct lowering *l, int count);
 void lowering_add_block(struct lowering *l, enum lowering_block block, int i, int j, double value);
-/* The law becomes the program's (LAW is emptied), with the effect being lowered; dof and to are already set. */
+/* The law becomes the program's (LAW is emptied), with the effect being lowered; dof and to are
+ * already set. */
 void lowering_add_law(struct lowering *l, struct law *law);
-/* What a channel's name ends with that reads the 0th, 1st, 2nd derivative of what it is called after. */
+/* What a channel's name ends with that reads the 0th, 1st, 2nd derivative of what it is called
+ * after. */
 extern const char *const lowering_suffix[3];
 /* A term of an output row: quantity 0 x, 1 x', 2 x'', 3 z (program.h lists the turning ones). */
-void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j, double value);
+void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j,
+                       double value);
 
-/* The scene's next entry of effects of TYPE after AFTER (NULL: the first), unless left out; NULL: none.  For structures whose dofs
- * depend on an effect; the entry has not been checked yet. */
+/* The scene's next entry of effects of TYPE after AFTER (NULL: the first), unless left out; NULL:
+ * none.  For structures whose dofs depend on an effect; the entry has not been checked yet. */
 const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJSON *after);
 
-/* The dof that KEY of JSON names, -1 for "ground"; *DOF keeps its value where KEY is absent.  Unknown:
- * MODAL_BAD_INPUT with the path. */
-enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base, const char *key,
-                               int *dof, struct modal_error *err);
+/* The dof that KEY of JSON names, -1 for "ground"; *DOF keeps its value where KEY is absent.
+ * Unknown: MODAL_BAD_INPUT with the path. */
+enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
+                               const char *key, int *dof, struct modal_error *err);
 
-/* `type`, `dof` and `to` (default ground) of a local effect, whose values begin with the two ends; that
- * they differ is checked where this table is one of an effect's. */
+/* `type`, `dof` and `to` (default ground) of a local effect, whose values begin with the two ends;
+ * that they differ is checked where this table is one of an effect's. */
 struct local_ends { int dof, to; };
 extern const struct scene_key lowering_ends_keys[];
 
@@ -158,12 +182,15 @@ enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct mod
 
 /* value * [1 -1; -1 1] between the ends. */
 void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value);
-void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at, double cosine, double sine);
+void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at,
+                               double cosine, double sine);
 
 /* omega > 0, or MODAL_BAD_INPUT at "omega": for effects and loads that need it. */
-enum modal_status lowering_need_omega(const struct lowering *l, const char *who, struct modal_error *err);
+enum modal_status lowering_need_omega(const struct lowering *l, const char *who,
+                                      struct modal_error *err);
 
-/* The structure's own matrix (no effects), dense n x n by columns; the caller frees it.  NULL: no memory. */
+/* The structure's own matrix (no effects), dense n x n by columns; the caller frees it.  NULL:
+ * no memory. */
 double *lowering_structural_dense(const struct lowering *l, int matrix);
 
 #endif

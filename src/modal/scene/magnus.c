@@ -1,16 +1,19 @@
 /*
  * magnus.c - see magnus.h
  *
- * Over a step h from t, with A_1, A_2, A_3 at the Gauss points t + h (1/2 - sqrt(15)/10, 1/2, 1/2 + sqrt(15)/10),
+ * Over a step h from t, with A_1, A_2, A_3 at the Gauss points t + h (1/2 - sqrt(15)/10, 1/2, 1/2 +
+ * sqrt(15)/10),
  *
- *     a1 = h A_2,  a2 = sqrt(15)/3 h (A_3 - A_1),  a3 = 10/3 h (A_3 - 2 A_2 + A_1),                  (1)
+ *     a1 = h A_2,  a2 = sqrt(15)/3 h (A_3 - A_1),  a3 = 10/3 h (A_3 - 2 A_2 + A_1),             (1)
  *     C1 = [a1, a2],  C2 = -[a1, 2 a3 + C1] / 60,
- *     Omega = a1 + a3 / 12 + [-20 a1 - a3 + C1, a2 + C2] / 240,  y(t + h) = exp(Omega) y(t) + O(h^7)  (2)
+ *     Omega = a1 + a3 / 12 + [-20 a1 - a3 + C1, a2 + C2] / 240,
+ *     y(t + h) = exp(Omega) y(t) + O(h^7)                                                       (2)
  *
- * [BCOR] Blanes, Casas, Oteo and Ros, Phys. Rep. 470 (2009) 151-238, the sixth-order method in three commutators.  The
- * step is symmetric in time, so the error of a product of m of them is a series in even powers of h from h^6 on: from m
- * and 2 m substeps, (64 Phi_2m - Phi_m) / 63 is of order 8.  (The order is shown by halving steps in the tests.)
- * Where A is constant (1) gives exp(hA): a periodic part that is small beside a stiff constant one costs few substeps.
+ * [BCOR] Blanes, Casas, Oteo and Ros, Phys. Rep. 470 (2009) 151-238, the sixth-order method in
+ * three commutators.  The step is symmetric in time, so the error of a product of m of them is a
+ * series in even powers of h from h^6 on: from m and 2 m substeps, (64 Phi_2m - Phi_m) / 63 is of
+ * order 8.  (The order is shown by halving steps in the tests.) Where A is constant (1) gives
+ * exp(hA): a periodic part that is small beside a stiff constant one costs few substeps.
  */
 #include "modal/scene/magnus.h"
 #include <cblas.h>
@@ -31,14 +34,17 @@ static double *square(size_t size)
     return calloc(size * size + 1, sizeof(double));
 }
 
-enum modal_status magnus_new(const struct statespace *ss, const struct sources *src, struct magnus **out, struct modal_error *err)
+enum modal_status magnus_new(const struct statespace *ss, const struct sources *src,
+                             struct magnus **out, struct modal_error *err)
 {
     struct magnus *m = calloc(1, sizeof *m);
     struct magnus_work *w = m != NULL ? m->work = calloc(1, sizeof *w) : NULL;
-    enum modal_status rc = w != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
+    enum modal_status rc =
+        w != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
 
     if (rc == MODAL_OK) {
-        double **all[] = { &w->A[0], &w->A[1], &w->A[2], &w->C1, &w->C2, &w->X, &w->Y, &w->Omega, &w->E, &w->coarse, &w->product };
+        double **all[] = { &w->A[0], &w->A[1],  &w->A[2], &w->C1,     &w->C2,     &w->X,
+                           &w->Y,    &w->Omega, &w->E,    &w->coarse, &w->product };
         m->ss = ss;
         w->nw = src != NULL ? src->nw : 0;
         w->S = src != NULL ? src->S : NULL;
@@ -51,7 +57,8 @@ enum modal_status magnus_new(const struct statespace *ss, const struct sources *
         if (w->small == NULL || (src != NULL && w->BP == NULL))
             rc = modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
         if (rc == MODAL_OK && w->nw > 0)
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, w->nw, ss->n, 1, ss->B, ss->N, src->P, ss->n, 0, w->BP, ss->N);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, w->nw, ss->n, 1, ss->B,
+                        ss->N, src->P, ss->n, 0, w->BP, ss->N);
         if (rc == MODAL_OK)
             rc = expm_new(m->size, &w->exponential, err);
     }
@@ -67,7 +74,8 @@ void magnus_free(struct magnus *m)
     struct magnus_work *w = m != NULL ? m->work : NULL;
 
     if (w != NULL) {
-        double *all[] = { w->A[0], w->A[1], w->A[2], w->C1, w->C2, w->X, w->Y, w->Omega, w->E, w->coarse, w->product, w->small, w->BP };
+        double *all[] = { w->A[0],  w->A[1], w->A[2],   w->C1,      w->C2,    w->X, w->Y,
+                          w->Omega, w->E,    w->coarse, w->product, w->small, w->BP };
         for (size_t i = 0; i < sizeof all / sizeof *all; i++)
             free(all[i]);
         expm_free(w->exponential);
@@ -140,7 +148,8 @@ static double largest(const double *x, size_t count)
     return most;
 }
 
-enum modal_status magnus_map(struct magnus *m, double t, double h, int substeps, double *out, struct modal_error *err)
+enum modal_status magnus_map(struct magnus *m, double t, double h, int substeps, double *out,
+                             struct modal_error *err)
 {
     struct magnus_work *w = m->work;
     size_t bytes = (size_t)m->size * (size_t)m->size * sizeof *out;
@@ -164,12 +173,15 @@ enum modal_status magnus_map(struct magnus *m, double t, double h, int substeps,
     return MODAL_OK;
 }
 
-/* The map with K substeps; where the series of a long step has run away, with 2 K, 4 K, ... until steps are short beside A. */
-static enum modal_status first_map(struct magnus *m, double t, double h, int *k, double *out, struct modal_error *err)
+/* The map with K substeps; where the series of a long step has run away, with 2 K, 4 K, ...
+ * until steps are short beside A. */
+static enum modal_status first_map(struct magnus *m, double t, double h, int *k, double *out,
+                                   struct modal_error *err)
 {
     enum modal_status rc;
 
-    while ((rc = magnus_map(m, t, h, *k, out, err)) == MODAL_OVERFLOW && *k < MAGNUS_SUBSTEPS_MOST) {
+    while ((rc = magnus_map(m, t, h, *k, out, err)) == MODAL_OVERFLOW
+           && *k < MAGNUS_SUBSTEPS_MOST) {
         statespace_at(m->ss, t, m->work->small);
         if (h / *k * largest(m->work->small, (size_t)m->ss->N * (size_t)m->ss->N) < 0.5)
             break;
@@ -178,10 +190,12 @@ static enum modal_status first_map(struct magnus *m, double t, double h, int *k,
     return rc;
 }
 
-/* The largest change from COARSE to FINE beside the largest entry; of the columns of A and of the loads apart, whose units differ. */
+/* The largest change from COARSE to FINE beside the largest entry; of the columns of A and of
+ * the loads apart, whose units differ. */
 static double relative_change(const struct magnus *m, const double *fine, const double *coarse)
 {
-    size_t size = (size_t)m->size, split = (size_t)m->ss->N * size, part[3] = { 0, split, size * size };
+    size_t size = (size_t)m->size, split = (size_t)m->ss->N * size,
+           part[3] = { 0, split, size * size };
     double worst = 0;
 
     for (int k = 0; k < 2; k++) {
@@ -194,8 +208,9 @@ static double relative_change(const struct magnus *m, const double *fine, const 
     return worst;
 }
 
-enum modal_status magnus_converge(struct magnus *m, double t, double h, double tolerance, int *substeps, double *out,
-                                  double *error, struct modal_error *err)
+enum modal_status magnus_converge(struct magnus *m, double t, double h, double tolerance,
+                                  int *substeps, double *out, double *error,
+                                  struct modal_error *err)
 {
     struct magnus_work *w = m->work;
     size_t count = (size_t)m->size * (size_t)m->size;
@@ -209,12 +224,16 @@ enum modal_status magnus_converge(struct magnus *m, double t, double h, double t
         bool settled;
 
         if (fine > MAGNUS_SUBSTEPS_MOST)
-            return modal_fail(err, MODAL_NO_CONVERGENCE, "the map over %g s has not settled after %d substeps (relative change %g)", h, k, before);
+            return modal_fail(
+                err, MODAL_NO_CONVERGENCE,
+                "the map over %g s has not settled after %d substeps (relative change %g)", h, k,
+                before);
         if ((rc = first_map(m, t, h, &fine, out, err)) != MODAL_OK)
             break;
         difference = fine == 2 * k ? relative_change(m, out, w->coarse) : HUGE_VAL;
         k = fine;
-        settled = difference <= 64 * tolerance || (difference < 1e-11 && difference > before / 4);   /* rounding's floor */
+        /* rounding's floor */
+        settled = difference <= 64 * tolerance || (difference < 1e-11 && difference > before / 4);
         if (settled) {
             for (size_t i = 0; i < count; i++)
                 out[i] += (out[i] - w->coarse[i]) / 63;

@@ -1,11 +1,11 @@
 /*
  * massless.c - exact elimination of massless dofs
  *
- * Rows a:  K_aa a = -K_ax x - K_ab b,                          so  R = -K_aa^-1 K_a.,  K_pq <- K_pq + K_pa R_q      (1)
- * Rows b:  C_bb b' = -K_bb b - K_bx x - C_bx x'                                                                      (2)
- * Rows x:  M x'' + C_xx x' + K_xx x + K_xb b + C_xb b' = p, with b' from (2), W = C_xb C_bb^-1:
+ * Rows a:  K_aa a = -K_ax x - K_ab b,                          so  R = -K_aa^-1 K_a.,  K_pq <- K_pq
+ * + K_pa R_q      (1) Rows b:  C_bb b' = -K_bb b - K_bx x - C_bx x'
+ * (2) Rows x:  M x'' + C_xx x' + K_xx x + K_xb b + C_xb b' = p, with b' from (2), W = C_xb C_bb^-1:
  *
- *     C = C_xx - W C_bx,   K = K_xx - W K_bx,   F = -(K_xb - W K_bb)                                                 (3)
+ *     C = C_xx - W C_bx,   K = K_xx - W K_bx,   F = -(K_xb - W K_bb)                            (3)
  */
 #include "modal/scene/massless.h"
 #include <lapacke.h>
@@ -19,7 +19,8 @@ static int row_is_zero(int n, const double *A, int i)
     return 1;
 }
 
-static void pick(const double *A, int n, const int *rows, int m, const int *columns, int k, double *out)
+static void pick(const double *A, int n, const int *rows, int m, const int *columns, int k,
+                 double *out)
 {
     for (int i = 0; i < m; i++)
         for (int j = 0; j < k; j++)
@@ -27,7 +28,8 @@ static void pick(const double *A, int n, const int *rows, int m, const int *colu
 }
 
 /* out (m x k) += factor A (m x l) B (l x k) */
-static void add_product(double factor, const double *A, const double *B, int m, int l, int k, double *out)
+static void add_product(double factor, const double *A, const double *B, int m, int l, int k,
+                        double *out)
 {
     for (int i = 0; i < m; i++)
         for (int j = 0; j < k; j++)
@@ -61,7 +63,8 @@ static void sort_dofs(int n, const double *M, const double *C, struct condensed 
 /* (1): R into out, the corrected K of all dofs but a into full (n x n). */
 static int drop_static(int n, const double *K, double *full, struct condensed *c)
 {
-    double Kaa[CONDENSE_ROOM], Kax[CONDENSE_ROOM], Kab[CONDENSE_ROOM], R[CONDENSE_ROOM] = { 0 }, Ka[CONDENSE_ROOM];
+    double Kaa[CONDENSE_ROOM], Kax[CONDENSE_ROOM], Kab[CONDENSE_ROOM], R[CONDENSE_ROOM] = { 0 },
+                                                                       Ka[CONDENSE_ROOM];
     int all[CONDENSE_MOST];
 
     for (int i = 0; i < n; i++)
@@ -71,7 +74,8 @@ static int drop_static(int n, const double *K, double *full, struct condensed *c
     pick(K, n, c->a, c->na, c->b, c->nb, Kab);
     pick(K, n, c->a, c->na, all, n, R);
     pick(K, n, all, n, c->a, c->na, Ka);
-    if (solve(Kaa, c->na, R, n) != 0 || solve(Kaa, c->na, Kax, c->nx) != 0 || solve(Kaa, c->na, Kab, c->nb) != 0)
+    if (solve(Kaa, c->na, R, n) != 0 || solve(Kaa, c->na, Kax, c->nx) != 0
+        || solve(Kaa, c->na, Kab, c->nb) != 0)
         return 1;
     memcpy(full, K, (size_t)(n * n) * sizeof *K);
     add_product(-1, Ka, R, n, c->na, n, full);
@@ -85,7 +89,8 @@ static int drop_static(int n, const double *K, double *full, struct condensed *c
 /* (2) and (3). */
 static int split_damped(int n, const double *C, const double *K, struct condensed *c)
 {
-    double Cxb[CONDENSE_ROOM], Cbx[CONDENSE_ROOM], Kbx[CONDENSE_ROOM], Kbb[CONDENSE_ROOM], Kxb[CONDENSE_ROOM];
+    double Cxb[CONDENSE_ROOM], Cbx[CONDENSE_ROOM], Kbx[CONDENSE_ROOM], Kbb[CONDENSE_ROOM],
+        Kxb[CONDENSE_ROOM];
     int nx = c->nx, nb = c->nb;
 
     pick(C, n, c->x, nx, c->x, nx, c->C);
@@ -102,7 +107,8 @@ static int split_damped(int n, const double *C, const double *K, struct condense
         c->Bx[i] = -Kbx[i];
         c->Bv[i] = -Cbx[i];
     }
-    if (solve(c->E, nb, Cbx, nx) != 0 || solve(c->E, nb, Kbx, nx) != 0 || solve(c->E, nb, Kbb, nb) != 0)
+    if (solve(c->E, nb, Cbx, nx) != 0 || solve(c->E, nb, Kbx, nx) != 0
+        || solve(c->E, nb, Kbb, nb) != 0)
         return 1;
     add_product(-1, Cxb, Cbx, nx, nb, nx, c->C);
     add_product(-1, Cxb, Kbx, nx, nb, nx, c->K);
@@ -112,8 +118,8 @@ static int split_damped(int n, const double *C, const double *K, struct condense
     return 0;
 }
 
-enum modal_status condense_massless(int n, const double *M, const double *C, const double *K, struct condensed *out,
-                                    struct modal_error *err)
+enum modal_status condense_massless(int n, const double *M, const double *C, const double *K,
+                                    struct condensed *out, struct modal_error *err)
 {
     struct condensed c = { 0 };
     double full[CONDENSE_ROOM];
@@ -121,9 +127,11 @@ enum modal_status condense_massless(int n, const double *M, const double *C, con
     sort_dofs(n, M, C, &c);
     pick(M, n, c.x, c.nx, c.x, c.nx, c.M);
     if (drop_static(n, K, full, &c) != 0)
-        return modal_fail(err, MODAL_BAD_INPUT, "condense: a dof without mass and damping has no stiffness");
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "condense: a dof without mass and damping has no stiffness");
     if (split_damped(n, C, full, &c) != 0)
-        return modal_fail(err, MODAL_BAD_INPUT, "condense: dofs without mass are damped only against each other");
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "condense: dofs without mass are damped only against each other");
     *out = c;
     return MODAL_OK;
 }

@@ -1,24 +1,28 @@
 /*
- * nonlinear_stepper.c - steps of programs with laws: exact in what is linear, collocation in the forces of the laws
+ * nonlinear_stepper.c - steps of programs with laws: exact in what is linear, collocation in the
+ * forces of the laws
  *
- * Over a step the channels' forces are a polynomial through their values at Radau's nodes; the linear part answers it
- * exactly (collocation.h).  The unknowns are those values alone,
+ * Over a step the channels' forces are a polynomial through their values at Radau's nodes; the
+ * linear part answers it exactly (collocation.h).  The unknowns are those values alone,
  *
- *     phi_i = f(t_i, probes_i),   probes_i = RE_i y + RG_i w + sum_j H_ij phi_j,                       (1)
+ *     phi_i = f(t_i, probes_i),   probes_i = RE_i y + RG_i w + sum_j H_ij phi_j,                (1)
  *
- * solved by Newton's method with the laws' exact derivatives: channels x STAGES unknowns whatever the number of states.  A
- * rigid slider that sticks has its rate, 0, in place of (1), and its force is what holds it.
+ * solved by Newton's method with the laws' exact derivatives: channels x STAGES unknowns whatever
+ * the number of states.  A rigid slider that sticks has its rate, 0, in place of (1), and its force
+ * is what holds it.
  *
- * Error and step.  The polynomial, continued to the step's start, misses the force there by delta; the miss times h and
- * the channel's effect bounds what a force of one degree more would change, and is kept below tolerance times the largest
- * state so far.  Steps are dt / 2^k so that their maps can be kept.
+ * Error and step.  The polynomial, continued to the step's start, misses the force there by delta;
+ * the miss times h and the channel's effect bounds what a force of one degree more would change,
+ * and is kept below tolerance times the largest state so far.  Steps are dt / 2^k so that their
+ * maps can be kept.
  *
- * Events.  Where a law leaves its smooth piece (regime_events.h) the step is cut there and solved again, until the end of the
- * step and the event agree to 1e-10 of it: no step has a kink inside.
+ * Events.  Where a law leaves its smooth piece (regime_events.h) the step is cut there and solved
+ * again, until the end of the step and the event agree to 1e-10 of it: no step has a kink inside.
  *
- * Laws that keep a history of their own (a user's) cannot be asked twice about one time: they are asked once at the end
- * of each of the STEPS_SEQUENTIAL equal steps of dt, in order, and enter (1) by the polynomial through their last
- * four values (fewer in the first steps, and after corners of the excitation).
+ * Laws that keep a history of their own (a user's) cannot be asked twice about one time: they are
+ * asked once at the end of each of the STEPS_SEQUENTIAL equal steps of dt, in order, and enter (1)
+ * by the polynomial through their last four values (fewer in the first steps, and after corners of
+ * the excitation).
  */
 #include <cblas.h>
 #include <float.h>
@@ -32,8 +36,19 @@
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
 
-enum { S = COLLOCATION_STAGES, LEVELS = 40, NEWTON_MOST = 25, CUTS_MOST = 12, BLIND = 10, STEPS_MOST = 100000, STALLED_MOST = 1000, STEPS_SEQUENTIAL = 64, PAST = 4 };
-static const double NEAR = 0.05;      /* of a step: where its end may stand for an event beside it */
+enum {
+    S = COLLOCATION_STAGES,
+    LEVELS = 40,
+    NEWTON_MOST = 25,
+    CUTS_MOST = 12,
+    BLIND = 10,
+    STEPS_MOST = 100000,
+    STALLED_MOST = 1000,
+    STEPS_SEQUENTIAL = 64,
+    PAST = 4
+};
+/* of a step: where its end may stand for an event beside it */
+static const double NEAR = 0.05;
 
 struct nonlinear_stepper {
     struct stepper face;
@@ -45,12 +60,16 @@ struct nonlinear_stepper {
     struct stepper_options opt;
     int level, calm;                  /* the step is dt / 2^level; accepted in a row */
     bool sequential, started;
-    bool blind;                       /* the next step looks for no event: a slider just loose, its rate still rounding, was caught again */
+    /* the next step looks for no event: a slider just loose, its rate still rounding, was caught
+     * again */
+    bool blind;
     double scale;                     /* the largest |y| so far */
     double missed;                    /* of the last step */
     double *weight;                   /* of each channel: |U| */
-    double *quiet, *blur;             /* of each channel: a rate and a displacement that may be rounding */
-    double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *hold, *force1, *y1, *w1, *slope, *J, *residual, *knots, *past;
+    /* of each channel: a rate and a displacement that may be rounding */
+    double *quiet, *blur;
+    double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *hold,
+        *force1, *y1, *w1, *slope, *J, *residual, *knots, *past;
     int pasts;
     int *pivot;
 };
@@ -75,9 +94,11 @@ static void bases(struct nonlinear_stepper *s, const struct collocation_map *map
 
     for (int i = 0; i < S; i++) {
         double *out = s->base + (size_t)i * (size_t)r;
-        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, map->RE + (size_t)i * (size_t)r * (size_t)N, r, s->y, 1, 0, out, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1,
+                    map->RE + (size_t)i * (size_t)r * (size_t)N, r, s->y, 1, 0, out, 1);
         if (nw > 0)
-            cblas_dgemv(CblasColMajor, CblasNoTrans, r, nw, 1, map->RG + (size_t)i * (size_t)r * (size_t)nw, r, s->w, 1, 1, out, 1);
+            cblas_dgemv(CblasColMajor, CblasNoTrans, r, nw, 1,
+                        map->RG + (size_t)i * (size_t)r * (size_t)nw, r, s->w, 1, 1, out, 1);
     }
 }
 
@@ -88,7 +109,8 @@ static void probes_of_phi(struct nonlinear_stepper *s, const struct collocation_
     for (int i = 0; i < S; i++) {
         double *out = s->probes + (size_t)i * (size_t)r;
         memcpy(out, s->base + (size_t)i * (size_t)r, (size_t)r * sizeof *out);
-        cblas_dgemv(CblasColMajor, CblasNoTrans, r, m * S, 1, map->H + (size_t)i * S * (size_t)r * (size_t)m, r, s->phi, 1, 1, out, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, r, m * S, 1,
+                    map->H + (size_t)i * S * (size_t)r * (size_t)m, r, s->phi, 1, 1, out, 1);
     }
 }
 
@@ -98,11 +120,13 @@ static bool stuck(const struct port_law *l)
 }
 
 /* Rows of node I of residual and Jacobian (1). */
-static enum modal_status equations(struct nonlinear_stepper *s, const struct collocation_map *map, double t, int i, struct modal_error *err)
+static enum modal_status equations(struct nonlinear_stepper *s, const struct collocation_map *map,
+                                   double t, int i, struct modal_error *err)
 {
     struct ports *p = s->ports;
     int m = p->channels, q = p->probes, r = 2 * q, size = m * S;
-    const double *H = map->H + (size_t)i * S * (size_t)r * (size_t)m, *at = s->probes + (size_t)i * (size_t)r;
+    const double *H = map->H + (size_t)i * S * (size_t)r * (size_t)m,
+                 *at = s->probes + (size_t)i * (size_t)r;
     double *R = s->residual + (size_t)i * (size_t)m;
     enum modal_status rc = ports_force(p, t, at, s->probe0, s->memory, R, s->slope, NULL, err);
 
@@ -110,24 +134,28 @@ static enum modal_status equations(struct nonlinear_stepper *s, const struct col
         return rc;
     for (int k = 0; k < m; k++)
         R[k] = s->phi[i * m + k] - R[k];
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, m, size, r, -1, s->slope, m, H, r, 0, s->J + i * m, size);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, m, size, r, -1, s->slope, m, H, r, 0,
+                s->J + i * m, size);
     for (int k = 0; k < m; k++)
         s->J[(size_t)(i * m + k) + (size_t)(i * m + k) * (size_t)size] += 1;
     for (int l = 0; l < p->laws; l++) {
         int c = p->law[l].channel, row = i * m + c;
         if (!stuck(&p->law[l]))
             continue;
-        double most = DBL_MIN;                            /* the rate as a force: its row scaled to 1 */
+        /* the rate as a force: its row scaled to 1 */
+        double most = DBL_MIN;
         for (int k = 0; k < size; k++)
             most = fmax(most, fabs(H[(size_t)(q + c) + (size_t)k * (size_t)r]));
         s->residual[row] = at[q + c] / most;
         for (int k = 0; k < size; k++)
-            s->J[(size_t)row + (size_t)k * (size_t)size] = H[(size_t)(q + c) + (size_t)k * (size_t)r] / most;
+            s->J[(size_t)row + (size_t)k * (size_t)size] =
+                H[(size_t)(q + c) + (size_t)k * (size_t)r] / most;
     }
     return MODAL_OK;
 }
 
-/* Channels of laws with their own history: what the last values extrapolate to at the nodes; they are not iterated. */
+/* Channels of laws with their own history: what the last values extrapolate to at the nodes;
+ * they are not iterated. */
 static void fix_sequential(struct nonlinear_stepper *s)
 {
     struct ports *p = s->ports;
@@ -135,10 +163,13 @@ static void fix_sequential(struct nonlinear_stepper *s)
     const double *node = collocation_nodes(s->collocation);
 
     for (int l = 0; l < p->laws; l++)
-        for (int c = p->law[l].channel; p->law[l].law->kind->restart != NULL && c < p->law[l].channel + p->law[l].law->kind->inputs; c++)
+        for (int c = p->law[l].channel; p->law[l].law->kind->restart != NULL
+                                        && c < p->law[l].channel + p->law[l].law->kind->inputs;
+             c++)
             for (int i = 0; i < S; i++) {
                 double value = 0;
-                for (int a = 0; a < s->pasts; a++) {            /* Lagrange on theta = 0, -1, -2, -3 */
+                /* Lagrange on theta = 0, -1, -2, -3 */
+                for (int a = 0; a < s->pasts; a++) {
                     double weight = 1;
                     for (int b = 0; b < s->pasts; b++)
                         weight *= a == b ? 1 : (node[i] + b) / (b - a);
@@ -152,7 +183,8 @@ static void fix_sequential(struct nonlinear_stepper *s)
 }
 
 /* Newton's iteration on (1); *converged says whether it ended. */
-static enum modal_status solve(struct nonlinear_stepper *s, const struct collocation_map *map, double t, bool *converged, struct modal_error *err)
+static enum modal_status solve(struct nonlinear_stepper *s, const struct collocation_map *map,
+                               double t, bool *converged, struct modal_error *err)
 {
     int m = s->ports->channels, size = m * S;
     const double *node = collocation_nodes(s->collocation);
@@ -169,7 +201,8 @@ static enum modal_status solve(struct nonlinear_stepper *s, const struct colloca
             return rc;
         if (s->sequential)
             fix_sequential(s);
-        if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, size, 1, s->J, size, s->pivot, s->residual, size) != 0)
+        if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, size, 1, s->J, size, s->pivot, s->residual, size)
+            != 0)
             return MODAL_OK;
         double change = 0;
         for (int i = 0; i < size; i++) {
@@ -178,7 +211,8 @@ static enum modal_status solve(struct nonlinear_stepper *s, const struct colloca
         }
         if (!(change < 1e300))
             return MODAL_OK;
-        if (change <= 4 * DBL_EPSILON * s->scale || (change <= 1e-9 * s->scale && change >= before / 2)) {
+        if (change <= 4 * DBL_EPSILON * s->scale
+            || (change <= 1e-9 * s->scale && change >= before / 2)) {
             *converged = true;
             probes_of_phi(s, map);
             return MODAL_OK;
@@ -188,7 +222,8 @@ static enum modal_status solve(struct nonlinear_stepper *s, const struct colloca
     return MODAL_OK;
 }
 
-/* What the polynomial misses at the start, as a share of the largest state; stuck and sequential channels do not count. */
+/* What the polynomial misses at the start, as a share of the largest state; stuck and sequential
+ * channels do not count. */
 static double miss(struct nonlinear_stepper *s, const struct collocation_map *map)
 {
     const double *zero = collocation_at_zero(s->collocation);
@@ -223,7 +258,8 @@ static void rounding_of_probes(struct nonlinear_stepper *s, const double *y)
     }
 }
 
-static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
+static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const double *y,
+                                    struct modal_error *err)
 {
     struct ports *p = s->ports;
     enum modal_status rc = MODAL_OK;
@@ -245,7 +281,8 @@ static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const
     return rc;
 }
 
-static enum modal_status solve_step(struct nonlinear_stepper *s, double t, double h, const struct collocation_map **map, bool *converged,
+static enum modal_status solve_step(struct nonlinear_stepper *s, double t, double h,
+                                    const struct collocation_map **map, bool *converged,
                                     struct modal_error *err)
 {
     int m = s->ports->channels, r = 2 * s->ports->probes;
@@ -262,7 +299,8 @@ static enum modal_status solve_step(struct nonlinear_stepper *s, double t, doubl
 }
 
 /* The step's end becomes the state. */
-static enum modal_status accept(struct nonlinear_stepper *s, const struct collocation_map *map, double t, double *y, struct modal_error *err)
+static enum modal_status accept(struct nonlinear_stepper *s, const struct collocation_map *map,
+                                double t, double *y, struct modal_error *err)
 {
     int m = s->ports->channels;
     size_t last = (size_t)(S - 1);
@@ -271,14 +309,16 @@ static enum modal_status accept(struct nonlinear_stepper *s, const struct colloc
     collocation_finish(s->collocation, map, s->w, s->phi, y);
     memcpy(s->phi_end, s->phi + last * (size_t)m, (size_t)m * sizeof *s->phi);
     if (!s->sequential) {
-        rc = ports_force(s->ports, t + map->h, s->probes + last * 2 * (size_t)s->ports->probes, s->probe0, s->memory, s->force0, NULL, s->after, err);
+        rc = ports_force(s->ports, t + map->h, s->probes + last * 2 * (size_t)s->ports->probes,
+                         s->probe0, s->memory, s->force0, NULL, s->after, err);
         memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
     }
     s->face.steps++;
     return rc;
 }
 
-/* A rigid slider whose piece ended: from slipping to sticking, from sticking to slipping the way it is pushed. */
+/* A rigid slider whose piece ended: from slipping to sticking, from sticking to slipping the way
+ * it is pushed. */
 static void switch_slider(struct nonlinear_stepper *s, int law)
 {
     struct port_law *l = &s->ports->law[law];
@@ -300,19 +340,25 @@ static double force_at(const struct nonlinear_stepper *s, int c, double theta)
 }
 
 /*
- * Where in the step slider LAW, stuck, breaks loose: from what holds it at the step's end by the equation of motion, and the
- * polynomial's slope there.  Let go while the polynomial alone says so, it would be pushed back by that error and caught again.
+ * Where in the step slider LAW, stuck, breaks loose: from what holds it at the step's end by the
+ * equation of motion, and the polynomial's slope there.  Let go while the polynomial alone says so,
+ * it would be pushed back by that error and caught again.
  */
-static enum modal_status refine_release(struct nonlinear_stepper *s, const struct collocation_map *map, double t, int law, double *theta, struct modal_error *err)
+static enum modal_status refine_release(struct nonlinear_stepper *s,
+                                        const struct collocation_map *map, double t, int law,
+                                        double *theta, struct modal_error *err)
 {
     const struct port_law *l = &s->ports->law[law];
-    double limit = l->law->limit, slope = (force_at(s, l->channel, 1) - force_at(s, l->channel, 1 - NEAR)) / NEAR, excess;
+    double limit = l->law->limit,
+           slope = (force_at(s, l->channel, 1) - force_at(s, l->channel, 1 - NEAR)) / NEAR, excess;
     enum modal_status rc;
 
     memcpy(s->y1, s->y, (size_t)s->ss->N * sizeof *s->y);
     collocation_finish(s->collocation, map, s->w, s->phi, s->y1);
     sources_at(s->src, t + map->h, s->w1);
-    rc = ports_force(s->ports, t + map->h, s->probes + (size_t)(S - 1) * 2 * (size_t)s->ports->probes, s->probe0, s->memory, s->force1, NULL, NULL, err);
+    rc = ports_force(s->ports, t + map->h,
+                     s->probes + (size_t)(S - 1) * 2 * (size_t)s->ports->probes, s->probe0,
+                     s->memory, s->force1, NULL, NULL, err);
     if (rc != MODAL_OK || !holding_forces(s->holding, s->y1, s->w1, s->force1))
         return rc;
     excess = fabs(s->force1[l->channel]) - limit;
@@ -324,7 +370,8 @@ static enum modal_status refine_release(struct nonlinear_stepper *s, const struc
     return MODAL_OK;
 }
 
-/* A slider that is already past its piece where the step begins is switched before the step is believed; true: one was. */
+/* A slider that is already past its piece where the step begins is switched before the step is
+ * believed; true: one was. */
 static bool correct_sliders(struct nonlinear_stepper *s)
 {
     struct ports *p = s->ports;
@@ -335,7 +382,8 @@ static bool correct_sliders(struct nonlinear_stepper *s)
         struct port_law *law = &p->law[l];
         if (!law->law->kind->set_valued)
             continue;
-        double force = s->phi[law->channel], rate = s->knots[2 * q + q + law->channel];   /* at the first node */
+        /* at the first node */
+        double force = s->phi[law->channel], rate = s->knots[2 * q + q + law->channel];
         if (law->held == 0 && fabs(force) > law->law->limit * (1 + 1e-12)) {
             double early = s->hold[law->channel];
             if (isnan(early))
@@ -344,7 +392,9 @@ static bool correct_sliders(struct nonlinear_stepper *s)
                 law->held = force > 0 ? 1 : -1;
                 any = true;
             }
-        } else if (law->held != 0 && rate * law->held < -s->quiet[law->channel] && s->knots[q + law->channel] * law->held <= 1e-9 * s->scale * s->weight[law->channel]) {
+        } else if (law->held != 0 && rate * law->held < -s->quiet[law->channel]
+                   && s->knots[q + law->channel] * law->held
+                          <= 1e-9 * s->scale * s->weight[law->channel]) {
             law->held = 0;
             any = true;
         }
@@ -353,10 +403,11 @@ static bool correct_sliders(struct nonlinear_stepper *s)
 }
 
 /*
- * One step of at most H from t: on return *taken is its length (0: none could be, *H was halved), and an event may have
- * ended it.
+ * One step of at most H from t: on return *taken is its length (0: none could be, *H was halved),
+ * and an event may have ended it.
  */
-static enum modal_status try_step(struct nonlinear_stepper *s, double t, double *h, double *y, double *taken, struct modal_error *err)
+static enum modal_status try_step(struct nonlinear_stepper *s, double t, double *h, double *y,
+                                  double *taken, struct modal_error *err)
 {
     const struct collocation_map *map = NULL;
     struct event event = { HUGE_VAL, -1 };
@@ -375,11 +426,15 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
             rc = begin_step(s, t, y, err);
             continue;
         }
-        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, s->quiet, s->blur, s->hold, cut ? 1.2 : 1, &event, err);
-        if (rc == MODAL_OK && event.law >= 0 && stuck(&s->ports->law[event.law]) && fabs(event.theta - 1) < NEAR)
+        rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, s->quiet,
+                         s->blur, s->hold, cut ? 1.2 : 1, &event, err);
+        if (rc == MODAL_OK && event.law >= 0 && stuck(&s->ports->law[event.law])
+            && fabs(event.theta - 1) < NEAR)
             rc = refine_release(s, map, t, event.law, &event.theta, err);
-        double off = fabs(event.theta - 1);       /* a turning point is known to the root of rounding only */
-        if (rc != MODAL_OK || event.law < 0 || off < 1e-10 || (k >= 4 && off < 1e-6) || k + 1 == CUTS_MOST)
+        /* a turning point is known to the root of rounding only */
+        double off = fabs(event.theta - 1);
+        if (rc != MODAL_OK || event.law < 0 || off < 1e-10 || (k >= 4 && off < 1e-6)
+            || k + 1 == CUTS_MOST)
             break;
         cut = true;
         step = fmin(step * event.theta, *h);
@@ -401,7 +456,8 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
     return rc;
 }
 
-static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t, double h, double *y, struct modal_error *err)
+static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t, double h,
+                                          double *y, struct modal_error *err)
 {
     double done = 0;
     int64_t before = s->face.steps + s->face.rejected;
@@ -410,12 +466,16 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
     enum modal_status rc = MODAL_OK;
 
     while (done < h * (1 - 1e-14) && rc == MODAL_OK) {
-        double size = ldexp(s->opt.dt, -s->level), left = h - done, step = left < size * (1 + 1e-9) ? left : size, asked = step, taken;
-        if (s->opt.cancelled != NULL && s->face.steps % 1024 == 0 && s->opt.cancelled(s->opt.context))
+        double size = ldexp(s->opt.dt, -s->level), left = h - done,
+               step = left < size * (1 + 1e-9) ? left : size, asked = step, taken;
+        if (s->opt.cancelled != NULL && s->face.steps % 1024 == 0
+            && s->opt.cancelled(s->opt.context))
             return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", t + done);
         if (s->face.steps + s->face.rejected - before > STEPS_MOST || stalled > STALLED_MOST)
-            return modal_fail(err, MODAL_NO_CONVERGENCE, "contacts or slips accumulate at t = %.9g s: %lld steps did not pass dt = %g s", t + done,
-                              (long long)(s->face.steps + s->face.rejected - before), s->opt.dt);
+            return modal_fail(
+                err, MODAL_NO_CONVERGENCE,
+                "contacts or slips accumulate at t = %.9g s: %lld steps did not pass dt = %g s",
+                t + done, (long long)(s->face.steps + s->face.rejected - before), s->opt.dt);
         if (s->blind)
             step = fmin(step, ldexp(s->opt.dt, -BLIND));
         rc = try_step(s, t + done, &step, y, &taken, err);
@@ -430,7 +490,9 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
                 s->level++;
             s->calm = 0;
             if (s->level >= LEVELS)
-                return modal_fail(err, MODAL_NO_CONVERGENCE, "steps of %g s at t = %.9g s still miss the tolerance %g", step, t + done, s->opt.tolerance);
+                return modal_fail(err, MODAL_NO_CONVERGENCE,
+                                  "steps of %g s at t = %.9g s still miss the tolerance %g", step,
+                                  t + done, s->opt.tolerance);
         } else if (taken == asked && asked == size) {
             s->calm++;
             if (s->level > 0 && s->calm >= 2 && s->missed < s->opt.tolerance / 64) {
@@ -445,20 +507,23 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
 }
 
 /* Laws with a history: the value at the end of each step, in order. */
-static enum modal_status remember(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
+static enum modal_status remember(struct nonlinear_stepper *s, double t, const double *y,
+                                  struct modal_error *err)
 {
     int m = s->ports->channels;
     enum modal_status rc;
 
     memmove(s->past + m, s->past, (size_t)(PAST - 1) * (size_t)m * sizeof *s->past);
     probe(s, y, s->probes);
-    rc = ports_force(s->ports, t, s->probes, s->started ? s->probe0 : s->probes, s->memory, s->past, NULL, s->after, err);
+    rc = ports_force(s->ports, t, s->probes, s->started ? s->probe0 : s->probes, s->memory, s->past,
+                     NULL, s->after, err);
     memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
     s->pasts = s->pasts < PAST ? s->pasts + 1 : PAST;
     return rc;
 }
 
-static enum modal_status advance_sequential(struct nonlinear_stepper *s, double t, double h, double *y, struct modal_error *err)
+static enum modal_status advance_sequential(struct nonlinear_stepper *s, double t, double h,
+                                            double *y, struct modal_error *err)
 {
     int steps = (int)fmax(1, ceil(STEPS_SEQUENTIAL * h / s->opt.dt - 1e-9));
     double step = h / steps;
@@ -466,7 +531,8 @@ static enum modal_status advance_sequential(struct nonlinear_stepper *s, double 
     enum modal_status rc = MODAL_OK;
 
     if (!regular)
-        s->pasts = s->pasts > 1 ? 1 : s->pasts;       /* values at other distances do not extrapolate */
+        /* values at other distances do not extrapolate */
+        s->pasts = s->pasts > 1 ? 1 : s->pasts;
     for (int k = 0; k < steps && rc == MODAL_OK; k++) {
         const struct collocation_map *map = NULL;
         bool converged = false;
@@ -475,7 +541,8 @@ static enum modal_status advance_sequential(struct nonlinear_stepper *s, double 
         if (rc == MODAL_OK)
             rc = solve_step(s, at, step, &map, &converged, err);
         if (rc == MODAL_OK && !converged)
-            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "the step of %g s at t = %.9g s did not converge", step, at);
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE,
+                            "the step of %g s at t = %.9g s did not converge", step, at);
         if (rc == MODAL_OK)
             rc = accept(s, map, at, y, err);
         if (rc == MODAL_OK)
@@ -487,15 +554,18 @@ static enum modal_status advance_sequential(struct nonlinear_stepper *s, double 
 }
 
 /* The first call: forces at the start, and which rigid sliders slip. */
-static enum modal_status start(struct nonlinear_stepper *s, double t, const double *y, struct modal_error *err)
+static enum modal_status start(struct nonlinear_stepper *s, double t, const double *y,
+                               struct modal_error *err)
 {
     struct ports *p = s->ports;
     enum modal_status rc = MODAL_OK;
 
     s->scale = fmax(norm(y, s->ss->N), s->scale);
-    for (int l = 0; l < p->laws; l++)                 /* a body held at rest has no motion to be small against */
+    /* a body held at rest has no motion to be small against */
+    for (int l = 0; l < p->laws; l++)
         if (p->law[l].law->kind->set_valued)
-            s->scale = fmax(s->scale, 1e-3 * p->law[l].law->limit * s->weight[p->law[l].channel] * s->opt.dt);
+            s->scale = fmax(s->scale,
+                            1e-3 * p->law[l].law->limit * s->weight[p->law[l].channel] * s->opt.dt);
     probe(s, y, s->probe0);
     if (s->sequential) {
         for (int l = 0; l < p->laws; l++)
@@ -505,7 +575,8 @@ static enum modal_status start(struct nonlinear_stepper *s, double t, const doub
         memcpy(s->phi_end, s->past, (size_t)p->channels * sizeof *s->phi_end);
     } else {
         rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->phi_end, NULL, s->after, err);
-        memcpy(s->memory, s->after, (size_t)p->memory * sizeof *s->memory);      /* a slider put past its bound has followed */
+        /* a slider put past its bound has followed */
+        memcpy(s->memory, s->after, (size_t)p->memory * sizeof *s->memory);
     }
     s->started = true;
     return rc;
@@ -519,37 +590,45 @@ static void release_sliders(struct nonlinear_stepper *s, const double *y)
     probe(s, y, s->probe0);
     for (int l = 0; l < p->laws; l++) {
         double rate = s->probe0[p->probes + p->law[l].channel];
-        if (p->law[l].law->kind->set_valued && fabs(rate) > 1e-9 * fmax(norm(y, s->ss->N), s->scale) * s->weight[p->law[l].channel])
+        if (p->law[l].law->kind->set_valued
+            && fabs(rate) > 1e-9 * fmax(norm(y, s->ss->N), s->scale) * s->weight[p->law[l].channel])
             p->law[l].held = rate > 0 ? 1 : -1;
     }
 }
 
-static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+static enum modal_status advance(struct stepper *face, double t, double h, double *y,
+                                 struct modal_error *err)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
     enum modal_status rc = s->started ? MODAL_OK : start(s, t, y, err);
 
     release_sliders(s, y);
     if (rc == MODAL_OK)
-        rc = s->sequential ? advance_sequential(s, t, h, y, err) : advance_adaptive(s, t, h, y, err);
+        rc =
+            s->sequential ? advance_sequential(s, t, h, y, err) : advance_adaptive(s, t, h, y, err);
     face->products = face->steps;
     return rc;
 }
 
-static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
+                               struct modal_error *err)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
     int N = s->ss->N;
     double *p = calloc((size_t)s->ss->n + 1, sizeof *p);
-    enum modal_status rc = p == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory") : s->started ? MODAL_OK : start(s, t, y, err);
+    enum modal_status rc = p == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory")
+                           : s->started ? MODAL_OK
+                                        : start(s, t, y, err);
 
     if (rc == MODAL_OK) {
         memset(F, 0, (size_t)N * sizeof *F);
         sources_at(s->src, t, s->w);
         if (s->src->nw > 0)
-            cblas_dgemv(CblasColMajor, CblasNoTrans, s->ss->n, s->src->nw, 1, s->src->P, s->ss->n, s->w, 1, 0, p, 1);
+            cblas_dgemv(CblasColMajor, CblasNoTrans, s->ss->n, s->src->nw, 1, s->src->P, s->ss->n,
+                        s->w, 1, 0, p, 1);
         cblas_dgemv(CblasColMajor, CblasNoTrans, N, s->ss->n, 1, s->ss->B, N, p, 1, 0, F, 1);
-        cblas_dgemv(CblasColMajor, CblasNoTrans, N, s->ports->inputs, 1, s->ports->U, N, s->phi_end, 1, 1, F, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, s->ports->inputs, 1, s->ports->U, N, s->phi_end,
+                    1, 1, F, 1);
     }
     free(p);
     return rc;
@@ -569,8 +648,10 @@ static void report(struct stepper *face, struct program *p)
 static void nonlinear_free(struct stepper *face)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
-    double *all[] = { s->weight, s->quiet, s->blur, s->memory, s->after, s->w, s->y, s->probe0, s->base, s->probes, s->phi, s->phi_end, s->force0, s->hold, s->force1, s->y1, s->w1, s->slope, s->J,
-                      s->residual, s->knots, s->past };
+    double *all[] = { s->weight, s->quiet,    s->blur,   s->memory, s->after, s->w,
+                      s->y,      s->probe0,   s->base,   s->probes, s->phi,   s->phi_end,
+                      s->force0, s->hold,     s->force1, s->y1,     s->w1,    s->slope,
+                      s->J,      s->residual, s->knots,  s->past };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         free(all[i]);
@@ -583,12 +664,31 @@ static void nonlinear_free(struct stepper *face)
 
 static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_error *err)
 {
-    size_t m = (size_t)s->ports->channels, r = 2 * (size_t)s->ports->probes, N = (size_t)s->ss->N, size = m * S;
-    struct { double **x; size_t count; } all[] = {
-        { &s->weight, m }, { &s->quiet, m }, { &s->blur, m }, { &s->memory, (size_t)s->ports->memory }, { &s->after, (size_t)s->ports->memory }, { &s->w, (size_t)s->src->nw },
-        { &s->y, N }, { &s->probe0, r }, { &s->base, r * S }, { &s->probes, r * S }, { &s->phi, size }, { &s->phi_end, m }, { &s->force0, m }, { &s->hold, m }, { &s->force1, m },
-        { &s->y1, N }, { &s->w1, (size_t)s->src->nw },
-        { &s->slope, m * r }, { &s->J, size * size }, { &s->residual, size }, { &s->knots, r * (S + 1) }, { &s->past, m * PAST } };
+    size_t m = (size_t)s->ports->channels, r = 2 * (size_t)s->ports->probes, N = (size_t)s->ss->N,
+           size = m * S;
+    struct { double **x; size_t count;
+    } all[] = { { &s->weight, m },
+                { &s->quiet, m },
+                { &s->blur, m },
+                { &s->memory, (size_t)s->ports->memory },
+                { &s->after, (size_t)s->ports->memory },
+                { &s->w, (size_t)s->src->nw },
+                { &s->y, N },
+                { &s->probe0, r },
+                { &s->base, r * S },
+                { &s->probes, r * S },
+                { &s->phi, size },
+                { &s->phi_end, m },
+                { &s->force0, m },
+                { &s->hold, m },
+                { &s->force1, m },
+                { &s->y1, N },
+                { &s->w1, (size_t)s->src->nw },
+                { &s->slope, m * r },
+                { &s->J, size * size },
+                { &s->residual, size },
+                { &s->knots, r * (S + 1) },
+                { &s->past, m * PAST } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
@@ -600,25 +700,33 @@ static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_erro
     return MODAL_OK;
 }
 
-enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
-                                        struct stepper **out, struct modal_error *err)
+enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struct sources *src,
+                                        const struct stepper_options *opt, struct stepper **out,
+                                        struct modal_error *err)
 {
     struct nonlinear_stepper *s = calloc(1, sizeof *s);
     enum modal_status rc;
 
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-    s->face = (struct stepper) { .name = "exponential-collocation", .advance = advance, .force = force, .report = report, .free = nonlinear_free };
+    s->face = (struct stepper){ .name = "exponential-collocation",
+                                .advance = advance,
+                                .force = force,
+                                .report = report,
+                                .free = nonlinear_free };
     s->ss = ss;
     s->src = src;
     s->opt = *opt;
     s->opt.tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-10;
     rc = ports_new(ss, &s->ports, err);
     if (rc == MODAL_OK && 2 * s->ports->probes * S > 4000)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "effects", "%d places of nonlinear or pulsating forces are too many to step; at most %d",
-                              s->ports->probes, 2000 / S);
+        rc = modal_fail_field(
+            err, MODAL_TOO_LARGE, "effects",
+            "%d places of nonlinear or pulsating forces are too many to step; at most %d",
+            s->ports->probes, 2000 / S);
     if (rc == MODAL_OK)
-        rc = collocation_new(ss, src, s->ports->channels, s->ports->U, 2 * s->ports->probes, s->ports->R, &s->collocation, err);
+        rc = collocation_new(ss, src, s->ports->channels, s->ports->U, 2 * s->ports->probes,
+                             s->ports->R, &s->collocation, err);
     if (rc == MODAL_OK)
         rc = holding_new(s->ports, src, &s->holding, err);
     if (rc == MODAL_OK)

@@ -1,14 +1,15 @@
 /*
  * orbit.c - turns and crossings of a trigonometric polynomial
  *
- * Between samples a turn is bracketed by a change of the rate's sign.  A pair of turns inside one step of the samples
- * shows no such change; where the rate's size has a minimum, a parabola through three samples tells whether it may reach
- * 0, and then its extremum is polished too.  What is still missed is a wiggle narrower than a step, of height
- * O(step^3) times the third rate.
+ * Between samples a turn is bracketed by a change of the rate's sign.  A pair of turns inside one
+ * step of the samples shows no such change; where the rate's size has a minimum, a parabola through
+ * three samples tells whether it may reach 0, and then its extremum is polished too.  What is still
+ * missed is a wiggle narrower than a step, of height O(step^3) times the third rate.
  *
- * Roots start from the cubic that the samples beside them give and go by Newton's method (turns) or Halley's (crossings), kept inside
- * their bracket by bisection, until a step is below ROOT_STEP, or CUBIC_STEP where Halley's method is at home: as they converge
- * quadratically and cubically, the root is then good to rounding.
+ * Roots start from the cubic that the samples beside them give and go by Newton's method (turns) or
+ * Halley's (crossings), kept inside their bracket by bisection, until a step is below ROOT_STEP, or
+ * CUBIC_STEP where Halley's method is at home: as they converge quadratically and cubically, the
+ * root is then good to rounding.
  */
 #include "modal/scene/orbit.h"
 #include <fftw3.h>
@@ -18,7 +19,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-6, CUBIC_STEP = 2e-5, STRAIGHT = 1e-4;
+static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-6, CUBIC_STEP = 2e-5,
+                    STRAIGHT = 1e-4;
 enum { ROOT_STEPS_MOST = 80 };
 
 struct orbit_grid {
@@ -34,7 +36,8 @@ enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_er
     struct orbit_grid *g;
 
     if (N < 1 || N > ORBIT_SAMPLES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.samples", "%d samples; accepted: 1 to %d", N, ORBIT_SAMPLES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.samples",
+                                "%d samples; accepted: 1 to %d", N, ORBIT_SAMPLES_MOST);
     g = calloc(1, sizeof *g);
     if (g == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for a grid");
@@ -76,7 +79,8 @@ long orbit_grid_transforms(const struct orbit_grid *g)
     return g->transforms;
 }
 
-void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative, double *x)
+void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative,
+                      double *x)
 {
     memset(g->X, 0, (size_t)(g->N / 2 + 1) * sizeof *g->X);
     if (derivative == 0)
@@ -131,7 +135,8 @@ enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *
     if (o->D != NULL && o->d != NULL && o->v != NULL)
         return MODAL_OK;
     orbit_done(o);
-    return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for %d harmonics and %d samples", H, N);
+    return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for %d harmonics and %d samples", H,
+                      N);
 }
 
 void orbit_done(struct orbit *o)
@@ -153,7 +158,8 @@ void orbit_sample(struct orbit *o, struct orbit_grid *g, double omega)
     orbit_synthesize(g, o->H, o->D, 1, o->v);
 }
 
-void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, const struct orbit *y)
+void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b,
+                   const struct orbit *y)
 {
     o->omega = x->omega;
     o->turns = -1;
@@ -170,12 +176,13 @@ typedef double pair __attribute__((vector_size(2 * sizeof(double))));
 
 static pair both(double x) { return (pair) { x, x }; }
 
-/* Horner's rule in z^2, z = e^{i theta}, for the three sums at once: even harmonics and odd ones side by side, neither waiting for the
- * other.  D[top + 1] is 0. */
+/* Horner's rule in z^2, z = e^{i theta}, for the three sums at once: even harmonics and odd ones
+ * side by side, neither waiting for the other.  D[top + 1] is 0. */
 void orbit_at(const struct orbit *o, double theta, double out[3])
 {
     double c = cos(theta), s = sin(theta);
-    pair C = both(c * c - s * s), T = both(2 * c * s), r0 = both(0), i0 = r0, r1 = r0, i1 = r0, r2 = r0, i2 = r0, k = { o->top & ~1, o->top | 1 };
+    pair C = both(c * c - s * s), T = both(2 * c * s), r0 = both(0), i0 = r0, r1 = r0, i1 = r0,
+         r2 = r0, i2 = r0, k = { o->top & ~1, o->top | 1 };
 
     for (const double complex *D = o->D + (o->top & ~1); D >= o->D; D -= 2, k -= 2) {
         pair re = { creal(D[0]), creal(D[1]) }, im = { cimag(D[0]), cimag(D[1]) }, t;
@@ -197,13 +204,15 @@ void orbit_at(const struct orbit *o, double theta, double out[3])
     out[2] = -(r2[0] + (c * r2[1] - s * i2[1]));
 }
 
-/* Where in (0, 1) the cubic of values Y0 < 0 < Y1 (or the other way), slopes M0 and M1, is 0: a guess, by Newton's method from the secant. */
+/* Where in (0, 1) the cubic of values Y0 < 0 < Y1 (or the other way), slopes M0 and M1, is 0: a
+ * guess, by Newton's method from the secant. */
 static double cubic_root(double y0, double y1, double m0, double m1)
 {
     double c = 3 * (y1 - y0) - 2 * m0 - m1, e = m0 + m1 - 2 * (y1 - y0), s = y0 / (y0 - y1);
 
     for (int i = 0; i < 2; i++) {
-        double slope = m0 + s * (2 * c + s * 3 * e), next = s - (y0 + s * (m0 + s * (c + s * e))) / slope;
+        double slope = m0 + s * (2 * c + s * 3 * e),
+               next = s - (y0 + s * (m0 + s * (c + s * e))) / slope;
 
         if (!(next > 0 && next < 1))
             break;
@@ -212,18 +221,22 @@ static double cubic_root(double y0, double y1, double m0, double m1)
     return s;
 }
 
-/* A step of Newton's method (order 1) or Halley's (order 0) towards the root of what AT holds less LEVEL; whether it is good enough
- * to be the last: the error it leaves is of its second power, or third. */
+/* A step of Newton's method (order 1) or Halley's (order 0) towards the root of what AT holds less
+ * LEVEL; whether it is good enough to be the last: the error it leaves is of its second power, or
+ * third. */
 static double root_step(const double at[3], int order, double level, bool *last)
 {
-    double step = (level - at[order]) / at[order + 1], bend = order == 0 ? 0.5 * step * at[2] / at[1] : 0;
+    double step = (level - at[order]) / at[order + 1],
+           bend = order == 0 ? 0.5 * step * at[2] / at[1] : 0;
 
     *last = fabs(step) < (order == 0 && fabs(bend) < STRAIGHT ? CUBIC_STEP : ROOT_STEP);
     return fabs(bend) < 0.5 ? step / (1 + bend) : step;
 }
 
-/* The root of the order-th derivative (0 or 1) - level in [a, b], where it changes sign; starts at GUESS.  *D: d there. */
-static double polish(const struct orbit *o, int order, double level, double a, double b, double guess, bool rising, double *d)
+/* The root of the order-th derivative (0 or 1) - level in [a, b], where it changes sign; starts
+ * at GUESS.  *D: d there. */
+static double polish(const struct orbit *o, int order, double level, double a, double b,
+                     double guess, bool rising, double *d)
 {
     double theta = guess > a && guess < b ? guess : 0.5 * (a + b), at[3] = { 0 }, step = 0;
     bool last = false;
@@ -254,7 +267,8 @@ static double polish(const struct orbit *o, int order, double level, double a, d
 }
 
 /* The turn in (a, b) near GUESS. */
-static enum modal_status add_turn(struct orbit *o, double a, double b, double guess, bool rising, struct modal_error *err)
+static enum modal_status add_turn(struct orbit *o, double a, double b, double guess, bool rising,
+                                  struct modal_error *err)
 {
     double theta, d;
 
@@ -278,22 +292,28 @@ static double turn_guess(const struct orbit *o, int j)
     int N = o->N;
     double p = o->v[(j + N - 1) % N], q = o->v[j], r = o->v[(j + 1) % N], s = o->v[(j + 2) % N];
 
-    return TWO_PI / N * (j + cubic_root(q, r, (6 * r - 2 * p - 3 * q - s) / 6, (p - 6 * q + 3 * r + 2 * s) / 6));
+    return TWO_PI / N
+           * (j
+              + cubic_root(q, r, (6 * r - 2 * p - 3 * q - s) / 6, (p - 6 * q + 3 * r + 2 * s) / 6));
 }
 
 /* Two turns between samples: the rate's extremum near sample J reaches past 0 (see the opening). */
 static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error *err)
 {
-    double h = TWO_PI / o->N, p = o->v[(j + o->N - 1) % o->N], q = o->v[j], r = o->v[(j + 1) % o->N];
-    double bend = p - 2 * q + r, shift = bend != 0 ? 0.5 * (p - r) / bend : 0, theta = h * (j + shift), at[3], slope;
+    double h = TWO_PI / o->N, p = o->v[(j + o->N - 1) % o->N], q = o->v[j],
+           r = o->v[(j + 1) % o->N];
+    double bend = p - 2 * q + r, shift = bend != 0 ? 0.5 * (p - r) / bend : 0,
+           theta = h * (j + shift), at[3], slope;
     enum modal_status rc;
     bool positive = q > 0;
 
-    if (fabs(q - 0.125 * (p - r) * (p - r) / (bend != 0 ? bend : 1)) > 0.5 * fabs(q) + 0.25 * fabs(bend))
+    if (fabs(q - 0.125 * (p - r) * (p - r) / (bend != 0 ? bend : 1))
+        > 0.5 * fabs(q) + 0.25 * fabs(bend))
         return MODAL_OK;
     orbit_at(o, theta, at);
     slope = bend / (h * h);
-    for (int i = 0; i < 4 && slope != 0 && (at[1] > 0) == positive; i++) {      /* to the rate's extremum, by chords */
+    /* to the rate's extremum, by chords */
+    for (int i = 0; i < 4 && slope != 0 && (at[1] > 0) == positive; i++) {
         double next = theta - at[2] / slope;
 
         if (fabs(next - h * j) > h || fabs(next - theta) < ROOT_STEP)
@@ -304,7 +324,9 @@ static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error
     if ((at[1] > 0) == positive || at[1] == 0)
         return MODAL_OK;
     rc = add_turn(o, h * (j - 1), theta, 0.5 * (h * (j - 1) + theta), !positive, err);
-    return rc != MODAL_OK ? rc : add_turn(o, theta, h * (j + 1), 0.5 * (h * (j + 1) + theta), positive, err);
+    return rc != MODAL_OK
+               ? rc
+               : add_turn(o, theta, h * (j + 1), 0.5 * (h * (j + 1) + theta), positive, err);
 }
 
 static int by_theta(const void *a, const void *b)
@@ -322,12 +344,14 @@ enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
 
     o->turns = 0;
     for (int j = 0; rc == MODAL_OK && j < o->N; j++) {
-        double v0 = o->v[j], v1 = o->v[j + 1 < o->N ? j + 1 : 0], before = o->v[j > 0 ? j - 1 : o->N - 1];
+        double v0 = o->v[j], v1 = o->v[j + 1 < o->N ? j + 1 : 0],
+               before = o->v[j > 0 ? j - 1 : o->N - 1];
 
         if ((v0 > 0) != (v1 > 0)) {
             if (v0 != v1)
                 rc = add_turn(o, h * j, h * (j + 1), turn_guess(o, j), v1 > 0, err);
-        } else if (fabs(v0) <= fabs(before) && fabs(v0) < fabs(v1) && (before > 0) == (v0 > 0) && v0 != 0) {
+        } else if (fabs(v0) <= fabs(before) && fabs(v0) < fabs(v1) && (before > 0) == (v0 > 0)
+                   && v0 != 0) {
             int had = o->turns;
 
             rc = hidden_turns(o, j, err);
@@ -351,7 +375,8 @@ static struct orbit_end sample_at(const struct orbit *o, long j)
     return (struct orbit_end) { TWO_PI / o->N * (double)j, o->d[i], o->v[i] };
 }
 
-double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit_end to, double level)
+double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit_end to,
+                      double level)
 {
     double h = TWO_PI / o->N;
     long low = (long)ceil(from.theta / h), high = (long)floor(to.theta / h);
@@ -372,7 +397,9 @@ double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit
     h = to.theta - from.theta;
     if (!(h > 0))
         return from.theta;
-    return polish(o, 0, level, from.theta, to.theta, from.theta + h * cubic_root(from.d - level, to.d - level, h * from.v, h * to.v), rising, NULL);
+    return polish(o, 0, level, from.theta, to.theta,
+                  from.theta + h * cubic_root(from.d - level, to.d - level, h * from.v, h * to.v),
+                  rising, NULL);
 }
 
 struct orbit_end orbit_turn_end(const struct orbit *o, int i)

@@ -1,8 +1,10 @@
-/* orbit.h - one periodic motion d(theta), theta = omega t: its harmonics, its samples, and where it turns and crosses
+/* orbit.h - one periodic motion d(theta), theta = omega t: its harmonics, its samples, and where it
+ * turns and crosses
  *
  *     d(theta) = Re sum_{k=0..H} D_k e^{i k theta},  D_0 real                                  (1)
  *
- * Rates here are per radian of theta.  Samples only show where to look: turns and crossings are polished on (1) itself.
+ * Rates here are per radian of theta.  Samples only show where to look: turns and crossings are
+ * polished on (1) itself.
  */
 #ifndef MODAL_ORBIT_H
 #define MODAL_ORBIT_H
@@ -17,7 +19,8 @@ enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_er
 void orbit_grid_free(struct orbit_grid *g);
 int orbit_grid_samples(const struct orbit_grid *g);
 /* x[0..N-1] of harmonics X[0..H], and of their rate, each derivative factor i k. */
-void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative, double *x);
+void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative,
+                      double *x);
 /* X[0..H] of samples x, c_0 = 1, c_k = 2: (1)'s scaling. */
 void orbit_analyze(struct orbit_grid *g, const double *x, int H, double complex *X);
 /* The two-sided G_m = (1/N) sum_j x_j e^{-i m theta_j}, m = 0 .. M, any M: of period N in m. */
@@ -42,19 +45,25 @@ void orbit_done(struct orbit *o);
 /* Samples, and `top`, from the harmonics o->D, which the caller has set. */
 void orbit_sample(struct orbit *o, struct orbit_grid *g, double omega);
 /* a x + b y, of one size, into O. */
-void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b, const struct orbit *y);
+void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b,
+                   const struct orbit *y);
 
 /* (1), its rate and the rate of that at THETA. */
 void orbit_at(const struct orbit *o, double theta, double out[3]);
 /* Fill o->turn. */
 enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err);
 struct orbit_end { double theta, d, v; };                    /* a known instant: v per radian */
-struct orbit_end orbit_turn_end(const struct orbit *o, int i);   /* turn i of this period, i - turns of the next */
-/* The theta between two ends, from before to, where d passes LEVEL; d is monotone there and LEVEL within its ends. */
-double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit_end to, double level);
-/* All crossings of LEVEL, ascending in [0, 2 pi), into theta (room MOST); their number, or -1 if there are more. */
+/* turn i of this period, i - turns of the next */
+struct orbit_end orbit_turn_end(const struct orbit *o, int i);
+/* The theta between two ends, from before to, where d passes LEVEL; d is monotone there and
+ * LEVEL within its ends. */
+double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit_end to,
+                      double level);
+/* All crossings of LEVEL, ascending in [0, 2 pi), into theta (room MOST); their number, or -1 if
+ * there are more. */
 int orbit_crossings(const struct orbit *o, double level, double *theta, int most);
-/* The theta in (from, to) where the rate passes LEVEL, the rate - LEVEL differing in sign at the ends. */
+/* The theta in (from, to) where the rate passes LEVEL, the rate - LEVEL differing in sign at the
+ * ends. */
 double orbit_rate_crossing(const struct orbit *o, double from, double to, double level);
 
 #endif

@@ -1,9 +1,10 @@
 /*
  * periodic_stepper.c - steps of a linear periodic program by Magnus maps, repeated
  *
- * If r periods hold q sample steps (r <= 64), the map of step j serves steps j + q, j + 2 q, ...: after r periods a step
- * is one product.  Sources ride along as extra states (S and P do not depend on time), so maps are the same under any
- * load.  Steps that fit no slot (to and from corners, incommensurate dt) are mapped as they come.
+ * If r periods hold q sample steps (r <= 64), the map of step j serves steps j + q, j + 2 q, ...:
+ * after r periods a step is one product.  Sources ride along as extra states (S and P do not depend
+ * on time), so maps are the same under any load.  Steps that fit no slot (to and from corners,
+ * incommensurate dt) are mapped as they come.
  */
 #include <cblas.h>
 #include <math.h>
@@ -72,7 +73,8 @@ static int slot_of(struct periodic_stepper *s, double t, double h)
 }
 
 /* Rows 0..N-1 of the converged map over [t, t + h] into OUT. */
-static enum modal_status compute(struct periodic_stepper *s, double t, double h, double *out, struct modal_error *err)
+static enum modal_status compute(struct periodic_stepper *s, double t, double h, double *out,
+                                 struct modal_error *err)
 {
     size_t N = (size_t)s->ss->N, size = (size_t)s->magnus->size;
     double error;
@@ -86,7 +88,8 @@ static enum modal_status compute(struct periodic_stepper *s, double t, double h,
     return rc;
 }
 
-static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+static enum modal_status advance(struct stepper *face, double t, double h, double *y,
+                                 struct modal_error *err)
 {
     struct periodic_stepper *s = (struct periodic_stepper *)face;
     int N = s->ss->N, nw = s->src->nw, slot = slot_of(s, t, h);
@@ -108,7 +111,8 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
         sources_at(s->src, t, s->w);
         cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, map, N, y, 1, 0, s->next, 1);
         if (nw > 0)
-            cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, map + (size_t)N * (size_t)N, N, s->w, 1, 1, s->next, 1);
+            cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, map + (size_t)N * (size_t)N, N, s->w,
+                        1, 1, s->next, 1);
         memcpy(y, s->next, (size_t)N * sizeof *y);
         face->products++;
     }
@@ -116,7 +120,8 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return rc;
 }
 
-static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
+                               struct modal_error *err)
 {
     struct periodic_stepper *s = (struct periodic_stepper *)face;
     int N = s->ss->N, nw = s->src->nw;
@@ -145,15 +150,19 @@ static void periodic_free(struct stepper *face)
     free(s);
 }
 
-enum modal_status periodic_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
-                                       struct stepper **out, struct modal_error *err)
+enum modal_status periodic_stepper_new(const struct statespace *ss, const struct sources *src,
+                                       const struct stepper_options *opt, struct stepper **out,
+                                       struct modal_error *err)
 {
     struct periodic_stepper *s = calloc(1, sizeof *s);
     enum modal_status rc;
 
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-    s->face = (struct stepper) { .name = "magnus-maps", .advance = advance, .force = force, .free = periodic_free };
+    s->face = (struct stepper){ .name = "magnus-maps",
+                                .advance = advance,
+                                .force = force,
+                                .free = periodic_free };
     s->ss = ss;
     s->src = src;
     s->dt = opt->dt;
@@ -163,7 +172,9 @@ enum modal_status periodic_stepper_new(const struct statespace *ss, const struct
     s->w = calloc((size_t)src->nw + 1, sizeof *s->w);
     s->next = calloc((size_t)ss->N + 1, sizeof *s->next);
     rc = magnus_new(ss, src, &s->magnus, err);
-    if (rc == MODAL_OK && (s->map = malloc((size_t)s->magnus->size * (size_t)s->magnus->size * sizeof *s->map)) == NULL)
+    if (rc == MODAL_OK
+        && (s->map = malloc((size_t)s->magnus->size * (size_t)s->magnus->size * sizeof *s->map))
+               == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
     if (rc == MODAL_OK && (s->BP == NULL || s->w == NULL || s->next == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");

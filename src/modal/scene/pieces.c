@@ -16,13 +16,15 @@ void pieces_done(struct law_pieces *p)
     *p = (struct law_pieces) { 0 };
 }
 
-enum modal_status pieces_add(struct law_pieces *p, const struct law_piece *piece, struct modal_error *err)
+enum modal_status pieces_add(struct law_pieces *p, const struct law_piece *piece,
+                             struct modal_error *err)
 {
     if (!(piece->to > piece->from))
         return MODAL_OK;                       /* an empty piece is none */
     if (p->count == p->room) {
         int room = p->room > 0 ? 2 * p->room : 32;
-        struct law_piece *more = p->count < PIECES_MOST ? realloc(p->piece, (size_t)room * sizeof *more) : NULL;
+        struct law_piece *more =
+            p->count < PIECES_MOST ? realloc(p->piece, (size_t)room * sizeof *more) : NULL;
 
         if (more == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "pieces: no memory for %d", room);

@@ -2,16 +2,16 @@
  *
  * On the piece from <= theta < to, output i of a law of inputs d_j with rates v_j (per second) is
  *
- *     f_i = level + sum_j gain_j d_j(theta) + damp v_0(theta) + cross d_0(theta) v_0(theta)            (1)
+ *     f_i = level + sum_j gain_j d_j(theta) + damp v_0(theta) + cross d_0(theta) v_0(theta)     (1)
  *
  * and `level` itself depends on the motion, through where a slider was left, as
  *
- *     delta level = sum_j ref_j delta d_j(at).                                                        (2)
+ *     delta level = sum_j ref_j delta d_j(at).                                                  (2)
  *
- * f is continuous from piece to piece, so that moving an event changes f's harmonics to second order only; except at
- * events of rigid friction, where f jumps by `jump` = f(from+) - f(from-) and
+ * f is continuous from piece to piece, so that moving an event changes f's harmonics to second
+ * order only; except at events of rigid friction, where f jumps by `jump` = f(from+) - f(from-) and
  *
- *     delta from = -delta v(from) / v'(from):  `slope` = d v / d theta there, per radian.              (3)
+ *     delta from = -delta v(from) / v'(from):  `slope` = d v / d theta there, per radian.       (3)
  */
 #ifndef MODAL_PIECES_H
 #define MODAL_PIECES_H
@@ -24,7 +24,8 @@ struct law_piece {
     double level, gain[LAW_INPUTS_MOST], damp, cross;
     int slider;                      /* of the law's sliders, whose piece this is; -1: none's */
     bool holds;                      /* a slider stuck: (2) applies, else ref is 0 */
-    bool starts;                     /* `at` is this piece's own `from` (a slider just come to rest) */
+    /* `at` is this piece's own `from` (a slider just come to rest) */
+    bool starts;
     double at, ref[LAW_INPUTS_MOST];
     double jump, slope;              /* (3); jump 0: continuous */
 };
@@ -33,12 +34,14 @@ struct law_pieces {
     int count, room;
     struct law_piece *piece;
     bool acts;                       /* slipped, touched or parted somewhere in the period */
-    bool undetermined;               /* a slider never slips: its place, and so the mean, follows from history alone;
-                                      * the one nearest 0 is taken */
+    /* a slider never slips: its place, and so the mean, follows from history alone; the one nearest
+     * 0 is taken */
+    bool undetermined;
 };
 
 void pieces_clear(struct law_pieces *p);
 void pieces_done(struct law_pieces *p);
-enum modal_status pieces_add(struct law_pieces *p, const struct law_piece *piece, struct modal_error *err);
+enum modal_status pieces_add(struct law_pieces *p, const struct law_piece *piece,
+                             struct modal_error *err);
 
 #endif

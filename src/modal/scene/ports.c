@@ -20,7 +20,8 @@ static int touched(const struct program *p, int *index)
         index[i] = -1;
     for (int h = 0; h < p->harmonics; h++)
         for (int part = 0; part < 6; part++) {
-            const struct sparse *a = part < 3 ? &p->harmonic[h].cosine[part] : &p->harmonic[h].sine[part - 3];
+            const struct sparse *a =
+                part < 3 ? &p->harmonic[h].cosine[part] : &p->harmonic[h].sine[part - 3];
             for (int i = 0; i < a->m; i++)
                 for (int k = a->start[i]; k < a->start[i + 1]; k++)
                     index[i] = index[a->index[k]] = 0;
@@ -51,7 +52,8 @@ static enum modal_status fill_harmonics(struct ports *p, const int *index, struc
     for (int h = 0; h < program->harmonics; h++) {
         p->harmonic[h].k = program->harmonic[h].k;
         for (int i = 0; i < 2; i++) {
-            p->harmonic[h].cosine[i] = spread(&program->harmonic[h].cosine[matrix[i]], index, p->rows);
+            p->harmonic[h].cosine[i] =
+                spread(&program->harmonic[h].cosine[matrix[i]], index, p->rows);
             p->harmonic[h].sine[i] = spread(&program->harmonic[h].sine[matrix[i]], index, p->rows);
             if (p->harmonic[h].cosine[i] == NULL || p->harmonic[h].sine[i] == NULL)
                 return no_memory(err);
@@ -96,7 +98,9 @@ static enum modal_status fill(struct ports *p, const int *index, struct modal_er
         for (int k = 0; k < law->kind->inputs; k++)
             connect(p, channel++, law->dof[k], law->to[k]);
         if (law->memory > LAW_MEMORY_MOST)
-            return modal_fail_field(err, MODAL_TOO_LARGE, "effects", "a law remembers %d numbers; at most %d", law->memory, LAW_MEMORY_MOST);
+            return modal_fail_field(err, MODAL_TOO_LARGE, "effects",
+                                    "a law remembers %d numbers; at most %d", law->memory,
+                                    LAW_MEMORY_MOST);
     }
     for (int i = 0; i < program->n; i++)
         if (index[i] >= 0)
@@ -104,7 +108,8 @@ static enum modal_status fill(struct ports *p, const int *index, struct modal_er
     return fill_harmonics(p, index, err);
 }
 
-enum modal_status ports_new(const struct statespace *ss, struct ports **out, struct modal_error *err)
+enum modal_status ports_new(const struct statespace *ss, struct ports **out,
+                            struct modal_error *err)
 {
     struct ports *p = calloc(1, sizeof *p);
     const struct program *program = ss->p;
@@ -122,7 +127,9 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out, str
         p->U = calloc((size_t)ss->N * (size_t)p->channels + 1, sizeof *p->U);
         p->R = calloc((size_t)ss->N * 2 * (size_t)p->probes + 1, sizeof *p->R);
         p->row_dof = calloc((size_t)p->rows + 1, sizeof *p->row_dof);
-        rc = p->law != NULL && p->U != NULL && p->R != NULL && p->row_dof != NULL ? fill(p, index, err) : no_memory(err);
+        rc = p->law != NULL && p->U != NULL && p->R != NULL && p->row_dof != NULL
+                 ? fill(p, index, err)
+                 : no_memory(err);
     }
     free(index);
     if (rc == MODAL_OK)
@@ -149,8 +156,9 @@ void ports_free(struct ports *p)
     free(p);
 }
 
-enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v, const double *d_before,
-                            const double *memory, double *after, int *regime, struct modal_error *err)
+enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v,
+                            const double *d_before, const double *memory, double *after,
+                            int *regime, struct modal_error *err)
 {
     struct port_law *l = &p->law[law];
     struct law_point at = { t, d, v, d_before, memory };
@@ -163,8 +171,10 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
 }
 
 /* One law's part of ports_force. */
-static enum modal_status law_part(struct ports *p, struct port_law *l, double t, const double *probe, const double *before,
-                                  const double *memory, double *force, double *slope, double *after, struct modal_error *err)
+static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
+                                  const double *probe, const double *before, const double *memory,
+                                  double *force, double *slope, double *after,
+                                  struct modal_error *err)
 {
     int inputs = l->law->kind->inputs, c = l->channel, q = p->probes;
     double scratch[LAW_MEMORY_MOST];
@@ -192,7 +202,8 @@ static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
 }
 
 /* The pulsating rows: f = (C(t) v + K(t) x). */
-static void pulsating_part(struct ports *p, double t, const double *probe, double *force, double *slope)
+static void pulsating_part(struct ports *p, double t, const double *probe, double *force,
+                           double *slope)
 {
     int q = p->probes, rows = p->rows;
 
@@ -202,18 +213,23 @@ static void pulsating_part(struct ports *p, double t, const double *probe, doubl
             for (int i = 0; i < rows; i++) {
                 size_t at = (size_t)i + (size_t)j * (size_t)rows;
                 double damping = c * p->harmonic[h].cosine[0][at] + s * p->harmonic[h].sine[0][at];
-                double stiffness = c * p->harmonic[h].cosine[1][at] + s * p->harmonic[h].sine[1][at];
-                force[p->inputs + i] += stiffness * probe[p->inputs + j] + damping * probe[q + p->inputs + j];
+                double stiffness =
+                    c * p->harmonic[h].cosine[1][at] + s * p->harmonic[h].sine[1][at];
+                force[p->inputs + i] +=
+                    stiffness * probe[p->inputs + j] + damping * probe[q + p->inputs + j];
                 if (slope != NULL) {
-                    slope[(size_t)(p->inputs + i) + (size_t)(p->inputs + j) * (size_t)p->channels] += stiffness;
-                    slope[(size_t)(p->inputs + i) + (size_t)(q + p->inputs + j) * (size_t)p->channels] += damping;
+                    slope[(size_t)(p->inputs + i)
+                          + (size_t)(p->inputs + j) * (size_t)p->channels] += stiffness;
+                    slope[(size_t)(p->inputs + i)
+                          + (size_t)(q + p->inputs + j) * (size_t)p->channels] += damping;
                 }
             }
     }
 }
 
-enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before, const double *memory,
-                              double *force, double *slope, double *after, struct modal_error *err)
+enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before,
+                              const double *memory, double *force, double *slope, double *after,
+                              struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 

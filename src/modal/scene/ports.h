@@ -1,8 +1,8 @@
 /* ports.h - where a nonlinear program's forces act and look: channels of force, probes of motion
  *
- * A channel is one input of a law (force on its dof, the opposite on `to`), or one row of the pulsating stiffness and
- * damping, which beside laws are forces like theirs.  A probe is what they look at: a relative displacement and its rate.
- * Laws are asked here and nowhere else, and counted.
+ * A channel is one input of a law (force on its dof, the opposite on `to`), or one row of the
+ * pulsating stiffness and damping, which beside laws are forces like theirs.  A probe is what they
+ * look at: a relative displacement and its rate. Laws are asked here and nowhere else, and counted.
  */
 #ifndef MODAL_PORTS_H
 #define MODAL_PORTS_H
@@ -24,27 +24,34 @@ struct ports {
     struct port_law *law;
     int channels, probes;        /* of laws first, in their order */
     int memory;                  /* doubles, of all laws */
-    double *U;                   /* N x channels: what a unit of each channel does to y' (minus its force) */
+    /* N x channels: what a unit of each channel does to y' (minus its force) */
+    double *U;
     double *R;                   /* 2 probes x N: displacements, then rates */
-    int rows;                    /* of the pulsating part: channels and probes from `inputs` on, one per dof it touches */
+    /* of the pulsating part: channels and probes from `inputs` on, one per dof it touches */
+    int rows;
     int inputs;                  /* of all laws */
     int *row_dof;                /* rows */
-    struct port_harmonic { int k; double *cosine[2], *sine[2]; } *harmonic;  /* rows x rows: C and K */
+    /* rows x rows: C and K */
+    struct port_harmonic { int k; double *cosine[2], *sine[2]; } *harmonic;
 };
 
-enum modal_status ports_new(const struct statespace *ss, struct ports **out, struct modal_error *err);
+enum modal_status ports_new(const struct statespace *ss, struct ports **out,
+                            struct modal_error *err);
 void ports_free(struct ports *p);
 
 /*
- * Forces of all channels at time t: PROBE holds 2 x probes numbers, BEFORE those at the step's start, MEMORY what the laws
- * remember from there.  FORCE gets channels numbers, SLOPE (channels x 2 probes by columns, or NULL) their derivatives,
- * AFTER (or NULL) the memory there.  A set-valued law gives held * limit.
+ * Forces of all channels at time t: PROBE holds 2 x probes numbers, BEFORE those at the step's
+ * start, MEMORY what the laws remember from there.  FORCE gets channels numbers, SLOPE (channels x
+ * 2 probes by columns, or NULL) their derivatives, AFTER (or NULL) the memory there.  A set-valued
+ * law gives held * limit.
  */
-enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before, const double *memory,
-                              double *force, double *slope, double *after, struct modal_error *err);
+enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before,
+                              const double *memory, double *force, double *slope, double *after,
+                              struct modal_error *err);
 
 /* The same for one law alone; *regime is its smooth piece. */
-enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v, const double *d_before,
-                            const double *memory, double *after, int *regime, struct modal_error *err);
+enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v,
+                            const double *d_before, const double *memory, double *after,
+                            int *regime, struct modal_error *err);
 
 #endif

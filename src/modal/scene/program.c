@@ -1,9 +1,10 @@
 /* program.c - see program.h
  *
- * The hash runs over every number of the program in the order of its declaration, lengths first, doubles by their
- * eight bytes (little-endian hosts), names with their lengths: two programs with one hash step and solve alike.
- * Counters (evaluations, seconds, active) are left out: they are what running a program writes.  Laws enter by their
- * class's name, dofs and memory, and by the text of their effect, which holds all their numbers.
+ * The hash runs over every number of the program in the order of its declaration, lengths first,
+ * doubles by their eight bytes (little-endian hosts), names with their lengths: two programs with
+ * one hash step and solve alike. Counters (evaluations, seconds, active) are left out: they are
+ * what running a program writes.  Laws enter by their class's name, dofs and memory, and by the
+ * text of their effect, which holds all their numbers.
  */
 #include "modal/scene/program.h"
 #include <stdlib.h>
@@ -45,7 +46,8 @@ static void add_sparse(struct sha256 *s, const struct sparse *a)
 
 static void add_load(struct sha256 *s, const struct program_load *load)
 {
-    const double numbers[] = { load->cosine, load->sine, load->amplitude, load->duration, load->start, load->turn };
+    const double numbers[] = { load->cosine,   load->sine,  load->amplitude,
+                               load->duration, load->start, load->turn };
 
     add_int(s, load->dof);
     add_int(s, load->type);
@@ -101,7 +103,8 @@ void program_hash(struct program *p)
 {
     struct sha256 s;
     uint8_t digest[32];
-    const double numbers[] = { p->omega, p->period, p->seen_fixed ? -p->frame_speed : p->frame_speed };
+    const double numbers[] = { p->omega, p->period,
+                               p->seen_fixed ? -p->frame_speed : p->frame_speed };
 
     sha256_init(&s);
     add_int(&s, p->n);
@@ -132,7 +135,9 @@ void program_hash(struct program *p)
 
 enum program_class program_class(const struct program *p)
 {
-    return p->laws > 0 ? PROGRAM_NONLINEAR : p->harmonics > 0 || p->seen_fixed ? PROGRAM_LINEAR_PERIODIC : PROGRAM_LINEAR_CONSTANT;
+    return p->laws > 0                         ? PROGRAM_NONLINEAR
+           : p->harmonics > 0 || p->seen_fixed ? PROGRAM_LINEAR_PERIODIC
+                                               : PROGRAM_LINEAR_CONSTANT;
 }
 
 const char *program_class_name(enum program_class class)

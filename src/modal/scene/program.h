@@ -6,8 +6,8 @@
  *     E z' = A z + Bx x + Bv x' + Ba x''                                                       (2)
  *     M(t) = M_0 + sum_k [ Mc_k cos(k Omega t) + Ms_k sin(k Omega t) ], C and K alike          (3)
  *
- * and its outputs y = Yx x + Yv x' + Ya x'' + Yz z.  Five kinds of things, and no effect's type among them: what a
- * scene does not list has left no trace here.
+ * and its outputs y = Yx x + Yv x' + Ya x'' + Yz z.  Five kinds of things, and no effect's type
+ * among them: what a scene does not list has left no trace here.
  */
 #ifndef MODAL_PROGRAM_H
 #define MODAL_PROGRAM_H
@@ -26,30 +26,43 @@ struct program_harmonic {             /* (3): one k >= 1; the n x n matrices may
 
 struct program_load {                 /* p(t) on one dof */
     int dof;
-    enum program_load_type { LOAD_HARMONIC, LOAD_IMPULSE, LOAD_HALF_SINE, LOAD_ONE_MINUS_COSINE, LOAD_STEP, LOAD_TABLE } type;
+    enum program_load_type {
+        LOAD_HARMONIC,
+        LOAD_IMPULSE,
+        LOAD_HALF_SINE,
+        LOAD_ONE_MINUS_COSINE,
+        LOAD_STEP,
+        LOAD_TABLE
+    } type;
     int k;                            /* HARMONIC: cosine cos(k Omega t) + sine sin(k Omega t) */
     double cosine, sine;
     double amplitude, duration, start;/* pulses; IMPULSE: amplitude in N s at t = start */
     int points;                       /* TABLE: linear between points, 0 outside */
     double *time, *force;
-    int dof_sine;                     /* >= 0: on turning axes, a fixed-frame load p is p cos(frame_speed t) on dof and */
-    double turn;                      /* turn * p sin(frame_speed t) on dof_sine; -1: axes do not turn */
+    /* >= 0: on turning axes, a fixed-frame load p is p cos(frame_speed t) on dof and */
+    int dof_sine;
+    /* turn * p sin(frame_speed t) on dof_sine; -1: axes do not turn */
+    double turn;
 };
 
 struct program_output {               /* one channel of `simulate` */
     char *name;
-    struct triplet *terms;            /* i: 0 x, 1 x', 2 x'', 3 z, j: which, value: coefficient; i + 4: the term times */
+    /* i: 0 x, 1 x', 2 x'', 3 z, j: which, value: coefficient; i + 4: the term times */
+    struct triplet *terms;
     int count;                        /* cos(frame_speed t), i + 8: times sin(frame_speed t) */
 };
 
 struct program_effect {               /* one row of plan.effects, in the scene's order */
     char *type;
     int states;                       /* that it added */
-    char *law_text;                   /* of an effect with laws: its own JSON, for the hash; else NULL */
+    /* of an effect with laws: its own JSON, for the hash; else NULL */
+    char *law_text;
     int64_t evaluations;              /* counted by whoever runs the program */
     double seconds;                   /* evaluations x calibrated unit cost */
     bool active;
-    int carrier;                      /* 1 + the row whose law does this one's work, whose evaluations and activity are its own; 0: none */
+    /* 1 + the row whose law does this one's work, whose evaluations and activity are its own; 0:
+     * none */
+    int carrier;
 };
 
 struct program {
@@ -76,11 +89,12 @@ struct program {
     double *x0, *v0;                  /* initial state */
     double omega, period;             /* rad/s, s; 0: the scene gave none */
     double frame_speed;               /* of turning axes, for outputs in the fixed frame; 0: none */
-    /* On fixed axes about a shaft turning at turn_speed: dof i's other transverse dof and J's sign there, n each, or NULL.
-     * turning.h reads them; they say nothing that the matrices do not. */
+    /* On fixed axes about a shaft turning at turn_speed: dof i's other transverse dof and J's sign
+     * there, n each, or NULL. turning.h reads them; they say nothing that the matrices do not. */
     int *turn_partner;
     double *turn_sign, turn_speed;
-    bool seen_fixed;                  /* on turning axes, its outputs, loads and multipliers those of fixed ones */
+    /* on turning axes, its outputs, loads and multipliers those of fixed ones */
+    bool seen_fixed;
     char hash[65];                    /* SHA-256, hex, over all of the above but counters and
                                          lua_bytes: see program.c */
 };

@@ -1,7 +1,8 @@
 /*
  * quadrature.c - see quadrature.h
  *
- * The points are the roots of P_n by Newton from cos(pi (i + 3/4)/(n + 1/2)), the weights 2/((1 - x^2) P_n'^2).
+ * The points are the roots of P_n by Newton from cos(pi (i + 3/4)/(n + 1/2)), the weights 2/((1 -
+ * x^2) P_n'^2).
  */
 #include "modal/scene/quadrature.h"
 #include <math.h>

@@ -1,8 +1,9 @@
 /*
  * readout.c - see readout.h
  *
- * The rows are put together once over the vector e = (y, q''), so that one product R e reads all channels; terms that
- * turn with cos or sin of frame_speed t have their own matrix.  q'' is formed only where a channel reads accelerations.
+ * The rows are put together once over the vector e = (y, q''), so that one product R e reads all
+ * channels; terms that turn with cos or sin of frame_speed t have their own matrix.  q'' is formed
+ * only where a channel reads accelerations.
  */
 #include "modal/scene/readout.h"
 #include <cblas.h>
@@ -14,13 +15,15 @@
 struct readout {
     const struct statespace *ss;
     int channels, width;             /* width N + n */
-    double *R[3];                    /* channels x width by columns: plain, times cos, times sin; NULL: none */
+    /* channels x width by columns: plain, times cos, times sin; NULL: none */
+    double *R[3];
     bool accelerations;
     double *e, *A;                   /* (y, q''); A(t), where it pulsates and is needed */
 };
 
 /* Output term of quantity q (0 x, 1 x', 2 x'', 3 z) into its row. */
-static void add_term(struct readout *r, int row, int quantity, const struct triplet *term, double *R)
+static void add_term(struct readout *r, int row, int quantity, const struct triplet *term,
+                     double *R)
 {
     const struct statespace *ss = r->ss;
     static const int start[] = { 0, 1, 2 };
@@ -33,7 +36,8 @@ static void add_term(struct readout *r, int row, int quantity, const struct trip
     for (int j = 0; j < n; j++) {
         int column = quantity == 2 ? ss->N + j : start[quantity] * n + j;
         double phi = ss->phi[term->j + (size_t)j * (size_t)n];
-        R[row + (size_t)column * (size_t)r->channels] += term->value * phi / (quantity == 0 ? ss->s[j] : 1);
+        R[row + (size_t)column * (size_t)r->channels] +=
+            term->value * phi / (quantity == 0 ? ss->s[j] : 1);
     }
 }
 
@@ -45,7 +49,9 @@ static enum modal_status fill(struct readout *r, struct modal_error *err)
         for (int k = 0; k < p->output[row].count; k++) {
             const struct triplet *term = &p->output[row].terms[k];
             int turn = term->i / 4, quantity = term->i % 4;
-            if (r->R[turn] == NULL && (r->R[turn] = calloc((size_t)r->channels * (size_t)r->width, sizeof *r->R[turn])) == NULL)
+            if (r->R[turn] == NULL
+                && (r->R[turn] = calloc((size_t)r->channels * (size_t)r->width, sizeof *r->R[turn]))
+                       == NULL)
                 return modal_fail(err, MODAL_NO_MEMORY, "readout: out of memory");
             add_term(r, row, quantity, term, r->R[turn]);
             r->accelerations = r->accelerations || quantity == 2;
@@ -53,7 +59,8 @@ static enum modal_status fill(struct readout *r, struct modal_error *err)
     return MODAL_OK;
 }
 
-enum modal_status readout_new(const struct statespace *ss, struct readout **out, struct modal_error *err)
+enum modal_status readout_new(const struct statespace *ss, struct readout **out,
+                              struct modal_error *err)
 {
     struct readout *r = calloc(1, sizeof *r);
     enum modal_status rc = MODAL_OK;
@@ -107,6 +114,6 @@ void readout_at(struct readout *r, double t, const double *y, const double *F, d
     memset(out, 0, (size_t)r->channels * sizeof *out);
     for (int i = 0; i < 3; i++)
         if (r->R[i] != NULL)
-            cblas_dgemv(CblasColMajor, CblasNoTrans, r->channels, r->accelerations ? r->width : N, factor[i], r->R[i], r->channels,
-                        r->e, 1, 1, out, 1);
+            cblas_dgemv(CblasColMajor, CblasNoTrans, r->channels, r->accelerations ? r->width : N,
+                        factor[i], r->R[i], r->channels, r->e, 1, 1, out, 1);
 }

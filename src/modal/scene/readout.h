@@ -5,12 +5,14 @@
 
 struct readout;
 
-enum modal_status readout_new(const struct statespace *ss, struct readout **out, struct modal_error *err);   /* borrows ss */
+/* borrows ss */
+enum modal_status readout_new(const struct statespace *ss, struct readout **out,
+                              struct modal_error *err);
 void readout_free(struct readout *r);
 
 /*
- * The outputs at time t: Y y, with accelerations from y' = A(t) y + F, F (N numbers) what loads and laws add, or NULL
- * for none.  OUT holds p->outputs numbers.
+ * The outputs at time t: Y y, with accelerations from y' = A(t) y + F, F (N numbers) what loads and
+ * laws add, or NULL for none.  OUT holds p->outputs numbers.
  */
 void readout_at(struct readout *r, double t, const double *y, const double *F, double *out);
 

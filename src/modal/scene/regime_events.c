@@ -1,22 +1,26 @@
 /*
  * regime_events.c - see regime_events.h
  *
- * Between the knots a probe is the Hermite polynomial of its displacements and rates (degree 2 STAGES + 1).  The piece of
- * a law at theta is the regime it reports; of a law with memory, that of its place at theta reached from its memory a moment
- * before, taken back along the rate, so that a slider that has turned round shows.  (Not a moment after: a contact taken to
- * close that much early sets its slider down that much off its place, an error of first order in the step.)  A set-valued
- * law that slips leaves its piece where its rate changes sign, one that sticks where the force that holds it passes its
- * limit: the polynomial of its forces, put right at the start by SHIFT (1 - theta).  One that starts to slip does so at a rate of
- * 0, give or take rounding: it cannot leave a piece that it has not been seen in.
+ * Between the knots a probe is the Hermite polynomial of its displacements and rates (degree 2
+ * STAGES + 1).  The piece of a law at theta is the regime it reports; of a law with memory, that of
+ * its place at theta reached from its memory a moment before, taken back along the rate, so that a
+ * slider that has turned round shows.  (Not a moment after: a contact taken to close that much
+ * early sets its slider down that much off its place, an error of first order in the step.)  A
+ * set-valued law that slips leaves its piece where its rate changes sign, one that sticks where the
+ * force that holds it passes its limit: the polynomial of its forces, put right at the start by
+ * SHIFT (1 - theta).  One that starts to slip does so at a rate of 0, give or take rounding: it
+ * cannot leave a piece that it has not been seen in.
  *
- * The step is looked at in GRID points; the first change against the piece at the first of them is bisected.
+ * The step is looked at in GRID points; the first change against the piece at the first of them is
+ * bisected.
  */
 #include "modal/scene/regime_events.h"
 #include <math.h>
 #include <string.h>
 
 enum { S = COLLOCATION_STAGES, KNOTS = S + 1, TERMS = 2 * KNOTS, INPUTS = LAW_INPUTS_MOST };
-static const double GRID[] = { 1e-4, 0.04, 0.09, 0.16, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.84, 0.92, 1.0, 1.1, 1.2 };
+static const double GRID[] = { 1e-4, 0.04, 0.09, 0.16, 0.25, 0.35, 0.45, 0.55,
+                               0.65, 0.75, 0.84, 0.92, 1.0,  1.1,  1.2 };
 enum { POINTS = sizeof GRID / sizeof *GRID };
 
 struct view {                    /* one law over one step */
@@ -30,7 +34,9 @@ struct view {                    /* one law over one step */
     double start[INPUTS];        /* displacements at the step's start */
     const double *memory, *phi;
     double shift;                /* of a stuck slider's force at theta = 0 */
-    double quiet, blur;          /* a rate of this size may be rounding: its own; of displacements that differ little in a short step */
+    /* a rate of this size may be rounding: its own; of displacements that differ little in a
+     * short step */
+    double quiet, blur;
 };
 
 /* Newton's divided differences on doubled knots: values d and slopes h v. */
@@ -48,8 +54,9 @@ static void interpolate(struct view *view, int input, const double *knots)
     for (int order = 1; order < TERMS; order++) {
         for (int i = 0; i + order < TERMS; i++) {
             double width = view->x[i + order] - view->x[i];
-            difference[i] = width == 0 ? view->h * knots[(size_t)(i / 2) * 2 * (size_t)q + (size_t)(q + at)]
-                                       : (difference[i + 1] - difference[i]) / width;
+            difference[i] =
+                width == 0 ? view->h * knots[(size_t)(i / 2) * 2 * (size_t)q + (size_t)(q + at)]
+                           : (difference[i + 1] - difference[i]) / width;
         }
         a[order] = difference[0];
     }
@@ -75,20 +82,24 @@ static enum modal_status set_valued_piece(const struct view *view, double theta,
 
     if (view->law->held != 0) {
         motion(view, theta, d, v);
-        *piece = v[0] * view->law->held > -view->quiet;      /* one just let go starts at a rate of 0, give or take rounding */
+        /* one just let go starts at a rate of 0, give or take rounding */
+        *piece = v[0] * view->law->held > -view->quiet;
         return MODAL_OK;
     }
     collocation_lagrange(view->c, theta, l);
     for (int j = 0; j < S; j++)
-        force += l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
+        force +=
+            l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
     force += view->shift * (1 - theta);
     *piece = force > limit ? 1 : force < -limit ? -1 : 0;
     return MODAL_OK;
 }
 
-static enum modal_status piece_at(const struct view *view, double theta, int *piece, struct modal_error *err)
+static enum modal_status piece_at(const struct view *view, double theta, int *piece,
+                                  struct modal_error *err)
 {
-    double d[INPUTS], v[INPUTS], before[INPUTS], turned[1024], unused[1024], moment = 2e-5 * view->h;
+    double d[INPUTS], v[INPUTS], before[INPUTS], turned[1024], unused[1024],
+        moment = 2e-5 * view->h;
     double t = view->t + theta * view->h;
     int regime;
     enum modal_status rc;
@@ -97,16 +108,19 @@ static enum modal_status piece_at(const struct view *view, double theta, int *pi
         return set_valued_piece(view, theta, piece);
     motion(view, theta, d, v);
     if (view->law->law->memory == 0)
-        return ports_law(view->p, view->index, t, d, v, view->start, view->memory, unused, piece, err);
+        return ports_law(view->p, view->index, t, d, v, view->start, view->memory, unused, piece,
+                         err);
     for (int i = 0; i < view->law->law->kind->inputs; i++)
         before[i] = d[i] - moment * v[i];
-    rc = ports_law(view->p, view->index, t, before, v, view->start, view->memory, turned, &regime, err);
+    rc = ports_law(view->p, view->index, t, before, v, view->start, view->memory, turned, &regime,
+                   err);
     if (rc == MODAL_OK)
         rc = ports_law(view->p, view->index, t, d, v, before, turned, unused, piece, err);
     return rc;
 }
 
-static enum modal_status bisect(const struct view *view, int piece, double low, double high, double *theta, struct modal_error *err)
+static enum modal_status bisect(const struct view *view, int piece, double low, double high,
+                                double *theta, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -131,12 +145,14 @@ static double shift_of(const struct view *view, double hold)
         return 0;
     collocation_lagrange(view->c, 0, l);
     for (int j = 0; j < S; j++)
-        force += l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
+        force +=
+            l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
     return hold - force;
 }
 
 /* A slider is known to be in its piece; one that slips, where its rate says so. */
-static enum modal_status find_in_set_valued(struct view *view, double limit, double *theta, struct modal_error *err)
+static enum modal_status find_in_set_valued(struct view *view, double limit, double *theta,
+                                            struct modal_error *err)
 {
     int own = view->law->held != 0, now = own;
     bool seen = !own;
@@ -160,7 +176,8 @@ static enum modal_status find_in_set_valued(struct view *view, double limit, dou
     return rc;
 }
 
-static enum modal_status find_in(struct view *view, double limit, double *theta, struct modal_error *err)
+static enum modal_status find_in(struct view *view, double limit, double *theta,
+                                 struct modal_error *err)
 {
     int first, now;
     enum modal_status rc;
@@ -177,8 +194,9 @@ static enum modal_status find_in(struct view *view, double limit, double *theta,
     return rc;
 }
 
-enum modal_status events_find(struct ports *p, const struct collocation *c, double t, double h, const double *knots, const double *phi,
-                              const double *memory, const double *quiet, const double *blur, const double *hold,
+enum modal_status events_find(struct ports *p, const struct collocation *c, double t, double h,
+                              const double *knots, const double *phi, const double *memory,
+                              const double *quiet, const double *blur, const double *hold,
                               double limit, struct event *out, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -186,8 +204,16 @@ enum modal_status events_find(struct ports *p, const struct collocation *c, doub
     *out = (struct event) { HUGE_VAL, -1 };
     for (int i = 0; i < p->laws && rc == MODAL_OK; i++) {
         const struct law *law = p->law[i].law;
-        struct view view = { .p = p, .c = c, .law = &p->law[i], .index = i, .t = t, .h = h, .memory = memory + p->law[i].memory, .phi = phi,
-                             .quiet = quiet[p->law[i].channel], .blur = blur[p->law[i].channel] / h };
+        struct view view = { .p = p,
+                             .c = c,
+                             .law = &p->law[i],
+                             .index = i,
+                             .t = t,
+                             .h = h,
+                             .memory = memory + p->law[i].memory,
+                             .phi = phi,
+                             .quiet = quiet[p->law[i].channel],
+                             .blur = blur[p->law[i].channel] / h };
         double theta;
         if (law->kind->smooth || law->kind->restart != NULL)
             continue;

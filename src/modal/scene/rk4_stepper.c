@@ -1,12 +1,15 @@
 /*
- * rk4_stepper.c - the classical Runge-Kutta steps of every class of program: what accuracy costs without knowing the scene
+ * rk4_stepper.c - the classical Runge-Kutta steps of every class of program: what accuracy costs
+ * without knowing the scene
  *
- *     k1 = F(t, y), k2 = F(t + h/2, y + h k1/2), k3 = F(t + h/2, y + h k2/2), k4 = F(t + h, y + h k3),
- *     y + h (k1 + 2 k2 + 2 k3 + k4) / 6,   error O(h^4),                                                (1)
+ *     k1 = F(t, y), k2 = F(t + h/2, y + h k1/2), k3 = F(t + h/2, y + h k2/2),
+ *     k4 = F(t + h, y + h k3),
+ *     y + h (k1 + 2 k2 + 2 k3 + k4) / 6,   error O(h^4),                                        (1)
  *
- * F = A(t) y + B P w(t) + U f: every effect is evaluated four times a step, none is exact, and steps longer than 2.8 over the
- * highest frequency grow without bound.  It is the peer that the trade-off is measured against; laws with memory are
- * asked from the step's start, rigid sliders take the sign of their rate.
+ * F = A(t) y + B P w(t) + U f: every effect is evaluated four times a step, none is exact, and
+ * steps longer than 2.8 over the highest frequency grow without bound.  It is the peer that the
+ * trade-off is measured against; laws with memory are asked from the step's start, rigid sliders
+ * take the sign of their rate.
  */
 #include <cblas.h>
 #include <math.h>
@@ -24,7 +27,8 @@ struct rk4_stepper {
 };
 
 /* U f of the laws at (t, y) added to OUT; AFTER (or NULL) gets their memory. */
-static enum modal_status add_laws(struct rk4_stepper *s, double t, const double *y, double *after, double *out, struct modal_error *err)
+static enum modal_status add_laws(struct rk4_stepper *s, double t, const double *y, double *after,
+                                  double *out, struct modal_error *err)
 {
     struct ports *p = s->ports;
     int r = 2 * p->probes, N = s->ss->N;
@@ -35,14 +39,16 @@ static enum modal_status add_laws(struct rk4_stepper *s, double t, const double 
     cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, p->R, r, y, 1, 0, s->probe, 1);
     for (int l = 0; l < p->laws; l++)
         if (p->law[l].law->kind->set_valued)
-            p->law[l].held = (s->probe[p->probes + p->law[l].channel] > 0) - (s->probe[p->probes + p->law[l].channel] < 0);
+            p->law[l].held = (s->probe[p->probes + p->law[l].channel] > 0)
+                             - (s->probe[p->probes + p->law[l].channel] < 0);
     rc = ports_force(p, t, s->probe, s->before, s->memory, s->force, NULL, after, err);
     cblas_dgemv(CblasColMajor, CblasNoTrans, N, p->channels, 1, p->U, N, s->force, 1, 1, out, 1);
     return rc;
 }
 
 /* F of (1). */
-static enum modal_status derivative(struct rk4_stepper *s, double t, const double *y, double *out, struct modal_error *err)
+static enum modal_status derivative(struct rk4_stepper *s, double t, const double *y, double *out,
+                                    struct modal_error *err)
 {
     int N = s->ss->N, nw = s->src->nw;
 
@@ -53,7 +59,8 @@ static enum modal_status derivative(struct rk4_stepper *s, double t, const doubl
     return add_laws(s, t, y, NULL, out, err);
 }
 
-static enum modal_status one_step(struct rk4_stepper *s, double t, double h, double *y, struct modal_error *err)
+static enum modal_status one_step(struct rk4_stepper *s, double t, double h, double *y,
+                                  struct modal_error *err)
 {
     static const double reach[4] = { 0, 0.5, 0.5, 1 }, weight[4] = { 1, 2, 2, 1 };
     int N = s->ss->N, r = 2 * s->ports->probes;
@@ -68,7 +75,8 @@ static enum modal_status one_step(struct rk4_stepper *s, double t, double h, dou
         memcpy(s->y, y, (size_t)N * sizeof *y);
         if (i > 0)
             cblas_daxpy(N, reach[i] * h, k, 1, s->y, 1);
-        rc = derivative(s, i == 3 ? nextafter(end, t) : end, s->y, k, err);      /* a corner at the end is the next step's */
+        /* a corner at the end is the next step's */
+        rc = derivative(s, i == 3 ? nextafter(end, t) : end, s->y, k, err);
         cblas_daxpy(N, weight[i], k, 1, sum, 1);
     }
     cblas_daxpy(N, h / 6, sum, 1, y, 1);
@@ -80,7 +88,8 @@ static enum modal_status one_step(struct rk4_stepper *s, double t, double h, dou
     return rc;
 }
 
-static enum modal_status advance(struct stepper *face, double t, double h, double *y, struct modal_error *err)
+static enum modal_status advance(struct stepper *face, double t, double h, double *y,
+                                 struct modal_error *err)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
     int steps = (int)fmin(1e9, fmax(1, ceil(h / s->step - 1e-9)));
@@ -95,7 +104,8 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return rc;
 }
 
-static enum modal_status force(struct stepper *face, double t, const double *y, double *F, struct modal_error *err)
+static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
+                               struct modal_error *err)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
     int N = s->ss->N, nw = s->src->nw, r = 2 * s->ports->probes;
@@ -130,17 +140,32 @@ static void rk4_free(struct stepper *face)
     free(s);
 }
 
-enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sources *src, const struct stepper_options *opt,
-                                  struct stepper **out, struct modal_error *err)
+enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sources *src,
+                                  const struct stepper_options *opt, struct stepper **out,
+                                  struct modal_error *err)
 {
     struct rk4_stepper *s = calloc(1, sizeof *s);
-    enum modal_status rc = s != NULL ? ports_new(ss, &s->ports, err) : modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    enum modal_status rc = s != NULL ? ports_new(ss, &s->ports, err)
+                                     : modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
 
     if (rc == MODAL_OK) {
         size_t N = (size_t)ss->N, r = 2 * (size_t)s->ports->probes, m = (size_t)s->ports->memory;
-        struct { double **x; size_t count; } all[] = { { &s->w, (size_t)src->nw }, { &s->k, 2 * N }, { &s->y, N }, { &s->probe, r }, { &s->before, r },
-                                                       { &s->memory, m }, { &s->after, m }, { &s->force, (size_t)s->ports->channels } };
-        s->face = (struct stepper) { .name = "rk4", .advance = advance, .force = force, .report = report, .free = rk4_free };
+        struct {
+            double **x;
+            size_t count;
+        } all[] = { { &s->w, (size_t)src->nw },
+                    { &s->k, 2 * N },
+                    { &s->y, N },
+                    { &s->probe, r },
+                    { &s->before, r },
+                    { &s->memory, m },
+                    { &s->after, m },
+                    { &s->force, (size_t)s->ports->channels } };
+        s->face = (struct stepper){ .name = "rk4",
+                                    .advance = advance,
+                                    .force = force,
+                                    .report = report,
+                                    .free = rk4_free };
         s->ss = ss;
         s->src = src;
         s->step = opt->dt / (opt->substeps > 0 ? opt->substeps : 1);

@@ -1,9 +1,9 @@
 /*
  * scene.c - see scene.h
  *
- * One pass in a fixed order: the structure, the effects as listed, excitation, initial state, sensors; then the
- * entries become compressed matrices and the program is checked as a whole: its mass is positive definite (banded
- * Cholesky) and its period fits every harmonic.
+ * One pass in a fixed order: the structure, the effects as listed, excitation, initial state,
+ * sensors; then the entries become compressed matrices and the program is checked as a whole: its
+ * mass is positive definite (banded Cholesky) and its period fits every harmonic.
  */
 #include "modal/scene/scene.h"
 #include <lapacke.h>
@@ -14,11 +14,13 @@
 #include "modal/scene/loads.h"
 #include "modal/scene/lowering.h"
 
-/* Of duration / dt: both decimals are off their doubles by DBL_EPSILON / 2, their quotient by as many;
- * a thousandfold of it is still far below half a step of the longest record. */
+/* Of duration / dt: both decimals are off their doubles by DBL_EPSILON / 2, their quotient by as
+ * many; a thousandfold of it is still far below half a step of the longest record. */
 static const double QUOTIENT_ROUNDING = 1e-12;
-static const double STEP_ROUNDING = 1e-9;      /* steps: of a record of few samples, written with few digits */
-static const double CYCLE_ROUNDING = 1e-9;     /* of a period's cycles: period and omega with ten digits */
+/* steps: of a record of few samples, written with few digits */
+static const double STEP_ROUNDING = 1e-9;
+/* of a period's cycles: period and omega with ten digits */
+static const double CYCLE_ROUNDING = 1e-9;
 
 static enum modal_status no_memory(struct modal_error *err)
 {
@@ -39,7 +41,8 @@ static const struct scene_structure_kind *find_structure(const char *name)
     return NULL;
 }
 
-static enum modal_status lower_structure(struct lowering *l, const cJSON *json, struct modal_error *err)
+static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
+                                         struct modal_error *err)
 {
     const char *type = NULL;
     char list[256] = "";
@@ -47,13 +50,16 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json, 
     enum modal_status rc;
 
     if (!cJSON_IsObject(json))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure", "a scene needs an object \"structure\"");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure",
+                                "a scene needs an object \"structure\"");
     if ((rc = json_need_string(json, "structure", "type", &type, err)) != MODAL_OK)
         return rc;
     if ((l->structure = find_structure(type)) == NULL) {
         for (int i = 0; scene_structures[i] != NULL; i++)
-            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "", scene_structures[i]->name);
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.type", "unknown structure \"%.40s\"; accepted: %s", type, list);
+            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
+                     scene_structures[i]->name);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.type",
+                                "unknown structure \"%.40s\"; accepted: %s", type, list);
     }
     if ((values = values_new(l->structure->size)) == NULL)
         return no_memory(err);
@@ -76,8 +82,10 @@ static bool takes(const struct scene_effect_kind *kind, const char *structure)
 }
 
 /* The row of TABLE called TYPE, if the structure takes it. */
-static enum modal_status find_effect(const struct lowering *l, const struct scene_effect_kind *const *table, const char *type,
-                                     const char *path, const struct scene_effect_kind **kind, struct modal_error *err)
+static enum modal_status find_effect(const struct lowering *l,
+                                     const struct scene_effect_kind *const *table, const char *type,
+                                     const char *path, const struct scene_effect_kind **kind,
+                                     struct modal_error *err)
 {
     char where[128], list[448] = "";
     bool known = false;
@@ -91,11 +99,14 @@ static enum modal_status find_effect(const struct lowering *l, const struct scen
             *kind = table[i];
             return MODAL_OK;
         }
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", list[0] ? ", " : "", table[i]->name);
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", list[0] ? ", " : "",
+                 table[i]->name);
     }
     json_path(where, path, "type");
-    return modal_fail_field(err, MODAL_BAD_INPUT, where, known ? "a %2$s takes no \"%1$.40s\"; accepted: %3$s"
-                            : "unknown effect \"%1$.40s\" for a %2$s; accepted: %3$s", type, l->structure->name, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                            known ? "a %2$s takes no \"%1$.40s\"; accepted: %3$s"
+                                  : "unknown effect \"%1$.40s\" for a %2$s; accepted: %3$s",
+                            type, l->structure->name, list);
 }
 
 /* Everything that an effect can have written, counted. */
@@ -114,8 +125,8 @@ static int written(const struct lowering *l)
 }
 
 /* `dof` and `to` of a local effect, with which its values begin, are two places. */
-static enum modal_status check_ends(const struct scene_effect_kind *kind, const struct scene_effect *e,
-                                    struct modal_error *err)
+static enum modal_status check_ends(const struct scene_effect_kind *kind,
+                                    const struct scene_effect *e, struct modal_error *err)
 {
     const struct local_ends *at = e->values;
     char where[128];
@@ -145,8 +156,9 @@ static enum modal_status lower_kind(struct lowering *l, const struct scene_effec
     return rc;
 }
 
-static enum modal_status lower_effect(struct lowering *l, const struct scene_effect_kind *const *table, const cJSON *json, int position,
-                                      struct modal_error *err)
+static enum modal_status lower_effect(struct lowering *l,
+                                      const struct scene_effect_kind *const *table,
+                                      const cJSON *json, int position, struct modal_error *err)
 {
     char path[32];
     struct program_effect *row = &l->p->effect[l->p->effects];
@@ -166,18 +178,21 @@ static enum modal_status lower_effect(struct lowering *l, const struct scene_eff
         return no_memory(err);
     l->effect = l->p->effects++;
     rc = lower_kind(l, kind, &(struct scene_effect) { json, path, l->effect, NULL }, err);
-    if (rc == MODAL_OK && (l->p->laws > laws || row->carrier > 0) && (row->law_text = json_print(json)) == NULL)
+    if (rc == MODAL_OK && (l->p->laws > laws || row->carrier > 0)
+        && (row->law_text = json_print(json)) == NULL)
         rc = no_memory(err);
-    row->active = written(l) > before && l->p->laws == laws;   /* laws say so themselves, when they act */
+    /* laws say so themselves, when they act */
+    row->active = written(l) > before && l->p->laws == laws;
     l->effect = -1;
     return rc;
 }
 
-static enum modal_status lower_effects(struct lowering *l, const cJSON *list, const struct scene_options *options,
-                               struct modal_error *err)
+static enum modal_status lower_effects(struct lowering *l, const cJSON *list,
+                                       const struct scene_options *options, struct modal_error *err)
 {
     const cJSON *item;
-    const struct scene_effect_kind *const *table = options != NULL && options->effects != NULL ? options->effects : scene_effects;
+    const struct scene_effect_kind *const *table =
+        options != NULL && options->effects != NULL ? options->effects : scene_effects;
     int position = 0, count;
     enum modal_status rc = MODAL_OK;
 
@@ -185,7 +200,8 @@ static enum modal_status lower_effects(struct lowering *l, const cJSON *list, co
         return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "effects must be a list");
     count = list != NULL ? cJSON_GetArraySize(list) : 0;
     if (count > SCENE_EFFECTS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "effects", "a scene lists %d effects; at most %d", count, SCENE_EFFECTS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "effects",
+                                "a scene lists %d effects; at most %d", count, SCENE_EFFECTS_MOST);
     if ((l->p->effect = calloc((size_t)count + 1, sizeof *l->p->effect)) == NULL)
         return no_memory(err);
     cJSON_ArrayForEach(item, list) {
@@ -209,20 +225,24 @@ static const struct scene_key initial_keys[] = {
 };
 
 /* LIST, the member KEY of `initial`, into X. */
-static enum modal_status read_state(const struct program *p, const cJSON *list, const char *key, double *x, struct modal_error *err)
+static enum modal_status read_state(const struct program *p, const cJSON *list, const char *key,
+                                    double *x, struct modal_error *err)
 {
     const cJSON *item;
     char path[128], base[32];
 
     snprintf(base, sizeof base, "initial.%s", key);
     if (list != NULL && !cJSON_IsObject(list))
-        return modal_fail_field(err, MODAL_BAD_INPUT, base, "%s must be an object: numbers by dof name", base);
+        return modal_fail_field(err, MODAL_BAD_INPUT, base,
+                                "%s must be an object: numbers by dof name", base);
     cJSON_ArrayForEach(item, list) {
         int dof = program_dof(p, item->string);
         json_path(path, base, item->string);
         if (dof < 0)
-            return modal_fail_field(err, MODAL_BAD_INPUT, path, "no dof \"%.40s\" in this structure; its dofs run from %s to %s", item->string,
-                                    p->dofs[0], p->dofs[p->n - 1]);
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, path,
+                "no dof \"%.40s\" in this structure; its dofs run from %s to %s", item->string,
+                p->dofs[0], p->dofs[p->n - 1]);
         if (!cJSON_IsNumber(item))
             return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a number", path);
         x[dof] = item->valuedouble;
@@ -230,7 +250,8 @@ static enum modal_status read_state(const struct program *p, const cJSON *list, 
     return MODAL_OK;
 }
 
-static enum modal_status read_initial(struct program *p, const cJSON *initial, struct modal_error *err)
+static enum modal_status read_initial(struct program *p, const cJSON *initial,
+                                      struct modal_error *err)
 {
     static const struct scene_key *const tables[] = { initial_keys, NULL };
     struct initial at = { 0 };
@@ -257,8 +278,9 @@ static const struct scene_key dof_sensor_keys[] = {
       .example = "\"x1\"" },
     { "derivative", SCENE_WHOLE, offsetof(struct dof_sensor, derivative), "", 0, 2,
       .means = "in time: displacement, velocity, acceleration", .example = "2" },
-    { "name", SCENE_TEXT, offsetof(struct dof_sensor, name), .otherwise = "the dof's, with _dot or _ddot",
-      .means = "of the channel", .example = "\"gauge\"" },
+    { "name", SCENE_TEXT, offsetof(struct dof_sensor, name),
+      .otherwise = "the dof's, with _dot or _ddot", .means = "of the channel",
+      .example = "\"gauge\"" },
     { 0 },
 };
 static const struct scene_table dof_sensors[] = {
@@ -267,7 +289,8 @@ static const struct scene_table dof_sensors[] = {
 };
 
 /* A channel is called after its dof, with _dot or _ddot for rates and accelerations. */
-static enum modal_status dof_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out, struct modal_error *err)
+static enum modal_status dof_sensor(struct lowering *l, const cJSON *json, const char *path,
+                                    struct program_output *out, struct modal_error *err)
 {
     char text[96], where[128];
     struct dof_sensor s = { 0 };
@@ -292,15 +315,18 @@ static void turn_initial(const struct lowering *l)
         p->v0[i] -= p->turn_speed * l->turn_sign[i] * p->x0[l->turn_partner[i]];
 }
 
-static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const char *path, struct modal_error *err)
+static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const char *path,
+                                    struct modal_error *err)
 {
     struct program_output *out = &l->p->output[l->p->outputs++];
 
     if (!cJSON_IsObject(json))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
     const cJSON *dof = cJSON_GetObjectItemCaseSensitive(json, "dof");
-    if (l->structure->sensor != NULL && (dof == NULL || l->p->seen_fixed || cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL
-                                         || (cJSON_IsString(dof) && program_dof(l->p, dof->valuestring) < 0)))
+    if (l->structure->sensor != NULL
+        && (dof == NULL || l->p->seen_fixed
+            || cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL
+            || (cJSON_IsString(dof) && program_dof(l->p, dof->valuestring) < 0)))
         return l->structure->sensor(l, json, path, out, err);
     return dof_sensor(l, json, path, out, err);
 }
@@ -309,13 +335,17 @@ static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const
 static enum modal_status sense_dof(struct lowering *l, int i, struct modal_error *err)
 {
     cJSON *json = cJSON_CreateObject();
-    enum modal_status rc = json != NULL && cJSON_AddStringToObject(json, "dof", l->p->dofs[i]) != NULL ? add_sensor(l, json, "sensors", err) : no_memory(err);
+    enum modal_status rc =
+        json != NULL && cJSON_AddStringToObject(json, "dof", l->p->dofs[i]) != NULL
+            ? add_sensor(l, json, "sensors", err)
+            : no_memory(err);
 
     cJSON_Delete(json);
     return rc;
 }
 
-static enum modal_status read_sensors(struct lowering *l, const cJSON *list, struct modal_error *err)
+static enum modal_status read_sensors(struct lowering *l, const cJSON *list,
+                                      struct modal_error *err)
 {
     const cJSON *item;
     struct program *p = l->p;
@@ -327,7 +357,8 @@ static enum modal_status read_sensors(struct lowering *l, const cJSON *list, str
         return modal_fail_field(err, MODAL_BAD_INPUT, "sensors", "sensors must be a list");
     count = list != NULL ? cJSON_GetArraySize(list) : p->n;
     if (count > LOWERING_DOFS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "sensors", "a scene lists %d sensors; at most %d", count, LOWERING_DOFS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "sensors",
+                                "a scene lists %d sensors; at most %d", count, LOWERING_DOFS_MOST);
     if ((p->output = calloc((size_t)count + 1, sizeof *p->output)) == NULL)
         return no_memory(err);
     for (int i = 0; list == NULL && i < p->n && rc == MODAL_OK; i++)
@@ -340,8 +371,10 @@ static enum modal_status read_sensors(struct lowering *l, const cJSON *list, str
     return rc;
 }
 
-/* Entries into compressed rows; no entries: an empty matrix of m = 0, but for M, C, K themselves. */
-static enum modal_status compress(const struct lowering_entries *e, int m, int n, bool always, struct sparse *out, struct modal_error *err)
+/* Entries into compressed rows; no entries: an empty matrix of m = 0, but for M, C, K
+ * themselves. */
+static enum modal_status compress(const struct lowering_entries *e, int m, int n, bool always,
+                                  struct sparse *out, struct modal_error *err)
 {
     if (e->count == 0 && !always)
         return MODAL_OK;
@@ -361,9 +394,11 @@ static enum modal_status compress_harmonics(struct lowering *l, struct modal_err
     for (int h = 0; h < l->harmonics; h++) {
         p->harmonic[h].k = l->harmonic[h].k;
         for (int i = 0; i < 3 && rc == MODAL_OK; i++) {
-            rc = compress(&l->harmonic[h].cosine[i], p->n, p->n, false, &p->harmonic[h].cosine[i], err);
+            rc = compress(&l->harmonic[h].cosine[i], p->n, p->n, false, &p->harmonic[h].cosine[i],
+                          err);
             if (rc == MODAL_OK)
-                rc = compress(&l->harmonic[h].sine[i], p->n, p->n, false, &p->harmonic[h].sine[i], err);
+                rc = compress(&l->harmonic[h].sine[i], p->n, p->n, false, &p->harmonic[h].sine[i],
+                              err);
         }
     }
     return rc;
@@ -380,8 +415,9 @@ static enum modal_status compress_all(struct lowering *l, struct modal_error *er
     if (rc == MODAL_OK)
         rc = compress_harmonics(l, err);
     for (int i = 0; i < LOWER_BLOCKS && rc == MODAL_OK && p->n_linear > 0; i++)
-        rc = compress(&l->block[i], i == LOWER_F ? p->n : p->n_linear, i == LOWER_E || i == LOWER_A || i == LOWER_F ? p->n_linear : p->n,
-                      true, block[i], err);
+        rc = compress(&l->block[i], i == LOWER_F ? p->n : p->n_linear,
+                      i == LOWER_E || i == LOWER_A || i == LOWER_F ? p->n_linear : p->n, true,
+                      block[i], err);
     return rc;
 }
 
@@ -400,16 +436,18 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
         return no_memory(err);
     for (int i = 0; i < M->m; i++)
         for (int k = M->start[i]; k < M->start[i + 1]; k++)
-            if (M->index[k] >= i)                     /* upper: entry (i, j) at [b + i - j + j (b + 1)] */
-                band[(size_t)(b + i - M->index[k]) + (size_t)M->index[k] * (size_t)(b + 1)] = M->value[k];
+            /* upper: entry (i, j) at [b + i - j + j (b + 1)] */
+            if (M->index[k] >= i)
+                band[(size_t)(b + i - M->index[k]) + (size_t)M->index[k] * (size_t)(b + 1)] =
+                    M->value[k];
     info = LAPACKE_dpbtrf(LAPACK_COL_MAJOR, 'U', p->n, b, band, b + 1);
     free(band);
     if (info == 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT,
-                            json_member(json_member(l->scene, "structure"), "M") != NULL ? "structure.M" : "structure",
-                            "the mass matrix is not positive definite (at dof %s)",
-                            p->dofs[info > 0 ? info - 1 : 0]);
+    return modal_fail_field(
+        err, MODAL_BAD_INPUT,
+        json_member(json_member(l->scene, "structure"), "M") != NULL ? "structure.M" : "structure",
+        "the mass matrix is not positive definite (at dof %s)", p->dofs[info > 0 ? info - 1 : 0]);
 }
 
 /* A period must hold a whole number of cycles of every harmonic. */
@@ -418,8 +456,11 @@ static enum modal_status check_period(const struct program *p, struct modal_erro
     for (int h = 0; h < p->harmonics && p->period > 0; h++) {
         double cycles = p->harmonic[h].k * p->omega * p->period / (2 * M_PI);
         if (!(fabs(cycles - round(cycles)) <= CYCLE_ROUNDING * cycles) || round(cycles) < 1)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "period", "the period %g s holds %.10g cycles of the scene's harmonic %d of omega = %g rad/s; "
-                                    "it must hold a whole number", p->period, cycles, p->harmonic[h].k, p->omega);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "period",
+                                    "the period %g s holds %.10g cycles of the scene's harmonic %d "
+                                    "of omega = %g rad/s; "
+                                    "it must hold a whole number",
+                                    p->period, cycles, p->harmonic[h].k, p->omega);
     }
     return MODAL_OK;
 }
@@ -430,17 +471,19 @@ static const struct scene_key time_keys[] = {
     { "dt", SCENE_NUMBER, offsetof(struct time_keys, dt), "s", SCENE_POSITIVE, SCENE_LARGE,
       .otherwise = "none: simulating needs it", .means = "between samples", .example = "0.01" },
     { "duration", SCENE_NUMBER, offsetof(struct time_keys, duration), "s", 0, SCENE_LARGE,
-      .otherwise = "none: simulating needs it or periods", .means = "of the record: duration/dt + 1 samples",
-      .example = "2" },
+      .otherwise = "none: simulating needs it or periods",
+      .means = "of the record: duration/dt + 1 samples", .example = "2" },
     { "periods", SCENE_NUMBER, offsetof(struct time_keys, periods), "", 0, SCENE_LARGE,
-      .otherwise = "duration", .means = "the record's length in the scene's periods", .example = "10" },
+      .otherwise = "duration", .means = "the record's length in the scene's periods",
+      .example = "10" },
     { "start", SCENE_NUMBER, offsetof(struct time_keys, start), "s", 0, SCENE_LARGE,
       .means = "of the record; the motion begins at 0", .example = "1" },
     { 0 },
 };
 
 /* What stands in `time`, whoever will read it: 0 where it does not. */
-static enum modal_status read_time(const cJSON *json, struct time_keys *out, struct modal_error *err)
+static enum modal_status read_time(const cJSON *json, struct time_keys *out,
+                                   struct modal_error *err)
 {
     static const struct scene_key *const tables[] = { time_keys, NULL };
 
@@ -455,10 +498,11 @@ struct scene_keys {
 
 static const struct scene_key scene_keys[] = {
     { "units", SCENE_TEXT, offsetof(struct scene_keys, units), .otherwise = "SI",
-      .means = "kept as provenance, never converted: one consistent system", .example = "\"ft, slug, s\"" },
-    { "omega", SCENE_NUMBER, offsetof(struct scene_keys, omega), "rad/s", SCENE_POSITIVE, SCENE_LARGE,
-      .otherwise = "a shaft's speed, else none", .means = "of harmonics in excitation and effects",
-      .example = "3" },
+      .means = "kept as provenance, never converted: one consistent system",
+      .example = "\"ft, slug, s\"" },
+    { "omega", SCENE_NUMBER, offsetof(struct scene_keys, omega), "rad/s", SCENE_POSITIVE,
+      SCENE_LARGE, .otherwise = "a shaft's speed, else none",
+      .means = "of harmonics in excitation and effects", .example = "3" },
     { "period", SCENE_NUMBER, offsetof(struct scene_keys, period), "s", SCENE_POSITIVE, SCENE_LARGE,
       .otherwise = "2 pi / omega", .means = "of the system; whole cycles of each harmonic of omega",
       .example = "2.0943951023931953" },
@@ -474,7 +518,8 @@ static const struct scene_key scene_keys[] = {
     { "sensors", SCENE_OWN, offsetof(struct scene_keys, sensors), .otherwise = "all dofs",
       .means = "a list of what is recorded", .example = "[{\"dof\": \"x1\"}]" },
     { "time", SCENE_OWN, offsetof(struct scene_keys, time), .otherwise = "none",
-      .members = time_keys, .means = "of the record that simulating makes", .example = "{\"dt\": 0.01}" },
+      .members = time_keys, .means = "of the record that simulating makes",
+      .example = "{\"dt\": 0.01}" },
     { "steady", SCENE_OWN, offsetof(struct scene_keys, steady), .otherwise = "the method's",
       .means = "options of the steady state", .example = "{}" },
     { 0 },
@@ -487,8 +532,8 @@ static enum modal_status check_time(const cJSON *json, struct modal_error *err)
     return json != NULL ? read_time(json, &t, err) : MODAL_OK;
 }
 
-static enum modal_status read_scene(struct lowering *l, const cJSON *scene, const struct scene_options *options,
-                               struct modal_error *err)
+static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
+                                    const struct scene_options *options, struct modal_error *err)
 {
     static const struct scene_key *const tables[] = { scene_keys, NULL };
     struct scene_keys s = { 0 };
@@ -520,8 +565,10 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
     if (l->no_memory)
         return no_memory(err);
     if (l->too_many)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "effects", "the scene lowers to more than %d entries of a matrix or %d linear states",
-                                LOWERING_ENTRIES_MOST, LOWERING_STATES_MOST);
+        return modal_fail_field(
+            err, MODAL_TOO_LARGE, "effects",
+            "the scene lowers to more than %d entries of a matrix or %d linear states",
+            LOWERING_ENTRIES_MOST, LOWERING_STATES_MOST);
     rc = compress_all(l, err);
     if (rc == MODAL_OK)
         rc = check_mass(l, err);
@@ -553,16 +600,20 @@ static void lowering_done(struct lowering *l)
     program_free(l->p);
 }
 
-enum modal_status scene_lower(const cJSON *scene, const struct scene_options *options, struct program **out,
-                              struct modal_error *err)
+enum modal_status scene_lower(const cJSON *scene, const struct scene_options *options,
+                              struct program **out, struct modal_error *err)
 {
-    struct lowering l = { .scene = scene, .options = options, .p = calloc(1, sizeof *l.p), .effect = -1 };
+    struct lowering l = { .scene = scene,
+                          .options = options,
+                          .p = calloc(1, sizeof *l.p),
+                          .effect = -1 };
     enum modal_status rc = l.p != NULL ? read_scene(&l, scene, options, err) : no_memory(err);
 
     if (rc == MODAL_OK)
         rc = finish(&l, err);
     if (rc == MODAL_BAD_INPUT && err != NULL && err->field[0] == '\0' && cJSON_IsObject(scene))
-        snprintf(err->field, sizeof err->field, "structure");       /* numbers that no key is to blame for alone: an overflow, no stiffness */
+        /* numbers that no key is to blame for alone: an overflow, no stiffness */
+        snprintf(err->field, sizeof err->field, "structure");
     if (rc == MODAL_OK) {
         *out = l.p;
         l.p = NULL;
@@ -572,8 +623,9 @@ enum modal_status scene_lower(const cJSON *scene, const struct scene_options *op
 }
 
 /* The record's length, by duration or by periods of P, one of them. */
-static enum modal_status duration_of(const cJSON *json, const struct program *p, const struct time_keys *t,
-                                     double *duration, struct modal_error *err)
+static enum modal_status duration_of(const cJSON *json, const struct program *p,
+                                     const struct time_keys *t, double *duration,
+                                     struct modal_error *err)
 {
     double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
 
@@ -581,14 +633,17 @@ static enum modal_status duration_of(const cJSON *json, const struct program *p,
     if (json_member(json, "periods") == NULL)
         return scene_key_need(json, "time", time_keys, "duration", err);
     if (json_member(json, "duration") != NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time holds duration and periods; accepted: one of them");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods",
+                                "time holds duration and periods; accepted: one of them");
     if (period == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods", "time.periods needs the scene's period or omega");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time.periods",
+                                "time.periods needs the scene's period or omega");
     *duration = t->periods * period;
     return MODAL_OK;
 }
 
-enum modal_status scene_time(const cJSON *scene, const struct program *p, struct scene_time *out, struct modal_error *err)
+enum modal_status scene_time(const cJSON *scene, const struct program *p, struct scene_time *out,
+                             struct modal_error *err)
 {
     const cJSON *json = cJSON_GetObjectItemCaseSensitive(scene, "time");
     struct time_keys t = { 0 };
@@ -596,7 +651,8 @@ enum modal_status scene_time(const cJSON *scene, const struct program *p, struct
     enum modal_status rc;
 
     if (json == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "simulating needs \"time\": {\"dt\", \"duration\" or \"periods\"}");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time",
+                                "simulating needs \"time\": {\"dt\", \"duration\" or \"periods\"}");
     rc = read_time(json, &t, err);
     if (rc == MODAL_OK)
         rc = scene_key_need(json, "time", time_keys, "dt", err);
@@ -606,10 +662,13 @@ enum modal_status scene_time(const cJSON *scene, const struct program *p, struct
         return rc;
     steps = duration / t.dt;
     if (!(steps <= SCENE_SAMPLES_MOST - 1))
-        return modal_fail_field(err, MODAL_TOO_LARGE, "time", "the record would have %.3g samples; at most %d", steps, SCENE_SAMPLES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "time",
+                                "the record would have %.3g samples; at most %d", steps,
+                                SCENE_SAMPLES_MOST);
     *out = (struct scene_time) {
         .dt = t.dt, .start = t.start, .duration = duration,
-        /* a duration of whole steps, up to rounding: relative of the quotient, absolute of a short one */
+        /* a duration of whole steps, up to rounding: relative of the quotient, absolute of a
+         * short one */
         .samples = (long)(floor(steps * (1 + QUOTIENT_ROUNDING) + STEP_ROUNDING)) + 1,
     };
     return MODAL_OK;
@@ -641,7 +700,8 @@ bool scene_tables(int i, struct scene_table *out)
         return true;
     for (const struct scene_structure_kind *const *k = scene_structures; *k != NULL; k++)
         if (i-- == 0) {
-            *out = (struct scene_table) { .list = "structure", .name = (*k)->name, .law = (*k)->law };
+            *out =
+                (struct scene_table){ .list = "structure", .name = (*k)->name, .law = (*k)->law };
             memcpy(out->keys, (*k)->keys, sizeof out->keys);
             return true;
         }

@@ -1,8 +1,10 @@
-/* scene_key.h - the keys that a part of a scene accepts: a row each, by which it is read, told and tested
+/* scene_key.h - the keys that a part of a scene accepts: a row each, by which it is read, told and
+ * tested
  *
  * A structure, an effect, an excitation and a sensor each have such tables, and so have the scene
- * itself, its `initial`, its `time`.  A new key is a row here and a member of the struct that the rows
- * are read into; what a message says of a key, and what a manual or a schema will, comes from its row.
+ * itself, its `initial`, its `time`.  A new key is a row here and a member of the struct that the
+ * rows are read into; what a message says of a key, and what a manual or a schema will, comes from
+ * its row.
  */
 #ifndef MODAL_SCENE_KEY_H
 #define MODAL_SCENE_KEY_H
@@ -13,7 +15,8 @@
 #include "base/json.h"
 
 /* Ends of ranges, besides 0 and +-HUGE_VAL (any double: JSON has neither NaN nor infinity here). */
-#define SCENE_POSITIVE 1e-300      /* the least that counts as > 0: its reciprocal is a double too */
+/* the least that counts as > 0: its reciprocal is a double too */
+#define SCENE_POSITIVE 1e-300
 #define SCENE_LARGE 1e300          /* of what is summed: 1e8 of the largest are still a double */
 
 enum scene_key_type {              /* and what the member is that such a key is read into */
@@ -24,10 +27,12 @@ enum scene_key_type {              /* and what the member is that such a key is 
     SCENE_TEXT,                    /* const char *, the scene's; absent: NULL */
     SCENE_NUMBERS,                 /* struct scene_numbers */
     SCENE_DOF,                     /* int: a dof of the structure; "ground" or absent: -1 */
-    SCENE_OWN,                     /* const cJSON *: a form of its own, read by its owner; absent: NULL */
+    /* const cJSON *: a form of its own, read by its owner; absent: NULL */
+    SCENE_OWN,
 };
 
-struct scene_numbers { double *x; size_t count; };     /* absent: NULL and 0; scene_keys_free frees */
+/* absent: NULL and 0; scene_keys_free frees */
+struct scene_numbers { double *x; size_t count; };
 
 /* `at` of a key that whoever asks for the table has read before, such as "type". */
 enum { SCENE_ELSEWHERE = -1 };
@@ -37,7 +42,8 @@ struct scene_key {
     enum scene_key_type type;
     int at;                        /* offset of the member it is read into, or SCENE_ELSEWHERE */
     const char *unit;              /* of numbers, SI; "": a pure number */
-    double low, high;              /* numbers, whole numbers, elements of lists: both ends accepted */
+    /* numbers, whole numbers, elements of lists: both ends accepted */
+    double low, high;
     bool needed;
     const char *unless;            /* needed only where this key is absent; NULL: always */
     const char *with;              /* needed where this key stands */
@@ -53,7 +59,8 @@ enum { SCENE_TABLES_MOST = 4 };    /* of rows that one part has, a NULL at the e
 
 /* One part that a scene may have, as scene_tables (scene.h) walks them. */
 struct scene_table {
-    const char *list;              /* where: "structure", "effects", "excitation", "sensors", "time", .. */
+    /* where: "structure", "effects", "excitation", "sensors", "time", .. */
+    const char *list;
     const char *name;              /* its "type"; NULL: it has none */
     const char *const *structures; /* that take it, NULL-terminated; NULL: all */
     const struct scene_key *keys[SCENE_TABLES_MOST];   /* each ends with a row without name */
@@ -66,10 +73,10 @@ extern const struct scene_key scene_type_keys[];
 struct lowering;
 
 /*
- * Read the members of JSON, which stands at PATH, into VALUES as the rows of TABLES say (an array that
- * ends with NULL).  L finds dofs; NULL where no row is one.  VALUES' lists are the caller's to free,
- * by scene_keys_free, on failure too.  Fails with MODAL_BAD_INPUT, the path in err->field, for an
- * unknown key, one that is missing, a wrong type or range; MODAL_NO_MEMORY.
+ * Read the members of JSON, which stands at PATH, into VALUES as the rows of TABLES say (an array
+ * that ends with NULL).  L finds dofs; NULL where no row is one.  VALUES' lists are the caller's to
+ * free, by scene_keys_free, on failure too.  Fails with MODAL_BAD_INPUT, the path in err->field,
+ * for an unknown key, one that is missing, a wrong type or range; MODAL_NO_MEMORY.
  */
 enum modal_status scene_keys_read(const struct lowering *l, const cJSON *json, const char *path,
                                   const struct scene_key *const *tables, void *values,

@@ -1,7 +1,8 @@
 /* simulate.c - see simulate.h
  *
- * One loop for every class: the next stop is a sample or a corner of the excitation, whichever comes first, and the
- * stepper carries the state there.  A corner within 1e-12 steps of a sample is the sample's.
+ * One loop for every class: the next stop is a sample or a corner of the excitation, whichever
+ * comes first, and the stepper carries the state there.  A corner within 1e-12 steps of a sample is
+ * the sample's.
  */
 #include "modal/scene/simulate.h"
 #include <cblas.h>
@@ -28,23 +29,32 @@ struct motion {
     double dt;
 };
 
-static enum modal_status (*const steppers[])(const struct statespace *, const struct sources *, const struct stepper_options *,
-                                             struct stepper **, struct modal_error *) = {
+static enum modal_status (*const steppers[])(const struct statespace *, const struct sources *,
+                                             const struct stepper_options *, struct stepper **,
+                                             struct modal_error *) = {
     [PROGRAM_LINEAR_CONSTANT] = linear_stepper_new,
     [PROGRAM_LINEAR_PERIODIC] = periodic_stepper_new,
     [PROGRAM_NONLINEAR] = nonlinear_stepper_new,
 };
 
-static enum modal_status start(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
-                               struct motion *m, struct modal_error *err)
+static enum modal_status start(struct program *p, const struct scene_time *time,
+                               const struct simulate_options *opt, struct motion *m,
+                               struct modal_error *err)
 {
-    struct stepper_options how = { .dt = time->dt, .tolerance = opt->tolerance, .substeps = opt->substeps, .cancelled = opt->cancelled, .context = opt->context };
+    struct stepper_options how = { .dt = time->dt,
+                                   .tolerance = opt->tolerance,
+                                   .substeps = opt->substeps,
+                                   .cancelled = opt->cancelled,
+                                   .context = opt->context };
     enum modal_status rc = statespace_new(p, &m->ss, err);
 
     if (rc == MODAL_OK)
         rc = sources_new(p, &m->src, err);
     if (rc == MODAL_OK)
-        rc = (opt->rk4 ? rk4_stepper_new : steppers[p->seen_fixed && p->laws == 0 ? PROGRAM_LINEAR_CONSTANT : program_class(p)])(m->ss, m->src, &how, &m->stepper, err);
+        rc = (opt->rk4 ? rk4_stepper_new
+                       : steppers[p->seen_fixed && p->laws == 0 ? PROGRAM_LINEAR_CONSTANT
+                                                                : program_class(p)])(
+            m->ss, m->src, &how, &m->stepper, err);
     if (rc == MODAL_OK)
         rc = readout_new(m->ss, &m->readout, err);
     if (rc != MODAL_OK)
@@ -78,7 +88,9 @@ static enum modal_status advance(struct motion *m, double h, struct modal_error 
         return modal_fail(err, rc, "the motion leaves the range of doubles after t = %.9g s", t);
     for (int i = 0; rc == MODAL_OK && i < m->ss->N; i++)
         if (!(fabs(m->y[i]) < LIMIT))
-            return modal_fail(err, MODAL_OVERFLOW, "the motion leaves the range of doubles between t = %.9g and %.9g s", t, t + h);
+            return modal_fail(err, MODAL_OVERFLOW,
+                              "the motion leaves the range of doubles between t = %.9g and %.9g s",
+                              t, t + h);
     return rc;
 }
 
@@ -89,9 +101,11 @@ static void pass_corners(struct motion *m, double t)
 
     while (m->corner < src->corners && src->corner[m->corner].t <= t + 1e-12 * m->dt) {
         const struct source_corner *c = &src->corner[m->corner++];
-        m->t = fmax(m->t, c->t);                        /* what holds from the corner on is asked at its own time */
+        /* what holds from the corner on is asked at its own time */
+        m->t = fmax(m->t, c->t);
         if (c->dof >= 0)
-            cblas_daxpy(m->ss->N, c->impulse, m->ss->B + (size_t)c->dof * (size_t)m->ss->N, 1, m->y, 1);
+            cblas_daxpy(m->ss->N, c->impulse, m->ss->B + (size_t)c->dof * (size_t)m->ss->N, 1, m->y,
+                        1);
     }
 }
 
@@ -129,10 +143,12 @@ static enum modal_status read_sample(struct motion *m, double *out, struct modal
 }
 
 /*
- * To the first sample, in equal steps of dt or less often than START_MOST: the map of one long step is that of a short one squared over
- * and over, and each squaring doubles what rounding left of the slow motions beside stiff ones.
+ * To the first sample, in equal steps of dt or less often than START_MOST: the map of one long step
+ * is that of a short one squared over and over, and each squaring doubles what rounding left of the
+ * slow motions beside stiff ones.
  */
-static enum modal_status move_to_start(struct motion *m, const struct scene_time *time, const struct simulate_options *opt, struct modal_error *err)
+static enum modal_status move_to_start(struct motion *m, const struct scene_time *time,
+                                       const struct simulate_options *opt, struct modal_error *err)
 {
     double steps = fmin(fmax(ceil(time->start / time->dt - 1e-9), 1), START_MOST);
     enum modal_status rc = MODAL_OK;
@@ -145,7 +161,8 @@ static enum modal_status move_to_start(struct motion *m, const struct scene_time
     return rc;
 }
 
-static enum modal_status run(struct motion *m, const struct scene_time *time, const struct simulate_options *opt, double *signals,
+static enum modal_status run(struct motion *m, const struct scene_time *time,
+                             const struct simulate_options *opt, double *signals,
                              struct modal_error *err)
 {
     size_t channels = (size_t)m->ss->p->outputs;
@@ -157,15 +174,17 @@ static enum modal_status run(struct motion *m, const struct scene_time *time, co
             return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", m->t);
         if (k % ASK_EVERY == 0 && opt->progress != NULL)
             opt->progress(opt->context, (double)k / (double)time->samples);
-        rc = k == 0 ? move_to_start(m, time, opt, err) : move_to(m, time->start + (double)k * time->dt, time->dt, err);
+        rc = k == 0 ? move_to_start(m, time, opt, err)
+                    : move_to(m, time->start + (double)k * time->dt, time->dt, err);
         if (rc == MODAL_OK)
             rc = read_sample(m, signals + (size_t)k * channels, err);
     }
     return rc;
 }
 
-static enum modal_status simulate_on_its_axes(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
-                                              double *signals, struct simulate_result *out, struct modal_error *err)
+static enum modal_status simulate_on_its_axes(struct program *p, const struct scene_time *time,
+                                              const struct simulate_options *opt, double *signals,
+                                              struct simulate_result *out, struct modal_error *err)
 {
     struct motion m = { 0 };
     enum modal_status rc = start(p, time, opt, &m, err);
@@ -175,15 +194,18 @@ static enum modal_status simulate_on_its_axes(struct program *p, const struct sc
     if (rc == MODAL_OK && m.stepper->report != NULL)
         m.stepper->report(m.stepper, p);
     if (rc == MODAL_OK)
-        *out = (struct simulate_result) { m.stepper->name, m.stepper->products, m.stepper->maps, m.stepper->steps, m.stepper->rejected };
+        *out = (struct simulate_result){ m.stepper->name, m.stepper->products, m.stepper->maps,
+                                         m.stepper->steps, m.stepper->rejected };
     done(&m);
     return rc;
 }
 
-/* A periodic program that turning axes make constant is stepped there, its channels read out on its own. */
-static enum modal_status simulate_turned(struct program *p, struct program *turned, const struct scene_time *time,
-                                         const struct simulate_options *opt, double *signals, struct simulate_result *out,
-                                         struct modal_error *err)
+/* A periodic program that turning axes make constant is stepped there, its channels read out on
+ * its own. */
+static enum modal_status simulate_turned(struct program *p, struct program *turned,
+                                         const struct scene_time *time,
+                                         const struct simulate_options *opt, double *signals,
+                                         struct simulate_result *out, struct modal_error *err)
 {
     enum modal_status rc = simulate_on_its_axes(turned, time, opt, signals, out, err);
 
@@ -195,8 +217,9 @@ static enum modal_status simulate_turned(struct program *p, struct program *turn
     return rc;
 }
 
-enum modal_status simulate(struct program *p, const struct scene_time *time, const struct simulate_options *opt,
-                           double *signals, struct simulate_result *out, struct modal_error *err)
+enum modal_status simulate(struct program *p, const struct scene_time *time,
+                           const struct simulate_options *opt, double *signals,
+                           struct simulate_result *out, struct modal_error *err)
 {
     static const struct simulate_options none;
     struct program *turned = NULL;
@@ -209,8 +232,9 @@ enum modal_status simulate(struct program *p, const struct scene_time *time, con
                                 "sensors is an empty list: a simulation has nothing to record; "
                                 "list at least one, or leave it out for every dof");
     if ((double)time->samples * p->outputs > SIMULATE_VALUES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "time", "%ld samples of %d channels are more than %d numbers", time->samples, p->outputs,
-                                SIMULATE_VALUES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "time",
+                                "%ld samples of %d channels are more than %d numbers",
+                                time->samples, p->outputs, SIMULATE_VALUES_MOST);
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)
         rc = turned != NULL ? simulate_turned(p, turned, time, opt, signals, out, err)

@@ -6,7 +6,8 @@
  *     one_minus_cosine    w = (1, cos b tau, sin b tau), b = 2 pi / duration
  *     table               w = (f, f') within each interval
  *
- * On turning axes, theta = frame_speed t: w becomes (w cos theta, w sin theta), S becomes [S, -W; W, S], W = frame_speed.
+ * On turning axes, theta = frame_speed t: w becomes (w cos theta, w sin theta), S becomes [S, -W;
+ * W, S], W = frame_speed.
  */
 #include "modal/scene/sources.h"
 #include <math.h>
@@ -15,14 +16,18 @@
 
 static int states_of(const struct program_load *load)
 {
-    static const int states[] = { [LOAD_HARMONIC] = 2, [LOAD_IMPULSE] = 0, [LOAD_HALF_SINE] = 2, [LOAD_ONE_MINUS_COSINE] = 3,
-                                  [LOAD_STEP] = 1, [LOAD_TABLE] = 2 };
+    static const int states[] = {
+        [LOAD_HARMONIC] = 2,         [LOAD_IMPULSE] = 0, [LOAD_HALF_SINE] = 2,
+        [LOAD_ONE_MINUS_COSINE] = 3, [LOAD_STEP] = 1,    [LOAD_TABLE] = 2
+    };
 
     return load->type == LOAD_HARMONIC && load->k == 0 ? 1 : states[load->type];
 }
 
-/* The oscillator's frequency, 0: none; OUT gets its first row and what each row adds to the force. */
-static double shape_of(const struct program *p, const struct program_load *load, int *oscillator, double weight[3])
+/* The oscillator's frequency, 0: none; OUT gets its first row and what each row adds to the
+ * force. */
+static double shape_of(const struct program *p, const struct program_load *load, int *oscillator,
+                       double weight[3])
 {
     memset(weight, 0, 3 * sizeof *weight);
     *oscillator = 0;
@@ -117,7 +122,8 @@ static int corners_of(const struct program_load *load)
     return load->type == LOAD_TABLE ? load->points : 2;
 }
 
-enum modal_status sources_new(const struct program *p, struct sources **out, struct modal_error *err)
+enum modal_status sources_new(const struct program *p, struct sources **out,
+                              struct modal_error *err)
 {
     struct sources *s = calloc(1, sizeof *s);
     size_t corners = 0;

@@ -1,10 +1,14 @@
-/* sources.h - excitation as the output of small linear systems, so that stepping integrates it exactly
+/* sources.h - excitation as the output of small linear systems, so that stepping integrates it
+ * exactly
  *
- * Between its corners every load is a sum of solutions of constant equations: p(t) = P w, w' = S w, with blocks
+ * Between its corners every load is a sum of solutions of constant equations: p(t) = P w, w' = S w,
+ * with blocks
  *
- *     constant (1)   ramp (f, f')   oscillator (cos, sin)   and their products with (cos, sin) of turning axes.
+ *     constant (1)   ramp (f, f')   oscillator (cos, sin)
+ *     and their products with (cos, sin) of turning axes.
  *
- * w is known in closed form at every instant; corners (ends of pulses, points of tables) and impulses are listed in time.
+ * w is known in closed form at every instant; corners (ends of pulses, points of tables) and
+ * impulses are listed in time.
  */
 #ifndef MODAL_SOURCES_H
 #define MODAL_SOURCES_H
@@ -17,7 +21,8 @@ struct source_block { int first, count; };       /* rows of w that S couples wit
 
 struct source_corner {
     double t;
-    int dof;                                      /* an impulse: N s on this dof; -1: a corner only */
+    /* an impulse: N s on this dof; -1: a corner only */
+    int dof;
     double impulse;
 };
 
@@ -33,7 +38,8 @@ struct sources {
     int *first;                                   /* of each load: its first row of w; -1: none */
 };
 
-enum modal_status sources_new(const struct program *p, struct sources **out, struct modal_error *err);
+enum modal_status sources_new(const struct program *p, struct sources **out,
+                              struct modal_error *err);
 void sources_free(struct sources *s);
 
 /* w just after t (at a corner: what holds from there on). */

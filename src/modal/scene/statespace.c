@@ -3,11 +3,11 @@
  * (1) of program.h left-multiplied by Phi^T, with q'' = y_2':
  *
  *     y_1' = diag(s) y_2
- *     y_2' = -Phi^T K Phi diag(1/s) y_1 - Phi^T C Phi y_2 + Phi^T F z + Phi^T p                      (2)
- *     z'   = E^-1 (A z + Bx x + Bv x' + Ba Phi y_2')                                                (3)
+ *     y_2' = -Phi^T K Phi diag(1/s) y_1 - Phi^T C Phi y_2 + Phi^T F z + Phi^T p                 (2)
+ *     z'   = E^-1 (A z + Bx x + Bv x' + Ba Phi y_2')                                            (3)
  *
- * What lies off the 2 x 2 blocks below (64 + n) eps of the largest entry is the rounding of these products, and dropped when that
- * makes the system fall into blocks.
+ * What lies off the 2 x 2 blocks below (64 + n) eps of the largest entry is the rounding of these
+ * products, and dropped when that makes the system fall into blocks.
  */
 #include "modal/scene/statespace.h"
 #include <cblas.h>
@@ -40,7 +40,8 @@ static double *congruence(const struct statespace *ss, const struct sparse *X, d
 
     if (x == NULL)
         return NULL;
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1, x, n, ss->phi, n, 0, work, n);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1, x, n, ss->phi, n, 0, work,
+                n);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, n, 1, ss->phi, n, work, n, 0, x, n);
     return x;
 }
@@ -58,11 +59,13 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
     }
     for (int j = 0; j < n; j++)
         for (int i = 0; i < j; i++)
-            ss->phi[i + (size_t)j * (size_t)n] = (ss->phi[i + (size_t)j * (size_t)n] + ss->phi[j + (size_t)i * (size_t)n]) / 2;
+            ss->phi[i + (size_t)j * (size_t)n] =
+                (ss->phi[i + (size_t)j * (size_t)n] + ss->phi[j + (size_t)i * (size_t)n]) / 2;
     info = LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'U', n, ss->phi, n, M, n, ss->s);
     free(M);
     if (info != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure", "the pair of stiffness and mass has no modes (dsygvd: %d)", info);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure",
+                                "the pair of stiffness and mass has no modes (dsygvd: %d)", info);
     for (int i = 0; i < n; i++)
         largest = fmax(largest, sqrt(fabs(ss->s[i])));
     for (int i = 0; i < n; i++)
@@ -71,8 +74,9 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
 }
 
 /* Rows n .. 2n-1 of A: -Phi^T K Phi / s, -Phi^T C Phi, each times FACTOR. */
-static enum modal_status add_second_order(const struct statespace *ss, const struct sparse *C, const struct sparse *K, double *A,
-                                          double *work, struct modal_error *err)
+static enum modal_status add_second_order(const struct statespace *ss, const struct sparse *C,
+                                          const struct sparse *K, double *A, double *work,
+                                          struct modal_error *err)
 {
     int n = ss->n;
     size_t N = (size_t)ss->N;
@@ -89,13 +93,15 @@ static enum modal_status add_second_order(const struct statespace *ss, const str
 }
 
 /* X (m x n sparse) times Phi (and 1/s where SCALED), added into A at ROW, COLUMN. */
-static void add_times_phi(const struct statespace *ss, const struct sparse *X, bool scaled, double *A, int row, int column)
+static void add_times_phi(const struct statespace *ss, const struct sparse *X, bool scaled,
+                          double *A, int row, int column)
 {
     for (int i = 0; i < X->m; i++)
         for (int k = X->start[i]; k < X->start[i + 1]; k++)
             for (int j = 0; j < ss->n; j++)
                 A[(size_t)(row + i) + (size_t)(column + j) * (size_t)ss->N] +=
-                    X->value[k] * ss->phi[X->index[k] + (size_t)j * (size_t)ss->n] / (scaled ? ss->s[j] : 1);
+                    X->value[k] * ss->phi[X->index[k] + (size_t)j * (size_t)ss->n]
+                    / (scaled ? ss->s[j] : 1);
 }
 
 /* Phi^T F into rows n .. 2n-1, columns of z. */
@@ -106,7 +112,8 @@ static void add_force_of_states(const struct statespace *ss, double *A)
     for (int i = 0; i < F->m; i++)
         for (int k = F->start[i]; k < F->start[i + 1]; k++)
             for (int j = 0; j < ss->n; j++)
-                A[(size_t)(ss->n + j) + (size_t)(2 * ss->n + F->index[k]) * (size_t)ss->N] += ss->phi[i + (size_t)j * (size_t)ss->n] * F->value[k];
+                A[(size_t)(ss->n + j) + (size_t)(2 * ss->n + F->index[k]) * (size_t)ss->N] +=
+                    ss->phi[i + (size_t)j * (size_t)ss->n] * F->value[k];
 }
 
 /* (3): the rows of z in A and in B, divided by E. */
@@ -131,9 +138,12 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
     for (int i = 0; i < nz; i++)                         /* Ba Phi */
         for (int k = p->Ba.start[i]; k < p->Ba.start[i + 1]; k++)
             for (int j = 0; j < n; j++)
-                Ba[i + (size_t)j * (size_t)nz] += p->Ba.value[k] * ss->phi[p->Ba.index[k] + (size_t)j * (size_t)n];
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, N, n, 1, Ba, nz, ss->A + n, N, 1, ss->A + 2 * n, N);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, n, n, 1, Ba, nz, ss->B + n, N, 0, ss->B + 2 * n, N);
+                Ba[i + (size_t)j * (size_t)nz] +=
+                    p->Ba.value[k] * ss->phi[p->Ba.index[k] + (size_t)j * (size_t)n];
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, N, n, 1, Ba, nz, ss->A + n, N, 1,
+                ss->A + 2 * n, N);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, n, n, 1, Ba, nz, ss->B + n, N, 0,
+                ss->B + 2 * n, N);
     info = LAPACKE_dgetrf(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot);
     if (info == 0) {
         LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, N, E, nz, pivot, ss->A + 2 * n, N);
@@ -142,7 +152,9 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
     free(E);
     free(Ba);
     free(pivot);
-    return info == 0 ? MODAL_OK : modal_fail_field(err, MODAL_BAD_INPUT, "effects", "the linear states have a singular matrix E");
+    return info == 0 ? MODAL_OK
+                     : modal_fail_field(err, MODAL_BAD_INPUT, "effects",
+                                        "the linear states have a singular matrix E");
 }
 
 /* Whether A falls into 2 x 2 blocks; what is off them by rounding only is then cleared. */
@@ -187,10 +199,13 @@ static enum modal_status add_harmonics(struct statespace *ss, double *work, stru
         if (to->cosine == NULL || to->sine == NULL)
             return no_memory(err);
         if (from->cosine[PROGRAM_M].m > 0 || from->sine[PROGRAM_M].m > 0)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "effects", "a pulsating mass cannot be stepped");
-        rc = add_second_order(ss, &from->cosine[PROGRAM_C], &from->cosine[PROGRAM_K], to->cosine, work, err);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "effects",
+                                    "a pulsating mass cannot be stepped");
+        rc = add_second_order(ss, &from->cosine[PROGRAM_C], &from->cosine[PROGRAM_K], to->cosine,
+                              work, err);
         if (rc == MODAL_OK)
-            rc = add_second_order(ss, &from->sine[PROGRAM_C], &from->sine[PROGRAM_K], to->sine, work, err);
+            rc = add_second_order(ss, &from->sine[PROGRAM_C], &from->sine[PROGRAM_K], to->sine,
+                                  work, err);
         if (rc != MODAL_OK)
             return rc;
     }
@@ -227,13 +242,16 @@ static enum modal_status fill(struct statespace *ss, struct modal_error *err)
     return rc;
 }
 
-enum modal_status statespace_new(const struct program *p, struct statespace **out, struct modal_error *err)
+enum modal_status statespace_new(const struct program *p, struct statespace **out,
+                                 struct modal_error *err)
 {
     struct statespace *ss;
     enum modal_status rc;
 
     if (p->n > STATESPACE_DOFS_MOST || 2 * p->n + p->n_linear > STATESPACE_STATES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "structure", "%d dofs and %d linear states are too many for dense stepping; at most %d dofs and %d states",
+        return modal_fail_field(err, MODAL_TOO_LARGE, "structure",
+                                "%d dofs and %d linear states are too many for dense stepping; at "
+                                "most %d dofs and %d states",
                                 p->n, p->n_linear, STATESPACE_DOFS_MOST, STATESPACE_STATES_MOST);
     if ((ss = calloc(1, sizeof *ss)) == NULL)
         return no_memory(err);

@@ -2,7 +2,8 @@
 #include "modal/scene/lowering.h"
 #include "modal/scene/scene.h"
 
-extern const struct scene_structure_kind structure_matrices, structure_chain, structure_beam, structure_shaft, structure_wing;
+extern const struct scene_structure_kind structure_matrices, structure_chain, structure_beam,
+    structure_shaft, structure_wing;
 
 const struct scene_structure_kind *const scene_structures[] = {
     &structure_matrices,

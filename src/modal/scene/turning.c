@@ -1,15 +1,17 @@
 /*
  * turning.c - periodic on fixed axes, constant on turning ones
  *
- * J x has sign(i) x_partner(i) in row i (rows y: -x_z, rows z: x_y).  M, C, K of the program are constant on turning axes
- * exactly if each is a part that commutes with J plus one at cos, sin (2 W t) that anticommutes with it:
+ * J x has sign(i) x_partner(i) in row i (rows y: -x_z, rows z: x_y).  M, C, K of the program are
+ * constant on turning axes exactly if each is a part that commutes with J plus one at cos, sin (2 W
+ * t) that anticommutes with it:
  *
- *     A_0(Ji, Jj) = A_0(i, j),    A_c(Ji, Jj) = -A_c(i, j),    A_s = J A_c                                      (1)
+ *     A_0(Ji, Jj) = A_0(i, j),    A_c(Ji, Jj) = -A_c(i, j),    A_s = J A_c                      (1)
  *
- * (in 2 x 2 blocks a I + b J, and d [[cos, sin], [sin, -cos]] + e [[-sin, cos], [cos, sin]]).  Then, from their values at t = 0 and
- * with x = R q, x' = R (q' + W J q), x'' = R (q'' + 2 W J q' - W^2 q),
+ * (in 2 x 2 blocks a I + b J, and d [[cos, sin], [sin, -cos]] + e [[-sin, cos], [cos, sin]]).
+ * Then, from their values at t = 0 and with x = R q, x' = R (q' + W J q), x'' = R (q'' + 2 W J q' -
+ * W^2 q),
  *
- *     M q'' + (C + 2 W M J) q' + (K + W C J - W^2 M) q = R^T p                                                  (2)
+ *     M q'' + (C + 2 W M J) q' + (K + W C J - W^2 M) q = R^T p                                  (2)
  */
 #include "modal/scene/turning.h"
 #include <math.h>
@@ -58,7 +60,8 @@ static bool commutes(const struct program *p, const struct sparse *a, double sid
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++) {
             int j = a->index[k];
-            double turned = p->turn_sign[i] * p->turn_sign[j] * entry(a, p->turn_partner[i], p->turn_partner[j]);
+            double turned = p->turn_sign[i] * p->turn_sign[j]
+                            * entry(a, p->turn_partner[i], p->turn_partner[j]);
             if (!(fabs(turned - side * a->value[k]) <= tolerance))
                 return false;
         }
@@ -66,13 +69,16 @@ static bool commutes(const struct program *p, const struct sparse *a, double sid
 }
 
 /* a (i, j) = sign(i) b (partner i, j) for all entries of a. */
-static bool is_J_times(const struct program *p, const struct sparse *a, const struct sparse *b, double sign)
+static bool is_J_times(const struct program *p, const struct sparse *a, const struct sparse *b,
+                       double sign)
 {
     double tolerance = 1e-13 * largest(a);
 
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++)
-            if (!(fabs(sign * p->turn_sign[i] * entry(b, p->turn_partner[i], a->index[k]) - a->value[k]) <= tolerance))
+            if (!(fabs(sign * p->turn_sign[i] * entry(b, p->turn_partner[i], a->index[k])
+                       - a->value[k])
+                  <= tolerance))
                 return false;
     return true;
 }
@@ -87,19 +93,24 @@ static bool turns(const struct program *p)
     if (p->harmonics == 1 && !(fabs(h->k * p->omega - 2 * p->turn_speed) <= 1e-12 * p->turn_speed))
         return false;
     for (int i = 0; i < p->laws; i++)
-        if (!p->law[i].kind->turns || p->law[i].to[0] >= 0 || p->law[i].to[1] >= 0 || p->law[i].dof[1] != p->turn_partner[p->law[i].dof[0]])
+        if (!p->law[i].kind->turns || p->law[i].to[0] >= 0 || p->law[i].to[1] >= 0
+            || p->law[i].dof[1] != p->turn_partner[p->law[i].dof[0]])
             return false;
     for (int q = 0; q < 3; q++)
-        if (!commutes(p, &p->constant[q], 1) || (p->harmonics == 1 && (!commutes(p, &h->cosine[q], -1)
-            || !is_J_times(p, &h->sine[q], &h->cosine[q], 1) || !is_J_times(p, &h->cosine[q], &h->sine[q], -1))))
+        if (!commutes(p, &p->constant[q], 1)
+            || (p->harmonics == 1
+                && (!commutes(p, &h->cosine[q], -1) || !is_J_times(p, &h->sine[q], &h->cosine[q], 1)
+                    || !is_J_times(p, &h->cosine[q], &h->sine[q], -1))))
             return false;
     return true;
 }
 
 /* factor A(0) J^power into E. */
-static void add_at_0(const struct program *p, int which, double factor, bool times_J, struct entries *e)
+static void add_at_0(const struct program *p, int which, double factor, bool times_J,
+                     struct entries *e)
 {
-    const struct sparse *parts[2] = { &p->constant[which], p->harmonics == 1 ? &p->harmonic->cosine[which] : NULL };
+    const struct sparse *parts[2] = { &p->constant[which],
+                                      p->harmonics == 1 ? &p->harmonic->cosine[which] : NULL };
 
     for (int part = 0; part < 2 && parts[part] != NULL; part++)
         for (int i = 0; i < parts[part]->m; i++)
@@ -107,12 +118,14 @@ static void add_at_0(const struct program *p, int which, double factor, bool tim
                 int j = parts[part]->index[k];
                 double value = factor * parts[part]->value[k];
 
-                append(e, i, times_J ? p->turn_partner[j] : j, times_J ? p->turn_sign[j] * value : value);
+                append(e, i, times_J ? p->turn_partner[j] : j,
+                       times_J ? p->turn_sign[j] * value : value);
             }
 }
 
 /* (2). */
-static enum modal_status turn_matrices(const struct program *p, struct program *q, struct modal_error *err)
+static enum modal_status turn_matrices(const struct program *p, struct program *q,
+                                       struct modal_error *err)
 {
     struct entries e[3] = { 0 };
     double W = p->turn_speed;
@@ -126,20 +139,23 @@ static enum modal_status turn_matrices(const struct program *p, struct program *
     add_at_0(p, PROGRAM_M, -W * W, false, &e[PROGRAM_K]);
     for (int i = 0; i < 3; i++) {
         if (rc == MODAL_OK)
-            rc = e[i].no_memory ? modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory")
-                                : sparse_from_triplets(p->n, p->n, e[i].x, e[i].count, &q->constant[i], err);
+            rc = e[i].no_memory
+                     ? modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory")
+                     : sparse_from_triplets(p->n, p->n, e[i].x, e[i].count, &q->constant[i], err);
         free(e[i].x);
     }
     return rc;
 }
 
-/* The rows of an output of x^(quantity) on dof j, times value, over q: cos D_j + sign(j) sin D_partner, D = q, q' + W J q, ... */
+/* The rows of an output of x^(quantity) on dof j, times value, over q: cos D_j + sign(j) sin
+ * D_partner, D = q, q' + W J q, ... */
 static void turn_term(const struct program *p, const struct triplet *t, struct entries *e)
 {
     double W = p->turn_speed;
 
     for (int side = 0; side < 2; side++) {
-        int own = side == 0 ? t->j : p->turn_partner[t->j], other = p->turn_partner[own], shift = side == 0 ? 4 : 8;
+        int own = side == 0 ? t->j : p->turn_partner[t->j], other = p->turn_partner[own],
+            shift = side == 0 ? 4 : 8;
         double value = side == 0 ? t->value : t->value * p->turn_sign[t->j], J = p->turn_sign[own];
 
         append(e, t->i + shift, own, value);
@@ -152,7 +168,8 @@ static void turn_term(const struct program *p, const struct triplet *t, struct e
     }
 }
 
-static enum modal_status turn_outputs(const struct program *p, struct program *q, struct modal_error *err)
+static enum modal_status turn_outputs(const struct program *p, struct program *q,
+                                      struct modal_error *err)
 {
     q->output = calloc((size_t)p->outputs + 1, sizeof *q->output);
     for (int i = 0; q->output != NULL && i < p->outputs; i++) {
@@ -165,7 +182,8 @@ static enum modal_status turn_outputs(const struct program *p, struct program *q
         if (e.no_memory || q->output[i].name == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
     }
-    return q->output != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
+    return q->output != NULL ? MODAL_OK
+                             : modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
 }
 
 static double *copied(const double *x, int count)
@@ -177,7 +195,8 @@ static double *copied(const double *x, int count)
     return copy;
 }
 
-static enum modal_status turn_loads(const struct program *p, struct program *q, struct modal_error *err)
+static enum modal_status turn_loads(const struct program *p, struct program *q,
+                                    struct modal_error *err)
 {
     q->load = calloc((size_t)p->loads + 1, sizeof *q->load);
     for (int i = 0; q->load != NULL && i < p->loads; i++) {
@@ -194,7 +213,8 @@ static enum modal_status turn_loads(const struct program *p, struct program *q, 
 }
 
 /* Names, effects' rows (counters alone) and the initial state, q' = x' - W J x at t = 0. */
-static enum modal_status turn_rest(const struct program *p, struct program *q, struct modal_error *err)
+static enum modal_status turn_rest(const struct program *p, struct program *q,
+                                   struct modal_error *err)
 {
     q->dofs = calloc((size_t)p->n + 1, sizeof *q->dofs);
     q->effect = calloc((size_t)p->effects + 1, sizeof *q->effect);
@@ -209,8 +229,9 @@ static enum modal_status turn_rest(const struct program *p, struct program *q, s
         q->v0[i] -= p->turn_speed * p->turn_sign[i] * p->x0[p->turn_partner[i]];
     }
     for (int i = 0; i < p->effects; i++) {
-        q->effect[i] = (struct program_effect) { .type = strdup(p->effect[i].type), .states = p->effect[i].states,
-                                                 .active = p->effect[i].active };
+        q->effect[i] = (struct program_effect){ .type = strdup(p->effect[i].type),
+                                                .states = p->effect[i].states,
+                                                .active = p->effect[i].active };
         q->effects = i + 1;
         if (q->effect[i].type == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
@@ -221,7 +242,8 @@ static enum modal_status turn_rest(const struct program *p, struct program *q, s
     return MODAL_OK;
 }
 
-enum modal_status program_turned(const struct program *p, struct program **out, struct modal_error *err)
+enum modal_status program_turned(const struct program *p, struct program **out,
+                                 struct modal_error *err)
 {
     struct program *q;
     enum modal_status rc;

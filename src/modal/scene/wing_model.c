@@ -3,21 +3,23 @@
  *
  * Structure, with N the Hermite cubics of w and L the Lagrange cubics of phi on an element:
  *
- *     T = 1/2 int [ m w_t^2 - 2 m x_cg w_t phi_t + I_rho phi_t^2 ] dy                            (1)
- *     V = 1/2 int [ EI w''^2 + GJ phi'^2 ] dy                                                    (2)
+ *     T = 1/2 int [ m w_t^2 - 2 m x_cg w_t phi_t + I_rho phi_t^2 ] dy                           (1)
+ *     V = 1/2 int [ EI w''^2 + GJ phi'^2 ] dy                                                   (2)
  *
- * integrated exactly (four Gauss points: degree 7).  Airloads per length at a station, b = chord/2, a the elastic
- * axis aft of mid-chord in semichords, a = (-x_qc - b/2)/b, and A = pi rho b^2:
+ * integrated exactly (four Gauss points: degree 7).  Airloads per length at a station, b = chord/2,
+ * a the elastic axis aft of mid-chord in semichords, a = (-x_qc - b/2)/b, and A = pi rho b^2:
  *
- *     v   = U phi - w_t + b (1/2 - a) phi_t                                                      (3)
- *     Lc  = a0 rho U b (direct v - Lambda z)                                                     (4)
- *     L'  = A (-w_tt + U phi_t - b a phi_tt) + Lc                                                (5)
- *     M'  = A (-b a w_tt - U b (1/2 - a) phi_t - b^2 (1/8 + a^2) phi_tt) - x_qc Lc               (6)
+ *     v   = U phi - w_t + b (1/2 - a) phi_t                                                     (3)
+ *     Lc  = a0 rho U b (direct v - Lambda z)                                                    (4)
+ *     L'  = A (-w_tt + U phi_t - b a phi_tt) + Lc                                               (5)
+ *     M'  = A (-b a w_tt - U b (1/2 - a) phi_t - b^2 (1/8 + a^2) phi_tt) - x_qc Lc              (6)
  *
- * The generalised force is sum_g W_g (N_w(y_g)^T L' + N_phi(y_g)^T M').  (5) and (6) are rows over x, x', x'', z, so the
- * left-hand side gains the negative of that sum, row by row; the states follow (2) of inflow.h with (3) put in.
+ * The generalised force is sum_g W_g (N_w(y_g)^T L' + N_phi(y_g)^T M').  (5) and (6) are rows over
+ * x, x', x'', z, so the left-hand side gains the negative of that sum, row by row; the states
+ * follow (2) of inflow.h with (3) put in.
  *
- * Source: the wing's model document (section 7.3 of the identification paper), equations of its sections 2 and 3.
+ * Source: the wing's model document (section 7.3 of the identification paper), equations of its
+ * sections 2 and 3.
  */
 #include "modal/scene/wing_model.h"
 #include "modal/scene/hermite.h"
@@ -80,7 +82,8 @@ void wing_element(const struct wing *w, double M[64], double K[64])
 void wing_element_dofs(const struct wing *w, int element, int dof[8])
 {
     for (int i = 0; i < 4; i++) {
-        dof[i] = 2 * (element - 1) + i;                /* of node `element` = element's inner end; the root's are < 0 */
+        /* of node `element` = element's inner end; the root's are < 0 */
+        dof[i] = 2 * (element - 1) + i;
         dof[4 + i] = 3 * element + i - 1;
         dof[4 + i] = dof[4 + i] < 0 ? -1 : 2 * w->elements + dof[4 + i];
         if (dof[i] < 0)
@@ -115,11 +118,14 @@ void wing_rows(const struct wing *w, double y, double *row_w, double *row_phi)
 static enum modal_status allocate(struct airloads_matrices *m, struct modal_error *err)
 {
     size_t n = (size_t)m->n, ns = (size_t)m->ns, nz = (size_t)m->nz;
-    struct { double **at; size_t count; } all[] = {
-        { &m->position, ns }, { &m->weight, ns }, { &m->lift[0], ns * n }, { &m->lift[1], ns * n }, { &m->lift[2], ns * n },
-        { &m->moment[0], ns * n }, { &m->moment[1], ns * n }, { &m->moment[2], ns * n }, { &m->lift_z, ns * nz },
-        { &m->moment_z, ns * nz }, { &m->M, n * n }, { &m->C, n * n }, { &m->K, n * n }, { &m->F, n * nz },
-        { &m->Bx, nz * n }, { &m->Bv, nz * n }, { &m->Ba, nz * n },
+    struct { double **at; size_t count;
+    } all[] = {
+        { &m->position, ns },      { &m->weight, ns },        { &m->lift[0], ns * n },
+        { &m->lift[1], ns * n },   { &m->lift[2], ns * n },   { &m->moment[0], ns * n },
+        { &m->moment[1], ns * n }, { &m->moment[2], ns * n }, { &m->lift_z, ns * nz },
+        { &m->moment_z, ns * nz }, { &m->M, n * n },          { &m->C, n * n },
+        { &m->K, n * n },          { &m->F, n * nz },         { &m->Bx, nz * n },
+        { &m->Bv, nz * n },        { &m->Ba, nz * n },
     };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
@@ -131,22 +137,25 @@ static enum modal_status allocate(struct airloads_matrices *m, struct modal_erro
 }
 
 /* Rows (4) .. (6) of one station; rw, rp are its rows of w and phi. */
-static void station_rows(const struct airloads *a, double b, const double *rw, const double *rp, int s,
-                         struct airloads_matrices *m)
+static void station_rows(const struct airloads *a, double b, const double *rw, const double *rp,
+                         int s, struct airloads_matrices *m)
 {
     size_t at = (size_t)s * (size_t)m->n;
-    double axis = (-a->x_qc - b / 2) / b, arm = b + a->x_qc, U = a->speed;            /* arm = b (1/2 - a) */
+    /* arm = b (1/2 - a) */
+    double axis = (-a->x_qc - b / 2) / b, arm = b + a->x_qc, U = a->speed;
     double apparent = M_PI * a->density * b * b, circulatory = a->lift_slope * a->density * U * b;
 
     for (int j = 0; j < m->n; j++) {
-        double lc[2] = { circulatory * m->flow.direct * U * rp[j], circulatory * m->flow.direct * (arm * rp[j] - rw[j]) };
+        double lc[2] = { circulatory * m->flow.direct * U * rp[j],
+                         circulatory * m->flow.direct * (arm * rp[j] - rw[j]) };
 
         m->lift[0][at + (size_t)j] = lc[0];
         m->lift[1][at + (size_t)j] = lc[1] + apparent * U * rp[j];
         m->lift[2][at + (size_t)j] = -apparent * (rw[j] + b * axis * rp[j]);
         m->moment[0][at + (size_t)j] = -a->x_qc * lc[0];
         m->moment[1][at + (size_t)j] = -a->x_qc * lc[1] - apparent * U * arm * rp[j];
-        m->moment[2][at + (size_t)j] = -apparent * (b * axis * rw[j] + b * b * (0.125 + axis * axis) * rp[j]);
+        m->moment[2][at + (size_t)j] =
+            -apparent * (b * axis * rw[j] + b * b * (0.125 + axis * axis) * rp[j]);
     }
     for (int k = 0; k < m->nz; k++) {
         size_t i = (size_t)s * (size_t)m->nz + (size_t)k;
@@ -169,21 +178,23 @@ static void station_loads(const double *rw, const double *rp, int s, struct airl
             continue;
         for (int q = 0; q < 3; q++)
             for (size_t j = 0; j < n; j++)
-                left[q][i * n + j] -= lift * m->lift[q][at * n + j] + moment * m->moment[q][at * n + j];
+                left[q][i * n + j] -=
+                    lift * m->lift[q][at * n + j] + moment * m->moment[q][at * n + j];
         for (size_t k = 0; k < nz; k++)
             m->F[i * nz + k] += lift * m->lift_z[at * nz + k] + moment * m->moment_z[at * nz + k];
     }
 }
 
 /* The station's normalwash (3) and its rate, into the states' equations. */
-static void station_states(const struct airloads *a, double b, const double *rw, const double *rp, int s,
-                           struct airloads_matrices *m)
+static void station_states(const struct airloads *a, double b, const double *rw, const double *rp,
+                           int s, struct airloads_matrices *m)
 {
     double arm = b + a->x_qc;
     size_t n = (size_t)m->n;
 
     for (size_t k = 0; k < (size_t)m->nz; k++) {
-        double P = m->flow.P[k * (size_t)m->ns + (size_t)s], Q = m->flow.Q[k * (size_t)m->ns + (size_t)s];
+        double P = m->flow.P[k * (size_t)m->ns + (size_t)s],
+               Q = m->flow.Q[k * (size_t)m->ns + (size_t)s];
 
         for (size_t j = 0; j < n; j++) {
             double on_x = a->speed * rp[j], on_v = arm * rp[j] - rw[j];
@@ -195,11 +206,13 @@ static void station_states(const struct airloads *a, double b, const double *rw,
     }
 }
 
-enum modal_status airloads_new(const struct wing *w, const struct airloads *a, struct airloads_matrices *out,
-                               struct modal_error *err)
+enum modal_status airloads_new(const struct wing *w, const struct airloads *a,
+                               struct airloads_matrices *out, struct modal_error *err)
 {
     double position[WING_STATIONS_MOST], weight[WING_STATIONS_MOST], b = w->chord / 2;
-    struct inflow_wing at = { w->length, b, a->speed, a->lift_slope, a->stations, position, weight };
+    struct inflow_wing at = {
+        w->length, b, a->speed, a->lift_slope, a->stations, position, weight
+    };
     struct airloads_matrices m = { .n = wing_dofs(w), .ns = a->stations };
     double *rows = NULL;
     enum modal_status rc;
@@ -234,8 +247,9 @@ out:
 
 void airloads_done(struct airloads_matrices *m)
 {
-    double *all[] = { m->position, m->weight, m->lift[0], m->lift[1], m->lift[2], m->moment[0], m->moment[1],
-                      m->moment[2], m->lift_z, m->moment_z, m->M, m->C, m->K, m->F, m->Bx, m->Bv, m->Ba };
+    double *all[] = { m->position,  m->weight,    m->lift[0], m->lift[1],  m->lift[2], m->moment[0],
+                      m->moment[1], m->moment[2], m->lift_z,  m->moment_z, m->M,       m->C,
+                      m->K,         m->F,         m->Bx,      m->Bv,       m->Ba };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         free(all[i]);

@@ -1,8 +1,9 @@
 /* wing_model.h - a wing that bends and twists, and its airloads at stations, as matrices
  *
- * w up, phi nose-up, y from the clamped root to the tip, x aft from the elastic axis: a point moves by w - x phi.  One
- * consistent system of units (SI, or ft, slug, s, lb).  Bending by cubic Hermite elements, twist by cubic Lagrange elements
- * with nodes at thirds; dofs w_1, w_1', w_2, ... w_E' and then phi_1 .. phi_3E: n = 5 E, the root's absent.
+ * w up, phi nose-up, y from the clamped root to the tip, x aft from the elastic axis: a point moves
+ * by w - x phi.  One consistent system of units (SI, or ft, slug, s, lb).  Bending by cubic Hermite
+ * elements, twist by cubic Lagrange elements with nodes at thirds; dofs w_1, w_1', w_2, ... w_E'
+ * and then phi_1 .. phi_3E: n = 5 E, the root's absent.
  */
 #ifndef MODAL_WING_MODEL_H
 #define MODAL_WING_MODEL_H
@@ -21,12 +22,13 @@ struct wing {
 
 int wing_dofs(const struct wing *w);
 
-/* One element's matrices, 8 x 8 by rows, over [w_1, w_1', w_2, w_2', phi at 0, h/3, 2h/3, h], and the global dof of each (-1: at the
- * clamped root) of element E = 0 .. elements - 1. */
+/* One element's matrices, 8 x 8 by rows, over [w_1, w_1', w_2, w_2', phi at 0, h/3, 2h/3, h], and
+ * the global dof of each (-1: at the clamped root) of element E = 0 .. elements - 1. */
 void wing_element(const struct wing *w, double M[64], double K[64]);
 void wing_element_dofs(const struct wing *w, int element, int dof[8]);
 
-/* Rows over the n dofs of the values at y in [0, length]: w, phi (either may be NULL; overwritten). */
+/* Rows over the n dofs of the values at y in [0, length]: w, phi (either may be NULL;
+ * overwritten). */
 void wing_rows(const struct wing *w, double y, double *row_w, double *row_phi);
 
 struct airloads {
@@ -44,15 +46,16 @@ struct airloads_matrices {
     double *position, *weight;                 /* ns */
     double *lift[3], *moment[3];               /* ns x n by rows: on x, x', x'' */
     double *lift_z, *moment_z;                 /* ns x nz */
-    double *M, *C, *K;                         /* n x n by rows: what the airloads add to the left-hand side */
+    /* n x n by rows: what the airloads add to the left-hand side */
+    double *M, *C, *K;
     double *F;                                 /* n x nz: their force F z */
     double *Bx, *Bv, *Ba;                      /* nz x n: E z' = A z + Bx x + Bv x' + Ba x'' */
     struct inflow flow;                        /* its E and A */
 };
 
 /* Fails with MODAL_NO_MEMORY; airloads_done frees. */
-enum modal_status airloads_new(const struct wing *w, const struct airloads *a, struct airloads_matrices *out,
-                               struct modal_error *err);
+enum modal_status airloads_new(const struct wing *w, const struct airloads *a,
+                               struct airloads_matrices *out, struct modal_error *err);
 void airloads_done(struct airloads_matrices *m);
 
 #endif

@@ -1,8 +1,10 @@
 /*
- * airloads.c - a wing in a stream: apparent mass, circulatory lift at stations, and an inflow model's states
+ * airloads.c - a wing in a stream: apparent mass, circulatory lift at stations, and an inflow
+ * model's states
  *
- * wing_model.c has the loads, inflow/ the models.  `speed`, `density`, `lift_slope` (2 pi), `x_qc` (aft positive from the
- * elastic axis), `stations` (9), `inflow` (none), `inflow_states` (the model's standard: see the rows of inflow/).
+ * wing_model.c has the loads, inflow/ the models.  `speed`, `density`, `lift_slope` (2 pi), `x_qc`
+ * (aft positive from the elastic axis), `stations` (9), `inflow` (none), `inflow_states` (the
+ * model's standard: see the rows of inflow/).
  */
 #include <stdio.h>
 #include "modal/scene/lowering.h"
@@ -10,7 +12,8 @@
 
 enum {
     INFLOW_STATES_ABSENT = -1,             /* the model's standard */
-    INFLOW_STATES_TOLD = 1000000,          /* any count is read, so that the model tells what it accepts */
+    /* any count is read, so that the model tells what it accepts */
+    INFLOW_STATES_TOLD = 1000000,
 };
 
 static void add_rows(struct lowering *l, int matrix, const double *rows, int n)
@@ -21,7 +24,8 @@ static void add_rows(struct lowering *l, int matrix, const double *rows, int n)
                 lowering_add(l, matrix, i, j, rows[i * n + j]);
 }
 
-static void add_block(struct lowering *l, enum lowering_block block, int i0, int j0, const double *rows, int m, int n)
+static void add_block(struct lowering *l, enum lowering_block block, int i0, int j0,
+                      const double *rows, int m, int n)
 {
     for (int i = 0; i < m; i++)
         for (int j = 0; j < n; j++)
@@ -35,20 +39,22 @@ static const struct scene_key keys[] = {
       .needed = true, .means = "of the stream, U", .example = "30" },
     { "density", SCENE_NUMBER, offsetof(struct airloads_keys, a.density), "kg/m^3", 0, SCENE_LARGE,
       .needed = true, .means = "of the air, rho", .example = "1.2" },
-    { "lift_slope", SCENE_NUMBER, offsetof(struct airloads_keys, a.lift_slope), "1/rad", 0, SCENE_LARGE,
-      .standard = 2 * M_PI, .means = "a0 in lift = a0 rho U b (normalwash - inflow)",
+    { "lift_slope", SCENE_NUMBER, offsetof(struct airloads_keys, a.lift_slope), "1/rad", 0,
+      SCENE_LARGE, .standard = 2 * M_PI, .means = "a0 in lift = a0 rho U b (normalwash - inflow)",
       .example = "5.7" },
     { "x_qc", SCENE_NUMBER, offsetof(struct airloads_keys, a.x_qc), "m", -SCENE_LARGE, SCENE_LARGE,
       .needed = true, .means = "quarter chord from the elastic axis, aft positive",
       .example = "-0.1" },
-    { "stations", SCENE_WHOLE, offsetof(struct airloads_keys, a.stations), "", 1, WING_STATIONS_MOST,
-      .standard = 9, .means = "of the quadrature along the span", .example = "9" },
+    { "stations", SCENE_WHOLE, offsetof(struct airloads_keys, a.stations), "", 1,
+      WING_STATIONS_MOST, .standard = 9, .means = "of the quadrature along the span",
+      .example = "9" },
     { "inflow", SCENE_WORD, offsetof(struct airloads_keys, inflow), .words = inflow_names,
       .means = "model of the induced velocity", .example = "\"peters_2d\"" },
     { "inflow_states", SCENE_WHOLE, offsetof(struct airloads_keys, a.inflow_states), "", 0,
-      INFLOW_STATES_TOLD, .standard = INFLOW_STATES_ABSENT, .otherwise = "6 for peters_2d, 2 for jones, "
-      "30 for peters_he", .means = "states of each station; for peters_he of the wing",
-      .example = "6" },
+      INFLOW_STATES_TOLD, .standard = INFLOW_STATES_ABSENT,
+      .otherwise = "6 for peters_2d, 2 for jones, "
+                   "30 for peters_he",
+      .means = "states of each station; for peters_he of the wing", .example = "6" },
     { 0 },
 };
 
@@ -78,7 +84,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     enum modal_status rc = find_inflow(e, k, err);
 
     if (rc == MODAL_OK && mesh->in_air)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, e->path, "%s: airloads are listed already", e->path);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, e->path, "%s: airloads are listed already",
+                              e->path);
     if (rc != MODAL_OK)
         return rc;
     mesh->in_air = true;                               /* from here on there is something to free */

@@ -1,13 +1,15 @@
 /*
  * axial_load.c - an end load on a beam, mean + amplitude cos(omega t), compression positive
  *
- * A compression P does the work P/2 int w'^2 dx, so K gains -P G, G the geometric matrix int N'^T N' dx.
+ * A compression P does the work P/2 int w'^2 dx, so K gains -P G, G the geometric matrix int N'^T
+ * N' dx.
  */
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/beam.h"
 #include "modal/scene/hermite.h"
 
-static void add_elements(struct lowering *l, const struct beam_mesh *mesh, double mean, double amplitude)
+static void add_elements(struct lowering *l, const struct beam_mesh *mesh, double mean,
+                         double amplitude)
 {
     double G[16];
 
@@ -47,8 +49,11 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 
 static const char *const structures[] = { "beam", NULL };
 const struct scene_effect_kind effect_axial_load = {
-    .name = "axial_load", .keys = { scene_type_keys, keys }, .size = sizeof(struct axial),
+    .name = "axial_load",
+    .keys = { scene_type_keys, keys },
+    .size = sizeof(struct axial),
     .structures = structures,
-    .law = "K gains -(mean + amplitude cos(omega t)) G, G the geometric matrix: compression softens",
+    .law =
+        "K gains -(mean + amplitude cos(omega t)) G, G the geometric matrix: compression softens",
     .lower = lower,
 };

@@ -1,7 +1,9 @@
-/* bearing.c - a shaft's end held by springs to the ground, and damped: `transverse` in N/m, `rotational` in N m/rad, `damping` in N s/m
+/* bearing.c - a shaft's end held by springs to the ground, and damped: `transverse` in N/m,
+ * `rotational` in N m/rad, `damping` in N s/m
  *
- * With a coupling at the same end the springs act in series; the damping acts on the shaft's end, on fixed axes.
- * A spring that is not given is no link of that series, one given as 0 holds nothing: so presence counts.
+ * With a coupling at the same end the springs act in series; the damping acts on the shaft's end,
+ * on fixed axes. A spring that is not given is no link of that series, one given as 0 holds
+ * nothing: so presence counts.
  */
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/shaft.h"
@@ -33,8 +35,11 @@ static enum modal_status note_spring(const struct scene_effect *e, struct shaft_
     if (out->listed)
         return modal_fail_field(err, MODAL_BAD_INPUT, e->path,
                                 "%s: this end of the shaft has one already", e->path);
-    *out = (struct shaft_spring) {
-        .listed = true, .effect = e->index, .transverse = s->transverse, .rotational = s->rotational,
+    *out = (struct shaft_spring){
+        .listed = true,
+        .effect = e->index,
+        .transverse = s->transverse,
+        .rotational = s->rotational,
         .has_transverse = json_member(e->json, "transverse") != NULL,
         .has_rotational = json_member(e->json, "rotational") != NULL,
     };

@@ -1,7 +1,9 @@
-/* clearance.c - a shaft's end as a journal in a circular race: `gap` in m, `stiffness` in N/m, `dissipation` in s/m, `journal_mass` in kg
+/* clearance.c - a shaft's end as a journal in a circular race: `gap` in m, `stiffness` in N/m,
+ * `dissipation` in s/m, `journal_mass` in kg
  *
- * It takes the place of the bearing at its end; laws/journal_contact.c has the force.  With finite elements, or with a journal_mass, the
- * journal's position is the shaft's dofs there; a massless shaft without journal_mass has it from a scalar balance.
+ * It takes the place of the bearing at its end; laws/journal_contact.c has the force.  With finite
+ * elements, or with a journal_mass, the journal's position is the shaft's dofs there; a massless
+ * shaft without journal_mass has it from a scalar balance.
  */
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/shaft.h"

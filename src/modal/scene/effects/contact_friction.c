@@ -1,22 +1,27 @@
-/* contact_friction.c - contact and friction at one place: a normal spring under preload, a tangential slider whose bound is mu times
- * the momentary normal force.  `normal` and `tangential` name the dofs; the other side is the ground */
+/* contact_friction.c - contact and friction at one place: a normal spring under preload, a
+ * tangential slider whose bound is mu times the momentary normal force.  `normal` and `tangential`
+ * name the dofs; the other side is the ground */
 #include "modal/scene/effects/local_law.h"
 
-struct contact { int normal, tangential; double normal_stiffness, preload, tangential_stiffness, mu; };
+struct contact {
+    int normal, tangential;
+    double normal_stiffness, preload, tangential_stiffness, mu;
+};
 
 static const struct scene_key keys[] = {
     { "normal", SCENE_DOF, offsetof(struct contact, normal), .needed = true,
       .means = "dof d_n into the contact", .example = "\"x1\"" },
     { "tangential", SCENE_DOF, offsetof(struct contact, tangential), .needed = true,
       .means = "dof d_t along the contact", .example = "\"x2\"" },
-    { "normal_stiffness", SCENE_NUMBER, offsetof(struct contact, normal_stiffness), "N/m", 0, HUGE_VAL,
-      .needed = true, .means = "k_n in N = max(0, preload + k_n d_n)", .example = "5000" },
+    { "normal_stiffness", SCENE_NUMBER, offsetof(struct contact, normal_stiffness), "N/m", 0,
+      HUGE_VAL, .needed = true, .means = "k_n in N = max(0, preload + k_n d_n)",
+      .example = "5000" },
     { "preload", SCENE_NUMBER, offsetof(struct contact, preload), "N", -HUGE_VAL, HUGE_VAL,
       .means = "normal force at d_n = 0; < 0 is an open gap", .example = "10" },
-    { "tangential_stiffness", SCENE_NUMBER, offsetof(struct contact, tangential_stiffness), "N/m", 0,
-      HUGE_VAL, .needed = true, .means = "of the spring before the slider", .example = "4000" },
-    { "mu", SCENE_NUMBER, offsetof(struct contact, mu), "", 0, HUGE_VAL,
-      .needed = true, .means = "friction bound over momentary normal force", .example = "0.3" },
+    { "tangential_stiffness", SCENE_NUMBER, offsetof(struct contact, tangential_stiffness), "N/m",
+      0, HUGE_VAL, .needed = true, .means = "of the spring before the slider", .example = "4000" },
+    { "mu", SCENE_NUMBER, offsetof(struct contact, mu), "", 0, HUGE_VAL, .needed = true,
+      .means = "friction bound over momentary normal force", .example = "0.3" },
     { 0 },
 };
 
@@ -30,7 +35,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     json_path(where, e->path, s->normal < 0 ? "normal" : "tangential");
     if (s->normal < 0 || s->tangential < 0 || s->normal == s->tangential)
         return modal_fail_field(err, MODAL_BAD_INPUT, where,
-                                "%s: `normal` and `tangential` must be two different dofs", e->path);
+                                "%s: `normal` and `tangential` must be two different dofs",
+                                e->path);
     if (s->normal_stiffness == 0 && s->preload <= 0)       /* never in contact: it leaves nothing */
         return MODAL_OK;
     enum modal_status rc = law_contact_friction(s->normal_stiffness, s->preload,
@@ -43,7 +49,11 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 }
 
 const struct scene_effect_kind effect_contact_friction = {
-    .name = "contact_friction", .keys = { scene_type_keys, keys }, .size = sizeof(struct contact),
-    .law = "minus N = max(0, preload + normal_stiffness d_n) on normal; on tangential minus a friction "
-           "element of tangential_stiffness whose limit is mu N", .lower = lower,
+    .name = "contact_friction",
+    .keys = { scene_type_keys, keys },
+    .size = sizeof(struct contact),
+    .law = "minus N = max(0, preload + normal_stiffness d_n) on normal; on tangential minus a "
+           "friction "
+           "element of tangential_stiffness whose limit is mu N",
+    .lower = lower,
 };

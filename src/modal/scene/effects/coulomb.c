@@ -1,7 +1,8 @@
 /*
  * coulomb.c - rigid friction: limit [N] against the motion, at rest whatever holds, up to limit
  *
- * Two of them side by side hold as one of both limits; nothing says how they share it.  The second's law is the first's.
+ * Two of them side by side hold as one of both limits; nothing says how they share it.  The
+ * second's law is the first's.
  */
 #include "modal/scene/effects/local_law.h"
 
@@ -11,14 +12,17 @@ static struct law *beside(struct lowering *l, struct local_ends at)
     for (int i = 0; i < l->p->laws; i++) {
         struct law *law = &l->p->law[i];
 
-        if (law->kind->set_valued && ((law->dof[0] == at.dof && law->to[0] == at.to) || (law->dof[0] == at.to && law->to[0] == at.dof)))
+        if (law->kind->set_valued
+            && ((law->dof[0] == at.dof && law->to[0] == at.to)
+                || (law->dof[0] == at.to && law->to[0] == at.dof)))
             return law;
     }
     return NULL;
 }
 
 /* LAW holds LIMIT more; the effect at hand is told by its row. */
-static enum modal_status strengthen(struct lowering *l, struct law *law, double limit, struct modal_error *err)
+static enum modal_status strengthen(struct lowering *l, struct law *law, double limit,
+                                    struct modal_error *err)
 {
     struct law sum;
     enum modal_status rc = law_coulomb(law->limit + limit, &sum, err);

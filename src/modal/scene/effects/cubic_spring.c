@@ -1,11 +1,12 @@
-/* cubic_spring.c - coefficient d^3, coefficient in N/m^3 of any sign; a coefficient of 0 leaves nothing */
+/* cubic_spring.c - coefficient d^3, coefficient in N/m^3 of any sign; a coefficient of 0 leaves
+ * nothing */
 #include "modal/scene/effects/local_law.h"
 
 struct cubic { struct local_ends at; double coefficient; };
 
 static const struct scene_key keys[] = {
-    { "coefficient", SCENE_NUMBER, offsetof(struct cubic, coefficient), "N/m^3", -HUGE_VAL, HUGE_VAL,
-      .needed = true, .means = "c in f = c d^3, of any sign", .example = "1e6" },
+    { "coefficient", SCENE_NUMBER, offsetof(struct cubic, coefficient), "N/m^3", -HUGE_VAL,
+      HUGE_VAL, .needed = true, .means = "c in f = c d^3, of any sign", .example = "1e6" },
     { 0 },
 };
 

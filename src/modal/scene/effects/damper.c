@@ -4,8 +4,8 @@
 struct damper { struct local_ends at; double coefficient; };
 
 static const struct scene_key keys[] = {
-    { "coefficient", SCENE_NUMBER, offsetof(struct damper, coefficient), "N s/m", -HUGE_VAL, HUGE_VAL,
-      .needed = true, .means = "c in f = c d', of any sign", .example = "2.5" },
+    { "coefficient", SCENE_NUMBER, offsetof(struct damper, coefficient), "N s/m", -HUGE_VAL,
+      HUGE_VAL, .needed = true, .means = "c in f = c d', of any sign", .example = "2.5" },
     { 0 },
 };
 

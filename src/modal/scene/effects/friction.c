@@ -1,5 +1,5 @@
-/* friction.c - an elastic, perfectly plastic (Jenkins) element: stiffness [N/m] in series with a slider of strength limit [N];
- * of either 0, it holds nothing and leaves nothing */
+/* friction.c - an elastic, perfectly plastic (Jenkins) element: stiffness [N/m] in series with a
+ * slider of strength limit [N]; of either 0, it holds nothing and leaves nothing */
 #include "modal/scene/effects/local_law.h"
 
 struct friction { struct local_ends at; double stiffness, limit; };

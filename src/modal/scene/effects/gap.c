@@ -1,5 +1,6 @@
-/* gap.c - unilateral contact: stiffness (d - clearance) where d > clearance, times (1 + dissipation d') and never pulling;
- * a negative clearance [m] is a preload; both_sides adds the mirror image (clearance then >= 0) */
+/* gap.c - unilateral contact: stiffness (d - clearance) where d > clearance, times (1 + dissipation
+ * d') and never pulling; a negative clearance [m] is a preload; both_sides adds the mirror image
+ * (clearance then >= 0) */
 #include "modal/scene/effects/local_law.h"
 
 struct gap { struct local_ends at; double stiffness, clearance, dissipation; bool both_sides; };
@@ -8,7 +9,8 @@ static const struct scene_key keys[] = {
     { "stiffness", SCENE_NUMBER, offsetof(struct gap, stiffness), "N/m", 0, HUGE_VAL,
       .needed = true, .means = "of the stop, where d > clearance", .example = "1e5" },
     { "clearance", SCENE_NUMBER, offsetof(struct gap, clearance), "m", -HUGE_VAL, HUGE_VAL,
-      .needed = true, .means = "the d at which contact begins; < 0 is a preload, not with both_sides",
+      .needed = true,
+      .means = "the d at which contact begins; < 0 is a preload, not with both_sides",
       .example = "1e-3" },
     { "dissipation", SCENE_NUMBER, offsetof(struct gap, dissipation), "s/m", 0, HUGE_VAL,
       .means = "mu of the factor 1 + mu d', which never makes it pull", .example = "0.1" },

@@ -1,13 +1,16 @@
-/* gyroscopic.c - the polar inertia of a turning shaft's disk (and of its sections, with rotary_inertia): no keys */
+/* gyroscopic.c - the polar inertia of a turning shaft's disk (and of its sections, with
+ * rotary_inertia): no keys */
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/shaft.h"
 
-static enum modal_status lower(struct lowering *l, const struct scene_effect *e, struct modal_error *err)
+static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
+                               struct modal_error *err)
 {
     struct shaft *shaft = l->mesh;
 
     if (shaft->gyroscopic)
-        return modal_fail_field(err, MODAL_BAD_INPUT, e->path, "%s: gyroscopic is listed already", e->path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, e->path, "%s: gyroscopic is listed already",
+                                e->path);
     shaft->gyroscopic = true;
     shaft->gyroscopic_effect = e->index;
     return MODAL_OK;

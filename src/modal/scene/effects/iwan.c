@@ -1,8 +1,9 @@
-/* iwan.c - Jenkins elements side by side: stiffnesses [N/m] and limits [N], as many of each; those of stiffness or limit 0 are left out */
+/* iwan.c - Jenkins elements side by side: stiffnesses [N/m] and limits [N], as many of each;
+ * those of stiffness or limit 0 are left out */
 #include "modal/scene/effects/local_law.h"
 
-/* Each slider is a state that is stepped and sampled at every instant: a backbone of as many straight
- * pieces is within 1/256 of any smooth one. */
+/* Each slider is a state that is stepped and sampled at every instant: a backbone of as many
+ * straight pieces is within 1/256 of any smooth one. */
 enum { SLIDERS_MOST = 256 };
 
 struct iwan { struct local_ends at; struct scene_numbers stiffnesses, limits; };
@@ -29,9 +30,10 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 
     json_path(where, e->path, fits ? "limits" : "stiffnesses");
     if (!fits || springs != s->limits.count)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; accepted: 1 to %d "
-                                "stiffnesses and as many limits", where,
-                                fits ? s->limits.count : springs, SLIDERS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s has %zu numbers; accepted: 1 to %d "
+                                "stiffnesses and as many limits",
+                                where, fits ? s->limits.count : springs, SLIDERS_MOST);
     for (size_t i = 0; i < springs; i++)
         if (k[i] > 0 && limit[i] > 0) {
             k[count] = k[i];

@@ -2,8 +2,9 @@
 #include "modal/scene/effects/local_law.h"
 #include <string.h>
 
-enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e, enum modal_status rc, struct local_ends at,
-                                struct law *law, struct modal_error *err)
+enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e,
+                                enum modal_status rc, struct local_ends at, struct law *law,
+                                struct modal_error *err)
 {
     if (rc != MODAL_OK) {
         if (err != NULL && strncmp(err->field, e->path, strlen(e->path)) != 0) {
@@ -20,7 +21,9 @@ enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e
 }
 
 enum modal_status local_law_polynomial(struct lowering *l, const struct scene_effect *e, int matrix,
-                                       enum modal_status (*make)(const double *, int, struct law *, struct modal_error *), struct modal_error *err)
+                                       enum modal_status (*make)(const double *, int, struct law *,
+                                                                 struct modal_error *),
+                                       struct modal_error *err)
 {
     const struct local_polynomial *s = e->values;
     const double *c = s->coefficients.x;
@@ -30,7 +33,8 @@ enum modal_status local_law_polynomial(struct lowering *l, const struct scene_ef
 
     json_path(where, e->path, "coefficients");
     if (count < 1 || count > LAW_TERMS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s must list 1 to %d numbers", where, LAW_TERMS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s must list 1 to %d numbers", where,
+                                LAW_TERMS_MOST);
     while (count > 1 && c[count - 1] == 0)
         count--;
     if (count > 1)

@@ -1,7 +1,9 @@
 /*
- * parametric_stiffness.c - a spring whose stiffness pulsates: stiffness cos(k omega t + phase) between `dof` and `to`
+ * parametric_stiffness.c - a spring whose stiffness pulsates: stiffness cos(k omega t + phase)
+ * between `dof` and `to`
  *
- * cos(k omega t + phase) = cos(phase) cos(k omega t) - sin(phase) sin(k omega t).  k is a whole number, default 1.
+ * cos(k omega t + phase) = cos(phase) cos(k omega t) - sin(phase) sin(k omega t).  k is a whole
+ * number, default 1.
  */
 #include "modal/scene/lowering.h"
 
@@ -21,7 +23,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {
     const struct parametric *s = e->values;
-    enum modal_status rc = s->k > 0 ? lowering_need_omega(l, "parametric_stiffness", err) : MODAL_OK;
+    enum modal_status rc =
+        s->k > 0 ? lowering_need_omega(l, "parametric_stiffness", err) : MODAL_OK;
 
     if (rc == MODAL_OK)
         lowering_between_harmonic(l, PROGRAM_K, s->k, s->at, s->stiffness * cos(s->phase),

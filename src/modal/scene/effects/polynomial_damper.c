@@ -1,9 +1,11 @@
-/* polynomial_damper.c - the sum of coefficients[i] d^i d'; a constant one is a linear damper and becomes one */
+/* polynomial_damper.c - the sum of coefficients[i] d^i d'; a constant one is a linear damper and
+ * becomes one */
 #include "modal/scene/effects/local_law.h"
 
 static const struct scene_key keys[] = {
     { "coefficients", SCENE_NUMBERS, offsetof(struct local_polynomial, coefficients), "N s/m^(i+1)",
-      -HUGE_VAL, HUGE_VAL, .needed = true, .means = "c_i of f = sum c_i d^i d', i from 0; van der Pol: [-mu, 0, mu]",
+      -HUGE_VAL, HUGE_VAL, .needed = true,
+      .means = "c_i of f = sum c_i d^i d', i from 0; van der Pol: [-mu, 0, mu]",
       .example = "[-0.1, 0, 0.1]" },
     { 0 },
 };

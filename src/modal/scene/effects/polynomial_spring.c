@@ -1,4 +1,5 @@
-/* polynomial_spring.c - the sum of coefficients[i] d^(i+1); a polynomial of degree 1 is a linear spring and becomes one */
+/* polynomial_spring.c - the sum of coefficients[i] d^(i+1); a polynomial of degree 1 is a linear
+ * spring and becomes one */
 #include "modal/scene/effects/local_law.h"
 
 static const struct scene_key keys[] = {

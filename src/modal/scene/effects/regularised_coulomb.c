@@ -4,10 +4,11 @@
 struct regularised { struct local_ends at; double limit, velocity; };
 
 static const struct scene_key keys[] = {
-    { "limit", SCENE_NUMBER, offsetof(struct regularised, limit), "N", 0, HUGE_VAL,
-      .needed = true, .means = "the force at speeds far above velocity", .example = "0.8" },
-    { "velocity", SCENE_NUMBER, offsetof(struct regularised, velocity), "m/s", SCENE_POSITIVE, HUGE_VAL,
-      .needed = true, .means = "width of the rounded step about d' = 0", .example = "1e-3" },
+    { "limit", SCENE_NUMBER, offsetof(struct regularised, limit), "N", 0, HUGE_VAL, .needed = true,
+      .means = "the force at speeds far above velocity", .example = "0.8" },
+    { "velocity", SCENE_NUMBER, offsetof(struct regularised, velocity), "m/s", SCENE_POSITIVE,
+      HUGE_VAL, .needed = true, .means = "width of the rounded step about d' = 0",
+      .example = "1e-3" },
     { 0 },
 };
 
@@ -19,8 +20,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 
     if (s->limit == 0)
         return MODAL_OK;
-    return local_law_add(l, e, law_regularised_coulomb(s->limit, s->velocity, &law, err), s->at, &law,
-                         err);
+    return local_law_add(l, e, law_regularised_coulomb(s->limit, s->velocity, &law, err), s->at,
+                         &law, err);
 }
 
 const struct scene_effect_kind effect_regularised_coulomb = {

@@ -1,4 +1,5 @@
-/* strain_rate_damping.c - C = mu K of the elastic members, mu in s; a structure whose members turn says how itself */
+/* strain_rate_damping.c - C = mu K of the elastic members, mu in s; a structure whose members
+ * turn says how itself */
 #include "modal/scene/lowering.h"
 
 struct strain_rate { double mu; };
@@ -18,6 +19,9 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 }
 
 const struct scene_effect_kind effect_strain_rate_damping = {
-    .name = "strain_rate_damping", .keys = { scene_type_keys, keys },
-    .size = sizeof(struct strain_rate), .law = "C gains mu K of the elastic members", .lower = lower,
+    .name = "strain_rate_damping",
+    .keys = { scene_type_keys, keys },
+    .size = sizeof(struct strain_rate),
+    .law = "C gains mu K of the elastic members",
+    .lower = lower,
 };

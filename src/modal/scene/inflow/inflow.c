@@ -7,7 +7,8 @@ static int no_states(int states)
     return states == 0;
 }
 
-static enum modal_status fill_none(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err)
+static enum modal_status fill_none(const struct inflow_wing *wing, int states, struct inflow *out,
+                                   struct modal_error *err)
 {
     enum modal_status rc = inflow_allocate(wing, states, out, err);
 
@@ -18,9 +19,11 @@ static enum modal_status fill_none(const struct inflow_wing *wing, int states, s
 
 const struct inflow_kind inflow_none = { "none", 0, 1, "0", no_states, fill_none };
 const char *const inflow_names[] = { "none", "peters_2d", "jones", "peters_he", NULL };
-const struct inflow_kind *const inflow_kinds[] = { &inflow_none, &inflow_peters_2d, &inflow_jones, &inflow_peters_he, NULL };
+const struct inflow_kind *const inflow_kinds[] = { &inflow_none, &inflow_peters_2d, &inflow_jones,
+                                                   &inflow_peters_he, NULL };
 
-enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err)
+enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out,
+                                  struct modal_error *err)
 {
     size_t nz = (size_t)states, ns = (size_t)wing->stations;
 
@@ -30,15 +33,16 @@ enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, st
     out->P = calloc(nz * ns + 1, sizeof *out->P);
     out->Q = calloc(nz * ns + 1, sizeof *out->Q);
     out->Lambda = calloc(nz * ns + 1, sizeof *out->Lambda);
-    if (out->E == NULL || out->A == NULL || out->P == NULL || out->Q == NULL || out->Lambda == NULL) {
+    if (out->E == NULL || out->A == NULL || out->P == NULL || out->Q == NULL
+        || out->Lambda == NULL) {
         inflow_done(out);
         return modal_fail(err, MODAL_NO_MEMORY, "inflow: out of memory for %d states", states);
     }
     return MODAL_OK;
 }
 
-enum modal_status inflow_new(const struct inflow_kind *kind, const struct inflow_wing *wing, int states,
-                             struct inflow *out, struct modal_error *err)
+enum modal_status inflow_new(const struct inflow_kind *kind, const struct inflow_wing *wing,
+                             int states, struct inflow *out, struct modal_error *err)
 {
     struct inflow made = { 0 };
     enum modal_status rc = kind->fill(wing, states, &made, err);

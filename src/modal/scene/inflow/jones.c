@@ -3,7 +3,8 @@
  *
  *     Lc = a0 rho U b [ v/2 + sum_i A_i B_i (U/b) z_i ],     z_i' = -B_i (U/b) z_i + v          (1)
  *
- * A = (0.165, 0.335), B = (0.0455, 0.3): Wagner's function is 1 - A_1 e^{-B_1 s} - A_2 e^{-B_2 s}, s = U t / b.
+ * A = (0.165, 0.335), B = (0.0455, 0.3): Wagner's function is 1 - A_1 e^{-B_1 s} - A_2 e^{-B_2 s},
+ * s = U t / b.
  *
  * [J40] R.T. Jones, NACA Report 681 (1940), as restated in the wing's model document.
  */
@@ -17,7 +18,8 @@ static int two(int states)
     return states == 2;
 }
 
-static enum modal_status fill(const struct inflow_wing *wing, int states, struct inflow *out, struct modal_error *err)
+static enum modal_status fill(const struct inflow_wing *wing, int states, struct inflow *out,
+                              struct modal_error *err)
 {
     size_t ns = (size_t)wing->stations, lags = (size_t)states, nz = ns * lags;
     enum modal_status rc = inflow_allocate(wing, (int)nz, out, err);

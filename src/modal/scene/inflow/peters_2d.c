@@ -7,8 +7,8 @@
  *     b_n = (-1)^(n-1) (N+n-1)! / ((N-n-1)! n!^2) for n < N,  b_N = (-1)^(N-1),                (2)
  *     c_n = 2/n,  d_1 = 1/2 (others 0),  D_nm = 1/(2n) for n = m+1, -1/(2n) for n = m-1        (3)
  *
- * [PKC95] Peters, Karunamoorthy and Cao, J. Aircraft 32 (1995) 313-322, as restated in the wing's model document.
- * |b_n| grows like 6^N, and with it the rounding of (1): N <= 10.
+ * [PKC95] Peters, Karunamoorthy and Cao, J. Aircraft 32 (1995) 313-322, as restated in the wing's
+ * model document. |b_n| grows like 6^N, and with it the rounding of (1): N <= 10.
  */
 #include "modal/scene/inflow/inflow.h"
 #include <stddef.h>
@@ -20,7 +20,8 @@ static int few(int states)
     return states >= 1 && states <= STATES_MOST;
 }
 
-/* (2) by b_n / b_(n-1) = -(N + n - 1)(N - n) / n^2, b_1 = N (N - 1) (1 where N = 1): whole numbers, so exact. */
+/* (2) by b_n / b_(n-1) = -(N + n - 1)(N - n) / n^2, b_1 = N (N - 1) (1 where N = 1): whole
+ * numbers, so exact. */
 static void fill_b(int N, double b[STATES_MOST])
 {
     double next = (double)N * (N - 1);
@@ -51,7 +52,8 @@ static void fill_A(int N, const double *b, double *A)
         }
 }
 
-static enum modal_status fill(const struct inflow_wing *wing, int N, struct inflow *out, struct modal_error *err)
+static enum modal_status fill(const struct inflow_wing *wing, int N, struct inflow *out,
+                              struct modal_error *err)
 {
     double b[STATES_MOST], A[STATES_MOST * STATES_MOST];
     size_t ns = (size_t)wing->stations, nz = ns * (size_t)N;
@@ -75,4 +77,6 @@ static enum modal_status fill(const struct inflow_wing *wing, int N, struct infl
     return MODAL_OK;
 }
 
-const struct inflow_kind inflow_peters_2d = { "peters_2d", 6, 0, "1 .. 10, states of each station", few, fill };
+const struct inflow_kind inflow_peters_2d = { "peters_2d", 6,
+                                              0,           "1 .. 10, states of each station",
+                                              few,         fill };

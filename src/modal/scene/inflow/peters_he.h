@@ -1,4 +1,5 @@
-/* peters_he.h - the matrices of Peters and He's dynamic inflow, for a wing as two radii of a disk in edgewise flow */
+/* peters_he.h - the matrices of Peters and He's dynamic inflow, for a wing as two radii of a
+ * disk in edgewise flow */
 #ifndef MODAL_PETERS_HE_H
 #define MODAL_PETERS_HE_H
 
@@ -6,7 +7,8 @@ enum { PETERS_HE_ORDER_MOST = 15, PETERS_HE_STATES_MOST = 72 };
 
 struct peters_he_index { int m, n; };
 
-/* Cosine states of order N: all m = 0 .. N, n = m + 1, m + 3, .. with n - 1 <= N, in this order; their count. */
+/* Cosine states of order N: all m = 0 .. N, n = m + 1, m + 3, .. with n - 1 <= N, in this order;
+ * their count. */
 int peters_he_states(int order, struct peters_he_index index[PETERS_HE_STATES_MOST]);
 /* The order that has so many cosine states; -1: none. */
 int peters_he_order(int states);

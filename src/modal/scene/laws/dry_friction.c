@@ -4,8 +4,9 @@
  *     rigid    f = limit sign(v), at rest any f in [-limit, limit]            (1)
  *     rounded  f = limit tanh(v / v0)                                         (2)
  *
- * (1) is set-valued: what holds a body at rest follows from the balance, not from the motion, so `force` gives 0 at
- * v = 0 and the class says `set_valued`.  (2) is analytic, with a boundary layer of v0 that a sampling must resolve.
+ * (1) is set-valued: what holds a body at rest follows from the balance, not from the motion, so
+ * `force` gives 0 at v = 0 and the class says `set_valued`.  (2) is analytic, with a boundary layer
+ * of v0 that a sampling must resolve.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -17,8 +18,8 @@ struct coulomb {
     double limit, velocity;
 };
 
-static enum modal_status rigid_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                     struct modal_error *err)
+static enum modal_status rigid_force(const struct law *law, const struct law_point *at,
+                                     struct law_force *out, struct modal_error *err)
 {
     const struct coulomb *c = law->data;
 
@@ -30,8 +31,8 @@ static enum modal_status rigid_force(const struct law *law, const struct law_poi
     return MODAL_OK;
 }
 
-static enum modal_status rounded_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                       struct modal_error *err)
+static enum modal_status rounded_force(const struct law *law, const struct law_point *at,
+                                       struct law_force *out, struct modal_error *err)
 {
     const struct coulomb *c = law->data;
     double tanh_v = tanh(at->v[0] / c->velocity);
@@ -46,8 +47,8 @@ static enum modal_status rounded_force(const struct law *law, const struct law_p
 }
 
 /* Without stops: +limit while d rises, -limit while it falls, with a jump at every turn. */
-static enum modal_status rigid_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
-                                      struct modal_error *err)
+static enum modal_status rigid_pieces(const struct law *law, const struct orbit *const *input,
+                                      struct law_pieces *out, struct modal_error *err)
 {
     const struct coulomb *c = law->data;
     const struct orbit *o = input[0];
@@ -56,8 +57,11 @@ static enum modal_status rigid_pieces(const struct law *law, const struct orbit 
     for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
         const struct orbit_turn *p = &o->turn[i], *q = &o->turn[(i + 1) % o->turns];
         double sign = q->d > p->d ? 1 : -1, at[3];
-        struct law_piece piece = { .from = p->theta, .to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI),
-                                   .level = sign * c->limit, .jump = 2 * sign * c->limit, .slider = -1 };
+        struct law_piece piece = { .from = p->theta,
+                                   .to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI),
+                                   .level = sign * c->limit,
+                                   .jump = 2 * sign * c->limit,
+                                   .slider = -1 };
 
         orbit_at(o, p->theta, at);
         piece.slope = at[2];
@@ -67,20 +71,28 @@ static enum modal_status rigid_pieces(const struct law *law, const struct orbit 
     return rc;
 }
 
-static const struct law_class rigid_class = { .name = "coulomb", .inputs = 1, .reads_velocity = true,
-                                              .set_valued = true, .force = rigid_force, .pieces = rigid_pieces };
-static const struct law_class rounded_class = { .name = "regularised_coulomb", .inputs = 1, .reads_velocity = true,
-                                                .smooth = true, .force = rounded_force };
+static const struct law_class rigid_class = { .name = "coulomb",
+                                              .inputs = 1,
+                                              .reads_velocity = true,
+                                              .set_valued = true,
+                                              .force = rigid_force,
+                                              .pieces = rigid_pieces };
+static const struct law_class rounded_class = { .name = "regularised_coulomb",
+                                                .inputs = 1,
+                                                .reads_velocity = true,
+                                                .smooth = true,
+                                                .force = rounded_force };
 
-static enum modal_status coulomb_new(const struct law_class *kind, double limit, double velocity, struct law *out,
-                                     struct modal_error *err)
+static enum modal_status coulomb_new(const struct law_class *kind, double limit, double velocity,
+                                     struct law *out, struct modal_error *err)
 {
     struct coulomb *c;
 
     if (law_check("limit", limit, 0, err) != MODAL_OK)
         return MODAL_BAD_INPUT;
     if (!(velocity > 0) || !isfinite(velocity))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "velocity", "velocity is %g; accepted: finite and > 0", velocity);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "velocity",
+                                "velocity is %g; accepted: finite and > 0", velocity);
     c = malloc(sizeof *c);
     if (c == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "coulomb: no memory");
@@ -96,7 +108,8 @@ enum modal_status law_coulomb(double limit, struct law *out, struct modal_error 
     return coulomb_new(&rigid_class, limit, 1, out, err);
 }
 
-enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out, struct modal_error *err)
+enum modal_status law_regularised_coulomb(double limit, double velocity, struct law *out,
+                                          struct modal_error *err)
 {
     return coulomb_new(&rounded_class, limit, velocity, out, err);
 }

@@ -4,8 +4,8 @@
  *     spring   f = sum_i c_i d^(i+1)                                          (1)
  *     damper   f = sum_i c_i d^i v                                            (2)
  *
- * Both are s(d) w with s(d) = sum_i c_i d^i and w = d or v, evaluated by Horner's rule with its derivative.  Of degree
- * `count`, they are sampled without aliasing once N > (count + 1) H.
+ * Both are s(d) w with s(d) = sum_i c_i d^i and w = d or v, evaluated by Horner's rule with its
+ * derivative.  Of degree `count`, they are sampled without aliasing once N > (count + 1) H.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -26,8 +26,8 @@ static void horner(const struct polynomial *p, double d, double *s, double *slop
     }
 }
 
-static enum modal_status spring_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                      struct modal_error *err)
+static enum modal_status spring_force(const struct law *law, const struct law_point *at,
+                                      struct law_force *out, struct modal_error *err)
 {
     double s, slope;
 
@@ -41,8 +41,8 @@ static enum modal_status spring_force(const struct law *law, const struct law_po
     return MODAL_OK;
 }
 
-static enum modal_status damper_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                      struct modal_error *err)
+static enum modal_status damper_force(const struct law *law, const struct law_point *at,
+                                      struct law_force *out, struct modal_error *err)
 {
     double s, slope;
 
@@ -56,19 +56,23 @@ static enum modal_status damper_force(const struct law *law, const struct law_po
     return MODAL_OK;
 }
 
-static const struct law_class spring_class = { .name = "polynomial_spring", .inputs = 1, .smooth = true,
-                                               .force = spring_force };
-static const struct law_class damper_class = { .name = "polynomial_damper", .inputs = 1, .smooth = true,
-                                               .reads_velocity = true, .force = damper_force };
+static const struct law_class spring_class = {
+    .name = "polynomial_spring", .inputs = 1, .smooth = true, .force = spring_force
+};
+static const struct law_class damper_class = { .name = "polynomial_damper",
+                                               .inputs = 1,
+                                               .smooth = true,
+                                               .reads_velocity = true,
+                                               .force = damper_force };
 
-static enum modal_status polynomial_new(const struct law_class *kind, const double *c, int count, struct law *out,
-                                        struct modal_error *err)
+static enum modal_status polynomial_new(const struct law_class *kind, const double *c, int count,
+                                        struct law *out, struct modal_error *err)
 {
     struct polynomial *p;
 
     if (count < 1 || count > LAW_TERMS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "coefficients", "%d coefficients; accepted: 1 to %d", count,
-                                LAW_TERMS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "coefficients",
+                                "%d coefficients; accepted: 1 to %d", count, LAW_TERMS_MOST);
     for (int i = 0; i < count; i++)
         if (law_check("coefficients", c[i], -1e300, err) != MODAL_OK)
             return MODAL_BAD_INPUT;
@@ -83,12 +87,14 @@ static enum modal_status polynomial_new(const struct law_class *kind, const doub
     return MODAL_OK;
 }
 
-enum modal_status law_polynomial_spring(const double *c, int count, struct law *out, struct modal_error *err)
+enum modal_status law_polynomial_spring(const double *c, int count, struct law *out,
+                                        struct modal_error *err)
 {
     return polynomial_new(&spring_class, c, count, out, err);
 }
 
-enum modal_status law_polynomial_damper(const double *c, int count, struct law *out, struct modal_error *err)
+enum modal_status law_polynomial_damper(const double *c, int count, struct law *out,
+                                        struct modal_error *err)
 {
     return polynomial_new(&damper_class, c, count, out, err);
 }

@@ -5,16 +5,18 @@
  *
  *     f = k (d - z),   z = d - clip(d - z_before, -L / k, L / k)              (1)
  *
- * which is the whole law: the slider stays while the spring can, and follows at its bound.  Iwan's is a sum of (1).  In
- * contact with friction L = mu N is that of the moment, N = max(0, preload + kn d_n); without contact L = 0 and the
- * slider follows.  (1) is exact for a monotone path from z_before's instant to now with L constant.
+ * which is the whole law: the slider stays while the spring can, and follows at its bound.  Iwan's
+ * is a sum of (1).  In contact with friction L = mu N is that of the moment, N = max(0, preload +
+ * kn d_n); without contact L = 0 and the slider follows.  (1) is exact for a monotone path from
+ * z_before's instant to now with L constant.
  *
- * Over a period, (1) maps the slider's place at the start to that at the end by one clip: if d ranges over less than
- * 2 L / k, to the nearest of [d_max - L/k, d_min + L/k], where it then stays for good; otherwise, whatever the start, at
- * the largest d the slider has been dragged to d_max - L/k, and from there its whole path is known.  Between turns of d the
- * path is monotone: a stuck slider begins to slip where d has left it by L/k, and sticks again at the next turn.  With a
- * limit that varies, stick ends where k d -+ mu kn d_n has risen or fallen by what was left, and begins again where that
- * sum turns; contact begins and ends where N = 0.
+ * Over a period, (1) maps the slider's place at the start to that at the end by one clip: if d
+ * ranges over less than 2 L / k, to the nearest of [d_max - L/k, d_min + L/k], where it then stays
+ * for good; otherwise, whatever the start, at the largest d the slider has been dragged to d_max -
+ * L/k, and from there its whole path is known.  Between turns of d the path is monotone: a stuck
+ * slider begins to slip where d has left it by L/k, and sticks again at the next turn.  With a
+ * limit that varies, stick ends where k d -+ mu kn d_n has risen or fallen by what was left, and
+ * begins again where that sum turns; contact begins and ends where N = 0.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -45,8 +47,8 @@ static bool slide(double k, double L, double d, double *z, double *f)
     return true;
 }
 
-static enum modal_status sliders_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                       struct modal_error *err)
+static enum modal_status sliders_force(const struct law *law, const struct law_point *at,
+                                       struct law_force *out, struct modal_error *err)
 {
     const struct sliders *s = law->data;
 
@@ -67,8 +69,8 @@ static enum modal_status sliders_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
-static enum modal_status contact_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                       struct modal_error *err)
+static enum modal_status contact_force(const struct law *law, const struct law_point *at,
+                                       struct law_force *out, struct modal_error *err)
 {
     const struct contact *c = law->data;
     double N = c->preload + c->normal_stiffness * at->d[0], z = at->memory_before[0], f;
@@ -89,16 +91,23 @@ static enum modal_status contact_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
-static enum modal_status stick_piece(const struct slider *e, double from, double to, double z, double at,
-                                     struct law_pieces *out, struct modal_error *err)
+static enum modal_status stick_piece(const struct slider *e, double from, double to, double z,
+                                     double at, struct law_pieces *out, struct modal_error *err)
 {
-    struct law_piece piece = { .from = from, .to = to, .level = -e->stiffness * z, .gain = { e->stiffness },
-                               .holds = true, .starts = true, .at = at, .ref = { -e->stiffness } };
+    struct law_piece piece = { .from = from,
+                               .to = to,
+                               .level = -e->stiffness * z,
+                               .gain = { e->stiffness },
+                               .holds = true,
+                               .starts = true,
+                               .at = at,
+                               .ref = { -e->stiffness } };
 
     return pieces_add(out, &piece, err);
 }
 
-static enum modal_status slip_piece(double from, double to, double force, struct law_pieces *out, struct modal_error *err)
+static enum modal_status slip_piece(double from, double to, double force, struct law_pieces *out,
+                                    struct modal_error *err)
 {
     struct law_piece piece = { .from = from, .to = to, .level = force };
 
@@ -107,20 +116,26 @@ static enum modal_status slip_piece(double from, double to, double force, struct
 }
 
 /* Never slipping (or no motion at all): the place nearest 0 that the range of d allows. */
-static enum modal_status stuck_slider(const struct slider *e, double reach, double low, double high, double at_low,
-                                      double at_high, struct law_pieces *out, struct modal_error *err)
+static enum modal_status stuck_slider(const struct slider *e, double reach, double low, double high,
+                                      double at_low, double at_high, struct law_pieces *out,
+                                      struct modal_error *err)
 {
     double z = fmax(fmin(0, low + reach), high - reach);
-    struct law_piece piece = { .to = 2 * M_PI, .level = -e->stiffness * z, .gain = { e->stiffness }, .holds = true,
-                               .at = z < 0 ? at_low : at_high, .ref = { z != 0 ? -e->stiffness : 0 } };
+    struct law_piece piece = { .to = 2 * M_PI,
+                               .level = -e->stiffness * z,
+                               .gain = { e->stiffness },
+                               .holds = true,
+                               .at = z < 0 ? at_low : at_high,
+                               .ref = { z != 0 ? -e->stiffness : 0 } };
 
     out->undetermined = true;
     return pieces_add(out, &piece, err);
 }
 
 /* From the largest d on, once around. */
-static enum modal_status moving_slider(const struct slider *e, const struct orbit *o, int top, double reach,
-                                       struct law_pieces *out, struct modal_error *err)
+static enum modal_status moving_slider(const struct slider *e, const struct orbit *o, int top,
+                                       double reach, struct law_pieces *out,
+                                       struct modal_error *err)
 {
     double z = o->turn[top].d - reach, began = o->turn[top].theta;
     enum modal_status rc = MODAL_OK;
@@ -143,8 +158,8 @@ static enum modal_status moving_slider(const struct slider *e, const struct orbi
     return rc;
 }
 
-static enum modal_status slider_pieces(const struct slider *e, const struct orbit *o, struct law_pieces *out,
-                                       struct modal_error *err)
+static enum modal_status slider_pieces(const struct slider *e, const struct orbit *o,
+                                       struct law_pieces *out, struct modal_error *err)
 {
     double reach = e->stiffness > 0 ? e->limit / e->stiffness : HUGE_VAL, low, high;
     int top = 0, bottom = 0;
@@ -164,12 +179,13 @@ static enum modal_status slider_pieces(const struct slider *e, const struct orbi
     low = o->turn[bottom].d;
     high = o->turn[top].d;
     if (high - low <= 2 * reach)
-        return stuck_slider(e, reach, low, high, o->turn[bottom].theta, o->turn[top].theta, out, err);
+        return stuck_slider(e, reach, low, high, o->turn[bottom].theta, o->turn[top].theta, out,
+                            err);
     return moving_slider(e, o, top, reach, out, err);
 }
 
-static enum modal_status sliders_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
-                                        struct modal_error *err)
+static enum modal_status sliders_pieces(const struct law *law, const struct orbit *const *input,
+                                        struct law_pieces *out, struct modal_error *err)
 {
     const struct sliders *s = law->data;
     enum modal_status rc = MODAL_OK;
@@ -202,7 +218,8 @@ struct contact_walk {
     struct law_pieces *out;               /* NULL: the first round, which only finds the start */
 };
 
-static enum modal_status tangential(struct contact_walk *w, double from, double to, struct modal_error *err)
+static enum modal_status tangential(struct contact_walk *w, double from, double to,
+                                    struct modal_error *err)
 {
     const struct contact *c = w->c;
     double sign = w->mode == SLIPS_UP ? 1 : -1;
@@ -228,7 +245,8 @@ static enum modal_status tangential(struct contact_walk *w, double from, double 
 /* The slider comes to rest at THETA with force F = sign mu N (sign 0: a contact just closed). */
 static void come_to_rest(struct contact_walk *w, double theta, double sign)
 {
-    double n[3], t[3], mu_k = sign * w->c->mu * w->c->normal_stiffness, k = w->c->tangential_stiffness;
+    double n[3], t[3], mu_k = sign * w->c->mu * w->c->normal_stiffness,
+                       k = w->c->tangential_stiffness;
 
     orbit_at(w->n, theta, n);
     orbit_at(w->t, theta, t);
@@ -241,7 +259,8 @@ static void come_to_rest(struct contact_walk *w, double theta, double sign)
 }
 
 /* One interval on which N keeps its sign and both bounds' sums are monotone. */
-static enum modal_status contact_interval(struct contact_walk *w, double a, double b, struct modal_error *err)
+static enum modal_status contact_interval(struct contact_walk *w, double a, double b,
+                                          struct modal_error *err)
 {
     double mid[3], ua[3], ub[3], da[3], db[3], high, low, event = b;
     enum contact_mode next = STUCK;
@@ -271,10 +290,14 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
     low = -w->c->mu * w->c->preload - w->level;
     if (ub[0] > high) {
         next = SLIPS_UP;
-        event = ua[0] < high ? orbit_crossing(&w->up, (struct orbit_end) { a, ua[0], ua[1] }, (struct orbit_end) { b, ub[0], ub[1] }, high) : a;
+        event = ua[0] < high ? orbit_crossing(&w->up, (struct orbit_end){ a, ua[0], ua[1] },
+                                              (struct orbit_end){ b, ub[0], ub[1] }, high)
+                             : a;
     }
     if (db[0] < low) {
-        double other = da[0] > low ? orbit_crossing(&w->down, (struct orbit_end) { a, da[0], da[1] }, (struct orbit_end) { b, db[0], db[1] }, low) : a;
+        double other = da[0] > low ? orbit_crossing(&w->down, (struct orbit_end){ a, da[0], da[1] },
+                                                    (struct orbit_end){ b, db[0], db[1] }, low)
+                                   : a;
 
         if (next == STUCK || other < event) {
             next = SLIPS_DOWN;
@@ -293,7 +316,8 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Turns of both sums and crossings of N = 0, ascending, with the first again after a period; their number. */
+/* Turns of both sums and crossings of N = 0, ascending, with the first again after a period;
+ * their number. */
 static int contact_events(struct contact_walk *w, double *event, int most)
 {
     int count = 0, closings = 0;
@@ -303,7 +327,8 @@ static int contact_events(struct contact_walk *w, double *event, int most)
     for (int i = 0; i < w->down.turns && count < most - 1; i++)
         event[count++] = w->down.turn[i].theta;
     if (w->c->normal_stiffness > 0 && w->n->turns >= 2)
-        closings = orbit_crossings(w->n, -w->c->preload / w->c->normal_stiffness, event + count, most - 1 - count);
+        closings = orbit_crossings(w->n, -w->c->preload / w->c->normal_stiffness, event + count,
+                                   most - 1 - count);
     count += closings > 0 ? closings : 0;
     if (count == 0)
         event[count++] = 0;
@@ -312,8 +337,9 @@ static int contact_events(struct contact_walk *w, double *event, int most)
     return count;
 }
 
-static enum modal_status normal_pieces(const struct contact *c, const double *event, int count, const struct orbit *n,
-                                       struct law_pieces *out, struct modal_error *err)
+static enum modal_status normal_pieces(const struct contact *c, const double *event, int count,
+                                       const struct orbit *n, struct law_pieces *out,
+                                       struct modal_error *err)
 {
     for (int i = 0; i < count; i++) {
         struct law_piece piece = { .from = event[i], .to = event[i + 1], .level = c->preload,
@@ -329,7 +355,8 @@ static enum modal_status normal_pieces(const struct contact *c, const double *ev
     return MODAL_OK;
 }
 
-static enum modal_status walk_round(struct contact_walk *w, const double *event, int count, struct modal_error *err)
+static enum modal_status walk_round(struct contact_walk *w, const double *event, int count,
+                                    struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -340,8 +367,8 @@ static enum modal_status walk_round(struct contact_walk *w, const double *event,
     return rc;
 }
 
-static enum modal_status contact_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
-                                        struct modal_error *err)
+static enum modal_status contact_pieces(const struct law *law, const struct orbit *const *input,
+                                        struct law_pieces *out, struct modal_error *err)
 {
     const struct contact *c = law->data;
     struct contact_walk w = { .c = c, .n = input[0], .t = input[1], .mode = STUCK };
@@ -356,7 +383,8 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
         goto out;
     orbit_combine(&w.up, c->tangential_stiffness, w.t, -mu_k, w.n);
     orbit_combine(&w.down, c->tangential_stiffness, w.t, mu_k, w.n);
-    if ((rc = orbit_find_turns(&w.up, err)) != MODAL_OK || (rc = orbit_find_turns(&w.down, err)) != MODAL_OK)
+    if ((rc = orbit_find_turns(&w.up, err)) != MODAL_OK
+        || (rc = orbit_find_turns(&w.down, err)) != MODAL_OK)
         goto out;
     most = w.up.turns + w.down.turns + w.n->turns + 2;
     event = malloc((size_t)most * sizeof *event);
@@ -366,13 +394,15 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
     }
     count = contact_events(&w, event, most);
     rc = normal_pieces(c, event, count, w.n, out, err);
-    for (int round = 0; rc == MODAL_OK && round < 2; round++)    /* a slider left at 0; by then periodic, as (1) clips */
+    /* a slider left at 0; by then periodic, as (1) clips */
+    for (int round = 0; rc == MODAL_OK && round < 2; round++)
         rc = walk_round(&w, event, count, err);
     w.out = out;
     before = out->count;
     if (rc == MODAL_OK)
         rc = walk_round(&w, event, count, err);
-    out->undetermined = rc == MODAL_OK && c->mu > 0 && c->tangential_stiffness > 0 && out->count > before;
+    out->undetermined =
+        rc == MODAL_OK && c->mu > 0 && c->tangential_stiffness > 0 && out->count > before;
     for (int i = before; i < out->count; i++)
         if (!out->piece[i].holds || out->piece[i].starts)
             out->undetermined = false;
@@ -384,22 +414,27 @@ out:
     return rc;
 }
 
-static const struct law_class jenkins_class = { .name = "friction", .inputs = 1, .force = sliders_force,
-                                                .pieces = sliders_pieces };
+static const struct law_class jenkins_class = {
+    .name = "friction", .inputs = 1, .force = sliders_force, .pieces = sliders_pieces
+};
 static const struct law_class iwan_class = { .name = "iwan", .inputs = 1, .force = sliders_force,
                                              .pieces = sliders_pieces };
-static const struct law_class contact_class = { .name = "contact_friction", .inputs = 2, .force = contact_force,
-                                                .pieces = contact_pieces };
+static const struct law_class contact_class = {
+    .name = "contact_friction", .inputs = 2, .force = contact_force, .pieces = contact_pieces
+};
 
-static enum modal_status sliders_new(const struct law_class *kind, const double *stiffness, const double *limit, int count,
-                                     struct law *out, struct modal_error *err)
+static enum modal_status sliders_new(const struct law_class *kind, const double *stiffness,
+                                     const double *limit, int count, struct law *out,
+                                     struct modal_error *err)
 {
     struct sliders *s;
 
     if (count < 1 || count > LAW_TERMS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "stiffnesses", "%d sliders; accepted: 1 to %d", count, LAW_TERMS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stiffnesses",
+                                "%d sliders; accepted: 1 to %d", count, LAW_TERMS_MOST);
     for (int i = 0; i < count; i++)
-        if (law_check("stiffness", stiffness[i], 0, err) != MODAL_OK || law_check("limit", limit[i], 0, err) != MODAL_OK)
+        if (law_check("stiffness", stiffness[i], 0, err) != MODAL_OK
+            || law_check("limit", limit[i], 0, err) != MODAL_OK)
             return MODAL_BAD_INPUT;
     s = malloc(sizeof *s + (size_t)count * sizeof s->element[0]);
     if (s == NULL)
@@ -415,7 +450,8 @@ static enum modal_status sliders_new(const struct law_class *kind, const double 
     return MODAL_OK;
 }
 
-enum modal_status law_jenkins(double stiffness, double limit, struct law *out, struct modal_error *err)
+enum modal_status law_jenkins(double stiffness, double limit, struct law *out,
+                              struct modal_error *err)
 {
     return sliders_new(&jenkins_class, &stiffness, &limit, 1, out, err);
 }
@@ -426,13 +462,16 @@ enum modal_status law_iwan(const double *stiffness, const double *limit, int cou
     return sliders_new(&iwan_class, stiffness, limit, count, out, err);
 }
 
-enum modal_status law_contact_friction(double normal_stiffness, double preload, double tangential_stiffness, double mu,
-                                       struct law *out, struct modal_error *err)
+enum modal_status law_contact_friction(double normal_stiffness, double preload,
+                                       double tangential_stiffness, double mu, struct law *out,
+                                       struct modal_error *err)
 {
     struct contact *c;
 
-    if (law_check("normal_stiffness", normal_stiffness, 0, err) != MODAL_OK || law_check("preload", preload, -1e300, err) != MODAL_OK
-        || law_check("tangential_stiffness", tangential_stiffness, 0, err) != MODAL_OK || law_check("mu", mu, 0, err) != MODAL_OK)
+    if (law_check("normal_stiffness", normal_stiffness, 0, err) != MODAL_OK
+        || law_check("preload", preload, -1e300, err) != MODAL_OK
+        || law_check("tangential_stiffness", tangential_stiffness, 0, err) != MODAL_OK
+        || law_check("mu", mu, 0, err) != MODAL_OK)
         return MODAL_BAD_INPUT;
     c = malloc(sizeof *c);
     if (c == NULL)

@@ -3,8 +3,9 @@
  *
  *     f = k (d - c)(1 + mu v) where d > c and 1 + mu v > 0, else 0            (1)
  *
- * and with both sides also -f(-d, -v).  (1) is continuous: it starts at d = c from 0, whatever v, and ends at d = c or
- * where it would begin to pull, 1 + mu v = 0.  [HC75] has the form; dissipation in s/m.
+ * and with both sides also -f(-d, -v).  (1) is continuous: it starts at d = c from 0, whatever v,
+ * and ends at d = c or where it would begin to pull, 1 + mu v = 0.  [HC75] has the form;
+ * dissipation in s/m.
  *
  * [HC75] Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445.
  */
@@ -35,8 +36,8 @@ static bool one_side(const struct gap *g, double d, double v, double *f, double 
     return true;
 }
 
-static enum modal_status gap_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                   struct modal_error *err)
+static enum modal_status gap_force(const struct law *law, const struct law_point *at,
+                                   struct law_force *out, struct modal_error *err)
 {
     const struct gap *g = law->data;
 
@@ -52,20 +53,25 @@ static enum modal_status gap_force(const struct law *law, const struct law_point
 }
 
 /* Side +1 or -1 in contact on [from, to): (1) spread out as (1) of pieces.h. */
-static enum modal_status contact_piece(const struct gap *g, double side, double from, double to, struct law_pieces *out,
-                                       struct modal_error *err)
+static enum modal_status contact_piece(const struct gap *g, double side, double from, double to,
+                                       struct law_pieces *out, struct modal_error *err)
 {
-    struct law_piece piece = { .from = from, .to = to, .level = -side * g->stiffness * g->clearance,
-                               .gain = { g->stiffness }, .damp = -g->stiffness * g->clearance * g->dissipation,
-                               .cross = side * g->stiffness * g->dissipation, .slider = -1 };
+    struct law_piece piece = { .from = from,
+                               .to = to,
+                               .level = -side * g->stiffness * g->clearance,
+                               .gain = { g->stiffness },
+                               .damp = -g->stiffness * g->clearance * g->dissipation,
+                               .cross = side * g->stiffness * g->dissipation,
+                               .slider = -1 };
 
     out->acts = true;
     return pieces_add(out, &piece, err);
 }
 
 /* A contact's interval, cut where it would pull: 1 + mu v = 0, v the rate towards the stop. */
-static enum modal_status contact(const struct gap *g, const struct orbit *o, double side, double from, double to,
-                                 struct law_pieces *out, struct modal_error *err)
+static enum modal_status contact(const struct gap *g, const struct orbit *o, double side,
+                                 double from, double to, struct law_pieces *out,
+                                 struct modal_error *err)
 {
     double h = 2 * M_PI / o->N, bound, a = from, at[3], next;
     enum modal_status rc = MODAL_OK;
@@ -94,14 +100,15 @@ static enum modal_status contact(const struct gap *g, const struct orbit *o, dou
 }
 
 /* Every interval where side d > clearance. */
-static enum modal_status one_side_pieces(const struct gap *g, const struct orbit *o, double side, struct law_pieces *out,
-                                         struct modal_error *err)
+static enum modal_status one_side_pieces(const struct gap *g, const struct orbit *o, double side,
+                                         struct law_pieces *out, struct modal_error *err)
 {
     double level = side * g->clearance, first = -1, from = -1;
     enum modal_status rc = MODAL_OK;
 
     if (o->turns < 2)
-        return side * o->d[0] > g->clearance ? contact(g, o, side, 0, 2 * M_PI, out, err) : MODAL_OK;
+        return side * o->d[0] > g->clearance ? contact(g, o, side, 0, 2 * M_PI, out, err)
+                                             : MODAL_OK;
     for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
         struct orbit_end p = orbit_turn_end(o, i), q = orbit_turn_end(o, i + 1);
         bool was = side * (p.d - level) > 0, is = side * (q.d - level) > 0;
@@ -124,8 +131,8 @@ static enum modal_status one_side_pieces(const struct gap *g, const struct orbit
     return rc;
 }
 
-static enum modal_status gap_pieces(const struct law *law, const struct orbit *const *input, struct law_pieces *out,
-                                    struct modal_error *err)
+static enum modal_status gap_pieces(const struct law *law, const struct orbit *const *input,
+                                    struct law_pieces *out, struct modal_error *err)
 {
     const struct gap *g = law->data;
     enum modal_status rc = one_side_pieces(g, input[0], 1, out, err);
@@ -133,15 +140,17 @@ static enum modal_status gap_pieces(const struct law *law, const struct orbit *c
     return rc == MODAL_OK && g->both_sides ? one_side_pieces(g, input[0], -1, out, err) : rc;
 }
 
-static const struct law_class gap_class = { .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force,
-                                            .pieces = gap_pieces };
+static const struct law_class gap_class = {
+    .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force, .pieces = gap_pieces
+};
 
-enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides, struct law *out,
-                          struct modal_error *err)
+enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides,
+                          struct law *out, struct modal_error *err)
 {
     struct gap *g;
 
-    if (law_check("stiffness", stiffness, 0, err) != MODAL_OK || law_check("dissipation", dissipation, 0, err) != MODAL_OK
+    if (law_check("stiffness", stiffness, 0, err) != MODAL_OK
+        || law_check("dissipation", dissipation, 0, err) != MODAL_OK
         || law_check("clearance", clearance, both_sides ? 0 : -1e300, err) != MODAL_OK)
         return MODAL_BAD_INPUT;
     g = malloc(sizeof *g);

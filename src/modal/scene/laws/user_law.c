@@ -3,9 +3,10 @@
  *
  *     function force(t, x, v, memory) return ... end
  *
- * x and v are d and its rate; the number returned resists like any law's.  `memory` is a table, empty at the start of a
- * period, that lives over it.  Each law has a Lua state of its own, so elements share no globals.  Of the libraries only
- * math is open, without random; of the base, what cannot load code or reach outside (see base_kept).
+ * x and v are d and its rate; the number returned resists like any law's.  `memory` is a table,
+ * empty at the start of a period, that lives over it.  Each law has a Lua state of its own, so
+ * elements share no globals.  Of the libraries only math is open, without random; of the base, what
+ * cannot load code or reach outside (see base_kept).
  *
  * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST
  * all states of a program (the allocator counts both); passing one is a failure like any other,
@@ -76,8 +77,10 @@ static void count_instructions(lua_State *L, lua_Debug *at)
         luaL_error(L, "more than %d instructions in one call", INSTRUCTIONS);
 }
 
-static const char *const base_kept[] = { "assert", "error", "ipairs", "math", "next", "pairs", "select", "tonumber",
-                                         "tostring", "type", "rawequal", "rawget", "rawset", "rawlen", "_VERSION", NULL };
+static const char *const base_kept[] = { "assert",   "error",  "ipairs",   "math",
+                                         "next",     "pairs",  "select",   "tonumber",
+                                         "tostring", "type",   "rawequal", "rawget",
+                                         "rawset",   "rawlen", "_VERSION", NULL };
 
 /* Open the base and math, then keep only what base_kept names. */
 static int open_sandbox(lua_State *L)
@@ -128,7 +131,8 @@ static int call_force(lua_State *L)                /* t, x, v -> number */
     return 1;
 }
 
-static void copy_table(lua_State *L, int from, int depth)     /* pushes a copy of the table at FROM */
+/* pushes a copy of the table at FROM */
+static void copy_table(lua_State *L, int from, int depth)
 {
     luaL_checkstack(L, 8, "memory is nested too deep");
     if (depth > MEMORY_DEPTH)
@@ -180,7 +184,8 @@ static enum modal_status failed(struct lua_law *s, int how, enum modal_status st
     return rc;
 }
 
-static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to, struct modal_error *err)
+static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to,
+                                     struct modal_error *err)
 {
     int how;
 
@@ -192,7 +197,8 @@ static enum modal_status copy_memory(struct lua_law *s, const char *from, const 
     return how == LUA_OK ? MODAL_OK : failed(s, how, MODAL_ELEMENT_FAILED, err);
 }
 
-static enum modal_status call(struct lua_law *s, double t, double d, double v, double *f, struct modal_error *err)
+static enum modal_status call(struct lua_law *s, double t, double d, double v, double *f,
+                              struct modal_error *err)
 {
     int how;
 
@@ -208,14 +214,17 @@ static enum modal_status call(struct lua_law *s, double t, double d, double v, d
     *f = lua_tonumber(s->L, -1);
     lua_settop(s->L, 0);
     if (!isfinite(*f))
-        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: force(%.9g, %.9g, %.9g, memory) is not finite", t, d, v);
+        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source",
+                                "lua: force(%.9g, %.9g, %.9g, memory) is not finite", t, d, v);
     return MODAL_OK;
 }
 
 /* The central difference over d (or v), memory as it was before the call. */
-static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v, double *out, struct modal_error *err)
+static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v,
+                               double *out, struct modal_error *err)
 {
-    double x = over_v ? at->v[0] : at->d[0], *scale = over_v ? &s->scale_v : &s->scale_d, h, up, down, f[2];
+    double x = over_v ? at->v[0] : at->d[0], *scale = over_v ? &s->scale_v : &s->scale_d, h, up,
+           down, f[2];
     enum modal_status rc = MODAL_OK;
 
     *scale = fmax(*scale, fabs(x));
@@ -235,15 +244,16 @@ static enum modal_status slope(struct lua_law *s, const struct law_point *at, bo
 }
 
 /* The scene's place of a force that failed. */
-static enum modal_status name_effect(const struct law *law, enum modal_status rc, struct modal_error *err)
+static enum modal_status name_effect(const struct law *law, enum modal_status rc,
+                                     struct modal_error *err)
 {
     if (err != NULL && law->effect >= 0)
         snprintf(err->field, sizeof err->field, "effects[%d].source", law->effect);
     return rc;
 }
 
-static enum modal_status lua_force(const struct law *law, const struct law_point *at, struct law_force *out,
-                                   struct modal_error *err)
+static enum modal_status lua_force(const struct law *law, const struct law_point *at,
+                                   struct law_force *out, struct modal_error *err)
 {
     struct lua_law *s = law->data;
     enum modal_status rc = copy_memory(s, "memory", "before", err);
@@ -296,8 +306,14 @@ static void lua_free(struct law *law)
     free(s);
 }
 
-static const struct law_class lua_class = { .name = "lua", .inputs = 1, .reads_velocity = true, .reads_time = true,
-                                            .force = lua_force, .restart = lua_restart, .remembers = lua_remembers, .free = lua_free };
+static const struct law_class lua_class = { .name = "lua",
+                                            .inputs = 1,
+                                            .reads_velocity = true,
+                                            .reads_time = true,
+                                            .force = lua_force,
+                                            .restart = lua_restart,
+                                            .remembers = lua_remembers,
+                                            .free = lua_free };
 
 enum modal_status law_lua(const char *source, size_t *together, struct law *out,
                           struct modal_error *err)
@@ -307,7 +323,8 @@ enum modal_status law_lua(const char *source, size_t *together, struct law *out,
     int how;
 
     if (strlen(source) > LAW_SOURCE_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "source", "lua: %zu bytes; the most is %d", strlen(source), LAW_SOURCE_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "source", "lua: %zu bytes; the most is %d",
+                                strlen(source), LAW_SOURCE_MOST);
     s = calloc(1, sizeof *s);
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "lua: no memory for a state");

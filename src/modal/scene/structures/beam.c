@@ -1,8 +1,9 @@
 /*
  * beam.c - an Euler-Bernoulli beam of equal Hermite elements
  *
- * Node i of 0..elements lies at i h; its dofs are w<i> [m] and th<i> = dw/dx.  `pinned` holds w, `clamped` w and th,
- * `free` nothing.  Consistent mass; the frequencies of pinned beams converge from above like h^4.
+ * Node i of 0..elements lies at i h; its dofs are w<i> [m] and th<i> = dw/dx.  `pinned` holds w,
+ * `clamped` w and th, `free` nothing.  Consistent mass; the frequencies of pinned beams converge
+ * from above like h^4.
  */
 #include "modal/scene/structures/beam.h"
 #include <stdio.h>
@@ -23,21 +24,27 @@ static const struct scene_key keys[] = {
       .example = "8" },
     { "EI", SCENE_NUMBER, offsetof(struct beam, EI), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
       .needed = true, .means = "bending stiffness", .example = "100" },
-    { "mass_per_length", SCENE_NUMBER, offsetof(struct beam, mass_per_length), "kg/m", SCENE_POSITIVE,
-      SCENE_LARGE, .needed = true, .means = "m of m w_tt + EI w_xxxx = p", .example = "1.5" },
-    { "supports", SCENE_OWN, offsetof(struct beam, supports), .otherwise = "[\"pinned\", \"pinned\"]",
+    { "mass_per_length", SCENE_NUMBER, offsetof(struct beam, mass_per_length), "kg/m",
+      SCENE_POSITIVE, SCENE_LARGE, .needed = true, .means = "m of m w_tt + EI w_xxxx = p",
+      .example = "1.5" },
+    { "supports", SCENE_OWN, offsetof(struct beam, supports),
+      .otherwise = "[\"pinned\", \"pinned\"]",
       .means = "of both ends: \"pinned\" holds w, \"clamped\" w and th, \"free\" nothing",
       .example = "[\"clamped\", \"free\"]" },
     { 0 },
 };
 
-static enum modal_status read_supports(const cJSON *list, enum support ends[2], struct modal_error *err)
+static enum modal_status read_supports(const cJSON *list, enum support ends[2],
+                                       struct modal_error *err)
 {
-    static const char *const words[] = { [PINNED] = "pinned", [CLAMPED] = "clamped", [FREE] = "free" };
+    static const char
+        *const words[] = { [PINNED] = "pinned", [CLAMPED] = "clamped", [FREE] = "free" };
     char where[48] = "structure.supports";
 
     for (int i = 0; list != NULL && i < 2; i++) {
-        const cJSON *item = cJSON_IsArray(list) && cJSON_GetArraySize(list) == 2 ? cJSON_GetArrayItem(list, i) : NULL;
+        const cJSON *item = cJSON_IsArray(list) && cJSON_GetArraySize(list) == 2
+                                ? cJSON_GetArrayItem(list, i)
+                                : NULL;
         int found = -1;
         for (int s = 0; s < 3; s++)
             if (item != NULL && cJSON_IsString(item) && strcmp(item->valuestring, words[s]) == 0)
@@ -45,7 +52,9 @@ static enum modal_status read_supports(const cJSON *list, enum support ends[2], 
         if (found < 0) {
             if (item != NULL)
                 snprintf(where, sizeof where, "structure.supports[%d]", i);
-            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: accepted is a list of two of \"pinned\", \"clamped\", \"free\"", where);
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, where,
+                "%s: accepted is a list of two of \"pinned\", \"clamped\", \"free\"", where);
         }
         ends[i] = (enum support)found;
     }

@@ -7,7 +7,8 @@ enum { BEAM_ELEMENTS_MOST = 2000 };
 struct beam_mesh {
     int elements;
     double h;                                   /* m, of one element */
-    int dof[2 * (BEAM_ELEMENTS_MOST + 1)];      /* w and th of node i at 2 i, 2 i + 1; -1: held by a support */
+    /* w and th of node i at 2 i, 2 i + 1; -1: held by a support */
+    int dof[2 * (BEAM_ELEMENTS_MOST + 1)];
 };
 
 #endif

@@ -1,7 +1,8 @@
 /*
  * chain.c - masses in a row, springs and dampers between neighbours and to the ground at both ends
  *
- * Spring i of 0..n joins mass i-1 to mass i; masses -1 and n are the ground.  A spring or damper of 0 is none.
+ * Spring i of 0..n joins mass i-1 to mass i; masses -1 and n are the ground.  A spring or damper of
+ * 0 is none.
  */
 #include <stdio.h>
 #include "modal/scene/lowering.h"
@@ -44,10 +45,13 @@ static enum modal_status add_elements(struct lowering *l, int matrix, size_t n,
                                       struct modal_error *err)
 {
     if (k->x != NULL && k->count != n + 1)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s has %zu numbers; %zu masses take %zu, "
-                                "ground to ground", where, k->count, n, n + 1);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s has %zu numbers; %zu masses take %zu, "
+                                "ground to ground",
+                                where, k->count, n, n + 1);
     for (size_t i = 0; i < k->count; i++)
-        lowering_between(l, matrix, (struct local_ends) { i < n ? (int)i : -1, (int)i - 1 }, k->x[i]);
+        lowering_between(l, matrix, (struct local_ends){ i < n ? (int)i : -1, (int)i - 1 },
+                         k->x[i]);
     return MODAL_OK;
 }
 

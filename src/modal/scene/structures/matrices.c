@@ -1,8 +1,9 @@
 /*
  * matrices.c - a structure given by its matrices: M x'' + (C + speed G) x' + K x
  *
- * M must be symmetric (to 1e-9 of its largest entry) and positive definite (scene.c checks), G skew (to the same);
- * C and K are free: follower forces make K unsymmetric.  Nested lists, or the sparse form of scene.h.
+ * M must be symmetric (to 1e-9 of its largest entry) and positive definite (scene.c checks), G skew
+ * (to the same); C and K are free: follower forces make K unsymmetric.  Nested lists, or the sparse
+ * form of scene.h.
  */
 #include <math.h>
 #include <stdio.h>
@@ -36,11 +37,14 @@ struct entries { struct triplet *x; int count, m, n; };
 
 static enum modal_status shape_error(const char *where, const char *what, struct modal_error *err)
 {
-    return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: %s; accepted: a list of rows of equal length, or "
-                            "{\"shape\", \"row_pointers\", \"columns\", \"values\"}", where, what);
+    return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                            "%s: %s; accepted: a list of rows of equal length, or "
+                            "{\"shape\", \"row_pointers\", \"columns\", \"values\"}",
+                            where, what);
 }
 
-static enum modal_status read_row(const cJSON *row, int i, const char *where, struct entries *out, struct modal_error *err)
+static enum modal_status read_row(const cJSON *row, int i, const char *where, struct entries *out,
+                                  struct modal_error *err)
 {
     char at[160];
     const cJSON *item;
@@ -60,7 +64,8 @@ static enum modal_status read_row(const cJSON *row, int i, const char *where, st
     return MODAL_OK;
 }
 
-static enum modal_status read_dense(const cJSON *list, const char *where, struct entries *out, struct modal_error *err)
+static enum modal_status read_dense(const cJSON *list, const char *where, struct entries *out,
+                                    struct modal_error *err)
 {
     const cJSON *row;
     enum modal_status rc = MODAL_OK;
@@ -71,7 +76,8 @@ static enum modal_status read_dense(const cJSON *list, const char *where, struct
     if (out->m < 1 || !cJSON_IsArray(list->child))
         return shape_error(where, "not a matrix", err);
     if (out->m > LOWERING_DOFS_MOST || out->n > LOWERING_DOFS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s is %d x %d; at most %d dofs", where, out->m, out->n, LOWERING_DOFS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s is %d x %d; at most %d dofs",
+                                where, out->m, out->n, LOWERING_DOFS_MOST);
     out->x = malloc(((size_t)out->m * (size_t)out->n + 1) * sizeof *out->x);
     if (out->x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
@@ -83,10 +89,12 @@ static enum modal_status read_dense(const cJSON *list, const char *where, struct
 }
 
 /* Row pointers ascending from 0 to the number of values, columns in range. */
-static enum modal_status check_rows(const double *start, size_t starts, const double *column, size_t columns, size_t values,
-                                    const double *shape, const char *where, struct modal_error *err)
+static enum modal_status check_rows(const double *start, size_t starts, const double *column,
+                                    size_t columns, size_t values, const double *shape,
+                                    const char *where, struct modal_error *err)
 {
-    if (starts != (size_t)shape[0] + 1 || columns != values || start[0] != 0 || start[starts - 1] != (double)values)
+    if (starts != (size_t)shape[0] + 1 || columns != values || start[0] != 0
+        || start[starts - 1] != (double)values)
         return shape_error(where, "row_pointers, columns and values do not fit the shape", err);
     for (size_t i = 1; i < starts; i++)
         if (start[i] < start[i - 1] || start[i] != floor(start[i]))
@@ -97,7 +105,8 @@ static enum modal_status check_rows(const double *start, size_t starts, const do
     return MODAL_OK;
 }
 
-static enum modal_status read_sparse(const cJSON *json, const char *where, struct entries *out, struct modal_error *err)
+static enum modal_status read_sparse(const cJSON *json, const char *where, struct entries *out,
+                                     struct modal_error *err)
 {
     static const char *const parts[] = { "shape", "row_pointers", "columns", "values", NULL };
     double *x[4] = { NULL };
@@ -105,11 +114,15 @@ static enum modal_status read_sparse(const cJSON *json, const char *where, struc
     enum modal_status rc = json_keys(json, where, parts, err);
 
     for (int i = 0; i < 4 && rc == MODAL_OK; i++)
-        rc = json_get_numbers(json, where, parts[i], i < 3 ? 0 : -HUGE_VAL, i < 3 ? LOWERING_ENTRIES_MOST : HUGE_VAL, &x[i], &count[i], err);
+        rc = json_get_numbers(json, where, parts[i], i < 3 ? 0 : -HUGE_VAL,
+                              i < 3 ? LOWERING_ENTRIES_MOST : HUGE_VAL, &x[i], &count[i], err);
     if (rc == MODAL_OK && (count[0] != 2 || count[1] < 1))
         rc = shape_error(where, "a key is missing or empty", err);
-    if (rc == MODAL_OK && (x[0][0] < 1 || x[0][0] > LOWERING_DOFS_MOST || x[0][1] < 1 || x[0][1] > LOWERING_DOFS_MOST))
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, where, "%s: shapes are 1 to %d", where, LOWERING_DOFS_MOST);
+    if (rc == MODAL_OK
+        && (x[0][0] < 1 || x[0][0] > LOWERING_DOFS_MOST || x[0][1] < 1
+            || x[0][1] > LOWERING_DOFS_MOST))
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, where, "%s: shapes are 1 to %d", where,
+                              LOWERING_DOFS_MOST);
     if (rc == MODAL_OK)
         rc = check_rows(x[1], count[1], x[2], count[2], count[3], x[0], where, err);
     if (rc == MODAL_OK && (out->x = malloc((count[3] + 1) * sizeof *out->x)) == NULL)
@@ -126,9 +139,10 @@ static enum modal_status read_sparse(const cJSON *json, const char *where, struc
     return rc;
 }
 
-/* ITEM, which stands at WHERE, n x n where N > 0; NULL: out->m stays 0.  The caller frees out->x. */
-static enum modal_status read_matrix(const cJSON *item, const char *where, int n, struct entries *out,
-                                     struct modal_error *err)
+/* ITEM, which stands at WHERE, n x n where N > 0; NULL: out->m stays 0.  The caller frees
+ * out->x. */
+static enum modal_status read_matrix(const cJSON *item, const char *where, int n,
+                                     struct entries *out, struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -136,20 +150,23 @@ static enum modal_status read_matrix(const cJSON *item, const char *where, int n
         return MODAL_OK;
     if (!cJSON_IsArray(item) && !cJSON_IsObject(item))
         return shape_error(where, "not a matrix", err);
-    rc = cJSON_IsArray(item) ? read_dense(item, where, out, err) : read_sparse(item, where, out, err);
+    rc = cJSON_IsArray(item) ? read_dense(item, where, out, err)
+                             : read_sparse(item, where, out, err);
     if (rc == MODAL_OK && (out->m != out->n || (n > 0 && out->m != n)))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d x %d; it must be %s", where, out->m, out->n,
-                              n > 0 ? "square and as large as M" : "square");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d x %d; it must be %s", where,
+                              out->m, out->n, n > 0 ? "square and as large as M" : "square");
     return rc;
 }
 
 /* a(i,j) = sign * a(j,i) for every entry, to 1e-9 of the largest. */
-static enum modal_status check_symmetry(const struct entries *e, double sign, const char *where, struct modal_error *err)
+static enum modal_status check_symmetry(const struct entries *e, double sign, const char *where,
+                                        struct modal_error *err)
 {
     struct sparse a = { 0 }, t = { 0 };
     struct triplet *turned = malloc(((size_t)e->count + 1) * sizeof *turned);
     double largest = 0;
-    enum modal_status rc = turned != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
+    enum modal_status rc =
+        turned != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
 
     for (int k = 0; rc == MODAL_OK && k < e->count; k++) {
         turned[k] = (struct triplet) { e->x[k].i, e->x[k].j, e->x[k].value };
@@ -164,11 +181,14 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
     for (int i = 0; rc == MODAL_OK && i < a.m; i++) {
         int p = a.start[i], q = t.start[i];
         while (rc == MODAL_OK && (p < a.start[i + 1] || q < t.start[i + 1])) {
-            int ja = p < a.start[i + 1] ? a.index[p] : a.n, jt = q < t.start[i + 1] ? t.index[q] : a.n, j = ja < jt ? ja : jt;
+            int ja = p < a.start[i + 1] ? a.index[p] : a.n,
+                jt = q < t.start[i + 1] ? t.index[q] : a.n, j = ja < jt ? ja : jt;
             double difference = (ja == j ? a.value[p++] : 0) - (jt == j ? t.value[q++] : 0);
             if (fabs(difference) > 1e-9 * largest)
-                rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s must be %s; entries (%d, %d) and (%d, %d) differ by %g", where,
-                                      sign > 0 ? "symmetric" : "skew", i, j, j, i, difference);
+                rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                      "%s must be %s; entries (%d, %d) and (%d, %d) differ by %g",
+                                      where, sign > 0 ? "symmetric" : "skew", i, j, j, i,
+                                      difference);
         }
     }
     free(turned);
@@ -177,9 +197,10 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
     return rc;
 }
 
-/* FACTOR times ITEM, which stands at WHERE, into MATRIX; SIGN: it must be its transpose times that (0: any). */
-static enum modal_status add_matrix(struct lowering *l, const cJSON *item, const char *where, int matrix,
-                                    double factor, double sign, struct modal_error *err)
+/* FACTOR times ITEM, which stands at WHERE, into MATRIX; SIGN: it must be its transpose times
+ * that (0: any). */
+static enum modal_status add_matrix(struct lowering *l, const cJSON *item, const char *where,
+                                    int matrix, double factor, double sign, struct modal_error *err)
 {
     struct entries e = { 0 };
     enum modal_status rc = read_matrix(item, where, l->p->n, &e, err);
@@ -193,20 +214,27 @@ static enum modal_status add_matrix(struct lowering *l, const cJSON *item, const
 }
 
 /* The names in `dofs`, default x1, x2, ...: n of them, none twice. */
-static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n, struct modal_error *err)
+static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n,
+                                  struct modal_error *err)
 {
     const cJSON *item = NULL;
     char name[64];
 
     if (list != NULL && (!cJSON_IsArray(list) || cJSON_GetArraySize(list) != n))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.dofs", "structure.dofs must list %d names", n);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.dofs",
+                                "structure.dofs must list %d names", n);
     if (list != NULL)
         item = list->child;
     for (int i = 0; i < n; i++, item = item != NULL ? item->next : NULL) {
-        if (list != NULL && (!cJSON_IsString(item) || item->valuestring[0] == '\0' || strlen(item->valuestring) >= sizeof name
-                             || strcmp(item->valuestring, "ground") == 0 || program_dof(l->p, item->valuestring) >= 0)) {
+        if (list != NULL
+            && (!cJSON_IsString(item) || item->valuestring[0] == '\0'
+                || strlen(item->valuestring) >= sizeof name
+                || strcmp(item->valuestring, "ground") == 0
+                || program_dof(l->p, item->valuestring) >= 0)) {
             snprintf(name, sizeof name, "structure.dofs[%d]", i);
-            return modal_fail_field(err, MODAL_BAD_INPUT, name, "%s must be a name of 1 to 63 bytes that stands once and is not \"ground\"", name);
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, name,
+                "%s must be a name of 1 to 63 bytes that stands once and is not \"ground\"", name);
         }
         snprintf(name, sizeof name, "x%d", i + 1);
         if (lowering_add_dof(l, list != NULL ? item->valuestring : name) < 0)
@@ -225,7 +253,8 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.file",
                                 "files are opened by clients, which put the matrices in its place");
     rc = read_matrix(s->M, "structure.M", 0, &M, err);
-    free(M.x);                              /* read for its size: entries come once there are dofs */
+    /* read for its size: entries come once there are dofs */
+    free(M.x);
     if (rc == MODAL_OK)
         rc = add_dofs(l, s->dofs, M.m, err);
     if (rc == MODAL_OK)

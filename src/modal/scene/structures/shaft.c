@@ -1,28 +1,35 @@
 /*
  * shaft.c - a flexible shaft in two planes with a rigid disk, on turning or on fixed axes
  *
- * Plane y bends along the turning axis e2 with EI[0], plane z along e3 with EI[1]; node i lies at i h, its dofs are y<i>,
- * sy<i> = dy/dx, z<i>, sz<i> (slopes, so that both planes have one element matrix and turn alike).  With W = speed, J = [[0, -I],
- * [I, 0]] over (y, z), R(t) the rotation by W t, Mt the mass, Mg the polar inertia, Ks = diag(KA, KB) the shaft, Kc and Cb
- * stiffness and damping of the isotropic supports, mu the strain-rate damping, on turning axes
+ * Plane y bends along the turning axis e2 with EI[0], plane z along e3 with EI[1]; node i lies at i
+ * h, its dofs are y<i>, sy<i> = dy/dx, z<i>, sz<i> (slopes, so that both planes have one element
+ * matrix and turn alike).  With W = speed, J = [[0, -I],
+ * [I, 0]] over (y, z), R(t) the rotation by W t, Mt the mass, Mg the polar inertia, Ks = diag(KA,
+ * KB) the shaft, Kc and Cb stiffness and damping of the isotropic supports, mu the strain-rate
+ * damping, on turning axes
  *
- *     Mt q'' + [W (2 Mt - Mg) J + Cb + mu Ks] q' + [Ks + Kc - W^2 (Mt - Mg) + W Cb J] q = R^T f                (1)
+ *     Mt q'' + [W (2 Mt - Mg) J + Cb + mu Ks] q' + [Ks + Kc - W^2 (Mt - Mg) + W Cb J] q = R^T f (1)
  *
  * and on fixed axes, x = R q, with Ks(t) = R Ks R^T of period pi/W,
  *
- *     Mt x'' + [-W Mg J + Cb + mu Ks(t)] x' + [Ks(t) + Kc - mu W Ks(t) J] x = f,                               (2)
- *     Ks(t) = a I + d [[cos 2Wt, sin 2Wt], [sin 2Wt, -cos 2Wt]],  a = (KA + KB)/2,  d = (KA - KB)/2            (3)
+ *     Mt x'' + [-W Mg J + Cb + mu Ks(t)] x' + [Ks(t) + Kc - mu W Ks(t) J] x = f,                (2)
+ *     Ks(t) = a I + d [[cos 2Wt, sin 2Wt], [sin 2Wt, -cos 2Wt]],  a = (KA + KB)/2,
+ *     d = (KA - KB)/2                                                                           (3)
  *
- * The disk has the mass M, diametral inertia M r^2/4 in Mt and (with `gyroscopic`) polar inertia M r^2/2 in Mg.  Bearing and coupling
- * at one end are springs in series; a stiffness that one of them does not state is not a link of that series.
+ * The disk has the mass M, diametral inertia M r^2/4 in Mt and (with `gyroscopic`) polar inertia M
+ * r^2/2 in Mg.  Bearing and coupling at one end are springs in series; a stiffness that one of them
+ * does not state is not a link of that series.
  *
- * `model` massless keeps the disk alone: each side of the shaft is one exact element, its end's slope condensed with the
- * rotational spring there (so mu acts on that condensed stiffness), and the ends' displacements are eliminated by massless.h, becoming
- * first-order states where they are damped.  A massless journal in a clearance, r, replaces the disk's slope by the free end:
- * the place f = -(K_ru u + K_rs s)/K_rr where r would lie without contact, dof free_y<i> and free_z<i>.  Then the elastic energy
- * is that of the free end and (r - f)^T K_rr (r - f)/2, and contact acts on f as the law (2) of laws/journal_contact.c.
+ * `model` massless keeps the disk alone: each side of the shaft is one exact element, its end's
+ * slope condensed with the rotational spring there (so mu acts on that condensed stiffness), and
+ * the ends' displacements are eliminated by massless.h, becoming first-order states where they are
+ * damped.  A massless journal in a clearance, r, replaces the disk's slope by the free end: the
+ * place f = -(K_ru u + K_rs s)/K_rr where r would lie without contact, dof free_y<i> and free_z<i>.
+ * Then the elastic energy is that of the free end and (r - f)^T K_rr (r - f)/2, and contact acts on
+ * f as the law (2) of laws/journal_contact.c.
  *
- * Source: the rotor's model document (section 7.2 of the identification paper), equations of its sections 2 and 5.
+ * Source: the rotor's model document (section 7.2 of the identification paper), equations of its
+ * sections 2 and 5.
  */
 #include "modal/scene/structures/shaft_parts.h"
 #include <math.h>
@@ -33,7 +40,8 @@
 
 /* A decimal fraction such as 0.3 is off its double by DBL_EPSILON/2, and so is its product with the
  * elements; these are what a person means to write, not what rounding does to it. */
-static const double NODE_ROUNDING = 1e-9;      /* of the elements: how far a position is off its node */
+/* of the elements: how far a position is off its node */
+static const double NODE_ROUNDING = 1e-9;
 static const double OMEGA_ROUNDING = 1e-12;    /* of the speed: how far 2 speed is off k omega */
 
 static enum modal_status no_memory(struct modal_error *err)
@@ -50,7 +58,8 @@ static void element_pair(int element, int i, int pair[2])
     pair[1] = pair[0] + 2;
 }
 
-static void add_elements(struct lowering *l, void (*add)(struct lowering *, const int *, const int *, double, double),
+static void add_elements(struct lowering *l,
+                         void (*add)(struct lowering *, const int *, const int *, double, double),
                          double A, double B, void (*matrix)(double, double, double *))
 {
     const struct shaft *s = l->mesh;
@@ -204,13 +213,14 @@ static const struct scene_key keys[] = {
     { "EI", SCENE_NUMBERS, offsetof(struct keys, EI), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
       .needed = true, .means = "bending stiffness of plane y (along e2) and plane z (along e3)",
       .example = "[98.9, 175]" },
-    { "mass_per_length", SCENE_NUMBER, offsetof(struct keys, mass_per_length), "kg/m", 0, SCENE_LARGE,
-      .needed = true, .unless = "model", .otherwise = "none where massless",
+    { "mass_per_length", SCENE_NUMBER, offsetof(struct keys, mass_per_length), "kg/m", 0,
+      SCENE_LARGE, .needed = true, .unless = "model", .otherwise = "none where massless",
       .means = "of the shaft; > 0 but where massless", .example = "0.8" },
     { "speed", SCENE_NUMBER, offsetof(struct keys, speed), "rad/s", 0, SCENE_LARGE,
       .means = "W, from e2 to e3 positive; omega's default", .example = "24" },
     { "disk", SCENE_OWN, offsetof(struct keys, disk), .otherwise = "none, but where massless",
-      .members = disk_keys, .means = "a rigid disk", .example = "{\"position\": 0.5, \"mass\": 5}" },
+      .members = disk_keys, .means = "a rigid disk",
+      .example = "{\"position\": 0.5, \"mass\": 5}" },
     { 0 },
 };
 
@@ -222,24 +232,31 @@ static enum modal_status read_disk(const cJSON *json, struct shaft *s, struct mo
     double node;
 
     if (json == NULL)
-        return s->massless ? modal_fail_field(err, MODAL_BAD_INPUT, path, "a massless shaft needs a disk") : MODAL_OK;
+        return s->massless
+                   ? modal_fail_field(err, MODAL_BAD_INPUT, path, "a massless shaft needs a disk")
+                   : MODAL_OK;
     if (!cJSON_IsObject(json))
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "structure.disk must be an object {position, mass, radius}");
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "structure.disk must be an object {position, mass, radius}");
     enum modal_status rc = scene_keys_read(NULL, json, path, tables, &disk, err);
     if (rc != MODAL_OK)
         return rc;
     if (s->massless && disk.mass < SCENE_POSITIVE)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.mass", "structure.disk.mass is %g; "
-                                "accepted where nothing else has mass: a positive number (kg)", disk.mass);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.mass",
+                                "structure.disk.mass is %g; "
+                                "accepted where nothing else has mass: a positive number (kg)",
+                                disk.mass);
     node = round(disk.position * s->elements);
     if (fabs(node - disk.position * s->elements) > NODE_ROUNDING * s->elements)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position", "position %g of %d elements is no node; accepted: i/%d",
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position",
+                                "position %g of %d elements is no node; accepted: i/%d",
                                 disk.position, s->elements, s->elements);
     s->disk_mass = disk.mass;
     s->disk_radius = disk.radius;
     s->disk_node = (int)node;
     if (s->massless && (s->disk_node == 0 || s->disk_node == s->elements))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position", "the disk of a massless shaft lies between its ends");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position",
+                                "the disk of a massless shaft lies between its ends");
     return MODAL_OK;
 }
 
@@ -252,14 +269,18 @@ static enum modal_status read_shaft(const struct keys *k, struct shaft *s, struc
     s->speed = k->speed;
     s->fixed = k->frame == FIXED && s->speed > 0;
     if (s->elements == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements", "structure.elements is needed: 1 .. %d", SHAFT_ELEMENTS_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements",
+                                "structure.elements is needed: 1 .. %d", SHAFT_ELEMENTS_MOST);
     if (k->EI.count != 2)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.EI", "structure.EI must be [EI of plane y, EI of plane z], in N m^2");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.EI",
+                                "structure.EI must be [EI of plane y, EI of plane z], in N m^2");
     for (int i = 0; i < 2; i++)
         s->EI[i] = k->EI.x[i];
     if (!s->massless && s->mass_per_length < SCENE_POSITIVE)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.mass_per_length", "structure.mass_per_length is %g; "
-                                "accepted but with model \"massless\": a positive number (kg/m)", s->mass_per_length);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.mass_per_length",
+                                "structure.mass_per_length is %g; "
+                                "accepted but with model \"massless\": a positive number (kg/m)",
+                                s->mass_per_length);
     return read_disk(k->disk, s, err);
 }
 
@@ -276,9 +297,12 @@ static enum modal_status read_omega(struct lowering *l, struct modal_error *err)
     if (!s->fixed && !s->seen_fixed)
         return MODAL_OK;
     k = round(2 * s->speed / l->p->omega);
-    if (k < 1 || k > LOWERING_HARMONIC_MOST || fabs(k * l->p->omega - 2 * s->speed) > OMEGA_ROUNDING * s->speed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "on fixed axes twice the speed, %g rad/s, must be a whole multiple of omega = %g",
-                                2 * s->speed, l->p->omega);
+    if (k < 1 || k > LOWERING_HARMONIC_MOST
+        || fabs(k * l->p->omega - 2 * s->speed) > OMEGA_ROUNDING * s->speed)
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "omega",
+            "on fixed axes twice the speed, %g rad/s, must be a whole multiple of omega = %g",
+            2 * s->speed, l->p->omega);
     s->harmonic = (int)k;
     return MODAL_OK;
 }

@@ -1,7 +1,9 @@
-/* shaft.h - what the shaft's effects write into: a mesh that becomes entries once all of them are known
+/* shaft.h - what the shaft's effects write into: a mesh that becomes entries once all of them are
+ * known
  *
- * Supports in series, a massless journal and condensed ends depend on several effects at once, so effects note their
- * numbers here and the structure's `finish` lowers them, each under its effect's row.
+ * Supports in series, a massless journal and condensed ends depend on several effects at once, so
+ * effects note their numbers here and the structure's `finish` lowers them, each under its effect's
+ * row.
  */
 #ifndef MODAL_STRUCTURES_SHAFT_H
 #define MODAL_STRUCTURES_SHAFT_H
@@ -13,7 +15,8 @@ enum { SHAFT_ELEMENTS_MOST = 500 };
 enum { SHAFT_LEFT, SHAFT_RIGHT };
 extern const char *const shaft_ends[];         /* their names, NULL-terminated */
 
-struct shaft_spring {              /* of a bearing or a coupling; a stiffness not given is no link of the series */
+/* of a bearing or a coupling; a stiffness not given is no link of the series */
+struct shaft_spring {
     bool listed, has_transverse, has_rotational;
     double transverse, rotational;
     int effect;
@@ -36,8 +39,10 @@ struct shaft {
     double disk_mass, disk_radius;
     double speed;
     bool fixed, massless;
-    bool seen_fixed;                           /* on turning axes (`fixed` is false), its face on fixed ones */
-    int harmonic;                              /* fixed axes: stiffness turns with cos, sin (harmonic omega t) = (2 speed t) */
+    /* on turning axes (`fixed` is false), its face on fixed ones */
+    bool seen_fixed;
+    /* fixed axes: stiffness turns with cos, sin (harmonic omega t) = (2 speed t) */
+    int harmonic;
 
     struct shaft_end end[2];
     double strain_rate;                        /* mu, s */
@@ -47,7 +52,8 @@ struct shaft {
     double I_rho;                              /* kg m, polar, of the cross-section */
     int rotary_effect;
 
-    /* massless: the eight coordinates (uL, uR, uD, sD of plane y, then of z), where each is found */
+    /* massless: the eight coordinates (uL, uR, uD, sD of plane y, then of z), where each is
+     * found */
     struct condensed condensed;
     int dof[8];                                /* a dof, or -1 */
     int state;                                 /* first linear state, of condensed.b in order */

@@ -44,7 +44,8 @@ void shaft_add_polar(struct lowering *l, int i, int j, double g)
 }
 
 /* factor Ks between (y, z) pairs i and j: (3) on fixed axes. */
-void shaft_add_elastic(struct lowering *l, int matrix, const int i[2], const int j[2], double kA, double kB)
+void shaft_add_elastic(struct lowering *l, int matrix, const int i[2], const int j[2], double kA,
+                       double kB)
 {
     const struct shaft *s = l->mesh;
     double a = (kA + kB) / 2, d = (kA - kB) / 2;
@@ -61,7 +62,8 @@ void shaft_add_elastic(struct lowering *l, int matrix, const int i[2], const int
     }
 }
 
-/* mu Ks to C; on fixed axes also -mu W Ks(t) J to K, Ks J = [[d sin, -(a + d cos)], [a - d cos, -d sin]]. */
+/* mu Ks to C; on fixed axes also -mu W Ks(t) J to K, Ks J = [[d sin, -(a + d cos)], [a - d cos,
+ * -d sin]]. */
 void shaft_add_strain_rate(struct lowering *l, const int i[2], const int j[2], double kA, double kB)
 {
     const struct shaft *s = l->mesh;

@@ -6,11 +6,13 @@
 #include <string.h>
 #include "modal/scene/hermite.h"
 
-/* The shaft over (uL, uR, uD, sD) of one plane: an exact element each side, the ends' slopes condensed with their springs. */
+/* The shaft over (uL, uR, uD, sD) of one plane: an exact element each side, the ends' slopes
+ * condensed with their springs. */
 static void massless_plane(const struct shaft *s, double EI, double out[16])
 {
     double at = s->length * s->disk_node / s->elements, side[2] = { at, s->length - at }, k[16];
-    static const int where[2][4] = { { UL, -1, UD, SD }, { UD, SD, UR, -1 } };     /* -1: the slope to be condensed */
+    /* -1: the slope to be condensed */
+    static const int where[2][4] = { { UL, -1, UD, SD }, { UD, SD, UR, -1 } };
 
     memset(out, 0, 16 * sizeof *out);
     for (int end = 0; end < 2; end++) {
@@ -21,7 +23,8 @@ static void massless_plane(const struct shaft *s, double EI, double out[16])
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < 4; j++)
                 if (i != slope && j != slope)
-                    out[PLANE * where[end][i] + where[end][j]] += k[4 * i + j] - k[4 * i + slope] * k[4 * slope + j] / own;
+                    out[PLANE * where[end][i] + where[end][j]] +=
+                        k[4 * i + j] - k[4 * i + slope] * k[4 * slope + j] / own;
     }
 }
 
@@ -37,7 +40,8 @@ static void put_J(double *A, int i, int j, double value)
     put(A, i + PLANE, j, value);
 }
 
-/* Masses and polar inertias of the eight coordinates: one value a coordinate, alike in both planes. */
+/* Masses and polar inertias of the eight coordinates: one value a coordinate, alike in both
+ * planes. */
 static void massless_inertia(const struct shaft *s, double mass[PLANE], double polar[PLANE])
 {
     double tilting = s->disk_mass * s->disk_radius * s->disk_radius;
@@ -51,7 +55,8 @@ static void massless_inertia(const struct shaft *s, double mass[PLANE], double p
 }
 
 /* (1) over the eight coordinates; on fixed axes (2) with Ks as it lies at t = 0. */
-static void massless_matrices(const struct shaft *s, double Ks[2][16], double *M, double *C, double *K)
+static void massless_matrices(const struct shaft *s, double Ks[2][16], double *M, double *C,
+                              double *K)
 {
     double mass[PLANE], polar[PLANE], W = s->fixed ? 0 : s->speed;
 
@@ -76,7 +81,8 @@ static void massless_matrices(const struct shaft *s, double Ks[2][16], double *M
     }
 }
 
-/* B <- T^T A T, A <- A T: the disk's slope given by disk and free end; x runs (uD, sD) of plane y, then of z. */
+/* B <- T^T A T, A <- A T: the disk's slope given by disk and free end; x runs (uD, sD) of plane
+ * y, then of z. */
 static void map_columns(const struct shaft *s, double *A, int rows)
 {
     for (int i = 0; i < rows; i++)
@@ -140,8 +146,9 @@ static void write_condensed(struct lowering *l)
         }
     for (int half = c->nx / 2, i = 0; s->fixed && i < half; i++)
         for (int j = 0; j < half; j++)
-            shaft_add_elastic(l, PROGRAM_K, (int[]) { dof[i], dof[i + half] }, (int[]) { dof[j], dof[j + half] },
-                        c->K[i * c->nx + j], c->K[(i + half) * c->nx + j + half]);
+            shaft_add_elastic(l, PROGRAM_K, (int[]){ dof[i], dof[i + half] },
+                              (int[]){ dof[j], dof[j + half] }, c->K[i * c->nx + j],
+                              c->K[(i + half) * c->nx + j + half]);
     s->state = c->nb > 0 ? lowering_add_states(l, c->nb) : -1;
     for (int i = 0; i < c->nb && s->state >= 0; i++) {
         for (int j = 0; j < c->nb; j++) {
@@ -156,11 +163,14 @@ static void write_condensed(struct lowering *l)
     }
 }
 
-/* A clearance whose journal has no mass, as the scene lists it (its keys are checked when it is lowered). */
+/* A clearance whose journal has no mass, as the scene lists it (its keys are checked when it is
+ * lowered). */
 static int massless_journal(const struct lowering *l)
 {
-    for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL; e = lowering_lists(l, "clearance", e)) {
-        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass"), *at = cJSON_GetObjectItemCaseSensitive(e, "at");
+    for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL;
+         e = lowering_lists(l, "clearance", e)) {
+        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass"),
+                    *at = cJSON_GetObjectItemCaseSensitive(e, "at");
 
         if ((!cJSON_IsNumber(mass) || mass->valuedouble == 0) && cJSON_IsString(at))
             return strcmp(at->valuestring, "left") == 0 ? SHAFT_LEFT : SHAFT_RIGHT;
@@ -170,8 +180,10 @@ static int massless_journal(const struct lowering *l)
 
 static bool journal_with_mass(const struct lowering *l, int end)
 {
-    for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL; e = lowering_lists(l, "clearance", e)) {
-        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass"), *at = cJSON_GetObjectItemCaseSensitive(e, "at");
+    for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL;
+         e = lowering_lists(l, "clearance", e)) {
+        const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass"),
+                    *at = cJSON_GetObjectItemCaseSensitive(e, "at");
 
         if (cJSON_IsNumber(mass) && mass->valuedouble > 0 && cJSON_IsString(at)
             && strcmp(at->valuestring, end == SHAFT_LEFT ? "left" : "right") == 0)
@@ -192,14 +204,16 @@ void shaft_coordinate_name(const struct shaft *s, int c, bool free_end, char out
         snprintf(out, 32, "%s%s%d", q == SD ? "s" : "", plane, node);
 }
 
-/* What the ends' states need: damping somewhere, or a journal without mass.  Whether left out or not, so that ablation keeps the axes. */
+/* What the ends' states need: damping somewhere, or a journal without mass.  Whether left out or
+ * not, so that ablation keeps the axes. */
 bool shaft_has_end_states(const struct lowering *l)
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *e;
 
     cJSON_ArrayForEach(e, list) {
         const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(e, "type"));
-        const cJSON *damping = cJSON_GetObjectItemCaseSensitive(e, "damping"), *mu = cJSON_GetObjectItemCaseSensitive(e, "mu");
+        const cJSON *damping = cJSON_GetObjectItemCaseSensitive(e, "damping"),
+                    *mu = cJSON_GetObjectItemCaseSensitive(e, "mu");
         const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass");
 
         if (type == NULL)
@@ -215,12 +229,14 @@ bool shaft_has_end_states(const struct lowering *l)
 }
 
 /*
- * End states have constant equations on turning axes only.  There the scene is lowered, and seen from fixed axes; what an effect between
- * single dofs, or one of the whole structure's matrices, means on fixed axes it would not mean there.
+ * End states have constant equations on turning axes only.  There the scene is lowered, and seen
+ * from fixed axes; what an effect between single dofs, or one of the whole structure's matrices,
+ * means on fixed axes it would not mean there.
  */
 enum modal_status shaft_see_from_fixed_axes(struct lowering *l, struct modal_error *err)
 {
-    static const char *const turning[] = { "bearing", "coupling", "gyroscopic", "strain_rate_damping", "clearance" };
+    static const char *const turning[] = { "bearing", "coupling", "gyroscopic",
+                                           "strain_rate_damping", "clearance" };
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(l->scene, "effects"), *e;
     struct shaft *s = l->mesh;
     int position = 0;
@@ -234,8 +250,12 @@ enum modal_status shaft_see_from_fixed_axes(struct lowering *l, struct modal_err
         if (!turns) {
             char where[32];
             snprintf(where, sizeof where, "effects[%d]", position);
-            return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the damped ends of a massless shaft are states on turning axes, where a %.40s on "
-                                    "fixed ones is not constant: use structure.frame \"rotating\" or model \"finite_elements\"", where, type);
+            return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                    "%s: the damped ends of a massless shaft are states on turning "
+                                    "axes, where a %.40s on "
+                                    "fixed ones is not constant: use structure.frame \"rotating\" "
+                                    "or model \"finite_elements\"",
+                                    where, type);
         }
         position++;
     }
@@ -252,7 +272,8 @@ void shaft_lower_massless(struct lowering *l)
     s->journal = massless_journal(l);
     for (int c = 0; c < 2 * PLANE; c++) {
         int q = c % PLANE;
-        bool kept = q == UD || (q == SD && s->disk_radius > 0) || (q < UD && journal_with_mass(l, q == UL ? SHAFT_LEFT : SHAFT_RIGHT));
+        bool kept = q == UD || (q == SD && s->disk_radius > 0)
+                    || (q < UD && journal_with_mass(l, q == UL ? SHAFT_LEFT : SHAFT_RIGHT));
 
         shaft_coordinate_name(s, c, q == SD && s->journal >= 0, name);
         s->dof[c] = kept ? lowering_add_dof(l, name) : -1;
@@ -260,9 +281,11 @@ void shaft_lower_massless(struct lowering *l)
     for (int plane = 0; plane < 2; plane++) {
         int u = s->dof[UD + plane * PLANE], slope = s->dof[SD + plane * PLANE];
 
-        if (s->journal < 0) {                          /* else the mass is known once all effects are */
+        /* else the mass is known once all effects are */
+        if (s->journal < 0) {
             lowering_add(l, PROGRAM_M, u, u, s->disk_mass);
-            lowering_add(l, PROGRAM_M, slope, slope, s->disk_mass * s->disk_radius * s->disk_radius / 4);
+            lowering_add(l, PROGRAM_M, slope, slope,
+                         s->disk_mass * s->disk_radius * s->disk_radius / 4);
         }
     }
 }
@@ -275,12 +298,17 @@ static enum modal_status check_massless(const struct shaft *s, struct modal_erro
         return MODAL_OK;
     snprintf(where, sizeof where, "effects[%d]", s->end[s->journal].clearance.effect);
     if (s->strain_rate != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: with strain_rate_damping the journal needs a journal_mass", where);
-    if (!(s->disk_radius > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.radius", "a massless journal needs a disk with a radius > 0");
-    if (s->end[1 - s->journal].clearance.listed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: a massless shaft has one clearance without journal_mass and none beside it",
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s: with strain_rate_damping the journal needs a journal_mass",
                                 where);
+    if (!(s->disk_radius > 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.radius",
+                                "a massless journal needs a disk with a radius > 0");
+    if (s->end[1 - s->journal].clearance.listed)
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, where,
+            "%s: a massless shaft has one clearance without journal_mass and none beside it",
+            where);
     return MODAL_OK;
 }
 
@@ -293,7 +321,8 @@ static int damping_effect(const struct shaft *s)
     return s->strain_rate != 0 ? s->strain_rate_effect : -1;
 }
 
-/* What structure.lower did not write of the condensed mass: journals, or the whole of it on free ends. */
+/* What structure.lower did not write of the condensed mass: journals, or the whole of it on free
+ * ends. */
 static void write_mass(struct lowering *l)
 {
     const struct shaft *s = l->mesh;
@@ -320,7 +349,8 @@ enum modal_status shaft_finish_massless(struct lowering *l, struct modal_error *
         for (int plane = 0; plane < 2; plane++) {
             int slope = s->dof[SD + plane * PLANE];
             if (s->gyroscopic && slope >= 0)
-                shaft_add_polar(l, slope, slope, s->disk_mass * s->disk_radius * s->disk_radius / 2);
+                shaft_add_polar(l, slope, slope,
+                                s->disk_mass * s->disk_radius * s->disk_radius / 2);
         }
     rc = condense_massless(2 * PLANE, M, C, K, &s->condensed, err);
     if (rc != MODAL_OK)
@@ -335,7 +365,8 @@ enum modal_status shaft_finish_massless(struct lowering *l, struct modal_error *
         int q = end == s->journal ? SD : end == SHAFT_LEFT ? UL : UR;
 
         if (s->end[end].clearance.listed)
-            rc = shaft_add_clearance(l, end, s->dof[q], s->dof[q + PLANE], end == s->journal ? s->journal_stiffness : NULL, err);
+            rc = shaft_add_clearance(l, end, s->dof[q], s->dof[q + PLANE],
+                                     end == s->journal ? s->journal_stiffness : NULL, err);
     }
     return rc;
 }

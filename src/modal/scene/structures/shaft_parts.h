@@ -1,4 +1,5 @@
-/* shaft_parts.h - what the files of the shaft share with each other and nobody else; equations: shaft.c */
+/* shaft_parts.h - what the files of the shaft share with each other and nobody else; equations:
+ * shaft.c */
 #ifndef MODAL_SHAFT_PARTS_H
 #define MODAL_SHAFT_PARTS_H
 #include "modal/scene/structures/shaft.h"
@@ -19,7 +20,8 @@ void shaft_add_polar(struct lowering *l, int i, int j, double g);
 void shaft_add_elastic(struct lowering *l, int matrix, const int i[2], const int j[2], double kA,
                        double kB);
 /* mu Ks to C and, on fixed axes, -mu W Ks(t) J to K. */
-void shaft_add_strain_rate(struct lowering *l, const int i[2], const int j[2], double kA, double kB);
+void shaft_add_strain_rate(struct lowering *l, const int i[2], const int j[2], double kA,
+                           double kB);
 /* Every mass entry m written so far, on turning axes: 2 W m J to C, -W^2 m to K. */
 void shaft_turn_mass(struct lowering *l);
 
@@ -37,10 +39,11 @@ enum modal_status shaft_add_clearance(struct lowering *l, int end, int y, int z,
 
 /* The massless model: do its ends, damped or of a massless journal, need states of their own? */
 bool shaft_has_end_states(const struct lowering *l);
-/* They then stand on turning axes, and the scene sees them from fixed ones; an effect that would mean
- * another thing there is MODAL_BAD_INPUT. */
+/* They then stand on turning axes, and the scene sees them from fixed ones; an effect that would
+ * mean another thing there is MODAL_BAD_INPUT. */
 enum modal_status shaft_see_from_fixed_axes(struct lowering *l, struct modal_error *err);
-/* Coordinate C = 0 .. 2 PLANE - 1 as a name; FREE_END: the free end in place of the disk's slope. */
+/* Coordinate C = 0 .. 2 PLANE - 1 as a name; FREE_END: the free end in place of the disk's
+ * slope. */
 void shaft_coordinate_name(const struct shaft *s, int c, bool free_end, char out[32]);
 /* Its dofs and their mass; then, all effects being known, the rest. */
 void shaft_lower_massless(struct lowering *l);

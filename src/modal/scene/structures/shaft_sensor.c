@@ -1,11 +1,13 @@
 /*
- * shaft_sensor.c - what a sensor on a shaft reads: a coordinate, as a dof or eliminated, on the axes it names
+ * shaft_sensor.c - what a sensor on a shaft reads: a coordinate, as a dof or eliminated, on the
+ * axes it names
  */
 #include "modal/scene/structures/shaft_parts.h"
 #include <stdio.h>
 #include <string.h>
 
-/* Dof or coordinate NAME as a coordinate: massless 0 .. 7, else the dof itself in plane y's or z's place; -1: none. */
+/* Dof or coordinate NAME as a coordinate: massless 0 .. 7, else the dof itself in plane y's or
+ * z's place; -1: none. */
 static int coordinate_of(const struct lowering *l, const char *name)
 {
     const struct shaft *s = l->mesh;
@@ -29,7 +31,8 @@ static int index_in(const int *list, int count, int what)
     return -1;
 }
 
-/* The journal's own place: r = f + [row f of (M x'' + C x' + K x - F b)]/K_rr, the law being all else that acts on f. */
+/* The journal's own place: r = f + [row f of (M x'' + C x' + K x - F b)]/K_rr, the law being all
+ * else that acts on f. */
 static bool journal_terms(struct lowering *l, int plane, double factor, struct program_output *out)
 {
     const struct shaft *s = l->mesh;
@@ -51,8 +54,10 @@ static bool journal_terms(struct lowering *l, int plane, double factor, struct p
     return true;
 }
 
-/* factor times the DERIVATIVE-th rate of coordinate c, on the program's own axes; false: it has no such row. */
-static bool coordinate_terms(struct lowering *l, int c, int derivative, double factor, struct program_output *out)
+/* factor times the DERIVATIVE-th rate of coordinate c, on the program's own axes; false: it has
+ * no such row. */
+static bool coordinate_terms(struct lowering *l, int c, int derivative, double factor,
+                             struct program_output *out)
 {
     const struct shaft *s = l->mesh;
     const struct condensed *k = &s->condensed;
@@ -65,7 +70,8 @@ static bool coordinate_terms(struct lowering *l, int c, int derivative, double f
     if (s->journal >= 0 && q == (s->journal == SHAFT_LEFT ? UL : UR))
         return derivative == 0 && journal_terms(l, plane, factor, out);
     if (s->journal >= 0 && q == SD) {
-        lowering_add_term(l, out, derivative, s->dof[UD + plane * PLANE], factor * s->journal_map[plane][0]);
+        lowering_add_term(l, out, derivative, s->dof[UD + plane * PLANE],
+                          factor * s->journal_map[plane][0]);
         lowering_add_term(l, out, derivative, s->dof[c], factor * s->journal_map[plane][1]);
         return true;
     }
@@ -86,18 +92,21 @@ static bool coordinate_terms(struct lowering *l, int c, int derivative, double f
     return derivative == 0 || k->nb == 0;
 }
 
-/* The same coordinate seen from fixed axes: rows of D = q, q' + W J q, q'' + 2 W J q' - W^2 q, turned. */
+/* The same coordinate seen from fixed axes: rows of D = q, q' + W J q, q'' + 2 W J q' - W^2 q,
+ * turned. */
 static bool turned_terms(struct lowering *l, int c, int derivative, struct program_output *out)
 {
     const struct shaft *s = l->mesh;
-    int half = s->massless ? PLANE : 2, y = s->massless ? c % PLANE : c & ~2, plane = s->massless ? c / PLANE : (c & 2) / 2;
+    int half = s->massless ? PLANE : 2, y = s->massless ? c % PLANE : c & ~2,
+        plane = s->massless ? c / PLANE : (c & 2) / 2;
     double W = s->speed;
     bool found = true;
 
     for (int p = 0; p < 2; p++) {                       /* D_y, then D_z */
         int own = y + p * half, other = y + (1 - p) * half, first = out->count;
         double J = p == 0 ? -1 : 1;                     /* (J q)_y = -q_z, (J q)_z = q_y */
-        double weight = plane == 0 && p == 1 ? -1 : 1;  /* y: cos D_y - sin D_z;  z: sin D_y + cos D_z */
+        /* y: cos D_y - sin D_z;  z: sin D_y + cos D_z */
+        double weight = plane == 0 && p == 1 ? -1 : 1;
         int shift = plane == p ? 4 : 8;
 
         found = found && coordinate_terms(l, own, derivative, weight, out);
@@ -120,9 +129,10 @@ struct keys { const char *dof, *name; int derivative, frame; };
 static const char *const of_shaft[] = { "shaft", NULL };
 static const struct scene_key keys[] = {
     { "dof", SCENE_TEXT, offsetof(struct keys, dof), .needed = true,
-      .means = "y<i>, sy<i>, z<i>, sz<i> of node i; a massless shaft's ends too", .example = "\"y1\"" },
-    { "derivative", SCENE_WHOLE, offsetof(struct keys, derivative), "", 0, 2,
-      .means = "in time", .example = "1" },
+      .means = "y<i>, sy<i>, z<i>, sz<i> of node i; a massless shaft's ends too",
+      .example = "\"y1\"" },
+    { "derivative", SCENE_WHOLE, offsetof(struct keys, derivative), "", 0, 2, .means = "in time",
+      .example = "1" },
     { "frame", SCENE_WORD, offsetof(struct keys, frame), .words = shaft_frames, .standard = ABSENT,
       .otherwise = "the structure's", .means = "axes on which it is read", .example = "\"fixed\"" },
     { "name", SCENE_TEXT, offsetof(struct keys, name), .otherwise = "the dof's, with _dot or _ddot",
@@ -135,8 +145,8 @@ const struct scene_table shaft_sensors[] = {
     { 0 },
 };
 
-enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                               struct modal_error *err)
+enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path,
+                               struct program_output *out, struct modal_error *err)
 {
     const struct shaft *s = l->mesh;
     struct keys k = { 0 };
@@ -150,16 +160,23 @@ enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char
         k.frame = face;
     json_path(where, path, "dof");
     if ((c = coordinate_of(l, k.dof)) < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", k.dof, l->p->dofs[0],
-                                l->p->dofs[l->p->n - 1]);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", k.dof,
+                                l->p->dofs[0], l->p->dofs[l->p->n - 1]);
     if (k.frame == 0 && face == 1) {
         json_path(where, path, "frame");
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: on fixed axes sensors are fixed too; use structure.frame \"rotating\"", where);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, where,
+            "%s: on fixed axes sensors are fixed too; use structure.frame \"rotating\"", where);
     }
-    if (!(k.frame == own ? coordinate_terms(l, c, k.derivative, 1, out) : turned_terms(l, c, k.derivative, out)))
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: \"%.40s\" has no output row of derivative %d in this model (an end without mass)",
-                                where, k.dof, k.derivative);
-    snprintf(text, sizeof text, "%.40s%s%s", k.dof, lowering_suffix[k.derivative], k.frame == face ? "" : "_fixed");
+    if (!(k.frame == own ? coordinate_terms(l, c, k.derivative, 1, out)
+                         : turned_terms(l, c, k.derivative, out)))
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, where,
+            "%s: \"%.40s\" has no output row of derivative %d in this model (an end without mass)",
+            where, k.dof, k.derivative);
+    snprintf(text, sizeof text, "%.40s%s%s", k.dof, lowering_suffix[k.derivative],
+             k.frame == face ? "" : "_fixed");
     out->name = strdup(k.name != NULL ? k.name : text);
     return out->name != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "shaft: out of memory");
 }

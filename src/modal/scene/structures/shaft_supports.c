@@ -1,5 +1,6 @@
 /*
- * shaft_supports.c - what holds a shaft's ends: bearing and coupling in series, or a journal in a clearance
+ * shaft_supports.c - what holds a shaft's ends: bearing and coupling in series, or a journal in a
+ * clearance
  */
 #include "modal/scene/structures/shaft_parts.h"
 #include <stdio.h>
@@ -16,12 +17,14 @@ static double series(bool has_a, double a, bool has_b, double b)
 
 double shaft_transverse(const struct shaft_end *e)
 {
-    return series(e->bearing.has_transverse, e->bearing.transverse, e->coupling.has_transverse, e->coupling.transverse);
+    return series(e->bearing.has_transverse, e->bearing.transverse, e->coupling.has_transverse,
+                  e->coupling.transverse);
 }
 
 double shaft_rotational(const struct shaft_end *e)
 {
-    return series(e->bearing.has_rotational, e->bearing.rotational, e->coupling.has_rotational, e->coupling.rotational);
+    return series(e->bearing.has_rotational, e->bearing.rotational, e->coupling.has_rotational,
+                  e->coupling.rotational);
 }
 
 static void mark(struct lowering *l, int effect, bool acts)
@@ -38,7 +41,8 @@ void shaft_mark_active(struct lowering *l)
         const struct shaft_end *e = &s->end[end];
 
         if (e->bearing.listed)
-            mark(l, e->bearing.effect, e->bearing.transverse > 0 || e->bearing.rotational > 0 || e->damping > 0);
+            mark(l, e->bearing.effect,
+                 e->bearing.transverse > 0 || e->bearing.rotational > 0 || e->damping > 0);
         if (e->coupling.listed)
             mark(l, e->coupling.effect, e->coupling.transverse > 0 || e->coupling.rotational > 0);
     }
@@ -61,15 +65,19 @@ enum modal_status shaft_check_ends(const struct shaft *s, struct modal_error *er
 
         if (!e->clearance.listed || !(e->bearing.listed || e->coupling.listed))
             continue;
-        snprintf(where, sizeof where, "effects[%d].at", e->clearance.effect > other ? e->clearance.effect : other);
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the shaft's %s end has a clearance, which takes the place of bearing and "
-                                "coupling there", where, end == SHAFT_LEFT ? "left" : "right");
+        snprintf(where, sizeof where, "effects[%d].at",
+                 e->clearance.effect > other ? e->clearance.effect : other);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, where,
+            "%s: the shaft's %s end has a clearance, which takes the place of bearing and "
+            "coupling there",
+            where, end == SHAFT_LEFT ? "left" : "right");
     }
     return MODAL_OK;
 }
 
-enum modal_status shaft_add_clearance(struct lowering *l, int end, int y, int z, const double *stiffness,
-                                       struct modal_error *err)
+enum modal_status shaft_add_clearance(struct lowering *l, int end, int y, int z,
+                                      const double *stiffness, struct modal_error *err)
 {
     const struct shaft *s = l->mesh;
     struct law law;

@@ -1,8 +1,9 @@
 /*
- * wing.c - the wing as a structure: dofs w<i>, wp<i> (nodes 1 .. elements) and phi<i> (1 .. 3 elements), root clamped
+ * wing.c - the wing as a structure: dofs w<i>, wp<i> (nodes 1 .. elements) and phi<i> (1 .. 3
+ * elements), root clamped
  *
- * wing_model.c has the equations.  Sensors read dofs, the wing at a `position` along the span, and what the airloads
- * put on a `station`: lift and moment about the elastic axis, per length.
+ * wing_model.c has the equations.  Sensors read dofs, the wing at a `position` along the span, and
+ * what the airloads put on a `station`: lift and moment about the elastic axis, per length.
  */
 #include "modal/scene/structures/wing.h"
 #include <stdio.h>
@@ -26,10 +27,11 @@ static const struct scene_key keys[] = {
       .needed = true, .means = "bending stiffness", .example = "9.8e6" },
     { "GJ", SCENE_NUMBER, offsetof(struct wing, GJ), "N m^2", SCENE_POSITIVE, SCENE_LARGE,
       .needed = true, .means = "torsional stiffness", .example = "9.9e5" },
-    { "mass_per_length", SCENE_NUMBER, offsetof(struct wing, mass_per_length), "kg/m", SCENE_POSITIVE,
-      SCENE_LARGE, .needed = true, .means = "m", .example = "35.7" },
+    { "mass_per_length", SCENE_NUMBER, offsetof(struct wing, mass_per_length), "kg/m",
+      SCENE_POSITIVE, SCENE_LARGE, .needed = true, .means = "m", .example = "35.7" },
     { "I_rho", SCENE_NUMBER, offsetof(struct wing, I_rho), "kg m", SCENE_POSITIVE, SCENE_LARGE,
-      .needed = true, .means = "mass moment of inertia per length about the elastic axis, > m x_cg^2",
+      .needed = true,
+      .means = "mass moment of inertia per length about the elastic axis, > m x_cg^2",
       .example = "8.6" },
     { "x_cg", SCENE_NUMBER, offsetof(struct wing, x_cg), "m", -SCENE_LARGE, SCENE_LARGE,
       .needed = true, .means = "centre of gravity from the elastic axis, aft positive",
@@ -61,8 +63,10 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     if ((l->mesh = mesh) == NULL)
         return no_memory(err);
     if (!(w->I_rho > least))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.I_rho", "I_rho = %g about the elastic "
-                                "axis must exceed mass_per_length x_cg^2 = %g", w->I_rho, least);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.I_rho",
+                                "I_rho = %g about the elastic "
+                                "axis must exceed mass_per_length x_cg^2 = %g",
+                                w->I_rho, least);
     mesh->wing = *w;
     l->mass_per_length = w->mass_per_length;
     add_dofs(l, w);
@@ -87,7 +91,8 @@ static void mesh_free(void *mesh)
 struct station { int station, quantity; };
 struct position { double position; int quantity, derivative; };
 
-static const char *const loads[] = { "lift", "moment", NULL }, *const motions[] = { "w", "phi", NULL };
+static const char *const loads[] = { "lift", "moment", NULL }, *const motions[] = { "w", "phi",
+                                                                                    NULL };
 
 static const struct scene_key station_keys[] = {
     { "station", SCENE_WHOLE, offsetof(struct station, station), "", 0, WING_STATIONS_MOST - 1,
@@ -100,7 +105,8 @@ static const struct scene_key station_keys[] = {
 };
 static const struct scene_key position_keys[] = {
     { "position", SCENE_NUMBER, offsetof(struct position, position), "m", 0, SCENE_LARGE,
-      .needed = true, .means = "along the span from the root, at most its length", .example = "1.5" },
+      .needed = true, .means = "along the span from the root, at most its length",
+      .example = "1.5" },
     { "quantity", SCENE_WORD, offsetof(struct position, quantity), .needed = true, .words = motions,
       .means = "bending, up; twist, nose-up", .example = "\"phi\"" },
     { "derivative", SCENE_WHOLE, offsetof(struct position, derivative), "", 0, 2,
@@ -118,8 +124,9 @@ static const struct scene_table sensors[] = {
     { 0 },
 };
 
-static enum modal_status station_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                                        char name[96], struct modal_error *err)
+static enum modal_status station_sensor(struct lowering *l, const cJSON *json, const char *path,
+                                        struct program_output *out, char name[96],
+                                        struct modal_error *err)
 {
     const struct wing_mesh *mesh = l->mesh;
     const struct airloads_matrices *air = &mesh->air;
@@ -131,11 +138,13 @@ static enum modal_status station_sensor(struct lowering *l, const cJSON *json, c
     if (rc != MODAL_OK)
         return rc;
     if (!mesh->in_air)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: without airloads there are no stations",
-                                where);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s: without airloads there are no stations", where);
     if (s.station >= air->ns)
-        return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d; accepted: a whole number from 0 to "
-                                "%d, the last of the airloads' stations", where, s.station, air->ns - 1);
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s is %d; accepted: a whole number from 0 to "
+                                "%d, the last of the airloads' stations",
+                                where, s.station, air->ns - 1);
     for (int q = 0; q < 3; q++)
         for (int j = 0; j < air->n; j++) {
             double value = (s.quantity == 0 ? air->lift : air->moment)[q][s.station * air->n + j];
@@ -151,8 +160,9 @@ static enum modal_status station_sensor(struct lowering *l, const cJSON *json, c
     return MODAL_OK;
 }
 
-static enum modal_status position_sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                                         char name[96], struct modal_error *err)
+static enum modal_status position_sensor(struct lowering *l, const cJSON *json, const char *path,
+                                         struct program_output *out, char name[96],
+                                         struct modal_error *err)
 {
     const struct wing *wing = &((struct wing_mesh *)l->mesh)->wing;
     struct position s = { 0 };
@@ -162,8 +172,10 @@ static enum modal_status position_sensor(struct lowering *l, const cJSON *json, 
 
     json_path(where, path, "position");
     if (rc == MODAL_OK && s.position > wing->length)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %g; accepted: a number from 0 to %g, the "
-                              "wing's length", where, s.position, wing->length);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
+                              "%s is %g; accepted: a number from 0 to %g, the "
+                              "wing's length",
+                              where, s.position, wing->length);
     if (rc != MODAL_OK)
         return rc;
     if ((row = calloc((size_t)l->p->n + 1, sizeof *row)) == NULL)
@@ -172,13 +184,14 @@ static enum modal_status position_sensor(struct lowering *l, const cJSON *json, 
     for (int j = 0; j < l->p->n; j++)
         if (row[j] != 0)
             lowering_add_term(l, out, s.derivative, j, row[j]);
-    snprintf(name, 96, "%s(%.12g)%s", motions[s.quantity], s.position, lowering_suffix[s.derivative]);
+    snprintf(name, 96, "%s(%.12g)%s", motions[s.quantity], s.position,
+             lowering_suffix[s.derivative]);
     free(row);
     return MODAL_OK;
 }
 
-static enum modal_status sensor(struct lowering *l, const cJSON *json, const char *path, struct program_output *out,
-                                struct modal_error *err)
+static enum modal_status sensor(struct lowering *l, const cJSON *json, const char *path,
+                                struct program_output *out, struct modal_error *err)
 {
     const char *name = NULL, *dof = NULL;
     char text[96] = "", where[128];
@@ -186,16 +199,20 @@ static enum modal_status sensor(struct lowering *l, const cJSON *json, const cha
 
     if (rc == MODAL_OK)
         rc = json_get_string(json, path, "dof", &dof, err);
-    json_path(where, path, dof != NULL && cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL ? "frame" : "dof");
+    json_path(where, path,
+              dof != NULL && cJSON_GetObjectItemCaseSensitive(json, "frame") != NULL ? "frame"
+                                                                                     : "dof");
     if (rc == MODAL_OK && dof != NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: no such dof or frame on a wing; its dofs run from %s to %s", where, l->p->dofs[0],
-                              l->p->dofs[l->p->n - 1]);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
+                              "%s: no such dof or frame on a wing; its dofs run from %s to %s",
+                              where, l->p->dofs[0], l->p->dofs[l->p->n - 1]);
     else if (rc == MODAL_OK && cJSON_GetObjectItemCaseSensitive(json, "station") != NULL)
         rc = station_sensor(l, json, path, out, text, err);
     else if (rc == MODAL_OK && cJSON_GetObjectItemCaseSensitive(json, "position") != NULL)
         rc = position_sensor(l, json, path, out, text, err);
     else if (rc == MODAL_OK)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s needs \"dof\", \"station\" or \"position\"", path);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
+                              "%s needs \"dof\", \"station\" or \"position\"", path);
     if (rc != MODAL_OK)
         return rc;
     out->name = strdup(name != NULL ? name : text);
@@ -203,7 +220,12 @@ static enum modal_status sensor(struct lowering *l, const cJSON *json, const cha
 }
 
 const struct scene_structure_kind structure_wing = {
-    .name = "wing", .keys = { scene_type_keys, keys }, .size = sizeof(struct wing),
-    .law = "bending w and twist phi of a clamped wing, coupled by x_cg: wing_model.c", .sensors = sensors,
-    .lower = lower, .sensor = sensor, .mesh_free = mesh_free,
+    .name = "wing",
+    .keys = { scene_type_keys, keys },
+    .size = sizeof(struct wing),
+    .law = "bending w and twist phi of a clamped wing, coupled by x_cg: wing_model.c",
+    .sensors = sensors,
+    .lower = lower,
+    .sensor = sensor,
+    .mesh_free = mesh_free,
 };

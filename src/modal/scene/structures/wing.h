@@ -6,7 +6,8 @@
 
 struct wing_mesh {
     struct wing wing;
-    bool in_air;                          /* airloads are listed: `air` holds them, their states from `state` on */
+    /* airloads are listed: `air` holds them, their states from `state` on */
+    bool in_air;
     int state;
     struct airloads_matrices air;
 };

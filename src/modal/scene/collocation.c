@@ -35,6 +35,7 @@ struct collocation {
     double *X, *Y, *full, *block;
 };
 
+/* P_n(x) by its three-term recurrence, stable on [-1, 1]. */
 static double legendre(int n, double x)
 {
     double a = 1, b = x;
@@ -49,6 +50,7 @@ static double legendre(int n, double x)
     return b;
 }
 
+/* Zero at Radau's nodes: on [0, 1], c = 1 among them. */
 static double radau(double c)
 {
     return legendre(S, 2 * c - 1) - legendre(S - 1, 2 * c - 1);
@@ -75,6 +77,7 @@ static void find_nodes(double *node)
     node[S - 1] = 1;
 }
 
+/* l_j(theta) of the nodes: 1 at node j, 0 at the others. */
 static double lagrange(const double *node, int j, double theta)
 {
     double l = 1;
@@ -115,6 +118,7 @@ void collocation_lagrange(const struct collocation *c, double theta, double *l)
         l[j] = lagrange(c->node, j, theta);
 }
 
+/* The caller frees; NULL: no memory. */
 static double *copy_of(const double *x, size_t count)
 {
     double *y = malloc((count + 1) * sizeof *y);
@@ -166,6 +170,7 @@ enum modal_status collocation_new(const struct statespace *ss, const struct sour
     return rc;
 }
 
+/* Also of a map half made: what is not there is NULL. */
 static void map_done(struct collocation_map *m)
 {
     free(m->E);
@@ -312,6 +317,7 @@ static void rows_times_blocks(const struct collocation *c, const double *E, doub
         }
 }
 
+/* Room for (1) at the end and for (2) at every node. */
 static enum modal_status allocate(const struct collocation *c, struct collocation_map *map,
                                   struct modal_error *err)
 {
@@ -332,6 +338,8 @@ static enum modal_status allocate(const struct collocation *c, struct collocatio
     return modal_fail(err, MODAL_NO_MEMORY, "collocation: out of memory");
 }
 
+/* (1) and (2) of one h.  Only the last node's E, W, G are kept whole; the others' are read
+ * through R at once. */
 static enum modal_status compute(struct collocation *c, double h, struct collocation_map *map,
                                  struct modal_error *err)
 {

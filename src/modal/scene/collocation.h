@@ -34,11 +34,13 @@ struct collocation_map {
 enum modal_status collocation_new(const struct statespace *ss, const struct sources *src, int m,
                                   const double *U, int r, const double *R, struct collocation **out,
                                   struct modal_error *err);
+/* NULL is accepted. */
 void collocation_free(struct collocation *c);
 
 /* The nodes c_1 .. c_STAGES = 1 (Radau) and their weights on f(0): p(0) = sum_j at_zero[j]
  * phi_j. */
 const double *collocation_nodes(const struct collocation *c);
+/* S weights, borrowed until collocation_free. */
 const double *collocation_at_zero(const struct collocation *c);
 /* The Lagrange polynomials of the nodes at theta = t / h: STAGES values. */
 void collocation_lagrange(const struct collocation *c, double theta, double *l);
@@ -46,6 +48,7 @@ void collocation_lagrange(const struct collocation *c, double theta, double *l);
 /* The map of h: one of those kept, or computed.  Valid until the next call. */
 enum modal_status collocation_map(struct collocation *c, double h,
                                   const struct collocation_map **out, struct modal_error *err);
+/* Exponentials computed so far, those since dropped included: what a step costs. */
 int64_t collocation_maps_made(const struct collocation *c);
 
 /* (1) at the end: y becomes y(h). */

@@ -26,11 +26,13 @@
 #include "modal/scene/statespace.h"
 #include "modal/scene/turning.h"
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "floquet: out of memory");
 }
 
+/* Arrays of COUNT exponents; floquet_done frees them, on failure too. */
 static enum modal_status make(int count, struct floquet *f, struct modal_error *err)
 {
     f->count = count;
@@ -52,6 +54,7 @@ void floquet_done(struct floquet *f)
     memset(f, 0, sizeof *f);
 }
 
+/* The 1-norm, the scale of rounding of an eigenvalue of A. */
 static double norm_of(int n, const double *A)
 {
     double sum = 0;
@@ -91,6 +94,7 @@ static double rigid_rounding(const struct statespace *ss)
     return least <= 1.0001e-7 * largest ? 8 * DBL_EPSILON * largest * largest : 0;
 }
 
+/* Each 2 x 2 block [[0, s], [-a, -b]] has the roots of its own quadratic. */
 static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
 {
     int n = ss->n;
@@ -111,6 +115,7 @@ static void decoupled_exponents(const struct statespace *ss, struct floquet *f)
     }
 }
 
+/* Eigenvalues of the whole A, each with its condition from the left and right vectors. */
 static enum modal_status coupled_exponents(const struct statespace *ss, struct floquet *f,
                                            struct modal_error *err)
 {
@@ -136,6 +141,7 @@ static enum modal_status coupled_exponents(const struct statespace *ss, struct f
     return rc;
 }
 
+/* Exponents by themselves; multipliers e^(lambda T) where a period is given. */
 static enum modal_status constant(const struct statespace *ss, double period, struct floquet *f,
                                   struct modal_error *err)
 {
@@ -153,6 +159,7 @@ static enum modal_status constant(const struct statespace *ss, double period, st
     return rc;
 }
 
+/* The principal value: Im in (-pi, pi] / T. */
 static double complex exponent_of(double complex rho, double period)
 {
     double re = fabs(creal(rho)), im = cimag(rho), square = re * re + im * im;
@@ -163,6 +170,7 @@ static double complex exponent_of(double complex rho, double period)
     return CMPLX(log_modulus / period, angle / period);
 }
 
+/* Eigenvalues of the monodromy matrix, mapped by Magnus steps. */
 static enum modal_status periodic(const struct statespace *ss, double period,
                                   const struct floquet_options *opt, struct floquet *f,
                                   struct modal_error *err)
@@ -252,6 +260,7 @@ static bool comes_before(const struct floquet *f, int a, int b)
     return creal(u) != creal(v) ? creal(u) > creal(v) : cimag(u) > cimag(v);
 }
 
+/* All four arrays move together. */
 static void swap(struct floquet *f, int a, int b)
 {
     double complex m = f->multiplier[a], l = f->exponent[a];
@@ -264,6 +273,7 @@ static void swap(struct floquet *f, int a, int b)
     f->resolved[a] = f->resolved[b], f->resolved[b] = resolved;
 }
 
+/* Descending: multipliers by magnitude, exponents by real part. */
 static void sort(struct floquet *f)
 {
     for (int i = 1; i < f->count; i++)
@@ -271,6 +281,7 @@ static void sort(struct floquet *f)
             swap(f, j, j - 1);
 }
 
+/* The verdict: undecided where the largest is within its bar of the boundary. */
 static void judge(struct floquet *f)
 {
     bool unstable = false, stable = true;

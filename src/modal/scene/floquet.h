@@ -42,6 +42,7 @@ struct floquet {
  */
 enum modal_status floquet(const struct program *p, const struct floquet_options *opt,
                           struct floquet *out, struct modal_error *err);
+/* F's arrays; F itself is the caller's and becomes zeros. */
 void floquet_done(struct floquet *f);
 
 #endif

@@ -23,6 +23,7 @@ void hermite_shape(double h, double xi, double n[4], double slope[4], double cur
 /* Add a 4 x 4 element matrix into a dense column-major matrix at dofs first, first + 1, ...
  * first + 3. */
 struct matrix;
+/* Room for 4 rows and columns from FIRST on is the caller's to see to. */
 void hermite_add(const double element[16], int first, struct matrix *out);
 
 #endif

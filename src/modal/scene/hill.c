@@ -22,6 +22,7 @@
 /* truncation, of the exponents' strip 2 pi / T, that ends the growth of H */
 static const double ENOUGH = 1e-10;
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "hill: out of memory");
@@ -59,6 +60,7 @@ static void assemble(const struct statespace *ss, double period, int H, double c
 
 struct candidate { double complex value; double spread; int index; };
 
+/* For qsort: the best centred candidates first. */
 static int by_spread(const void *a, const void *b)
 {
     const struct candidate *x = a, *y = b;
@@ -67,6 +69,7 @@ static int by_spread(const void *a, const void *b)
                                   : (x->index > y->index) - (x->index < y->index);
 }
 
+/* For qsort: descending real part, as hill.h has it. */
 static int by_value(const void *a, const void *b)
 {
     double complex x = *(const double complex *)a, y = *(const double complex *)b;
@@ -76,6 +79,8 @@ static int by_value(const void *a, const void *b)
     return (cimag(x) < cimag(y)) - (cimag(x) > cimag(y));
 }
 
+/* How far a vector's harmonics lie from 0 in the mean: of the 2 H + 1 copies of an exponent
+ * the one centred best is cut least. */
 static double spread(const double complex *u, int N, int H)
 {
     double sum = 0, moment = 0;
@@ -108,6 +113,7 @@ static double overlap(const double complex *u, const double complex *v, int N, i
     return uu > 0 ? cabs(product) / sqrt(uu * vv) : 0;
 }
 
+/* Im moved by whole W into (-W/2, W/2]. */
 static double complex principal(double complex lambda, double W)
 {
     double k = round(cimag(lambda) / W);
@@ -142,6 +148,7 @@ static void choose(struct candidate *c, size_t count, const double complex *V, i
     qsort(out, (size_t)N, sizeof *out, by_value);
 }
 
+/* The determinant cut at H, its copies sorted out. */
 static enum modal_status solve(const struct statespace *ss, double period, int H,
                                double complex *out, struct modal_error *err)
 {
@@ -201,6 +208,7 @@ static int highest(const struct statespace *ss, double period)
     return most;
 }
 
+/* Two cuts, whose difference is the truncation. */
 static enum modal_status solve_two(const struct statespace *ss, double period, int H,
                                    struct hill *out, struct modal_error *err)
 {

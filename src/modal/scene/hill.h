@@ -23,6 +23,7 @@ struct hill {
  */
 enum modal_status hill(const struct program *p, int harmonics, struct hill *out,
                        struct modal_error *err);
+/* H's array; H itself is the caller's and becomes zeros. */
 void hill_done(struct hill *h);
 
 #endif

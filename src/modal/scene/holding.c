@@ -36,6 +36,7 @@ void holding_free(struct holding *h)
     free(h);
 }
 
+/* What the channels' forces do to the sliders' own rates, once for all steps. */
 static void fill(struct holding *h, const double *BP)
 {
     const struct ports *p = h->ports;

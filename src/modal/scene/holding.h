@@ -13,6 +13,7 @@ struct holding;
 /* For PORTS, which is borrowed.  Fails with MODAL_NO_MEMORY. */
 enum modal_status holding_new(const struct ports *ports, const struct sources *src,
                               struct holding **out, struct modal_error *err);
+/* NULL is accepted. */
 void holding_free(struct holding *h);
 
 /*

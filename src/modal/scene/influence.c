@@ -26,11 +26,13 @@ struct side {
     double complex *value, *V, *L;
 };
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "influence: out of memory");
 }
 
+/* A where both are constant, else the monodromy matrix of this side. */
 static enum modal_status matrix_of(struct side *side, bool periodic, double period,
                                    struct modal_error *err)
 {
@@ -54,6 +56,7 @@ static enum modal_status matrix_of(struct side *side, bool periodic, double peri
     return rc;
 }
 
+/* Its eigenvalues with left and right vectors. */
 static enum modal_status solve(struct side *side, bool periodic, double period,
                                struct modal_error *err)
 {
@@ -152,6 +155,7 @@ static double *doubled(int N, const double *X, const double *moved)
     return out;
 }
 
+/* NULL: this side has no such harmonic. */
 static const struct statespace_harmonic *harmonic_of(const struct statespace *ss, int k)
 {
     for (int h = 0; h < ss->harmonics; h++)
@@ -317,6 +321,7 @@ static enum modal_status pair_up(const struct side *a, const struct side *b, int
     return rc;
 }
 
+/* Of a value of `matrix_of`: itself, or the principal logarithm over the period. */
 static double complex exponent(double complex value, const struct influence *f)
 {
     if (!f->periodic)
@@ -324,6 +329,7 @@ static double complex exponent(double complex value, const struct influence *f)
     return cabs(value) > 1e-13 ? clog(value) / f->period : CMPLX(NAN, NAN);
 }
 
+/* -max Re exponent of those that are above rounding. */
 static double margin(const double complex *value, int count, const struct influence *f)
 {
     double most = -HUGE_VAL;
@@ -333,6 +339,7 @@ static double margin(const double complex *value, int count, const struct influe
     return -most;
 }
 
+/* (1) and the matched pairs into F. */
 static enum modal_status fill(struct influence *f, const struct side *a, const struct side *b,
                               struct modal_error *err)
 {
@@ -362,6 +369,7 @@ static enum modal_status fill(struct influence *f, const struct side *a, const s
     return rc;
 }
 
+/* Also of a side half made. */
 static void side_done(struct side *s)
 {
     statespace_free(s->ss);

@@ -34,6 +34,7 @@ struct influence {
  */
 enum modal_status influence(const struct program *from, const struct program *to,
                             struct influence *out, struct modal_error *err);
+/* F's arrays; F itself is the caller's and becomes zeros. */
 void influence_done(struct influence *f);
 
 #endif

@@ -131,6 +131,7 @@ void law_done(struct law *law);
 
 /* What constructors share: an empty law of KIND, and finiteness. */
 void law_clear(struct law *law, const struct law_class *kind);
+/* VALUE, called WHAT, must be finite and at least LOW; else MODAL_BAD_INPUT, field WHAT. */
 enum modal_status law_check(const char *what, double value, double low, struct modal_error *err);
 
 #endif

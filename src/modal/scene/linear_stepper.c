@@ -62,6 +62,7 @@ static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w,
     return rc;
 }
 
+/* (1) mode by mode; exponentials of one size share their workspace. */
 static enum modal_status modal_map(struct linear_stepper *s, double h, struct map *m,
                                    struct modal_error *err)
 {
@@ -89,6 +90,7 @@ static enum modal_status modal_map(struct linear_stepper *s, double h, struct ma
     return rc;
 }
 
+/* (1) as it stands, the sources' states below the system's. */
 static enum modal_status dense_map(struct linear_stepper *s, double h, struct map *m,
                                    struct modal_error *err)
 {
@@ -145,6 +147,7 @@ static enum modal_status find_map(struct linear_stepper *s, double h, struct map
     return MODAL_OK;
 }
 
+/* y(t + h) of each mode, in place. */
 static void apply_modal(const struct linear_stepper *s, const struct map *m, double *y)
 {
     int n = s->ss->n, nw = s->src->nw;
@@ -161,6 +164,7 @@ static void apply_modal(const struct linear_stepper *s, const struct map *m, dou
     }
 }
 
+/* One product by the map of h. */
 static enum modal_status advance(struct stepper *face, double t, double h, double *y,
                                  struct modal_error *err)
 {
@@ -185,6 +189,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return MODAL_OK;
 }
 
+/* B P w: a linear program's loads at t. */
 static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
                                struct modal_error *err)
 {
@@ -200,6 +205,7 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
     return MODAL_OK;
 }
 
+/* stepper.free; also of one half made. */
 static void linear_free(struct stepper *face)
 {
     struct linear_stepper *s = (struct linear_stepper *)face;

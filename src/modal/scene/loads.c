@@ -136,6 +136,7 @@ static enum modal_status move_lists(struct keys *k, const char *path, struct pro
     return MODAL_OK;
 }
 
+/* Points or two lists, of ascending times; forces times the amplitude. */
 static enum modal_status read_table(struct keys *k, const char *path, struct program_load *load,
                                     struct modal_error *err)
 {
@@ -214,6 +215,7 @@ static enum modal_status fill_load(const struct lowering *l, struct keys *k, con
     return load->type == LOAD_TABLE ? read_table(k, path, load, err) : MODAL_OK;
 }
 
+/* The type first: it says which tables the entry is read by. */
 static enum modal_status read_load(const struct lowering *l, const cJSON *json, const char *path,
                                    struct program_load *load, struct modal_error *err)
 {

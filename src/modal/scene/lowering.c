@@ -21,6 +21,7 @@ static bool grow(struct lowering *l, void **x, int count, int *room, size_t size
     return true;
 }
 
+/* Past the limit nothing is added and scene_lower says so: adding never fails. */
 static void append(struct lowering *l, struct lowering_entries *e, int i, int j, double value)
 {
     if (e->count >= LOWERING_ENTRIES_MOST) {

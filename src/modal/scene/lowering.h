@@ -152,6 +152,7 @@ void lowering_add_element(struct lowering *l, int matrix, int n, const int *inde
                           const double *values);
 /* COUNT linear states for the effect being lowered; the first one's index. */
 int lowering_add_states(struct lowering *l, int count);
+/* An entry of E, A, Bx, Bv, Ba or F of program.h; index -1 and zeros add nothing. */
 void lowering_add_block(struct lowering *l, enum lowering_block block, int i, int j, double value);
 /* The law becomes the program's (LAW is emptied), with the effect being lowered; dof and to are
  * already set. */
@@ -182,6 +183,7 @@ enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct mod
 
 /* value * [1 -1; -1 1] between the ends. */
 void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value);
+/* The same, pulsating: cosine cos(k Omega t) + sine sin(k Omega t). */
 void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at,
                                double cosine, double sine);
 

@@ -29,6 +29,7 @@ struct magnus_work {
     double *A[3], *C1, *C2, *X, *Y, *Omega, *E, *coarse, *product, *small;
 };
 
+/* A size x size matrix of zeros; the caller frees. */
 static double *square(size_t size)
 {
     return calloc(size * size + 1, sizeof(double));
@@ -138,6 +139,7 @@ static void series(struct magnus *m, double t, double h)
         w->Omega[i] += w->A[0][i] + w->A[2][i] / 12;
 }
 
+/* The largest magnitude: the norm in which maps are compared. */
 static double largest(const double *x, size_t count)
 {
     double most = 0;

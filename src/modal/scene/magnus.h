@@ -17,6 +17,7 @@ struct magnus {
 /* SRC NULL: the state alone.  Both are borrowed. */
 enum modal_status magnus_new(const struct statespace *ss, const struct sources *src,
                              struct magnus **out, struct modal_error *err);
+/* NULL is accepted. */
 void magnus_free(struct magnus *m);
 
 /* OUT (size x size by columns): the map over [t, t + h], as the product of SUBSTEPS steps. */

@@ -11,6 +11,7 @@
 #include <lapacke.h>
 #include <string.h>
 
+/* Exactly: a small mass is a mass. */
 static int row_is_zero(int n, const double *A, int i)
 {
     for (int j = 0; j < n; j++)
@@ -19,6 +20,7 @@ static int row_is_zero(int n, const double *A, int i)
     return 1;
 }
 
+/* The block of A at ROWS and COLUMNS, by rows. */
 static void pick(const double *A, int n, const int *rows, int m, const int *columns, int k,
                  double *out)
 {
@@ -49,6 +51,7 @@ static int solve(const double *A, int n, double *B, int k)
     return LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, k, factors, n, pivot, B, k);
 }
 
+/* x, b, a: with mass, damped without mass, static. */
 static void sort_dofs(int n, const double *M, const double *C, struct condensed *c)
 {
     for (int i = 0; i < n; i++)

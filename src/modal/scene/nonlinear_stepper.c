@@ -74,6 +74,7 @@ struct nonlinear_stepper {
     int *pivot;
 };
 
+/* The largest magnitude. */
 static double norm(const double *x, int n)
 {
     return n > 0 ? fabs(x[cblas_idamax(n, x, 1)]) : 0;
@@ -102,6 +103,7 @@ static void bases(struct nonlinear_stepper *s, const struct collocation_map *map
     }
 }
 
+/* (1)'s probes: the bases and what the forces add. */
 static void probes_of_phi(struct nonlinear_stepper *s, const struct collocation_map *map)
 {
     int r = 2 * s->ports->probes, m = s->ports->channels;
@@ -114,6 +116,7 @@ static void probes_of_phi(struct nonlinear_stepper *s, const struct collocation_
     }
 }
 
+/* A rigid slider at rest, whose force is an unknown and not a law. */
 static bool stuck(const struct port_law *l)
 {
     return l->law->kind->set_valued && l->held == 0;
@@ -258,6 +261,8 @@ static void rounding_of_probes(struct nonlinear_stepper *s, const double *y)
     }
 }
 
+/* What does not change while the step is solved, cut and solved again: probes, sources, forces
+ * at its start. */
 static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const double *y,
                                     struct modal_error *err)
 {
@@ -281,6 +286,7 @@ static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const
     return rc;
 }
 
+/* From the last step's end forces as a first guess. */
 static enum modal_status solve_step(struct nonlinear_stepper *s, double t, double h,
                                     const struct collocation_map **map, bool *converged,
                                     struct modal_error *err)
@@ -456,6 +462,7 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
     return rc;
 }
 
+/* Steps of dt / 2^level, each as far as events allow, until H is done. */
 static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t, double h,
                                           double *y, struct modal_error *err)
 {
@@ -522,6 +529,7 @@ static enum modal_status remember(struct nonlinear_stepper *s, double t, const d
     return rc;
 }
 
+/* Equal steps, each asked of once: a user's law may keep what it is told. */
 static enum modal_status advance_sequential(struct nonlinear_stepper *s, double t, double h,
                                             double *y, struct modal_error *err)
 {
@@ -596,6 +604,7 @@ static void release_sliders(struct nonlinear_stepper *s, const double *y)
     }
 }
 
+/* stepper.advance; impulses have changed rates since the last call. */
 static enum modal_status advance(struct stepper *face, double t, double h, double *y,
                                  struct modal_error *err)
 {
@@ -610,6 +619,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return rc;
 }
 
+/* B (P w - f): what loads and laws add, for accelerations. */
 static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
                                struct modal_error *err)
 {
@@ -634,6 +644,7 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
     return rc;
 }
 
+/* Counters of the laws into the effects' rows. */
 static void report(struct stepper *face, struct program *p)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
@@ -645,6 +656,7 @@ static void report(struct stepper *face, struct program *p)
     }
 }
 
+/* stepper.free; also of one half made. */
 static void nonlinear_free(struct stepper *face)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
@@ -662,6 +674,7 @@ static void nonlinear_free(struct stepper *face)
     free(s);
 }
 
+/* All of one stepper's arrays: stepping itself allocates nothing but maps. */
 static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_error *err)
 {
     size_t m = (size_t)s->ports->channels, r = 2 * (size_t)s->ports->probes, N = (size_t)s->ss->N,

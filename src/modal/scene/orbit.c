@@ -174,6 +174,7 @@ void orbit_combine(struct orbit *o, double a, const struct orbit *x, double b,
 
 typedef double pair __attribute__((vector_size(2 * sizeof(double))));
 
+/* Both lanes the same. */
 static pair both(double x) { return (pair) { x, x }; }
 
 /* Horner's rule in z^2, z = e^{i theta}, for the three sums at once: even harmonics and odd ones
@@ -329,6 +330,7 @@ static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error
                : add_turn(o, theta, h * (j + 1), 0.5 * (h * (j + 1) + theta), positive, err);
 }
 
+/* For qsort: ascending. */
 static int by_theta(const void *a, const void *b)
 {
     const struct orbit_turn *x = a, *y = b;
@@ -368,6 +370,7 @@ enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
     return rc;
 }
 
+/* Sample j, any j: the motion repeats. */
 static struct orbit_end sample_at(const struct orbit *o, long j)
 {
     int i = (int)(((j % o->N) + o->N) % o->N);

@@ -15,8 +15,11 @@ enum { ORBIT_HARMONICS_MOST = 8192, ORBIT_SAMPLES_MOST = 1 << 20 };
 
 /* Transforms between H harmonics and N samples, N > 2 H; made once for a size. */
 struct orbit_grid;
+/* Fails with MODAL_NO_MEMORY. */
 enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err);
+/* NULL is accepted. */
 void orbit_grid_free(struct orbit_grid *g);
+/* N. */
 int orbit_grid_samples(const struct orbit_grid *g);
 /* x[0..N-1] of harmonics X[0..H], and of their rate, each derivative factor i k. */
 void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative,
@@ -40,7 +43,10 @@ struct orbit {
 /* A strict extremum of d, polished; ascending theta in [0, 2 pi), maxima and minima in turn. */
 struct orbit_turn { double theta, d; };
 
+/* Zero harmonics D of H + 1, room for N samples.  Fails with MODAL_NO_MEMORY; orbit_done
+ * frees. */
 enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *err);
+/* O's arrays; O itself is the caller's and becomes zeros. */
 void orbit_done(struct orbit *o);
 /* Samples, and `top`, from the harmonics o->D, which the caller has set. */
 void orbit_sample(struct orbit *o, struct orbit_grid *g, double omega);

@@ -42,6 +42,7 @@ static double period_of(const struct statespace *ss)
     return 2 * M_PI / (divisor * ss->p->omega);
 }
 
+/* Maps repeat after r periods if dt divides them: kept where they fit, one a slot. */
 static void choose_slots(struct periodic_stepper *s)
 {
     double T = period_of(s->ss);
@@ -88,6 +89,7 @@ static enum modal_status compute(struct periodic_stepper *s, double t, double h,
     return rc;
 }
 
+/* One product by the slot's map, or by a map of this step alone. */
 static enum modal_status advance(struct stepper *face, double t, double h, double *y,
                                  struct modal_error *err)
 {
@@ -120,6 +122,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return rc;
 }
 
+/* B P w: a linear program's loads at t. */
 static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
                                struct modal_error *err)
 {
@@ -135,6 +138,7 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
     return MODAL_OK;
 }
 
+/* stepper.free; also of one half made. */
 static void periodic_free(struct stepper *face)
 {
     struct periodic_stepper *s = (struct periodic_stepper *)face;

@@ -39,8 +39,11 @@ struct law_pieces {
     bool undetermined;
 };
 
+/* No pieces; the room is kept for the next period. */
 void pieces_clear(struct law_pieces *p);
+/* The room too. */
 void pieces_done(struct law_pieces *p);
+/* A copy of PIECE at the end.  Fails with MODAL_NO_MEMORY. */
 enum modal_status pieces_add(struct law_pieces *p, const struct law_piece *piece,
                              struct modal_error *err);
 

@@ -6,6 +6,7 @@
 
 enum { LAW_MEMORY_MOST = 1024 };
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "ports: out of memory");
@@ -32,6 +33,7 @@ static int touched(const struct program *p, int *index)
     return count;
 }
 
+/* A over the rows that pulsate, dense; the caller frees. */
 static double *spread(const struct sparse *a, const int *index, int rows)
 {
     double *x = calloc((size_t)rows * (size_t)rows + 1, sizeof *x);
@@ -42,6 +44,7 @@ static double *spread(const struct sparse *a, const int *index, int rows)
     return x;
 }
 
+/* C and K alone: a pulsating mass cannot be stepped. */
 static enum modal_status fill_harmonics(struct ports *p, const int *index, struct modal_error *err)
 {
     const struct program *program = p->ss->p;
@@ -86,6 +89,7 @@ static void connect(struct ports *p, int c, int dof, int to)
     }
 }
 
+/* Channels of laws in their order, then one a pulsating dof. */
 static enum modal_status fill(struct ports *p, const int *index, struct modal_error *err)
 {
     const struct program *program = p->ss->p;

@@ -35,8 +35,11 @@ struct ports {
     struct port_harmonic { int k; double *cosine[2], *sine[2]; } *harmonic;
 };
 
+/* SS is borrowed.  Fails with MODAL_NO_MEMORY, or MODAL_TOO_LARGE where a law remembers too
+ * much. */
 enum modal_status ports_new(const struct statespace *ss, struct ports **out,
                             struct modal_error *err);
+/* NULL is accepted. */
 void ports_free(struct ports *p);
 
 /*

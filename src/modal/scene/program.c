@@ -11,11 +11,13 @@
 #include <string.h>
 #include "base/sha256.h"
 
+/* Numbers enter the hash in eight bytes, least first, on every machine. */
 static void add_int(struct sha256 *s, int64_t x)
 {
     sha256_add(s, &x, sizeof x);
 }
 
+/* By their bits: two programs of one hash are equal to the last. */
 static void add_doubles(struct sha256 *s, const double *x, int count)
 {
     add_int(s, count);
@@ -25,12 +27,14 @@ static void add_doubles(struct sha256 *s, const double *x, int count)
     }
 }
 
+/* With its length, so that "a", "bc" is not "ab", "c". */
 static void add_text(struct sha256 *s, const char *text)
 {
     add_int(s, (int64_t)strlen(text));
     sha256_add(s, text, strlen(text));
 }
 
+/* Pattern and values. */
 static void add_sparse(struct sha256 *s, const struct sparse *a)
 {
     int entries = a->start != NULL ? a->start[a->m] : 0;
@@ -44,6 +48,7 @@ static void add_sparse(struct sha256 *s, const struct sparse *a)
     add_doubles(s, a->value, entries);
 }
 
+/* All members, whatever the type reads. */
 static void add_load(struct sha256 *s, const struct program_load *load)
 {
     const double numbers[] = { load->cosine,   load->sine,  load->amplitude,
@@ -58,6 +63,7 @@ static void add_load(struct sha256 *s, const struct program_load *load)
     add_int(s, load->dof_sine);
 }
 
+/* Where it acts; its numbers stand in the effect's text. */
 static void add_law(struct sha256 *s, const struct law *law)
 {
     add_text(s, law->kind->name);
@@ -69,6 +75,7 @@ static void add_law(struct sha256 *s, const struct law *law)
     add_int(s, law->memory);
 }
 
+/* The name too: it is in the batch that simulating makes. */
 static void add_output(struct sha256 *s, const struct program_output *output)
 {
     add_text(s, output->name);
@@ -80,6 +87,7 @@ static void add_output(struct sha256 *s, const struct program_output *output)
     }
 }
 
+/* (1) to (3) of program.h, in their order. */
 static void add_matrices(struct sha256 *s, const struct program *p)
 {
     const struct sparse *blocks[] = { &p->E, &p->A, &p->Bx, &p->Bv, &p->Ba, &p->F };
@@ -164,6 +172,7 @@ int program_dof(const struct program *p, const char *name)
     return -1;
 }
 
+/* The law's data; the array is the program's. */
 static void free_law(struct law *law)
 {
     if (law->kind != NULL && law->kind->free != NULL)
@@ -172,6 +181,7 @@ static void free_law(struct law *law)
         free(law->data);
 }
 
+/* Constant, harmonic and of linear states. */
 static void free_matrices(struct program *p)
 {
     for (int i = 0; i < 3; i++)

@@ -100,6 +100,7 @@ struct program {
 };
 
 enum program_class { PROGRAM_LINEAR_CONSTANT, PROGRAM_LINEAR_PERIODIC, PROGRAM_NONLINEAR };
+/* Nonlinear with any law, periodic with any harmonic. */
 enum program_class program_class(const struct program *p);
 int program_dof(const struct program *p, const char *name);   /* -1: no such dof */
 /* "linear-constant", "linear-periodic", "nonlinear". */

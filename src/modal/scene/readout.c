@@ -41,6 +41,7 @@ static void add_term(struct readout *r, int row, int quantity, const struct trip
     }
 }
 
+/* Terms of all outputs into R, a matrix for each way of turning that occurs. */
 static enum modal_status fill(struct readout *r, struct modal_error *err)
 {
     const struct program *p = r->ss->p;

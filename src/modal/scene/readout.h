@@ -8,6 +8,7 @@ struct readout;
 /* borrows ss */
 enum modal_status readout_new(const struct statespace *ss, struct readout **out,
                               struct modal_error *err);
+/* NULL is accepted. */
 void readout_free(struct readout *r);
 
 /*

@@ -63,6 +63,7 @@ static void interpolate(struct view *view, int input, const double *knots)
     view->start[input] = knots[at];
 }
 
+/* Displacements and rates of the interpolant at theta, by Horner's rule on Newton's form. */
 static void motion(const struct view *view, double theta, double *d, double *v)
 {
     for (int i = 0; i < view->law->law->kind->inputs; i++) {
@@ -76,6 +77,7 @@ static void motion(const struct view *view, double theta, double *d, double *v)
     }
 }
 
+/* A rigid slider's piece: slipping on, or the side on which its force leaves the limit. */
 static enum modal_status set_valued_piece(const struct view *view, double theta, int *piece)
 {
     double l[S], force = 0, d[INPUTS], v[INPUTS], limit = view->law->law->limit;
@@ -95,6 +97,7 @@ static enum modal_status set_valued_piece(const struct view *view, double theta,
     return MODAL_OK;
 }
 
+/* The regime at theta, with memory reached from a moment before. */
 static enum modal_status piece_at(const struct view *view, double theta, int *piece,
                                   struct modal_error *err)
 {
@@ -119,6 +122,7 @@ static enum modal_status piece_at(const struct view *view, double theta, int *pi
     return rc;
 }
 
+/* The instant between LOW, in PIECE, and HIGH, out of it: the end that is out. */
 static enum modal_status bisect(const struct view *view, int piece, double low, double high,
                                 double *theta, struct modal_error *err)
 {
@@ -137,6 +141,7 @@ static enum modal_status bisect(const struct view *view, int piece, double low, 
     return rc;
 }
 
+/* What the polynomial of a stuck slider's force is off the exact one at the start. */
 static double shift_of(const struct view *view, double hold)
 {
     double l[S], force = 0;
@@ -176,6 +181,7 @@ static enum modal_status find_in_set_valued(struct view *view, double limit, dou
     return rc;
 }
 
+/* The first change of one law's piece on the grid, or HUGE_VAL. */
 static enum modal_status find_in(struct view *view, double limit, double *theta,
                                  struct modal_error *err)
 {

@@ -59,6 +59,7 @@ static enum modal_status derivative(struct rk4_stepper *s, double t, const doubl
     return add_laws(s, t, y, NULL, out, err);
 }
 
+/* The four stages of one substep. */
 static enum modal_status one_step(struct rk4_stepper *s, double t, double h, double *y,
                                   struct modal_error *err)
 {
@@ -88,6 +89,7 @@ static enum modal_status one_step(struct rk4_stepper *s, double t, double h, dou
     return rc;
 }
 
+/* As many equal substeps as the options say. */
 static enum modal_status advance(struct stepper *face, double t, double h, double *y,
                                  struct modal_error *err)
 {
@@ -104,6 +106,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return rc;
 }
 
+/* What the stages themselves use, asked once more at (t, y). */
 static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
                                struct modal_error *err)
 {
@@ -119,6 +122,7 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
     return add_laws(s, t, y, NULL, F, err);
 }
 
+/* Counters of the laws into the effects' rows. */
 static void report(struct stepper *face, struct program *p)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
@@ -129,6 +133,7 @@ static void report(struct stepper *face, struct program *p)
     }
 }
 
+/* stepper.free; also of one half made. */
 static void rk4_free(struct stepper *face)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;

@@ -22,6 +22,7 @@ static const double STEP_ROUNDING = 1e-9;
 /* of a period's cycles: period and omega with ten digits */
 static const double CYCLE_ROUNDING = 1e-9;
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
@@ -33,6 +34,7 @@ static void *values_new(size_t size)
     return calloc(1, size > 0 ? size : 1);
 }
 
+/* NULL: no such structure. */
 static const struct scene_structure_kind *find_structure(const char *name)
 {
     for (int i = 0; scene_structures[i] != NULL; i++)
@@ -41,6 +43,8 @@ static const struct scene_structure_kind *find_structure(const char *name)
     return NULL;
 }
 
+/* First of all: dofs must have names before an effect, a load or a sensor can say where it
+ * acts. */
 static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
                                          struct modal_error *err)
 {
@@ -73,6 +77,7 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
     return rc;
 }
 
+/* Whether KIND's effect means something on STRUCTURE. */
 static bool takes(const struct scene_effect_kind *kind, const char *structure)
 {
     for (int i = 0; kind->structures != NULL && kind->structures[i] != NULL; i++)
@@ -156,6 +161,7 @@ static enum modal_status lower_kind(struct lowering *l, const struct scene_effec
     return rc;
 }
 
+/* One entry of the scene's effects, at POSITION, into the program's next row. */
 static enum modal_status lower_effect(struct lowering *l,
                                       const struct scene_effect_kind *const *table,
                                       const cJSON *json, int position, struct modal_error *err)
@@ -187,6 +193,7 @@ static enum modal_status lower_effect(struct lowering *l,
     return rc;
 }
 
+/* In the scene's order; those left out by ablation have no row. */
 static enum modal_status lower_effects(struct lowering *l, const cJSON *list,
                                        const struct scene_options *options, struct modal_error *err)
 {
@@ -250,6 +257,7 @@ static enum modal_status read_state(const struct program *p, const cJSON *list, 
     return MODAL_OK;
 }
 
+/* Always made, zeros where the scene says nothing. */
 static enum modal_status read_initial(struct program *p, const cJSON *initial,
                                       struct modal_error *err)
 {
@@ -315,6 +323,7 @@ static void turn_initial(const struct lowering *l)
         p->v0[i] -= p->turn_speed * l->turn_sign[i] * p->x0[l->turn_partner[i]];
 }
 
+/* The structure's own kinds first, where the entry is one; else a dof's. */
 static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const char *path,
                                     struct modal_error *err)
 {
@@ -344,6 +353,7 @@ static enum modal_status sense_dof(struct lowering *l, int i, struct modal_error
     return rc;
 }
 
+/* Absent: every dof; an empty list: no channel. */
 static enum modal_status read_sensors(struct lowering *l, const cJSON *list,
                                       struct modal_error *err)
 {
@@ -381,6 +391,7 @@ static enum modal_status compress(const struct lowering_entries *e, int m, int n
     return sparse_from_triplets(m, n, e->x, e->count, out, err);
 }
 
+/* Empty matrices of a harmonic stay empty, so that a step need not add zeros. */
 static enum modal_status compress_harmonics(struct lowering *l, struct modal_error *err)
 {
     struct program *p = l->p;
@@ -404,6 +415,7 @@ static enum modal_status compress_harmonics(struct lowering *l, struct modal_err
     return rc;
 }
 
+/* Triplets of one place add up here. */
 static enum modal_status compress_all(struct lowering *l, struct modal_error *err)
 {
     struct program *p = l->p;
@@ -525,6 +537,7 @@ static const struct scene_key scene_keys[] = {
     { 0 },
 };
 
+/* Keys and ranges only: what is needed depends on who asks. */
 static enum modal_status check_time(const cJSON *json, struct modal_error *err)
 {
     struct time_keys t = { 0 };
@@ -532,6 +545,7 @@ static enum modal_status check_time(const cJSON *json, struct modal_error *err)
     return json != NULL ? read_time(json, &t, err) : MODAL_OK;
 }
 
+/* The order in which parts depend on each other. */
 static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
                                     const struct scene_options *options, struct modal_error *err)
 {
@@ -558,6 +572,7 @@ static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
     return rc == MODAL_OK ? check_time(s.time, err) : rc;
 }
 
+/* From entries to matrices, and what only the whole can be checked for. */
 static enum modal_status finish(struct lowering *l, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -579,6 +594,7 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
     return rc;
 }
 
+/* Also of a lowering half done; the program is freed unless it was handed over. */
 static void lowering_done(struct lowering *l)
 {
     for (int i = 0; i < 3; i++)

@@ -45,6 +45,8 @@ struct scene_time {
     double duration;          /* s, of the record */
 };
 enum { SCENE_SAMPLES_MOST = 100000000 };
+/* Fails with MODAL_BAD_INPUT where `time` is absent or does not say a length, MODAL_TOO_LARGE
+ * past SCENE_SAMPLES_MOST; *OUT is then left alone. */
 enum modal_status scene_time(const cJSON *scene, const struct program *p, struct scene_time *out,
                              struct modal_error *err);
 

@@ -38,6 +38,7 @@ static enum modal_status explain(const struct scene_key *key, enum modal_status 
     return rc;
 }
 
+/* MODAL_BAD_INPUT at the key that is not there. */
 static enum modal_status missing(const char *path, const struct scene_key *key,
                                  struct modal_error *err)
 {
@@ -81,6 +82,7 @@ static enum modal_status read_value(const struct lowering *l, const cJSON *json,
     return MODAL_OK;
 }
 
+/* One row: is it needed, then its default and its value. */
 static enum modal_status read_key(const struct lowering *l, const cJSON *json, const char *path,
                                   const struct scene_key *key, void *values,
                                   struct modal_error *err)

@@ -37,6 +37,7 @@ static enum modal_status (*const steppers[])(const struct statespace *, const st
     [PROGRAM_NONLINEAR] = nonlinear_stepper_new,
 };
 
+/* The stepper of the program's class, at t = 0 from its initial state. */
 static enum modal_status start(struct program *p, const struct scene_time *time,
                                const struct simulate_options *opt, struct motion *m,
                                struct modal_error *err)
@@ -68,6 +69,7 @@ static enum modal_status start(struct program *p, const struct scene_time *time,
     return MODAL_OK;
 }
 
+/* Also of a motion half made. */
 static void done(struct motion *m)
 {
     if (m->stepper != NULL)
@@ -79,6 +81,7 @@ static void done(struct motion *m)
     free(m->F);
 }
 
+/* The state carried over h; past LIMIT it is MODAL_OVERFLOW. */
 static enum modal_status advance(struct motion *m, double h, struct modal_error *err)
 {
     double t = m->t;
@@ -133,6 +136,7 @@ static enum modal_status move_to(struct motion *m, double t, double step, struct
     return MODAL_OK;
 }
 
+/* One row of the record; forces are asked for only where a channel reads accelerations. */
 static enum modal_status read_sample(struct motion *m, double *out, struct modal_error *err)
 {
     enum modal_status rc = m->stepper->force(m->stepper, m->t, m->y, m->F, err);
@@ -161,6 +165,7 @@ static enum modal_status move_to_start(struct motion *m, const struct scene_time
     return rc;
 }
 
+/* From stop to stop: samples are counted, not summed, so that the last is at its time. */
 static enum modal_status run(struct motion *m, const struct scene_time *time,
                              const struct simulate_options *opt, double *signals,
                              struct modal_error *err)
@@ -182,6 +187,7 @@ static enum modal_status run(struct motion *m, const struct scene_time *time,
     return rc;
 }
 
+/* The program as it was lowered, not turned. */
 static enum modal_status simulate_on_its_axes(struct program *p, const struct scene_time *time,
                                               const struct simulate_options *opt, double *signals,
                                               struct simulate_result *out, struct modal_error *err)

@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* States of w that a load has before turning. */
 static int states_of(const struct program_load *load)
 {
     static const int states[] = {
@@ -56,6 +57,7 @@ static double shape_of(const struct program *p, const struct program_load *load,
     return 0;
 }
 
+/* x(i, j) += value. */
 static void set(double *x, int rows, int i, int j, double value)
 {
     x[i + (size_t)j * (size_t)rows] += value;
@@ -86,12 +88,14 @@ static void fill(struct sources *s, const struct program_load *load, int first, 
     s->block[s->blocks++] = (struct source_block) { first, copies * count };
 }
 
+/* What lies before t = 0 or never comes is no corner. */
 static void add_corner(struct sources *s, double t, int dof, double impulse)
 {
     if (t >= 0 && isfinite(t))
         s->corner[s->corners++] = (struct source_corner) { t, dof, impulse };
 }
 
+/* Where a load is not analytic: steps end there. */
 static void add_corners(struct sources *s, const struct program_load *load)
 {
     double W = s->p->frame_speed;
@@ -110,6 +114,7 @@ static void add_corners(struct sources *s, const struct program_load *load)
     }
 }
 
+/* For qsort: ascending in t. */
 static int compare(const void *a, const void *b)
 {
     const struct source_corner *x = a, *y = b;
@@ -117,6 +122,7 @@ static int compare(const void *a, const void *b)
     return (x->t > y->t) - (x->t < y->t);
 }
 
+/* At most so many, for room. */
 static int corners_of(const struct program_load *load)
 {
     return load->type == LOAD_TABLE ? load->points : 2;
@@ -189,6 +195,7 @@ static void table_at(const struct program_load *load, double t, double w[2])
     w[0] = load->force[low] + w[1] * (t - (load->start + load->time[low]));
 }
 
+/* w of one load before turning; 0 outside its time. */
 static void load_at(const struct program *p, const struct program_load *load, double t, double *w)
 {
     double tau = t - load->start, weight[3], b;

@@ -38,8 +38,10 @@ struct sources {
     int *first;                                   /* of each load: its first row of w; -1: none */
 };
 
+/* P is borrowed until sources_free.  Fails with MODAL_NO_MEMORY. */
 enum modal_status sources_new(const struct program *p, struct sources **out,
                               struct modal_error *err);
+/* NULL is accepted. */
 void sources_free(struct sources *s);
 
 /* w just after t (at a corner: what holds from there on). */

@@ -17,11 +17,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "statespace: out of memory");
 }
 
+/* M x n by columns; the caller frees.  NULL: no memory. */
 static double *dense(const struct sparse *a, int m, int n)
 {
     double *x = calloc((size_t)m * (size_t)n + 1, sizeof *x);
@@ -46,6 +48,8 @@ static double *congruence(const struct statespace *ss, const struct sparse *X, d
     return x;
 }
 
+/* Phi of the symmetric part of K, M-orthonormal, and the scales s: a rigid mode's, whose
+ * frequency is 0, is a small share of the largest. */
 static enum modal_status find_modes(struct statespace *ss, struct modal_error *err)
 {
     int n = ss->n, info;
@@ -179,6 +183,7 @@ static bool decouple(struct statespace *ss)
     return true;
 }
 
+/* (2) of each harmonic, of C and K. */
 static enum modal_status add_harmonics(struct statespace *ss, double *work, struct modal_error *err)
 {
     const struct program *p = ss->p;
@@ -212,6 +217,7 @@ static enum modal_status add_harmonics(struct statespace *ss, double *work, stru
     return MODAL_OK;
 }
 
+/* (2) and (3) into A and B. */
 static enum modal_status fill(struct statespace *ss, struct modal_error *err)
 {
     const struct program *p = ss->p;

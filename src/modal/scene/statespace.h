@@ -34,6 +34,7 @@ struct statespace {
  * pulsating mass). */
 enum modal_status statespace_new(const struct program *p, struct statespace **out,
                                  struct modal_error *err);
+/* NULL is accepted. */
 void statespace_free(struct statespace *ss);
 
 /* The program's initial state; linear states start at 0. */

@@ -20,6 +20,7 @@
 
 struct entries { struct triplet *x; int count, room; bool no_memory; };
 
+/* A failure is kept in E and told once, by turn_matrices or turn_outputs. */
 static void append(struct entries *e, int i, int j, double value)
 {
     if (e->count == e->room) {
@@ -35,6 +36,7 @@ static void append(struct entries *e, int i, int j, double value)
     e->x[e->count++] = (struct triplet) { i, j, value };
 }
 
+/* a(i, j); rows are short. */
 static double entry(const struct sparse *a, int i, int j)
 {
     for (int k = a->m > 0 ? a->start[i] : 0; a->m > 0 && k < a->start[i + 1]; k++)
@@ -43,6 +45,7 @@ static double entry(const struct sparse *a, int i, int j)
     return 0;
 }
 
+/* The largest magnitude: what is small is small against it. */
 static double largest(const struct sparse *a)
 {
     double most = 0;
@@ -168,6 +171,7 @@ static void turn_term(const struct program *p, const struct triplet *t, struct e
     }
 }
 
+/* Each term becomes those of turn_term. */
 static enum modal_status turn_outputs(const struct program *p, struct program *q,
                                       struct modal_error *err)
 {
@@ -186,6 +190,7 @@ static enum modal_status turn_outputs(const struct program *p, struct program *q
                              : modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
 }
 
+/* NULL where X is NULL, or no memory: the caller tells them apart by COUNT. */
 static double *copied(const double *x, int count)
 {
     double *copy = x != NULL ? malloc(((size_t)count + 1) * sizeof *copy) : NULL;
@@ -195,6 +200,7 @@ static double *copied(const double *x, int count)
     return copy;
 }
 
+/* A load that stands still in space turns on these axes: two dofs. */
 static enum modal_status turn_loads(const struct program *p, struct program *q,
                                     struct modal_error *err)
 {

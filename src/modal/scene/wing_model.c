@@ -115,6 +115,7 @@ void wing_rows(const struct wing *w, double y, double *row_w, double *row_phi)
     }
 }
 
+/* All matrices of the airloads, zeros; airloads_done frees. */
 static enum modal_status allocate(struct airloads_matrices *m, struct modal_error *err)
 {
     size_t n = (size_t)m->n, ns = (size_t)m->ns, nz = (size_t)m->nz;

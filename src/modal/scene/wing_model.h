@@ -20,11 +20,13 @@ struct wing {
     double x_cg;           /* aft positive */
 };
 
+/* n = 5 elements: two of bending and three of twist each. */
 int wing_dofs(const struct wing *w);
 
 /* One element's matrices, 8 x 8 by rows, over [w_1, w_1', w_2, w_2', phi at 0, h/3, 2h/3, h], and
  * the global dof of each (-1: at the clamped root) of element E = 0 .. elements - 1. */
 void wing_element(const struct wing *w, double M[64], double K[64]);
+/* -1: at the clamped root, where there is none. */
 void wing_element_dofs(const struct wing *w, int element, int dof[8]);
 
 /* Rows over the n dofs of the values at y in [0, length]: w, phi (either may be NULL;
@@ -56,6 +58,7 @@ struct airloads_matrices {
 /* Fails with MODAL_NO_MEMORY; airloads_done frees. */
 enum modal_status airloads_new(const struct wing *w, const struct airloads *a,
                                struct airloads_matrices *out, struct modal_error *err);
+/* M's arrays; M itself is the caller's and becomes zeros. */
 void airloads_done(struct airloads_matrices *m);
 
 #endif

@@ -16,6 +16,7 @@ enum {
     INFLOW_STATES_TOLD = 1000000,
 };
 
+/* ROWS, n x n, into MATRIX; zeros of the product are no entries. */
 static void add_rows(struct lowering *l, int matrix, const double *rows, int n)
 {
     for (int i = 0; i < n; i++)
@@ -24,6 +25,7 @@ static void add_rows(struct lowering *l, int matrix, const double *rows, int n)
                 lowering_add(l, matrix, i, j, rows[i * n + j]);
 }
 
+/* ROWS, m x n, into BLOCK from (i0, j0) on. */
 static void add_block(struct lowering *l, enum lowering_block block, int i0, int j0,
                       const double *rows, int m, int n)
 {
@@ -75,6 +77,8 @@ static enum modal_status find_inflow(const struct scene_effect *e, struct airloa
                             a->inflow_states, a->inflow->name, a->inflow->accepted);
 }
 
+/* All of (1), (2) of program.h that the stream adds: apparent mass in M, C, K, circulation by
+ * F and the states' E, A, Bx, Bv, Ba. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

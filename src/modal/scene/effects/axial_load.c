@@ -8,6 +8,8 @@
 #include "modal/scene/structures/beam.h"
 #include "modal/scene/hermite.h"
 
+/* -P G of each element; a mean of 0 adds no entries, so that the pattern of K stays the
+ * structure's. */
 static void add_elements(struct lowering *l, const struct beam_mesh *mesh, double mean,
                          double amplitude)
 {
@@ -34,6 +36,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* The pulsation is the harmonic k = 1 of omega. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

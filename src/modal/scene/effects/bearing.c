@@ -27,6 +27,7 @@ static const struct scene_key damping_keys[] = {
     { 0 },
 };
 
+/* Only noted: what the end's series is depends on the other effect (shaft_supports.c). */
 static enum modal_status note_spring(const struct scene_effect *e, struct shaft_spring *out,
                                      struct modal_error *err)
 {

@@ -24,6 +24,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* Only noted: whether the journal has mass decides what its law reads (shaft.c). */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -25,6 +25,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* Input 0 is the normal, 1 the tangential displacement (law.h). */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

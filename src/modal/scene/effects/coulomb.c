@@ -47,6 +47,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* A limit of 0 leaves nothing: its law would only make the scene nonlinear. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -13,6 +13,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* Of stiffness or limit 0 it never pushes: no law, and the scene stays linear. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -19,6 +19,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* The range of `clearance` depends on `both_sides`, which its row cannot say. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -3,6 +3,7 @@
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/shaft.h"
 
+/* Only noted: Mg is known once rotary_inertia has been read. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

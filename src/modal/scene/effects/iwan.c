@@ -17,6 +17,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* Elements that never push are left out, each being a state. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -11,6 +11,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* Compiled here, so that a source that does not compile is told before anything runs. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -41,6 +41,7 @@ static enum modal_status modes(struct lowering *l, double **M, double **K, doubl
                                         "matrix is not positive definite)");
 }
 
+/* C += FACTOR (M phi)(M phi)^T; WORK holds M phi. */
 static void add_mode(struct lowering *l, const double *M, const double *phi, double factor,
                      double *work)
 {
@@ -56,6 +57,7 @@ static void add_mode(struct lowering *l, const double *M, const double *phi, dou
             lowering_add(l, PROGRAM_C, i, j, factor * work[i] * work[j]);
 }
 
+/* The sum over modes; M and K hold M and Phi after `modes`. */
 static enum modal_status add_ratios(struct lowering *l, const struct scene_effect *e,
                                     const double *ratios, size_t count, struct modal_error *err)
 {
@@ -95,6 +97,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* The ratios, or as many of the one. */
 static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {

@@ -4,6 +4,7 @@
  */
 #include "modal/scene/lowering.h"
 
+/* alpha M of the structure alone: entries of other effects come after `structural`. */
 static void add_alpha(struct lowering *l, double alpha)
 {
     for (int i = 0; alpha != 0 && i < l->structural[PROGRAM_M]; i++) {

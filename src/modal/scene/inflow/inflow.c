@@ -2,11 +2,13 @@
 #include "modal/scene/inflow/inflow.h"
 #include <stdlib.h>
 
+/* inflow_kind.valid of the model without any. */
 static int no_states(int states)
 {
     return states == 0;
 }
 
+/* Quasi-steady: (1) of inflow.h with direct = 1 and no z. */
 static enum modal_status fill_none(const struct inflow_wing *wing, int states, struct inflow *out,
                                    struct modal_error *err)
 {

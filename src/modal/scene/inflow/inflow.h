@@ -51,6 +51,7 @@ extern const char *const inflow_names[];
  * MODAL_NO_MEMORY. */
 enum modal_status inflow_new(const struct inflow_kind *kind, const struct inflow_wing *wing,
                              int states, struct inflow *out, struct modal_error *err);
+/* F's matrices; F itself is the caller's and becomes zeros. */
 void inflow_done(struct inflow *f);
 
 /* For a `fill`: zeroed matrices for STATES states in all; inflow_done frees them also where the

@@ -13,11 +13,13 @@
 
 static const double lag_share[2] = { 0.165, 0.335 }, lag_rate[2] = { 0.0455, 0.3 };
 
+/* One state a lag of (1). */
 static int two(int states)
 {
     return states == 2;
 }
 
+/* (1) station by station: the states of one do not feel another's. */
 static enum modal_status fill(const struct inflow_wing *wing, int states, struct inflow *out,
                               struct modal_error *err)
 {

@@ -15,6 +15,7 @@
 
 enum { STATES_MOST = 10 };
 
+/* inflow_kind.valid: rounding of (2) sets the most. */
 static int few(int states)
 {
     return states >= 1 && states <= STATES_MOST;
@@ -52,6 +53,7 @@ static void fill_A(int N, const double *b, double *A)
         }
 }
 
+/* (1) for each station; c_n v' enters by Q, lambda by Lambda = b / 2. */
 static enum modal_status fill(const struct inflow_wing *wing, int N, struct inflow *out,
                               struct modal_error *err)
 {

@@ -94,6 +94,7 @@ double peters_he_phi(struct peters_he_index i, double r)                        
     return azimuth(i.m) * sqrt((2 * i.n + 1) * H(i)) * sum;
 }
 
+/* Gamma of (6), without the factor of its row. */
 static double gamma_of(struct peters_he_index row, struct peters_he_index column)
 {
     int r = row.m, j = row.n, m = column.m, n = column.n;
@@ -115,6 +116,7 @@ double peters_he_L(struct peters_he_index row, struct peters_he_index column)   
     return factor * gamma_of(row, column);
 }
 
+/* inflow_kind.valid: no part of an order. */
 static int whole_order(int states)
 {
     return peters_he_order(states) >= 0;
@@ -143,6 +145,7 @@ out:
                : modal_fail(err, MODAL_NO_MEMORY, "peters_he: out of memory for %d states", n);
 }
 
+/* (7), the sums of (3) and the values of (5) at the stations. */
 static enum modal_status fill(const struct inflow_wing *wing, int states, struct inflow *out,
                               struct modal_error *err)
 {

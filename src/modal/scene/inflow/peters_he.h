@@ -13,6 +13,7 @@ int peters_he_states(int order, struct peters_he_index index[PETERS_HE_STATES_MO
 /* The order that has so many cosine states; -1: none. */
 int peters_he_order(int states);
 
+/* K of the apparent mass, diagonal: (4) of peters_he.c. */
 double peters_he_K(struct peters_he_index i);
 /* Edgewise flow, X = tan(chi/2) = 1. */
 double peters_he_L(struct peters_he_index row, struct peters_he_index column);

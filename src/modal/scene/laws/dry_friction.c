@@ -18,6 +18,7 @@ struct coulomb {
     double limit, velocity;
 };
 
+/* (1); at rest 0, and who steps it knows that it holds (ports.h). */
 static enum modal_status rigid_force(const struct law *law, const struct law_point *at,
                                      struct law_force *out, struct modal_error *err)
 {
@@ -31,6 +32,7 @@ static enum modal_status rigid_force(const struct law *law, const struct law_poi
     return MODAL_OK;
 }
 
+/* (2); its slope by (1 - tanh)(1 + tanh), which keeps its digits where tanh is near 1. */
 static enum modal_status rounded_force(const struct law *law, const struct law_point *at,
                                        struct law_force *out, struct modal_error *err)
 {
@@ -83,6 +85,7 @@ static const struct law_class rounded_class = { .name = "regularised_coulomb",
                                                 .smooth = true,
                                                 .force = rounded_force };
 
+/* Of either class; a rigid one has no use for VELOCITY. */
 static enum modal_status coulomb_new(const struct law_class *kind, double limit, double velocity,
                                      struct law *out, struct modal_error *err)
 {

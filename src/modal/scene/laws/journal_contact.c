@@ -92,6 +92,7 @@ static double contact_stiffness(const struct clearance *c, const double *d)
     return fmax(nu, 0);
 }
 
+/* (2): force and slope of a journal without mass. */
 static void balance(const struct clearance *c, const double *d, struct law_force *out)
 {
     double nu = contact_stiffness(c, d), r[2], B[2][2], radius, bend;
@@ -114,6 +115,7 @@ static void balance(const struct clearance *c, const double *d, struct law_force
     out->regime = 1;
 }
 
+/* Outside the gap by (1) or (2); inside, nothing, and the derivatives are zeros. */
 static enum modal_status clearance_force(const struct law *law, const struct law_point *at,
                                          struct law_force *out, struct modal_error *err)
 {

@@ -26,6 +26,7 @@ static void horner(const struct polynomial *p, double d, double *s, double *slop
     }
 }
 
+/* (1) = s(d) d, so df/dd = s + s' d. */
 static enum modal_status spring_force(const struct law *law, const struct law_point *at,
                                       struct law_force *out, struct modal_error *err)
 {
@@ -41,6 +42,7 @@ static enum modal_status spring_force(const struct law *law, const struct law_po
     return MODAL_OK;
 }
 
+/* (2) = s(d) v, so df/dd = s' v, df/dv = s. */
 static enum modal_status damper_force(const struct law *law, const struct law_point *at,
                                       struct law_force *out, struct modal_error *err)
 {
@@ -65,6 +67,8 @@ static const struct law_class damper_class = { .name = "polynomial_damper",
                                                .reads_velocity = true,
                                                .force = damper_force };
 
+/* Coefficients are copied; the degree bounds the harmonics that f of a polynomial motion
+ * reaches. */
 static enum modal_status polynomial_new(const struct law_class *kind, const double *c, int count,
                                         struct law *out, struct modal_error *err)
 {

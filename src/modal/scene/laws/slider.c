@@ -47,6 +47,7 @@ static bool slide(double k, double L, double d, double *z, double *f)
     return true;
 }
 
+/* The sum over the elements, each returned onto its limit. */
 static enum modal_status sliders_force(const struct law *law, const struct law_point *at,
                                        struct law_force *out, struct modal_error *err)
 {
@@ -69,6 +70,7 @@ static enum modal_status sliders_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
+/* Normal spring first: the slider's limit is mu times what it gives now. */
 static enum modal_status contact_force(const struct law *law, const struct law_point *at,
                                        struct law_force *out, struct modal_error *err)
 {
@@ -91,6 +93,7 @@ static enum modal_status contact_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
+/* A slider at rest: an elastic spring about where it was left. */
 static enum modal_status stick_piece(const struct slider *e, double from, double to, double z,
                                      double at, struct law_pieces *out, struct modal_error *err)
 {
@@ -106,6 +109,7 @@ static enum modal_status stick_piece(const struct slider *e, double from, double
     return pieces_add(out, &piece, err);
 }
 
+/* A slider at its limit: a constant force. */
 static enum modal_status slip_piece(double from, double to, double force, struct law_pieces *out,
                                     struct modal_error *err)
 {
@@ -158,6 +162,7 @@ static enum modal_status moving_slider(const struct slider *e, const struct orbi
     return rc;
 }
 
+/* One element round the period, from turn to turn. */
 static enum modal_status slider_pieces(const struct slider *e, const struct orbit *o,
                                        struct law_pieces *out, struct modal_error *err)
 {
@@ -184,6 +189,7 @@ static enum modal_status slider_pieces(const struct slider *e, const struct orbi
     return moving_slider(e, o, top, reach, out, err);
 }
 
+/* All elements: their pieces simply stand side by side. */
 static enum modal_status sliders_pieces(const struct law *law, const struct orbit *const *input,
                                         struct law_pieces *out, struct modal_error *err)
 {
@@ -218,6 +224,7 @@ struct contact_walk {
     struct law_pieces *out;               /* NULL: the first round, which only finds the start */
 };
 
+/* Stick or slip of the tangential element between two events of the normal force. */
 static enum modal_status tangential(struct contact_walk *w, double from, double to,
                                     struct modal_error *err)
 {
@@ -309,6 +316,7 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
     return rc == MODAL_OK && next != STUCK ? tangential(w, event, b, err) : rc;
 }
 
+/* For qsort: ascending. */
 static int by_value(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
@@ -337,6 +345,7 @@ static int contact_events(struct contact_walk *w, double *event, int most)
     return count;
 }
 
+/* The normal force, a spring where it is in contact. */
 static enum modal_status normal_pieces(const struct contact *c, const double *event, int count,
                                        const struct orbit *n, struct law_pieces *out,
                                        struct modal_error *err)
@@ -355,6 +364,7 @@ static enum modal_status normal_pieces(const struct contact *c, const double *ev
     return MODAL_OK;
 }
 
+/* Once round the period from one event to the next. */
 static enum modal_status walk_round(struct contact_walk *w, const double *event, int count,
                                     struct modal_error *err)
 {
@@ -367,6 +377,7 @@ static enum modal_status walk_round(struct contact_walk *w, const double *event,
     return rc;
 }
 
+/* Events of the normal force first, then the slider walked until its place repeats. */
 static enum modal_status contact_pieces(const struct law *law, const struct orbit *const *input,
                                         struct law_pieces *out, struct modal_error *err)
 {
@@ -423,6 +434,7 @@ static const struct law_class contact_class = {
     .name = "contact_friction", .inputs = 2, .force = contact_force, .pieces = contact_pieces
 };
 
+/* One class for one element and for many: memory is a place each. */
 static enum modal_status sliders_new(const struct law_class *kind, const double *stiffness,
                                      const double *limit, int count, struct law *out,
                                      struct modal_error *err)

@@ -36,6 +36,7 @@ static bool one_side(const struct gap *g, double d, double v, double *f, double 
     return true;
 }
 
+/* (1) on either side; regime 2 is touch without grip, where it would pull. */
 static enum modal_status gap_force(const struct law *law, const struct law_point *at,
                                    struct law_force *out, struct modal_error *err)
 {
@@ -131,6 +132,7 @@ static enum modal_status one_side_pieces(const struct gap *g, const struct orbit
     return rc;
 }
 
+/* Each side by itself: they never act together. */
 static enum modal_status gap_pieces(const struct law *law, const struct orbit *const *input,
                                     struct law_pieces *out, struct modal_error *err)
 {

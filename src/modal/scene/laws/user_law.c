@@ -36,6 +36,7 @@ struct lua_law {
     double scale_d, scale_v;
 };
 
+/* lua_Alloc that counts: NULL past a limit, which Lua makes an error of. */
 static void *allocate(void *context, void *block, size_t old, size_t size)
 {
     struct lua_law *s = context;
@@ -66,6 +67,7 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
     return moved;
 }
 
+/* A hook: past the most instructions of a call it raises an error in Lua. */
 static void count_instructions(lua_State *L, lua_Debug *at)
 {
     struct lua_law *s;
@@ -158,6 +160,7 @@ static int memory_copy(lua_State *L)               /* name from, name to: in the
     return 0;
 }
 
+/* Which of the two limits on memory was met. */
 static enum modal_status past_limit(const struct lua_law *s, struct modal_error *err)
 {
     if (s->passed == NO_LIMIT)
@@ -184,6 +187,7 @@ static enum modal_status failed(struct lua_law *s, int how, enum modal_status st
     return rc;
 }
 
+/* Under lua_pcall, since copying allocates. */
 static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to,
                                      struct modal_error *err)
 {
@@ -197,6 +201,7 @@ static enum modal_status copy_memory(struct lua_law *s, const char *from, const 
     return how == LUA_OK ? MODAL_OK : failed(s, how, MODAL_ELEMENT_FAILED, err);
 }
 
+/* One call of `force`, its result checked to be a finite number. */
 static enum modal_status call(struct lua_law *s, double t, double d, double v, double *f,
                               struct modal_error *err)
 {
@@ -252,6 +257,8 @@ static enum modal_status name_effect(const struct law *law, enum modal_status rc
     return rc;
 }
 
+/* The force and, by central differences, its derivatives: the memory is put back before each
+ * call. */
 static enum modal_status lua_force(const struct law *law, const struct law_point *at,
                                    struct law_force *out, struct modal_error *err)
 {
@@ -271,6 +278,7 @@ static enum modal_status lua_force(const struct law *law, const struct law_point
     return rc == MODAL_ELEMENT_FAILED ? name_effect(law, rc, err) : rc;
 }
 
+/* A new period: memory is empty again. */
 static void lua_restart(const struct law *law)
 {
     struct lua_law *s = law->data;
@@ -282,6 +290,7 @@ static void lua_restart(const struct law *law)
     s->unlimited = false;
 }
 
+/* Whether the source has put anything into `memory`. */
 static bool lua_remembers(const struct law *law)
 {
     struct lua_law *s = law->data;
@@ -297,6 +306,7 @@ static bool lua_remembers(const struct law *law)
     return any;
 }
 
+/* law_class.free: closes the interpreter, which returns its bytes to the count. */
 static void lua_free(struct law *law)
 {
     struct lua_law *s = law->data;

@@ -34,6 +34,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* LIST NULL: as ENDS says already. */
 static enum modal_status read_supports(const cJSON *list, enum support ends[2],
                                        struct modal_error *err)
 {
@@ -61,6 +62,7 @@ static enum modal_status read_supports(const cJSON *list, enum support ends[2],
     return MODAL_OK;
 }
 
+/* Dofs from left to right, so that the bandwidth is an element's. */
 static void add_nodes(struct lowering *l, struct beam_mesh *mesh, const enum support ends[2])
 {
     char name[32];
@@ -80,6 +82,7 @@ static void add_nodes(struct lowering *l, struct beam_mesh *mesh, const enum sup
     }
 }
 
+/* One element matrix serves all: they are equal. */
 static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
     const struct beam *b = values;

@@ -21,6 +21,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* A dof x1, x2, .. each. */
 static enum modal_status add_masses(struct lowering *l, const struct scene_numbers *m,
                                     struct modal_error *err)
 {
@@ -55,6 +56,7 @@ static enum modal_status add_elements(struct lowering *l, int matrix, size_t n,
     return MODAL_OK;
 }
 
+/* Counts first: n is the masses', and the other lists answer to it. */
 static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
     const struct chain *c = values;

@@ -35,6 +35,7 @@ static const struct scene_key keys[] = {
 
 struct entries { struct triplet *x; int count, m, n; };
 
+/* What a matrix may look like, wherever it does not. */
 static enum modal_status shape_error(const char *where, const char *what, struct modal_error *err)
 {
     return modal_fail_field(err, MODAL_BAD_INPUT, where,
@@ -43,6 +44,7 @@ static enum modal_status shape_error(const char *where, const char *what, struct
                             where, what);
 }
 
+/* Zeros are no entries. */
 static enum modal_status read_row(const cJSON *row, int i, const char *where, struct entries *out,
                                   struct modal_error *err)
 {
@@ -64,6 +66,7 @@ static enum modal_status read_row(const cJSON *row, int i, const char *where, st
     return MODAL_OK;
 }
 
+/* The first row says how many columns there are. */
 static enum modal_status read_dense(const cJSON *list, const char *where, struct entries *out,
                                     struct modal_error *err)
 {
@@ -105,6 +108,7 @@ static enum modal_status check_rows(const double *start, size_t starts, const do
     return MODAL_OK;
 }
 
+/* Compressed rows: parts[] names their four lists. */
 static enum modal_status read_sparse(const cJSON *json, const char *where, struct entries *out,
                                      struct modal_error *err)
 {
@@ -243,6 +247,7 @@ static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n,
     return MODAL_OK;
 }
 
+/* Dofs before entries, entries before effects. */
 static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
     const struct matrices *s = values;

@@ -44,6 +44,7 @@
 static const double NODE_ROUNDING = 1e-9;
 static const double OMEGA_ROUNDING = 1e-12;    /* of the speed: how far 2 speed is off k omega */
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "shaft: out of memory");
@@ -58,6 +59,7 @@ static void element_pair(int element, int i, int pair[2])
     pair[1] = pair[0] + 2;
 }
 
+/* ADD every entry of MATRIX(A, h) in plane y and MATRIX(B, h) in plane z. */
 static void add_elements(struct lowering *l,
                          void (*add)(struct lowering *, const int *, const int *, double, double),
                          double A, double B, void (*matrix)(double, double, double *))
@@ -77,23 +79,27 @@ static void add_elements(struct lowering *l,
             }
 }
 
+/* Into M, on any axes: masses are alike in both planes. */
 static void put_mass(struct lowering *l, const int i[2], const int j[2], double a, double b)
 {
     lowering_add(l, PROGRAM_M, i[0], j[0], a);
     lowering_add(l, PROGRAM_M, i[1], j[1], b);
 }
 
+/* Mg's part of (1), (2). */
 static void put_polar(struct lowering *l, const int i[2], const int j[2], double a, double b)
 {
     shaft_add_polar(l, i[0], j[0], a);
     shaft_add_polar(l, i[1], j[1], b);
 }
 
+/* Ks of (1), or of (3) on fixed axes. */
 static void put_elastic(struct lowering *l, const int i[2], const int j[2], double a, double b)
 {
     shaft_add_elastic(l, PROGRAM_K, i, j, a, b);
 }
 
+/* I integral N' N'^T: rotary inertia per length, as hermite.h has it. */
 static void tilt(double I, double h, double out[16])
 {
     hermite_slope(h, out);
@@ -101,6 +107,7 @@ static void tilt(double I, double h, double out[16])
         out[i] *= I;
 }
 
+/* A point mass or, at a slope, a point inertia of NODE in both planes. */
 static void add_node_mass(struct lowering *l, int node, int slope, double m)
 {
     int pair[2] = { 4 * node + slope, 4 * node + slope + 2 };
@@ -109,6 +116,7 @@ static void add_node_mass(struct lowering *l, int node, int slope, double m)
         put_mass(l, pair, pair, m, m);
 }
 
+/* Dofs node by node, mass and stiffness of shaft and disk. */
 static void lower_elements(struct lowering *l)
 {
     const struct shaft *s = l->mesh;
@@ -125,6 +133,7 @@ static void lower_elements(struct lowering *l)
     add_elements(l, put_elastic, s->EI[0], s->EI[1], hermite_stiffness);
 }
 
+/* Supports and journal of one end, by now all known. */
 static void finish_end(struct lowering *l, int end)
 {
     const struct shaft *s = l->mesh;
@@ -146,6 +155,7 @@ static void finish_end(struct lowering *l, int end)
         add_node_mass(l, node, 0, e->clearance.journal_mass);
 }
 
+/* Mass first: turn_mass reads all of it. */
 static enum modal_status finish_elements(struct lowering *l, struct modal_error *err)
 {
     const struct shaft *s = l->mesh;
@@ -224,6 +234,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* JSON NULL: none.  A disk sits on a node. */
 static enum modal_status read_disk(const cJSON *json, struct shaft *s, struct modal_error *err)
 {
     static const struct scene_key *const tables[] = { disk_keys, NULL };
@@ -260,6 +271,7 @@ static enum modal_status read_disk(const cJSON *json, struct shaft *s, struct mo
     return MODAL_OK;
 }
 
+/* Values into the mesh; what two keys say together is checked here. */
 static enum modal_status read_shaft(const struct keys *k, struct shaft *s, struct modal_error *err)
 {
     s->massless = k->model == 1;
@@ -326,6 +338,7 @@ static enum modal_status turn_axes(struct lowering *l, struct modal_error *err)
     return partner != NULL && sign != NULL ? MODAL_OK : no_memory(err);
 }
 
+/* On which axes the dofs are, then the dofs themselves. */
 static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
     struct shaft *s = calloc(1, sizeof *s);
@@ -350,6 +363,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     return l->no_memory ? no_memory(err) : turn_axes(l, err);
 }
 
+/* Only noted: on turning axes it also adds to K. */
 static enum modal_status strain_rate(struct lowering *l, double mu, struct modal_error *err)
 {
     struct shaft *s = l->mesh;
@@ -360,6 +374,7 @@ static enum modal_status strain_rate(struct lowering *l, double mu, struct modal
     return MODAL_OK;
 }
 
+/* scene_structure_kind.finish: the ends once all effects have spoken. */
 static enum modal_status finish(struct lowering *l, struct modal_error *err)
 {
     struct shaft *s = l->mesh;

@@ -28,6 +28,7 @@ static void massless_plane(const struct shaft *s, double EI, double out[16])
     }
 }
 
+/* A(i, j) += value, eight coordinates a row. */
 static void put(double *A, int i, int j, double value)
 {
     A[2 * PLANE * i + j] += value;
@@ -94,6 +95,7 @@ static void map_columns(const struct shaft *s, double *A, int rows)
         }
 }
 
+/* The same from the left. */
 static void map_rows(const struct shaft *s, double *A, int columns)
 {
     for (int j = 0; j < columns; j++)
@@ -105,6 +107,8 @@ static void map_rows(const struct shaft *s, double *A, int columns)
         }
 }
 
+/* From the disk's slope to the free end, by row r of Ks: f = -(K_ru u + K_rs s)/K_rr solved
+ * for s. */
 static void map_to_free_end(struct shaft *s, double Ks[2][16])
 {
     struct condensed *c = &s->condensed;
@@ -178,6 +182,7 @@ static int massless_journal(const struct lowering *l)
     return -1;
 }
 
+/* Whether END's journal is a dof of its own. */
 static bool journal_with_mass(const struct lowering *l, int end)
 {
     for (const cJSON *e = lowering_lists(l, "clearance", NULL); e != NULL;
@@ -290,6 +295,7 @@ void shaft_lower_massless(struct lowering *l)
     }
 }
 
+/* What a massless journal leaves no room for. */
 static enum modal_status check_massless(const struct shaft *s, struct modal_error *err)
 {
     char where[64] = "effects[0]";

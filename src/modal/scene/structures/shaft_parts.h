@@ -10,6 +10,7 @@ enum { UL, UR, UD, SD, PLANE = 4 };
 
 /* The other plane's dof of dof I, and J's sign there: (A J)(i, partner j) = sign(j) A(i, j). */
 int shaft_partner(const struct shaft *s, int i);
+/* -1 in plane y, +1 in plane z. */
 double shaft_sign(const struct shaft *s, int i);
 
 /* Adding to (1), (2) of shaft.c.  I and J of the last two are (y, z) pairs of dofs, kA and kB what
@@ -27,6 +28,7 @@ void shaft_turn_mass(struct lowering *l);
 
 /* The springs of an end in series, N/m and N m/rad; 0: none. */
 double shaft_transverse(const struct shaft_end *e);
+/* Against the end's slope. */
 double shaft_rotational(const struct shaft_end *e);
 /* Say in the program's rows which of the shaft's effects act. */
 void shaft_mark_active(struct lowering *l);
@@ -47,11 +49,13 @@ enum modal_status shaft_see_from_fixed_axes(struct lowering *l, struct modal_err
 void shaft_coordinate_name(const struct shaft *s, int c, bool free_end, char out[32]);
 /* Its dofs and their mass; then, all effects being known, the rest. */
 void shaft_lower_massless(struct lowering *l);
+/* Fails with MODAL_BAD_INPUT where the ends leave no equation to eliminate by. */
 enum modal_status shaft_finish_massless(struct lowering *l, struct modal_error *err);
 
 extern const char *const shaft_frames[];       /* "rotating", "fixed", NULL */
 /* scene_structure_kind.sensor of the shaft, and the table it reads by. */
 extern const struct scene_table shaft_sensors[];
+/* Fails with MODAL_BAD_INPUT at `dof` or `frame`. */
 enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char *path,
                                struct program_output *out, struct modal_error *err);
 #endif

@@ -23,6 +23,7 @@ static int coordinate_of(const struct lowering *l, const char *name)
     return -1;
 }
 
+/* Where WHAT stands in LIST; -1: nowhere. */
 static int index_in(const int *list, int count, int what)
 {
     for (int i = 0; i < count; i++)

@@ -27,6 +27,7 @@ double shaft_rotational(const struct shaft_end *e)
                   e->coupling.rotational);
 }
 
+/* Row EFFECT acts: its entries were not counted when it was lowered. */
 static void mark(struct lowering *l, int effect, bool acts)
 {
     if (acts)

@@ -11,6 +11,7 @@
 #include <string.h>
 #include "modal/scene/lowering.h"
 
+/* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "wing: out of memory");
@@ -39,6 +40,7 @@ static const struct scene_key keys[] = {
     { 0 },
 };
 
+/* Bending first, then twist: the order of wing_model.h. */
 static void add_dofs(struct lowering *l, const struct wing *w)
 {
     char name[32];
@@ -53,6 +55,7 @@ static void add_dofs(struct lowering *l, const struct wing *w)
     }
 }
 
+/* One element matrix serves all; the root's dofs are absent. */
 static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
     const struct wing *w = values;
@@ -79,6 +82,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     return MODAL_OK;
 }
 
+/* scene_structure_kind.mesh_free: the airloads' matrices with it. */
 static void mesh_free(void *mesh)
 {
     if (mesh != NULL && ((struct wing_mesh *)mesh)->in_air)
@@ -124,6 +128,7 @@ static const struct scene_table sensors[] = {
     { 0 },
 };
 
+/* Rows of the airloads at one station: on x, x', x'' and on the inflow's states. */
 static enum modal_status station_sensor(struct lowering *l, const cJSON *json, const char *path,
                                         struct program_output *out, char name[96],
                                         struct modal_error *err)
@@ -160,6 +165,7 @@ static enum modal_status station_sensor(struct lowering *l, const cJSON *json, c
     return MODAL_OK;
 }
 
+/* Shape functions at a place, the rows of one derivative. */
 static enum modal_status position_sensor(struct lowering *l, const cJSON *json, const char *path,
                                          struct program_output *out, char name[96],
                                          struct modal_error *err)
@@ -190,6 +196,7 @@ static enum modal_status position_sensor(struct lowering *l, const cJSON *json, 
     return MODAL_OK;
 }
 
+/* Which of its two kinds an entry is, by the key it has. */
 static enum modal_status sensor(struct lowering *l, const cJSON *json, const char *path,
                                 struct program_output *out, struct modal_error *err)
 {

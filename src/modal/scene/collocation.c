@@ -104,7 +104,7 @@ static void monomials(const double *node, int j, double *column)
     }
     for (int k = 0; k < S; k++) {
         column[k] = a[k] * factorial;
-        factorial *= k + 1;
+        factorial *= k + 1;  /* k! of c^k / k! */
     }
 }
 

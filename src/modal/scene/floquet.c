@@ -26,6 +26,9 @@
 #include "modal/scene/statespace.h"
 #include "modal/scene/turning.h"
 
+/* STATESPACE_RIGID and its rounding: a mode that was put there, and not one that is there */
+static const double RIGID_SEEN = 1.0001e-7;
+
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
@@ -54,7 +57,7 @@ void floquet_done(struct floquet *f)
     memset(f, 0, sizeof *f);
 }
 
-/* The 1-norm, the scale of rounding of an eigenvalue of A. */
+/* The Frobenius norm: e times it is what rounding does to a matrix that is computed with. */
 static double norm_of(int n, const double *A)
 {
     double sum = 0;
@@ -67,16 +70,15 @@ static double norm_of(int n, const double *A)
 /* Eigenvalues of the block [0 s; -k/s -c]: roots of lambda^2 + c lambda + k. */
 static void block_roots(double c, double k, double complex root[2])
 {
-    double d = c * c / 4 - k;
+    double d = c * c / 4 - k;  /* a quarter of the discriminant */
 
     if (d < 0) {
         root[0] = CMPLX(-c / 2, sqrt(-d));
         root[1] = CMPLX(-c / 2, -sqrt(-d));
-    /* the larger in magnitude first: the other by their product */
-    } else {
+    } else {                     /* the larger in magnitude first: the other by their product */
         double far = -c / 2 - copysign(sqrt(d), c);
         root[0] = far;
-        root[1] = far != 0 ? k / far : 0;
+        root[1] = far != 0 ? k / far : 0;  /* no cancellation: root_0 root_1 = k */
     }
 }
 
@@ -90,8 +92,7 @@ static double rigid_rounding(const struct statespace *ss)
         largest = fmax(largest, ss->s[i]);
         least = fmin(least, ss->s[i]);
     }
-    /* statespace.c bounds s below by 1e-7 */
-    return least <= 1.0001e-7 * largest ? 8 * DBL_EPSILON * largest * largest : 0;
+    return least <= RIGID_SEEN * largest ? 8 * DBL_EPSILON * largest * largest : 0;
 }
 
 /* Each 2 x 2 block [[0, s], [-a, -b]] has the roots of its own quadratic. */
@@ -128,9 +129,10 @@ static enum modal_status coupled_exponents(const struct statespace *ss, struct f
 
     if (rc == MODAL_OK) {
         memcpy(copy, ss->A, count * sizeof *copy);
-        e = DBL_EPSILON * norm_of(ss->N, copy);
+        e = DBL_EPSILON * norm_of(ss->N, copy);  /* backward error of the eigenvalues */
         rc = eigen_general(&A, f->exponent, condition, NULL, err);
         for (int i = 0; rc == MODAL_OK && i < ss->N; i++)
+            /* kappa e, or the root where two meet */
             f->bar[i] = fmin(condition[i] * e, e / sqrt(DBL_EPSILON));
         for (int i = 0; rc == MODAL_OK && i < ss->N; i++)
             if (cabs(f->exponent[i]) * cabs(f->exponent[i]) <= rigid)
@@ -154,6 +156,7 @@ static enum modal_status constant(const struct statespace *ss, double period, st
     f->period = period;
     for (int i = 0; i < f->count; i++) {
         f->resolved[i] = true;
+        /* exact but for rounding: nothing is mapped */
         f->multiplier[i] = period > 0 ? cexp(f->exponent[i] * period) : 0;
     }
     return rc;
@@ -165,7 +168,7 @@ static double complex exponent_of(double complex rho, double period)
     double re = fabs(creal(rho)), im = cimag(rho), square = re * re + im * im;
     double log_modulus =
         square > 0.5 && square < 2 ? log1p((re - 1) * (re + 1) + im * im) / 2 : log(cabs(rho));
-    double angle = atan2(im == 0 ? 0.0 : im, creal(rho));
+    double angle = atan2(im == 0 ? 0.0 : im, creal(rho));  /* -0 would turn pi into -pi */
 
     return CMPLX(log_modulus / period, angle / period);
 }
@@ -192,11 +195,12 @@ static enum modal_status periodic(const struct statespace *ss, double period,
                    period);
     if (rc == MODAL_OK) {
         norm = norm_of(ss->N, Phi);
-        e = fmax(f->error, DBL_EPSILON) * norm;
+        e = fmax(f->error, DBL_EPSILON) * norm;  /* what Phi is off by */
         rc = eigen_general(&A, f->multiplier, condition, NULL, err);
     }
     for (int i = 0; rc == MODAL_OK && i < ss->N; i++) {
-        f->bar[i] = fmin(condition[i] * e, sqrt(e * norm));
+        f->bar[i] = fmin(condition[i] * e, sqrt(e * norm));  /* as the opening has it */
+        /* else its logarithm is of rounding */
         f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
         f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
     }
@@ -212,11 +216,12 @@ static enum modal_status periodic(const struct statespace *ss, double period,
 static enum modal_status turning(const struct statespace *ss, double speed, double period,
                                  struct floquet *f, struct modal_error *err)
 {
+    /* (-1)^m of the opening */
     double side = fmod(round(speed * period / M_PI), 2) == 0 ? 1 : -1, largest = 1;
     enum modal_status rc = constant(ss, period, f, err);
 
     for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
-        f->multiplier[i] *= side;
+        f->multiplier[i] *= side;  /* R(W T) = +-I */
         largest = fmax(largest, cabs(f->multiplier[i]));
     }
     if (rc == MODAL_OK && !isfinite(largest))
@@ -226,7 +231,7 @@ static enum modal_status turning(const struct statespace *ss, double speed, doub
         double size = cabs(f->multiplier[i]);
 
         f->bar[i] = size * (f->bar[i] * period + DBL_EPSILON);
-        f->resolved[i] = size > DBL_EPSILON * largest;
+        f->resolved[i] = size > DBL_EPSILON * largest;  /* beside the largest it is nothing */
         f->exponent[i] = f->resolved[i] ? CMPLX(creal(f->exponent[i]),
                                                 cimag(exponent_of(f->multiplier[i], period)))
                                         : 0;
@@ -277,6 +282,7 @@ static void swap(struct floquet *f, int a, int b)
 static void sort(struct floquet *f)
 {
     for (int i = 1; i < f->count; i++)
+        /* by insertion: nearly sorted, and pairs stay together */
         for (int j = i; j > 0 && comes_before(f, j, j - 1); j--)
             swap(f, j, j - 1);
 }
@@ -289,8 +295,8 @@ static void judge(struct floquet *f)
     f->margin = HUGE_VAL;
     for (int i = 0; i < f->count; i++) {
         double over = f->periodic ? cabs(f->multiplier[i]) - 1 : creal(f->exponent[i]);
-        unstable = unstable || over > f->bar[i];
-        stable = stable && over < -f->bar[i];
+        unstable = unstable || over > f->bar[i];  /* one beyond its bar is enough */
+        stable = stable && over < -f->bar[i];  /* all must lie within theirs */
         if (f->resolved[i])
             f->margin = fmin(f->margin, -creal(f->exponent[i]));
         if (f->period > 0)
@@ -316,6 +322,7 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
                                 "the stability of its orbits)",
                                 p->effect[p->law[0].effect].type);
     }
+    /* constant on turning axes: then exactly */
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)
         rc = statespace_new(turned != NULL ? turned : p, &ss, err);

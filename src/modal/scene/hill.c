@@ -22,6 +22,9 @@
 /* truncation, of the exponents' strip 2 pi / T, that ends the growth of H */
 static const double ENOUGH = 1e-10;
 
+/* of W: copies of one exponent, spoilt by the cut, lie no further apart; the vectors decide */
+static const double TRANSLATE = 1e-3;
+
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
@@ -33,7 +36,7 @@ static void assemble(const struct statespace *ss, double period, int H, double c
 {
     int N = ss->N;
     size_t size = (size_t)N * (size_t)(2 * H + 1);
-    double W = 2 * M_PI / period;
+    double W = 2 * M_PI / period;  /* of (1) */
 
     memset(Z, 0, size * size * sizeof *Z);
     for (int k = -H; k <= H; k++)
@@ -41,11 +44,11 @@ static void assemble(const struct statespace *ss, double period, int H, double c
             double complex *column = Z + ((size_t)(k + H) * (size_t)N + (size_t)j) * size;
             for (int i = 0; i < N; i++)
                 column[(size_t)(k + H) * (size_t)N + (size_t)i] += ss->A[i + (size_t)j * (size_t)N];
-            column[(size_t)(k + H) * (size_t)N + (size_t)j] -= I * (k * W);
+            column[(size_t)(k + H) * (size_t)N + (size_t)j] -= I * (k * W);  /* -i k W u_k of (1) */
             for (int h = 0; h < ss->harmonics; h++) {
                 int m = (int)lround(ss->harmonic[h].k * ss->p->omega * period / (2 * M_PI));
                 for (int sign = -1; sign <= 1; sign += 2) {
-                    int row = k + sign * m;
+                    int row = k + sign * m;  /* A_(row - k): both signs of a real harmonic */
                     if (row < -H || row > H)
                         continue;
                     for (int i = 0; i < N; i++) {        /* cos = (e + e*)/2, sin = (e - e*)/2i */
@@ -89,7 +92,7 @@ static double spread(const double complex *u, int N, int H)
         for (int i = 0; i < N; i++) {
             double x = cabs(u[(size_t)(k + H) * (size_t)N + (size_t)i]);
             sum += x * x;
-            moment += abs(k) * x * x;
+            moment += abs(k) * x * x;  /* sum |k| |u_k|^2 */
         }
     return moment / sum;
 }
@@ -133,8 +136,8 @@ static void choose(struct candidate *c, size_t count, const double complex *V, i
         bool again = false;
         for (int j = 0; j < found && !again; j++) {
             double shift = (cimag(c[j].value) - cimag(c[i].value)) / W, whole = round(shift);
-            bool near = whole != 0 && fabs(shift - whole) < 1e-3
-                        && fabs(creal(c[j].value) - creal(c[i].value)) < 1e-3 * W;
+            bool near = whole != 0 && fabs(shift - whole) < TRANSLATE
+                        && fabs(creal(c[j].value) - creal(c[i].value)) < TRANSLATE * W;
             again = near
                     && overlap(V + (size_t)c[j].index * count, V + (size_t)c[i].index * count, N, H,
                                (int)whole)
@@ -212,7 +215,7 @@ static int highest(const struct statespace *ss, double period)
 static enum modal_status solve_two(const struct statespace *ss, double period, int H,
                                    struct hill *out, struct modal_error *err)
 {
-    int less = H - highest(ss, period);
+    int less = H - highest(ss, period);  /* a cut of one harmonic of A less */
     double complex *fine = malloc((size_t)ss->N * sizeof *fine + 1),
                    *coarse = malloc((size_t)ss->N * sizeof *coarse + 1);
     enum modal_status rc = fine != NULL && coarse != NULL ? MODAL_OK : no_memory(err);
@@ -246,7 +249,7 @@ enum modal_status hill(const struct program *p, int harmonics, struct hill *out,
                                 "Hill's determinant is of linear periodic scenes");
     rc = statespace_new(p, &ss, err);
     while (rc == MODAL_OK && harmonics == 0 && H > 2 && ss->N * (2 * H + 1) > HILL_SIZE_MOST / 2)
-        H--;
+        H--;  /* room for the doubling that the truncation asks for */
     if (rc == MODAL_OK && ss->N * (2 * H + 1) > HILL_SIZE_MOST)
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "hill",
                               "Hill's matrix would be of size %d; at most %d", ss->N * (2 * H + 1),
@@ -256,7 +259,7 @@ enum modal_status hill(const struct program *p, int harmonics, struct hill *out,
     while (rc == MODAL_OK && harmonics == 0 && out->truncation > ENOUGH * 2 * M_PI / period
            && ss->N * (4 * H + 1) <= HILL_SIZE_MOST / 2) {
         hill_done(out);
-        rc = solve_two(ss, period, H *= 2, out, err);
+        rc = solve_two(ss, period, H *= 2, out, err);  /* errors fall faster than any power of H */
     }
     statespace_free(ss);
     return rc;

@@ -16,7 +16,7 @@
 struct holding {
     const struct ports *ports;
     int count, N, nw;              /* rigid sliders, states, sources */
-    int *law;
+    int *law;  /* rows of ports->law */
     double *RA, *RB, *RU;          /* N, nw and channels numbers a slider */
     double *G, *phi;               /* count x count, count */
     int *pivot;
@@ -43,6 +43,7 @@ static void fill(struct holding *h, const double *BP)
     int N = h->N, r = 2 * p->probes;
 
     for (int i = 0; i < h->count; i++) {
+        /* the row of the slider's rate */
         const double *R = p->R + p->probes + p->law[h->law[i]].channel;
 
         cblas_dgemv(CblasColMajor, CblasTrans, N, N, 1, p->ss->A, N, R, r, 0,
@@ -69,7 +70,7 @@ enum modal_status holding_new(const struct ports *ports, const struct sources *s
         h->nw = src->nw;
         for (int l = 0; l < ports->laws; l++)
             if (ports->law[l].law->kind->set_valued)
-                h->law[h->count++] = l;
+                h->law[h->count++] = l;  /* rigid sliders alone */
         most = (size_t)h->count;
         h->RA = malloc((most * (size_t)h->N + 1) * sizeof *h->RA);
         h->RB = malloc((most * (size_t)h->nw + 1) * sizeof *h->RB);
@@ -98,11 +99,11 @@ static double driven(const struct holding *h, int i, const double *y, const doub
     double sum = cblas_ddot(h->N, h->RA + (size_t)i * (size_t)h->N, 1, y, 1)
                  + cblas_ddot(h->nw, h->RB + (size_t)i * (size_t)h->nw, 1, w, 1);
 
-    sum += cblas_ddot(p->channels, RU, 1, force, 1);
+    sum += cblas_ddot(p->channels, RU, 1, force, 1);  /* all channels, then less the stuck ones */
     for (int k = 0; k < h->count; k++)
         if (p->law[h->law[k]].held == 0)
             sum -= RU[p->law[h->law[k]].channel] * force[p->law[h->law[k]].channel];
-    return -sum;
+    return -sum;  /* right side of (1) */
 }
 
 bool holding_forces(struct holding *h, const double *y, const double *w, double *force)
@@ -119,7 +120,7 @@ bool holding_forces(struct holding *h, const double *y, const double *w, double 
             if (p->law[h->law[k]].held == 0)
                 h->G[row + stuck * column++] =
                     h->RU[(size_t)i * (size_t)p->channels + (size_t)p->law[h->law[k]].channel];
-        h->phi[row++] = driven(h, i, y, w, force);
+        h->phi[row++] = driven(h, i, y, w, force);  /* its unknown's place */
     }
     if (stuck > 0
         && LAPACKE_dgesv_work(LAPACK_COL_MAJOR, stuck, 1, h->G, stuck, h->pivot, h->phi, stuck)

@@ -19,6 +19,11 @@
 #include "modal/scene/magnus.h"
 #include "modal/scene/statespace.h"
 
+/* Relative, of maps over a period: two digits above rounding for what is compared, one less for
+ * what is only a first-order estimate. */
+static const double MAP_TOLERANCE = 1e-12, CHANGE_TOLERANCE = 1e-11;
+static const double NO_EXPONENT = 1e-13;   /* |rho|: below it a multiplier is the map's rounding */
+
 struct side {
     struct statespace *ss;
     double *X;                       /* N x N */
@@ -51,7 +56,7 @@ static enum modal_status matrix_of(struct side *side, bool periodic, double peri
     }
     rc = magnus_new(ss, NULL, &m, err);
     if (rc == MODAL_OK)
-        rc = magnus_converge(m, 0, period, 1e-12, &substeps, side->X, &error, err);
+        rc = magnus_converge(m, 0, period, MAP_TOLERANCE, &substeps, side->X, &error, err);
     magnus_free(m);
     return rc;
 }
@@ -90,10 +95,10 @@ static enum modal_status left_vectors(struct side *side, struct modal_error *err
     if (copy != NULL && pivot != NULL && side->L != NULL) {
         memcpy(copy, side->V, count * sizeof *copy);
         for (int i = 0; i < N; i++)
-            side->L[(size_t)i * ((size_t)N + 1)] = 1;
+            side->L[(size_t)i * ((size_t)N + 1)] = 1;  /* the identity: V L = 1 */
         info = LAPACKE_zgesv(LAPACK_COL_MAJOR, N, N, copy, N, pivot, side->L, N);
         for (size_t i = 0; info != 0 && i < count; i++)
-            side->L[i] = NAN;
+            side->L[i] = NAN;  /* defective: told as such */
     }
     free(copy);
     free(pivot);
@@ -220,7 +225,7 @@ static enum modal_status monodromy_change(const struct side *a, const struct sid
     if (rc == MODAL_OK)
         rc = magnus_new(ss, NULL, &m, err);
     if (rc == MODAL_OK)
-        rc = magnus_converge(m, 0, period, 1e-11, &substeps, map, &error, err);
+        rc = magnus_converge(m, 0, period, CHANGE_TOLERANCE, &substeps, map, &error, err);
     for (size_t j = 0, n = (size_t)N; rc == MODAL_OK && j < n; j++)
         memcpy(out + j * n, map + (n + j) * 2 * n, n * sizeof *out);
     magnus_free(m);
@@ -326,7 +331,7 @@ static double complex exponent(double complex value, const struct influence *f)
 {
     if (!f->periodic)
         return value;
-    return cabs(value) > 1e-13 ? clog(value) / f->period : CMPLX(NAN, NAN);
+    return cabs(value) > NO_EXPONENT ? clog(value) / f->period : CMPLX(NAN, NAN);
 }
 
 /* -max Re exponent of those that are above rounding. */

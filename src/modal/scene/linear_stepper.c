@@ -28,9 +28,9 @@ struct linear_stepper {
     struct stepper face;
     const struct statespace *ss;
     const struct sources *src;
-    double *BP, *w, *next;
+    double *BP, *w, *next;  /* B P; sources now; y of the next step */
     struct map kept[MAPS_KEPT];
-    int64_t clock;
+    int64_t clock;  /* counts uses: `used` of the kept */
     struct expm *exponential;     /* dense: N + nw */
     double *augmented, *result;
 };
@@ -40,7 +40,7 @@ static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w,
                                        const struct source_block *b, double h, double *G,
                                        struct modal_error *err)
 {
-    double X[64] = { 0 }, Y[64] = { 0 };
+    double X[64] = { 0 }, Y[64] = { 0 };  /* (2 + SOURCES_BLOCK_MOST)^2 */
     int n = s->ss->n, N = s->ss->N, size = 2 + b->count, nw = s->src->nw;
     enum modal_status rc;
 
@@ -55,7 +55,7 @@ static enum modal_status modal_forcing(struct linear_stepper *s, struct expm *w,
             X[2 + r + (2 + k) * size] =
                 h * s->src->S[(size_t)(b->first + r) + (size_t)(b->first + k) * (size_t)nw];
     }
-    rc = expm_driven(w, 2, X, Y, err);
+    rc = expm_driven(w, 2, X, Y, err);  /* the first two rows are driven, the rest is S */
     for (int k = 0; rc == MODAL_OK && k < b->count; k++)
         for (int r = 0; r < 2; r++)
             G[r + 2 * (b->first + k)] = Y[r + (2 + k) * size];
@@ -127,14 +127,14 @@ static enum modal_status find_map(struct linear_stepper *s, double h, struct map
             *out = &s->kept[i];
             return MODAL_OK;
         }
-        if (s->kept[i].used < oldest->used)
+        if (s->kept[i].used < oldest->used)  /* least recently used */
             oldest = &s->kept[i];
     }
     if (oldest->E == NULL)
         oldest->E = malloc((s->ss->modal ? 2 * N : N * N) * sizeof *oldest->E + 1);
     if (oldest->G == NULL)
         oldest->G = malloc(N * nw * sizeof *oldest->G + 1);
-    oldest->used = 0;
+    oldest->used = 0;  /* not to be found if what follows fails */
     if (oldest->E == NULL || oldest->G == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
     rc = s->ss->modal ? modal_map(s, h, oldest, err) : dense_map(s, h, oldest, err);
@@ -154,6 +154,7 @@ static void apply_modal(const struct linear_stepper *s, const struct map *m, dou
 
     for (int i = 0; i < n; i++) {
         const double *E = m->E + 4 * (size_t)i, *G = m->G + 2 * (size_t)i * (size_t)nw;
+        /* y_1 of the mode, b its y_2 */
         double a = E[0] * y[i] + E[2] * y[n + i], b = E[1] * y[i] + E[3] * y[n + i];
         for (int k = 0; k < nw; k++) {
             a += G[2 * k] * s->w[k];

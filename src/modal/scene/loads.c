@@ -132,7 +132,7 @@ static enum modal_status move_lists(struct keys *k, const char *path, struct pro
         load->points = (int)k->time.count;
     load->time = k->time.x;
     load->force = k->force.x;
-    k->time.x = k->force.x = NULL;
+    k->time.x = k->force.x = NULL;  /* the load's now */
     return MODAL_OK;
 }
 
@@ -159,7 +159,7 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
                                     load->time[i - 1]);
         }
     for (int i = 0; i < load->points; i++)
-        load->force[i] *= load->amplitude;
+        load->force[i] *= load->amplitude;  /* once here, not at every instant */
     return MODAL_OK;
 }
 
@@ -169,7 +169,7 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
 {
     char where[128];
 
-    load->dof_sine = -1;
+    load->dof_sine = -1;  /* does not turn */
     if (frame == ABSENT && l->p->seen_fixed)
         frame = FIXED;
     if (frame == ABSENT)

@@ -10,7 +10,7 @@ static bool grow(struct lowering *l, void **x, int count, int *room, size_t size
 {
     if (count < *room)
         return true;
-    int more = *room < 16 ? 16 : 2 * *room;
+    int more = *room < 16 ? 16 : 2 * *room;  /* doubled: N entries cost N copies in all */
     void *bigger = realloc(*x, (size_t)more * size);
     if (bigger == NULL) {
         l->no_memory = true;
@@ -75,6 +75,7 @@ static struct lowering_harmonic *harmonic(struct lowering *l, int k)
         return NULL;
     }
     l->harmonic = more;
+    /* ascending k */
     memmove(more + at + 1, more + at, (size_t)(l->harmonics - at) * sizeof *more);
     more[at] = (struct lowering_harmonic) { .k = k };
     l->harmonics++;
@@ -139,11 +140,11 @@ void lowering_add_law(struct lowering *l, struct law *law)
         return;
     }
     p->law = more;
-    law->effect = l->effect;
+    law->effect = l->effect;  /* who is counted and told */
     more[p->laws++] = *law;
     if (l->effect >= 0)
         p->effect[l->effect].states += law->memory;
-    *law = (struct law) { 0 };
+    *law = (struct law) { 0 };  /* the caller has nothing to free any more */
 }
 
 void lowering_add_term(struct lowering *l, struct program_output *out, int quantity, int j,
@@ -190,7 +191,7 @@ enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, cons
 
     if (rc != MODAL_OK || name == NULL)
         return rc;
-    if (strcmp(name, "ground") == 0) {
+    if (strcmp(name, "ground") == 0) {  /* a name that no dof may have */
         *dof = -1;
         return MODAL_OK;
     }
@@ -265,7 +266,7 @@ double *lowering_structural_dense(const struct lowering *l, int matrix)
 
     for (int e = 0; a != NULL && e < l->structural[matrix]; e++) {
         const struct triplet *t = &l->constant[matrix].x[e];
-        a[t->i + (size_t)t->j * (size_t)n] += t->value;
+        a[t->i + (size_t)t->j * (size_t)n] += t->value;  /* entries of one place add up */
     }
     return a;
 }

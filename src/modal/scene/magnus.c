@@ -22,6 +22,13 @@
 #include <string.h>
 #include "modal/linalg/expm.h"
 
+enum {
+    ORDER_SIX = 64,              /* 2^6: by what two maps differ more than the finer is off */
+    EXTRAPOLATED = 1000,         /* 2^10: the difference over what order 8 leaves, cautiously */
+};
+static const double FLOOR = 1e-11;             /* relative: where rounding ends the convergence */
+static const double SUBSTEP_ROUNDING = 1e-16;  /* each product adds half a unit in the last place */
+
 struct magnus_work {
     double *BP, *S;              /* borrowed shapes: N x nw (owned), nw x nw (of the sources) */
     int nw;
@@ -116,10 +123,10 @@ static void series(struct magnus *m, double t, double h)
 {
     struct magnus_work *w = m->work;
     size_t count = (size_t)m->size * (size_t)m->size;
-    double r = sqrt(15.0);
+    double r = sqrt(15.0);  /* of the Gauss points */
 
     for (int i = 0; i < 3; i++)
-        evaluate(m, t + h * (0.5 + (i - 1) * r / 10), w->A[i]);
+        evaluate(m, t + h * (0.5 + (i - 1) * r / 10), w->A[i]);  /* A_1, A_2, A_3 of the opening */
     for (size_t i = 0; i < count; i++) {
         double a = w->A[0][i], b = w->A[1][i], c = w->A[2][i];
         w->A[0][i] = h * b;                                  /* a1 */
@@ -128,15 +135,15 @@ static void series(struct magnus *m, double t, double h)
     }
     commutator(m->size, 1, w->A[0], w->A[1], w->C1);
     for (size_t i = 0; i < count; i++)
-        w->X[i] = 2 * w->A[2][i] + w->C1[i];
-    commutator(m->size, -1.0 / 60, w->A[0], w->X, w->C2);
+        w->X[i] = 2 * w->A[2][i] + w->C1[i];  /* 2 a3 + C1 */
+    commutator(m->size, -1.0 / 60, w->A[0], w->X, w->C2);  /* C2 */
     for (size_t i = 0; i < count; i++) {
-        w->X[i] = -20 * w->A[0][i] - w->A[2][i] + w->C1[i];
-        w->Y[i] = w->A[1][i] + w->C2[i];
+        w->X[i] = -20 * w->A[0][i] - w->A[2][i] + w->C1[i];  /* left of (2)'s last commutator */
+        w->Y[i] = w->A[1][i] + w->C2[i];  /* and its right */
     }
     commutator(m->size, 1.0 / 240, w->X, w->Y, w->Omega);
     for (size_t i = 0; i < count; i++)
-        w->Omega[i] += w->A[0][i] + w->A[2][i] / 12;
+        w->Omega[i] += w->A[0][i] + w->A[2][i] / 12;  /* (2) */
 }
 
 /* The largest magnitude: the norm in which maps are compared. */
@@ -145,7 +152,7 @@ static double largest(const double *x, size_t count)
     double most = 0;
 
     for (size_t i = 0; i < count; i++)
-        if (!(fabs(x[i]) <= most))
+        if (!(fabs(x[i]) <= most))  /* so that a NaN is the largest */
             most = fabs(x[i]);
     return most;
 }
@@ -159,13 +166,14 @@ enum modal_status magnus_map(struct magnus *m, double t, double h, int substeps,
 
     for (int k = 0; k < substeps; k++) {
         series(m, t + k * step, step);
+        /* exp(Omega), sources' rows below */
         enum modal_status rc = expm_driven(w->exponential, m->ss->N, w->Omega, w->E, err);
         if (rc != MODAL_OK)
             return rc;
         if (k == 0)
             memcpy(out, w->E, bytes);
         else {
-            square_multiply(m->size, 1, w->E, out, 0, w->product);
+            square_multiply(m->size, 1, w->E, out, 0, w->product);  /* later steps from the left */
             memcpy(out, w->product, bytes);
         }
     }
@@ -205,7 +213,7 @@ static double relative_change(const struct magnus *m, const double *fine, const 
 
         for (size_t i = part[k]; i < part[k + 1]; i++)
             change = fmax(change, fabs(fine[i] - coarse[i]));
-        worst = fmax(worst, change / (norm > 0 ? norm : 1));
+        worst = fmax(worst, change / (norm > 0 ? norm : 1));  /* of its own unit */
     }
     return worst;
 }
@@ -222,7 +230,7 @@ enum modal_status magnus_converge(struct magnus *m, double t, double h, double t
 
     while (rc == MODAL_OK) {
         double difference;
-        int fine = 2 * k;
+        int fine = 2 * k;  /* twice the substeps: the even error series */
         bool settled;
 
         if (fine > MAGNUS_SUBSTEPS_MOST)
@@ -232,15 +240,18 @@ enum modal_status magnus_converge(struct magnus *m, double t, double h, double t
                 before);
         if ((rc = first_map(m, t, h, &fine, out, err)) != MODAL_OK)
             break;
+        /* else they are not of one series */
         difference = fine == 2 * k ? relative_change(m, out, w->coarse) : HUGE_VAL;
         k = fine;
         /* rounding's floor */
-        settled = difference <= 64 * tolerance || (difference < 1e-11 && difference > before / 4);
+        settled =
+            difference <= ORDER_SIX * tolerance || (difference < FLOOR && difference > before / 4);
         if (settled) {
             for (size_t i = 0; i < count; i++)
-                out[i] += (out[i] - w->coarse[i]) / 63;
+                /* order 8, as the opening has it */
+                out[i] += (out[i] - w->coarse[i]) / (ORDER_SIX - 1);
             *substeps = k;
-            *error = fmax(difference / 1000, 1e-16 * k);
+            *error = fmax(difference / EXTRAPOLATED, SUBSTEP_ROUNDING * k);
             return MODAL_OK;
         }
         before = difference;

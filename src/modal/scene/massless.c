@@ -1,8 +1,8 @@
 /*
  * massless.c - exact elimination of massless dofs
  *
- * Rows a:  K_aa a = -K_ax x - K_ab b,                          so  R = -K_aa^-1 K_a.,  K_pq <- K_pq
- * + K_pa R_q      (1) Rows b:  C_bb b' = -K_bb b - K_bx x - C_bx x'
+ * Rows a:  K_aa a = -K_ax x - K_ab b,  so  R = -K_aa^-1 K_a.,  K_pq <- K_pq + K_pa R_q
+ * (1) Rows b:  C_bb b' = -K_bb b - K_bx x - C_bx x'
  * (2) Rows x:  M x'' + C_xx x' + K_xx x + K_xb b + C_xb b' = p, with b' from (2), W = C_xb C_bb^-1:
  *
  *     C = C_xx - W C_bx,   K = K_xx - W K_bx,   F = -(K_xb - W K_bb)                            (3)
@@ -48,7 +48,7 @@ static int solve(const double *A, int n, double *B, int k)
     if (n == 0 || k == 0)
         return 0;
     memcpy(factors, A, (size_t)(n * n) * sizeof *A);
-    return LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, k, factors, n, pivot, B, k);
+    return LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, k, factors, n, pivot, B, k);  /* factors: A is kept */
 }
 
 /* x, b, a: with mass, damped without mass, static. */
@@ -75,17 +75,17 @@ static int drop_static(int n, const double *K, double *full, struct condensed *c
     pick(K, n, c->a, c->na, c->a, c->na, Kaa);
     pick(K, n, c->a, c->na, c->x, c->nx, Kax);
     pick(K, n, c->a, c->na, c->b, c->nb, Kab);
-    pick(K, n, c->a, c->na, all, n, R);
-    pick(K, n, all, n, c->a, c->na, Ka);
+    pick(K, n, c->a, c->na, all, n, R);  /* K_a. */
+    pick(K, n, all, n, c->a, c->na, Ka);  /* K_.a */
     if (solve(Kaa, c->na, R, n) != 0 || solve(Kaa, c->na, Kax, c->nx) != 0
         || solve(Kaa, c->na, Kab, c->nb) != 0)
         return 1;
     memcpy(full, K, (size_t)(n * n) * sizeof *K);
-    add_product(-1, Ka, R, n, c->na, n, full);
+    add_product(-1, Ka, R, n, c->na, n, full);  /* K_pq - K_pa K_aa^-1 K_aq: (1) */
     for (int i = 0; i < c->na * c->nx; i++)
-        c->Rx[i] = -Kax[i];
+        c->Rx[i] = -Kax[i];  /* R of (1), its columns x */
     for (int i = 0; i < c->na * c->nb; i++)
-        c->Rb[i] = -Kab[i];
+        c->Rb[i] = -Kab[i];  /* and b */
     return 0;
 }
 
@@ -98,26 +98,26 @@ static int split_damped(int n, const double *C, const double *K, struct condense
 
     pick(C, n, c->x, nx, c->x, nx, c->C);
     pick(K, n, c->x, nx, c->x, nx, c->K);
-    pick(C, n, c->b, nb, c->b, nb, c->E);
+    pick(C, n, c->b, nb, c->b, nb, c->E);  /* E of massless.h is C_bb */
     pick(C, n, c->x, nx, c->b, nb, Cxb);
     pick(K, n, c->x, nx, c->b, nb, Kxb);
     pick(C, n, c->b, nb, c->x, nx, Cbx);
     pick(K, n, c->b, nb, c->x, nx, Kbx);
     pick(K, n, c->b, nb, c->b, nb, Kbb);
     for (int i = 0; i < nb * nb; i++)
-        c->A[i] = -Kbb[i];
+        c->A[i] = -Kbb[i];  /* (2) */
     for (int i = 0; i < nb * nx; i++) {
-        c->Bx[i] = -Kbx[i];
-        c->Bv[i] = -Cbx[i];
+        c->Bx[i] = -Kbx[i];  /* (2) */
+        c->Bv[i] = -Cbx[i];  /* (2) */
     }
     if (solve(c->E, nb, Cbx, nx) != 0 || solve(c->E, nb, Kbx, nx) != 0
         || solve(c->E, nb, Kbb, nb) != 0)
         return 1;
-    add_product(-1, Cxb, Cbx, nx, nb, nx, c->C);
-    add_product(-1, Cxb, Kbx, nx, nb, nx, c->K);
-    add_product(1, Cxb, Kbb, nx, nb, nb, c->F);
+    add_product(-1, Cxb, Cbx, nx, nb, nx, c->C);  /* C of (3): Cbx is C_bb^-1 C_bx by now */
+    add_product(-1, Cxb, Kbx, nx, nb, nx, c->K);  /* K of (3) */
+    add_product(1, Cxb, Kbb, nx, nb, nb, c->F);  /* W K_bb of F in (3) */
     for (int i = 0; i < nx * nb; i++)
-        c->F[i] -= Kxb[i];
+        c->F[i] -= Kxb[i];  /* and -K_xb */
     return 0;
 }
 

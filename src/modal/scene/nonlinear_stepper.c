@@ -38,28 +38,56 @@
 
 enum {
     S = COLLOCATION_STAGES,
-    LEVELS = 40,
+    LEVELS = 40,               /* dt / 2^40 is 1e-12 dt: below it t + h is t but for rounding */
+    /* quadratic: a handful serves, and a shorter step is the better cure */
     NEWTON_MOST = 25,
+    /* each cut gains as many digits as the last; the end is taken then */
     CUTS_MOST = 12,
+    SWITCHES_MOST = 3,         /* of sliders before one step: more would go round in a circle */
+    TURNING_CUTS = 4,          /* after so many cuts an event is a turning point: see TURNING */
+    TINY_MOST = 4,             /* tiny steps on end: one may be a coincidence of two events */
+    /* a step without events is dt / 2^10: its kink costs h^2 of a force */
     BLIND = 10,
-    STEPS_MOST = 100000,
-    STALLED_MOST = 1000,
-    STEPS_SEQUENTIAL = 64,
-    PAST = 4
+    STEPS_MOST = 100000,       /* within one dt: a rattle that dies out has cost a second by then */
+    STALLED_MOST = 1000,       /* steps of no length: events that accumulate (Zeno) */
+    STEPS_SEQUENTIAL = 64,     /* of dt: PAST values then miss a force by some 64^-4 */
+    /* values that a sequential law's force is extrapolated by: a cubic */
+    PAST = 4,
+    CALM_STEPS = 2,            /* accepted in a row before the step is doubled: no seesaw */
+    ORDER_GAIN = 64,           /* 2^(S + 1) and more: what doubling the step may cost in accuracy */
+    ASK_EVERY = 1024,          /* steps between two looks at `cancelled`: milliseconds */
+    UNITS = 64,                /* in the last place: what sums of some hundred terms are off by */
 };
-/* of a step: where its end may stand for an event beside it */
+/* of a step: where its end may stand for an event beside it, the polynomial being a line there */
 static const double NEAR = 0.05;
+/* a step that was cut too early is found too short here */
+static const double PAST_END = 1.2;
+static const double AGREED = 1e-10;        /* of a step: end and event, no kink inside to this */
+static const double TURNING = 1e-6;        /* a turning point is known to sqrt(eps), and some */
+static const double SETTLED = 1e-9;        /* of the scale: rounding may keep Newton from more */
+static const double LOST = 1e300;          /* past it sums of squares overflow */
+/* a force's miss at the start acts over part of a step */
+static const double MISS_SHARE = 0.05;
+static const double WHOLE = 1e-14;         /* of h: sums of steps are off by as much */
+static const double STALL = 1e-12;         /* of dt: a step that does not move t */
+static const double TINY = 1e-9;           /* of what was asked: an event right at the start */
+static const double OVER = 1e-12;          /* of a limit: a force past it, rounding apart */
+static const double ALMOST = 1e-9;         /* of a limit: a force at it, early in the step */
+static const double AT_REST = 1e-9;        /* of the largest rate: a slider that does not move */
+/* of limit dt: a motion so small no force would notice */
+static const double REST_SHARE = 1e-3;
+static const double UP_TO_ROUNDING = 1.001;    /* of a halved step's length */
 
 struct nonlinear_stepper {
-    struct stepper face;
+    struct stepper face;  /* first: a stepper is cast to its own */
     const struct statespace *ss;
     const struct sources *src;
     struct ports *ports;
     struct collocation *collocation;
-    struct holding *holding;
+    struct holding *holding;  /* what stuck sliders hold with, exactly */
     struct stepper_options opt;
     int level, calm;                  /* the step is dt / 2^level; accepted in a row */
-    bool sequential, started;
+    bool sequential, started;  /* a user's law is among them; forces at the start are known */
     /* the next step looks for no event: a slider just loose, its rate still rounding, was caught
      * again */
     bool blind;
@@ -70,7 +98,7 @@ struct nonlinear_stepper {
     double *quiet, *blur;
     double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *hold,
         *force1, *y1, *w1, *slope, *J, *residual, *knots, *past;
-    int pasts;
+    int pasts;  /* values known, the newest first in `past` */
     int *pivot;
 };
 
@@ -136,14 +164,15 @@ static enum modal_status equations(struct nonlinear_stepper *s, const struct col
     if (rc != MODAL_OK)
         return rc;
     for (int k = 0; k < m; k++)
-        R[k] = s->phi[i * m + k] - R[k];
+        R[k] = s->phi[i * m + k] - R[k];  /* (1) as a residual */
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, m, size, r, -1, s->slope, m, H, r, 0,
                 s->J + i * m, size);
     for (int k = 0; k < m; k++)
+        /* d phi_i; the product is minus (1)'s right side */
         s->J[(size_t)(i * m + k) + (size_t)(i * m + k) * (size_t)size] += 1;
     for (int l = 0; l < p->laws; l++) {
         int c = p->law[l].channel, row = i * m + c;
-        if (!stuck(&p->law[l]))
+        if (!stuck(&p->law[l]))  /* else the rate's row takes the place of (1) */
             continue;
         /* the rate as a force: its row scaled to 1 */
         double most = DBL_MIN;
@@ -179,6 +208,7 @@ static void fix_sequential(struct nonlinear_stepper *s)
                     value += weight * s->past[a * m + c];
                 }
                 int row = i * m + c;
+                /* phi is the extrapolated value, nothing else */
                 s->residual[row] = s->phi[row] - value;
                 for (int k = 0; k < size; k++)
                     s->J[(size_t)row + (size_t)k * (size_t)size] = k == row;
@@ -194,7 +224,7 @@ static enum modal_status solve(struct nonlinear_stepper *s, const struct colloca
     double before = HUGE_VAL;
 
     *converged = false;
-    bases(s, map);
+    bases(s, map);  /* once: what does not depend on phi */
     for (int k = 0; k < NEWTON_MOST; k++) {
         enum modal_status rc = MODAL_OK;
         probes_of_phi(s, map);
@@ -210,12 +240,13 @@ static enum modal_status solve(struct nonlinear_stepper *s, const struct colloca
         double change = 0;
         for (int i = 0; i < size; i++) {
             s->phi[i] -= s->residual[i];
+            /* a force by what it does to the state in a step */
             change = fmax(change, fabs(s->residual[i]) * s->weight[i % m] * map->h);
         }
-        if (!(change < 1e300))
+        if (!(change < LOST))
             return MODAL_OK;
         if (change <= 4 * DBL_EPSILON * s->scale
-            || (change <= 1e-9 * s->scale && change >= before / 2)) {
+            || (change <= SETTLED * s->scale && change >= before / 2)) {
             *converged = true;
             probes_of_phi(s, map);
             return MODAL_OK;
@@ -238,11 +269,11 @@ static double miss(struct nonlinear_stepper *s, const struct collocation_map *ma
         for (int j = 0; j < S; j++)
             p0 += zero[j] * s->phi[j * m + c];
         if (!isnan(s->force0[c]))
-            worst = fmax(worst, fabs(p0 - s->force0[c]) * s->weight[c]);
+            worst = fmax(worst, fabs(p0 - s->force0[c]) * s->weight[c]);  /* delta of the opening */
     }
     collocation_finish(s->collocation, map, s->w, s->phi, s->y);
     s->scale = fmax(s->scale, norm(s->y, s->ss->N));
-    return 0.05 * map->h * worst / s->scale;
+    return MISS_SHARE * map->h * worst / s->scale;
 }
 
 /* A sum of N products is known to so many units in the last place of its terms. */
@@ -256,8 +287,8 @@ static void rounding_of_probes(struct nonlinear_stepper *s, const double *y)
             rate += fabs(s->ports->R[(size_t)(q + c) + (size_t)k * (size_t)r] * y[k]);
             place += fabs(s->ports->R[(size_t)c + (size_t)k * (size_t)r] * y[k]);
         }
-        s->quiet[c] = 64 * DBL_EPSILON * rate;
-        s->blur[c] = 64 * DBL_EPSILON * place;
+        s->quiet[c] = UNITS * DBL_EPSILON * rate;
+        s->blur[c] = UNITS * DBL_EPSILON * place;
     }
 }
 
@@ -277,12 +308,13 @@ static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const
         return MODAL_OK;
     rounding_of_probes(s, y);
     rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->force0, NULL, NULL, err);
+    /* or NaN: two that share one load */
     bool known = rc == MODAL_OK && holding_forces(s->holding, y, s->w, s->force0);
     for (int c = 0; c < p->channels; c++)
         s->hold[c] = known ? s->force0[c] : NAN;
     for (int l = 0; l < p->laws; l++)
         if (stuck(&p->law[l]))
-            s->force0[p->law[l].channel] = NAN;
+            s->force0[p->law[l].channel] = NAN;  /* no law says what it is: `miss` passes over it */
     return rc;
 }
 
@@ -296,9 +328,10 @@ static enum modal_status solve_step(struct nonlinear_stepper *s, double t, doubl
 
     s->face.maps = collocation_maps_made(s->collocation);
     for (int i = 0; i < m * S; i++)
-        s->phi[i] = s->phi_end[i % m];
+        s->phi[i] = s->phi_end[i % m];  /* forces of the last step's end as a guess */
     if (rc == MODAL_OK)
         rc = solve(s, *map, t, converged, err);
+    /* start and nodes: the interpolant of events */
     memcpy(s->knots, s->probe0, (size_t)r * sizeof *s->knots);
     memcpy(s->knots + r, s->probes, (size_t)r * S * sizeof *s->knots);
     return rc;
@@ -331,6 +364,7 @@ static void switch_slider(struct nonlinear_stepper *s, int law)
 
     if (!l->law->kind->set_valued)
         return;
+    /* one that sticks slips the way its force points */
     l->held = l->held != 0 ? 0 : s->phi_end[l->channel] > 0 ? 1 : -1;
 }
 
@@ -368,11 +402,11 @@ static enum modal_status refine_release(struct nonlinear_stepper *s,
     if (rc != MODAL_OK || !holding_forces(s->holding, s->y1, s->w1, s->force1))
         return rc;
     excess = fabs(s->force1[l->channel]) - limit;
-    slope *= s->force1[l->channel] > 0 ? 1 : -1;
-    if (fabs(excess) <= 64 * DBL_EPSILON * limit)
+    slope *= s->force1[l->channel] > 0 ? 1 : -1;  /* of |force| */
+    if (fabs(excess) <= UNITS * DBL_EPSILON * limit)
         *theta = 1;
     else if (slope > 0 && fabs(excess) < slope * NEAR)
-        *theta = 1 - excess / slope;
+        *theta = 1 - excess / slope;  /* a line is enough: NEAR is a twentieth of a step */
     return MODAL_OK;
 }
 
@@ -390,17 +424,17 @@ static bool correct_sliders(struct nonlinear_stepper *s)
             continue;
         /* at the first node */
         double force = s->phi[law->channel], rate = s->knots[2 * q + q + law->channel];
-        if (law->held == 0 && fabs(force) > law->law->limit * (1 + 1e-12)) {
+        if (law->held == 0 && fabs(force) > law->law->limit * (1 + OVER)) {
             double early = s->hold[law->channel];
             if (isnan(early))
                 early = force_at(s, law->channel, 0);
-            if (fabs(early) > law->law->limit * (1 - 1e-9)) {
-                law->held = force > 0 ? 1 : -1;
+            if (fabs(early) > law->law->limit * (1 - ALMOST)) {
+                law->held = force > 0 ? 1 : -1;  /* it slips from the start on */
                 any = true;
             }
         } else if (law->held != 0 && rate * law->held < -s->quiet[law->channel]
                    && s->knots[q + law->channel] * law->held
-                          <= 1e-9 * s->scale * s->weight[law->channel]) {
+                          <= AT_REST * s->scale * s->weight[law->channel]) {
             law->held = 0;
             any = true;
         }
@@ -428,37 +462,37 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
             break;
         if (s->blind)
             break;
-        if (k < 3 && correct_sliders(s)) {
+        if (k < SWITCHES_MOST && correct_sliders(s)) {
             rc = begin_step(s, t, y, err);
             continue;
         }
         rc = events_find(s->ports, s->collocation, t, step, s->knots, s->phi, s->memory, s->quiet,
-                         s->blur, s->hold, cut ? 1.2 : 1, &event, err);
+                         s->blur, s->hold, cut ? PAST_END : 1, &event, err);
         if (rc == MODAL_OK && event.law >= 0 && stuck(&s->ports->law[event.law])
             && fabs(event.theta - 1) < NEAR)
             rc = refine_release(s, map, t, event.law, &event.theta, err);
         /* a turning point is known to the root of rounding only */
         double off = fabs(event.theta - 1);
-        if (rc != MODAL_OK || event.law < 0 || off < 1e-10 || (k >= 4 && off < 1e-6)
+        if (rc != MODAL_OK || event.law < 0 || off < AGREED || (k >= TURNING_CUTS && off < TURNING)
             || k + 1 == CUTS_MOST)
             break;
         cut = true;
-        step = fmin(step * event.theta, *h);
+        step = fmin(step * event.theta, *h);  /* the event becomes the step's end */
     }
     if (rc != MODAL_OK)
         return rc;
     s->missed = converged ? miss(s, map) : HUGE_VAL;
     if (s->missed > s->opt.tolerance) {
         s->face.rejected++;
-        *h = step / 2;
+        *h = step / 2;  /* maps are kept by length: halves come again */
         return MODAL_OK;
     }
     rc = accept(s, map, t, y, err);
     *taken = map->h;
     if (rc == MODAL_OK && s->opt.accepted != NULL)
         s->opt.accepted(s->opt.watcher, t, map->h, s->y, s->ports);
-    if (rc == MODAL_OK && event.law >= 0 && fabs(event.theta - 1) < 1e-6)
-        switch_slider(s, event.law);
+    if (rc == MODAL_OK && event.law >= 0 && fabs(event.theta - 1) < TURNING)
+        switch_slider(s, event.law);  /* only where the step really ends at the event */
     return rc;
 }
 
@@ -472,10 +506,10 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
     int tiny = 0;
     enum modal_status rc = MODAL_OK;
 
-    while (done < h * (1 - 1e-14) && rc == MODAL_OK) {
+    while (done < h * (1 - WHOLE) && rc == MODAL_OK) {
         double size = ldexp(s->opt.dt, -s->level), left = h - done,
-               step = left < size * (1 + 1e-9) ? left : size, asked = step, taken;
-        if (s->opt.cancelled != NULL && s->face.steps % 1024 == 0
+               step = left < size * (1 + TINY) ? left : size, asked = step, taken;
+        if (s->opt.cancelled != NULL && s->face.steps % ASK_EVERY == 0
             && s->opt.cancelled(s->opt.context))
             return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", t + done);
         if (s->face.steps + s->face.rejected - before > STEPS_MOST || stalled > STALLED_MOST)
@@ -489,11 +523,11 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
         if (rc != MODAL_OK)
             return rc;
         done += taken;
-        stalled = taken < 1e-12 * s->opt.dt ? stalled + 1 : 0;
-        tiny = taken > 0 && taken < 1e-9 * asked ? tiny + 1 : taken > 0 ? 0 : tiny;
-        s->blind = tiny > 4;
+        stalled = taken < STALL * s->opt.dt ? stalled + 1 : 0;
+        tiny = taken > 0 && taken < TINY * asked ? tiny + 1 : taken > 0 ? 0 : tiny;
+        s->blind = tiny > TINY_MOST;  /* caught and let go at one place: step past it */
         if (taken == 0) {
-            while (s->level < LEVELS && ldexp(s->opt.dt, -s->level) > step * 1.001)
+            while (s->level < LEVELS && ldexp(s->opt.dt, -s->level) > step * UP_TO_ROUNDING)
                 s->level++;
             s->calm = 0;
             if (s->level >= LEVELS)
@@ -501,13 +535,14 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
                                   "steps of %g s at t = %.9g s still miss the tolerance %g", step,
                                   t + done, s->opt.tolerance);
         } else if (taken == asked && asked == size) {
-            s->calm++;
-            if (s->level > 0 && s->calm >= 2 && s->missed < s->opt.tolerance / 64) {
+            s->calm++;  /* full steps alone count */
+            if (s->level > 0 && s->calm >= CALM_STEPS
+                && s->missed < s->opt.tolerance / ORDER_GAIN) {
                 s->level--;
                 s->calm = 0;
             }
         }
-        if (!(norm(y, s->ss->N) < 1e300))
+        if (!(norm(y, s->ss->N) < LOST))
             return modal_fail(err, MODAL_OVERFLOW, "overflow");
     }
     return rc;
@@ -520,6 +555,7 @@ static enum modal_status remember(struct nonlinear_stepper *s, double t, const d
     int m = s->ports->channels;
     enum modal_status rc;
 
+    /* the oldest falls out */
     memmove(s->past + m, s->past, (size_t)(PAST - 1) * (size_t)m * sizeof *s->past);
     probe(s, y, s->probes);
     rc = ports_force(s->ports, t, s->probes, s->started ? s->probe0 : s->probes, s->memory, s->past,
@@ -573,7 +609,8 @@ static enum modal_status start(struct nonlinear_stepper *s, double t, const doub
     for (int l = 0; l < p->laws; l++)
         if (p->law[l].law->kind->set_valued)
             s->scale = fmax(s->scale,
-                            1e-3 * p->law[l].law->limit * s->weight[p->law[l].channel] * s->opt.dt);
+                            REST_SHARE * p->law[l].law->limit * s->weight[p->law[l].channel]
+                                * s->opt.dt);
     probe(s, y, s->probe0);
     if (s->sequential) {
         for (int l = 0; l < p->laws; l++)
@@ -599,7 +636,8 @@ static void release_sliders(struct nonlinear_stepper *s, const double *y)
     for (int l = 0; l < p->laws; l++) {
         double rate = s->probe0[p->probes + p->law[l].channel];
         if (p->law[l].law->kind->set_valued
-            && fabs(rate) > 1e-9 * fmax(norm(y, s->ss->N), s->scale) * s->weight[p->law[l].channel])
+            && fabs(rate) > AT_REST * fmax(norm(y, s->ss->N), s->scale)
+                                * s->weight[p->law[l].channel])
             p->law[l].held = rate > 0 ? 1 : -1;
     }
 }

@@ -45,6 +45,7 @@ enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_er
     g->x = fftw_alloc_real((size_t)N);
     g->X = fftw_alloc_complex((size_t)N / 2 + 1);
     if (g->x != NULL && g->X != NULL) {
+        /* ESTIMATE: the same plan, and digits, on every run */
         g->to_time = fftw_plan_dft_c2r_1d(N, g->X, g->x, FFTW_ESTIMATE);
         g->to_harmonics = fftw_plan_dft_r2c_1d(N, g->x, g->X, FFTW_ESTIMATE);
     }
@@ -85,8 +86,8 @@ void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int 
     memset(g->X, 0, (size_t)(g->N / 2 + 1) * sizeof *g->X);
     if (derivative == 0)
         g->X[0] = creal(X[0]);
-    for (int k = 1; k <= H && 2 * k < g->N; k++) {
-        double complex c = X[k] / 2;
+    for (int k = 1; k <= H && 2 * k < g->N; k++) {  /* past N/2 a harmonic would fold */
+        double complex c = X[k] / 2;  /* one-sided (1) into FFTW's two sides */
 
         if (derivative >= 1)
             c *= I * k;
@@ -104,9 +105,9 @@ void orbit_analyze(struct orbit_grid *g, const double *x, int H, double complex 
     memcpy(g->x, x, (size_t)g->N * sizeof *x);
     fftw_execute(g->to_harmonics);
     g->transforms++;
-    X[0] = creal(g->X[0]) / g->N;
+    X[0] = creal(g->X[0]) / g->N;  /* c_0 = 1 */
     for (int k = 1; k <= H; k++)
-        X[k] = 2 * k < g->N ? g->X[k] * (2.0 / g->N) : 0;
+        X[k] = 2 * k < g->N ? g->X[k] * (2.0 / g->N) : 0;  /* c_k = 2 */
 }
 
 void orbit_analyze_gain(struct orbit_grid *g, const double *x, int M, double complex *G)
@@ -117,7 +118,7 @@ void orbit_analyze_gain(struct orbit_grid *g, const double *x, int M, double com
     fftw_execute(g->to_harmonics);
     g->transforms++;
     for (int m = 0; m <= M; m++) {
-        int r = m % N;
+        int r = m % N;  /* period N in m */
 
         G[m] = (2 * r <= N ? g->X[r] : conj(g->X[N - r])) / N;
     }
@@ -129,7 +130,7 @@ enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *
     o->H = H;
     o->N = N;
     o->turns = -1;
-    o->D = calloc((size_t)H + 2, sizeof *o->D);
+    o->D = calloc((size_t)H + 2, sizeof *o->D);  /* D[top + 1] = 0: see orbit_at */
     o->d = calloc((size_t)N, sizeof *o->d);
     o->v = calloc((size_t)N, sizeof *o->v);
     if (o->D != NULL && o->d != NULL && o->v != NULL)
@@ -182,6 +183,7 @@ static pair both(double x) { return (pair) { x, x }; }
 void orbit_at(const struct orbit *o, double theta, double out[3])
 {
     double c = cos(theta), s = sin(theta);
+    /* z^2 */
     pair C = both(c * c - s * s), T = both(2 * c * s), r0 = both(0), i0 = r0, r1 = r0, i1 = r0,
          r2 = r0, i2 = r0, k = { o->top & ~1, o->top | 1 };
 
@@ -200,22 +202,23 @@ void orbit_at(const struct orbit *o, double theta, double out[3])
         i2 = r2 * T + i2 * C + k * im;
         r2 = t;
     }
-    out[0] = r0[0] + (c * r0[1] - s * i0[1]);
-    out[1] = -(i1[0] + (c * i1[1] + s * r1[1]));
-    out[2] = -(r2[0] + (c * r2[1] - s * i2[1]));
+    out[0] = r0[0] + (c * r0[1] - s * i0[1]);  /* even + z odd, real part: (1) */
+    out[1] = -(i1[0] + (c * i1[1] + s * r1[1]));  /* i k D_k: the imaginary part, negative */
+    out[2] = -(r2[0] + (c * r2[1] - s * i2[1]));  /* -k^2 D_k */
 }
 
 /* Where in (0, 1) the cubic of values Y0 < 0 < Y1 (or the other way), slopes M0 and M1, is 0: a
  * guess, by Newton's method from the secant. */
 static double cubic_root(double y0, double y1, double m0, double m1)
 {
+    /* the secant's root */
     double c = 3 * (y1 - y0) - 2 * m0 - m1, e = m0 + m1 - 2 * (y1 - y0), s = y0 / (y0 - y1);
 
     for (int i = 0; i < 2; i++) {
         double slope = m0 + s * (2 * c + s * 3 * e),
                next = s - (y0 + s * (m0 + s * (c + s * e))) / slope;
 
-        if (!(next > 0 && next < 1))
+        if (!(next > 0 && next < 1))  /* a guess out of the bracket is none */
             break;
         s = next;
     }
@@ -231,7 +234,7 @@ static double root_step(const double at[3], int order, double level, bool *last)
            bend = order == 0 ? 0.5 * step * at[2] / at[1] : 0;
 
     *last = fabs(step) < (order == 0 && fabs(bend) < STRAIGHT ? CUBIC_STEP : ROOT_STEP);
-    return fabs(bend) < 0.5 ? step / (1 + bend) : step;
+    return fabs(bend) < 0.5 ? step / (1 + bend) : step;  /* far off, Newton's step alone */
 }
 
 /* The root of the order-th derivative (0 or 1) - level in [a, b], where it changes sign; starts
@@ -249,20 +252,21 @@ static double polish(const struct orbit *o, int order, double level, double a, d
         step = 0;
         if (at[order] == level)
             break;
-        if ((at[order] > level) == rising)
+        if ((at[order] > level) == rising)  /* the bracket shrinks to this side */
             b = theta;
         else
             a = theta;
         step = root_step(at, order, level, &last);
         next = theta + step;
         if (!(next >= a && next <= b)) {
-            next = 0.5 * (a + b);
+            next = 0.5 * (a + b);  /* bisection where the step leaves it */
             step = next - theta;
             last = fabs(step) < ROOT_STEP;
         }
         theta = next;
     }
     if (d != NULL)
+        /* d where the last step ended, without a further sum */
         *d = at[0] + step * (at[1] + 0.5 * step * at[2]);
     return theta;
 }
@@ -303,6 +307,7 @@ static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error
 {
     double h = TWO_PI / o->N, p = o->v[(j + o->N - 1) % o->N], q = o->v[j],
            r = o->v[(j + 1) % o->N];
+    /* vertex of the parabola through three rates */
     double bend = p - 2 * q + r, shift = bend != 0 ? 0.5 * (p - r) / bend : 0,
            theta = h * (j + shift), at[3], slope;
     enum modal_status rc;
@@ -312,7 +317,7 @@ static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error
         > 0.5 * fabs(q) + 0.25 * fabs(bend))
         return MODAL_OK;
     orbit_at(o, theta, at);
-    slope = bend / (h * h);
+    slope = bend / (h * h);  /* of the rate's slope, by differences */
     /* to the rate's extremum, by chords */
     for (int i = 0; i < 4 && slope != 0 && (at[1] > 0) == positive; i++) {
         double next = theta - at[2] / slope;
@@ -357,11 +362,12 @@ enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
             int had = o->turns;
 
             rc = hidden_turns(o, j, err);
-            sort |= o->turns != had;
+            sort |= o->turns != had;  /* found out of order */
         }
     }
     for (int i = 0; i < o->turns; i++)
         if (o->turn[i].theta >= TWO_PI || o->turn[i].theta < 0) {
+            /* polished across the period's end */
             o->turn[i].theta -= TWO_PI * floor(o->turn[i].theta / TWO_PI);
             sort = true;
         }
@@ -398,7 +404,7 @@ double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit
         }
     }
     h = to.theta - from.theta;
-    if (!(h > 0))
+    if (!(h > 0))  /* two ends in one place: a sample at the level */
         return from.theta;
     return polish(o, 0, level, from.theta, to.theta,
                   from.theta + h * cubic_root(from.d - level, to.d - level, h * from.v, h * to.v),
@@ -430,6 +436,7 @@ int orbit_crossings(const struct orbit *o, double level, double *theta, int most
     if (wrapped) {                              /* at most one branch reaches past 2 pi */
         double last = theta[count - 1] - TWO_PI;
 
+        /* the last becomes the first: ascending in [0, 2 pi) */
         memmove(theta + 1, theta, (size_t)(count - 1) * sizeof *theta);
         theta[0] = last;
     }

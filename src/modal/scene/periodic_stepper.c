@@ -13,7 +13,14 @@
 #include "modal/scene/magnus.h"
 #include "modal/scene/stepper.h"
 
-enum { PERIODS_MOST = 64, KEPT_DOUBLES_MOST = 30000000 };
+enum {
+    /* r: a dt of so odd a share of the period is mapped as it comes */
+    PERIODS_MOST = 64,
+    KEPT_DOUBLES_MOST = 30000000,     /* 240 MB of maps: a quarter of what a worker may have */
+};
+static const double DIVIDES = 1e-10;  /* relative: r T over dt is whole, both of some ten digits */
+/* of a step: t is a sum of steps, and off by their rounding */
+static const double ON_GRID = 1e-9;
 
 struct periodic_stepper {
     struct stepper face;
@@ -48,8 +55,8 @@ static void choose_slots(struct periodic_stepper *s)
     double T = period_of(s->ss);
 
     for (int r = 1; r <= PERIODS_MOST && s->dt > 0; r++) {
-        double q = r * T / s->dt;
-        if (q < 0.5 || fabs(q - round(q)) > 1e-10 * q)
+        double q = r * T / s->dt;  /* steps in r periods */
+        if (q < 0.5 || fabs(q - round(q)) > DIVIDES * q)
             continue;
         if (round(q) * s->ss->N * s->magnus->size > KEPT_DOUBLES_MOST)
             return;
@@ -66,9 +73,9 @@ static int slot_of(struct periodic_stepper *s, double t, double h)
     if (s->slots == 0 || h != s->dt)
         return -1;
     if (s->origin < 0)
-        s->origin = t;
+        s->origin = t;  /* slots count from the first full step */
     double phase = (t - s->origin) / s->dt, whole = round(phase);
-    if (fabs(phase - whole) > 1e-9 * fmax(1, fabs(phase)) || whole < 0)
+    if (fabs(phase - whole) > ON_GRID * fmax(1, fabs(phase)) || whole < 0)
         return -1;
     return (int)fmod(whole, s->slots);
 }
@@ -81,9 +88,11 @@ static enum modal_status compute(struct periodic_stepper *s, double t, double h,
     double error;
     enum modal_status rc;
 
+    /* begin low: maps of the next place may need fewer */
     s->substeps = s->substeps > 3 ? s->substeps / 4 : 1;
     rc = magnus_converge(s->magnus, t, h, s->tolerance, &s->substeps, s->map, &error, err);
     for (size_t j = 0; rc == MODAL_OK && j < size; j++)
+        /* the sources' own rows are known in closed form */
         memcpy(out + j * N, s->map + j * size, N * sizeof *out);
     s->face.maps++;
     return rc;

@@ -25,6 +25,7 @@ static int touched(const struct program *p, int *index)
                 part < 3 ? &p->harmonic[h].cosine[part] : &p->harmonic[h].sine[part - 3];
             for (int i = 0; i < a->m; i++)
                 for (int k = a->start[i]; k < a->start[i + 1]; k++)
+                    /* row and column: it is looked at and pushed */
                     index[i] = index[a->index[k]] = 0;
         }
     for (int i = 0; i < p->n; i++)
@@ -80,11 +81,12 @@ static void connect(struct ports *p, int c, int dof, int to)
         if (ends[e] < 0)
             continue;
         for (size_t i = 0; i < N; i++)
+            /* a law's force resists */
             p->U[i + (size_t)c * N] -= sign * ss->B[i + (size_t)ends[e] * N];
         for (size_t j = 0; j < n; j++) {
             double phi = sign * ss->phi[(size_t)ends[e] + j * n];
-            p->R[(size_t)c + j * r] += phi / ss->s[j];
-            p->R[(size_t)(p->probes + c) + (n + j) * r] += phi;
+            p->R[(size_t)c + j * r] += phi / ss->s[j];  /* y_1 = s q */
+            p->R[(size_t)(p->probes + c) + (n + j) * r] += phi;  /* y_2 = q' */
         }
     }
 }
@@ -98,7 +100,7 @@ static enum modal_status fill(struct ports *p, const int *index, struct modal_er
     for (int i = 0; i < program->laws; i++) {
         const struct law *law = &program->law[i];
         p->law[i] = (struct port_law) { .law = law, .channel = channel, .memory = p->memory };
-        p->memory += law->memory;
+        p->memory += law->memory;  /* places one after the other */
         for (int k = 0; k < law->kind->inputs; k++)
             connect(p, channel++, law->dof[k], law->to[k]);
         if (law->memory > LAW_MEMORY_MOST)
@@ -125,7 +127,7 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out,
         p->laws = program->laws;
         for (int i = 0; i < program->laws; i++)
             p->inputs += program->law[i].kind->inputs;
-        p->rows = touched(program, index);
+        p->rows = touched(program, index);  /* before room is made: channels depend on it */
         p->channels = p->probes = p->inputs + p->rows;
         p->law = calloc((size_t)p->laws + 1, sizeof *p->law);
         p->U = calloc((size_t)ss->N * (size_t)p->channels + 1, sizeof *p->U);
@@ -187,7 +189,7 @@ static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
     enum modal_status rc;
 
     if (l->law->kind->set_valued) {
-        force[c] = l->held * l->law->limit;
+        force[c] = l->held * l->law->limit;  /* +-limit where it slips, 0 where it sticks */
         l->acted = l->acted || l->held != 0;
         return MODAL_OK;
     }
@@ -200,7 +202,7 @@ static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
             slope[(size_t)(c + i) + (size_t)(q + c + j) * (size_t)p->channels] = f.fv[i][j];
         }
     }
-    if (after != NULL)
+    if (after != NULL)  /* at the step's end, not at every iterate */
         l->acted = l->acted || f.acts;
     return rc;
 }
@@ -212,6 +214,7 @@ static void pulsating_part(struct ports *p, double t, const double *probe, doubl
     int q = p->probes, rows = p->rows;
 
     for (int h = 0; h < p->ss->p->harmonics; h++) {
+        /* (3) of program.h, by k Omega t */
         double theta = p->harmonic[h].k * p->ss->p->omega * t, c = cos(theta), s = sin(theta);
         for (int j = 0; j < rows; j++)
             for (int i = 0; i < rows; i++) {

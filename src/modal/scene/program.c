@@ -11,13 +11,13 @@
 #include <string.h>
 #include "base/sha256.h"
 
-/* Numbers enter the hash in eight bytes, least first, on every machine. */
+/* Eight bytes, as they lie: hosts are little-endian (see the opening). */
 static void add_int(struct sha256 *s, int64_t x)
 {
     sha256_add(s, &x, sizeof x);
 }
 
-/* By their bits: two programs of one hash are equal to the last. */
+/* By their bits, but that -0 is 0: programs of one hash step alike to the last of them. */
 static void add_doubles(struct sha256 *s, const double *x, int count)
 {
     add_int(s, count);

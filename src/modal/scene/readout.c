@@ -35,7 +35,7 @@ static void add_term(struct readout *r, int row, int quantity, const struct trip
     }
     for (int j = 0; j < n; j++) {
         int column = quantity == 2 ? ss->N + j : start[quantity] * n + j;
-        double phi = ss->phi[term->j + (size_t)j * (size_t)n];
+        double phi = ss->phi[term->j + (size_t)j * (size_t)n];  /* x = Phi q, q = y_1 / s */
         R[row + (size_t)column * (size_t)r->channels] +=
             term->value * phi / (quantity == 0 ? ss->s[j] : 1);
     }
@@ -49,7 +49,7 @@ static enum modal_status fill(struct readout *r, struct modal_error *err)
     for (int row = 0; row < p->outputs; row++)
         for (int k = 0; k < p->output[row].count; k++) {
             const struct triplet *term = &p->output[row].terms[k];
-            int turn = term->i / 4, quantity = term->i % 4;
+            int turn = term->i / 4, quantity = term->i % 4;  /* program_output.terms */
             if (r->R[turn] == NULL
                 && (r->R[turn] = calloc((size_t)r->channels * (size_t)r->width, sizeof *r->R[turn]))
                        == NULL)
@@ -109,7 +109,7 @@ void readout_at(struct readout *r, double t, const double *y, const double *F, d
             A = r->A;
         }
         for (int i = 0; i < n; i++)
-            r->e[N + i] = F != NULL ? F[n + i] : 0;
+            r->e[N + i] = F != NULL ? F[n + i] : 0;  /* q'' = A y + F, rows n .. 2 n - 1 */
         cblas_dgemv(CblasColMajor, CblasNoTrans, n, N, 1, A + n, N, y, 1, 1, r->e + N, 1);
     }
     memset(out, 0, (size_t)r->channels * sizeof *out);

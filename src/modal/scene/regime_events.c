@@ -22,6 +22,9 @@ enum { S = COLLOCATION_STAGES, KNOTS = S + 1, TERMS = 2 * KNOTS, INPUTS = LAW_IN
 static const double GRID[] = { 1e-4, 0.04, 0.09, 0.16, 0.25, 0.35, 0.45, 0.55,
                                0.65, 0.75, 0.84, 0.92, 1.0,  1.1,  1.2 };
 enum { POINTS = sizeof GRID / sizeof *GRID };
+enum { BISECTIONS = 60 };                      /* of a step: down to one unit in the last place */
+static const double APART = 1e-14;             /* of a step: closer, theta is rounding */
+static const double MOMENT = 2e-5;             /* of a step: a fifth of the first grid point */
 
 struct view {                    /* one law over one step */
     struct ports *p;
@@ -47,7 +50,7 @@ static void interpolate(struct view *view, int input, const double *knots)
     const double *node = collocation_nodes(view->c);
 
     for (int i = 0; i < TERMS; i++) {
-        view->x[i] = i < 2 ? 0 : node[i / 2 - 1];
+        view->x[i] = i < 2 ? 0 : node[i / 2 - 1];  /* doubled knots: values and slopes */
         difference[i] = knots[(size_t)(i / 2) * 2 * (size_t)q + (size_t)at];
     }
     a[0] = difference[0];
@@ -58,7 +61,7 @@ static void interpolate(struct view *view, int input, const double *knots)
                 width == 0 ? view->h * knots[(size_t)(i / 2) * 2 * (size_t)q + (size_t)(q + at)]
                            : (difference[i + 1] - difference[i]) / width;
         }
-        a[order] = difference[0];
+        a[order] = difference[0];  /* Newton's coefficient */
     }
     view->start[input] = knots[at];
 }
@@ -69,11 +72,12 @@ static void motion(const struct view *view, double theta, double *d, double *v)
     for (int i = 0; i < view->law->law->kind->inputs; i++) {
         double value = view->a[i][TERMS - 1], slope = 0;
         for (int k = TERMS - 2; k >= 0; k--) {
+            /* before value: Horner with its derivative */
             slope = slope * (theta - view->x[k]) + value;
             value = value * (theta - view->x[k]) + view->a[i][k];
         }
         d[i] = value;
-        v[i] = slope / view->h;
+        v[i] = slope / view->h;  /* per second */
     }
 }
 
@@ -93,7 +97,7 @@ static enum modal_status set_valued_piece(const struct view *view, double theta,
         force +=
             l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
     force += view->shift * (1 - theta);
-    *piece = force > limit ? 1 : force < -limit ? -1 : 0;
+    *piece = force > limit ? 1 : force < -limit ? -1 : 0;  /* which way it will slip */
     return MODAL_OK;
 }
 
@@ -102,7 +106,7 @@ static enum modal_status piece_at(const struct view *view, double theta, int *pi
                                   struct modal_error *err)
 {
     double d[INPUTS], v[INPUTS], before[INPUTS], turned[1024], unused[1024],
-        moment = 2e-5 * view->h;
+        moment = MOMENT * view->h;
     double t = view->t + theta * view->h;
     int regime;
     enum modal_status rc;
@@ -114,7 +118,7 @@ static enum modal_status piece_at(const struct view *view, double theta, int *pi
         return ports_law(view->p, view->index, t, d, v, view->start, view->memory, unused, piece,
                          err);
     for (int i = 0; i < view->law->law->kind->inputs; i++)
-        before[i] = d[i] - moment * v[i];
+        before[i] = d[i] - moment * v[i];  /* taken back along the rate */
     rc = ports_law(view->p, view->index, t, before, v, view->start, view->memory, turned, &regime,
                    err);
     if (rc == MODAL_OK)
@@ -128,7 +132,7 @@ static enum modal_status bisect(const struct view *view, int piece, double low, 
 {
     enum modal_status rc = MODAL_OK;
 
-    for (int i = 0; i < 60 && high - low > 1e-14 && rc == MODAL_OK; i++) {
+    for (int i = 0; i < BISECTIONS && high - low > APART && rc == MODAL_OK; i++) {
         double middle = (low + high) / 2;
         int now;
         rc = piece_at(view, middle, &now, err);
@@ -137,7 +141,7 @@ static enum modal_status bisect(const struct view *view, int piece, double low, 
         else
             high = middle;
     }
-    *theta = high;
+    *theta = high;  /* out of the piece: the step ends past it, by rounding */
     return rc;
 }
 
@@ -169,13 +173,13 @@ static enum modal_status find_in_set_valued(struct view *view, double limit, dou
 
         motion(view, 0, d, v);
         seen = v[0] * view->law->held > view->quiet;
-        view->quiet += seen ? 0 : view->blur;
+        view->quiet += seen ? 0 : view->blur;  /* just loose: its rate is a small difference */
     }
     for (int i = 0; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
         rc = set_valued_piece(view, GRID[i], &now);
         if (rc == MODAL_OK && now != own && seen)
             return bisect(view, own, low, GRID[i], theta, err);
-        seen |= now == own;
+        seen |= now == own;  /* it cannot leave what it was not seen in */
         low = GRID[i];
     }
     return rc;
@@ -221,6 +225,7 @@ enum modal_status events_find(struct ports *p, const struct collocation *c, doub
                              .quiet = quiet[p->law[i].channel],
                              .blur = blur[p->law[i].channel] / h };
         double theta;
+        /* no events, or not to be asked twice */
         if (law->kind->smooth || law->kind->restart != NULL)
             continue;
         for (int k = 0; k < law->kind->inputs; k++)

@@ -18,6 +18,8 @@
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
 
+static const double LOST = 1e300;      /* past it sums of squares overflow */
+
 struct rk4_stepper {
     struct stepper face;
     const struct statespace *ss;
@@ -100,7 +102,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     for (int k = 0; k < steps && rc == MODAL_OK; k++) {
         rc = one_step(s, t + k * (h / steps), h / steps, y, err);
         face->steps++;
-        if (!(fabs(y[cblas_idamax(s->ss->N, y, 1)]) < 1e300))
+        if (!(fabs(y[cblas_idamax(s->ss->N, y, 1)]) < LOST))
             return modal_fail(err, MODAL_OVERFLOW, "overflow");
     }
     return rc;

@@ -73,7 +73,7 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
     scene_keys_free(l->structure->keys, values);
     free(values);
     for (int i = 0; i < 3; i++)
-        l->structural[i] = l->constant[i].count;
+        l->structural[i] = l->constant[i].count;  /* damping of the structure reads up to here */
     return rc;
 }
 
@@ -170,7 +170,7 @@ static enum modal_status lower_effect(struct lowering *l,
     struct program_effect *row = &l->p->effect[l->p->effects];
     const struct scene_effect_kind *kind = NULL;
     const char *type = NULL;
-    int before = written(l), laws = l->p->laws;
+    int before = written(l), laws = l->p->laws;  /* an effect that writes nothing is not active */
     enum modal_status rc;
 
     snprintf(path, sizeof path, "effects[%d]", position);
@@ -309,6 +309,7 @@ static enum modal_status dof_sensor(struct lowering *l, const cJSON *json, const
         rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the ground does not move", where);
     if (rc != MODAL_OK)
         return rc;
+    /* the channel's name where the scene gives none */
     snprintf(text, sizeof text, "%s%s", l->p->dofs[s.dof], lowering_suffix[s.derivative]);
     lowering_add_term(l, out, s.derivative, s.dof, 1);
     return (out->name = strdup(s.name != NULL ? s.name : text)) != NULL ? MODAL_OK : no_memory(err);
@@ -443,6 +444,7 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
 
     for (int i = 0; i < M->m; i++)
         for (int k = M->start[i]; k < M->start[i + 1]; k++)
+            /* half the bandwidth */
             b = M->index[k] > i && M->index[k] - i > b ? M->index[k] - i : b;
     if ((band = calloc((size_t)(b + 1) * (size_t)p->n, sizeof *band)) == NULL)
         return no_memory(err);
@@ -452,6 +454,7 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
             if (M->index[k] >= i)
                 band[(size_t)(b + i - M->index[k]) + (size_t)M->index[k] * (size_t)(b + 1)] =
                     M->value[k];
+    /* fails at the first minor that is not positive */
     info = LAPACKE_dpbtrf(LAPACK_COL_MAJOR, 'U', p->n, b, band, b + 1);
     free(band);
     if (info == 0)

@@ -57,7 +57,7 @@ static enum modal_status read_value(const struct lowering *l, const cJSON *json,
 
     switch (key->type) {
     case SCENE_NUMBER:
-        *(double *)to = key->standard;
+        *(double *)to = key->standard;  /* json_get_number leaves it where the key is absent */
         return json_get_number(json, path, key->name, key->low, key->high, to, err);
     case SCENE_WHOLE:
         *(int *)to = (int)key->standard;
@@ -108,7 +108,7 @@ static enum modal_status check_names(const cJSON *json, const char *path,
 
     for (; *tables != NULL; tables++)
         for (const struct scene_key *key = *tables; key->name != NULL && count < KEYS_MOST; key++)
-            names[count++] = key->name;
+            names[count++] = key->name;  /* for the message: it lists and suggests them */
     return json_keys(json, path, names, err);
 }
 

@@ -18,6 +18,9 @@
 enum { ASK_EVERY = 4096, START_MOST = 100000 };
 static const double LIMIT = 1e300;             /* on the state: past it sums of squares overflow */
 
+/* of dt: a corner so near a sample is the sample's */
+static const double BESIDE = 1e-12;
+
 struct motion {
     struct statespace *ss;
     struct sources *src;
@@ -102,7 +105,7 @@ static void pass_corners(struct motion *m, double t)
 {
     const struct sources *src = m->src;
 
-    while (m->corner < src->corners && src->corner[m->corner].t <= t + 1e-12 * m->dt) {
+    while (m->corner < src->corners && src->corner[m->corner].t <= t + BESIDE * m->dt) {
         const struct source_corner *c = &src->corner[m->corner++];
         /* what holds from the corner on is asked at its own time */
         m->t = fmax(m->t, c->t);
@@ -117,26 +120,26 @@ static enum modal_status move_to(struct motion *m, double t, double step, struct
 {
     bool whole = true;
 
-    while (m->corner < m->src->corners && m->src->corner[m->corner].t < t - 1e-12 * m->dt) {
+    while (m->corner < m->src->corners && m->src->corner[m->corner].t < t - BESIDE * m->dt) {
         double at = m->src->corner[m->corner].t;
         enum modal_status rc = at > m->t ? advance(m, at - m->t, err) : MODAL_OK;
         if (rc != MODAL_OK)
             return rc;
         m->t = at;
         pass_corners(m, at);
-        whole = false;
+        whole = false;  /* what is left is no whole step: its map is of its own */
     }
     if (t > m->t) {
         enum modal_status rc = advance(m, whole ? step : t - m->t, err);
         if (rc != MODAL_OK)
             return rc;
-        m->t = t;
+        m->t = t;  /* not m->t + h: samples are at their own times */
     }
     pass_corners(m, t);
     return MODAL_OK;
 }
 
-/* One row of the record; forces are asked for only where a channel reads accelerations. */
+/* One row of the record; what loads and laws add is part of its accelerations. */
 static enum modal_status read_sample(struct motion *m, double *out, struct modal_error *err)
 {
     enum modal_status rc = m->stepper->force(m->stepper, m->t, m->y, m->F, err);

@@ -38,12 +38,12 @@ static double shape_of(const struct program *p, const struct program_load *load,
         weight[1] = load->sine;
         return load->k * p->omega;
     case LOAD_HALF_SINE:
-        weight[1] = load->amplitude;
+        weight[1] = load->amplitude;  /* a sin: w_2 */
         return M_PI / load->duration;
     case LOAD_ONE_MINUS_COSINE:
-        *oscillator = 1;
+        *oscillator = 1;  /* after the constant */
         weight[0] = load->amplitude;
-        weight[1] = -load->amplitude;
+        weight[1] = -load->amplitude;  /* -a cos: 1 - cos needs w_1 too */
         return 2 * M_PI / load->duration;
     case LOAD_STEP:
         weight[0] = load->amplitude;
@@ -73,16 +73,16 @@ static void fill(struct sources *s, const struct program_load *load, int first, 
     for (int copy = 0; copy < copies; copy++) {
         int row = first + copy * count, dof = copy == 0 ? load->dof : load->dof_sine;
         if (b != 0 && count >= at + 2) {
-            set(s->S, s->nw, row + at, row + at + 1, -b);
-            set(s->S, s->nw, row + at + 1, row + at, b);
+            set(s->S, s->nw, row + at, row + at + 1, -b);  /* cos' = -b sin */
+            set(s->S, s->nw, row + at + 1, row + at, b);  /* sin' = b cos */
         }
         if (load->type == LOAD_TABLE)
-            set(s->S, s->nw, row, row + 1, 1);
+            set(s->S, s->nw, row, row + 1, 1);  /* f' of a line */
         for (int i = 0; i < count; i++)
             set(s->P, s->n, dof, row + i, weight[i] * (copy == 0 ? 1 : load->turn));
     }
     for (int i = 0; copies == 2 && i < count; i++) {
-        set(s->S, s->nw, first + i, first + count + i, -W);
+        set(s->S, s->nw, first + i, first + count + i, -W);  /* [S, -W; W, S] */
         set(s->S, s->nw, first + count + i, first + i, W);
     }
     s->block[s->blocks++] = (struct source_block) { first, copies * count };
@@ -101,7 +101,7 @@ static void add_corners(struct sources *s, const struct program_load *load)
     double W = s->p->frame_speed;
 
     if (load->type == LOAD_IMPULSE) {
-        double turn = load->dof_sine >= 0 ? W * load->start : 0;
+        double turn = load->dof_sine >= 0 ? W * load->start : 0;  /* where the axes are by then */
         add_corner(s, load->start, load->dof, load->amplitude * cos(turn));
         if (load->dof_sine >= 0)
             add_corner(s, load->start, load->dof_sine, load->turn * load->amplitude * sin(turn));
@@ -185,7 +185,7 @@ static void table_at(const struct program_load *load, double t, double w[2])
     if (!(t >= load->start + load->time[0]) || t >= load->start + load->time[high])
         return;
     while (high - low > 1) {
-        int middle = (low + high) / 2;
+        int middle = (low + high) / 2;  /* ascending points */
         if (t >= load->start + load->time[middle])
             low = middle;
         else
@@ -230,7 +230,7 @@ void sources_at(const struct sources *s, double t, double *w)
             continue;
         load_at(s->p, load, t, row);
         for (int k = 0; load->dof_sine >= 0 && k < count; k++) {
-            row[count + k] = row[k] * d;
+            row[count + k] = row[k] * d;  /* w sin theta, before row[k] is turned */
             row[k] *= c;
         }
     }

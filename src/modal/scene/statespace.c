@@ -65,6 +65,7 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
         for (int i = 0; i < j; i++)
             ss->phi[i + (size_t)j * (size_t)n] =
                 (ss->phi[i + (size_t)j * (size_t)n] + ss->phi[j + (size_t)i * (size_t)n]) / 2;
+    /* Phi^T M Phi = 1, ascending w^2 */
     info = LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'U', n, ss->phi, n, M, n, ss->s);
     free(M);
     if (info != 0)
@@ -73,7 +74,7 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
     for (int i = 0; i < n; i++)
         largest = fmax(largest, sqrt(fabs(ss->s[i])));
     for (int i = 0; i < n; i++)
-        ss->s[i] = largest > 0 ? fmax(sqrt(fabs(ss->s[i])), 1e-7 * largest) : 1;
+        ss->s[i] = largest > 0 ? fmax(sqrt(fabs(ss->s[i])), STATESPACE_RIGID * largest) : 1;
     return MODAL_OK;
 }
 
@@ -88,8 +89,9 @@ static enum modal_status add_second_order(const struct statespace *ss, const str
 
     for (int j = 0; k != NULL && j < n; j++)
         for (int i = 0; i < n; i++) {
+            /* (2) */
             A[(size_t)(n + i) + (size_t)j * N] -= k[i + (size_t)j * (size_t)n] / ss->s[j];
-            A[(size_t)(n + i) + (size_t)(n + j) * N] -= c[i + (size_t)j * (size_t)n];
+            A[(size_t)(n + i) + (size_t)(n + j) * N] -= c[i + (size_t)j * (size_t)n];  /* (2) */
         }
     free(c);
     free(k);
@@ -134,7 +136,7 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
         free(pivot);
         return no_memory(err);
     }
-    add_force_of_states(ss, ss->A);
+    add_force_of_states(ss, ss->A);  /* Phi^T F z of (2) */
     struct matrix az = { nz, nz, N, ss->A + 2 * n + 2 * (size_t)n * (size_t)N };
     sparse_add_to_dense(&p->A, 1, &az);
     add_times_phi(ss, &p->Bx, true, ss->A, 2 * n, 0);
@@ -148,7 +150,7 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
                 ss->A + 2 * n, N);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, n, n, 1, Ba, nz, ss->B + n, N, 0,
                 ss->B + 2 * n, N);
-    info = LAPACKE_dgetrf(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot);
+    info = LAPACKE_dgetrf(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot);  /* E^-1 of (3) */
     if (info == 0) {
         LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, N, E, nz, pivot, ss->A + 2 * n, N);
         LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, n, E, nz, pivot, ss->B + 2 * n, N);
@@ -171,7 +173,7 @@ static bool decouple(struct statespace *ss)
         return false;
     for (size_t i = 0; i < N * N; i++)
         largest = fmax(largest, fabs(ss->A[i]));
-    rounding = (double)(64 + n) * DBL_EPSILON * largest;
+    rounding = (double)(64 + n) * DBL_EPSILON * largest;  /* of products of n terms */
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)
             if (i % n != j % n && fabs(ss->A[i + j * N]) > rounding)
@@ -223,7 +225,7 @@ static enum modal_status fill(struct statespace *ss, struct modal_error *err)
     const struct program *p = ss->p;
     int n = ss->n;
     size_t N = (size_t)ss->N;
-    double *work = malloc((size_t)n * (size_t)n * sizeof *work + 1);
+    double *work = malloc((size_t)n * (size_t)n * sizeof *work + 1);  /* of the congruences */
     enum modal_status rc;
 
     ss->A = calloc(N * N, sizeof *ss->A);
@@ -233,7 +235,7 @@ static enum modal_status fill(struct statespace *ss, struct modal_error *err)
         return no_memory(err);
     }
     for (int i = 0; i < n; i++)
-        ss->A[(size_t)i + (size_t)(n + i) * N] = ss->s[i];
+        ss->A[(size_t)i + (size_t)(n + i) * N] = ss->s[i];  /* y_1' = s y_2 */
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
             ss->B[(size_t)(n + i) + (size_t)j * N] = ss->phi[j + (size_t)i * (size_t)n];
@@ -301,8 +303,8 @@ void statespace_start(const struct statespace *ss, double *y)
         for (int k = M->start[i]; k < M->start[i + 1]; k++)
             for (int j = 0; j < n; j++) {
                 double f = ss->phi[i + (size_t)j * (size_t)n] * M->value[k];
-                y[j] += ss->s[j] * f * ss->p->x0[M->index[k]];
-                y[n + j] += f * ss->p->v0[M->index[k]];
+                y[j] += ss->s[j] * f * ss->p->x0[M->index[k]];  /* y_1 = s q */
+                y[n + j] += f * ss->p->v0[M->index[k]];  /* y_2 = q' */
             }
 }
 

@@ -16,6 +16,10 @@
 
 enum { STATESPACE_DOFS_MOST = 1500, STATESPACE_STATES_MOST = 4000 };
 
+/* Scale of a mode without stiffness, as a share of the largest: w^2 of 1e-14 is rounding of the
+ * pair. */
+#define STATESPACE_RIGID 1e-7
+
 struct statespace {
     const struct program *p;     /* borrowed */
     int n, nz, N;                /* dofs, linear states, 2 n + nz */

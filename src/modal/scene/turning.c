@@ -18,6 +18,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Entries of one pair of planes are sums of the same few terms: off by some hundred roundings. */
+static const double ALIKE = 1e-13;         /* of the largest entry */
+static const double SAME_SPEED = 1e-12;    /* of the speed: 2 W and the harmonic's frequency */
+
 struct entries { struct triplet *x; int count, room; bool no_memory; };
 
 /* A failure is kept in E and told once, by turn_matrices or turn_outputs. */
@@ -58,7 +62,7 @@ static double largest(const struct sparse *a)
 /* |A(Ji, Jj) - side A(i, j)| for all entries, side 1 commutes, -1 anticommutes. */
 static bool commutes(const struct program *p, const struct sparse *a, double side)
 {
-    double tolerance = 1e-13 * largest(a);
+    double tolerance = ALIKE * largest(a);
 
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++) {
@@ -75,7 +79,7 @@ static bool commutes(const struct program *p, const struct sparse *a, double sid
 static bool is_J_times(const struct program *p, const struct sparse *a, const struct sparse *b,
                        double sign)
 {
-    double tolerance = 1e-13 * largest(a);
+    double tolerance = ALIKE * largest(a);
 
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++)
@@ -93,7 +97,8 @@ static bool turns(const struct program *p)
 
     if (p->turn_partner == NULL || p->n_linear > 0 || p->harmonics > 1)
         return false;
-    if (p->harmonics == 1 && !(fabs(h->k * p->omega - 2 * p->turn_speed) <= 1e-12 * p->turn_speed))
+    if (p->harmonics == 1
+        && !(fabs(h->k * p->omega - 2 * p->turn_speed) <= SAME_SPEED * p->turn_speed))
         return false;
     for (int i = 0; i < p->laws; i++)
         if (!p->law[i].kind->turns || p->law[i].to[0] >= 0 || p->law[i].to[1] >= 0
@@ -131,15 +136,15 @@ static enum modal_status turn_matrices(const struct program *p, struct program *
                                        struct modal_error *err)
 {
     struct entries e[3] = { 0 };
-    double W = p->turn_speed;
+    double W = p->turn_speed;  /* of (2) */
     enum modal_status rc = MODAL_OK;
 
     add_at_0(p, PROGRAM_M, 1, false, &e[PROGRAM_M]);
     add_at_0(p, PROGRAM_C, 1, false, &e[PROGRAM_C]);
-    add_at_0(p, PROGRAM_M, 2 * W, true, &e[PROGRAM_C]);
+    add_at_0(p, PROGRAM_M, 2 * W, true, &e[PROGRAM_C]);  /* 2 W M J */
     add_at_0(p, PROGRAM_K, 1, false, &e[PROGRAM_K]);
-    add_at_0(p, PROGRAM_C, W, true, &e[PROGRAM_K]);
-    add_at_0(p, PROGRAM_M, -W * W, false, &e[PROGRAM_K]);
+    add_at_0(p, PROGRAM_C, W, true, &e[PROGRAM_K]);  /* W C J */
+    add_at_0(p, PROGRAM_M, -W * W, false, &e[PROGRAM_K]);  /* -W^2 M */
     for (int i = 0; i < 3; i++) {
         if (rc == MODAL_OK)
             rc = e[i].no_memory
@@ -232,6 +237,7 @@ static enum modal_status turn_rest(const struct program *p, struct program *q,
     for (int i = 0; i < p->n; i++) {
         if ((q->dofs[i] = strdup(p->dofs[i])) == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "turning: out of memory");
+        /* q' = x' - W J x */
         q->v0[i] -= p->turn_speed * p->turn_sign[i] * p->x0[p->turn_partner[i]];
     }
     for (int i = 0; i < p->effects; i++) {

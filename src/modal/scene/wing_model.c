@@ -54,7 +54,7 @@ void wing_element(const struct wing *w, double M[64], double K[64])
 {
     double h = w->length / w->elements, xi[4], weight[4], nw[4], nt[4], dt[4], k[16], m[16];
 
-    gauss_legendre(4, 1, xi, weight);
+    gauss_legendre(4, 1, xi, weight);  /* exact to degree 7 */
     hermite_stiffness(w->EI, h, k);
     hermite_mass(w->mass_per_length, h, m);
     memset(M, 0, 64 * sizeof *M);
@@ -69,12 +69,13 @@ void wing_element(const struct wing *w, double M[64], double K[64])
         lagrange(h, xi[g], nt, dt);
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < 4; j++) {
+                /* (1): -m x_cg w_t phi_t */
                 double coupling = -w->mass_per_length * w->x_cg * nw[i] * nt[j] * h * weight[g];
 
                 M[8 * i + 4 + j] += coupling;
                 M[8 * (4 + j) + i] += coupling;
                 M[8 * (4 + i) + 4 + j] += w->I_rho * nt[i] * nt[j] * h * weight[g];
-                K[8 * (4 + i) + 4 + j] += w->GJ * dt[i] * dt[j] * h * weight[g];
+                K[8 * (4 + i) + 4 + j] += w->GJ * dt[i] * dt[j] * h * weight[g];  /* (2) */
             }
     }
 }
@@ -151,9 +152,9 @@ static void station_rows(const struct airloads *a, double b, const double *rw, c
                          circulatory * m->flow.direct * (arm * rp[j] - rw[j]) };
 
         m->lift[0][at + (size_t)j] = lc[0];
-        m->lift[1][at + (size_t)j] = lc[1] + apparent * U * rp[j];
-        m->lift[2][at + (size_t)j] = -apparent * (rw[j] + b * axis * rp[j]);
-        m->moment[0][at + (size_t)j] = -a->x_qc * lc[0];
+        m->lift[1][at + (size_t)j] = lc[1] + apparent * U * rp[j];  /* (5), on x' */
+        m->lift[2][at + (size_t)j] = -apparent * (rw[j] + b * axis * rp[j]);  /* (5), on x'' */
+        m->moment[0][at + (size_t)j] = -a->x_qc * lc[0];  /* (6): -x_qc Lc */
         m->moment[1][at + (size_t)j] = -a->x_qc * lc[1] - apparent * U * arm * rp[j];
         m->moment[2][at + (size_t)j] =
             -apparent * (b * axis * rw[j] + b * b * (0.125 + axis * axis) * rp[j]);
@@ -198,11 +199,11 @@ static void station_states(const struct airloads *a, double b, const double *rw,
                Q = m->flow.Q[k * (size_t)m->ns + (size_t)s];
 
         for (size_t j = 0; j < n; j++) {
-            double on_x = a->speed * rp[j], on_v = arm * rp[j] - rw[j];
+            double on_x = a->speed * rp[j], on_v = arm * rp[j] - rw[j];  /* (3) */
 
             m->Bx[k * n + j] += P * on_x;
             m->Bv[k * n + j] += P * on_v + Q * on_x;
-            m->Ba[k * n + j] += Q * on_v;
+            m->Ba[k * n + j] += Q * on_v;  /* v' reads x'' */
         }
     }
 }

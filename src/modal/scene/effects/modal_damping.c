@@ -70,7 +70,7 @@ static enum modal_status add_ratios(struct lowering *l, const struct scene_effec
         /* a rigid motion has no ratio */
         if (ratios[i] == 0 || fabs(w2[i]) <= RIGID * fabs(w2[n - 1]))
             continue;
-        if (w2[i] < 0) {
+        if (w2[i] < 0) {  /* a ratio of an imaginary frequency */
             rc = modal_fail_field(
                 err, MODAL_BAD_INPUT, e->path,
                 "mode %d of the structure diverges (w^2 = %g): it has no damping ratio", i + 1,

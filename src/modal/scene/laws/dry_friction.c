@@ -15,7 +15,7 @@
 #include "modal/scene/pieces.h"
 
 struct coulomb {
-    double limit, velocity;
+    double limit, velocity;  /* N, m/s */
 };
 
 /* (1); at rest 0, and who steps it knows that it holds (ports.h). */
@@ -27,7 +27,7 @@ static enum modal_status rigid_force(const struct law *law, const struct law_poi
     (void)err;
     out->f[0] = at->v[0] > 0 ? c->limit : at->v[0] < 0 ? -c->limit : 0;    /* (1) */
     out->fd[0][0] = out->fv[0][0] = 0;
-    out->acts = at->v[0] != 0;
+    out->acts = at->v[0] != 0;  /* it slips */
     out->regime = (at->v[0] > 0) - (at->v[0] < 0);
     return MODAL_OK;
 }
@@ -58,7 +58,7 @@ static enum modal_status rigid_pieces(const struct law *law, const struct orbit 
 
     for (int i = 0; rc == MODAL_OK && i < o->turns; i++) {
         const struct orbit_turn *p = &o->turn[i], *q = &o->turn[(i + 1) % o->turns];
-        double sign = q->d > p->d ? 1 : -1, at[3];
+        double sign = q->d > p->d ? 1 : -1, at[3];  /* between turns d is monotone */
         struct law_piece piece = { .from = p->theta,
                                    .to = q->theta + (i + 1 < o->turns ? 0 : 2 * M_PI),
                                    .level = sign * c->limit,
@@ -66,7 +66,7 @@ static enum modal_status rigid_pieces(const struct law *law, const struct orbit 
                                    .slider = -1 };
 
         orbit_at(o, p->theta, at);
-        piece.slope = at[2];
+        piece.slope = at[2];  /* (3) of pieces.h */
         rc = pieces_add(out, &piece, err);
     }
     out->acts = o->turns > 0;

@@ -29,7 +29,7 @@
 #include "modal/scene/law.h"
 
 struct clearance {
-    double gap, stiffness, dissipation;
+    double gap, stiffness, dissipation;  /* m, N/m, s/m */
     bool massless;
     double shaft[2];               /* K of (2) */
 };
@@ -38,9 +38,9 @@ struct clearance {
 static void impact(const struct clearance *c, const double *d, const double *v,
                    struct law_force *out)
 {
-    double radius = hypot(d[0], d[1]), depth = radius - c->gap,
+    double radius = hypot(d[0], d[1]), depth = radius - c->gap,  /* of (1): a is the depth */
            n[2] = { d[0] / radius, d[1] / radius };
-    double rate = n[0] * v[0] + n[1] * v[1], grip = 1 + c->dissipation * rate,
+    double rate = n[0] * v[0] + n[1] * v[1], grip = 1 + c->dissipation * rate,  /* a' of (1) */
            N = c->stiffness * depth * grip;
 
     if (!(grip > 0)) {
@@ -49,14 +49,14 @@ static void impact(const struct clearance *c, const double *d, const double *v,
     }
     out->regime = 1;
     for (int i = 0; i < 2; i++) {
-        out->f[i] = N * n[i];
+        out->f[i] = N * n[i];  /* (1) */
         for (int j = 0; j < 2; j++) {
             /* dn_i/dd_j radius, da'/dd_j */
             double across = (i == j) - n[i] * n[j], turn = (v[j] - rate * n[j]) / radius;
 
             out->fd[i][j] = c->stiffness * n[i] * (grip * n[j] + depth * c->dissipation * turn)
                             + N / radius * across;
-            out->fv[i][j] = c->stiffness * depth * c->dissipation * n[i] * n[j];
+            out->fv[i][j] = c->stiffness * depth * c->dissipation * n[i] * n[j];  /* dN/da' n n^T */
         }
     }
 }
@@ -67,7 +67,7 @@ static double radius_at(const struct clearance *c, const double *d, double nu, d
     double r[2], radius;
 
     for (int i = 0; i < 2; i++)
-        r[i] = c->shaft[i] / (c->shaft[i] + nu) * d[i];
+        r[i] = c->shaft[i] / (c->shaft[i] + nu) * d[i];  /* (2) */
     radius = hypot(r[0], r[1]);
     *slope = -(r[0] * r[0] / (c->shaft[0] + nu) + r[1] * r[1] / (c->shaft[1] + nu)) / radius;
     return radius;
@@ -82,10 +82,11 @@ static double contact_stiffness(const struct clearance *c, const double *d)
         return c->stiffness;
     for (int step = 0; step < 60; step++) {
         double radius = radius_at(c, d, nu, &slope);
-        double psi = 1 / radius - (1 - nu / c->stiffness) / c->gap;
+        double psi = 1 / radius - (1 - nu / c->stiffness) / c->gap;  /* (2) */
+        /* Newton's step; psi' > 0 */
         double more = -psi / (-slope / (radius * radius) + 1 / (c->stiffness * c->gap));
 
-        nu += more;
+        nu += more;  /* monotone from below: see the opening */
         if (!(more > 4 * DBL_EPSILON * nu))
             break;
     }

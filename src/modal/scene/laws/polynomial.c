@@ -21,8 +21,8 @@ static void horner(const struct polynomial *p, double d, double *s, double *slop
 {
     *s = *slope = 0;
     for (int i = p->count - 1; i >= 0; i--) {
-        *slope = *slope * d + *s;
-        *s = *s * d + p->c[i];
+        *slope = *slope * d + *s;  /* before s: it needs the last s */
+        *s = *s * d + p->c[i];  /* Horner */
     }
 }
 
@@ -87,7 +87,7 @@ static enum modal_status polynomial_new(const struct law_class *kind, const doub
     memcpy(p->c, c, (size_t)count * sizeof *c);
     law_clear(out, kind);
     out->data = p;
-    out->degree = count;
+    out->degree = count;  /* of s(d) w: see the opening */
     return MODAL_OK;
 }
 

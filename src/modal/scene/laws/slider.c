@@ -37,13 +37,13 @@ struct contact {
 /* (1): the force, true where the slider has moved */
 static bool slide(double k, double L, double d, double *z, double *f)
 {
-    double trial = k * (d - *z);
+    double trial = k * (d - *z);  /* the slider where it was */
 
     *f = trial;
     if (fabs(trial) <= L)
         return false;
-    *f = copysign(L, trial);
-    *z = d - *f / k;
+    *f = copysign(L, trial);  /* (1): at its bound */
+    *z = d - *f / k;  /* dragged along */
     return true;
 }
 
@@ -62,9 +62,11 @@ static enum modal_status sliders_force(const struct law *law, const struct law_p
         bool slips = slide(s->element[i].stiffness, s->element[i].limit, at->d[0], &z, &f);
 
         out->f[0] += f;
+        /* a slipping element has no stiffness */
         out->fd[0][0] += slips ? 0 : s->element[i].stiffness;
         out->acts |= slips;
         out->memory[i] = z;
+        /* base 3, a digit an element; modulo a prime, past twelve */
         out->regime = 3 * out->regime % 1000003 + (slips ? f > 0 ? 1 : 2 : 0);
     }
     return MODAL_OK;
@@ -76,7 +78,7 @@ static enum modal_status contact_force(const struct law *law, const struct law_p
 {
     const struct contact *c = law->data;
     double N = c->preload + c->normal_stiffness * at->d[0], z = at->memory_before[0], f;
-    bool closed = N > 0, slips;
+    bool closed = N > 0, slips;  /* N = 0 is open: no force either way */
 
     (void)err;
     memset(out->fd, 0, sizeof out->fd);
@@ -85,6 +87,7 @@ static enum modal_status contact_force(const struct law *law, const struct law_p
     out->fd[0][0] = closed ? c->normal_stiffness : 0;
     slips = slide(c->tangential_stiffness, c->mu * out->f[0], at->d[1], &z, &f);
     out->f[1] = f;
+    /* d(mu N)/d d_n */
     out->fd[1][0] = slips && closed ? copysign(c->mu * c->normal_stiffness, f) : 0;
     out->fd[1][1] = slips || !closed ? 0 : c->tangential_stiffness;
     out->memory[0] = z;
@@ -124,6 +127,7 @@ static enum modal_status stuck_slider(const struct slider *e, double reach, doub
                                       double at_low, double at_high, struct law_pieces *out,
                                       struct modal_error *err)
 {
+    /* the interval of the opening, clipped from 0 */
     double z = fmax(fmin(0, low + reach), high - reach);
     struct law_piece piece = { .to = 2 * M_PI,
                                .level = -e->stiffness * z,
@@ -141,6 +145,7 @@ static enum modal_status moving_slider(const struct slider *e, const struct orbi
                                        double reach, struct law_pieces *out,
                                        struct modal_error *err)
 {
+    /* at the largest d: known, whatever came before */
     double z = o->turn[top].d - reach, began = o->turn[top].theta;
     enum modal_status rc = MODAL_OK;
 
@@ -148,13 +153,13 @@ static enum modal_status moving_slider(const struct slider *e, const struct orbi
         struct orbit_end from = orbit_turn_end(o, top + i), to = orbit_turn_end(o, top + i + 1);
         double d = to.d, slip;
 
-        if (fabs(d - z) <= reach)
+        if (fabs(d - z) <= reach)  /* this branch does not reach its bound */
             continue;
         slip = orbit_crossing(o, from, to, z + copysign(reach, d - z));
         rc = stick_piece(e, began, slip, z, began, out, err);
         if (rc == MODAL_OK)
             rc = slip_piece(slip, to.theta, copysign(e->limit, d - z), out, err);
-        z = d - copysign(reach, d - z);
+        z = d - copysign(reach, d - z);  /* dragged to the turn */
         began = to.theta;
     }
     if (rc == MODAL_OK && began < o->turn[top].theta + 2 * M_PI)
@@ -178,12 +183,12 @@ static enum modal_status slider_pieces(const struct slider *e, const struct orbi
     if (o->turns < 2)
         return stuck_slider(e, reach, o->d[0], o->d[0], 0, 0, out, err);
     for (int i = 1; i < o->turns; i++) {
-        top = o->turn[i].d > o->turn[top].d ? i : top;
-        bottom = o->turn[i].d < o->turn[bottom].d ? i : bottom;
+        top = o->turn[i].d > o->turn[top].d ? i : top;  /* the largest d */
+        bottom = o->turn[i].d < o->turn[bottom].d ? i : bottom;  /* the least */
     }
     low = o->turn[bottom].d;
     high = o->turn[top].d;
-    if (high - low <= 2 * reach)
+    if (high - low <= 2 * reach)  /* never past both bounds: for good */
         return stuck_slider(e, reach, low, high, o->turn[bottom].theta, o->turn[top].theta, out,
                             err);
     return moving_slider(e, o, top, reach, out, err);
@@ -262,7 +267,7 @@ static void come_to_rest(struct contact_walk *w, double theta, double sign)
     w->holds_start = true;
     w->level = sign * w->c->mu * w->c->preload + mu_k * n[0] - k * t[0];
     w->ref[0] = sign != 0 ? mu_k : n[1] != 0 ? k * t[1] / n[1] : 0;
-    w->ref[1] = -k;
+    w->ref[1] = -k;  /* (2) of pieces.h */
 }
 
 /* One interval on which N keeps its sign and both bounds' sums are monotone. */
@@ -275,6 +280,7 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
     bool closed;
 
     orbit_at(w->n, 0.5 * (a + b), mid);
+    /* one sign throughout: ask in the middle */
     closed = w->c->preload + w->c->normal_stiffness * mid[0] > 0;
     orbit_at(&w->up, a, ua);
     orbit_at(&w->up, b, ub);
@@ -285,7 +291,7 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
         return MODAL_OK;
     }
     if (w->mode == OPEN) {
-        come_to_rest(w, a, 0);
+        come_to_rest(w, a, 0);  /* contact made: N = 0, no force yet */
         w->mode = ub[0] > ua[0] ? SLIPS_UP : db[0] < da[0] ? SLIPS_DOWN : STUCK;
     } else if (w->mode == SLIPS_UP && ub[0] < ua[0])
         come_to_rest(w, a, 1);
@@ -372,7 +378,7 @@ static enum modal_status walk_round(struct contact_walk *w, const double *event,
 
     for (int i = 0; rc == MODAL_OK && i < count; i++)
         rc = contact_interval(w, event[i], event[i + 1], err);
-    w->at -= 2 * M_PI;
+    w->at -= 2 * M_PI;  /* the round begins anew */
     w->holds_start = false;
     return rc;
 }
@@ -392,11 +398,12 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
         rc = orbit_init(&w.down, input[0]->H, input[0]->N, err);
     if (rc != MODAL_OK)
         goto out;
-    orbit_combine(&w.up, c->tangential_stiffness, w.t, -mu_k, w.n);
-    orbit_combine(&w.down, c->tangential_stiffness, w.t, mu_k, w.n);
+    orbit_combine(&w.up, c->tangential_stiffness, w.t, -mu_k, w.n);  /* its turns end slipping up */
+    orbit_combine(&w.down, c->tangential_stiffness, w.t, mu_k, w.n);  /* and down */
     if ((rc = orbit_find_turns(&w.up, err)) != MODAL_OK
         || (rc = orbit_find_turns(&w.down, err)) != MODAL_OK)
         goto out;
+    /* all events of a period, and the first again */
     most = w.up.turns + w.down.turns + w.n->turns + 2;
     event = malloc((size_t)most * sizeof *event);
     if (event == NULL) {

@@ -23,15 +23,15 @@ struct gap {
 /* (1) for one side; false where there is no contact */
 static bool one_side(const struct gap *g, double d, double v, double *f, double *fd, double *fv)
 {
-    double depth = d - g->clearance, grip = 1 + g->dissipation * v;
+    double depth = d - g->clearance, grip = 1 + g->dissipation * v;  /* (1) */
 
     *f = *fd = *fv = 0;
     if (!(depth > 0))
         return false;
-    if (grip > 0) {
+    if (grip > 0) {  /* else it would pull: no force */
         *f = g->stiffness * depth * grip;
-        *fd = g->stiffness * grip;
-        *fv = g->stiffness * depth * g->dissipation;
+        *fd = g->stiffness * grip;  /* d(1)/dd */
+        *fv = g->stiffness * depth * g->dissipation;  /* d(1)/dv */
     }
     return true;
 }
@@ -46,7 +46,7 @@ static enum modal_status gap_force(const struct law *law, const struct law_point
     out->acts = one_side(g, at->d[0], at->v[0], &out->f[0], &out->fd[0][0], &out->fv[0][0]);
     if (!out->acts && g->both_sides) {
         out->acts = one_side(g, -at->d[0], -at->v[0], &out->f[0], &out->fd[0][0], &out->fv[0][0]);
-        out->f[0] = -out->f[0];
+        out->f[0] = -out->f[0];  /* the mirror image; its slopes are the same */
         out->regime = out->acts ? out->fd[0][0] != 0 ? -1 : -2 : 0;
     } else
         out->regime = out->acts ? out->fd[0][0] != 0 ? 1 : 2 : 0;
@@ -82,10 +82,11 @@ static enum modal_status contact(const struct gap *g, const struct orbit *o, dou
         return contact_piece(g, side, from, to, out, err);
     bound = -side / (g->dissipation * o->omega);                     /* of the rate per radian */
     orbit_at(o, from, at);
-    grips = side * (at[1] - bound) > 0;
+    grips = side * (at[1] - bound) > 0;  /* 1 + mu v > 0 */
     for (double theta = from; rc == MODAL_OK && theta < to; theta = next) {
         bool now;
 
+        /* from sample to sample: v is smooth between */
         next = fmin(h * (floor(theta / h + 1e-9) + 1), to);
         orbit_at(o, next, at);
         now = side * (at[1] - bound) > 0;
@@ -115,7 +116,7 @@ static enum modal_status one_side_pieces(const struct gap *g, const struct orbit
         bool was = side * (p.d - level) > 0, is = side * (q.d - level) > 0;
         double event;
 
-        if (was == is)
+        if (was == is)  /* no crossing on this branch */
             continue;
         event = orbit_crossing(o, p, q, level);
         if (is)

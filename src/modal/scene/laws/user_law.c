@@ -43,7 +43,7 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
     void *moved;
 
     if (block == NULL)
-        old = 0;
+        old = 0;  /* then Lua passes the kind of object in `old` */
     if (size == 0) {
         free(block);
         s->used -= old;
@@ -51,7 +51,7 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
         return NULL;
     }
     if (size > old && !s->unlimited) {
-        bool of_one = s->used + (size - old) > LAW_LUA_MOST;
+        bool of_one = s->used + (size - old) > LAW_LUA_MOST;  /* which limit is told */
         if (of_one || *s->together + (size - old) > LAW_LUA_TOGETHER_MOST) {
             s->passed = of_one ? OF_ONE : OF_ALL;
             return NULL;
@@ -59,7 +59,7 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
     }
     moved = realloc(block, size);
     if (moved == NULL) {
-        s->passed = NO_LIMIT;
+        s->passed = NO_LIMIT;  /* the machine itself has no more */
         return NULL;
     }
     s->used += size - old;
@@ -92,7 +92,7 @@ static int open_sandbox(lua_State *L)
     lua_pushnil(L);
     lua_setfield(L, -2, "random");
     lua_pushnil(L);
-    lua_setfield(L, -2, "randomseed");
+    lua_setfield(L, -2, "randomseed");  /* a force must be a function of its arguments */
     lua_settop(L, 0);
     lua_newtable(L);
     for (int i = 0; base_kept[i] != NULL; i++) {
@@ -101,7 +101,7 @@ static int open_sandbox(lua_State *L)
     }
     lua_pushvalue(L, 1);
     lua_setfield(L, 1, "_G");
-    lua_rawseti(L, LUA_REGISTRYINDEX, LUA_RIDX_GLOBALS);
+    lua_rawseti(L, LUA_REGISTRYINDEX, LUA_RIDX_GLOBALS);  /* the sandbox is all there is */
     return 0;
 }
 
@@ -111,6 +111,7 @@ static int load_source(lua_State *L)
     const char *source = lua_touserdata(L, 1);
 
     open_sandbox(L);
+    /* text alone: bytecode can break the interpreter */
     if (luaL_loadbufferx(L, source, strlen(source), "=source", "t") != LUA_OK)
         return lua_error(L);
     lua_call(L, 0, 0);
@@ -233,8 +234,9 @@ static enum modal_status slope(struct lua_law *s, const struct law_point *at, bo
     enum modal_status rc = MODAL_OK;
 
     *scale = fmax(*scale, fabs(x));
+    /* truncation h^2 and rounding eps/h are alike */
     h = cbrt(DBL_EPSILON) * (*scale > 0 ? fmax(fabs(x), 0.1 * *scale) : 1);
-    up = x + h;
+    up = x + h;  /* as rounded: the quotient divides by their difference */
     down = x - h;
     for (int i = 0; rc == MODAL_OK && i < 2; i++) {
         double moved = i == 0 ? up : down;
@@ -283,7 +285,7 @@ static void lua_restart(const struct law *law)
 {
     struct lua_law *s = law->data;
 
-    s->unlimited = true;
+    s->unlimited = true;  /* an empty table: see the struct */
     lua_settop(s->L, 0);
     lua_newtable(s->L);
     lua_setfield(s->L, LUA_REGISTRYINDEX, "memory");

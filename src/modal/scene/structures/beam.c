@@ -70,7 +70,7 @@ static void add_nodes(struct lowering *l, struct beam_mesh *mesh, const enum sup
     for (int i = 0; i <= mesh->elements; i++) {
         bool at_end = i == 0 || i == mesh->elements;
         enum support s = !at_end ? FREE : ends[i == 0 ? 0 : 1];
-        mesh->dof[2 * i] = mesh->dof[2 * i + 1] = -1;
+        mesh->dof[2 * i] = mesh->dof[2 * i + 1] = -1;  /* held, until it is not */
         if (s == FREE) {
             snprintf(name, sizeof name, "w%d", i);
             mesh->dof[2 * i] = lowering_add_dof(l, name);
@@ -87,7 +87,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
 {
     const struct beam *b = values;
     double Me[16], Ke[16];
-    enum support ends[2] = { PINNED, PINNED };
+    enum support ends[2] = { PINNED, PINNED };  /* the default */
     struct beam_mesh *mesh;
     enum modal_status rc = read_supports(b->supports, ends, err);
 
@@ -99,7 +99,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     if ((l->mesh = mesh = calloc(1, sizeof *mesh)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     mesh->elements = b->elements;
-    mesh->h = b->length / b->elements;
+    mesh->h = b->length / b->elements;  /* axial_load reads it */
     l->mass_per_length = b->mass_per_length;
     add_nodes(l, mesh, ends);
     hermite_mass(b->mass_per_length, mesh->h, Me);

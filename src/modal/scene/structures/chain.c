@@ -51,6 +51,7 @@ static enum modal_status add_elements(struct lowering *l, int matrix, size_t n,
                                 "ground to ground",
                                 where, k->count, n, n + 1);
     for (size_t i = 0; i < k->count; i++)
+        /* masses -1 and n are the ground */
         lowering_between(l, matrix, (struct local_ends){ i < n ? (int)i : -1, (int)i - 1 },
                          k->x[i]);
     return MODAL_OK;

@@ -11,6 +11,9 @@
 #include <string.h>
 #include "modal/scene/lowering.h"
 
+/* of the largest entry: matrices written with nine digits or more are what they are meant to be */
+static const double SYMMETRY = 1e-9;
+
 struct matrices { const cJSON *M, *C, *K, *G, *dofs, *file; double speed; };
 
 static const struct scene_key keys[] = {
@@ -76,7 +79,7 @@ static enum modal_status read_dense(const cJSON *list, const char *where, struct
 
     out->m = cJSON_GetArraySize(list);
     out->n = cJSON_GetArraySize(list->child);
-    if (out->m < 1 || !cJSON_IsArray(list->child))
+    if (out->m < 1 || !cJSON_IsArray(list->child))  /* before room is made */
         return shape_error(where, "not a matrix", err);
     if (out->m > LOWERING_DOFS_MOST || out->n > LOWERING_DOFS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s is %d x %d; at most %d dofs",
@@ -179,7 +182,7 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
     if (rc == MODAL_OK)
         rc = sparse_from_triplets(e->m, e->n, turned, e->count, &a, err);
     for (int k = 0; rc == MODAL_OK && k < e->count; k++)
-        turned[k] = (struct triplet) { e->x[k].j, e->x[k].i, sign * e->x[k].value };
+        turned[k] = (struct triplet) { e->x[k].j, e->x[k].i, sign * e->x[k].value };  /* sign A^T */
     if (rc == MODAL_OK)
         rc = sparse_from_triplets(e->m, e->n, turned, e->count, &t, err);
     for (int i = 0; rc == MODAL_OK && i < a.m; i++) {
@@ -188,7 +191,7 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
             int ja = p < a.start[i + 1] ? a.index[p] : a.n,
                 jt = q < t.start[i + 1] ? t.index[q] : a.n, j = ja < jt ? ja : jt;
             double difference = (ja == j ? a.value[p++] : 0) - (jt == j ? t.value[q++] : 0);
-            if (fabs(difference) > 1e-9 * largest)
+            if (fabs(difference) > SYMMETRY * largest)
                 rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
                                       "%s must be %s; entries (%d, %d) and (%d, %d) differ by %g",
                                       where, sign > 0 ? "symmetric" : "skew", i, j, j, i,

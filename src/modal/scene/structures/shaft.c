@@ -167,7 +167,7 @@ static enum modal_status finish_elements(struct lowering *l, struct modal_error 
         add_elements(l, put_mass, s->I_rho / 2, s->I_rho / 2, tilt);
     for (int end = 0; end < 2; end++)
         finish_end(l, end);
-    shaft_turn_mass(l);
+    shaft_turn_mass(l);  /* after all of the mass, before polar inertia */
     if (s->gyroscopic) {
         put_polar(l, disk, disk, polar, polar);
         if (s->I_rho > 0)
@@ -257,7 +257,7 @@ static enum modal_status read_disk(const cJSON *json, struct shaft *s, struct mo
                                 "structure.disk.mass is %g; "
                                 "accepted where nothing else has mass: a positive number (kg)",
                                 disk.mass);
-    node = round(disk.position * s->elements);
+    node = round(disk.position * s->elements);  /* its node */
     if (fabs(node - disk.position * s->elements) > NODE_ROUNDING * s->elements)
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.disk.position",
                                 "position %g of %d elements is no node; accepted: i/%d",
@@ -303,12 +303,12 @@ static enum modal_status read_omega(struct lowering *l, struct modal_error *err)
     double k;
 
     if (l->p->omega == 0)
-        l->p->omega = s->speed;
+        l->p->omega = s->speed;  /* the default that contracts state */
     if (!s->fixed)
         l->p->frame_speed = s->speed;
     if (!s->fixed && !s->seen_fixed)
         return MODAL_OK;
-    k = round(2 * s->speed / l->p->omega);
+    k = round(2 * s->speed / l->p->omega);  /* (3): 2 W is harmonic k of omega */
     if (k < 1 || k > LOWERING_HARMONIC_MOST
         || fabs(k * l->p->omega - 2 * s->speed) > OMEGA_ROUNDING * s->speed)
         return modal_fail_field(
@@ -346,7 +346,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
 
     if ((l->mesh = s) == NULL)
         return no_memory(err);
-    s->journal = s->state = -1;
+    s->journal = s->state = -1;  /* none yet */
     rc = read_shaft(values, s, err);
     if (rc == MODAL_OK && s->massless && s->fixed && shaft_has_end_states(l))
         rc = shaft_see_from_fixed_axes(l, err);
@@ -357,7 +357,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     if (s->massless) {
         shaft_lower_massless(l);
     } else {
-        l->mass_per_length = s->mass_per_length;
+        l->mass_per_length = s->mass_per_length;  /* for viscous_damping */
         lower_elements(l);
     }
     return l->no_memory ? no_memory(err) : turn_axes(l, err);

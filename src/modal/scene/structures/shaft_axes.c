@@ -7,7 +7,7 @@
 int shaft_partner(const struct shaft *s, int i)
 {
     if (!s->massless)
-        return i ^ 2;
+        return i ^ 2;  /* y, sy, z, sz of a node: y <-> z, sy <-> sz */
     for (int c = 0; c < 2 * PLANE; c++)
         if (s->dof[c] == i)
             return s->dof[(c + PLANE) % (2 * PLANE)];
@@ -17,7 +17,7 @@ int shaft_partner(const struct shaft *s, int i)
 double shaft_sign(const struct shaft *s, int i)
 {
     if (!s->massless)
-        return i & 2 ? 1 : -1;
+        return i & 2 ? 1 : -1;  /* (J q)_y = -q_z, (J q)_z = q_y */
     for (int c = 0; c < PLANE; c++)
         if (s->dof[c] == i)
             return -1;
@@ -38,7 +38,7 @@ void shaft_add_polar(struct lowering *l, int i, int j, double g)
 {
     const struct shaft *s = l->mesh;
 
-    add_J(l, PROGRAM_C, i, j, -s->speed * g);
+    add_J(l, PROGRAM_C, i, j, -s->speed * g);  /* -W Mg J */
     if (!s->fixed && g != 0 && s->speed != 0)
         lowering_add(l, PROGRAM_K, i, j, s->speed * s->speed * g);
 }
@@ -48,7 +48,7 @@ void shaft_add_elastic(struct lowering *l, int matrix, const int i[2], const int
                        double kB)
 {
     const struct shaft *s = l->mesh;
-    double a = (kA + kB) / 2, d = (kA - kB) / 2;
+    double a = (kA + kB) / 2, d = (kA - kB) / 2;  /* of (3) */
 
     if (!s->fixed) {
         lowering_add(l, matrix, i[0], j[0], kA);
@@ -73,7 +73,7 @@ void shaft_add_strain_rate(struct lowering *l, const int i[2], const int j[2], d
     if (!s->fixed)
         return;
     for (int plane = 0; plane < 2; plane++) {
-        double side = plane == 0 ? 1 : -1;
+        double side = plane == 0 ? 1 : -1;  /* sign of the row in Ks J */
 
         lowering_add(l, PROGRAM_K, i[plane], j[1 - plane], -side * rate * a);
         lowering_add_harmonic(l, PROGRAM_K, s->harmonic, i[plane], j[1 - plane], -rate * d, 0);
@@ -92,7 +92,7 @@ void shaft_turn_mass(struct lowering *l)
     for (int e = 0; e < count; e++) {
         struct triplet t = l->constant[PROGRAM_M].x[e];
 
-        add_J(l, PROGRAM_C, t.i, t.j, 2 * s->speed * t.value);
-        lowering_add(l, PROGRAM_K, t.i, t.j, -s->speed * s->speed * t.value);
+        add_J(l, PROGRAM_C, t.i, t.j, 2 * s->speed * t.value);  /* 2 W Mt J */
+        lowering_add(l, PROGRAM_K, t.i, t.j, -s->speed * s->speed * t.value);  /* -W^2 Mt */
     }
 }

@@ -66,8 +66,8 @@ static void massless_matrices(const struct shaft *s, double Ks[2][16], double *M
         const struct shaft_end *e = i == UL ? &s->end[SHAFT_LEFT] : &s->end[SHAFT_RIGHT];
         double spring = i < UD ? shaft_transverse(e) : 0, damper = i < UD ? e->damping : 0;
 
-        put_J(C, i, i, W * (2 * mass[i] - polar[i]));
-        put_J(K, i, i, W * damper);
+        put_J(C, i, i, W * (2 * mass[i] - polar[i]));  /* (1): 2 W Mt J - W Mg J */
+        put_J(K, i, i, W * damper);  /* (1): W Cb J */
         for (int plane = 0; plane < 2; plane++) {
             int c = i + plane * PLANE;
 
@@ -118,7 +118,7 @@ static void map_to_free_end(struct shaft *s, double Ks[2][16])
         const double *row = &Ks[plane][PLANE * r];
 
         s->journal_stiffness[plane] = row[r];
-        s->journal_map[plane][0] = -row[UD] / row[SD];
+        s->journal_map[plane][0] = -row[UD] / row[SD];  /* s of (f, u) */
         s->journal_map[plane][1] = -row[r] / row[SD];
     }
     for (int q = 0; q < 3; q++) {
@@ -153,7 +153,7 @@ static void write_condensed(struct lowering *l)
             shaft_add_elastic(l, PROGRAM_K, (int[]){ dof[i], dof[i + half] },
                               (int[]){ dof[j], dof[j + half] }, c->K[i * c->nx + j],
                               c->K[(i + half) * c->nx + j + half]);
-    s->state = c->nb > 0 ? lowering_add_states(l, c->nb) : -1;
+    s->state = c->nb > 0 ? lowering_add_states(l, c->nb) : -1;  /* E, A, Bx, Bv, F of program.h */
     for (int i = 0; i < c->nb && s->state >= 0; i++) {
         for (int j = 0; j < c->nb; j++) {
             lowering_add_block(l, LOWER_E, s->state + i, s->state + j, c->E[i * c->nb + j]);

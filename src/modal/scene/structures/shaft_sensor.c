@@ -39,11 +39,11 @@ static bool journal_terms(struct lowering *l, int plane, double factor, struct p
     const struct shaft *s = l->mesh;
     const struct condensed *c = &s->condensed;
     int row = 2 * plane + 1, f = s->dof[SD + plane * PLANE];
-    double scale = factor / s->journal_stiffness[plane];
+    double scale = factor / s->journal_stiffness[plane];  /* 1 / K_rr */
 
     for (int i = 0; i < l->p->loads; i++)
         if (l->p->load[i].dof == f || l->p->load[i].dof_sine == f)
-            return false;
+            return false;  /* a load on f acts there too: r is not known by these rows */
     lowering_add_term(l, out, 0, f, factor);
     for (int j = 0; j < c->nx; j++) {
         lowering_add_term(l, out, 0, s->dof[c->x[j]], scale * c->K[row * c->nx + j]);
@@ -82,7 +82,7 @@ static bool coordinate_terms(struct lowering *l, int c, int derivative, double f
     }
     if ((at = index_in(k->b, k->nb, c)) >= 0) {
         lowering_add_term(l, out, 3, s->state + at, factor);
-        return derivative == 0;
+        return derivative == 0;  /* a first-order state has no rate of its own row */
     }
     if ((at = index_in(k->a, k->na, c)) < 0 || s->fixed)
         return false;
@@ -100,7 +100,7 @@ static bool turned_terms(struct lowering *l, int c, int derivative, struct progr
     const struct shaft *s = l->mesh;
     int half = s->massless ? PLANE : 2, y = s->massless ? c % PLANE : c & ~2,
         plane = s->massless ? c / PLANE : (c & 2) / 2;
-    double W = s->speed;
+    double W = s->speed;  /* D = q' + W J q and its rate */
     bool found = true;
 
     for (int p = 0; p < 2; p++) {                       /* D_y, then D_z */

@@ -11,8 +11,9 @@ const char *const shaft_ends[] = { [SHAFT_LEFT] = "left", [SHAFT_RIGHT] = "right
 static double series(bool has_a, double a, bool has_b, double b)
 {
     if (has_a && has_b)
+        /* a link of 0 holds nothing, nor does the series */
         return a > 0 && b > 0 ? 1 / (1 / a + 1 / b) : 0;
-    return has_a ? a : has_b ? b : 0;
+    return has_a ? a : has_b ? b : 0;  /* the other is no link */
 }
 
 double shaft_transverse(const struct shaft_end *e)
@@ -62,6 +63,7 @@ enum modal_status shaft_check_ends(const struct shaft *s, struct modal_error *er
 
     for (int end = 0; end < 2; end++) {
         const struct shaft_end *e = &s->end[end];
+        /* the later of both is told */
         int other = e->bearing.listed ? e->bearing.effect : e->coupling.effect;
 
         if (!e->clearance.listed || !(e->bearing.listed || e->coupling.listed))

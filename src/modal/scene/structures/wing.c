@@ -70,7 +70,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
                                 "I_rho = %g about the elastic "
                                 "axis must exceed mass_per_length x_cg^2 = %g",
                                 w->I_rho, least);
-    mesh->wing = *w;
+    mesh->wing = *w;  /* airloads read it */
     l->mass_per_length = w->mass_per_length;
     add_dofs(l, w);
     wing_element(w, M, K);
@@ -150,7 +150,7 @@ static enum modal_status station_sensor(struct lowering *l, const cJSON *json, c
                                 "%s is %d; accepted: a whole number from 0 to "
                                 "%d, the last of the airloads' stations",
                                 where, s.station, air->ns - 1);
-    for (int q = 0; q < 3; q++)
+    for (int q = 0; q < 3; q++)  /* x, x', x'' */
         for (int j = 0; j < air->n; j++) {
             double value = (s.quantity == 0 ? air->lift : air->moment)[q][s.station * air->n + j];
             if (value != 0)

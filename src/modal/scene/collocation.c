@@ -62,10 +62,11 @@ static void find_nodes(double *node)
     int found = 0;
 
     for (int i = 0; i < 1000 && found < S - 1; i++) {
+        /* narrower than any two roots of S <= 12 are apart */
         double a = i / 1000.0, b = (i + 1) / 1000.0;
-        if (radau(a) * radau(b) > 0)
+        if (radau(a) * radau(b) > 0)  /* no root here */
             continue;
-        for (int k = 0; k < 60; k++) {
+        for (int k = 0; k < 60; k++) {  /* bisected to the last bit */
             double c = (a + b) / 2;
             if (radau(a) * radau(c) <= 0)
                 b = c;
@@ -74,7 +75,7 @@ static void find_nodes(double *node)
         }
         node[found++] = (a + b) / 2;
     }
-    node[S - 1] = 1;
+    node[S - 1] = 1;  /* Radau's own: the end of the step */
 }
 
 /* l_j(theta) of the nodes: 1 at node j, 0 at the others. */
@@ -103,7 +104,7 @@ static void monomials(const double *node, int j, double *column)
                 ((k > 0 ? a[k - 1] : 0) - node[i] * (k < degree ? a[k] : 0)) / (node[j] - node[i]);
     }
     for (int k = 0; k < S; k++) {
-        column[k] = a[k] * factorial;
+        column[k] = a[k] * factorial;  /* of c^k / k! */
         factorial *= k + 1;  /* k! of c^k / k! */
     }
 }
@@ -148,15 +149,16 @@ enum modal_status collocation_new(const struct statespace *ss, const struct sour
         c->at_zero[j] = lagrange(c->node, j, 0);
         monomials(c->node, j, c->inverse + S * j);
     }
+    /* (3) of one mode, or of all states */
     c->size = ss->modal ? 2 + S + c->nw : c->N + m * S + c->nw;
     c->U = copy_of(U, (size_t)c->N * (size_t)m);
     c->R = copy_of(R, (size_t)r * (size_t)c->N);
-    c->BP = stepper_source_matrix(ss, src);
+    c->BP = stepper_source_matrix(ss, src);  /* hB_s of (3) */
     c->X = malloc((size_t)c->size * (size_t)c->size * sizeof *c->X);
     c->Y = malloc((size_t)c->size * (size_t)c->size * sizeof *c->Y);
     c->full = calloc((size_t)c->N * (size_t)c->N + 1, sizeof *c->full);
     c->block = calloc((size_t)c->N * (size_t)(2 * m * S + c->nw) + 1, sizeof *c->block);
-    rc = expm_new(c->size, &c->exponential, err);
+    rc = expm_new(c->size, &c->exponential, err);  /* one workspace for all maps */
     if (rc == MODAL_OK)
         rc = expm_new(2, &c->two, err);
     if (rc == MODAL_OK
@@ -206,7 +208,7 @@ static void assemble_dense(struct collocation *c, double h, double ci)
     size_t N = (size_t)c->N, m = (size_t)c->m, nw = (size_t)c->nw, size = (size_t)c->size,
            first = N + m * S;
 
-    memset(c->X, 0, size * size * sizeof *c->X);
+    memset(c->X, 0, size * size * sizeof *c->X);  /* most of (3) is zeros */
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)
             c->X[i + j * size] = ci * h * c->ss->A[i + j * N];
@@ -344,10 +346,10 @@ static enum modal_status compute(struct collocation *c, double h, struct colloca
                                  struct modal_error *err)
 {
     int N = c->N, m = c->m, r = c->r, nw = c->nw;
-    enum modal_status rc = allocate(c, map, err);
+    enum modal_status rc = allocate(c, map, err);  /* a map half made is freed by map_done */
 
     for (int i = 0; i < S && rc == MODAL_OK; i++) {
-        bool last = i == S - 1;
+        bool last = i == S - 1;  /* the end: its E, W, G are kept */
         double *E = last ? map->E : c->full, *W = last ? map->W : c->block,
                *G = last ? map->G : c->block + (size_t)N * (size_t)(m * S);
         double *RE = map->RE + (size_t)i * (size_t)r * (size_t)N,
@@ -367,7 +369,7 @@ static enum modal_status compute(struct collocation *c, double h, struct colloca
                         map->RG + (size_t)i * (size_t)r * (size_t)nw, r);
     }
     map->h = h;
-    c->made++;
+    c->made++;  /* what a step costs, for the reader of `maps` */
     return rc;
 }
 

@@ -44,14 +44,14 @@ static enum modal_status matrix_of(struct side *side, bool periodic, double peri
     struct statespace *ss = side->ss;
     size_t bytes = (size_t)ss->N * (size_t)ss->N * sizeof *side->X;
     struct magnus *m = NULL;
-    int substeps = 16;
+    int substeps = 16;  /* doubled from there */
     double error;
     enum modal_status rc;
 
     if ((side->X = malloc(bytes + 1)) == NULL)
         return no_memory(err);
     if (!periodic) {
-        memcpy(side->X, ss->A, bytes);
+        memcpy(side->X, ss->A, bytes);  /* constant: A itself */
         return MODAL_OK;
     }
     rc = magnus_new(ss, NULL, &m, err);
@@ -77,6 +77,7 @@ static enum modal_status solve(struct side *side, bool periodic, double period,
         rc = no_memory(err);
     if (rc == MODAL_OK) {
         memcpy(copy, side->X, count * sizeof *copy);
+        /* A is overwritten: it is a copy */
         rc = eigen_general(&A, side->value, NULL, side->V, err);
     }
     free(copy);
@@ -178,7 +179,7 @@ static bool add_harmonic(struct statespace *out, const struct side *a, const str
     const struct statespace_harmonic *from = harmonic_of(a->ss, k), *to = harmonic_of(b->ss, k);
     struct statespace_harmonic *h = &out->harmonic[out->harmonics++];
 
-    h->k = k;
+    h->k = k;  /* of both sides */
     carry(N, D, to != NULL ? to->cosine : NULL, back, work, work + count);
     h->cosine = doubled(N, from != NULL ? from->cosine : NULL, work + count);
     carry(N, D, to != NULL ? to->sine : NULL, back, work, work + count);
@@ -196,7 +197,7 @@ static enum modal_status doubled_system(const struct side *a, const struct side 
     bool whole;
 
     out->p = a->ss->p->harmonics > 0 ? a->ss->p : b->ss->p;
-    out->N = 2 * N;
+    out->N = 2 * N;  /* twice the states */
     out->harmonic =
         calloc((size_t)(a->ss->harmonics + b->ss->harmonics) + 1, sizeof *out->harmonic);
     carry(N, D, b->ss->A, back, work, work + count);
@@ -244,8 +245,8 @@ static void project(const struct side *a, const double *X, double complex *out)
         for (size_t k = 0; k < N; k++) {
             double complex row = 0;
             for (size_t j = 0; j < N; j++)
-                row += a->L[i + j * N] * X[j + k * N];
-            out[i] += row * a->V[k + i * N];
+                row += a->L[i + j * N] * X[j + k * N];  /* l_i X */
+            out[i] += row * a->V[k + i * N];  /* .. r_i */
         }
     }
 }
@@ -267,7 +268,7 @@ static enum modal_status estimate(const struct side *a, const struct side *b,
         rc = monodromy_change(a, b, f->period, D, back, work, difference, err);
     else if (rc == MODAL_OK) {
         carry(N, D, b->X, back, work, difference);
-        cblas_daxpy((int)count, -1, a->X, 1, difference, 1);
+        cblas_daxpy((int)count, -1, a->X, 1, difference, 1);  /* dX = A' - A */
     }
     if (rc == MODAL_OK)
         project(a, difference, out);
@@ -314,7 +315,7 @@ static enum modal_status pair_up(const struct side *a, const struct side *b, int
         int i = (int)(best % (size_t)Na), j = (int)(best / (size_t)Na);
         if (overlap[best] < 0)
             break;
-        match[i] = j;
+        match[i] = j;  /* the best of all that are left */
         for (int k = 0; k < Nb; k++)
             overlap[(size_t)i + (size_t)k * (size_t)Na] = -1;
         for (int k = 0; k < Na; k++)
@@ -349,7 +350,7 @@ static enum modal_status fill(struct influence *f, const struct side *a, const s
                               struct modal_error *err)
 {
     int N = a->ss->N, *match = malloc((size_t)N * sizeof *match + 1);
-    bool alike = a->ss->nz == b->ss->nz;
+    bool alike = a->ss->nz == b->ss->nz;  /* else (1) compares different states */
     enum modal_status rc;
 
     f->count = N;

@@ -67,6 +67,7 @@ static enum modal_status modal_map(struct linear_stepper *s, double h, struct ma
                                    struct modal_error *err)
 {
     int n = s->ss->n, N = s->ss->N;
+    /* by the size of a source's block */
     struct expm *two = NULL, *small[SOURCES_BLOCK_MOST + 1] = { NULL };
     enum modal_status rc = expm_new(2, &two, err);
 
@@ -100,12 +101,12 @@ static enum modal_status dense_map(struct linear_stepper *s, double h, struct ma
     memset(s->augmented, 0, size * size * sizeof *s->augmented);
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)
-            s->augmented[i + j * size] = h * s->ss->A[i + j * N];
+            s->augmented[i + j * size] = h * s->ss->A[i + j * N];  /* A of (1) */
     for (size_t j = 0; j < nw; j++) {
         for (size_t i = 0; i < N; i++)
-            s->augmented[i + (N + j) * size] = h * s->BP[i + j * N];
+            s->augmented[i + (N + j) * size] = h * s->BP[i + j * N];  /* B P */
         for (size_t i = 0; i < nw; i++)
-            s->augmented[N + i + (N + j) * size] = h * s->src->S[i + j * nw];
+            s->augmented[N + i + (N + j) * size] = h * s->src->S[i + j * nw];  /* S */
     }
     rc = expm_driven(s->exponential, (int)N, s->augmented, s->result, err);
     for (size_t j = 0; rc == MODAL_OK && j < size; j++)

@@ -98,13 +98,16 @@ static enum modal_status read_points(const cJSON *list, const char *path, struct
 {
     const cJSON *point;
     char where[160];
+    /* no list: no points, and the caller says so */
     int n = cJSON_IsArray(list) ? cJSON_GetArraySize(list) : 0;
 
+    /* the load's from the start: program_free frees */
     load->time = malloc(((size_t)n + 1) * sizeof *load->time);
     load->force = malloc(((size_t)n + 1) * sizeof *load->force);
     if (load->time == NULL || load->force == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     cJSON_ArrayForEach(point, list) {
+        /* NULL where it is no list */
         const cJSON *t = cJSON_GetArrayItem(point, 0), *f = cJSON_GetArrayItem(point, 1);
         if (!cJSON_IsArray(point) || cJSON_GetArraySize(point) != 2 || !cJSON_IsNumber(t)
             || !cJSON_IsNumber(f)) {
@@ -142,7 +145,7 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
 {
     enum modal_status rc = k->points != NULL ? read_points(k->points, path, load, err)
                                              : move_lists(k, path, load, err);
-    const char *key = k->points != NULL ? "points" : "time";
+    const char *key = k->points != NULL ? "points" : "time";  /* for messages: what the scene has */
     char where[160];
 
     if (rc != MODAL_OK)
@@ -152,7 +155,7 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: a table has 2 to %d points",
                                 where, LOWERING_POINTS_MOST);
     for (int i = 1; i < load->points; i++)
-        if (load->time[i] <= load->time[i - 1]) {
+        if (load->time[i] <= load->time[i - 1]) {  /* a jump is two steps, not two points */
             snprintf(where, sizeof where, "%.90s.%s[%d]", path, key, i);
             return modal_fail_field(err, MODAL_BAD_INPUT, where,
                                     "%s: times must ascend; %g follows %g", where, load->time[i],
@@ -171,11 +174,11 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
 
     load->dof_sine = -1;  /* does not turn */
     if (frame == ABSENT && l->p->seen_fixed)
-        frame = FIXED;
+        frame = FIXED;  /* what is given is given on the axes that are seen */
     if (frame == ABSENT)
         return MODAL_OK;
     json_path(where, path, "frame");
-    if (!l->names_frames)
+    if (!l->names_frames)  /* no shaft */
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s: the axes of a %s do not turn",
                                 where, l->structure->name);
     if (frame == ROTATING && (l->turn_partner == NULL || l->p->seen_fixed))
@@ -185,7 +188,7 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
             "structure.frame \"rotating\"",
             where);
     if (frame == FIXED && l->turn_partner != NULL) {
-        load->dof_sine = l->turn_partner[load->dof];
+        load->dof_sine = l->turn_partner[load->dof];  /* p cos on dof, p sin on its partner */
         load->turn = l->turn_sign[load->dof];
     }
     return MODAL_OK;
@@ -221,7 +224,7 @@ static enum modal_status read_load(const struct lowering *l, const cJSON *json, 
 {
     const char *names[TYPES + 1] = { NULL };
     int type = LOAD_HARMONIC;
-    struct keys k = { 0 };
+    struct keys k = { 0 };  /* of all types: what a type has no row for stays 0 */
     enum modal_status rc;
 
     for (int i = 0; i < TYPES; i++)
@@ -234,7 +237,7 @@ static enum modal_status read_load(const struct lowering *l, const cJSON *json, 
     rc = scene_keys_read(l, json, path, loads_types[type].keys, &k, err);
     if (rc == MODAL_OK)
         rc = fill_load(l, &k, path, load, err);
-    scene_keys_free(loads_types[type].keys, &k);
+    scene_keys_free(loads_types[type].keys, &k);  /* what was not moved */
     return rc;
 }
 
@@ -245,7 +248,7 @@ enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struc
     int count;
     enum modal_status rc = MODAL_OK;
 
-    if (excitation == NULL)
+    if (excitation == NULL)  /* free motion */
         return MODAL_OK;
     if (!cJSON_IsArray(excitation))
         return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation must be a list");

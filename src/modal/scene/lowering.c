@@ -8,12 +8,12 @@
 /* Grow an array that has COUNT of ROOM elements in use by one more; false: no memory. */
 static bool grow(struct lowering *l, void **x, int count, int *room, size_t size)
 {
-    if (count < *room)
+    if (count < *room)  /* room is left */
         return true;
     int more = *room < 16 ? 16 : 2 * *room;  /* doubled: N entries cost N copies in all */
     void *bigger = realloc(*x, (size_t)more * size);
     if (bigger == NULL) {
-        l->no_memory = true;
+        l->no_memory = true;  /* told once, at the end */
         return false;
     }
     *x = bigger;
@@ -25,7 +25,7 @@ static bool grow(struct lowering *l, void **x, int count, int *room, size_t size
 static void append(struct lowering *l, struct lowering_entries *e, int i, int j, double value)
 {
     if (e->count >= LOWERING_ENTRIES_MOST) {
-        l->too_many = true;
+        l->too_many = true;  /* told once, at the end */
         return;
     }
     if (grow(l, (void **)&e->x, e->count, &e->room, sizeof *e->x))
@@ -43,12 +43,12 @@ int lowering_add_dof(struct lowering *l, const char *name)
         l->no_memory = true;
         return -1;
     }
-    return p->n++;
+    return p->n++;  /* the new one's index */
 }
 
 void lowering_add(struct lowering *l, int matrix, int i, int j, double value)
 {
-    if (i >= 0 && j >= 0)
+    if (i >= 0 && j >= 0)  /* a support or the ground takes no entry */
         append(l, &l->constant[matrix], i, j, value);
 }
 
@@ -56,6 +56,7 @@ void lowering_add_still_damping(struct lowering *l, int i, int j, double c)
 {
     lowering_add(l, PROGRAM_C, i, j, c);
     if (l->turn_partner != NULL && j >= 0 && l->p->frame_speed != 0)
+        /* W Cb J of (1) of shaft.c */
         lowering_add(l, PROGRAM_K, i, l->turn_partner[j], l->p->frame_speed * l->turn_sign[j] * c);
 }
 
@@ -64,7 +65,7 @@ static struct lowering_harmonic *harmonic(struct lowering *l, int k)
 {
     int at = 0;
 
-    while (at < l->harmonics && l->harmonic[at].k < k)
+    while (at < l->harmonics && l->harmonic[at].k < k)  /* few: a walk serves */
         at++;
     if (at < l->harmonics && l->harmonic[at].k == k)
         return &l->harmonic[at];
@@ -77,7 +78,7 @@ static struct lowering_harmonic *harmonic(struct lowering *l, int k)
     l->harmonic = more;
     /* ascending k */
     memmove(more + at + 1, more + at, (size_t)(l->harmonics - at) * sizeof *more);
-    more[at] = (struct lowering_harmonic) { .k = k };
+    more[at] = (struct lowering_harmonic) { .k = k };  /* empty */
     l->harmonics++;
     return &more[at];
 }
@@ -85,7 +86,7 @@ static struct lowering_harmonic *harmonic(struct lowering *l, int k)
 void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, double cosine,
                            double sine)
 {
-    if (k == 0) {
+    if (k == 0) {  /* constant: cos 0 = 1, sin 0 = 0 */
         lowering_add(l, matrix, i, j, cosine);
         return;
     }
@@ -94,7 +95,7 @@ void lowering_add_harmonic(struct lowering *l, int matrix, int k, int i, int j, 
     struct lowering_harmonic *h = harmonic(l, k);
     if (h == NULL)
         return;
-    if (cosine != 0)
+    if (cosine != 0)  /* zeros are no entries: an absent part leaves no trace */
         append(l, &h->cosine[matrix], i, j, cosine);
     if (sine != 0)
         append(l, &h->sine[matrix], i, j, sine);
@@ -105,7 +106,7 @@ void lowering_add_element(struct lowering *l, int matrix, int n, const int *inde
 {
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++)
-            if (values[i * n + j] != 0)
+            if (values[i * n + j] != 0)  /* nor here */
                 lowering_add(l, matrix, index[i], index[j], values[i * n + j]);
 }
 
@@ -113,13 +114,13 @@ int lowering_add_states(struct lowering *l, int count)
 {
     int first = l->p->n_linear;
 
-    if (count > LOWERING_STATES_MOST - first) {
+    if (count > LOWERING_STATES_MOST - first) {  /* so written that it cannot overflow */
         l->too_many = true;
         return -1;
     }
     l->p->n_linear += count;
     if (l->effect >= 0)
-        l->p->effect[l->effect].states += count;
+        l->p->effect[l->effect].states += count;  /* plan.effects tells whose they are */
     return first;
 }
 
@@ -136,7 +137,7 @@ void lowering_add_law(struct lowering *l, struct law *law)
 
     if (more == NULL) {
         l->no_memory = true;
-        law_done(law);
+        law_done(law);  /* it was the program's to free */
         return;
     }
     p->law = more;
@@ -173,7 +174,7 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
 
         position++;
         if (after != NULL) {
-            after = item == after ? NULL : after;
+            after = item == after ? NULL : after;  /* up to AFTER all are passed over */
             continue;
         }
         if (!left_out && cJSON_IsString(name) && strcmp(name->valuestring, type) == 0)
@@ -237,7 +238,7 @@ void lowering_between(struct lowering *l, int matrix, struct local_ends at, doub
         return;
     lowering_add(l, matrix, at.dof, at.dof, value);
     lowering_add(l, matrix, at.to, at.to, value);
-    lowering_add(l, matrix, at.dof, at.to, -value);
+    lowering_add(l, matrix, at.dof, at.to, -value);  /* value [1 -1; -1 1] */
     lowering_add(l, matrix, at.to, at.dof, -value);
 }
 
@@ -253,7 +254,7 @@ void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct loc
 enum modal_status lowering_need_omega(const struct lowering *l, const char *who,
                                       struct modal_error *err)
 {
-    if (l->p->omega > 0)
+    if (l->p->omega > 0)  /* a shaft's speed has set it by now */
         return MODAL_OK;
     return modal_fail_field(err, MODAL_BAD_INPUT, "omega",
                             "%s needs the scene's omega [rad/s], a number > 0", who);

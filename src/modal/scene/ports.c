@@ -51,6 +51,7 @@ static enum modal_status fill_harmonics(struct ports *p, const int *index, struc
     const struct program *program = p->ss->p;
     static const int matrix[2] = { PROGRAM_C, PROGRAM_K };
 
+    /* one more: calloc(0) may be NULL */
     if ((p->harmonic = calloc((size_t)program->harmonics + 1, sizeof *p->harmonic)) == NULL)
         return no_memory(err);
     for (int h = 0; h < program->harmonics; h++) {
@@ -74,11 +75,11 @@ static void connect(struct ports *p, int c, int dof, int to)
 {
     const struct statespace *ss = p->ss;
     size_t N = (size_t)ss->N, r = 2 * (size_t)p->probes, n = (size_t)ss->n;
-    int ends[2] = { dof, to };
+    int ends[2] = { dof, to };  /* + on dof, - on to */
 
     for (int e = 0; e < 2; e++) {
         double sign = e == 0 ? 1 : -1;
-        if (ends[e] < 0)
+        if (ends[e] < 0)  /* the ground does not move */
             continue;
         for (size_t i = 0; i < N; i++)
             /* a law's force resists */
@@ -102,7 +103,7 @@ static enum modal_status fill(struct ports *p, const int *index, struct modal_er
         p->law[i] = (struct port_law) { .law = law, .channel = channel, .memory = p->memory };
         p->memory += law->memory;  /* places one after the other */
         for (int k = 0; k < law->kind->inputs; k++)
-            connect(p, channel++, law->dof[k], law->to[k]);
+            connect(p, channel++, law->dof[k], law->to[k]);  /* inputs of one law lie together */
         if (law->memory > LAW_MEMORY_MOST)
             return modal_fail_field(err, MODAL_TOO_LARGE, "effects",
                                     "a law remembers %d numbers; at most %d", law->memory,
@@ -128,7 +129,7 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out,
         for (int i = 0; i < program->laws; i++)
             p->inputs += program->law[i].kind->inputs;
         p->rows = touched(program, index);  /* before room is made: channels depend on it */
-        p->channels = p->probes = p->inputs + p->rows;
+        p->channels = p->probes = p->inputs + p->rows;  /* a channel looks where it pushes */
         p->law = calloc((size_t)p->laws + 1, sizeof *p->law);
         p->U = calloc((size_t)ss->N * (size_t)p->channels + 1, sizeof *p->U);
         p->R = calloc((size_t)ss->N * 2 * (size_t)p->probes + 1, sizeof *p->R);
@@ -168,10 +169,10 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
 {
     struct port_law *l = &p->law[law];
     struct law_point at = { t, d, v, d_before, memory };
-    struct law_force f = { .memory = after };
+    struct law_force f = { .memory = after };  /* room for what it remembers */
     enum modal_status rc = l->law->kind->force(l->law, &at, &f, err);
 
-    l->evaluations++;
+    l->evaluations++;  /* plan.effects */
     *regime = f.regime;
     return rc;
 }
@@ -182,6 +183,7 @@ static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
                                   double *force, double *slope, double *after,
                                   struct modal_error *err)
 {
+    /* its probes have its channels' numbers */
     int inputs = l->law->kind->inputs, c = l->channel, q = p->probes;
     double scratch[LAW_MEMORY_MOST];
     struct law_point at = { t, probe + c, probe + q + c, before + c, memory + l->memory };
@@ -240,7 +242,7 @@ enum modal_status ports_force(struct ports *p, double t, const double *probe, co
 {
     enum modal_status rc = MODAL_OK;
 
-    memset(force, 0, (size_t)p->channels * sizeof *force);
+    memset(force, 0, (size_t)p->channels * sizeof *force);  /* pulsating rows add up */
     if (slope != NULL)
         memset(slope, 0, (size_t)p->channels * 2 * (size_t)p->probes * sizeof *slope);
     for (int i = 0; i < p->laws && rc == MODAL_OK; i++)

@@ -39,7 +39,7 @@ static void add_sparse(struct sha256 *s, const struct sparse *a)
 {
     int entries = a->start != NULL ? a->start[a->m] : 0;
 
-    add_int(s, a->m);
+    add_int(s, a->m);  /* shape first: lists have no other end */
     add_int(s, a->n);
     for (int i = 0; a->start != NULL && i <= a->m; i++)
         add_int(s, a->start[i]);
@@ -67,7 +67,7 @@ static void add_load(struct sha256 *s, const struct program_load *load)
 static void add_law(struct sha256 *s, const struct law *law)
 {
     add_text(s, law->kind->name);
-    add_int(s, law->effect);
+    add_int(s, law->effect);  /* which row it counts in */
     for (int i = 0; i < law->kind->inputs; i++) {
         add_int(s, law->dof[i]);
         add_int(s, law->to[i]);
@@ -94,7 +94,7 @@ static void add_matrices(struct sha256 *s, const struct program *p)
 
     for (int i = 0; i < 3; i++)
         add_sparse(s, &p->constant[i]);
-    add_int(s, p->harmonics);
+    add_int(s, p->harmonics);  /* how many follow */
     for (int h = 0; h < p->harmonics; h++) {
         add_int(s, p->harmonic[h].k);
         for (int i = 0; i < 3; i++) {
@@ -137,7 +137,7 @@ void program_hash(struct program *p)
     add_doubles(&s, p->x0, p->n);
     add_doubles(&s, p->v0, p->n);
     add_doubles(&s, numbers, 3);
-    sha256_end(&s, digest);
+    sha256_end(&s, digest);  /* of all of it */
     sha256_hex(digest, p->hash);
 }
 
@@ -202,7 +202,7 @@ static void free_matrices(struct program *p)
 
 void program_free(struct program *p)
 {
-    if (p == NULL)
+    if (p == NULL)  /* accepted */
         return;
     free_matrices(p);
     for (int i = 0; i < p->n; i++)

@@ -103,7 +103,7 @@ void readout_at(struct readout *r, double t, const double *y, const double *F, d
 
     memcpy(r->e, y, (size_t)N * sizeof *y);
     if (r->accelerations) {
-        const double *A = ss->A;
+        const double *A = ss->A;  /* constant, unless it pulsates */
         if (ss->harmonics > 0) {
             statespace_at(ss, t, r->A);
             A = r->A;

@@ -53,11 +53,12 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
     void *values;
     enum modal_status rc;
 
-    if (!cJSON_IsObject(json))
+    if (!cJSON_IsObject(json))  /* the row of `structure` has seen that it is there */
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure",
                                 "a scene needs an object \"structure\"");
     if ((rc = json_need_string(json, "structure", "type", &type, err)) != MODAL_OK)
         return rc;
+    /* all that there are are named: they are few */
     if ((l->structure = find_structure(type)) == NULL) {
         for (int i = 0; scene_structures[i] != NULL; i++)
             snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
@@ -67,10 +68,11 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
     }
     if ((values = values_new(l->structure->size)) == NULL)
         return no_memory(err);
+    /* no dof has a name yet */
     rc = scene_keys_read(NULL, json, "structure", l->structure->keys, values, err);
     if (rc == MODAL_OK)
         rc = l->structure->lower(l, values, err);
-    scene_keys_free(l->structure->keys, values);
+    scene_keys_free(l->structure->keys, values);  /* what it kept of them it has copied */
     free(values);
     for (int i = 0; i < 3; i++)
         l->structural[i] = l->constant[i].count;  /* damping of the structure reads up to here */
@@ -97,7 +99,7 @@ static enum modal_status find_effect(const struct lowering *l,
 
     for (int i = 0; table[i] != NULL; i++) {
         bool same = strcmp(table[i]->name, type) == 0;
-        known = known || same;
+        known = known || same;  /* of another structure: the message says so */
         if (!takes(table[i], l->structure->name))
             continue;
         if (same) {
@@ -117,7 +119,7 @@ static enum modal_status find_effect(const struct lowering *l,
 /* Everything that an effect can have written, counted. */
 static int written(const struct lowering *l)
 {
-    int count = l->p->laws + l->p->n_linear;
+    int count = l->p->laws + l->p->n_linear;  /* states of effects */
 
     for (int i = 0; i < 3; i++)
         count += l->constant[i].count;
@@ -133,10 +135,10 @@ static int written(const struct lowering *l)
 static enum modal_status check_ends(const struct scene_effect_kind *kind,
                                     const struct scene_effect *e, struct modal_error *err)
 {
-    const struct local_ends *at = e->values;
+    const struct local_ends *at = e->values;  /* where the first table says so */
     char where[128];
 
-    if (kind->keys[0] != lowering_ends_keys || at->dof != at->to)
+    if (kind->keys[0] != lowering_ends_keys || at->dof != at->to)  /* the others have no two ends */
         return MODAL_OK;
     json_path(where, e->path, at->dof < 0 ? "dof" : "to");
     return modal_fail_field(err, MODAL_BAD_INPUT, where,
@@ -182,14 +184,14 @@ static enum modal_status lower_effect(struct lowering *l,
         return rc;
     if ((row->type = strdup(type)) == NULL)
         return no_memory(err);
-    l->effect = l->p->effects++;
+    l->effect = l->p->effects++;  /* what is added from here on is this row's */
     rc = lower_kind(l, kind, &(struct scene_effect) { json, path, l->effect, NULL }, err);
     if (rc == MODAL_OK && (l->p->laws > laws || row->carrier > 0)
         && (row->law_text = json_print(json)) == NULL)
         rc = no_memory(err);
     /* laws say so themselves, when they act */
     row->active = written(l) > before && l->p->laws == laws;
-    l->effect = -1;
+    l->effect = -1;  /* the structure's again */
     return rc;
 }
 
@@ -214,7 +216,7 @@ static enum modal_status lower_effects(struct lowering *l, const cJSON *list,
     cJSON_ArrayForEach(item, list) {
         if (rc == MODAL_OK && !(options != NULL && options->without[position]))
             rc = lower_effect(l, table, item, position, err);
-        position++;
+        position++;  /* of the scene: rows close up over those left out */
     }
     if (rc == MODAL_OK && l->structure->finish != NULL)
         rc = l->structure->finish(l, err);
@@ -243,7 +245,7 @@ static enum modal_status read_state(const struct program *p, const cJSON *list, 
         return modal_fail_field(err, MODAL_BAD_INPUT, base,
                                 "%s must be an object: numbers by dof name", base);
     cJSON_ArrayForEach(item, list) {
-        int dof = program_dof(p, item->string);
+        int dof = program_dof(p, item->string);  /* the ground has no state either */
         json_path(path, base, item->string);
         if (dof < 0)
             return modal_fail_field(
@@ -252,7 +254,7 @@ static enum modal_status read_state(const struct program *p, const cJSON *list, 
                 p->dofs[0], p->dofs[p->n - 1]);
         if (!cJSON_IsNumber(item))
             return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a number", path);
-        x[dof] = item->valuedouble;
+        x[dof] = item->valuedouble;  /* keys stand once: json.h */
     }
     return MODAL_OK;
 }
@@ -269,7 +271,7 @@ static enum modal_status read_initial(struct program *p, const cJSON *initial,
     p->v0 = calloc((size_t)p->n, sizeof *p->v0);
     if (p->x0 == NULL || p->v0 == NULL)
         return no_memory(err);
-    if (initial == NULL)
+    if (initial == NULL)  /* zeros */
         return MODAL_OK;
     rc = scene_keys_read(NULL, initial, "initial", tables, &at, err);
     if (rc == MODAL_OK)
@@ -328,6 +330,7 @@ static void turn_initial(const struct lowering *l)
 static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const char *path,
                                     struct modal_error *err)
 {
+    /* counted before it is filled: program_free frees its name */
     struct program_output *out = &l->p->output[l->p->outputs++];
 
     if (!cJSON_IsObject(json))
@@ -344,7 +347,7 @@ static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const
 /* Dof I as a channel, as {"dof": its name} would. */
 static enum modal_status sense_dof(struct lowering *l, int i, struct modal_error *err)
 {
-    cJSON *json = cJSON_CreateObject();
+    cJSON *json = cJSON_CreateObject();  /* so that one way serves both */
     enum modal_status rc =
         json != NULL && cJSON_AddStringToObject(json, "dof", l->p->dofs[i]) != NULL
             ? add_sensor(l, json, "sensors", err)
@@ -366,7 +369,7 @@ static enum modal_status read_sensors(struct lowering *l, const cJSON *list,
 
     if (list != NULL && !cJSON_IsArray(list))
         return modal_fail_field(err, MODAL_BAD_INPUT, "sensors", "sensors must be a list");
-    count = list != NULL ? cJSON_GetArraySize(list) : p->n;
+    count = list != NULL ? cJSON_GetArraySize(list) : p->n;  /* absent: all dofs */
     if (count > LOWERING_DOFS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "sensors",
                                 "a scene lists %d sensors; at most %d", count, LOWERING_DOFS_MOST);
@@ -387,7 +390,7 @@ static enum modal_status read_sensors(struct lowering *l, const cJSON *list,
 static enum modal_status compress(const struct lowering_entries *e, int m, int n, bool always,
                                   struct sparse *out, struct modal_error *err)
 {
-    if (e->count == 0 && !always)
+    if (e->count == 0 && !always)  /* m = 0 says: none */
         return MODAL_OK;
     return sparse_from_triplets(m, n, e->x, e->count, out, err);
 }
@@ -404,7 +407,7 @@ static enum modal_status compress_harmonics(struct lowering *l, struct modal_err
         return no_memory(err);
     p->harmonics = l->harmonics;
     for (int h = 0; h < l->harmonics; h++) {
-        p->harmonic[h].k = l->harmonic[h].k;
+        p->harmonic[h].k = l->harmonic[h].k;  /* ascending already */
         for (int i = 0; i < 3 && rc == MODAL_OK; i++) {
             rc = compress(&l->harmonic[h].cosine[i], p->n, p->n, false, &p->harmonic[h].cosine[i],
                           err);
@@ -420,6 +423,7 @@ static enum modal_status compress_harmonics(struct lowering *l, struct modal_err
 static enum modal_status compress_all(struct lowering *l, struct modal_error *err)
 {
     struct program *p = l->p;
+    /* in the order of enum lowering_block */
     struct sparse *block[LOWER_BLOCKS] = { &p->E, &p->A, &p->Bx, &p->Bv, &p->Ba, &p->F };
     enum modal_status rc = MODAL_OK;
 
@@ -446,6 +450,7 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
         for (int k = M->start[i]; k < M->start[i + 1]; k++)
             /* half the bandwidth */
             b = M->index[k] > i && M->index[k] - i > b ? M->index[k] - i : b;
+    /* n (b + 1), not n^2: a beam's b is 7 */
     if ((band = calloc((size_t)(b + 1) * (size_t)p->n, sizeof *band)) == NULL)
         return no_memory(err);
     for (int i = 0; i < M->m; i++)
@@ -469,6 +474,7 @@ static enum modal_status check_mass(const struct lowering *l, struct modal_error
 static enum modal_status check_period(const struct program *p, struct modal_error *err)
 {
     for (int h = 0; h < p->harmonics && p->period > 0; h++) {
+        /* k Omega T / 2 pi */
         double cycles = p->harmonic[h].k * p->omega * p->period / (2 * M_PI);
         if (!(fabs(cycles - round(cycles)) <= CYCLE_ROUNDING * cycles) || round(cycles) < 1)
             return modal_fail_field(err, MODAL_BAD_INPUT, "period",
@@ -556,7 +562,7 @@ static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
     struct scene_keys s = { 0 };
     enum modal_status rc = scene_keys_read(NULL, scene, "", tables, &s, err);
 
-    l->p->omega = s.omega;
+    l->p->omega = s.omega;  /* before the structure: a shaft sets it where it is 0 */
     l->p->period = s.period;
     if (rc == MODAL_OK)
         rc = lower_structure(l, s.structure, err);
@@ -580,7 +586,7 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
-    if (l->no_memory)
+    if (l->no_memory)  /* remembered since any adding */
         return no_memory(err);
     if (l->too_many)
         return modal_fail_field(
@@ -593,7 +599,7 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
     if (rc == MODAL_OK)
         rc = check_period(l->p, err);
     if (rc == MODAL_OK)
-        program_hash(l->p);
+        program_hash(l->p);  /* last: it covers all of the program */
     return rc;
 }
 
@@ -616,13 +622,13 @@ static void lowering_done(struct lowering *l)
         free(l->mesh);
     free(l->turn_partner);
     free(l->turn_sign);
-    program_free(l->p);
+    program_free(l->p);  /* NULL where it was handed over */
 }
 
 enum modal_status scene_lower(const cJSON *scene, const struct scene_options *options,
                               struct program **out, struct modal_error *err)
 {
-    struct lowering l = { .scene = scene,
+    struct lowering l = { .scene = scene,  /* effect -1: the structure comes first */
                           .options = options,
                           .p = calloc(1, sizeof *l.p),
                           .effect = -1 };
@@ -635,7 +641,7 @@ enum modal_status scene_lower(const cJSON *scene, const struct scene_options *op
         snprintf(err->field, sizeof err->field, "structure");
     if (rc == MODAL_OK) {
         *out = l.p;
-        l.p = NULL;
+        l.p = NULL;  /* the caller's now */
     }
     lowering_done(&l);
     return rc;
@@ -646,6 +652,7 @@ static enum modal_status duration_of(const cJSON *json, const struct program *p,
                                      const struct time_keys *t, double *duration,
                                      struct modal_error *err)
 {
+    /* the scene's own first */
     double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
 
     *duration = t->duration;
@@ -679,7 +686,7 @@ enum modal_status scene_time(const cJSON *scene, const struct program *p, struct
         rc = duration_of(json, p, &t, &duration, err);
     if (rc != MODAL_OK)
         return rc;
-    steps = duration / t.dt;
+    steps = duration / t.dt;  /* compared as a double: it may be past any integer */
     if (!(steps <= SCENE_SAMPLES_MOST - 1))
         return modal_fail_field(err, MODAL_TOO_LARGE, "time",
                                 "the record would have %.3g samples; at most %d", steps,
@@ -718,9 +725,10 @@ bool scene_tables(int i, struct scene_table *out)
     if (in_tables(own, &i, out))
         return true;
     for (const struct scene_structure_kind *const *k = scene_structures; *k != NULL; k++)
-        if (i-- == 0) {
+        if (i-- == 0) {  /* this one; else one less to go */
             *out =
                 (struct scene_table){ .list = "structure", .name = (*k)->name, .law = (*k)->law };
+            /* the rows stay where they are: static */
             memcpy(out->keys, (*k)->keys, sizeof out->keys);
             return true;
         }

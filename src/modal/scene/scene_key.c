@@ -32,6 +32,7 @@ static enum modal_status explain(const struct scene_key *key, enum modal_status 
     const char *unit = key->unit != NULL ? key->unit : "";
     size_t length = err != NULL ? strlen(err->message) : 0;
 
+    /* a lack of memory is no key's */
     if (rc == MODAL_BAD_INPUT && err != NULL && key->means != NULL)
         snprintf(err->message + length, sizeof err->message - length, " (%s%s%s)", unit,
                  unit[0] != '\0' ? "; " : "", key->means);
@@ -87,12 +88,14 @@ static enum modal_status read_key(const struct lowering *l, const cJSON *json, c
                                   const struct scene_key *key, void *values,
                                   struct modal_error *err)
 {
+    /* the other key says it */
     bool excused = key->unless != NULL && json_member(json, key->unless) != NULL;
+    /* the other key asks for it */
     bool drawn = key->with != NULL && json_member(json, key->with) != NULL;
 
     if (((key->needed && !excused) || drawn) && json_member(json, key->name) == NULL)
         return missing(path, key, err);
-    if (key->at == SCENE_ELSEWHERE)
+    if (key->at == SCENE_ELSEWHERE)  /* known, but not read here */
         return MODAL_OK;
     enum modal_status rc = read_value(l, json, path, key, (char *)values + key->at, err);
     /* what is wrong with a dof is its name, whatever for */

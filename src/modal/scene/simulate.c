@@ -77,7 +77,7 @@ static void done(struct motion *m)
 {
     if (m->stepper != NULL)
         m->stepper->free(m->stepper);
-    readout_free(m->readout);
+    readout_free(m->readout);  /* before what it borrows */
     sources_free(m->src);
     statespace_free(m->ss);
     free(m->y);
@@ -93,7 +93,7 @@ static enum modal_status advance(struct motion *m, double h, struct modal_error 
     if (rc == MODAL_OVERFLOW)
         return modal_fail(err, rc, "the motion leaves the range of doubles after t = %.9g s", t);
     for (int i = 0; rc == MODAL_OK && i < m->ss->N; i++)
-        if (!(fabs(m->y[i]) < LIMIT))
+        if (!(fabs(m->y[i]) < LIMIT))  /* a NaN too */
             return modal_fail(err, MODAL_OVERFLOW,
                               "the motion leaves the range of doubles between t = %.9g and %.9g s",
                               t, t + h);
@@ -121,7 +121,7 @@ static enum modal_status move_to(struct motion *m, double t, double step, struct
     bool whole = true;
 
     while (m->corner < m->src->corners && m->src->corner[m->corner].t < t - BESIDE * m->dt) {
-        double at = m->src->corner[m->corner].t;
+        double at = m->src->corner[m->corner].t;  /* the next before t */
         enum modal_status rc = at > m->t ? advance(m, at - m->t, err) : MODAL_OK;
         if (rc != MODAL_OK)
             return rc;

@@ -27,7 +27,7 @@ static enum modal_status no_memory(struct modal_error *err)
 static double *dense(const struct sparse *a, int m, int n)
 {
     double *x = calloc((size_t)m * (size_t)n + 1, sizeof *x);
-    struct matrix out = { m, n, m, x };
+    struct matrix out = { m, n, m, x };  /* a view of x */
 
     if (x != NULL && a->m > 0)
         sparse_add_to_dense(a, 1, &out);
@@ -38,7 +38,7 @@ static double *dense(const struct sparse *a, int m, int n)
 static double *congruence(const struct statespace *ss, const struct sparse *X, double *work)
 {
     int n = ss->n;
-    double *x = dense(X, n, n);
+    double *x = dense(X, n, n);  /* then its own result */
 
     if (x == NULL)
         return NULL;
@@ -58,7 +58,7 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
     ss->phi = dense(&ss->p->constant[PROGRAM_K], n, n);
     ss->s = calloc((size_t)n + 1, sizeof *ss->s);
     if (M == NULL || ss->phi == NULL || ss->s == NULL) {
-        free(M);
+        free(M);  /* overwritten by its factor */
         return no_memory(err);
     }
     for (int j = 0; j < n; j++)
@@ -85,6 +85,7 @@ static enum modal_status add_second_order(const struct statespace *ss, const str
 {
     int n = ss->n;
     size_t N = (size_t)ss->N;
+    /* both or neither */
     double *c = congruence(ss, C, work), *k = c != NULL ? congruence(ss, K, work) : NULL;
 
     for (int j = 0; k != NULL && j < n; j++)
@@ -128,7 +129,7 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
     const struct program *p = ss->p;
     int n = ss->n, nz = ss->nz, N = ss->N;
     double *E = dense(&p->E, nz, nz), *Ba = calloc((size_t)nz * (size_t)n + 1, sizeof *Ba);
-    int *pivot = malloc(((size_t)nz + 1) * sizeof *pivot), info = 0;
+    int *pivot = malloc(((size_t)nz + 1) * sizeof *pivot), info = 0;  /* of E */
 
     if (E == NULL || Ba == NULL || pivot == NULL) {
         free(E);
@@ -137,6 +138,7 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
         return no_memory(err);
     }
     add_force_of_states(ss, ss->A);  /* Phi^T F z of (2) */
+    /* the block of z in A */
     struct matrix az = { nz, nz, N, ss->A + 2 * n + 2 * (size_t)n * (size_t)N };
     sparse_add_to_dense(&p->A, 1, &az);
     add_times_phi(ss, &p->Bx, true, ss->A, 2 * n, 0);
@@ -169,7 +171,7 @@ static bool decouple(struct statespace *ss)
     size_t N = (size_t)ss->N, n = (size_t)ss->n;
     double largest = 0, rounding;
 
-    if (ss->nz > 0)
+    if (ss->nz > 0)  /* linear states couple modes */
         return false;
     for (size_t i = 0; i < N * N; i++)
         largest = fmax(largest, fabs(ss->A[i]));
@@ -200,7 +202,7 @@ static enum modal_status add_harmonics(struct statespace *ss, double *work, stru
         const struct program_harmonic *from = &p->harmonic[h];
         struct statespace_harmonic *to = &ss->harmonic[h];
         enum modal_status rc;
-        to->k = from->k;
+        to->k = from->k;  /* (3) of program.h */
         to->cosine = calloc(size, sizeof *to->cosine);
         to->sine = calloc(size, sizeof *to->sine);
         if (to->cosine == NULL || to->sine == NULL)
@@ -266,7 +268,7 @@ enum modal_status statespace_new(const struct program *p, struct statespace **ou
     ss->p = p;
     ss->n = p->n;
     ss->nz = p->n_linear;
-    ss->N = 2 * p->n + p->n_linear;
+    ss->N = 2 * p->n + p->n_linear;  /* (y_1, y_2, z) */
     rc = find_modes(ss, err);
     if (rc == MODAL_OK)
         rc = fill(ss, err);
@@ -298,7 +300,7 @@ void statespace_start(const struct statespace *ss, double *y)
     const struct sparse *M = &ss->p->constant[PROGRAM_M];
     int n = ss->n;
 
-    memset(y, 0, (size_t)ss->N * sizeof *y);
+    memset(y, 0, (size_t)ss->N * sizeof *y);  /* z starts at 0 */
     for (int i = 0; i < n; i++)                            /* q = Phi^T M x */
         for (int k = M->start[i]; k < M->start[i + 1]; k++)
             for (int j = 0; j < n; j++) {
@@ -312,7 +314,7 @@ void statespace_at(const struct statespace *ss, double t, double *out)
 {
     size_t size = (size_t)ss->N * (size_t)ss->N;
 
-    memcpy(out, ss->A, size * sizeof *out);
+    memcpy(out, ss->A, size * sizeof *out);  /* the constant part */
     for (int h = 0; h < ss->harmonics; h++) {
         const struct statespace_harmonic *a = &ss->harmonic[h];
         double theta = a->k * ss->p->omega * t, c = cos(theta), s = sin(theta);

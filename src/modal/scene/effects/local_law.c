@@ -9,12 +9,13 @@ enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e
     if (rc != MODAL_OK) {
         if (err != NULL && strncmp(err->field, e->path, strlen(e->path)) != 0) {
             char path[128];
+            /* a constructor knows its number, not the scene */
             json_path(path, e->path, err->field);
             strcpy(err->field, path);
         }
         return rc;
     }
-    law->dof[0] = at.dof;
+    law->dof[0] = at.dof;  /* -1 for the ground */
     law->to[0] = at.to;
     lowering_add_law(l, law);
     return MODAL_OK;
@@ -36,7 +37,7 @@ enum modal_status local_law_polynomial(struct lowering *l, const struct scene_ef
         return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s must list 1 to %d numbers", where,
                                 LAW_TERMS_MOST);
     while (count > 1 && c[count - 1] == 0)
-        count--;
+        count--;  /* trailing zeros are no terms */
     if (count > 1)
         return local_law_add(l, e, make(c, (int)count, &law, err), s->at, &law, err);
     lowering_between(l, matrix, s->at, c[0]);

@@ -15,7 +15,7 @@ static enum modal_status fill_none(const struct inflow_wing *wing, int states, s
     enum modal_status rc = inflow_allocate(wing, states, out, err);
 
     if (rc == MODAL_OK)
-        out->direct = 1;
+        out->direct = 1;  /* all of the normalwash */
     return rc;
 }
 

@@ -171,6 +171,7 @@ static enum modal_status moving_slider(const struct slider *e, const struct orbi
 static enum modal_status slider_pieces(const struct slider *e, const struct orbit *o,
                                        struct law_pieces *out, struct modal_error *err)
 {
+    /* L/k of the opening */
     double reach = e->stiffness > 0 ? e->limit / e->stiffness : HUGE_VAL, low, high;
     int top = 0, bottom = 0;
 
@@ -241,14 +242,14 @@ static enum modal_status tangential(struct contact_walk *w, double from, double 
         return MODAL_OK;
     if (w->mode == STUCK) {
         piece.level = w->level;
-        piece.gain[1] = c->tangential_stiffness;
+        piece.gain[1] = c->tangential_stiffness;  /* an elastic spring about `level` */
         piece.holds = true;
         piece.starts = w->at == from && w->holds_start;
         piece.at = w->at;
         piece.ref[0] = w->ref[0];
         piece.ref[1] = w->ref[1];
     } else {
-        piece.level = sign * c->mu * c->preload;
+        piece.level = sign * c->mu * c->preload;  /* mu N, N linear in d_n */
         piece.gain[0] = sign * c->mu * c->normal_stiffness;
     }
     return pieces_add(w->out, &piece, err);
@@ -264,7 +265,7 @@ static void come_to_rest(struct contact_walk *w, double theta, double sign)
     orbit_at(w->t, theta, t);
     w->mode = STUCK;
     w->at = theta;
-    w->holds_start = true;
+    w->holds_start = true;  /* `at` is within this walk */
     w->level = sign * w->c->mu * w->c->preload + mu_k * n[0] - k * t[0];
     w->ref[0] = sign != 0 ? mu_k : n[1] != 0 ? k * t[1] / n[1] : 0;
     w->ref[1] = -k;  /* (2) of pieces.h */
@@ -343,11 +344,11 @@ static int contact_events(struct contact_walk *w, double *event, int most)
     if (w->c->normal_stiffness > 0 && w->n->turns >= 2)
         closings = orbit_crossings(w->n, -w->c->preload / w->c->normal_stiffness, event + count,
                                    most - 1 - count);
-    count += closings > 0 ? closings : 0;
+    count += closings > 0 ? closings : 0;  /* -1: more than room, which cannot be */
     if (count == 0)
         event[count++] = 0;
     qsort(event, (size_t)count, sizeof *event, by_value);
-    event[count] = event[0] + 2 * M_PI;
+    event[count] = event[0] + 2 * M_PI;  /* closes the round */
     return count;
 }
 
@@ -465,7 +466,7 @@ static enum modal_status sliders_new(const struct law_class *kind, const double 
     out->data = s;
     out->memory = count;
     for (int i = 0; i < count; i++)
-        out->limit += limit[i];
+        out->limit += limit[i];  /* of all side by side */
     return MODAL_OK;
 }
 
@@ -498,6 +499,6 @@ enum modal_status law_contact_friction(double normal_stiffness, double preload,
     *c = (struct contact) { normal_stiffness, preload, tangential_stiffness, mu };
     law_clear(out, &contact_class);
     out->data = c;
-    out->memory = 1;
+    out->memory = 1;  /* the slider's place */
     return MODAL_OK;
 }

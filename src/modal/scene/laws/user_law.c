@@ -73,7 +73,7 @@ static void count_instructions(lua_State *L, lua_Debug *at)
     struct lua_law *s;
 
     (void)at;
-    lua_getallocf(L, (void **)&s);
+    lua_getallocf(L, (void **)&s);  /* the one thing that a state carries along */
     s->left -= HOOK_STEP;
     if (s->left < 0)
         luaL_error(L, "more than %d instructions in one call", INSTRUCTIONS);
@@ -117,7 +117,7 @@ static int load_source(lua_State *L)
     lua_call(L, 0, 0);
     if (lua_getglobal(L, "force") != LUA_TFUNCTION)
         return luaL_error(L, "the source defines no function `force`");
-    lua_setfield(L, LUA_REGISTRYINDEX, "force");
+    lua_setfield(L, LUA_REGISTRYINDEX, "force");  /* out of the source's reach */
     lua_newtable(L);
     lua_setfield(L, LUA_REGISTRYINDEX, "memory");
     return 0;
@@ -194,7 +194,7 @@ static enum modal_status copy_memory(struct lua_law *s, const char *from, const 
 {
     int how;
 
-    s->left = INSTRUCTIONS;
+    s->left = INSTRUCTIONS;  /* a budget a call */
     lua_pushcfunction(s->L, memory_copy);
     lua_pushlightuserdata(s->L, (void *)(size_t)from);
     lua_pushlightuserdata(s->L, (void *)(size_t)to);
@@ -241,7 +241,7 @@ static enum modal_status slope(struct lua_law *s, const struct law_point *at, bo
     for (int i = 0; rc == MODAL_OK && i < 2; i++) {
         double moved = i == 0 ? up : down;
 
-        rc = copy_memory(s, "before", "memory", err);
+        rc = copy_memory(s, "before", "memory", err);  /* as it was when the step began */
         if (rc == MODAL_OK)
             rc = call(s, at->t, over_v ? at->d[0] : moved, over_v ? moved : at->v[0], &f[i], err);
     }
@@ -314,7 +314,7 @@ static void lua_free(struct law *law)
     struct lua_law *s = law->data;
 
     if (s != NULL && s->L != NULL)
-        lua_close(s->L);
+        lua_close(s->L);  /* its bytes go back to the count */
     free(s);
 }
 

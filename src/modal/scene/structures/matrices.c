@@ -77,7 +77,8 @@ static enum modal_status read_dense(const cJSON *list, const char *where, struct
     enum modal_status rc = MODAL_OK;
     int i = 0;
 
-    out->m = cJSON_GetArraySize(list);
+    out->m = cJSON_GetArraySize(list);  /* rows */
+    /* columns of the first; the others must have as many */
     out->n = cJSON_GetArraySize(list->child);
     if (out->m < 1 || !cJSON_IsArray(list->child))  /* before room is made */
         return shape_error(where, "not a matrix", err);
@@ -106,6 +107,7 @@ static enum modal_status check_rows(const double *start, size_t starts, const do
         if (start[i] < start[i - 1] || start[i] != floor(start[i]))
             return shape_error(where, "row_pointers must not descend", err);
     for (size_t k = 0; k < columns; k++)
+        /* a fraction, or past the shape */
         if (column[k] != floor(column[k]) || column[k] >= shape[1])
             return shape_error(where, "a column is outside the shape", err);
     return MODAL_OK;
@@ -116,7 +118,7 @@ static enum modal_status read_sparse(const cJSON *json, const char *where, struc
                                      struct modal_error *err)
 {
     static const char *const parts[] = { "shape", "row_pointers", "columns", "values", NULL };
-    double *x[4] = { NULL };
+    double *x[4] = { NULL };  /* in the order of parts[] */
     size_t count[4] = { 0 };
     enum modal_status rc = json_keys(json, where, parts, err);
 
@@ -135,7 +137,7 @@ static enum modal_status read_sparse(const cJSON *json, const char *where, struc
     if (rc == MODAL_OK && (out->x = malloc((count[3] + 1) * sizeof *out->x)) == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     if (rc == MODAL_OK) {
-        out->m = (int)x[0][0];
+        out->m = (int)x[0][0];  /* in range: checked above */
         out->n = (int)x[0][1];
         for (int i = 0; i < out->m; i++)
             for (int k = (int)x[1][i]; k < (int)x[1][i + 1]; k++)
@@ -177,6 +179,7 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
 
     for (int k = 0; rc == MODAL_OK && k < e->count; k++) {
         turned[k] = (struct triplet) { e->x[k].i, e->x[k].j, e->x[k].value };
+        /* before entries of one place add up: no smaller */
         largest = fmax(largest, fabs(e->x[k].value));
     }
     if (rc == MODAL_OK)
@@ -186,7 +189,7 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
     if (rc == MODAL_OK)
         rc = sparse_from_triplets(e->m, e->n, turned, e->count, &t, err);
     for (int i = 0; rc == MODAL_OK && i < a.m; i++) {
-        int p = a.start[i], q = t.start[i];
+        int p = a.start[i], q = t.start[i];  /* both rows ascend: one walk compares them */
         while (rc == MODAL_OK && (p < a.start[i + 1] || q < t.start[i + 1])) {
             int ja = p < a.start[i + 1] ? a.index[p] : a.n,
                 jt = q < t.start[i + 1] ? t.index[q] : a.n, j = ja < jt ? ja : jt;
@@ -230,7 +233,7 @@ static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n,
     if (list != NULL && (!cJSON_IsArray(list) || cJSON_GetArraySize(list) != n))
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.dofs",
                                 "structure.dofs must list %d names", n);
-    if (list != NULL)
+    if (list != NULL)  /* the first name, if names are given */
         item = list->child;
     for (int i = 0; i < n; i++, item = item != NULL ? item->next : NULL) {
         if (list != NULL

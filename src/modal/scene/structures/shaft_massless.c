@@ -10,13 +10,14 @@
  * condensed with their springs. */
 static void massless_plane(const struct shaft *s, double EI, double out[16])
 {
+    /* where the disk is */
     double at = s->length * s->disk_node / s->elements, side[2] = { at, s->length - at }, k[16];
     /* -1: the slope to be condensed */
     static const int where[2][4] = { { UL, -1, UD, SD }, { UD, SD, UR, -1 } };
 
     memset(out, 0, 16 * sizeof *out);
     for (int end = 0; end < 2; end++) {
-        int slope = end == SHAFT_LEFT ? 1 : 3;
+        int slope = end == SHAFT_LEFT ? 1 : 3;  /* the outer end's, in the element */
 
         hermite_stiffness(EI, side[end], k);
         double own = k[5 * slope] + shaft_rotational(&s->end[end]);
@@ -71,8 +72,8 @@ static void massless_matrices(const struct shaft *s, double Ks[2][16], double *M
         for (int plane = 0; plane < 2; plane++) {
             int c = i + plane * PLANE;
 
-            put(M, c, c, mass[i]);
-            put(C, c, c, damper);
+            put(M, c, c, mass[i]);  /* alike in both planes */
+            put(C, c, c, damper);  /* Cb */
             put(K, c, c, spring - W * W * (mass[i] - polar[i]));
             for (int j = 0; j < PLANE; j++) {
                 put(K, c, j + plane * PLANE, Ks[plane][PLANE * i + j]);
@@ -115,7 +116,7 @@ static void map_to_free_end(struct shaft *s, double Ks[2][16])
     int r = s->journal == SHAFT_LEFT ? UL : UR;
 
     for (int plane = 0; plane < 2; plane++) {
-        const double *row = &Ks[plane][PLANE * r];
+        const double *row = &Ks[plane][PLANE * r];  /* K_ru, K_rs, K_rr */
 
         s->journal_stiffness[plane] = row[r];
         s->journal_map[plane][0] = -row[UD] / row[SD];  /* s of (f, u) */
@@ -127,7 +128,7 @@ static void map_to_free_end(struct shaft *s, double Ks[2][16])
         map_columns(s, A, c->nx);
         map_rows(s, A, c->nx);
     }
-    map_rows(s, c->F, c->nb);
+    map_rows(s, c->F, c->nb);  /* F pushes on x */
     map_columns(s, c->Bx, c->nb);
     map_columns(s, c->Bv, c->nb);
     map_columns(s, c->Rx, c->na);
@@ -141,7 +142,7 @@ static void write_condensed(struct lowering *l)
     int dof[CONDENSE_MOST];
 
     for (int i = 0; i < c->nx; i++)
-        dof[i] = s->dof[c->x[i]];
+        dof[i] = s->dof[c->x[i]];  /* program's dofs of what was kept */
     for (int i = 0; i < c->nx; i++)
         for (int j = 0; j < c->nx; j++) {
             lowering_add(l, PROGRAM_C, dof[i], dof[j], c->C[i * c->nx + j]);
@@ -200,6 +201,7 @@ static bool journal_with_mass(const struct lowering *l, int end)
 /* Coordinate c as a name; FREE: the free end instead of the disk's slope. */
 void shaft_coordinate_name(const struct shaft *s, int c, bool free_end, char out[32])
 {
+    /* which of (uL, uR, uD, sD) */
     int q = c % PLANE, node = q == UL ? 0 : q == UR ? s->elements : s->disk_node;
     const char *plane = c < PLANE ? "y" : "z";
 
@@ -221,7 +223,7 @@ bool shaft_has_end_states(const struct lowering *l)
                     *mu = cJSON_GetObjectItemCaseSensitive(e, "mu");
         const cJSON *mass = cJSON_GetObjectItemCaseSensitive(e, "journal_mass");
 
-        if (type == NULL)
+        if (type == NULL)  /* told when it is lowered */
             continue;
         if (strcmp(type, "bearing") == 0 && cJSON_IsNumber(damping) && damping->valuedouble > 0)
             return true;
@@ -248,7 +250,7 @@ enum modal_status shaft_see_from_fixed_axes(struct lowering *l, struct modal_err
 
     cJSON_ArrayForEach(e, list) {
         const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(e, "type"));
-        bool turns = type == NULL;
+        bool turns = type == NULL;  /* told when it is lowered */
 
         for (size_t i = 0; i < sizeof turning / sizeof *turning; i++)
             turns = turns || strcmp(type, turning[i]) == 0;
@@ -264,7 +266,7 @@ enum modal_status shaft_see_from_fixed_axes(struct lowering *l, struct modal_err
         }
         position++;
     }
-    s->fixed = false;
+    s->fixed = false;  /* dofs turn; the face does not */
     s->seen_fixed = l->p->seen_fixed = true;
     return MODAL_OK;
 }
@@ -274,7 +276,7 @@ void shaft_lower_massless(struct lowering *l)
     struct shaft *s = l->mesh;
     char name[32];
 
-    s->journal = massless_journal(l);
+    s->journal = massless_journal(l);  /* before dofs: it changes which there are */
     for (int c = 0; c < 2 * PLANE; c++) {
         int q = c % PLANE;
         bool kept = q == UD || (q == SD && s->disk_radius > 0)

@@ -13,7 +13,7 @@ static int coordinate_of(const struct lowering *l, const char *name)
     const struct shaft *s = l->mesh;
     char other[32];
 
-    if (!s->massless)
+    if (!s->massless)  /* coordinates are dofs */
         return program_dof(l->p, name);
     for (int c = 0; c < 2 * PLANE; c++) {
         shaft_coordinate_name(s, c, false, other);
@@ -62,7 +62,7 @@ static bool coordinate_terms(struct lowering *l, int c, int derivative, double f
 {
     const struct shaft *s = l->mesh;
     const struct condensed *k = &s->condensed;
-    int plane = c / PLANE, q = c % PLANE, at;
+    int plane = c / PLANE, q = c % PLANE, at;  /* as coordinates are numbered */
 
     if (!s->massless) {
         lowering_add_term(l, out, derivative, c, factor);
@@ -101,7 +101,7 @@ static bool turned_terms(struct lowering *l, int c, int derivative, struct progr
     int half = s->massless ? PLANE : 2, y = s->massless ? c % PLANE : c & ~2,
         plane = s->massless ? c / PLANE : (c & 2) / 2;
     double W = s->speed;  /* D = q' + W J q and its rate */
-    bool found = true;
+    bool found = true;  /* all of its rows must be there */
 
     for (int p = 0; p < 2; p++) {                       /* D_y, then D_z */
         int own = y + p * half, other = y + (1 - p) * half, first = out->count;
@@ -118,7 +118,7 @@ static bool turned_terms(struct lowering *l, int c, int derivative, struct progr
             found = found && coordinate_terms(l, own, 0, -weight * W * W, out);
         }
         for (int t = first; t < out->count; t++)
-            out->terms[t].i += shift;
+            out->terms[t].i += shift;  /* times cos or sin */
     }
     return found;
 }

@@ -89,9 +89,9 @@ enum modal_status shaft_add_clearance(struct lowering *l, int end, int y, int z,
 
     if (rc != MODAL_OK)
         return rc;
-    law.dof[0] = y;
+    law.dof[0] = y;  /* inputs (y, z): law.h */
     law.dof[1] = z;
-    l->effect = s->end[end].clearance.effect;
+    l->effect = s->end[end].clearance.effect;  /* the row that lists it, not the structure */
     lowering_add_law(l, &law);
     l->effect = -1;
     return MODAL_OK;

@@ -63,7 +63,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     double M[64], K[64], least = w->mass_per_length * w->x_cg * w->x_cg;
     int dof[8];
 
-    if ((l->mesh = mesh) == NULL)
+    if ((l->mesh = mesh) == NULL)  /* freed by mesh_free, whatever follows */
         return no_memory(err);
     if (!(w->I_rho > least))
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.I_rho",
@@ -76,7 +76,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     wing_element(w, M, K);
     for (int e = 0; e < w->elements; e++) {
         wing_element_dofs(w, e, dof);
-        lowering_add_element(l, PROGRAM_M, 8, dof, M);
+        lowering_add_element(l, PROGRAM_M, 8, dof, M);  /* index -1, the root, adds nothing */
         lowering_add_element(l, PROGRAM_K, 8, dof, K);
     }
     return MODAL_OK;
@@ -145,7 +145,7 @@ static enum modal_status station_sensor(struct lowering *l, const cJSON *json, c
     if (!mesh->in_air)
         return modal_fail_field(err, MODAL_BAD_INPUT, where,
                                 "%s: without airloads there are no stations", where);
-    if (s.station >= air->ns)
+    if (s.station >= air->ns)  /* how many there are the airloads say */
         return modal_fail_field(err, MODAL_BAD_INPUT, where,
                                 "%s is %d; accepted: a whole number from 0 to "
                                 "%d, the last of the airloads' stations",
@@ -159,7 +159,7 @@ static enum modal_status station_sensor(struct lowering *l, const cJSON *json, c
     for (int j = 0; j < air->nz; j++) {
         double value = (s.quantity == 0 ? air->lift_z : air->moment_z)[s.station * air->nz + j];
         if (value != 0)
-            lowering_add_term(l, out, 3, mesh->state + j, value);
+            lowering_add_term(l, out, 3, mesh->state + j, value);  /* quantity 3: a linear state */
     }
     snprintf(name, 96, "%s_%d", loads[s.quantity], s.station);
     return MODAL_OK;
@@ -184,7 +184,7 @@ static enum modal_status position_sensor(struct lowering *l, const cJSON *json, 
                               where, s.position, wing->length);
     if (rc != MODAL_OK)
         return rc;
-    if ((row = calloc((size_t)l->p->n + 1, sizeof *row)) == NULL)
+    if ((row = calloc((size_t)l->p->n + 1, sizeof *row)) == NULL)  /* w or phi over all dofs */
         return no_memory(err);
     wing_rows(wing, s.position, s.quantity == 0 ? row : NULL, s.quantity == 1 ? row : NULL);
     for (int j = 0; j < l->p->n; j++)
@@ -192,7 +192,7 @@ static enum modal_status position_sensor(struct lowering *l, const cJSON *json, 
             lowering_add_term(l, out, s.derivative, j, row[j]);
     snprintf(name, 96, "%s(%.12g)%s", motions[s.quantity], s.position,
              lowering_suffix[s.derivative]);
-    free(row);
+    free(row);  /* its terms are copied */
     return MODAL_OK;
 }
 

@@ -22,13 +22,13 @@
 enum { S = COLLOCATION_STAGES, MAPS_KEPT = 24 };
 
 struct collocation {
-    const struct statespace *ss;
-    const struct sources *src;
-    int N, nw, m, r;
-    double *U, *R, *BP;
+    const struct statespace *ss;  /* borrowed */
+    const struct sources *src;  /* borrowed */
+    int N, nw, m, r;  /* states, sources, channels, rows */
+    double *U, *R, *BP;  /* as collocation_new has them, and B P */
     double node[S], at_zero[S], inverse[S * S];       /* V^-1, (k, j) at k + j S */
     struct collocation_map kept[MAPS_KEPT];
-    int64_t used[MAPS_KEPT], clock, made;
+    int64_t used[MAPS_KEPT], clock, made;  /* when last, by a count of uses */
     int size;                                         /* of (3): dense, or of one mode */
     struct expm *exponential, *two;
     /* (3) and its exponential; N x N; N x (m S) */

@@ -23,7 +23,7 @@ enum { COLLOCATION_STAGES = 4 };
 struct collocation;      /* the problem: A, S, U, R, nodes; makes maps and keeps the last ones */
 
 struct collocation_map {
-    double h;
+    double h;  /* s */
     /* end: N x N (4 n of 2 x 2 blocks where ss->modal), N x nw, N x (m STAGES) */
     double *E, *G, *W;
     /* node i: r x N at i r N; r x nw; (i, j): r x m at (i STAGES + j) r m */

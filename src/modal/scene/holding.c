@@ -14,12 +14,12 @@
 #include "modal/scene/stepper.h"
 
 struct holding {
-    const struct ports *ports;
+    const struct ports *ports;  /* borrowed */
     int count, N, nw;              /* rigid sliders, states, sources */
     int *law;  /* rows of ports->law */
     double *RA, *RB, *RU;          /* N, nw and channels numbers a slider */
     double *G, *phi;               /* count x count, count */
-    int *pivot;
+    int *pivot;  /* of G */
 };
 
 void holding_free(struct holding *h)

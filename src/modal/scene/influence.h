@@ -19,8 +19,8 @@
 
 struct influence {
     int count;                       /* exponents of FROM */
-    bool periodic;
-    double period;
+    bool periodic;  /* either of the two is */
+    double period;  /* s; 0: both are constant */
     /* exponents, matched by their eigenvectors; NAN where `to` has none or it is below rounding */
     double complex *from, *to;
     /* (1): of to - from; NAN where the numbers of linear states differ */

@@ -27,7 +27,7 @@ struct law_point {                    /* one instant, reached from the one befor
 };
 
 struct law_force {
-    double f[LAW_INPUTS_MOST];
+    double f[LAW_INPUTS_MOST];  /* N, one an input */
     /* df_i/dd_j, exact, memory_before and d_before held */
     double fd[LAW_INPUTS_MOST][LAW_INPUTS_MOST];
     double fv[LAW_INPUTS_MOST][LAW_INPUTS_MOST];   /* df_i/dv_j */
@@ -42,7 +42,7 @@ struct law_force {
 struct law_class {
     const char *name;
     int inputs;                       /* 1 or 2 */
-    bool reads_velocity, reads_time;
+    bool reads_velocity, reads_time;  /* else f is of d alone */
     bool smooth;                      /* analytic in d and v: no events to locate */
     /* inputs (y, z) of one place: f(R d, R v) = R f(d, v) for every rotation R */
     bool turns;
@@ -64,9 +64,9 @@ struct law_class {
 };
 
 struct law {
-    const struct law_class *kind;
+    const struct law_class *kind;  /* NULL: no law */
     int effect;                       /* row of program.effect */
-    int dof[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];
+    int dof[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];  /* -1: ground */
     int memory;                       /* doubles of state (iwan: one a slider) */
     int degree;                       /* of the force as a polynomial in d and v; 0: none */
     double limit;                     /* of friction: no force exceeds it, N; 0: of other laws */

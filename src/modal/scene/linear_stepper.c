@@ -18,21 +18,21 @@
 enum { MAPS_KEPT = 4 };
 
 struct map {
-    double h;
+    double h;  /* s */
     int64_t used;                 /* when last; 0: empty */
     /* modal: 4 per mode and 2 x nw per mode; dense: N x N and N x nw */
     double *E, *G;
 };
 
 struct linear_stepper {
-    struct stepper face;
-    const struct statespace *ss;
-    const struct sources *src;
+    struct stepper face;  /* first: a stepper is cast to its own */
+    const struct statespace *ss;  /* borrowed */
+    const struct sources *src;  /* borrowed */
     double *BP, *w, *next;  /* B P; sources now; y of the next step */
     struct map kept[MAPS_KEPT];
     int64_t clock;  /* counts uses: `used` of the kept */
     struct expm *exponential;     /* dense: N + nw */
-    double *augmented, *result;
+    double *augmented, *result;  /* (1), size N + nw */
 };
 
 /* G of mode I for one block of S, by the exponential of the small augmented matrix of (1). */

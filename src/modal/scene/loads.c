@@ -10,9 +10,9 @@ enum { ROTATING, FIXED };
 static const char *const frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
 
 struct keys {                      /* of all types: each reads those of its own tables */
-    int dof, frame, k;
+    int dof, frame, k;  /* frame: of `frames`, or ABSENT */
     double cosine, sine, start, amplitude, duration;
-    const cJSON *points;
+    const cJSON *points;  /* of a table */
     struct scene_numbers time, force;
 };
 

@@ -43,18 +43,18 @@
 #include "modal/scene/scene_key.h"
 
 enum {
-    LOWERING_DOFS_MOST = 10000,
-    LOWERING_ENTRIES_MOST = 20000000,
-    LOWERING_STATES_MOST = 2000,
-    LOWERING_HARMONIC_MOST = 1000,
-    LOWERING_LOADS_MOST = 4096,
+    LOWERING_DOFS_MOST = 10000,  /* what sparse steady states are made for */
+    LOWERING_ENTRIES_MOST = 20000000,  /* of a matrix: 320 MB as triplets */
+    LOWERING_STATES_MOST = 2000,  /* dense, as stepping needs them */
+    LOWERING_HARMONIC_MOST = 1000,  /* past any gear; k omega t keeps 12 digits */
+    LOWERING_LOADS_MOST = 4096,  /* as many as effects (scene.h) */
     LOWERING_POINTS_MOST = 1000000,    /* of a table */
 };
 
 struct lowering;
 
 struct scene_effect {                  /* one entry of the scene's effects */
-    const cJSON *json;
+    const cJSON *json;  /* as the scene has it */
     const char *path;                  /* "effects[2]" */
     int index;                         /* its row of program.effect */
     /* its keys, read as the rows of its kind say; freed after `lower` */
@@ -114,7 +114,7 @@ struct lowering {
     const struct scene_options *options;
     /* its n, dofs, omega, laws, loads, outputs grow here; matrices come at the end */
     struct program *p;
-    const struct scene_structure_kind *structure;
+    const struct scene_structure_kind *structure;  /* NULL until it is found */
     void *mesh;                        /* the structure's own numbers, freed by mesh_free */
     int effect;                        /* row of program.effect being lowered; -1: the structure */
     /* of a distributed structure, for viscous_damping; 0: none */
@@ -126,13 +126,13 @@ struct lowering {
     double *turn_sign;
     bool names_frames;                 /* loads may say "frame": "fixed" or "rotating" */
 
-    struct lowering_entries constant[3];
+    struct lowering_entries constant[3];  /* M, C, K of program.h */
     /* of constant[i], the first so many are the structure's own */
     int structural[3];
-    struct lowering_harmonic *harmonic;
+    struct lowering_harmonic *harmonic;  /* ascending k */
     int harmonics;
-    struct lowering_entries block[LOWER_BLOCKS];
-    bool no_memory, too_many;
+    struct lowering_entries block[LOWER_BLOCKS];  /* by enum lowering_block */
+    bool no_memory, too_many;  /* remembered, and told by scene_lower */
 };
 
 /* Dofs, by the structure: appended in order; the name is copied.  Returns the index. */

@@ -33,6 +33,7 @@ struct magnus_work {
     double *BP, *S;              /* borrowed shapes: N x nw (owned), nw x nw (of the sources) */
     int nw;
     struct expm *exponential;
+    /* as the opening calls them */
     double *A[3], *C1, *C2, *X, *Y, *Omega, *E, *coarse, *product, *small;
 };
 

@@ -8,10 +8,10 @@
 enum { MAGNUS_SUBSTEPS_MOST = 1 << 17 };
 
 struct magnus {
-    const struct statespace *ss;
+    const struct statespace *ss;  /* borrowed */
     int size;                    /* N, or N + nw with the sources' states below */
-    int64_t exponentials;
-    struct magnus_work *work;
+    int64_t exponentials;  /* computed so far */
+    struct magnus_work *work;  /* matrices of `size`, made once */
 };
 
 /* SRC NULL: the state alone.  Both are borrowed. */

@@ -15,7 +15,7 @@
 enum { CONDENSE_MOST = 8, CONDENSE_ROOM = CONDENSE_MOST * CONDENSE_MOST };
 
 struct condensed {
-    int nx, nb, na;
+    int nx, nb, na;  /* counts of x, b, a */
     int x[CONDENSE_MOST], b[CONDENSE_MOST], a[CONDENSE_MOST];        /* which dofs, ascending */
     /* nx x nx, by rows with nx a row; the others alike */
     double M[CONDENSE_ROOM], C[CONDENSE_ROOM], K[CONDENSE_ROOM];

@@ -37,7 +37,7 @@
 #include "modal/scene/stepper.h"
 
 enum {
-    S = COLLOCATION_STAGES,
+    S = COLLOCATION_STAGES,  /* the opening's STAGES */
     LEVELS = 40,               /* dt / 2^40 is 1e-12 dt: below it t + h is t but for rounding */
     /* quadratic: a handful serves, and a shorter step is the better cure */
     NEWTON_MOST = 25,
@@ -80,12 +80,12 @@ static const double UP_TO_ROUNDING = 1.001;    /* of a halved step's length */
 
 struct nonlinear_stepper {
     struct stepper face;  /* first: a stepper is cast to its own */
-    const struct statespace *ss;
-    const struct sources *src;
-    struct ports *ports;
+    const struct statespace *ss;  /* borrowed */
+    const struct sources *src;  /* borrowed */
+    struct ports *ports;  /* channels and probes; its own */
     struct collocation *collocation;
     struct holding *holding;  /* what stuck sliders hold with, exactly */
-    struct stepper_options opt;
+    struct stepper_options opt;  /* tolerance filled in */
     int level, calm;                  /* the step is dt / 2^level; accepted in a row */
     bool sequential, started;  /* a user's law is among them; forces at the start are known */
     /* the next step looks for no event: a slider just loose, its rate still rounding, was caught
@@ -99,7 +99,7 @@ struct nonlinear_stepper {
     double *memory, *after, *w, *y, *probe0, *base, *probes, *phi, *phi_end, *force0, *hold,
         *force1, *y1, *w1, *slope, *J, *residual, *knots, *past;
     int pasts;  /* values known, the newest first in `past` */
-    int *pivot;
+    int *pivot;  /* of J */
 };
 
 /* The largest magnitude. */

@@ -24,11 +24,11 @@ static const double TWO_PI = 6.283185307179586477, ROOT_STEP = 1e-6, CUBIC_STEP 
 enum { ROOT_STEPS_MOST = 80 };
 
 struct orbit_grid {
-    int N;
-    double *x;
-    fftw_complex *X;
-    fftw_plan to_time, to_harmonics;
-    long transforms;
+    int N;  /* samples */
+    double *x;  /* N */
+    fftw_complex *X;  /* N / 2 + 1 */
+    fftw_plan to_time, to_harmonics;  /* between the two */
+    long transforms;  /* for plan.ffts */
 };
 
 enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err)

@@ -37,7 +37,7 @@ struct orbit {
     double *d, *v;              /* N each: (1) and its rate per radian at 2 pi j / N */
     int turns;                  /* -1: not yet looked for */
     struct orbit_turn *turn;
-    int turns_room;
+    int turns_room;  /* of `turn` */
 };
 
 /* A strict extremum of d, polished; ascending theta in [0, 2 pi), maxima and minima in turn. */

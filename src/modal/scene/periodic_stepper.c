@@ -23,15 +23,15 @@ static const double DIVIDES = 1e-10;  /* relative: r T over dt is whole, both of
 static const double ON_GRID = 1e-9;
 
 struct periodic_stepper {
-    struct stepper face;
-    const struct statespace *ss;
-    const struct sources *src;
+    struct stepper face;  /* first: a stepper is cast to its own */
+    const struct statespace *ss;  /* borrowed */
+    const struct sources *src;  /* borrowed */
     struct magnus *magnus;
     double tolerance, dt, cycle;      /* cycle: r periods, s; 0: nothing is kept */
-    int slots, substeps;
+    int slots, substeps;  /* q; of the last map */
     double **kept;                    /* N x (N + nw) each */
     double origin;                    /* the first full step's time; < 0: none yet */
-    double *BP, *w, *next, *map;
+    double *BP, *w, *next, *map;  /* B P; sources now; y next; with their rows */
 };
 
 /* The period of A(t): 2 pi / Omega over the greatest common divisor of its harmonics. */

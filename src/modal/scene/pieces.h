@@ -19,7 +19,7 @@
 #include "modal/scene/law.h"
 
 struct law_piece {
-    int output;
+    int output;  /* which f_i */
     double from, to;                 /* radians; to > from */
     double level, gain[LAW_INPUTS_MOST], damp, cross;
     int slider;                      /* of the law's sliders, whose piece this is; -1: none's */
@@ -31,7 +31,7 @@ struct law_piece {
 };
 
 struct law_pieces {
-    int count, room;
+    int count, room;  /* pieces; places */
     struct law_piece *piece;
     bool acts;                       /* slipped, touched or parted somewhere in the period */
     /* a slider never slips: its place, and so the mean, follows from history alone; the one nearest

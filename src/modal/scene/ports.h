@@ -14,13 +14,13 @@ struct port_law {
     int channel;                 /* its first; its probes have the same numbers */
     int memory;                  /* its first place in memories */
     int held;                    /* a set-valued law: 0 sticks, +1 and -1 slips that way */
-    int64_t evaluations;
-    bool acted;
+    int64_t evaluations;  /* for plan.effects */
+    bool acted;  /* slipped, touched, .. at the end of any step */
 };
 
 struct ports {
     const struct statespace *ss; /* borrowed */
-    int laws;
+    int laws;  /* in the program's order */
     struct port_law *law;
     int channels, probes;        /* of laws first, in their order */
     int memory;                  /* doubles, of all laws */

@@ -25,7 +25,7 @@ struct program_harmonic {             /* (3): one k >= 1; the n x n matrices may
 };
 
 struct program_load {                 /* p(t) on one dof */
-    int dof;
+    int dof;  /* on which p acts */
     enum program_load_type {
         LOAD_HARMONIC,
         LOAD_IMPULSE,
@@ -35,10 +35,10 @@ struct program_load {                 /* p(t) on one dof */
         LOAD_TABLE
     } type;
     int k;                            /* HARMONIC: cosine cos(k Omega t) + sine sin(k Omega t) */
-    double cosine, sine;
+    double cosine, sine;  /* N */
     double amplitude, duration, start;/* pulses; IMPULSE: amplitude in N s at t = start */
     int points;                       /* TABLE: linear between points, 0 outside */
-    double *time, *force;
+    double *time, *force;  /* s from `start`, ascending; N */
     /* >= 0: on turning axes, a fixed-frame load p is p cos(frame_speed t) on dof and */
     int dof_sine;
     /* turn * p sin(frame_speed t) on dof_sine; -1: axes do not turn */
@@ -46,7 +46,7 @@ struct program_load {                 /* p(t) on one dof */
 };
 
 struct program_output {               /* one channel of `simulate` */
-    char *name;
+    char *name;  /* unique is not asked for */
     /* i: 0 x, 1 x', 2 x'', 3 z, j: which, value: coefficient; i + 4: the term times */
     struct triplet *terms;
     int count;                        /* cos(frame_speed t), i + 8: times sin(frame_speed t) */
@@ -59,7 +59,7 @@ struct program_effect {               /* one row of plan.effects, in the scene's
     char *law_text;
     int64_t evaluations;              /* counted by whoever runs the program */
     double seconds;                   /* evaluations x calibrated unit cost */
-    bool active;
+    bool active;  /* it wrote an entry, or its law acted */
     /* 1 + the row whose law does this one's work, whose evaluations and activity are its own; 0:
      * none */
     int carrier;
@@ -69,21 +69,21 @@ struct program {
     int n;                            /* dofs */
     char **dofs;                      /* their names */
     struct sparse constant[3];        /* M_0, C_0, K_0 */
-    int harmonics;
+    int harmonics;  /* of (3) */
     struct program_harmonic *harmonic;/* ascending k */
 
     int n_linear;                     /* linear states z */
     struct sparse E, A, Bx, Bv, Ba;   /* (2) */
     struct sparse F;                  /* n x n_linear, (1) */
 
-    int laws;
+    int laws;  /* f of (1) */
     struct law *law;
     size_t lua_bytes;                 /* that all laws in Lua have now */
-    int loads;
+    int loads;  /* p of (1) */
     struct program_load *load;
-    int outputs;
+    int outputs;  /* y */
     struct program_output *output;
-    int effects;
+    int effects;  /* rows of plan.effects */
     struct program_effect *effect;
 
     double *x0, *v0;                  /* initial state */

@@ -13,11 +13,11 @@
 #include <string.h>
 
 struct readout {
-    const struct statespace *ss;
+    const struct statespace *ss;  /* borrowed */
     int channels, width;             /* width N + n */
     /* channels x width by columns: plain, times cos, times sin; NULL: none */
     double *R[3];
-    bool accelerations;
+    bool accelerations;  /* any row reads q'' */
     double *e, *A;                   /* (y, q''); A(t), where it pulsates and is needed */
 };
 

@@ -27,15 +27,15 @@ static const double APART = 1e-14;             /* of a step: closer, theta is ro
 static const double MOMENT = 2e-5;             /* of a step: a fifth of the first grid point */
 
 struct view {                    /* one law over one step */
-    struct ports *p;
+    struct ports *p;  /* borrowed, as all here */
     const struct collocation *c;
     const struct port_law *law;
-    int index;
-    double t, h;
+    int index;  /* of the law in ports */
+    double t, h;  /* the step */
     double x[TERMS];             /* knots, each twice */
     double a[INPUTS][TERMS];     /* Newton coefficients of each input */
     double start[INPUTS];        /* displacements at the step's start */
-    const double *memory, *phi;
+    const double *memory, *phi;  /* at its start; forces at its nodes */
     double shift;                /* of a stuck slider's force at theta = 0 */
     /* a rate of this size may be rounding: its own; of displacements that differ little in a
      * short step */

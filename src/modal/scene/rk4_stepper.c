@@ -21,9 +21,9 @@
 static const double LOST = 1e300;      /* past it sums of squares overflow */
 
 struct rk4_stepper {
-    struct stepper face;
-    const struct statespace *ss;
-    const struct sources *src;
+    struct stepper face;  /* first: a stepper is cast to its own */
+    const struct statespace *ss;  /* borrowed */
+    const struct sources *src;  /* borrowed */
     struct ports *ports;
     double step, *BP, *w, *k, *y, *probe, *before, *memory, *after, *force;
 };
@@ -65,6 +65,7 @@ static enum modal_status derivative(struct rk4_stepper *s, double t, const doubl
 static enum modal_status one_step(struct rk4_stepper *s, double t, double h, double *y,
                                   struct modal_error *err)
 {
+    /* of (1): where k_i is asked, and its weight / 6 */
     static const double reach[4] = { 0, 0.5, 0.5, 1 }, weight[4] = { 1, 2, 2, 1 };
     int N = s->ss->N, r = 2 * s->ports->probes;
     double *k = s->k, *sum = s->k + N;
@@ -77,15 +78,15 @@ static enum modal_status one_step(struct rk4_stepper *s, double t, double h, dou
         double end = t + reach[i] * h;
         memcpy(s->y, y, (size_t)N * sizeof *y);
         if (i > 0)
-            cblas_daxpy(N, reach[i] * h, k, 1, s->y, 1);
+            cblas_daxpy(N, reach[i] * h, k, 1, s->y, 1);  /* y + h reach k_(i-1) */
         /* a corner at the end is the next step's */
         rc = derivative(s, i == 3 ? nextafter(end, t) : end, s->y, k, err);
-        cblas_daxpy(N, weight[i], k, 1, sum, 1);
+        cblas_daxpy(N, weight[i], k, 1, sum, 1);  /* k1 + 2 k2 + 2 k3 + k4 */
     }
-    cblas_daxpy(N, h / 6, sum, 1, y, 1);
+    cblas_daxpy(N, h / 6, sum, 1, y, 1);  /* (1) */
     if (rc == MODAL_OK && s->ports->memory > 0) {
         memset(k, 0, (size_t)N * sizeof *k);
-        rc = add_laws(s, t + h, y, s->after, k, err);
+        rc = add_laws(s, t + h, y, s->after, k, err);  /* memory moves once a step */
         memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
     }
     return rc;
@@ -96,6 +97,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
                                  struct modal_error *err)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
+    /* whole substeps of h, rounding apart */
     int steps = (int)fmin(1e9, fmax(1, ceil(h / s->step - 1e-9)));
     enum modal_status rc = MODAL_OK;
 

@@ -512,7 +512,7 @@ static enum modal_status read_time(const cJSON *json, struct time_keys *out,
 }
 
 struct scene_keys {
-    double omega, period;
+    double omega, period;  /* 0: not given */
     const char *units;
     const cJSON *structure, *effects, *excitation, *initial, *sensors, *time, *steady;
 };

@@ -38,13 +38,13 @@ struct scene_numbers { double *x; size_t count; };
 enum { SCENE_ELSEWHERE = -1 };
 
 struct scene_key {
-    const char *name;
-    enum scene_key_type type;
+    const char *name;  /* NULL: the end of the table */
+    enum scene_key_type type;  /* how it is read */
     int at;                        /* offset of the member it is read into, or SCENE_ELSEWHERE */
     const char *unit;              /* of numbers, SI; "": a pure number */
     /* numbers, whole numbers, elements of lists: both ends accepted */
     double low, high;
-    bool needed;
+    bool needed;  /* absent: MODAL_BAD_INPUT */
     const char *unless;            /* needed only where this key is absent; NULL: always */
     const char *with;              /* needed where this key stands */
     double standard;               /* what an absent number, whole number or word is */

@@ -22,14 +22,14 @@ static const double LIMIT = 1e300;             /* on the state: past it sums of 
 static const double BESIDE = 1e-12;
 
 struct motion {
-    struct statespace *ss;
+    struct statespace *ss;  /* made by `start`, as all here */
     struct sources *src;
     struct stepper *stepper;
     struct readout *readout;
-    double *y, *F;
-    double t;
+    double *y, *F;  /* state; what loads and laws add */
+    double t;  /* s: where y stands */
     int corner;                                /* the next one */
-    double dt;
+    double dt;  /* s */
 };
 
 static enum modal_status (*const steppers[])(const struct statespace *, const struct sources *,

@@ -20,14 +20,14 @@ enum { SOURCES_BLOCK_MOST = 6 };
 struct source_block { int first, count; };       /* rows of w that S couples with each other only */
 
 struct source_corner {
-    double t;
+    double t;  /* s */
     /* an impulse: N s on this dof; -1: a corner only */
     int dof;
-    double impulse;
+    double impulse;  /* 0 of a corner only */
 };
 
 struct sources {
-    int n, nw;
+    int n, nw;  /* dofs, rows of w */
     double *S;                                    /* nw x nw by columns */
     double *P;                                    /* n x nw by columns */
     int blocks;

@@ -36,7 +36,7 @@ int wing_dofs(const struct wing *w)
 /* Lagrange cubics on nodes 0, 1/3, 2/3, 1 and their derivatives by x = xi h. */
 static void lagrange(double h, double xi, double n[4], double slope[4])
 {
-    double s = 3 * xi;
+    double s = 3 * xi;  /* nodes at whole s */
 
     n[0] = (1 - s) * (2 - s) * (3 - s) / 6;
     n[1] = s * (2 - s) * (3 - s) / 2;
@@ -95,7 +95,7 @@ void wing_element_dofs(const struct wing *w, int element, int dof[8])
 void wing_rows(const struct wing *w, double y, double *row_w, double *row_phi)
 {
     double h = w->length / w->elements, nw[4], nt[4];
-    int element = (int)(y / h), dof[8];
+    int element = (int)(y / h), dof[8];  /* the tip belongs to the last */
 
     if (element > w->elements - 1)
         element = w->elements - 1;
@@ -219,7 +219,7 @@ enum modal_status airloads_new(const struct wing *w, const struct airloads *a,
     double *rows = NULL;
     enum modal_status rc;
 
-    gauss_legendre(a->stations, w->length, position, weight);
+    gauss_legendre(a->stations, w->length, position, weight);  /* W_g of the generalised force */
     rc = inflow_new(a->inflow, &at, a->inflow_states, &m.flow, err);
     m.nz = m.flow.states;
     if (rc == MODAL_OK)
@@ -237,7 +237,7 @@ enum modal_status airloads_new(const struct wing *w, const struct airloads *a,
         wing_rows(w, position[s], rw, rp);
         station_rows(a, b, rw, rp, s, &m);
         station_loads(rw, rp, s, &m);
-        station_states(a, b, rw, rp, s, &m);
+        station_states(a, b, rw, rp, s, &m);  /* (2) of inflow.h with (3) */
     }
     *out = m;
     m = (struct airloads_matrices) { 0 };

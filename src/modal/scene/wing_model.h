@@ -13,9 +13,9 @@
 enum { WING_ELEMENTS_MOST = 100, WING_STATIONS_MOST = 64 };
 
 struct wing {
-    double length, chord;
-    int elements;
-    double EI, GJ, mass_per_length;
+    double length, chord;  /* m */
+    int elements;  /* of equal length */
+    double EI, GJ, mass_per_length;  /* N m^2, N m^2, kg/m */
     double I_rho;          /* mass moment of inertia per length about the elastic axis */
     double x_cg;           /* aft positive */
 };
@@ -34,7 +34,7 @@ void wing_element_dofs(const struct wing *w, int element, int dof[8]);
 void wing_rows(const struct wing *w, double y, double *row_w, double *row_phi);
 
 struct airloads {
-    double speed, density, lift_slope;
+    double speed, density, lift_slope;  /* U, rho, a0 of wing_model.c */
     double x_qc;           /* quarter chord, aft positive from the elastic axis */
     int stations;
     const struct inflow_kind *inflow;
@@ -44,7 +44,7 @@ struct airloads {
 /* Stations, and rows of what acts there per length: lift and moment are
  * row . (x, x', x'') + row . z, given for station s at [s * n], [s * nz]. */
 struct airloads_matrices {
-    int n, ns, nz;
+    int n, ns, nz;  /* dofs, stations, states */
     double *position, *weight;                 /* ns */
     double *lift[3], *moment[3];               /* ns x n by rows: on x, x', x'' */
     double *lift_z, *moment_z;                 /* ns x nz */

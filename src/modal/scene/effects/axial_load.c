@@ -15,7 +15,7 @@ static void add_elements(struct lowering *l, const struct beam_mesh *mesh, doubl
 {
     double G[16];
 
-    hermite_slope(mesh->h, G);
+    hermite_slope(mesh->h, G);  /* one for all: elements are equal */
     for (int e = 0; e < mesh->elements; e++)
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < 4; j++) {

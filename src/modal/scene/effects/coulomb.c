@@ -29,7 +29,7 @@ static enum modal_status strengthen(struct lowering *l, struct law *law, double 
 
     if (rc != MODAL_OK)
         return rc;
-    sum.effect = law->effect;
+    sum.effect = law->effect;  /* the first's row goes on counting */
     sum.dof[0] = law->dof[0];
     sum.to[0] = law->to[0];
     law_done(law);

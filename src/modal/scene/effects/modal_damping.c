@@ -33,6 +33,7 @@ static enum modal_status modes(struct lowering *l, double **M, double **K, doubl
         free(factor);
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     }
+    /* Phi^T M Phi = 1 */
     int info = LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'U', n, *K, n, factor, n, w2);
     free(factor);
     return info == 0 ? MODAL_OK

@@ -17,21 +17,21 @@
 struct inflow_wing {              /* what a model may read */
     double length, semichord;     /* one unit of length, m or ft */
     double speed, lift_slope;
-    int stations;
+    int stations;  /* ns */
     const double *position;       /* from the root, ascending, in (0, length) */
     const double *weight;         /* of quadrature, summing to length */
 };
 
 struct inflow {
     int stations, states;         /* ns, nz */
-    double direct;
+    double direct;  /* the share of v that lifts at once */
     double *E, *A;                /* nz x nz, row-major */
     double *P, *Q;                /* nz x ns, row-major */
     double *Lambda;               /* ns x nz, row-major */
 };
 
 struct inflow_kind {
-    const char *name;
+    const char *name;  /* as the scene says it */
     /* states where the scene gives none: a station's, or the whole wing's (`whole`) */
     int standard;
     /* 1: `inflow_states` counts the wing's states; 0: each station's */

@@ -28,14 +28,15 @@ static enum modal_status fill(const struct inflow_wing *wing, int states, struct
 
     if (rc != MODAL_OK)
         return rc;
-    out->direct = 1 - lag_share[0] - lag_share[1];
+    out->direct = 1 - lag_share[0] - lag_share[1];  /* 1/2: Wagner's function at 0 */
     for (size_t i = 0; i < nz; i++) {
         size_t s = i / lags, lag = i % lags;
-        double rate = lag_rate[lag] * wing->speed / wing->semichord;
+        double rate = lag_rate[lag] * wing->speed / wing->semichord;  /* B_i U/b of (1) */
 
-        out->E[i * nz + i] = 1;
+        out->E[i * nz + i] = 1;  /* the states stand alone */
         out->A[i * nz + i] = -rate;
         out->P[i * ns + s] = 1;
+        /* (1); (1) of inflow.h has it with minus */
         out->Lambda[s * nz + i] = -lag_share[lag] * rate;
     }
     return MODAL_OK;

@@ -63,8 +63,8 @@ static enum modal_status fill(const struct inflow_wing *wing, int N, struct infl
 
     if (rc != MODAL_OK)
         return rc;
-    fill_b(N, b);
-    fill_A(N, b, A);
+    fill_b(N, b);  /* (2) */
+    fill_A(N, b, A);  /* (1), the same for every station */
     out->direct = 1;
     for (size_t s = 0; s < ns; s++)
         for (int n = 0; n < N; n++) {
@@ -72,13 +72,14 @@ static enum modal_status fill(const struct inflow_wing *wing, int N, struct infl
 
             for (int m = 0; m < N; m++)
                 out->E[i * nz + s * (size_t)N + (size_t)m] = A[n * N + m];
-            out->A[i * nz + i] = -wing->speed / wing->semichord;
-            out->Q[i * ns + s] = 2.0 / (n + 1);
-            out->Lambda[s * nz + i] = b[n] / 2;
+            out->A[i * nz + i] = -wing->speed / wing->semichord;  /* -U/b of (1) */
+            out->Q[i * ns + s] = 2.0 / (n + 1);  /* c_n of (3) */
+            out->Lambda[s * nz + i] = b[n] / 2;  /* lambda */
         }
     return MODAL_OK;
 }
 
-const struct inflow_kind inflow_peters_2d = { "peters_2d", 6,
-                                              0,           "1 .. 10, states of each station",
-                                              few,         fill };
+const struct inflow_kind inflow_peters_2d = {
+    .name = "peters_2d", .standard = 6,            /* as the wing's model document has it */
+    .accepted = "1 .. 10, states of each station", .valid = few, .fill = fill,
+};

@@ -30,7 +30,7 @@
 
 struct clearance {
     double gap, stiffness, dissipation;  /* m, N/m, s/m */
-    bool massless;
+    bool massless;  /* (2) and not (1) */
     double shaft[2];               /* K of (2) */
 };
 

@@ -13,7 +13,7 @@
 
 struct polynomial {
     int count;
-    double c[];
+    double c[];  /* of s(d), ascending */
 };
 
 /* s and s' at d */

@@ -224,7 +224,7 @@ struct contact_walk {
     const struct contact *c;
     const struct orbit *n, *t;            /* normal and tangential */
     struct orbit up, down;                /* k d_t - mu kn d_n, k d_t + mu kn d_n */
-    enum contact_mode mode;
+    enum contact_mode mode;  /* where the walk stands */
     double level, at, ref[2];             /* of the stick phase under way: (2) of pieces.h */
     bool holds_start;                     /* that phase began at `at`, not before the walk */
     struct law_pieces *out;               /* NULL: the first round, which only finds the start */

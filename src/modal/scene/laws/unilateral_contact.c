@@ -17,7 +17,7 @@
 
 struct gap {
     double stiffness, clearance, dissipation;   /* N/m, m, s/m */
-    bool both_sides;
+    bool both_sides;  /* and -f(-d, -v) */
 };
 
 /* (1) for one side; false where there is no contact */

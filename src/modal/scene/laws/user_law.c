@@ -27,13 +27,13 @@
 enum { INSTRUCTIONS = 1000000, HOOK_STEP = 10000, MEMORY_DEPTH = 8 };
 
 struct lua_law {
-    lua_State *L;
-    size_t used, *together;
+    lua_State *L;  /* its own: elements share nothing */
+    size_t used, *together;  /* bytes of this one; of all of a program */
     bool unlimited;               /* outside a protected call, where a refusal would end the
                                      process: a table without entries */
     enum { NO_LIMIT, OF_ONE, OF_ALL } passed;     /* by what was refused last */
     long left;                    /* instructions of this call */
-    double scale_d, scale_v;
+    double scale_d, scale_v;  /* the largest seen: see the opening */
 };
 
 /* lua_Alloc that counts: NULL past a limit, which Lua makes an error of. */

@@ -5,7 +5,7 @@
 enum { BEAM_ELEMENTS_MOST = 2000 };
 
 struct beam_mesh {
-    int elements;
+    int elements;  /* of length h */
     double h;                                   /* m, of one element */
     /* w and th of node i at 2 i, 2 i + 1; -1: held by a support */
     int dof[2 * (BEAM_ELEMENTS_MOST + 1)];

@@ -199,7 +199,7 @@ static const struct scene_key disk_keys[] = {
 };
 
 struct keys {
-    double length, mass_per_length, speed;
+    double length, mass_per_length, speed;  /* as the rows below */
     int elements, frame, model;
     struct scene_numbers EI;
     const cJSON *disk;

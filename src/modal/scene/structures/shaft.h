@@ -17,13 +17,13 @@ extern const char *const shaft_ends[];         /* their names, NULL-terminated *
 
 /* of a bearing or a coupling; a stiffness not given is no link of the series */
 struct shaft_spring {
-    bool listed, has_transverse, has_rotational;
-    double transverse, rotational;
+    bool listed, has_transverse, has_rotational;  /* given, and which links are */
+    double transverse, rotational;  /* N/m, N m/rad */
     int effect;
 };
 
 struct shaft_end {
-    struct shaft_spring bearing, coupling;
+    struct shaft_spring bearing, coupling;  /* in series */
     double damping;                /* N s/m, of the bearing, on fixed axes */
     struct {
         bool listed;
@@ -34,11 +34,11 @@ struct shaft_end {
 
 struct shaft {
     double length, EI[2], mass_per_length;     /* EI of plane y, plane z */
-    int elements;
-    int disk_node;
-    double disk_mass, disk_radius;
-    double speed;
-    bool fixed, massless;
+    int elements;  /* of equal length */
+    int disk_node;  /* where it sits */
+    double disk_mass, disk_radius;  /* kg, m; 0: no disk */
+    double speed;  /* W, rad/s */
+    bool fixed, massless;  /* the dofs' axes; the model */
     /* on turning axes (`fixed` is false), its face on fixed ones */
     bool seen_fixed;
     /* fixed axes: stiffness turns with cos, sin (harmonic omega t) = (2 speed t) */
@@ -46,15 +46,15 @@ struct shaft {
 
     struct shaft_end end[2];
     double strain_rate;                        /* mu, s */
-    int strain_rate_effect;
-    bool gyroscopic;
-    int gyroscopic_effect;
+    int strain_rate_effect;  /* its row */
+    bool gyroscopic;  /* Mg counts */
+    int gyroscopic_effect;  /* its row */
     double I_rho;                              /* kg m, polar, of the cross-section */
-    int rotary_effect;
+    int rotary_effect;  /* its row */
 
     /* massless: the eight coordinates (uL, uR, uD, sD of plane y, then of z), where each is
      * found */
-    struct condensed condensed;
+    struct condensed condensed;  /* of the eight */
     int dof[8];                                /* a dof, or -1 */
     int state;                                 /* first linear state, of condensed.b in order */
     int journal;                               /* the end with a massless journal, or -1 */

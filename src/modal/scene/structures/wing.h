@@ -5,10 +5,10 @@
 #include "modal/scene/wing_model.h"
 
 struct wing_mesh {
-    struct wing wing;
+    struct wing wing;  /* as the scene says */
     /* airloads are listed: `air` holds them, their states from `state` on */
     bool in_air;
-    int state;
+    int state;  /* the first of the airloads' linear states */
     struct airloads_matrices air;
 };
 

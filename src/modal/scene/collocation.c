@@ -125,7 +125,7 @@ static double *copy_of(const double *x, size_t count)
     double *y = malloc((count + 1) * sizeof *y);
 
     if (y != NULL)
-        memcpy(y, x, count * sizeof *y);
+        memcpy(y, x, count * sizeof *y);  /* the caller's may go */
     return y;
 }
 
@@ -189,7 +189,7 @@ void collocation_free(struct collocation *c)
     if (c == NULL)
         return;
     for (int i = 0; i < MAPS_KEPT; i++)
-        map_done(&c->kept[i]);
+        map_done(&c->kept[i]);  /* all that were ever used */
     expm_free(c->exponential);
     expm_free(c->two);
     free(c->U);
@@ -209,7 +209,7 @@ static void assemble_dense(struct collocation *c, double h, double ci)
            first = N + m * S;
 
     memset(c->X, 0, size * size * sizeof *c->X);  /* most of (3) is zeros */
-    for (size_t j = 0; j < N; j++)
+    for (size_t j = 0; j < N; j++)  /* A of (3) */
         for (size_t i = 0; i < N; i++)
             c->X[i + j * size] = ci * h * c->ss->A[i + j * N];
     for (size_t j = 0; j < m; j++)
@@ -376,7 +376,7 @@ static enum modal_status compute(struct collocation *c, double h, struct colloca
 enum modal_status collocation_map(struct collocation *c, double h,
                                   const struct collocation_map **out, struct modal_error *err)
 {
-    int oldest = 0;
+    int oldest = 0;  /* least recently used */
     enum modal_status rc;
 
     for (int i = 0; i < MAPS_KEPT; i++) {

@@ -1,4 +1,7 @@
-/* effects.c - the table of effects: one line each (lowering.h says how to add one) */
+/* effects.c - the table of effects: one line each (lowering.h says how to add one)
+ *
+ * The order is that of the contracts' table: messages list the types in it, and manuals will.
+ */
 #include "modal/scene/lowering.h"
 #include "modal/scene/scene.h"
 

@@ -258,7 +258,7 @@ static enum modal_status estimate(const struct side *a, const struct side *b,
 {
     int N = a->ss->N;
     size_t count = (size_t)N * (size_t)N;
-    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss),
+    double *D = change(a->ss, b->ss), *back = change(b->ss, a->ss),  /* D and D^-1 */
            *work = malloc(2 * count * sizeof *work + 1),
            *difference = malloc(count * sizeof *work + 1);
     enum modal_status rc =
@@ -292,7 +292,7 @@ static enum modal_status pair_up(const struct side *a, const struct side *b, int
 
     for (int j = 0; rc == MODAL_OK && j < Nb; j++) {
         for (int i = 0; i < Na; i++) {
-            moved[i] = 0;
+            moved[i] = 0;  /* D r'_j */
             for (int k = 0; k < Nb; k++)
                 moved[i] += D[(size_t)i + (size_t)k * (size_t)Na]
                             * b->V[(size_t)k + (size_t)j * (size_t)Nb];
@@ -313,7 +313,7 @@ static enum modal_status pair_up(const struct side *a, const struct side *b, int
             if (overlap[k] > overlap[best])
                 best = k;
         int i = (int)(best % (size_t)Na), j = (int)(best / (size_t)Na);
-        if (overlap[best] < 0)
+        if (overlap[best] < 0)  /* all of a or of b are taken */
             break;
         match[i] = j;  /* the best of all that are left */
         for (int k = 0; k < Nb; k++)
@@ -392,6 +392,7 @@ enum modal_status influence(const struct program *from, const struct program *to
     struct side a = { 0 }, b = { 0 };
     enum modal_status rc = MODAL_OK;
 
+    /* of either: they are one scene but for an effect */
     f.period = from->period > 0 ? from->period : from->omega > 0 ? 2 * M_PI / from->omega : 0;
     if (from->laws > 0 || to->laws > 0 || from->n != to->n)
         return modal_fail_field(err, MODAL_BAD_INPUT, "effects",

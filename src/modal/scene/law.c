@@ -1,4 +1,8 @@
-/* law.c - what all laws share; each kind is a file of laws/ */
+/* law.c - what all laws share; each kind is a file of laws/
+ *
+ * A law is its class, the places where it acts, and the numbers that the class lays out in `data`;
+ * copying the struct moves it, law_done ends it.
+ */
 #include "modal/scene/law.h"
 #include <math.h>
 #include <stdlib.h>

@@ -1,4 +1,8 @@
-/* loads.c - see loads.h */
+/* loads.c - see loads.h
+ *
+ * An entry's type says which tables of keys it is read by; all types are read into one struct, of
+ * which each uses its part, and become one program_load.
+ */
 #include "modal/scene/loads.h"
 #include <math.h>
 #include <stdio.h>
@@ -114,7 +118,7 @@ static enum modal_status read_points(const cJSON *list, const char *path, struct
             snprintf(where, sizeof where, "%.90s.points[%d]", path, load->points);
             return modal_fail_field(err, MODAL_BAD_INPUT, where, "%s must be [t, force]", where);
         }
-        load->time[load->points] = t->valuedouble;
+        load->time[load->points] = t->valuedouble;  /* points counts what program_free finds */
         load->force[load->points++] = f->valuedouble;
     }
     return MODAL_OK;
@@ -132,7 +136,7 @@ static enum modal_status move_lists(struct keys *k, const char *path, struct pro
                                 "%s has %zu numbers, time has %zu; as many of each", where,
                                 k->force.count, k->time.count);
     if (k->time.count <= LOWERING_POINTS_MOST)
-        load->points = (int)k->time.count;
+        load->points = (int)k->time.count;  /* past the limit they stay 0, and are refused */
     load->time = k->time.x;
     load->force = k->force.x;
     k->time.x = k->force.x = NULL;  /* the load's now */
@@ -207,7 +211,7 @@ static enum modal_status fill_load(const struct lowering *l, struct keys *k, con
                                 where);
     if ((rc = read_frame(l, k->frame, path, load, err)) != MODAL_OK)
         return rc;
-    load->k = k->k;
+    load->k = k->k;  /* 1 where it is not given */
     load->cosine = k->cosine;
     load->sine = k->sine;
     load->amplitude = k->amplitude;
@@ -227,13 +231,13 @@ static enum modal_status read_load(const struct lowering *l, const cJSON *json, 
     struct keys k = { 0 };  /* of all types: what a type has no row for stays 0 */
     enum modal_status rc;
 
-    for (int i = 0; i < TYPES; i++)
+    for (int i = 0; i < TYPES; i++)  /* words of `type`, for the message */
         names[i] = loads_types[i].name;
     if (!cJSON_IsObject(json))
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
     if ((rc = json_get_choice(json, path, "type", names, &type, err)) != MODAL_OK)
         return rc;
-    load->type = (enum program_load_type)type;
+    load->type = (enum program_load_type)type;  /* loads_types is in the enum's order */
     rc = scene_keys_read(l, json, path, loads_types[type].keys, &k, err);
     if (rc == MODAL_OK)
         rc = fill_load(l, &k, path, load, err);
@@ -252,16 +256,18 @@ enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struc
         return MODAL_OK;
     if (!cJSON_IsArray(excitation))
         return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation must be a list");
-    count = cJSON_GetArraySize(excitation);
+    count = cJSON_GetArraySize(excitation);  /* before room is made */
     if (count > LOWERING_LOADS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "excitation",
                                 "excitation lists %d loads; at most %d", count,
                                 LOWERING_LOADS_MOST);
+    /* one more: calloc(0) may be NULL */
     if ((l->p->load = calloc((size_t)count + 1, sizeof *l->p->load)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     cJSON_ArrayForEach(item, excitation) {
         snprintf(path, sizeof path, "excitation[%d]", l->p->loads);
         if (rc == MODAL_OK)
+            /* counted before it is read: freed with the program */
             rc = read_load(l, item, path, &l->p->load[l->p->loads++], err);
     }
     return rc;

@@ -1,4 +1,8 @@
-/* lowering.c - see lowering.h */
+/* lowering.c - see lowering.h
+ *
+ * Entries are kept as triplets in the order in which they come: sums at one place are formed when
+ * they are compressed, always in that order, so that a scene gives the same bits every time.
+ */
 #include "modal/scene/lowering.h"
 #include <stdio.h>
 #include <stdlib.h>
@@ -35,10 +39,12 @@ static void append(struct lowering *l, struct lowering_entries *e, int i, int j,
 int lowering_add_dof(struct lowering *l, const char *name)
 {
     struct program *p = l->p;
+    /* one a dof: 10000 at most */
     char **dofs = realloc(p->dofs, ((size_t)p->n + 1) * sizeof *dofs);
 
     if (dofs != NULL)
         p->dofs = dofs;
+    /* the list may have grown all the same */
     if (dofs == NULL || (dofs[p->n] = strdup(name)) == NULL) {
         l->no_memory = true;
         return -1;
@@ -140,7 +146,7 @@ void lowering_add_law(struct lowering *l, struct law *law)
         law_done(law);  /* it was the program's to free */
         return;
     }
-    p->law = more;
+    p->law = more;  /* the old one is gone */
     law->effect = l->effect;  /* who is counted and told */
     more[p->laws++] = *law;
     if (l->effect >= 0)
@@ -158,7 +164,7 @@ void lowering_add_term(struct lowering *l, struct program_output *out, int quant
         l->no_memory = true;
         return;
     }
-    out->terms = more;
+    out->terms = more;  /* likewise */
     more[out->count++] = (struct triplet) { quantity, j, value };
 }
 
@@ -186,7 +192,7 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
                                const char *key, int *dof, struct modal_error *err)
 {
-    const char *name = NULL;
+    const char *name = NULL;  /* borrowed from the scene */
     char path[128];
     enum modal_status rc = json_get_string(json, base, key, &name, err);
 
@@ -234,7 +240,7 @@ enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct mod
 
 void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value)
 {
-    if (value == 0)
+    if (value == 0)  /* no trace */
         return;
     lowering_add(l, matrix, at.dof, at.dof, value);
     lowering_add(l, matrix, at.to, at.to, value);
@@ -262,7 +268,7 @@ enum modal_status lowering_need_omega(const struct lowering *l, const char *who,
 
 double *lowering_structural_dense(const struct lowering *l, int matrix)
 {
-    int n = l->p->n;
+    int n = l->p->n;  /* of the structure: effects add no dofs */
     double *a = calloc((size_t)n * (size_t)n + 1, sizeof *a);
 
     for (int e = 0; a != NULL && e < l->structural[matrix]; e++) {

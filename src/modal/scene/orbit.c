@@ -129,7 +129,7 @@ enum modal_status orbit_init(struct orbit *o, int H, int N, struct modal_error *
     memset(o, 0, sizeof *o);
     o->H = H;
     o->N = N;
-    o->turns = -1;
+    o->turns = -1;  /* of another motion */
     o->D = calloc((size_t)H + 2, sizeof *o->D);  /* D[top + 1] = 0: see orbit_at */
     o->d = calloc((size_t)N, sizeof *o->d);
     o->v = calloc((size_t)N, sizeof *o->v);
@@ -359,7 +359,7 @@ enum modal_status orbit_find_turns(struct orbit *o, struct modal_error *err)
                 rc = add_turn(o, h * j, h * (j + 1), turn_guess(o, j), v1 > 0, err);
         } else if (fabs(v0) <= fabs(before) && fabs(v0) < fabs(v1) && (before > 0) == (v0 > 0)
                    && v0 != 0) {
-            int had = o->turns;
+            int had = o->turns;  /* found or not */
 
             rc = hidden_turns(o, j, err);
             sort |= o->turns != had;  /* found out of order */
@@ -389,7 +389,7 @@ double orbit_crossing(const struct orbit *o, struct orbit_end from, struct orbit
 {
     double h = TWO_PI / o->N;
     long low = (long)ceil(from.theta / h), high = (long)floor(to.theta / h);
-    bool rising = to.d > from.d;
+    bool rising = to.d > from.d;  /* monotone between its ends */
 
     while (low <= high) {                       /* samples inside narrow the bracket */
         long middle = (low + high) / 2;

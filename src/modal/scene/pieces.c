@@ -1,4 +1,8 @@
-/* pieces.c - a growing list of pieces; see pieces.h */
+/* pieces.c - a growing list of pieces; see pieces.h
+ *
+ * Room grows by doubling and is kept from period to period: Newton's iteration asks for pieces at
+ * every step, of about as many each time.
+ */
 #include "modal/scene/pieces.h"
 #include <stdlib.h>
 

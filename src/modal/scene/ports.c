@@ -1,4 +1,8 @@
-/* ports.c - see ports.h */
+/* ports.c - see ports.h
+ *
+ * The pulsating part of C and K is applied here, row by row of the dofs that it touches, because a
+ * nonlinear program's linear part must be constant to be answered exactly (collocation.h).
+ */
 #include "modal/scene/ports.h"
 #include <math.h>
 #include <stdlib.h>
@@ -120,12 +124,12 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out,
 {
     struct ports *p = calloc(1, sizeof *p);
     const struct program *program = ss->p;
-    int *index = malloc(((size_t)program->n + 1) * sizeof *index);
+    int *index = malloc(((size_t)program->n + 1) * sizeof *index);  /* dof to pulsating row */
     enum modal_status rc = p != NULL && index != NULL ? MODAL_OK : no_memory(err);
 
     if (rc == MODAL_OK) {
         p->ss = ss;
-        p->laws = program->laws;
+        p->laws = program->laws;  /* in their order */
         for (int i = 0; i < program->laws; i++)
             p->inputs += program->law[i].kind->inputs;
         p->rows = touched(program, index);  /* before room is made: channels depend on it */
@@ -138,7 +142,7 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out,
                  ? fill(p, index, err)
                  : no_memory(err);
     }
-    free(index);
+    free(index);  /* row_dof has the other direction */
     if (rc == MODAL_OK)
         *out = p;
     else
@@ -168,7 +172,7 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
                             int *regime, struct modal_error *err)
 {
     struct port_law *l = &p->law[law];
-    struct law_point at = { t, d, v, d_before, memory };
+    struct law_point at = { t, d, v, d_before, memory };  /* as the law asks */
     struct law_force f = { .memory = after };  /* room for what it remembers */
     enum modal_status rc = l->law->kind->force(l->law, &at, &f, err);
 
@@ -185,7 +189,7 @@ static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
 {
     /* its probes have its channels' numbers */
     int inputs = l->law->kind->inputs, c = l->channel, q = p->probes;
-    double scratch[LAW_MEMORY_MOST];
+    double scratch[LAW_MEMORY_MOST];  /* a law always writes its memory */
     struct law_point at = { t, probe + c, probe + q + c, before + c, memory + l->memory };
     struct law_force f = { .memory = after != NULL ? after + l->memory : scratch };
     enum modal_status rc;

@@ -37,7 +37,7 @@ static void add_text(struct sha256 *s, const char *text)
 /* Pattern and values. */
 static void add_sparse(struct sha256 *s, const struct sparse *a)
 {
-    int entries = a->start != NULL ? a->start[a->m] : 0;
+    int entries = a->start != NULL ? a->start[a->m] : 0;  /* none of an empty matrix */
 
     add_int(s, a->m);  /* shape first: lists have no other end */
     add_int(s, a->n);
@@ -51,6 +51,7 @@ static void add_sparse(struct sha256 *s, const struct sparse *a)
 /* All members, whatever the type reads. */
 static void add_load(struct sha256 *s, const struct program_load *load)
 {
+    /* unread ones are 0 in every program */
     const double numbers[] = { load->cosine,   load->sine,  load->amplitude,
                                load->duration, load->start, load->turn };
 
@@ -90,6 +91,7 @@ static void add_output(struct sha256 *s, const struct program_output *output)
 /* (1) to (3) of program.h, in their order. */
 static void add_matrices(struct sha256 *s, const struct program *p)
 {
+    /* in the order of program.h */
     const struct sparse *blocks[] = { &p->E, &p->A, &p->Bx, &p->Bv, &p->Ba, &p->F };
 
     for (int i = 0; i < 3; i++)
@@ -115,7 +117,7 @@ void program_hash(struct program *p)
                                p->seen_fixed ? -p->frame_speed : p->frame_speed };
 
     sha256_init(&s);
-    add_int(&s, p->n);
+    add_int(&s, p->n);  /* n, then names: their number is known */
     for (int i = 0; i < p->n; i++)
         add_text(&s, p->dofs[i]);
     add_matrices(&s, p);
@@ -132,6 +134,7 @@ void program_hash(struct program *p)
     for (int i = 0; i < p->effects; i++) {
         add_text(&s, p->effect[i].type);
         add_int(&s, p->effect[i].states);
+        /* laws' numbers, as the scene has them */
         add_text(&s, p->effect[i].law_text != NULL ? p->effect[i].law_text : "");
     }
     add_doubles(&s, p->x0, p->n);

@@ -4,6 +4,9 @@
  * One pass in a fixed order: the structure, the effects as listed, excitation, initial state,
  * sensors; then the entries become compressed matrices and the program is checked as a whole: its
  * mass is positive definite (banded Cholesky) and its period fits every harmonic.
+ *
+ * A part of the scene is read by its rows (scene_key.h) into a struct of values, then lowered:
+ * reading knows nothing of matrices, lowering nothing of JSON, but for forms of their own.
  */
 #include "modal/scene/scene.h"
 #include <lapacke.h>
@@ -48,7 +51,7 @@ static const struct scene_structure_kind *find_structure(const char *name)
 static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
                                          struct modal_error *err)
 {
-    const char *type = NULL;
+    const char *type = NULL;  /* borrowed from the scene */
     char list[256] = "";
     void *values;
     enum modal_status rc;
@@ -168,7 +171,7 @@ static enum modal_status lower_effect(struct lowering *l,
                                       const struct scene_effect_kind *const *table,
                                       const cJSON *json, int position, struct modal_error *err)
 {
-    char path[32];
+    char path[32];  /* "effects[4095]" */
     struct program_effect *row = &l->p->effect[l->p->effects];
     const struct scene_effect_kind *kind = NULL;
     const char *type = NULL;

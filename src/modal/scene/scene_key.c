@@ -1,4 +1,8 @@
-/* scene_key.c - see scene_key.h */
+/* scene_key.c - see scene_key.h
+ *
+ * Reading goes row by row: first every name of the object must be one of the rows', then each row
+ * is looked for, so that a misspelt key is told before the one that it leaves missing.
+ */
 #include "modal/scene/scene_key.h"
 #include <stdio.h>
 #include <stdlib.h>

@@ -63,7 +63,7 @@ static enum modal_status start(struct program *p, const struct scene_time *time,
         rc = readout_new(m->ss, &m->readout, err);
     if (rc != MODAL_OK)
         return rc;
-    m->dt = time->dt;
+    m->dt = time->dt;  /* for "beside a sample" */
     m->y = calloc((size_t)m->ss->N + 1, sizeof *m->y);
     m->F = calloc((size_t)m->ss->N + 1, sizeof *m->F);
     if (m->y == NULL || m->F == NULL)
@@ -76,7 +76,7 @@ static enum modal_status start(struct program *p, const struct scene_time *time,
 static void done(struct motion *m)
 {
     if (m->stepper != NULL)
-        m->stepper->free(m->stepper);
+        m->stepper->free(m->stepper);  /* it borrows all the others */
     readout_free(m->readout);  /* before what it borrows */
     sources_free(m->src);
     statespace_free(m->ss);

@@ -63,6 +63,7 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
     }
     for (int j = 0; j < n; j++)
         for (int i = 0; i < j; i++)
+            /* the symmetric part: Phi is a basis, not the answer */
             ss->phi[i + (size_t)j * (size_t)n] =
                 (ss->phi[i + (size_t)j * (size_t)n] + ss->phi[j + (size_t)i * (size_t)n]) / 2;
     /* Phi^T M Phi = 1, ascending w^2 */
@@ -132,7 +133,7 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
     int *pivot = malloc(((size_t)nz + 1) * sizeof *pivot), info = 0;  /* of E */
 
     if (E == NULL || Ba == NULL || pivot == NULL) {
-        free(E);
+        free(E);  /* its factors */
         free(Ba);
         free(pivot);
         return no_memory(err);
@@ -173,7 +174,7 @@ static bool decouple(struct statespace *ss)
 
     if (ss->nz > 0)  /* linear states couple modes */
         return false;
-    for (size_t i = 0; i < N * N; i++)
+    for (size_t i = 0; i < N * N; i++)  /* the norm that rounding is measured by */
         largest = fmax(largest, fabs(ss->A[i]));
     rounding = (double)(64 + n) * DBL_EPSILON * largest;  /* of products of n terms */
     for (size_t j = 0; j < N; j++)
@@ -182,7 +183,7 @@ static bool decouple(struct statespace *ss)
                 return false;
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)
-            if (i % n != j % n)
+            if (i % n != j % n)  /* off the blocks (y_1i, y_2i) */
                 ss->A[i + j * N] = 0;
     return true;
 }
@@ -233,7 +234,7 @@ static enum modal_status fill(struct statespace *ss, struct modal_error *err)
     ss->A = calloc(N * N, sizeof *ss->A);
     ss->B = calloc(N * (size_t)n, sizeof *ss->B);
     if (work == NULL || ss->A == NULL || ss->B == NULL) {
-        free(work);
+        free(work);  /* of the congruences alone */
         return no_memory(err);
     }
     for (int i = 0; i < n; i++)
@@ -247,7 +248,7 @@ static enum modal_status fill(struct statespace *ss, struct modal_error *err)
     if (rc == MODAL_OK)
         rc = add_harmonics(ss, work, err);
     if (rc == MODAL_OK)
-        ss->modal = decouple(ss);
+        ss->modal = decouple(ss);  /* last: all of A is known */
     free(work);
     return rc;
 }
@@ -267,7 +268,7 @@ enum modal_status statespace_new(const struct program *p, struct statespace **ou
         return no_memory(err);
     ss->p = p;
     ss->n = p->n;
-    ss->nz = p->n_linear;
+    ss->nz = p->n_linear;  /* z */
     ss->N = 2 * p->n + p->n_linear;  /* (y_1, y_2, z) */
     rc = find_modes(ss, err);
     if (rc == MODAL_OK)

@@ -1,6 +1,14 @@
 /* contact_friction.c - contact and friction at one place: a normal spring under preload, a
  * tangential slider whose bound is mu times the momentary normal force.  `normal` and `tangential`
- * name the dofs; the other side is the ground */
+ * name the dofs; the other side is the ground
+ *
+ * With d_n = x_normal, d_t = x_tangential,
+ *
+ *     N = max(0, preload + normal_stiffness d_n),    |f_t| <= mu N,                         (1)
+ *
+ * f_t from a spring tangential_stiffness whose slider is dragged where (1) would be passed. The
+ * two directions are coupled one way: d_t does not act on N.
+ */
 #include "modal/scene/effects/local_law.h"
 
 struct contact {

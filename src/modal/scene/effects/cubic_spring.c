@@ -1,5 +1,9 @@
 /* cubic_spring.c - coefficient d^3, coefficient in N/m^3 of any sign; a coefficient of 0 leaves
- * nothing */
+ * nothing
+ *
+ * It is the polynomial spring of coefficients (0, 0, c), and shares its law, so that samples are
+ * counted alike: degree 3 asks for N > 4 H of them.
+ */
 #include "modal/scene/effects/local_law.h"
 
 struct cubic { struct local_ends at; double coefficient; };

@@ -1,4 +1,8 @@
-/* damper.c - a linear damper: coefficient [N s/m] between `dof` and `to`, of any sign */
+/* damper.c - a linear damper: coefficient [N s/m] between `dof` and `to`, of any sign
+ *
+ * C gains c [1 -1; -1 1] between the ends. On turning axes it is a damper that turns with them: a
+ * bearing's or the air's, which stand still, come by lowering_add_still_damping.
+ */
 #include "modal/scene/lowering.h"
 
 struct damper { struct local_ends at; double coefficient; };

@@ -1,5 +1,9 @@
 /* friction.c - an elastic, perfectly plastic (Jenkins) element: stiffness [N/m] in series with a
- * slider of strength limit [N]; of either 0, it holds nothing and leaves nothing */
+ * slider of strength limit [N]; of either 0, it holds nothing and leaves nothing
+ *
+ * The slider starts at 0, and its place is the law's memory. What it dissipates in a cycle of
+ * amplitude a > limit/stiffness is 4 limit (a - limit/stiffness).
+ */
 #include "modal/scene/effects/local_law.h"
 
 struct friction { struct local_ends at; double stiffness, limit; };

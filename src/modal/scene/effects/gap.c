@@ -1,6 +1,10 @@
 /* gap.c - unilateral contact: stiffness (d - clearance) where d > clearance, times (1 + dissipation
  * d') and never pulling; a negative clearance [m] is a preload; both_sides adds the mirror image
- * (clearance then >= 0) */
+ * (clearance then >= 0)
+ *
+ * Contact begins with force 0 whatever the speed, since the factor multiplies stiffness and depth:
+ * the force is continuous with a kink, its harmonics fall as k^-2 and the motion's as k^-4.
+ */
 #include "modal/scene/effects/local_law.h"
 
 struct gap { struct local_ends at; double stiffness, clearance, dissipation; bool both_sides; };

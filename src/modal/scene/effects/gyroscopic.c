@@ -1,5 +1,9 @@
 /* gyroscopic.c - the polar inertia of a turning shaft's disk (and of its sections, with
- * rotary_inertia): no keys */
+ * rotary_inertia): no keys
+ *
+ * With the polar inertia Mg, -W Mg J adds to C, and on turning axes W^2 Mg to K (shaft.c, (1),
+ * (2)): it splits forward from backward whirl.
+ */
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/shaft.h"
 

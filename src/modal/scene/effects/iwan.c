@@ -1,5 +1,10 @@
 /* iwan.c - Jenkins elements side by side: stiffnesses [N/m] and limits [N], as many of each;
- * those of stiffness or limit 0 are left out */
+ * those of stiffness or limit 0 are left out
+ *
+ * Their sum is a smooth curve as far as one looks: masses of small sliders begin to slip one after
+ * the other. The force at large d is the sum of the limits, the slope at rest that of the
+ * stiffnesses.
+ */
 #include "modal/scene/effects/local_law.h"
 
 /* Each slider is a state that is stepped and sampled at every instant: a backbone of as many

@@ -1,4 +1,8 @@
-/* local_law.c - see local_law.h */
+/* local_law.c - see local_law.h
+ *
+ * A local law is of one input, d between two ends; what its constructor refuses is told at the
+ * effect's path, since the constructor knows only its own numbers.
+ */
 #include "modal/scene/effects/local_law.h"
 #include <string.h>
 

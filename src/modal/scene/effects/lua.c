@@ -1,4 +1,8 @@
-/* lua.c - a user's force(t, x, v, memory) in Lua: `source`, its sign that of the other effects */
+/* lua.c - a user's force(t, x, v, memory) in Lua: `source`, its sign that of the other effects
+ *
+ * The force may read the time and keep a memory, so such a scene is stepped in order and asked
+ * once a step; laws/user_law.c has the sandbox and its limits.
+ */
 #include <string.h>
 #include "modal/scene/effects/local_law.h"
 

@@ -1,5 +1,9 @@
 /* polynomial_damper.c - the sum of coefficients[i] d^i d'; a constant one is a linear damper and
- * becomes one */
+ * becomes one
+ *
+ * Negative damping at small d and positive at large, [-mu, 0, mu], is van der Pol's: self-excited,
+ * and its limit cycle has amplitude 2 for small mu.
+ */
 #include "modal/scene/effects/local_law.h"
 
 static const struct scene_key keys[] = {

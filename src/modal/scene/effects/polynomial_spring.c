@@ -1,5 +1,9 @@
 /* polynomial_spring.c - the sum of coefficients[i] d^(i+1); a polynomial of degree 1 is a linear
- * spring and becomes one */
+ * spring and becomes one
+ *
+ * The terms from the second on are the law's, the first alone goes into K; trailing zeros do not
+ * count, so that the degree, and with it the number of samples, is that of the force.
+ */
 #include "modal/scene/effects/local_law.h"
 
 static const struct scene_key keys[] = {

@@ -1,4 +1,8 @@
-/* regularised_coulomb.c - limit tanh(d' / velocity), limit in N, velocity > 0 in m/s */
+/* regularised_coulomb.c - limit tanh(d' / velocity), limit in N, velocity > 0 in m/s
+ *
+ * Smooth, so it is sampled and stepped without events; but where the speed changes sign within
+ * velocity, that layer must be resolved: N of order 2 pi v_max / velocity samples.
+ */
 #include "modal/scene/effects/local_law.h"
 
 struct regularised { struct local_ends at; double limit, velocity; };

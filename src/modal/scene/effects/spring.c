@@ -1,4 +1,8 @@
-/* spring.c - a linear spring: stiffness [N/m] between `dof` and `to`, of any sign */
+/* spring.c - a linear spring: stiffness [N/m] between `dof` and `to`, of any sign
+ *
+ * With d = x_dof - x_to the force is -k d on `dof` and +k d on `to`, so K gains k [1 -1; -1 1]: no
+ * law, and the scene stays linear. A negative k is a load that follows, and may make it unstable.
+ */
 #include "modal/scene/lowering.h"
 
 struct spring { struct local_ends at; double stiffness; };

@@ -1,5 +1,10 @@
 /* strain_rate_damping.c - C = mu K of the elastic members, mu in s; a structure whose members
- * turn says how itself */
+ * turn says how itself
+ *
+ * Kelvin and Voigt's solid: stress = E (strain + mu strain').  The strain's rate is that of the
+ * member on its own axes, so on fixed ones a turning shaft adds -mu W Ks J to K beside C ((2) of
+ * shaft.c): above the critical speed it destabilises.
+ */
 #include "modal/scene/lowering.h"
 
 struct strain_rate { double mu; };

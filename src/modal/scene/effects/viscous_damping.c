@@ -1,5 +1,9 @@
 /* viscous_damping.c - damping spread like the mass: C = per_length / mass_per_length M of the
- * structure, by air that does not turn */
+ * structure, by air that does not turn
+ *
+ * The air stands still, so on turning axes its force on a point is that of the point's speed in
+ * space: C and, in K, W C J (shaft.c, (1)), which stabilises where strain-rate damping does not.
+ */
 #include "modal/scene/lowering.h"
 
 struct viscous { double per_length; };

@@ -1,4 +1,8 @@
-/* inflow.c - the table of inflow models, and the model without any */
+/* inflow.c - the table of inflow models, and the model without any
+ *
+ * Each model fills (1) and (2) of inflow.h for all stations at once; which stations feel each
+ * other's states is then the model's affair, dense matrices standing for any.
+ */
 #include "modal/scene/inflow/inflow.h"
 #include <stdlib.h>
 

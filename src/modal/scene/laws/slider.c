@@ -326,7 +326,7 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
 /* For qsort: ascending. */
 static int by_value(const void *a, const void *b)
 {
-    double x = *(const double *)a, y = *(const double *)b;
+    double x = *(const double *)a, y = *(const double *)b;  /* angles */
 
     return (x > y) - (x < y);
 }
@@ -461,8 +461,9 @@ static enum modal_status sliders_new(const struct law_class *kind, const double 
         return modal_fail(err, MODAL_NO_MEMORY, "sliders: no memory for %d", count);
     s->count = count;
     for (int i = 0; i < count; i++)
+        /* copied: the caller frees its lists */
         s->element[i] = (struct slider) { stiffness[i], limit[i] };
-    law_clear(out, kind);
+    law_clear(out, kind);  /* ground to ground, until it is placed */
     out->data = s;
     out->memory = count;
     for (int i = 0; i < count; i++)

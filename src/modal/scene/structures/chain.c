@@ -3,6 +3,9 @@
  *
  * Spring i of 0..n joins mass i-1 to mass i; masses -1 and n are the ground.  A spring or damper of
  * 0 is none.
+ *
+ * M is diagonal; K and C gain k [1 -1; -1 1] an element, tridiagonal in all. Negative springs are
+ * allowed: their chain may be unstable, which is for the solvers to say.
  */
 #include <stdio.h>
 #include "modal/scene/lowering.h"

@@ -63,7 +63,7 @@ static enum modal_status read_row(const cJSON *row, int i, const char *where, st
             return modal_fail_field(err, MODAL_BAD_INPUT, at, "%s is not a number", at);
         }
         if (item->valuedouble != 0)
-            out->x[out->count++] = (struct triplet) { i, j, item->valuedouble };
+            out->x[out->count++] = (struct triplet) { i, j, item->valuedouble };  /* by rows */
         j++;
     }
     return MODAL_OK;
@@ -82,6 +82,7 @@ static enum modal_status read_dense(const cJSON *list, const char *where, struct
     out->n = cJSON_GetArraySize(list->child);
     if (out->m < 1 || !cJSON_IsArray(list->child))  /* before room is made */
         return shape_error(where, "not a matrix", err);
+    /* before m n triplets are asked for */
     if (out->m > LOWERING_DOFS_MOST || out->n > LOWERING_DOFS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s is %d x %d; at most %d dofs",
                                 where, out->m, out->n, LOWERING_DOFS_MOST);
@@ -103,7 +104,7 @@ static enum modal_status check_rows(const double *start, size_t starts, const do
     if (starts != (size_t)shape[0] + 1 || columns != values || start[0] != 0
         || start[starts - 1] != (double)values)
         return shape_error(where, "row_pointers, columns and values do not fit the shape", err);
-    for (size_t i = 1; i < starts; i++)
+    for (size_t i = 1; i < starts; i++)  /* ascending, and whole */
         if (start[i] < start[i - 1] || start[i] != floor(start[i]))
             return shape_error(where, "row_pointers must not descend", err);
     for (size_t k = 0; k < columns; k++)
@@ -171,7 +172,7 @@ static enum modal_status read_matrix(const cJSON *item, const char *where, int n
 static enum modal_status check_symmetry(const struct entries *e, double sign, const char *where,
                                         struct modal_error *err)
 {
-    struct sparse a = { 0 }, t = { 0 };
+    struct sparse a = { 0 }, t = { 0 };  /* A and sign A^T, rows ascending */
     struct triplet *turned = malloc(((size_t)e->count + 1) * sizeof *turned);
     double largest = 0;
     enum modal_status rc =
@@ -191,7 +192,7 @@ static enum modal_status check_symmetry(const struct entries *e, double sign, co
     for (int i = 0; rc == MODAL_OK && i < a.m; i++) {
         int p = a.start[i], q = t.start[i];  /* both rows ascend: one walk compares them */
         while (rc == MODAL_OK && (p < a.start[i + 1] || q < t.start[i + 1])) {
-            int ja = p < a.start[i + 1] ? a.index[p] : a.n,
+            int ja = p < a.start[i + 1] ? a.index[p] : a.n,  /* past the end: n, larger than any */
                 jt = q < t.start[i + 1] ? t.index[q] : a.n, j = ja < jt ? ja : jt;
             double difference = (ja == j ? a.value[p++] : 0) - (jt == j ? t.value[q++] : 0);
             if (fabs(difference) > SYMMETRY * largest)
@@ -246,7 +247,7 @@ static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n,
                 err, MODAL_BAD_INPUT, name,
                 "%s must be a name of 1 to 63 bytes that stands once and is not \"ground\"", name);
         }
-        snprintf(name, sizeof name, "x%d", i + 1);
+        snprintf(name, sizeof name, "x%d", i + 1);  /* the default */
         if (lowering_add_dof(l, list != NULL ? item->valuestring : name) < 0)
             return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     }
@@ -263,7 +264,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     if (s->file != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.file",
                                 "files are opened by clients, which put the matrices in its place");
-    rc = read_matrix(s->M, "structure.M", 0, &M, err);
+    rc = read_matrix(s->M, "structure.M", 0, &M, err);  /* any size: it says n */
     /* read for its size: entries come once there are dofs */
     free(M.x);
     if (rc == MODAL_OK)

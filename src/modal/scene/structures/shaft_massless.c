@@ -46,14 +46,14 @@ static void put_J(double *A, int i, int j, double value)
  * planes. */
 static void massless_inertia(const struct shaft *s, double mass[PLANE], double polar[PLANE])
 {
-    double tilting = s->disk_mass * s->disk_radius * s->disk_radius;
+    double tilting = s->disk_mass * s->disk_radius * s->disk_radius;  /* M r^2 */
 
-    memset(polar, 0, PLANE * sizeof *polar);
+    memset(polar, 0, PLANE * sizeof *polar);  /* but of the disk */
     mass[UL] = s->end[SHAFT_LEFT].clearance.journal_mass;
     mass[UR] = s->end[SHAFT_RIGHT].clearance.journal_mass;
     mass[UD] = s->disk_mass;
-    mass[SD] = tilting / 4;
-    polar[SD] = s->gyroscopic ? tilting / 2 : 0;
+    mass[SD] = tilting / 4;  /* diametral */
+    polar[SD] = s->gyroscopic ? tilting / 2 : 0;  /* twice the diametral: a thin disk */
 }
 
 /* (1) over the eight coordinates; on fixed axes (2) with Ks as it lies at t = 0. */
@@ -113,12 +113,12 @@ static void map_rows(const struct shaft *s, double *A, int columns)
 static void map_to_free_end(struct shaft *s, double Ks[2][16])
 {
     struct condensed *c = &s->condensed;
-    int r = s->journal == SHAFT_LEFT ? UL : UR;
+    int r = s->journal == SHAFT_LEFT ? UL : UR;  /* the free end's coordinate */
 
     for (int plane = 0; plane < 2; plane++) {
         const double *row = &Ks[plane][PLANE * r];  /* K_ru, K_rs, K_rr */
 
-        s->journal_stiffness[plane] = row[r];
+        s->journal_stiffness[plane] = row[r];  /* K_rr */
         s->journal_map[plane][0] = -row[UD] / row[SD];  /* s of (f, u) */
         s->journal_map[plane][1] = -row[r] / row[SD];
     }
@@ -178,6 +178,7 @@ static int massless_journal(const struct lowering *l)
                     *at = cJSON_GetObjectItemCaseSensitive(e, "at");
 
         if ((!cJSON_IsNumber(mass) || mass->valuedouble == 0) && cJSON_IsString(at))
+            /* another word is told when it is lowered */
             return strcmp(at->valuestring, "left") == 0 ? SHAFT_LEFT : SHAFT_RIGHT;
     }
     return -1;
@@ -279,7 +280,7 @@ void shaft_lower_massless(struct lowering *l)
     s->journal = massless_journal(l);  /* before dofs: it changes which there are */
     for (int c = 0; c < 2 * PLANE; c++) {
         int q = c % PLANE;
-        bool kept = q == UD || (q == SD && s->disk_radius > 0)
+        bool kept = q == UD || (q == SD && s->disk_radius > 0)  /* what carries mass */
                     || (q < UD && journal_with_mass(l, q == UL ? SHAFT_LEFT : SHAFT_RIGHT));
 
         shaft_coordinate_name(s, c, q == SD && s->journal >= 0, name);
@@ -289,7 +290,7 @@ void shaft_lower_massless(struct lowering *l)
         int u = s->dof[UD + plane * PLANE], slope = s->dof[SD + plane * PLANE];
 
         /* else the mass is known once all effects are */
-        if (s->journal < 0) {
+        if (s->journal < 0) {  /* no journal without mass */
             lowering_add(l, PROGRAM_M, u, u, s->disk_mass);
             lowering_add(l, PROGRAM_M, slope, slope,
                          s->disk_mass * s->disk_radius * s->disk_radius / 4);
@@ -326,7 +327,7 @@ static int damping_effect(const struct shaft *s)
     for (int end = 0; end < 2; end++)
         if (s->end[end].damping > 0)
             return s->end[end].bearing.effect;
-    return s->strain_rate != 0 ? s->strain_rate_effect : -1;
+    return s->strain_rate != 0 ? s->strain_rate_effect : -1;  /* the structure's own, if no row's */
 }
 
 /* What structure.lower did not write of the condensed mass: journals, or the whole of it on free

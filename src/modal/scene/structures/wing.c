@@ -45,11 +45,11 @@ static void add_dofs(struct lowering *l, const struct wing *w)
 {
     char name[32];
 
-    for (int i = 0; i < 2 * w->elements; i++) {
+    for (int i = 0; i < 2 * w->elements; i++) {  /* w1, wp1, w2, .. */
         snprintf(name, sizeof name, "%s%d", i % 2 ? "wp" : "w", i / 2 + 1);
         lowering_add_dof(l, name);
     }
-    for (int i = 1; i <= 3 * w->elements; i++) {
+    for (int i = 1; i <= 3 * w->elements; i++) {  /* its own nodes, three an element */
         snprintf(name, sizeof name, "phi%d", i);
         lowering_add_dof(l, name);
     }
@@ -58,14 +58,14 @@ static void add_dofs(struct lowering *l, const struct wing *w)
 /* One element matrix serves all; the root's dofs are absent. */
 static enum modal_status lower(struct lowering *l, void *values, struct modal_error *err)
 {
-    const struct wing *w = values;
+    const struct wing *w = values;  /* read into it by the rows above */
     struct wing_mesh *mesh = calloc(1, sizeof *mesh);
     double M[64], K[64], least = w->mass_per_length * w->x_cg * w->x_cg;
-    int dof[8];
+    int dof[8];  /* of one element */
 
     if ((l->mesh = mesh) == NULL)  /* freed by mesh_free, whatever follows */
         return no_memory(err);
-    if (!(w->I_rho > least))
+    if (!(w->I_rho > least))  /* else M is not positive definite */
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.I_rho",
                                 "I_rho = %g about the elastic "
                                 "axis must exceed mass_per_length x_cg^2 = %g",

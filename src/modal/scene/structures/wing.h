@@ -1,4 +1,8 @@
-/* wing.h - the wing's mesh: what airloads read, and what they leave for sensors at stations */
+/* wing.h - the wing's mesh: what airloads read, and what they leave for sensors at stations
+ *
+ * Airloads may be listed once. Their linear states lie in one block of the program's, from `state`
+ * on, in the order of the inflow model's.
+ */
 #ifndef MODAL_STRUCTURES_WING_H
 #define MODAL_STRUCTURES_WING_H
 #include <stdbool.h>

@@ -1,4 +1,4 @@
-/* inflow.c - the table of inflow models, and the model without any
+/* inflow.c - what inflow models are made of, and the model without any
  *
  * Each model fills (1) and (2) of inflow.h for all stations at once; which stations feel each
  * other's states is then the model's affair, dense matrices standing for any.
@@ -24,9 +24,6 @@ static enum modal_status fill_none(const struct inflow_wing *wing, int states, s
 }
 
 const struct inflow_kind inflow_none = { "none", 0, 1, "0", no_states, fill_none };
-const char *const inflow_names[] = { "none", "peters_2d", "jones", "peters_he", NULL };
-const struct inflow_kind *const inflow_kinds[] = { &inflow_none, &inflow_peters_2d, &inflow_jones,
-                                                   &inflow_peters_he, NULL };
 
 enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out,
                                   struct modal_error *err)

@@ -205,8 +205,6 @@ struct keys {
     const cJSON *disk;
 };
 
-enum { ROTATING, FIXED };          /* shaft_frames; models are told by SHAFT->massless */
-const char *const shaft_frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
 static const char *const models[] = { "finite_elements", "massless", NULL };
 
 static const struct scene_key keys[] = {
@@ -279,7 +277,7 @@ static enum modal_status read_shaft(const struct keys *k, struct shaft *s, struc
     s->elements = k->elements > 0 || !s->massless ? k->elements : 2;
     s->mass_per_length = k->mass_per_length;
     s->speed = k->speed;
-    s->fixed = k->frame == FIXED && s->speed > 0;
+    s->fixed = k->frame == SHAFT_FIXED && s->speed > 0;
     if (s->elements == 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.elements",
                                 "structure.elements is needed: 1 .. %d", SHAFT_ELEMENTS_MOST);

@@ -2,6 +2,11 @@
  * shaft_axes.c - what turning does to a shaft's matrices: (1) to (3) of shaft.c, entry by entry
  */
 #include "modal/scene/structures/shaft_parts.h"
+#include <stddef.h>
+
+const char *const shaft_frames[] = {
+    [SHAFT_ROTATING] = "rotating", [SHAFT_FIXED] = "fixed", NULL,
+};
 
 /* The other plane's dof of dof i, and J's sign: (A J)(i, partner j) = sign(j) A(i, j). */
 int shaft_partner(const struct shaft *s, int i)

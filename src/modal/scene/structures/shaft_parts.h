@@ -52,6 +52,7 @@ void shaft_lower_massless(struct lowering *l);
 /* Fails with MODAL_BAD_INPUT where the ends leave no equation to eliminate by. */
 enum modal_status shaft_finish_massless(struct lowering *l, struct modal_error *err);
 
+enum { SHAFT_ROTATING, SHAFT_FIXED };
 extern const char *const shaft_frames[];       /* "rotating", "fixed", NULL */
 /* scene_structure_kind.sensor of the shaft, and the table it reads by. */
 extern const struct scene_table shaft_sensors[];

@@ -1,5 +1,5 @@
 /* test_inflow.c - inflow models against the reference's matrices (tests/data/wing/unit_checks.json)
- * and known limits
+ * and known limits; inflow_kinds.c is walked by test_scene_key.c (its words, by their rows)
  *
  * The reference prints 12 decimals; the bar is 1e-9 of the largest entry of each matrix.
  */

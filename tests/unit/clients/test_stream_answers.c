@@ -17,9 +17,17 @@ static void hear_said(const char *kind, const char *text)
 
 static void begin(void)
 {
-    s = (modald_stream) { .spill_fd = -1, .ring_fd = -1, .channels = 1, .warned = true, .credit = 77,
-                          .stream = "abcd", .epoch = 3, .opened = true, .open_id = 1,
-                          .next_id = 8, .first_id = 5 };
+    s = (modald_stream) { .spill_fd = -1,
+                         .ring_fd = -1,
+                         .channels = 1,
+                         .warned = true,
+                         .credit = 77,
+                         .stream = "abcd",
+                         .epoch = 3,
+                         .opened = true,
+                         .open_id = 1,
+                         .next_id = 8,
+                         .first_id = 5 };
 }
 
 static double number_of(const cJSON *vector, const char *key, double otherwise)

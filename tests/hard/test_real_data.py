@@ -80,9 +80,9 @@ def test_free_decays_reproduce_their_references_within_the_stated_spread(row, ca
     assert abs(damping - row[4]) <= row[5]
 
 
-# What defaults alone give of the same files, with no window, band, channel or order named, and whether it is within the spread (of the frames:
-# the span over their amplitudes).  Seven of fifteen are
-# not: a hit in the window, a band of 22 kHz.  A row that turns right is to be written down here too.
+# What defaults alone give of the same files, with no window, band, channel or order named, and whether it is
+# within the spread (of the frames: the span over their amplitudes).  Seven of fifteen are not: a hit in the
+# window, a band of 22 kHz.  A row that turns right is to be written down here too.
 DEFAULTS = [
     ("hammer_beam_case1", 212.09, 0.02, "damping_ratio", 0.00085, 0.00005, 212.115, 0.00096, False),
     ("hammer_beam_case1", 579.0, 0.1, "damping_ratio", 0.0019, 0.0001, 578.914, 0.00254, False),

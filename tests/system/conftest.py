@@ -1,4 +1,5 @@
 """A private daemon on ipc in a temporary folder, ended by its pid; and modalctl to speak to it.  Waits are for events."""
+import contextlib
 import json
 import os
 import pathlib
@@ -146,7 +147,7 @@ def own_daemon():
 
 @pytest.fixture
 def client(daemon):
-    with daemon.client() as made:
+    with contextlib.closing(daemon.client()) as made:
         yield made
 
 

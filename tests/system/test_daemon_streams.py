@@ -19,13 +19,6 @@ def daemon():
         yield d
 
 
-@pytest.fixture()
-def client(daemon):
-    c = daemon.client()
-    yield c
-    c.close()
-
-
 def rows(first, count, channels=2, factor=1.0):
     return struct.pack(f"<{count * channels}d", *[factor * math.sin(0.37 * i + ch) for i in range(first, first + count) for ch in range(channels)])
 

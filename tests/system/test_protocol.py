@@ -23,13 +23,6 @@ def daemon():
         yield d
 
 
-@pytest.fixture()
-def client(daemon):
-    c = daemon.client()
-    yield c
-    c.close()
-
-
 def alive(client):
     return client.ask("HELLO").ok
 

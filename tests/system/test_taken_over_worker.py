@@ -19,13 +19,6 @@ def daemon():
         assert d.process.poll() is None
 
 
-@pytest.fixture()
-def client(daemon):
-    c = daemon.client()
-    yield c
-    c.close()
-
-
 def end_of(client, *messages, key=None):
     """The document of a job whose worker sends MESSAGES: [verb, members, [bytes of each body frame]]."""
     job = submit(client, options={"send": [list(m) for m in messages]}, max_attempts=1, fresh=True)["job"]

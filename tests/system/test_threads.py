@@ -16,12 +16,6 @@ from conftest import PATIENCE, environment
 THREADS, JOBS = 8, 100
 
 
-@pytest.fixture
-def client(daemon):
-    with daemon.client() as c:
-        yield c
-
-
 def decay(k):
     t = np.arange(64) * 0.01
     return np.exp(-0.5 * t) * np.cos(2 * np.pi * (5 + 0.01 * k) * t)

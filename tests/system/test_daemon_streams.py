@@ -1,5 +1,5 @@
 """Streams in the daemon (PROTOCOL.md, section 11): durable by index, repeats, epochs, gaps, resumption, sealing, live windows."""
-# Tests as well: windows.c
+# Tests as well: live_windows.c windows.c
 import json
 import math
 import pathlib

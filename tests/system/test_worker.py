@@ -1,5 +1,5 @@
 """modald-worker spoken to as the daemon does: proto/PROTOCOL.md, section 13, over a ROUTER of our own."""
-# Tests as well: inputs.c link.c serve.c
+# Tests as well: descriptors.c inputs.c link.c serve.c
 import json
 import math
 import os

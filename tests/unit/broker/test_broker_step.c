@@ -12,9 +12,9 @@
  *
  *     MODALD_SEEDS=n   how many worlds (default 1000);  MODALD_SEED=s  that one alone, with its log
  */
-/* Tests as well: answer.c blob.c events.c heap.c histogram.c ident.c index.c inputs.c jobs.c life.c
- * map.c memory.c metrics.c requests.c room.c segments.c slots.c step.c streams.c submit.c
- * transaction.c uploads.c waits.c windows.c workers.c */
+/* Tests as well: actions.c answer.c blob.c events.c heap.c histogram.c ident.c index.c inputs.c
+ * jobs.c life.c map.c memory.c metrics.c requests.c room.c segments.c slots.c step.c streams.c
+ * submit.c transaction.c uploads.c waits.c windows.c workers.c */
 #include "check.h"
 #include <stdlib.h>
 #include "broker/core/core.h"

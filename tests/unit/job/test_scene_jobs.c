@@ -1,6 +1,6 @@
 /* Tests as well: ablate.c backbone_job.c chain.c cost.c curve.c damper.c floquet_job.c influence.c
- * job.c moving_signals.c plan.c scene_mesh.c scene_path.c simulate_job.c steady_print.c
- * steady_settings.c sweep.c tradeoff_simulate.c tradeoff_steady.c */
+ * job.c kind_run.c moving_signals.c plan.c scene_mesh.c scene_path.c simulate_job.c steady_print.c
+ * steady_settings.c sweep.c tradeoff_print.c tradeoff_simulate.c tradeoff_steady.c */
 #include "check.h"
 #include <complex.h>
 #include "job/job.h"

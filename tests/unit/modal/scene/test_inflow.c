@@ -3,7 +3,7 @@
  *
  * The reference prints 12 decimals; the bar is 1e-9 of the largest entry of each matrix.
  */
-/* Tests as well: jones.c peters_2d.c peters_he.c quadrature.c */
+/* Tests as well: inflow_kinds.c jones.c peters_2d.c peters_he.c quadrature.c */
 #include "check.h"
 #include <stdlib.h>
 #include "base/json.h"

@@ -37,7 +37,7 @@ struct order_options {
     int order_most;             /* no candidate of a higher order; 0: one less than the rows */
     bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no guide to the refined one's */
     double work;                /* most multiplications, as refine.h counts them, before another candidate or step; 0: no limit */
-    bool many;                  /* from above: many modes are there, in noise; steps go by sums (gram.h) */
+    bool many;                  /* from above: many modes, in noise; steps go by sums (gram.h) */
     int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do not refine: the caller has a larger source */
     bool no_offset;             /* do not try a slow real pole as a constant */
     bool (*cancelled)(void *context);   /* may be NULL */

@@ -18,7 +18,7 @@
 #include "option.h"
 #include "svg.h"
 
-enum { ORBIT_POINTS = 400, SHOWN_SAMPLES = 600, ORDERS = 16 };
+enum { ORBIT_POINTS = 400, SHOWN_SAMPLES = 600 };
 static const struct svg_axis empty = { "", 1, 0, false };
 
 static const cJSON *get(const cJSON *object, const char *key)
@@ -68,51 +68,26 @@ static void draw_modes(struct svg *svg, const cJSON *result)
     }
 }
 
-/* The batch identified with ORDER exponents, without refinement; NULL where that fails. */
-static cJSON *at_order(const struct input *input, int order)
-{
-    struct job_request request = { .kind = "identify", .batch = &input->batch };
-    struct job_result out = { 0 };
-    cJSON *options = cJSON_Duplicate(input->options, true);
-
-    cJSON_DeleteItemFromObjectCaseSensitive(options, "rank.rule");
-    cJSON_DeleteItemFromObjectCaseSensitive(options, "rank.fixed");
-    cJSON_DeleteItemFromObjectCaseSensitive(options, "refine");
-    cJSON_AddNumberToObject(options, "rank.fixed", order);
-    cJSON_AddFalseToObject(options, "refine");
-    request.options = options;
-    job_run(&request, &out, NULL);
-    cJSON_Delete(options);
-    cJSON *result = out.result;
-    out.result = NULL;
-    job_result_done(&out);
-    return result;
-}
-
-/* Frequencies by order: a mode is where they stay. */
-static void draw_stabilisation(struct svg *svg, const cJSON *result, const struct input *input)
+/* Frequencies by order, of every order that was tried: a mode is where they stay. */
+static void draw_stabilisation(struct svg *svg, const cJSON *result)
 {
     struct svg_panel p = panel_of("frequency, Hz", "order");
-    cJSON *found[ORDERS] = { NULL };
-    const cJSON *mode;
+    const cJSON *mode, *pole, *poles = get(result, "stabilisation");
 
+    svg_hold(&p.y, 0);
     cJSON_ArrayForEach(mode, get(result, "modes"))
         svg_hold(&p.x, number(mode, "frequency_hz"));
-    double room = fmax(0.5 * (p.x.high - p.x.low), 0.2 * p.x.high);
-    svg_hold(&p.x, p.x.low - room > 0 ? p.x.low - room : 0);
-    svg_hold(&p.x, p.x.high + room);
-    for (int i = 0; i < ORDERS; i++)
-        found[i] = at_order(input, 2 * i + 2);
-    svg_hold(&p.y, 0);
-    svg_hold(&p.y, 2 * ORDERS);
-    svg_panel(svg, &p);
-    cJSON_ArrayForEach(mode, get(result, "modes"))
-        svg_line(svg, &p, (double[]) { number(mode, "frequency_hz"), number(mode, "frequency_hz") }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
-    for (int i = 0; i < ORDERS; i++) {
-        cJSON_ArrayForEach(mode, get(found[i], "modes"))
-            svg_dot(svg, &p, number(mode, "frequency_hz"), 2 * i + 2, number(mode, "damping_ratio") > 0 && number(mode, "damping_ratio") < 0.2);
-        cJSON_Delete(found[i]);
+    cJSON_ArrayForEach(pole, poles) {
+        svg_hold(&p.x, number(pole, "frequency_hz"));
+        svg_hold(&p.y, number(pole, "order"));
     }
+    svg_panel(svg, &p);
+    cJSON_ArrayForEach(mode, get(result, "modes")) {
+        double x = number(mode, "frequency_hz");
+        svg_line(svg, &p, (double[]) { x, x }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
+    }
+    cJSON_ArrayForEach(pole, poles)
+        svg_dot(svg, &p, number(pole, "frequency_hz"), number(pole, "order"), cJSON_IsNumber(get(pole, "mode")));
 }
 
 /* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot be. */
@@ -170,13 +145,17 @@ static void draw_history(struct svg *svg, const cJSON *result, const struct inpu
 static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
 {
     bool signals = input != NULL && input->batch.samples > 0;
+    bool orders = cJSON_GetArraySize(get(result, "stabilisation")) > 0;
+    char title[160];
 
-    svg_begin(svg, file, signals ? 3 : 1, signals ? "modes; by order; a channel (solid) and its reconstruction (dashed)" : "modes");
+    snprintf(title, sizeof title, "modes%s%s", orders ? "; by order, filled what is a mode's" : "",
+             signals ? "; a channel (solid) and its reconstruction (dashed)" : "");
+    svg_begin(svg, file, 1 + orders + signals, title);
     draw_modes(svg, result);
-    if (signals) {
-        draw_stabilisation(svg, result, input);
+    if (orders)
+        draw_stabilisation(svg, result);
+    if (signals)
         draw_history(svg, result, input);
-    }
     return true;
 }
 

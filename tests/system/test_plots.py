@@ -35,6 +35,17 @@ def test_identify_draws_modes_orders_and_the_reconstruction(ctl, tmp_path):
     assert len(dots) >= 2 + 2 and len(dashed) == 1 and "damping ratio" in words and "order" in words
 
 
+def test_the_picture_of_orders_shows_every_pole_of_the_result_and_no_other(ctl, tmp_path):
+    """Poles of a mode are filled; beside them stand the modes of the first panel, filled too."""
+    path = write_batch(tmp_path / "a.h5", decay(400))
+    result = ctl("identify", path, "--plot", tmp_path / "a.svg").json
+    poles = result["stabilisation"]
+    _, dots, _, _ = drawn(tmp_path / "a.svg")
+    filled = [e for e in dots if e.get("fill") not in (None, "none", "white")]
+    assert len(poles) > 4 and len(dots) == len(result["modes"]) + len(poles)
+    assert len(filled) == len(result["modes"]) + sum(p["mode"] is not None for p in poles)
+
+
 def test_a_response_curve_is_dashed_where_it_is_unstable(ctl, scene, tmp_path):
     said = ctl("steady", scene, "--continue", "omega=0.5:2.5", "--plot", tmp_path / "a.svg")
     assert said.status == 0 and len(said.document["folds"]) == 2

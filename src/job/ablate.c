@@ -9,8 +9,10 @@
 #include <math.h>
 #include <string.h>
 #include "job/cost.h"
+#include "job/kind_run.h"
 #include "job/plan.h"
 #include "job/scene_jobs.h"
+#include "job/steady.h"
 #include "job/tradeoff.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/influence.h"
@@ -41,7 +43,7 @@ static enum modal_status steady_once(const struct ablation *a, const cJSON *scen
     struct job_request inner = { .kind = "steady", .options = a->request->options, .scene = scene, .cancelled = a->request->cancelled,
                                  .context = a->request->context };
     struct job_result r;
-    enum modal_status rc = job_run(&inner, &r, err);
+    enum modal_status rc = kind_run(steady_run, &inner, &r, err);
 
     if (rc != MODAL_OK)
         return rc;

@@ -1,18 +1,16 @@
 /* job.c - the one way to every kind's function; see job.h */
 #include "job/job.h"
 #include "job/identify_job.h"
+#include "job/kind_run.h"
 #include "job/scene_jobs.h"
 #include "job/steady.h"
-#include "job/steady_settings.h"
 #include "job/sweep.h"
 #include "job/tradeoff.h"
-#include <cblas.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 /* Each a file of this folder. */
-static enum modal_status (*const runs[JOB_KIND_COUNT])(const struct job_request *, struct job_result *, struct modal_error *) = {
+static kind_function *const runs[JOB_KIND_COUNT] = {
     [JOB_IDENTIFY] = identify_run, [JOB_TRADEOFF] = tradeoff_run, [JOB_SIMULATE] = simulate_run, [JOB_FLOQUET] = floquet_run,
     [JOB_STEADY] = steady_run,     [JOB_ABLATE] = ablate_run,     [JOB_SWEEP] = sweep_run,
 };
@@ -27,7 +25,7 @@ static enum modal_status check_input(const struct job_kind *kind, const struct j
                                 kind->input == JOB_ON_BATCH ? "a batch of signals" : kind->input == JOB_ON_SCENE ? "a scene" : "a batch or a scene");
     if (request->options != NULL && !cJSON_IsObject(request->options))
         return modal_fail_field(err, MODAL_BAD_INPUT, "options", "options must be an object");
-    return request->scene != NULL ? steady_settings_keys(request->scene, err) : MODAL_OK;
+    return MODAL_OK;
 }
 
 enum modal_status job_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
@@ -43,21 +41,5 @@ enum modal_status job_run(const struct job_request *request, struct job_result *
         return modal_fail_field(err, MODAL_BAD_INPUT, "kind", "unknown kind \"%.40s\"; accepted: %s", request->kind ? request->kind : "", list);
     }
     rc = check_input(kind, request, err);
-    if (rc == MODAL_OK) {
-        openblas_set_num_threads(1);      /* the same numbers everywhere; a kind with an option `threads` sets its own */
-        rc = runs[kind - job_kinds](request, out, err);
-    }
-    if (rc != MODAL_OK)
-        job_result_done(out);
-    return rc;
-}
-
-void job_result_done(struct job_result *result)
-{
-    cJSON_Delete(result->result);
-    free(result->signals);
-    for (size_t i = 0; result->names != NULL && i < result->batch.channels; i++)
-        free(result->names[i]);
-    free(result->names);
-    memset(result, 0, sizeof *result);
+    return rc == MODAL_OK ? kind_run(runs[kind - job_kinds], request, out, err) : rc;
 }

@@ -11,8 +11,11 @@
 #include <string.h>
 #include <time.h>
 #include "job/cost.h"
+#include "job/identify_job.h"
+#include "job/kind_run.h"
 #include "job/scene_jobs.h"
 #include "job/scene_path.h"
+#include "job/steady.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/scene.h"
 
@@ -109,19 +112,12 @@ static void move_members(cJSON *result, cJSON *point)
     }
 }
 
-static enum modal_status run_kind(struct sweep *s, const char *kind, const struct job_request *request, const struct batch *batch,
-                                  const cJSON *options, struct job_result *out, struct modal_error *err)
-{
-    struct job_request inner = { .kind = kind, .options = options, .scene = batch == NULL ? s->scene : NULL, .batch = batch,
-                                 .cancelled = request->cancelled, .context = request->context };
-
-    return job_run(&inner, out, err);
-}
-
 static enum modal_status run_steady(struct sweep *s, const struct job_request *request, cJSON *point, struct modal_error *err)
 {
+    struct job_request inner = { .kind = "steady", .options = s->options, .scene = s->scene,
+                                 .cancelled = request->cancelled, .context = request->context };
     struct job_result r;
-    enum modal_status rc = run_kind(s, "steady", request, NULL, s->options, &r, err);
+    enum modal_status rc = kind_run(steady_run, &inner, &r, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -130,14 +126,18 @@ static enum modal_status run_steady(struct sweep *s, const struct job_request *r
     return MODAL_OK;
 }
 
+/* Of the scene's motion. */
 static enum modal_status run_identify(struct sweep *s, const struct job_request *request, cJSON *point, struct modal_error *err)
 {
+    struct job_request moves = { .kind = "simulate", .scene = s->scene, .cancelled = request->cancelled, .context = request->context };
     struct job_result motion, r;
-    enum modal_status rc = run_kind(s, "simulate", request, NULL, NULL, &motion, err);
+    struct job_request inner = { .kind = "identify", .options = s->options, .batch = &motion.batch,
+                                 .cancelled = request->cancelled, .context = request->context };
+    enum modal_status rc = kind_run(simulate_run, &moves, &motion, err);
 
     if (rc != MODAL_OK)
         return rc;
-    rc = run_kind(s, "identify", request, &motion.batch, s->options, &r, err);
+    rc = kind_run(identify_run, &inner, &r, err);
     job_result_done(&motion);
     if (rc != MODAL_OK)
         return rc;

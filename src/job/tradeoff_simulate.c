@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "job/cost.h"
+#include "job/kind_run.h"
+#include "job/scene_jobs.h"
 #include "job/scene_mesh.h"
 #include "job/tradeoff.h"
 
@@ -88,7 +90,7 @@ static enum modal_status run(const struct work *w, const cJSON *options, struct 
     struct job_request inner = { .kind = "simulate", .options = options, .scene = w->request->scene, .cancelled = w->request->cancelled,
                                  .context = w->request->context };
 
-    return job_run(&inner, out, err);
+    return kind_run(simulate_run, &inner, out, err);
 }
 
 /* max |x - ref| / max |ref| of the worst channel; a channel whose reference is 0 throughout counts against the largest one. */

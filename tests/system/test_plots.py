@@ -38,10 +38,10 @@ def test_identify_draws_modes_orders_and_the_reconstruction(ctl, tmp_path):
 def test_the_picture_of_orders_shows_every_pole_of_the_result_and_no_other(ctl, tmp_path):
     """Poles of a mode are filled; beside them stand the modes of the first panel, filled too."""
     path = write_batch(tmp_path / "a.h5", decay(400))
-    result = ctl("identify", path, "--plot", tmp_path / "a.svg").json
+    result = ctl("identify", path, "--plot", tmp_path / "a.svg").document
     poles = result["stabilisation"]
     _, dots, _, _ = drawn(tmp_path / "a.svg")
-    filled = [e for e in dots if e.get("fill") not in (None, "none", "white")]
+    filled = [e for e in dots if e.get("fill") not in (None, "white")]
     assert len(poles) > 4 and len(dots) == len(result["modes"]) + len(poles)
     assert len(filled) == len(result["modes"]) + sum(p["mode"] is not None for p in poles)
 

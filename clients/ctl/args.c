@@ -18,42 +18,72 @@ static const struct row {
     unsigned group;
     const char *value, *help;
 } rows[] = {
-    { "server",    's', TEXT,   offsetof(struct args, server),    0, 0,      TAKES_ALWAYS,  "ENDPOINT", "the daemon (default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald)" },
-    { "local",     0,   FLAG,   offsetof(struct args, local),     0, 0,      TAKES_ALWAYS,  "",         "run in this process, without a daemon" },
-    { "json",      'j', FLAG,   offsetof(struct args, json),      0, 0,      TAKES_ALWAYS,  "",         "one JSON document on stdout, errors included" },
-    { "keyfile",   0,   TEXT,   offsetof(struct args, keyfile),   0, 0,      TAKES_ALWAYS,  "FILE",     "CURVE keys (default $MODALD_KEYFILE)" },
-    { "help",      'h', FLAG,   offsetof(struct args, help),      0, 0,      TAKES_ALWAYS,  "",         "say what a verb takes" },
-    { "version",   'V', FLAG,   offsetof(struct args, version),   0, 0,      TAKES_ALWAYS,  "",         "print the version" },
-    { "option",    'o', OPTION, 0,                                0, 0,      TAKES_OPTIONS, "KEY=VALUE","an option of the job; numbers, words, true, false, lists a,b" },
-    { "dt",        0,   NUMBER, offsetof(struct args, dt),        1e-300, 1e300, TAKES_SIGNALS, "SECONDS", "time between samples, for files that do not say" },
+    { "server", 's', TEXT, offsetof(struct args, server), 0, 0, TAKES_ALWAYS, "ENDPOINT",
+      "the daemon (default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald)" },
+    { "local", 0, FLAG, offsetof(struct args, local), 0, 0, TAKES_ALWAYS, "",
+      "run in this process, without a daemon" },
+    { "json", 'j', FLAG, offsetof(struct args, json), 0, 0, TAKES_ALWAYS, "",
+      "one JSON document on stdout, errors included" },
+    { "keyfile", 0, TEXT, offsetof(struct args, keyfile), 0, 0, TAKES_ALWAYS, "FILE",
+      "CURVE keys (default $MODALD_KEYFILE)" },
+    { "help", 'h', FLAG, offsetof(struct args, help), 0, 0, TAKES_ALWAYS, "",
+      "say what a verb takes" },
+    { "version", 'V', FLAG, offsetof(struct args, version), 0, 0, TAKES_ALWAYS, "",
+      "print the version" },
+    { "option", 'o', OPTION, 0, 0, 0, TAKES_OPTIONS, "KEY=VALUE",
+      "an option of the job; numbers, words, true, false, lists a,b" },
+    { "dt", 0, NUMBER, offsetof(struct args, dt), 1e-300, 1e300, TAKES_SIGNALS, "SECONDS",
+      "time between samples, for files that do not say" },
     { "ignore-time", 0, FLAG,   offsetof(struct args, ignore_time), 0, 0,    TAKES_SIGNALS, "",
       "rows are --dt apart, whatever the file says of time" },
-    { "scale",     0,   NUMBER, offsetof(struct args, scale),     1e-300, 1e300, TAKES_SIGNALS, "FACTOR", "every sample times this (sound files are -1 .. 1)" },
-    { "sweep",     0,   TEXT,   offsetof(struct args, sweep),     0, 0,      TAKES_CURVE,   "PATH=A:B:N", "solve at N points from A to B" },
-    { "continue",  0,   TEXT,   offsetof(struct args, follow),    0, 0,      TAKES_CURVE,   "PATH=A:B", "follow the curve from A to B around folds" },
+    { "scale", 0, NUMBER, offsetof(struct args, scale), 1e-300, 1e300, TAKES_SIGNALS, "FACTOR",
+      "every sample times this (sound files are -1 .. 1)" },
+    { "sweep", 0, TEXT, offsetof(struct args, sweep), 0, 0, TAKES_CURVE, "PATH=A:B:N",
+      "solve at N points from A to B" },
+    { "continue", 0, TEXT, offsetof(struct args, follow), 0, 0, TAKES_CURVE, "PATH=A:B",
+      "follow the curve from A to B around folds" },
     { "output",    'O', TEXT,   offsetof(struct args, output),    0, 0,      TAKES_OUTPUT,  "FILE",
       "where signals, spectra and waveforms go: .h5 or .csv" },
     { "plot",      0,   TEXT,   offsetof(struct args, plot),      0, 0,      TAKES_PLOT,
       "FILE.svg", "draw the result; - for stdout" },
-    { "prometheus", 0,  TEXT,   offsetof(struct args, prometheus), 0, 0,     TAKES_LIVE,    "FILE.prom", "the last window's modes as gauges, for the node exporter" },
-    { "key",       'k', TEXT,   offsetof(struct args, key),       0, 0,      TAKES_SUBMIT,  "KEY",      "your name for the submission: the same key is the same job" },
-    { "priority",  'p', WHOLE,  offsetof(struct args, priority),  0, 255,    TAKES_SUBMIT,  "0-255",    "higher is more urgent (default 100)" },
-    { "run-limit", 0,   NUMBER, offsetof(struct args, run_limit), 1e-3, 1e9, TAKES_SUBMIT,  "SECONDS",  "bound of one attempt" },
-    { "deadline",  0,   NUMBER, offsetof(struct args, deadline),  1e-3, 1e9, TAKES_SUBMIT,  "SECONDS",  "bound of everything from submission on" },
-    { "wait",      'w', FLAG,   offsetof(struct args, wait),      0, 0,      TAKES_WAIT,    "",         "until the job has ended" },
-    { "cancel",    0,   FLAG,   offsetof(struct args, cancel),    0, 0,      TAKES_SWEEP,   "",         "end its jobs instead" },
-    { "timeout",   't', NUMBER, offsetof(struct args, timeout),   0, 1e9,    TAKES_TIMEOUT, "SECONDS",  "wait no longer; exit 5 if not finished" },
-    { "state",     0,   TEXT,   offsetof(struct args, state),     0, 0,      TAKES_LIST,    "STATE",    "only queued, running, done, failed, cancelled or dead" },
-    { "kind",      0,   TEXT,   offsetof(struct args, kind),      0, 0,      TAKES_LIST,    "KIND",     "only jobs of this kind" },
-    { "limit",     'n', WHOLE,  offsetof(struct args, limit),     1, 1000,   TAKES_LIST,    "N",        "at most N jobs" },
-    { "after",     0,   TEXT,   offsetof(struct args, after),     0, 0,      TAKES_LIST,    "CURSOR",   "go on from `next` of the page before" },
-    { "from",      0,   TEXT,   offsetof(struct args, from),      0, 0,      TAKES_BULK,    "LIST.jsonl", "one submission a line" },
-    { "resume",    0,   FLAG,   offsetof(struct args, resume),    0, 0,      TAKES_BULK,    "",         "skip what was accepted before" },
-    { "window",    0,   WHOLE,  offsetof(struct args, window),    1, 1e9,    TAKES_BULK | TAKES_PUSH, "N", "submit: submissions in flight (default 256); stream: samples of a live window" },
-    { "hop",       0,   WHOLE,  offsetof(struct args, hop),       1, 1e9,    TAKES_PUSH,    "N",        "samples between two live windows (default half a window)" },
-    { "data",      'd', TEXT,   offsetof(struct args, data),      0, 0,      TAKES_DATA,    "DIR",      "a daemon's data folder on this machine" },
-    { "name",      0,   TEXT,   offsetof(struct args, name),      0, 0,      TAKES_STREAM,  "NAME",     "the stream's name (default the file's)" },
-    { "rate",      0,   NUMBER, offsetof(struct args, rate),      0, 1e9,    TAKES_PUSH,    "N",        "push N samples a second (default: as fast as they go)" },
+    { "prometheus", 0, TEXT, offsetof(struct args, prometheus), 0, 0, TAKES_LIVE, "FILE.prom",
+      "the last window's modes as gauges, for the node exporter" },
+    { "key", 'k', TEXT, offsetof(struct args, key), 0, 0, TAKES_SUBMIT, "KEY",
+      "your name for the submission: the same key is the same job" },
+    { "priority", 'p', WHOLE, offsetof(struct args, priority), 0, 255, TAKES_SUBMIT, "0-255",
+      "higher is more urgent (default 100)" },
+    { "run-limit", 0, NUMBER, offsetof(struct args, run_limit), 1e-3, 1e9, TAKES_SUBMIT, "SECONDS",
+      "bound of one attempt" },
+    { "deadline", 0, NUMBER, offsetof(struct args, deadline), 1e-3, 1e9, TAKES_SUBMIT, "SECONDS",
+      "bound of everything from submission on" },
+    { "wait", 'w', FLAG, offsetof(struct args, wait), 0, 0, TAKES_WAIT, "",
+      "until the job has ended" },
+    { "cancel", 0, FLAG, offsetof(struct args, cancel), 0, 0, TAKES_SWEEP, "",
+      "end its jobs instead" },
+    { "timeout", 't', NUMBER, offsetof(struct args, timeout), 0, 1e9, TAKES_TIMEOUT, "SECONDS",
+      "wait no longer; exit 5 if not finished" },
+    { "state", 0, TEXT, offsetof(struct args, state), 0, 0, TAKES_LIST, "STATE",
+      "only queued, running, done, failed, cancelled or dead" },
+    { "kind", 0, TEXT, offsetof(struct args, kind), 0, 0, TAKES_LIST, "KIND",
+      "only jobs of this kind" },
+    { "limit", 'n', WHOLE, offsetof(struct args, limit), 1, 1000, TAKES_LIST, "N",
+      "at most N jobs" },
+    { "after", 0, TEXT, offsetof(struct args, after), 0, 0, TAKES_LIST, "CURSOR",
+      "go on from `next` of the page before" },
+    { "from", 0, TEXT, offsetof(struct args, from), 0, 0, TAKES_BULK, "LIST.jsonl",
+      "one submission a line" },
+    { "resume", 0, FLAG, offsetof(struct args, resume), 0, 0, TAKES_BULK, "",
+      "skip what was accepted before" },
+    { "window", 0, WHOLE, offsetof(struct args, window), 1, 1e9, TAKES_BULK | TAKES_PUSH, "N",
+      "submit: submissions in flight (default 256); stream: samples of a live window" },
+    { "hop", 0, WHOLE, offsetof(struct args, hop), 1, 1e9, TAKES_PUSH, "N",
+      "samples between two live windows (default half a window)" },
+    { "data", 'd', TEXT, offsetof(struct args, data), 0, 0, TAKES_DATA, "DIR",
+      "a daemon's data folder on this machine" },
+    { "name", 0, TEXT, offsetof(struct args, name), 0, 0, TAKES_STREAM, "NAME",
+      "the stream's name (default the file's)" },
+    { "rate", 0, NUMBER, offsetof(struct args, rate), 0, 1e9, TAKES_PUSH, "N",
+      "push N samples a second (default: as fast as they go)" },
 };
 enum { ROWS = sizeof rows / sizeof rows[0] };
 
@@ -73,7 +103,8 @@ static const struct row *find_letter(char letter)
     return NULL;
 }
 
-static enum modal_status set_number(const struct row *row, const char *text, double *at, struct modal_error *err)
+static enum modal_status set_number(const struct row *row, const char *text, double *at,
+                                    struct modal_error *err)
 {
     char *end;
     double value;
@@ -82,21 +113,26 @@ static enum modal_status set_number(const struct row *row, const char *text, dou
     value = strtod(text, &end);
     if (end == text || *end != 0 || !isfinite(value) || value < row->low || value > row->high
         || (row->type == WHOLE && value != floor(value)))
-        return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s is \"%.60s\"; accepted: a %snumber from %g to %g",
-                                row->name, text, row->type == WHOLE ? "whole " : "", row->low, row->high);
+        return modal_fail_field(err, MODAL_BAD_INPUT, row->name,
+                                "--%s is \"%.60s\"; accepted: a %snumber from %g to %g", row->name,
+                                text, row->type == WHOLE ? "whole " : "", row->low, row->high);
     *at = value;
     return MODAL_OK;
 }
 
-static enum modal_status set(const struct row *row, const char *text, struct args *args, struct modal_error *err)
+static enum modal_status set(const struct row *row, const char *text, struct args *args,
+                             struct modal_error *err)
 {
     char *at = (char *)args + row->at;
 
     switch (row->type) {
     case FLAG:   *(bool *)at = true; return MODAL_OK;
     case TEXT:
-        if ((row->group & (TAKES_SUBMIT | TAKES_LIST | TAKES_STREAM | TAKES_CURVE)) != 0 && !utf8_valid(text))  /* files may have any name */
-            return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s is not UTF-8", row->name);
+        /* files may have any name */
+        if ((row->group & (TAKES_SUBMIT | TAKES_LIST | TAKES_STREAM | TAKES_CURVE)) != 0
+            && !utf8_valid(text))
+            return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s is not UTF-8",
+                                    row->name);
         *(const char **)at = text;
         return MODAL_OK;
     case OPTION: return option_add(args->options, text, err);
@@ -107,7 +143,8 @@ static enum modal_status set(const struct row *row, const char *text, struct arg
 }
 
 /* `--name=value`, `--name value`, `-x value`, `-xvalue`; *I moves past what was used. */
-static enum modal_status take(int argc, const char *const *argv, int *i, struct args *args, struct modal_error *err)
+static enum modal_status take(int argc, const char *const *argv, int *i, struct args *args,
+                              struct modal_error *err)
 {
     const char *word = argv[*i], *value = NULL;
     bool is_long = word[1] == '-';
@@ -115,7 +152,8 @@ static enum modal_status take(int argc, const char *const *argv, int *i, struct 
     const struct row *row = is_long ? find(word + 2, length) : find_letter(word[1]);
 
     if (row == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, word, "no option %.60s; `modalctl --help` lists them", word);
+        return modal_fail_field(err, MODAL_BAD_INPUT, word,
+                                "no option %.60s; `modalctl --help` lists them", word);
     if (is_long && word[2 + length] == '=')
         value = word + 3 + length;
     else if (!is_long && word[2] != 0)
@@ -124,7 +162,8 @@ static enum modal_status take(int argc, const char *const *argv, int *i, struct 
         return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s takes no value", row->name);
     if (row->type != FLAG && value == NULL) {
         if (*i + 1 >= argc)
-            return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s needs %s", row->name, row->value);
+            return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s needs %s", row->name,
+                                    row->value);
         value = argv[++*i];
     }
     enum modal_status rc = set(row, value, args, err);
@@ -137,13 +176,16 @@ static enum modal_status take(int argc, const char *const *argv, int *i, struct 
 static enum modal_status add_curve(struct args *args, struct modal_error *err)
 {
     if (args->sweep != NULL && args->follow != NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "continue", "--sweep and --continue exclude each other");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "continue",
+                                "--sweep and --continue exclude each other");
     if (args->sweep != NULL)
         return option_set_text(args->options, "sweep", args->sweep, err);
-    return args->follow != NULL ? option_set_text(args->options, "continue", args->follow, err) : MODAL_OK;
+    return args->follow != NULL ? option_set_text(args->options, "continue", args->follow, err)
+                                : MODAL_OK;
 }
 
-enum modal_status args_read(int argc, const char *const *argv, struct args *args, struct modal_error *err)
+enum modal_status args_read(int argc, const char *const *argv, struct args *args,
+                            struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     bool only_words = false;
@@ -159,7 +201,8 @@ enum modal_status args_read(int argc, const char *const *argv, struct args *args
         else if (!only_words && argv[i][0] == '-' && argv[i][1] != 0)
             rc = take(argc, argv, &i, args, err);
         else if (args->words == ARGS_WORDS_MOST)
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "more than %d arguments", ARGS_WORDS_MOST);
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "more than %d arguments",
+                                  ARGS_WORDS_MOST);
         else
             args->word[args->words++] = argv[i];
     }
@@ -182,13 +225,17 @@ static bool given(const struct args *args, const struct row *row)
     case TEXT:   return *(const char *const *)at != NULL;
     case OPTION: return args->options->child != NULL && args->sweep == NULL && args->follow == NULL;
     case NUMBER:
-    case WHOLE:  return row->at == offsetof(struct args, timeout) || row->at == offsetof(struct args, priority)
-                     ? *(const double *)at >= 0 : *(const double *)at != 0;
+    case WHOLE:
+        return row->at == offsetof(struct args, timeout)
+                       || row->at == offsetof(struct args, priority)
+                   ? *(const double *)at >= 0
+                   : *(const double *)at != 0;
     }
     return false;
 }
 
-enum modal_status args_check(const struct args *args, const char *verb, unsigned takes, struct modal_error *err)
+enum modal_status args_check(const struct args *args, const char *verb, unsigned takes,
+                             struct modal_error *err)
 {
     char list[512] = "";
 
@@ -198,7 +245,8 @@ enum modal_status args_check(const struct args *args, const char *verb, unsigned
         for (int j = 0; j < ROWS; j++)
             if ((rows[j].group & takes) != 0)
                 snprintf(list + strlen(list), sizeof list - strlen(list), " --%s", rows[j].name);
-        return modal_fail_field(err, MODAL_BAD_INPUT, rows[i].name, "%s takes no --%s; accepted:%s", verb, rows[i].name,
+        return modal_fail_field(err, MODAL_BAD_INPUT, rows[i].name, "%s takes no --%s; accepted:%s",
+                                verb, rows[i].name,
                                 list[0] ? list : " nothing but the common options");
     }
     return MODAL_OK;

@@ -1,7 +1,8 @@
 /* args.h - the command line of modalctl: one table of options, one struct with what was said
  *
- * Options stand anywhere; what does not begin with '-' is positional, the verb first.  `-o KEY=VALUE` may be followed
- * by further KEY=VALUE words.  An option the verb does not take is refused, with those it takes.
+ * Options stand anywhere; what does not begin with '-' is positional, the verb first.  `-o
+ * KEY=VALUE` may be followed by further KEY=VALUE words.  An option the verb does not take is
+ * refused, with those it takes.
  */
 #ifndef CTL_ARGS_H
 #define CTL_ARGS_H
@@ -33,22 +34,29 @@ enum {
 enum { ARGS_WORDS_MOST = 16 };
 
 struct args {
-    const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep, *follow, *from, *data, *name;
+    const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep,
+        *follow, *from, *data, *name;
     bool local, json, help, version, wait, resume, cancel, ignore_time;
-    double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not given */
-    double priority, limit, window, hop;                         /* whole numbers; priority < 0, limit 0: not given */
-    cJSON *options;                                         /* from -o, --sweep, --continue; never NULL after args_read */
+    double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not
+                                                               given */
+    double priority, limit, window, hop;                    /* whole numbers; priority < 0, limit 0:
+                                                               not given */
+    cJSON *options;                                         /* from -o, --sweep, --continue; never
+                                                               NULL after args_read */
     const char *word[ARGS_WORDS_MOST];                      /* positional, word[0] the verb */
     int words;
 };
 
-/* Fill ARGS from the command line; it borrows argv, args_done frees the options object.  Fails with MODAL_BAD_INPUT
- * naming the option; ARGS is then still valid for args_done, and `json` is right if it stood anywhere. */
-enum modal_status args_read(int argc, const char *const *argv, struct args *args, struct modal_error *err);
+/* Fill ARGS from the command line; it borrows argv, args_done frees the options object.  Fails
+ * with MODAL_BAD_INPUT naming the option; ARGS is then still valid for args_done, and `json` is
+ * right if it stood anywhere. */
+enum modal_status args_read(int argc, const char *const *argv, struct args *args,
+                            struct modal_error *err);
 void args_done(struct args *args);
 
 /* Refuse what was given but is in none of the verb's groups TAKES. */
-enum modal_status args_check(const struct args *args, const char *verb, unsigned takes, struct modal_error *err);
+enum modal_status args_check(const struct args *args, const char *verb, unsigned takes,
+                             struct modal_error *err);
 
 /* Print the options in TAKES, one a line. */
 void args_help(FILE *to, unsigned takes);

@@ -1,13 +1,13 @@
 /* bulk.c - `submit --from LIST.jsonl`: many submissions in flight, each accepted once
  *
- * A line is {"kind", "file", "options"?, "key"?, "priority"?, "run_limit_s"?, "deadline_s"?}; "-": the list from stdin.  A
- * line without a key gets LIST:N:HASH, its number and the FNV-1a of its text, so that submitting the list again finds the
- * jobs of the first time, and another list of that name does not.  Each
- * accepted line's queue document is one line of stdout, in order of acceptance, with "line".  With --resume, LIST.accepted
- * keeps number and hash of accepted lines and those are not sent again; a line that was changed since is another.
- * With --wait the documents of the ended jobs follow, in the list's order; lines that --resume
- * would pass over are asked for again then, by their keys,
- * so that they are waited for like the others.
+ * A line is {"kind", "file", "options"?, "key"?, "priority"?, "run_limit_s"?, "deadline_s"?}; "-":
+ * the list from stdin.  A line without a key gets LIST:N:HASH, its number and the FNV-1a of its
+ * text, so that submitting the list again finds the jobs of the first time, and another list of
+ * that name does not.  Each accepted line's queue document is one line of stdout, in order of
+ * acceptance, with "line".  With --resume, LIST.accepted keeps number and hash of accepted lines
+ * and those are not sent again; a line that was changed since is another.  With --wait the
+ * documents of the ended jobs follow, in the list's order; lines that --resume would pass over are
+ * asked for again then, by their keys, so that they are waited for like the others.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -21,7 +21,13 @@
 #include "verbs.h"
 #include "wire/frame.h"
 
-enum { WINDOW_DEFAULT = 256, WINDOW_MOST = 1024, LIST_BYTES_MOST = 1 << 28, TOGETHER_MOST = 64, FLIGHTS_MOST = WINDOW_MOST };
+enum {
+    WINDOW_DEFAULT = 256,
+    WINDOW_MOST = 1024,
+    LIST_BYTES_MOST = 1 << 28,
+    TOGETHER_MOST = 64,
+    FLIGHTS_MOST = WINDOW_MOST
+};
 
 /* JOB: its id, once accepted. */
 struct item { cJSON *line; long number; uint64_t hash; char *job; };
@@ -41,7 +47,8 @@ struct bulk {
     struct item *items;
     size_t count, done, next;            /* next: the first item not sent yet */
     struct flight flights[FLIGHTS_MOST]; /* count 0: not used */
-    int window, together, flying, refused;      /* together: items a message; 1 where the daemon does not know SUBMITS */
+    int window, together, flying, refused;      /* together: items a message; 1 where the daemon
+                                                   does not know SUBMITS */
     size_t *again, agains;               /* items to send once more */
     FILE *journal;
     struct input input;                  /* of the last file read: lists name one file many times */
@@ -55,7 +62,8 @@ static const char *text(const cJSON *object, const char *key)
 
 static enum modal_status check_line(const cJSON *line, long number, struct modal_error *err)
 {
-    static const char *const keys[] = { "kind", "file", "options", "key", "priority", "run_limit_s", "deadline_s", "of", NULL };
+    static const char *const keys[] = { "kind", "file", "options", "key", "priority",
+                                        "run_limit_s", "deadline_s", "of", NULL };
     const char *kind, *file;
     char base[64];
     enum modal_status rc;
@@ -77,7 +85,8 @@ static uint64_t fnv1a(const char *text)
 }
 
 /* The lines of the list that are not in SKIP. */
-static enum modal_status read_items(char *list, const struct accepted *skip, struct bulk *b, struct modal_error *err)
+static enum modal_status read_items(char *list, const struct accepted *skip, struct bulk *b,
+                                    struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     long number = 0;
@@ -86,12 +95,14 @@ static enum modal_status read_items(char *list, const struct accepted *skip, str
         cJSON *object = NULL;
         uint64_t hash = fnv1a(line);
         number++;
-        if (line[strspn(line, " \t\r")] == 0 || (number < skip->count && skip->hash[number] == hash))
+        if (line[strspn(line, " \t\r")] == 0
+            || (number < skip->count && skip->hash[number] == hash))
             continue;
         rc = json_read(line, strlen(line), &object, err);
         if (rc == MODAL_OK)
             rc = check_line(object, number, err);
-        struct item *more = rc == MODAL_OK ? realloc(b->items, (b->count + 1) * sizeof *more) : NULL;
+        struct item *more = rc == MODAL_OK ? realloc(b->items, (b->count + 1) * sizeof *more)
+                                           : NULL;
         if (rc == MODAL_OK && more == NULL)
             rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for the list");
         if (rc != MODAL_OK) {
@@ -106,14 +117,17 @@ static enum modal_status read_items(char *list, const struct accepted *skip, str
     return rc;
 }
 
-/* A line of the journal, NUMBER HASH; what a kill, a power cut or a full disk tore has no end, or another hash, and is none. */
-static enum modal_status note_accepted(struct accepted *all, const char *line, struct modal_error *err)
+/* A line of the journal, NUMBER HASH; what a kill, a power cut or a full disk tore has no end, or
+ * another hash, and is none. */
+static enum modal_status note_accepted(struct accepted *all, const char *line,
+                                       struct modal_error *err)
 {
     long number;
     uint64_t hash;
     int end = 0;
 
-    if (sscanf(line, "%ld %16" SCNx64 "%n", &number, &hash, &end) != 2 || strcmp(line + end, "\n") != 0 || number < 1 || number > LIST_BYTES_MOST)
+    if (sscanf(line, "%ld %16" SCNx64 "%n", &number, &hash, &end) != 2
+        || strcmp(line + end, "\n") != 0 || number < 1 || number > LIST_BYTES_MOST)
         return MODAL_OK;
     if (number >= all->count) {
         uint64_t *more = realloc(all->hash, (size_t)(2 * number + 1) * sizeof *more);
@@ -128,7 +142,8 @@ static enum modal_status note_accepted(struct accepted *all, const char *line, s
 }
 
 /* LIST.accepted; a line without its end is cut off, so that the next one is whole. */
-static enum modal_status open_journal(const struct args *args, struct accepted *all, FILE **journal, struct modal_error *err)
+static enum modal_status open_journal(const struct args *args, struct accepted *all, FILE **journal,
+                                      struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     char path[4096], *line = NULL;
@@ -138,13 +153,16 @@ static enum modal_status open_journal(const struct args *args, struct accepted *
     if (!args->resume)
         return MODAL_OK;
     if (strcmp(args->from, "-") == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "resume", "--resume needs a list that is a file");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "resume",
+                                "--resume needs a list that is a file");
     snprintf(path, sizeof path, "%s.accepted", args->from);
     *journal = fopen(path, "a+e");
     if (*journal == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "resume", "%s cannot be written", path);
     rewind(*journal);
-    for (ssize_t n; rc == MODAL_OK && (n = getline(&line, &room, *journal)) > 0 && line[n - 1] == '\n'; whole = ftell(*journal))
+    for (ssize_t n;
+         rc == MODAL_OK && (n = getline(&line, &room, *journal)) > 0 && line[n - 1] == '\n';
+         whole = ftell(*journal))
         rc = note_accepted(all, line, err);
     free(line);
     fseek(*journal, 0, SEEK_END);
@@ -154,10 +172,13 @@ static enum modal_status open_journal(const struct args *args, struct accepted *
     return rc;
 }
 
-/* Accepted lines past a journal that cannot be written are sent again by the next run, and found by their keys. */
+/* Accepted lines past a journal that cannot be written are sent again by the next run, and found by
+ * their keys. */
 static void write_accepted(struct bulk *b, const struct item *item)
 {
-    if (b->journal == NULL || (fprintf(b->journal, "%ld %016" PRIx64 "\n", item->number, item->hash) > 0 && fflush(b->journal) == 0))
+    if (b->journal == NULL
+        || (fprintf(b->journal, "%ld %016" PRIx64 "\n", item->number, item->hash) > 0
+            && fflush(b->journal) == 0))
         return;
     fprintf(stderr, "modalctl: the journal of accepted lines could not be written\n");
     fclose(b->journal);
@@ -167,7 +188,8 @@ static void write_accepted(struct bulk *b, const struct item *item)
 /* Before the link is used for an upload nothing may be in flight: its answers would be lost. */
 static enum modal_status land_one(struct bulk *b, double deadline, struct modal_error *err);
 
-static enum modal_status load(struct bulk *b, const cJSON *line, double deadline, struct modal_error *err)
+static enum modal_status load(struct bulk *b, const cJSON *line, double deadline,
+                              struct modal_error *err)
 {
     const char *file = text(line, "file"), *kind = text(line, "kind");
     struct client_input in;
@@ -189,7 +211,9 @@ static enum modal_status load(struct bulk *b, const cJSON *line, double deadline
         return MODAL_OK;
     while (rc == MODAL_OK && b->flying > 0)
         rc = land_one(b, deadline, err);
-    return rc == MODAL_OK ? client_upload(b->link, &in, remote_progress(), deadline, b->upload, NULL, err) : rc;
+    return rc == MODAL_OK
+               ? client_upload(b->link, &in, remote_progress(), deadline, b->upload, NULL, err)
+               : rc;
 }
 
 static double get(const cJSON *line, const char *key, double otherwise)
@@ -199,10 +223,13 @@ static double get(const cJSON *line, const char *key, double otherwise)
     return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
 }
 
-/* Item I as a part of SUBMITS, its text the caller's; its input is then in `b->input`, or in the daemon as `b->upload`. */
-static enum modal_status item_text(struct bulk *b, size_t i, double deadline, char **out, struct client_input *in, struct modal_error *err)
+/* Item I as a part of SUBMITS, its text the caller's; its input is then in `b->input`, or in the
+ * daemon as `b->upload`. */
+static enum modal_status item_text(struct bulk *b, size_t i, double deadline, char **out,
+                                   struct client_input *in, struct modal_error *err)
 {
-    const cJSON *line = b->items[i].line, *options = cJSON_GetObjectItemCaseSensitive(line, "options");
+    const cJSON *line = b->items[i].line,
+                *options = cJSON_GetObjectItemCaseSensitive(line, "options");
     const char *base = strrchr(b->args->from, '/');
     char key[WIRE_KEY_MOST + 1];
     struct client_job job;
@@ -211,7 +238,8 @@ static enum modal_status item_text(struct bulk *b, size_t i, double deadline, ch
 
     if (rc != MODAL_OK)
         return rc;
-    snprintf(key, sizeof key, "%.90s:%ld:%016llx", base ? base + 1 : b->args->from, b->items[i].number, (unsigned long long)b->items[i].hash);
+    snprintf(key, sizeof key, "%.90s:%ld:%016llx", base ? base + 1 : b->args->from,
+             b->items[i].number, (unsigned long long)b->items[i].hash);
     job = remote_job(&b->input, b->args, text(line, "key") ? text(line, "key") : key);
     job.options = options ? options : job.options;
     job.priority = get(line, "priority", job.priority);
@@ -222,7 +250,8 @@ static enum modal_status item_text(struct bulk *b, size_t i, double deadline, ch
     if (b->upload[0] == 0 && in->batch == NULL) {
         size_t length;
         client_input_bytes(in, &length);
-        cJSON_AddNumberToObject(cJSON_GetObjectItemCaseSensitive(header, "input"), "bytes", (double)length);
+        cJSON_AddNumberToObject(cJSON_GetObjectItemCaseSensitive(header, "input"), "bytes",
+                                (double)length);
     }
     *out = json_print(header);
     cJSON_Delete(header);
@@ -230,7 +259,8 @@ static enum modal_status item_text(struct bulk *b, size_t i, double deadline, ch
 }
 
 /* Item I into P; *FULL: it has no room there and is to be sent in the next. */
-static enum modal_status pack(struct bulk *b, struct parcel *p, size_t i, double deadline, bool *full, struct modal_error *err)
+static enum modal_status pack(struct bulk *b, struct parcel *p, size_t i, double deadline,
+                              bool *full, struct modal_error *err)
 {
     struct client_input in;
     size_t length = 0;
@@ -241,7 +271,9 @@ static enum modal_status pack(struct bulk *b, struct parcel *p, size_t i, double
     if (rc != MODAL_OK)
         return rc;
     bytes = b->upload[0] ? NULL : client_input_bytes(&in, &length);
-    *full = p->flight.count > 0 && (p->header + strlen(part) + 64 > WIRE_HEADER_MOST || p->length + length > WIRE_BODY_MOST);
+    *full = p->flight.count > 0
+            && (p->header + strlen(part) + 64 > WIRE_HEADER_MOST
+                || p->length + length > WIRE_BODY_MOST);
     if (!*full) {
         if (length > 0)
             memcpy(p->body + p->length, bytes, length);
@@ -259,12 +291,14 @@ static size_t take_next(struct bulk *b)
     return b->agains > 0 ? b->again[--b->agains] : b->next++;
 }
 
-static enum modal_status fill(struct bulk *b, struct parcel *p, double deadline, struct modal_error *err)
+static enum modal_status fill(struct bulk *b, struct parcel *p, double deadline,
+                              struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     bool full = false;
 
-    while (rc == MODAL_OK && !full && p->flight.count < b->together && (b->agains > 0 || b->next < b->count)) {
+    while (rc == MODAL_OK && !full && p->flight.count < b->together
+           && (b->agains > 0 || b->next < b->count)) {
         size_t i = take_next(b);
         rc = pack(b, p, i, deadline, &full, err);
         if (full)
@@ -274,9 +308,11 @@ static enum modal_status fill(struct bulk *b, struct parcel *p, double deadline,
 }
 
 /* As SUBMITS, or, where it is one, as SUBMIT. */
-static enum modal_status send_parcel(struct bulk *b, struct parcel *p, double deadline, struct modal_error *err)
+static enum modal_status send_parcel(struct bulk *b, struct parcel *p, double deadline,
+                                     struct modal_error *err)
 {
-    struct link_ask ask = { .verb = "SUBMITS", .body = p->length > 0 ? p->body : NULL, .length = p->length };
+    struct link_ask ask = { .verb = "SUBMITS", .body = p->length > 0 ? p->body : NULL,
+                            .length = p->length };
     struct flight *flight = b->flights;
     enum modal_status rc = MODAL_OK;
 
@@ -303,7 +339,9 @@ static enum modal_status send_parcel(struct bulk *b, struct parcel *p, double de
 static enum modal_status send_some(struct bulk *b, double deadline, struct modal_error *err)
 {
     struct parcel p = { .jobs = cJSON_CreateArray(), .body = malloc(WIRE_BODY_MOST) };
-    enum modal_status rc = p.body != NULL ? fill(b, &p, deadline, err) : modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
+    enum modal_status rc = p.body != NULL
+                               ? fill(b, &p, deadline, err)
+                               : modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
 
     if (rc == MODAL_OK)
         rc = send_parcel(b, &p, deadline, err);
@@ -331,11 +369,14 @@ static void part_error(const cJSON *part, const cJSON **detail, struct modal_err
 
 static bool may_come_again(const struct modal_error *why, const cJSON *detail)
 {
-    return why->status == MODAL_BUSY || why->status == MODAL_DRAINING || (why->status == MODAL_QUOTA && cJSON_HasObjectItem(detail, "retry_after_s"));
+    return why->status == MODAL_BUSY || why->status == MODAL_DRAINING
+           || (why->status == MODAL_QUOTA && cJSON_HasObjectItem(detail, "retry_after_s"));
 }
 
-/* A submission is answered: said on stdout, or, where the daemon is full for now, to be sent again after *PAUSE. */
-static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *part, double *pause, struct modal_error *err)
+/* A submission is answered: said on stdout, or, where the daemon is full for now, to be sent again
+ * after *PAUSE. */
+static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *part, double *pause,
+                                   struct modal_error *err)
 {
     long number = b->items[item].number;
     cJSON *doc;
@@ -367,13 +408,15 @@ static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *par
 }
 
 /* PARTS: the list of SUBMITS's answer; NULL: MESSAGE answers all alike. */
-static enum modal_status take_parts(struct bulk *b, struct flight *flight, const cJSON *parts, const cJSON *message, struct modal_error *err)
+static enum modal_status take_parts(struct bulk *b, struct flight *flight, const cJSON *parts,
+                                    const cJSON *message, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     double pause = 0;
 
     for (int i = 0; rc == MODAL_OK && i < flight->count; i++)
-        rc = take_part(b, flight->items[i], parts == NULL ? message : cJSON_GetArrayItem(parts, i), &pause, err);
+        rc = take_part(b, flight->items[i], parts == NULL ? message : cJSON_GetArrayItem(parts, i),
+                       &pause, err);
     b->flying -= flight->count;
     flight->count = 0;
     if (pause > 0)
@@ -381,7 +424,8 @@ static enum modal_status take_parts(struct bulk *b, struct flight *flight, const
     return rc;
 }
 
-static enum modal_status take_answer(struct bulk *b, struct flight *flight, struct link_message *message, struct modal_error *err)
+static enum modal_status take_answer(struct bulk *b, struct flight *flight,
+                                     struct link_message *message, struct modal_error *err)
 {
     cJSON *list = NULL;
     enum modal_status rc = MODAL_OK;
@@ -390,18 +434,24 @@ static enum modal_status take_answer(struct bulk *b, struct flight *flight, stru
 
     if (message->type == LINK_ERROR) {
         part_error(message->header, &detail, &why);
-        if (why.status == MODAL_UNKNOWN_VERB && b->together > 1) {     /* a daemon of before SUBMITS */
+        /* a daemon of before SUBMITS */
+        if (why.status == MODAL_UNKNOWN_VERB && b->together > 1) {
             b->together = 1;
             send_again(b, flight);
             return MODAL_OK;
         }
     } else if (flight->count > 1) {
-        rc = message->body == NULL ? modal_fail(err, MODAL_BAD_FRAME, "an answer to SUBMITS has no list") : json_read(message->body, message->length, &list, err);
-        if (rc == MODAL_OK && cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(list, "jobs")) != flight->count)
-            rc = modal_fail(err, MODAL_BAD_FRAME, "an answer to SUBMITS is not about the jobs asked");
+        rc = message->body == NULL
+                 ? modal_fail(err, MODAL_BAD_FRAME, "an answer to SUBMITS has no list")
+                 : json_read(message->body, message->length, &list, err);
+        if (rc == MODAL_OK
+            && cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(list, "jobs")) != flight->count)
+            rc = modal_fail(err, MODAL_BAD_FRAME,
+                            "an answer to SUBMITS is not about the jobs asked");
     }
     if (rc == MODAL_OK)
-        rc = take_parts(b, flight, cJSON_GetObjectItemCaseSensitive(list, "jobs"), message->header, err);
+        rc = take_parts(b, flight, cJSON_GetObjectItemCaseSensitive(list, "jobs"), message->header,
+                        err);
     cJSON_Delete(list);
     return rc;
 }
@@ -432,7 +482,8 @@ static enum modal_status submit_all(struct bulk *b, double deadline, struct moda
     enum modal_status rc = MODAL_OK;
 
     while (rc == MODAL_OK && b->done < b->count) {
-        while (rc == MODAL_OK && b->flying + b->together <= b->window && (b->agains > 0 || b->next < b->count))
+        while (rc == MODAL_OK && b->flying + b->together <= b->window
+               && (b->agains > 0 || b->next < b->count))
             rc = send_some(b, deadline, err);
         if (rc == MODAL_OK && b->flying > 0)
             rc = land_one(b, deadline, err);
@@ -504,14 +555,21 @@ int run_bulk(const struct args *args)
     int status = 0;
 
     if (b == NULL)
-        return outcome_failure(args->json, &(struct modal_error) { .status = MODAL_NO_MEMORY, .message = "no memory" }, NULL);
+        return outcome_failure(args->json,
+                               &(struct modal_error){ .status = MODAL_NO_MEMORY,
+                                                      .message = "no memory" },
+                               NULL);
     b->args = args;
     b->window = args->window > 0 ? (int)args->window : WINDOW_DEFAULT;
     b->together = b->window < 4 ? 1 : b->window / 4 < TOGETHER_MOST ? b->window / 4 : TOGETHER_MOST;
     if (b->window > WINDOW_MOST)
-        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window", "--window is %d; accepted: a whole number from 1 to %d", b->window, WINDOW_MOST);
+        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window",
+                              "--window is %d; accepted: a whole number from 1 to %d", b->window,
+                              WINDOW_MOST);
     else
-        rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon") : open_journal(args, &skip, &b->journal, &err);
+        rc = args->local
+                 ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--from speaks to a daemon")
+                 : open_journal(args, &skip, &b->journal, &err);
     skip.count = args->wait ? 0 : skip.count;
     if (rc == MODAL_OK)
         rc = signals_read_text(args->from, LIST_BYTES_MOST, &list, &length, &err);

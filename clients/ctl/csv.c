@@ -1,8 +1,8 @@
 /* csv.c - see csv.h
  *
- * Time t_k, k = 0 .. n-1, is taken as t_0 + k dt with dt = (t_{n-1} - t_0) / (n - 1); the deviation is
- * max_k |t_k - t_0 - k dt| / dt, in steps.  The file is refused where it passes CSV_UNEVEN_MOST: a sample displaced by
- * a part d of a step is wrong by about omega dt d of its amplitude.
+ * Time t_k, k = 0 .. n-1, is taken as t_0 + k dt with dt = (t_{n-1} - t_0) / (n - 1); the deviation
+ * is max_k |t_k - t_0 - k dt| / dt, in steps.  The file is refused where it passes CSV_UNEVEN_MOST:
+ * a sample displaced by a part d of a step is wrong by about omega dt d of its amplitude.
  *
  * What is printed to a unit u of its last digit is off by u/2 at most, and dt then by
  * u / 2 / (n - 1).  u is the finest unit of the last TAIL rows: a printer that drops zeros at the
@@ -45,10 +45,14 @@ static bool stands_in(const char *line, char c)
 
 static char separator_of(const char *line)
 {
-    return stands_in(line, ';') ? ';' : stands_in(line, '\t') ? '\t' : stands_in(line, ',') ? ',' : ' ';
+    return stands_in(line, ';')    ? ';'
+           : stands_in(line, '\t') ? '\t'
+           : stands_in(line, ',')  ? ','
+                                   : ' ';
 }
 
-/* What stands between the quotes that FIELD begins with, "" for one quote; *REST moves past the separator. */
+/* What stands between the quotes that FIELD begins with, "" for one quote; *REST moves past the
+ * separator. */
 static char *quoted_field(char *field, char **rest, char separator)
 {
     char *to = field + 1, *from = field + 1;
@@ -88,14 +92,17 @@ static char *next_field(char **rest, char separator)
     return field;
 }
 
-/* A decimal number: with a comma where that parts no columns, and with Fortran's D for its exponent. */
+/* A decimal number: with a comma where that parts no columns, and with Fortran's D for its
+ * exponent. */
 static bool read_number(char *field, char separator, double *value)
 {
-    char *end, *comma = separator != ',' ? strchr(field, ',') : NULL, *letter = strpbrk(field, "dD");
+    char *end, *comma = separator != ',' ? strchr(field, ',') : NULL,
+               *letter = strpbrk(field, "dD");
 
     if (comma != NULL)
         *comma = '.';
-    if (letter != NULL && letter > field && (isdigit((unsigned char)letter[-1]) || letter[-1] == '.'))
+    if (letter != NULL && letter > field
+        && (isdigit((unsigned char)letter[-1]) || letter[-1] == '.'))
         *letter = 'e';
     *value = strtod(field, &end);
     return end != field && *end == 0 && strpbrk(field, "xX") == NULL;
@@ -112,8 +119,8 @@ static double last_digit(const char *field)
     return pow(10, (letter != NULL ? strtod(letter + 1, NULL) : 0) - (double)decimals);
 }
 
-/* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts lines from 1, *REMARK is
- * the last remark passed over, if any. */
+/* The next line of *REST that says something, without its end; NULL at the end.  *NUMBER counts
+ * lines from 1, *REMARK is the last remark passed over, if any. */
 static char *next_line(char **rest, size_t *number, char **remark)
 {
     char *line;
@@ -158,23 +165,27 @@ static char **split_words(char *line, char separator, size_t count)
 {
     char **words = calloc(count, sizeof *words), *field;
 
-    for (size_t i = 0; words != NULL && i < count && (field = next_field(&line, separator)) != NULL; i++)
+    for (size_t i = 0; words != NULL && i < count && (field = next_field(&line, separator)) != NULL;
+         i++)
         words[i] = utf8_from(field, strlen(field));
     return words;
 }
 
-static enum modal_status add_row(struct table *table, char *line, size_t number, struct modal_error *err)
+static enum modal_status add_row(struct table *table, char *line, size_t number,
+                                 struct modal_error *err)
 {
     size_t column = 0, need = (table->rows + 1) * table->columns;
     char *field;
 
     if (need > SIGNALS_VALUES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: more than %zu values", table->path, SIGNALS_VALUES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: more than %zu values",
+                                table->path, SIGNALS_VALUES_MOST);
     if (need > table->room) {
         size_t room = 2 * need + 1024;
         double *x = realloc(table->x, room * sizeof *x);
         if (x == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %zu values", table->path, room);
+            return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %zu values", table->path,
+                              room);
         table->x = x;
         table->room = room;
     }
@@ -183,16 +194,22 @@ static enum modal_status add_row(struct table *table, char *line, size_t number,
         if (column == table->columns && *field == 0 && line == NULL)
             break;                                              /* a separator at the line's end */
         if (column == table->columns)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu has more than %zu columns", table->path, number, table->columns);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                    "%s: line %zu has more than %zu columns", table->path, number,
+                                    table->columns);
         snprintf(said, sizeof said, "%s", field);
         if (!read_number(field, table->separator, &table->x[table->rows * table->columns + column]))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu, column %zu: \"%.60s\" is not a number", table->path, number, column + 1, said);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                    "%s: line %zu, column %zu: \"%.60s\" is not a number",
+                                    table->path, number, column + 1, said);
         if (column == table->watched)
             table->unit[table->rows % TAIL] = last_digit(field);
         column++;
     }
     if (column != table->columns)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: line %zu has %zu columns, not %zu", table->path, number, column, table->columns);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "%s: line %zu has %zu columns, not %zu", table->path, number,
+                                column, table->columns);
     table->rows++;
     return MODAL_OK;
 }
@@ -202,12 +219,13 @@ static void take_remark(struct table *table, char *remark)
 {
     size_t fields = 0;
 
-    if (remark != NULL && count_numbers(remark, table->separator, &fields) == 0 && fields == table->columns)
+    if (remark != NULL && count_numbers(remark, table->separator, &fields) == 0
+        && fields == table->columns)
         table->names = split_words(remark, table->separator, table->columns);
 }
 
-/* Names, where the first line has no number at all; then units, where the second has none either.  Gives the first line of
- * numbers, NULL where there is none. */
+/* Names, where the first line has no number at all; then units, where the second has none
+ * either.  Gives the first line of numbers, NULL where there is none. */
 static char *read_head(struct table *table, char **rest, size_t *number)
 {
     char *remark = NULL, *line = next_line(rest, number, &remark);
@@ -225,7 +243,8 @@ static char *read_head(struct table *table, char **rest, size_t *number)
     }
     table->names = split_words(line, table->separator, table->columns);
     line = next_line(rest, number, &remark);
-    if (line != NULL && count_numbers(line, table->separator, &fields) == 0 && fields == table->columns) {
+    if (line != NULL && count_numbers(line, table->separator, &fields) == 0
+        && fields == table->columns) {
         table->units = split_words(line, table->separator, table->columns);
         line = next_line(rest, number, &remark);
     }
@@ -267,9 +286,12 @@ static enum modal_status read_table(char *text, struct table *table, struct moda
         rest += 3;
     line = read_head(table, &rest, &number);
     if (line == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no line of numbers; accepted: HDF5, CSV, WAV, FLAC", table->path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "%s: no line of numbers; accepted: HDF5, CSV, WAV, FLAC",
+                                table->path);
     if (table->columns > SIGNALS_CHANNELS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: %zu columns; at most %d", table->path, table->columns, SIGNALS_CHANNELS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: %zu columns; at most %d",
+                                table->path, table->columns, SIGNALS_CHANNELS_MOST);
     find_name(table, &table->watched);
     for (; line != NULL && rc == MODAL_OK; line = next_line(&rest, &number, &remark))
         rc = add_row(table, line, number, err);
@@ -365,12 +387,14 @@ static char *same_unit(char **units, size_t columns, int time)
 }
 
 /* Everything but the column of time into OUT; names move. */
-static enum modal_status take_signals(struct table *table, int time, struct signals *out, struct modal_error *err)
+static enum modal_status take_signals(struct table *table, int time, struct signals *out,
+                                      struct modal_error *err)
 {
     size_t channels = table->columns - (time >= 0), s = 0, to = 0;
 
     if (channels == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no channel beside time", table->path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no channel beside time",
+                                table->path);
     out->units = same_unit(table->units, table->columns, time);
     if (table->names != NULL) {
         out->names = calloc(channels, sizeof *out->names);

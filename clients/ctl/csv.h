@@ -1,8 +1,8 @@
 /* csv.h - columns of numbers in text, as signals
  *
- * Separators: ';' or tab (decimals then with ',' or '.'), ',', or blanks.  Lines that begin with # or % are passed over.
- * The first line may name the columns, the next may give their units.  A column named t or time is time, and so is
- * an unnamed first column that grows in equal steps.
+ * Separators: ';' or tab (decimals then with ',' or '.'), ',', or blanks.  Lines that begin with #
+ * or % are passed over.  The first line may name the columns, the next may give their units.  A
+ * column named t or time is time, and so is an unnamed first column that grows in equal steps.
  */
 #ifndef CTL_CSV_H
 #define CTL_CSV_H

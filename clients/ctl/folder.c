@@ -1,4 +1,5 @@
-/* folder.c - `fsck`, `dump`, `backup`: a data folder on this machine, beside its daemon or without one */
+/* folder.c - `fsck`, `dump`, `backup`: a data folder on this machine, beside its daemon or without
+ * one */
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
@@ -16,7 +17,8 @@ static const char *folder_of(const struct args *args, int words, struct modal_er
     const char *dir = args->data != NULL ? args->data : args->words > words ? args->word[1] : NULL;
 
     if (dir == NULL) {
-        modal_fail_field(err, MODAL_BAD_INPUT, "data", "which data folder? accepted: its path, or --data DIR");
+        modal_fail_field(err, MODAL_BAD_INPUT, "data",
+                         "which data folder? accepted: its path, or --data DIR");
     } else if (access(dir, R_OK | X_OK) != 0) {
         modal_fail_field(err, MODAL_BAD_INPUT, "data", "%s: %s", dir, strerror(errno));
         return NULL;
@@ -37,9 +39,15 @@ static void print_problem(void *context, const char *line)
 
 static cJSON *report_json(const char *dir, const struct check_report *report, cJSON *problems)
 {
-    const struct { const char *name; int64_t value; } counts[] = {
-        { "jobs", report->jobs }, { "inputs", report->inputs }, { "results", report->results }, { "chunks", report->chunks },
-        { "tombstones", report->tombstones }, { "bytes", report->bytes }, { "orphans", report->orphans },
+    const struct { const char *name; int64_t value;
+    } counts[] = {
+        { "jobs", report->jobs },
+        { "inputs", report->inputs },
+        { "results", report->results },
+        { "chunks", report->chunks },
+        { "tombstones", report->tombstones },
+        { "bytes", report->bytes },
+        { "orphans", report->orphans },
     };
     cJSON *document = cJSON_CreateObject();
 
@@ -50,7 +58,8 @@ static cJSON *report_json(const char *dir, const struct check_report *report, cJ
     if (report->problems > 0) {
         cJSON *error = cJSON_AddObjectToObject(document, "error");
         cJSON_AddStringToObject(error, "code", modal_status_code(MODAL_CORRUPT));
-        cJSON_AddStringToObject(error, "message", "the data folder is damaged; `problems` says where");
+        cJSON_AddStringToObject(error, "message",
+                                "the data folder is damaged; `problems` says where");
     }
     return document;
 }
@@ -63,7 +72,9 @@ int run_fsck(const struct verb *verb, const struct args *args)
     cJSON *problems = cJSON_CreateArray();
 
     (void)verb;
-    if (dir == NULL || check_folder(dir, args->json ? keep_problem : print_problem, problems, &report, &err) != MODAL_OK) {
+    if (dir == NULL
+        || check_folder(dir, args->json ? keep_problem : print_problem, problems, &report, &err)
+               != MODAL_OK) {
         cJSON_Delete(problems);
         return outcome_failure(args->json, &err, NULL);
     }
@@ -72,8 +83,11 @@ int run_fsck(const struct verb *verb, const struct args *args)
         outcome_json(document, NULL);
         cJSON_Delete(document);
     } else {
-        printf("%s: %" PRId64 " problems; %" PRId64 " jobs, %" PRId64 " inputs in %" PRId64 " chunks, %" PRId64 " results, %" PRId64 " bytes read, %"
-               PRId64 " files left over\n", dir, report.problems, report.jobs, report.inputs, report.chunks, report.results, report.bytes, report.orphans);
+        printf("%s: %" PRId64 " problems; %" PRId64 " jobs, %" PRId64 " inputs in %" PRId64
+               " chunks, %" PRId64 " results, %" PRId64 " bytes read, %" PRId64
+               " files left over\n",
+               dir, report.problems, report.jobs, report.inputs, report.chunks, report.results,
+               report.bytes, report.orphans);
         cJSON_Delete(problems);
     }
     return report.problems > 0 ? 1 : 0;

@@ -7,7 +7,8 @@
 #include "store/identity.h"
 
 /* A batch that is larger than the memory limit. */
-static void hash_in_order(const struct batch *b, const struct input_shape *shape, uint8_t digest[32])
+static void hash_in_order(const struct batch *b, const struct input_shape *shape,
+                          uint8_t digest[32])
 {
     const size_t part = (size_t)1 << 19, count = b->samples * b->channels;
     struct sha256 hash;
@@ -32,9 +33,10 @@ static void hash(struct input *input)
         length = strlen(input->scene_text);
         shape.length = length;
     } else {
-        shape = (struct input_shape) { .type = INPUT_BATCH, .samples = input->batch.samples, .channels = input->batch.channels,
-                                       .dt = input->batch.dt, .period = input->batch.period, .units = input->batch.units,
-                                       .names = input->batch.names };
+        shape = (struct input_shape){ .type = INPUT_BATCH, .samples = input->batch.samples,
+                                      .channels = input->batch.channels, .dt = input->batch.dt,
+                                      .period = input->batch.period, .units = input->batch.units,
+                                      .names = input->batch.names };
         data = input->batch.signals;
         length = input->batch.samples * input->batch.channels * sizeof(double);
     }
@@ -54,18 +56,19 @@ static enum modal_status read_scene(const char *path, struct input *out, struct 
     return rc;
 }
 
-static enum modal_status read_batch(const char *path, const struct args *args, struct input *out, struct modal_error *err)
+static enum modal_status read_batch(const char *path, const struct args *args, struct input *out,
+                                    struct modal_error *err)
 {
     struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time,
-                                       .scale = args->scale,
-                                       .map = args->local };
+                                       .scale = args->scale, .map = args->local };
     enum modal_status rc = signals_read(path, &options, &out->signals, err);
 
     out->batch = signals_batch(&out->signals);
     return rc;
 }
 
-/* Is a tradeoff's input a scene?  By what it is of; else by the file's first byte that is not blank. */
+/* Is a tradeoff's input a scene?  By what it is of; else by the file's first byte that is not
+ * blank. */
 static bool wants_scene(const struct input *input, const char *of, const char *path)
 {
     if (input->kind->input != JOB_ON_EITHER)
@@ -84,7 +87,8 @@ static enum modal_status find_kind(const char *name, struct input *out, struct m
     struct job_request request = { .kind = name };
 
     out->kind = job_kind_find(name);
-    return out->kind != NULL ? MODAL_OK : job_run(&request, &unused, err);     /* whose message lists the kinds */
+    /* whose message lists the kinds */
+    return out->kind != NULL ? MODAL_OK : job_run(&request, &unused, err);
 }
 
 /* What a tradeoff is of, before a file is read as the wrong thing. */
@@ -92,11 +96,12 @@ static enum modal_status check_of(const char *of, struct modal_error *err)
 {
     if (strcmp(of, "identify") == 0 || strcmp(of, "steady") == 0 || strcmp(of, "simulate") == 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "of", "no tradeoff of \"%.40s\"; accepted: identify, steady, simulate", of);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "of",
+                            "no tradeoff of \"%.40s\"; accepted: identify, steady, simulate", of);
 }
 
-enum modal_status input_read(const char *kind, const char *of, const char *path, const struct args *args,
-                             struct input *out, struct modal_error *err)
+enum modal_status input_read(const char *kind, const char *of, const char *path,
+                             const struct args *args, struct input *out, struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -110,7 +115,8 @@ enum modal_status input_read(const char *kind, const char *of, const char *path,
         rc = option_set_text(out->own_options, "of", of, err);
     }
     if (rc == MODAL_OK)
-        rc = wants_scene(out, of, path) ? read_scene(path, out, err) : read_batch(path, args, out, err);
+        rc = wants_scene(out, of, path) ? read_scene(path, out, err)
+                                        : read_batch(path, args, out, err);
     if (rc == MODAL_OK)
         hash(out);
     if (rc != MODAL_OK)

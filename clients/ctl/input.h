@@ -17,11 +17,12 @@ struct input {
 };
 
 /*
- * Read PATH for a job of kind KIND; of a `tradeoff`, OF says what it is of (NULL: the option `of`, else by the file).
- * input_done frees it.  MODAL_BAD_INPUT names "kind", "file" or what is wrong inside.
+ * Read PATH for a job of kind KIND; of a `tradeoff`, OF says what it is of (NULL: the option `of`,
+ * else by the file).  input_done frees it.  MODAL_BAD_INPUT names "kind", "file" or what is wrong
+ * inside.
  */
-enum modal_status input_read(const char *kind, const char *of, const char *path, const struct args *args,
-                             struct input *out, struct modal_error *err);
+enum modal_status input_read(const char *kind, const char *of, const char *path,
+                             const struct args *args, struct input *out, struct modal_error *err);
 void input_done(struct input *input);
 
 #endif

@@ -1,4 +1,5 @@
-/* keygen.c - `keygen FILE [SERVER-KEY]`: a new pair of CURVE keys; only the public key is printed */
+/* keygen.c - `keygen FILE [SERVER-KEY]`: a new pair of CURVE keys; only the public key is
+ * printed */
 #include <stdio.h>
 #include "outcome.h"
 #include "keyfile.h"
@@ -9,7 +10,8 @@ int run_keygen(const struct verb *verb, const struct args *args)
     struct modal_error err = { 0 };
     char public[41];
     cJSON *doc;
-    enum modal_status rc = keyfile_make(args->word[1], args->words > 2 ? args->word[2] : NULL, public, &err);
+    enum modal_status rc = keyfile_make(args->word[1], args->words > 2 ? args->word[2] : NULL,
+                                        public, &err);
 
     (void)verb;
     if (rc != MODAL_OK)

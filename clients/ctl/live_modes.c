@@ -17,23 +17,29 @@ static const char *verdict(const cJSON *event)
 {
     const cJSON *stable = get(get(event, "stability"), "stable");
 
-    return cJSON_IsTrue(stable) ? "stable" : cJSON_IsFalse(stable) ? "unstable" : cJSON_IsNull(stable) ? "undecided" : "-";
+    return cJSON_IsTrue(stable)    ? "stable"
+           : cJSON_IsFalse(stable) ? "unstable"
+           : cJSON_IsNull(stable)  ? "undecided"
+                                   : "-";
 }
 
 /* Errors that a window did not give are NaN: then nothing is said of the damping. */
-static const char *trend(const struct live_modes *before, double hertz, double hertz_std, double zeta, double zeta_std)
+static const char *trend(const struct live_modes *before, double hertz, double hertz_std,
+                         double zeta, double zeta_std)
 {
     int near = -1;
 
     for (int i = 0; i < before->count; i++)
-        if (near < 0 || fabs(before->mode[i].hertz - hertz) < fabs(before->mode[near].hertz - hertz))
+        if (near < 0
+            || fabs(before->mode[i].hertz - hertz) < fabs(before->mode[near].hertz - hertz))
             near = i;
     if (near < 0)
         return "new";
     double errors = fmax(hertz_std, 0) + fmax(before->mode[near].hertz_std, 0);    /* NaN: 0 */
     if (!(fabs(before->mode[near].hertz - hertz) <= ERRORS * errors + 0.05 * hertz))
         return "new";
-    double moved = zeta - before->mode[near].zeta, bar = ERRORS * (zeta_std + before->mode[near].zeta_std);
+    double moved = zeta - before->mode[near].zeta,
+           bar = ERRORS * (zeta_std + before->mode[near].zeta_std);
     if (isnan(bar))
         return "unknown";
     return moved > bar ? "rising" : moved < -bar ? "falling" : "steady";
@@ -49,7 +55,8 @@ void live_modes_trend(struct live_modes *modes, cJSON *event)
     if (now.epoch != modes->epoch)
         modes->count = 0;
     cJSON_ArrayForEach(mode, get(event, "modes")) {
-        double hertz = field_number(mode, "frequency_hz", NAN), zeta = field_number(mode, "damping_ratio", NAN);
+        double hertz = field_number(mode, "frequency_hz", NAN),
+               zeta = field_number(mode, "damping_ratio", NAN);
         double hertz_std = field_number(get(mode, "std"), "frequency_hz", NAN);
         double zeta_std = field_number(get(mode, "std"), "damping_ratio", NAN);
         cJSON_AddStringToObject(mode, "trend", trend(modes, hertz, hertz_std, zeta, zeta_std));
@@ -84,12 +91,14 @@ void live_modes_show(const cJSON *event)
         printf(" %s", field_word(mode, "trend", ""));
     }
     if (field_number(lag, "samples", 0) > 0)
-        printf("  lag %.0f samples, %.0f B", field_number(lag, "samples", 0), field_number(lag, "bytes", 0));
+        printf("  lag %.0f samples, %.0f B", field_number(lag, "samples", 0),
+               field_number(lag, "bytes", 0));
     if (field_number(gaps, "count", 0) > 0)
-        printf("  %.0f gaps, %.0f samples", field_number(gaps, "count", 0), field_number(gaps, "samples", 0));
+        printf("  %.0f gaps, %.0f samples", field_number(gaps, "count", 0),
+               field_number(gaps, "samples", 0));
 }
 
-/* ---- Prometheus -------------------------------------------------------------------------------------------------- */
+/* ---- Prometheus */
 
 /* A label's value: backslash, quote and end of line are escaped. */
 static void label(char *out, size_t room, const char *text)
@@ -110,7 +119,8 @@ static void head(FILE *to, const char *name, const char *help)
 }
 
 /* A gauge of each mode: KEY of it, or of its `std`. */
-static void of_modes(FILE *to, const cJSON *event, const char *stream, const char *name, const char *help, bool std, const char *key)
+static void of_modes(FILE *to, const cJSON *event, const char *stream, const char *name,
+                     const char *help, bool std, const char *key)
 {
     const cJSON *mode;
     int i = 0;
@@ -119,12 +129,14 @@ static void of_modes(FILE *to, const cJSON *event, const char *stream, const cha
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         double value = field_number(std ? get(mode, "std") : mode, key, NAN);
         if (isfinite(value))
-            fprintf(to, "modald_stream_%s{stream=\"%s\",mode=\"%d\"} %.17g\n", name, stream, i, value);
+            fprintf(to, "modald_stream_%s{stream=\"%s\",mode=\"%d\"} %.17g\n", name, stream, i,
+                    value);
         i++;
     }
 }
 
-static void of_stream(FILE *to, const char *stream, const char *name, const char *help, double value)
+static void of_stream(FILE *to, const char *stream, const char *name, const char *help,
+                      double value)
 {
     if (!isfinite(value))
         return;
@@ -135,10 +147,13 @@ static void of_stream(FILE *to, const char *stream, const char *name, const char
 /* 1 stable, -1 unstable, 0 neither is said */
 static double verdict_number(const cJSON *event)
 {
-    return strcmp(verdict(event), "stable") == 0 ? 1 : strcmp(verdict(event), "unstable") == 0 ? -1 : 0;
+    return strcmp(verdict(event), "stable") == 0     ? 1
+           : strcmp(verdict(event), "unstable") == 0 ? -1
+                                                     : 0;
 }
 
-enum modal_status live_modes_prometheus(const char *path, const cJSON *event, struct modal_error *err)
+enum modal_status live_modes_prometheus(const char *path, const cJSON *event,
+                                        struct modal_error *err)
 {
     char stream[520];
     struct whole_file out;
@@ -148,16 +163,29 @@ enum modal_status live_modes_prometheus(const char *path, const cJSON *event, st
     if (whole_file_begin(&out, path, "prometheus", err) != MODAL_OK)
         return MODAL_BAD_INPUT;
     label(stream, sizeof stream, field_word(event, "stream", "-"));
-    of_modes(out.file, event, stream, "frequency_hertz", "Frequency of a mode of the last live window, modes in the order of the result.", false, "frequency_hz");
-    of_modes(out.file, event, stream, "frequency_std_hertz", "Its standard error.", true, "frequency_hz");
-    of_modes(out.file, event, stream, "damping_ratio", "Damping ratio of a mode of the last live window.", false, "damping_ratio");
-    of_modes(out.file, event, stream, "damping_ratio_std", "Its standard error.", true, "damping_ratio");
-    of_stream(out.file, stream, "verdict", "1 stable, -1 unstable, 0 undecided or not known.", verdict_number(event));
-    of_stream(out.file, stream, "epoch", "Epoch of the last live window.", field_number(event, "epoch", NAN));
-    of_stream(out.file, stream, "last_sample", "Index of the last sample of the last live window.", field_number(event, "to", NAN));
-    of_stream(out.file, stream, "lag_samples", "Samples that had come after the window when its modes were told.", field_number(get(event, "lag"), "samples", NAN));
-    of_stream(out.file, stream, "lag_bytes", "The same in bytes.", field_number(get(event, "lag"), "bytes", NAN));
-    of_stream(out.file, stream, "gaps", "Gaps of the epoch so far.", field_number(get(event, "gaps"), "count", NAN));
-    of_stream(out.file, stream, "gap_samples", "Samples that are missing in them.", field_number(get(event, "gaps"), "samples", NAN));
+    of_modes(out.file, event, stream, "frequency_hertz",
+             "Frequency of a mode of the last live window, modes in the order of the result.",
+             false, "frequency_hz");
+    of_modes(out.file, event, stream, "frequency_std_hertz", "Its standard error.", true,
+             "frequency_hz");
+    of_modes(out.file, event, stream, "damping_ratio",
+             "Damping ratio of a mode of the last live window.", false, "damping_ratio");
+    of_modes(out.file, event, stream, "damping_ratio_std", "Its standard error.", true,
+             "damping_ratio");
+    of_stream(out.file, stream, "verdict", "1 stable, -1 unstable, 0 undecided or not known.",
+              verdict_number(event));
+    of_stream(out.file, stream, "epoch", "Epoch of the last live window.",
+              field_number(event, "epoch", NAN));
+    of_stream(out.file, stream, "last_sample", "Index of the last sample of the last live window.",
+              field_number(event, "to", NAN));
+    of_stream(out.file, stream, "lag_samples",
+              "Samples that had come after the window when its modes were told.",
+              field_number(get(event, "lag"), "samples", NAN));
+    of_stream(out.file, stream, "lag_bytes", "The same in bytes.",
+              field_number(get(event, "lag"), "bytes", NAN));
+    of_stream(out.file, stream, "gaps", "Gaps of the epoch so far.",
+              field_number(get(event, "gaps"), "count", NAN));
+    of_stream(out.file, stream, "gap_samples", "Samples that are missing in them.",
+              field_number(get(event, "gaps"), "samples", NAN));
     return whole_file_end(&out, err);
 }

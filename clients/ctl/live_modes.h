@@ -1,13 +1,16 @@
-/* live_modes.h - what a watcher reads of a stream's windows: each mode with its trend, as a line, and as Prometheus text
+/* live_modes.h - what a watcher reads of a stream's windows: each mode with its trend, as a line,
+ * and as Prometheus text
  *
- * The trend of a mode is that of its damping ratio zeta since the window before, in which its frequency f is the nearest one:
+ * The trend of a mode is that of its damping ratio zeta since the window before, in which its
+ * frequency f is the nearest one:
  *
  *     falling, rising   |zeta - zeta'| > 3 (s + s')                  steady   within that
  *     unknown           one of the two windows gives no s: no fit that converged, or no free decay
  *     new               no mode there within 3 (s_f + s_f') + 5 % of f, or an epoch's first window
  *
- * with s the standard errors.  Their sum, not the root of their squares: samples that two windows share are at the end of one and at the start of the
- * other and have opposite weights in the two estimates, whose errors may be wholly opposite.
+ * with s the standard errors.  Their sum, not the root of their squares: samples that two windows
+ * share are at the end of one and at the start of the other and have opposite weights in the two
+ * estimates, whose errors may be wholly opposite.
  */
 #ifndef CTL_LIVE_MODES_H
 #define CTL_LIVE_MODES_H
@@ -16,13 +19,22 @@
 
 enum { LIVE_MODES = 256 };                /* of a window remembered */
 
-struct live_modes { struct { double hertz, hertz_std, zeta, zeta_std; } mode[LIVE_MODES]; int count; double epoch; };
+struct live_modes {
+    struct {
+        double hertz, hertz_std, zeta, zeta_std;
+    } mode[LIVE_MODES];
+    int count;
+    double epoch;
+};
 
 /* To each mode of EVENT its `trend` since the events before, which MODES remembers. */
 void live_modes_trend(struct live_modes *modes, cJSON *event);
-/* The rest of the line of an event of a stream: last sample, verdict, modes with bars and trend; lag and gaps where there are any. */
+/* The rest of the line of an event of a stream: last sample, verdict, modes with bars and trend;
+ * lag and gaps where there are any. */
 void live_modes_show(const cJSON *event);
-/* EVENT's window as Prometheus text in the file PATH, which who looks sees whole.  Events other than `modes` change nothing.
- * Fails with MODAL_BAD_INPUT, field "prometheus": it cannot be written. */
-enum modal_status live_modes_prometheus(const char *path, const cJSON *event, struct modal_error *err);
+/* EVENT's window as Prometheus text in the file PATH, which who looks sees whole.  Events other
+ * than `modes` change nothing.  Fails with MODAL_BAD_INPUT, field "prometheus": it cannot be
+ * written. */
+enum modal_status live_modes_prometheus(const char *path, const cJSON *event,
+                                        struct modal_error *err);
 #endif

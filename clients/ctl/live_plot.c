@@ -12,18 +12,25 @@ static const struct svg_axis empty = { NULL, HUGE_VAL, -HUGE_VAL, false };
 static bool take(struct live_plot *plot, const cJSON *event)
 {
     const cJSON *modes = cJSON_GetObjectItemCaseSensitive(event, "modes"), *mode;
-    bool unstable = cJSON_IsFalse(cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(event, "stability"), "stable"));
+    bool unstable = cJSON_IsFalse(
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(event, "stability"),
+                                         "stable"));
     double sample = field_number(event, "to", NAN), epoch = field_number(event, "epoch", 0);
 
     if (!cJSON_IsArray(modes) || isnan(sample))
         return false;
     if (epoch != plot->epoch || (plot->count > 0 && sample < plot->dots[plot->count - 1].sample))
-        plot->count = 0;                           /* another epoch, or another stream of that name */
+        /* another epoch, or another stream of that name */
+        plot->count = 0;
     plot->epoch = epoch;
     cJSON_ArrayForEach(mode, modes) {
         const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
-        struct live_dot dot = { sample, field_number(mode, "frequency_hz", NAN), field_number(std, "frequency_hz", 0), field_number(mode, "damping_ratio", NAN),
-                                field_number(std, "damping_ratio", 0), unstable };
+        struct live_dot dot = { sample,
+                                field_number(mode, "frequency_hz", NAN),
+                                field_number(std, "frequency_hz", 0),
+                                field_number(mode, "damping_ratio", NAN),
+                                field_number(std, "damping_ratio", 0),
+                                unstable };
         if (isnan(dot.hertz) || isnan(dot.zeta))
             continue;
         if (plot->count == LIVE_DOTS)
@@ -56,7 +63,8 @@ static void draw(struct svg *svg, const struct live_plot *plot, const char *labe
     }
 }
 
-enum modal_status live_plot_add(struct live_plot *plot, const char *path, const cJSON *event, struct modal_error *err)
+enum modal_status live_plot_add(struct live_plot *plot, const char *path, const cJSON *event,
+                                struct modal_error *err)
 {
     char title[256];
     struct whole_file out;
@@ -66,7 +74,8 @@ enum modal_status live_plot_add(struct live_plot *plot, const char *path, const 
         return MODAL_OK;
     if (whole_file_begin(&out, path, "plot", err) != MODAL_OK)
         return MODAL_BAD_INPUT;
-    snprintf(title, sizeof title, "%s, epoch %.0f; open: unstable", field_word(event, "stream", "-"), field_number(event, "epoch", 0));
+    snprintf(title, sizeof title, "%s, epoch %.0f; open: unstable",
+             field_word(event, "stream", "-"), field_number(event, "epoch", 0));
     svg_begin(&svg, out.file, 2, title);
     draw(&svg, plot, "frequency, Hz", false);
     draw(&svg, plot, "damping ratio", true);

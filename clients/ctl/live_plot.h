@@ -1,4 +1,5 @@
-/* live_plot.h - the modes of a stream's windows as a picture that grows: frequency and damping over the last sample, with their bars */
+/* live_plot.h - the modes of a stream's windows as a picture that grows: frequency and damping over
+ * the last sample, with their bars */
 #ifndef CTL_LIVE_PLOT_H
 #define CTL_LIVE_PLOT_H
 #include "base/error.h"
@@ -9,7 +10,9 @@ enum { LIVE_DOTS = 4096 };                /* the oldest go first */
 struct live_dot { double sample, hertz, hertz_std, zeta, zeta_std; bool unstable; };
 struct live_plot { struct live_dot dots[LIVE_DOTS]; int count; double epoch; };
 
-/* An event of the stream: where it has modes they join the picture, and it is written to PATH in one piece, so that who looks sees a whole one.
- * Fails with MODAL_BAD_INPUT, field "plot": it cannot be written. */
-enum modal_status live_plot_add(struct live_plot *plot, const char *path, const cJSON *event, struct modal_error *err);
+/* An event of the stream: where it has modes they join the picture, and it is written to PATH in
+ * one piece, so that who looks sees a whole one.  Fails with MODAL_BAD_INPUT, field "plot": it
+ * cannot be written. */
+enum modal_status live_plot_add(struct live_plot *plot, const char *path, const cJSON *event,
+                                struct modal_error *err);
 #endif

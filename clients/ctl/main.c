@@ -1,4 +1,5 @@
-/* main.c - modalctl: frequencies, damping and steady vibration from the command line; see modalctl(1) */
+/* main.c - modalctl: frequencies, damping and steady vibration from the command line; see
+ * modalctl(1) */
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,7 +11,8 @@
 
 #define JOB_TAKES (TAKES_OPTIONS | TAKES_SUBMIT | TAKES_TIMEOUT)
 
-/* A sweep can be long: on a server it is only waited for with --wait.  A share of one is a job like others. */
+/* A sweep can be long: on a server it is only waited for with --wait.  A share of one is a job like
+ * others. */
 static int run_sweep(const struct verb *verb, const struct args *args)
 {
     if (!sweep_is_whole(args) && !args->local && !args->wait && !args->cancel)
@@ -19,35 +21,49 @@ static int run_sweep(const struct verb *verb, const struct args *args)
 }
 
 static const struct verb verbs[] = {
-    { "identify", "BATCH",             "modes of a batch of signals (HDF5, CSV, WAV, FLAC)",  1, 1, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
-    { "steady",   "SCENE.json",        "steady-state response of a scene",                    1, 1, JOB_TAKES | TAKES_CURVE | TAKES_PLOT | TAKES_OUTPUT, run_job },
-    { "simulate", "SCENE.json -O OUT", "a scene's motion as a batch of signals",              1, 1, JOB_TAKES | TAKES_OUTPUT, run_job },
-    { "floquet",  "SCENE.json",        "exact multipliers of a linear scene",                 1, 1, JOB_TAKES | TAKES_PLOT, run_job },
-    { "tradeoff", "identify|steady|simulate FILE", "error against time over the ladder of settings", 2, 2, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
-    { "ablate",   "SCENE.json",        "each effect's cost and influence",                    1, 1, JOB_TAKES, run_job },
-    { "sweep",    "FILE.json",         "a scene over a grid of its values",                   1, 1, JOB_TAKES | TAKES_WAIT | TAKES_PLOT | TAKES_SWEEP, run_sweep },
-    { "submit",   "KIND FILE",         "put a job on the queue; or many: --from LIST.jsonl",  0, 3, JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
-    { "status",   "JOB",               "a job's state now (JOB is an id, or key:K)",          1, 1, TAKES_TIMEOUT, run_status },
-    { "wait",     "JOB",               "until it has ended, with its result",                 1, 1, TAKES_TIMEOUT, run_wait },
-    { "result",   "JOB",               "a done job's result; -O as HDF5",                 1, 1, TAKES_TIMEOUT | TAKES_OUTPUT, run_result },
-    { "stderr",   "JOB",               "the last words of a worker that died of it",          1, 1, TAKES_TIMEOUT, run_stderr },
-    { "cancel",   "JOB",               "end it, queued or running",                           1, 1, TAKES_TIMEOUT, run_cancel },
-    { "retry",    "JOB",               "a dead job, once more",                               1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },
-    { "delete",   "JOB",               "forget an ended job and its result",                  1, 1, TAKES_TIMEOUT, run_delete },
-    { "list",     "",                  "your jobs, a page",                                   0, 0, TAKES_LIST | TAKES_TIMEOUT, run_list },
-    { "watch",    "[JOB|STREAM]",      "events as they happen; of a stream: live modes",     0, 1, TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM | TAKES_PLOT | TAKES_LIVE, run_watch },
-    { "stats",    "",                  "counts and sizes of the service",                     0, 0, TAKES_TIMEOUT, run_stats },
-    { "whoami",   "",                  "user, role, limits and use",                          0, 0, TAKES_TIMEOUT, run_whoami },
-    { "hello",    "",                  "versions and limits of the daemon",                   0, 0, TAKES_TIMEOUT, run_hello },
-    { "metrics",  "",                  "Prometheus text",                                     0, 0, TAKES_TIMEOUT, run_metrics },
-    { "drain",    "",                  "take and start no more jobs (admin)",                 0, 0, TAKES_TIMEOUT, run_drain },
-    { "undrain",  "",                  "take and start jobs again (admin)",                   0, 0, TAKES_TIMEOUT, run_undrain },
-    { "stream",   "FILE|-",            "push samples as a simulation would, print live modes",1, 1, TAKES_SIGNALS | TAKES_OPTIONS | TAKES_STREAM | TAKES_PUSH | TAKES_TIMEOUT, run_stream },
-    { "replay",   "FILE",              "send a spill or ring file a simulation left",         1, 1, TAKES_TIMEOUT, run_replay },
-    { "keygen",   "FILE [SERVER-KEY]", "a new pair of CURVE keys",                            1, 2, 0, run_keygen },
-    { "fsck",     "DIR",               "read a data folder whole, name what is damaged",      0, 1, TAKES_DATA, run_fsck },
-    { "dump",     "DIR",               "every row of its ledger, a JSON object a line",       0, 1, TAKES_DATA, run_dump },
-    { "backup",   "DIR TO",            "copy it to a new folder, also beside its daemon",     1, 2, TAKES_DATA, run_backup },
+    { "identify", "BATCH", "modes of a batch of signals (HDF5, CSV, WAV, FLAC)", 1, 1,
+      JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
+    { "steady", "SCENE.json", "steady-state response of a scene", 1, 1,
+      JOB_TAKES | TAKES_CURVE | TAKES_PLOT | TAKES_OUTPUT, run_job },
+    { "simulate", "SCENE.json -O OUT", "a scene's motion as a batch of signals", 1, 1,
+      JOB_TAKES | TAKES_OUTPUT, run_job },
+    { "floquet", "SCENE.json", "exact multipliers of a linear scene", 1, 1, JOB_TAKES | TAKES_PLOT,
+      run_job },
+    { "tradeoff", "identify|steady|simulate FILE", "error against time over the ladder of settings",
+      2, 2, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
+    { "ablate", "SCENE.json", "each effect's cost and influence", 1, 1, JOB_TAKES, run_job },
+    { "sweep", "FILE.json", "a scene over a grid of its values", 1, 1,
+      JOB_TAKES | TAKES_WAIT | TAKES_PLOT | TAKES_SWEEP, run_sweep },
+    { "submit", "KIND FILE", "put a job on the queue; or many: --from LIST.jsonl", 0, 3,
+      JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
+    { "status", "JOB", "a job's state now (JOB is an id, or key:K)", 1, 1, TAKES_TIMEOUT,
+      run_status },
+    { "wait", "JOB", "until it has ended, with its result", 1, 1, TAKES_TIMEOUT, run_wait },
+    { "result", "JOB", "a done job's result; -O as HDF5", 1, 1, TAKES_TIMEOUT | TAKES_OUTPUT,
+      run_result },
+    { "stderr", "JOB", "the last words of a worker that died of it", 1, 1, TAKES_TIMEOUT,
+      run_stderr },
+    { "cancel", "JOB", "end it, queued or running", 1, 1, TAKES_TIMEOUT, run_cancel },
+    { "retry", "JOB", "a dead job, once more", 1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },
+    { "delete", "JOB", "forget an ended job and its result", 1, 1, TAKES_TIMEOUT, run_delete },
+    { "list", "", "your jobs, a page", 0, 0, TAKES_LIST | TAKES_TIMEOUT, run_list },
+    { "watch", "[JOB|STREAM]", "events as they happen; of a stream: live modes", 0, 1,
+      TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM | TAKES_PLOT | TAKES_LIVE, run_watch },
+    { "stats", "", "counts and sizes of the service", 0, 0, TAKES_TIMEOUT, run_stats },
+    { "whoami", "", "user, role, limits and use", 0, 0, TAKES_TIMEOUT, run_whoami },
+    { "hello", "", "versions and limits of the daemon", 0, 0, TAKES_TIMEOUT, run_hello },
+    { "metrics", "", "Prometheus text", 0, 0, TAKES_TIMEOUT, run_metrics },
+    { "drain", "", "take and start no more jobs (admin)", 0, 0, TAKES_TIMEOUT, run_drain },
+    { "undrain", "", "take and start jobs again (admin)", 0, 0, TAKES_TIMEOUT, run_undrain },
+    { "stream", "FILE|-", "push samples as a simulation would, print live modes", 1, 1,
+      TAKES_SIGNALS | TAKES_OPTIONS | TAKES_STREAM | TAKES_PUSH | TAKES_TIMEOUT, run_stream },
+    { "replay", "FILE", "send a spill or ring file a simulation left", 1, 1, TAKES_TIMEOUT,
+      run_replay },
+    { "keygen", "FILE [SERVER-KEY]", "a new pair of CURVE keys", 1, 2, 0, run_keygen },
+    { "fsck", "DIR", "read a data folder whole, name what is damaged", 0, 1, TAKES_DATA, run_fsck },
+    { "dump", "DIR", "every row of its ledger, a JSON object a line", 0, 1, TAKES_DATA, run_dump },
+    { "backup", "DIR TO", "copy it to a new folder, also beside its daemon", 1, 2, TAKES_DATA,
+      run_backup },
 };
 enum { VERBS = sizeof verbs / sizeof verbs[0] };
 
@@ -62,8 +78,9 @@ static int help(FILE *to, const struct verb *only)
     if (only != NULL)
         option_help(to, only->name);
     if (only == NULL)
-        fprintf(to, "\n`modalctl VERB --help` lists the options of a verb.  Exit status: 0 done; 1 the job failed; 2 bad usage or input;\n"
-               "3 no server; 4 refused; 5 not finished in --timeout.\n");
+        fprintf(to, "\n`modalctl VERB --help` lists the options of a verb.  Exit status: 0 done; 1 "
+                    "the job failed; 2 bad usage or input;\n"
+                    "3 no server; 4 refused; 5 not finished in --timeout.\n");
     return 0;
 }
 
@@ -75,18 +92,22 @@ static const struct verb *find(const struct args *args, struct modal_error *err)
         if (strcmp(verbs[i].name, args->word[0]) == 0)
             return &verbs[i];
     for (int i = 0; i < VERBS; i++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "", verbs[i].name);
-    modal_fail_field(err, MODAL_BAD_INPUT, "verb", args->words ? "no verb \"%.40s\"; accepted: %s" : "%sa verb is needed: %s",
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
+                 verbs[i].name);
+    modal_fail_field(err, MODAL_BAD_INPUT, "verb",
+                     args->words ? "no verb \"%.40s\"; accepted: %s" : "%sa verb is needed: %s",
                      args->words ? args->word[0] : "", list);
     return NULL;
 }
 
-static enum modal_status check(const struct verb *verb, const struct args *args, struct modal_error *err)
+static enum modal_status check(const struct verb *verb, const struct args *args,
+                               struct modal_error *err)
 {
     int given = args->words - 1;
 
     if (given < verb->least || given > verb->most)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "%s takes %s, not %d arguments", verb->name, verb->words, given);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "%s takes %s, not %d arguments",
+                                verb->name, verb->words, given);
     return args_check(args, verb->name, verb->takes, err);
 }
 
@@ -118,7 +139,9 @@ int main(int argc, char **argv)
     int status;
 
     signal(SIGPIPE, SIG_IGN);
-    status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK ? dispatch(&args, argv) : outcome_failure(args.json, &err, NULL);
+    status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK
+                 ? dispatch(&args, argv)
+                 : outcome_failure(args.json, &err, NULL);
     args_done(&args);
     return status;
 }

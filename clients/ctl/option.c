@@ -17,7 +17,8 @@ bool option_looks_like(const char *text)
     return n > 0 && isalpha((unsigned char)text[0]) && text[n] == '=';
 }
 
-/* A number of the C locale, without the words (nan, inf) and the hexadecimal forms that strtod takes. */
+/* A number of the C locale, without the words (nan, inf) and the hexadecimal forms that strtod
+ * takes. */
 static bool is_number(const char *text, double *value)
 {
     char *end;
@@ -50,12 +51,14 @@ static cJSON *read_list(const char *text)
     return list;
 }
 
-/* The first number in TEXT that does not fit a double, if any: 1e999 must not become infinity in silence. */
+/* The first number in TEXT that does not fit a double, if any: 1e999 must not become infinity in
+ * silence. */
 static bool overflows(const cJSON *value)
 {
     if (cJSON_IsNumber(value))
         return !isfinite(value->valuedouble);
-    for (const cJSON *item = cJSON_IsArray(value) ? value->child : NULL; item != NULL; item = item->next)
+    for (const cJSON *item = cJSON_IsArray(value) ? value->child : NULL; item != NULL;
+         item = item->next)
         if (overflows(item))
             return true;
     return false;
@@ -73,7 +76,8 @@ static enum modal_status put(cJSON *options, const char *key, cJSON *value, stru
     return MODAL_OK;
 }
 
-enum modal_status option_set_text(cJSON *options, const char *key, const char *value, struct modal_error *err)
+enum modal_status option_set_text(cJSON *options, const char *key, const char *value,
+                                  struct modal_error *err)
 {
     return put(options, key, cJSON_CreateString(value), err);
 }
@@ -86,7 +90,8 @@ enum modal_status option_add(cJSON *options, const char *text, struct modal_erro
 
     snprintf(key, sizeof key, "%.*s", equals ? (int)(equals - text) : (int)strlen(text), text);
     if (equals == NULL || equals == text || equals[1] == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, key[0] ? key : "option", "-o \"%.80s\": accepted: KEY=VALUE, neither empty", text);
+        return modal_fail_field(err, MODAL_BAD_INPUT, key[0] ? key : "option",
+                                "-o \"%.80s\": accepted: KEY=VALUE, neither empty", text);
     if (!utf8_valid(text))
         return modal_fail_field(err, MODAL_BAD_INPUT, "option", "-o: not UTF-8");
     text = equals + 1;
@@ -99,7 +104,9 @@ enum modal_status option_add(cJSON *options, const char *text, struct modal_erro
     }
     if (value != NULL && overflows(value)) {
         cJSON_Delete(value);
-        return modal_fail_field(err, MODAL_BAD_INPUT, key, "-o %s=%.60s: the number is beyond the range of a double", key, text);
+        return modal_fail_field(err, MODAL_BAD_INPUT, key,
+                                "-o %s=%.60s: the number is beyond the range of a double", key,
+                                text);
     }
     return put(options, key, value, err);
 }

@@ -15,7 +15,8 @@ static void print_rows(FILE *to, const struct key_row *rows)
 }
 
 /* Tables of KIND; a TITLE stands once above those of one `of`. */
-static void print_tables(FILE *to, const struct job_option_table *tables, const char *kind, const char *title, const char *end)
+static void print_tables(FILE *to, const struct job_option_table *tables, const char *kind,
+                         const char *title, const char *end)
 {
     const char *last = "";
 
@@ -40,6 +41,7 @@ static void print_tables(FILE *to, const struct job_option_table *tables, const 
 
 void option_help(FILE *to, const char *kind)
 {
-    print_tables(to, job_option_tables, kind, "-o KEY=VALUE", ", all in the result with their defaults");
+    print_tables(to, job_option_tables, kind, "-o KEY=VALUE",
+                 ", all in the result with their defaults");
     print_tables(to, job_document_tables, kind, "keys", "");
 }

@@ -12,7 +12,8 @@ enum modal_status outcome_json(const cJSON *document, struct modal_error *err)
     if (text == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory to print the answer");
     free(text);
-    return written ? MODAL_OK : modal_fail(err, MODAL_IO, "stdout: the answer could not be written");
+    return written ? MODAL_OK
+                   : modal_fail(err, MODAL_IO, "stdout: the answer could not be written");
 }
 
 cJSON *outcome_error(const struct modal_error *err, const cJSON *detail)
@@ -44,7 +45,8 @@ int outcome_failure(bool json, const struct modal_error *err, const cJSON *detai
     if (json)
         outcome_json(document, NULL);
     else if (err->field[0] != 0 && !names_field(err))
-        fprintf(stderr, "modalctl: %s: %s: %s\n", modal_status_code(err->status), err->field, err->message);
+        fprintf(stderr, "modalctl: %s: %s: %s\n", modal_status_code(err->status), err->field,
+                err->message);
     else
         fprintf(stderr, "modalctl: %s: %s\n", modal_status_code(err->status), err->message);
     cJSON_Delete(document);

@@ -1,4 +1,5 @@
-/* outcome.h - what modalctl says: one JSON document on stdout, or text; errors as values of the same kind */
+/* outcome.h - what modalctl says: one JSON document on stdout, or text; errors as values of the
+ * same kind */
 #ifndef CTL_OUTCOME_H
 #define CTL_OUTCOME_H
 #include <stdbool.h>
@@ -8,10 +9,12 @@
 /* One line of JSON on stdout. A failed write is MODAL_IO. */
 enum modal_status outcome_json(const cJSON *document, struct modal_error *err);
 
-/* {"error":{"code","message","field"?,"detail"?}}; DETAIL is borrowed, may be NULL.  The caller frees the answer. */
+/* {"error":{"code","message","field"?,"detail"?}}; DETAIL is borrowed, may be NULL.  The caller
+ * frees the answer. */
 cJSON *outcome_error(const struct modal_error *err, const cJSON *detail);
 
-/* Say that ERR ended the command: as JSON on stdout, or as text on stderr. Returns the exit status. */
+/* Say that ERR ended the command: as JSON on stdout, or as text on stderr. Returns the exit
+ * status. */
 int outcome_failure(bool json, const struct modal_error *err, const cJSON *detail);
 
 

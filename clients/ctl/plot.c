@@ -1,10 +1,12 @@
 /* plot.c - see plot.h
  *
- * A channel's reconstruction is drawn from a free least-squares fit of the found exponents to it, over at most 600 samples,
+ * A channel's reconstruction is drawn from a free least-squares fit of the found exponents to it,
+ * over at most 600 samples,
  *
- *     y(t) = sum_j e^{sigma_j t} (a_j cos w_j t + b_j sin w_j t),                                        (1)
+ *     y(t) = sum_j e^{sigma_j t} (a_j cos w_j t + b_j sin w_j t),                               (1)
  *
- * solved by QR (LAPACK dgels) with its columns scaled: it shows whether these exponents can carry the channel.
+ * solved by QR (LAPACK dgels) with its columns scaled: it shows whether these exponents can carry
+ * the channel.
  */
 #include "plot.h"
 #include <errno.h>
@@ -63,7 +65,8 @@ static void draw_modes(struct svg *svg, const cJSON *result)
     svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 0, 0 }, 2, SVG_THIN);
     cJSON_ArrayForEach(mode, get(result, "modes")) {
         const cJSON *std = get(mode, "std");
-        svg_bar(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"), number(std, "frequency_hz"), number(std, "damping_ratio"));
+        svg_bar(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"),
+                number(std, "frequency_hz"), number(std, "damping_ratio"));
         svg_dot(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"), true);
     }
 }
@@ -87,23 +90,29 @@ static void draw_stabilisation(struct svg *svg, const cJSON *result)
         svg_line(svg, &p, (double[]) { x, x }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
     }
     cJSON_ArrayForEach(pole, poles)
-        svg_dot(svg, &p, number(pole, "frequency_hz"), number(pole, "order"), cJSON_IsNumber(get(pole, "mode")));
+        svg_dot(svg, &p, number(pole, "frequency_hz"), number(pole, "order"),
+                cJSON_IsNumber(get(pole, "mode")));
 }
 
-/* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot be. */
+/* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot
+ * be. */
 static bool fit_channel(const cJSON *modes, double *y, int count, double step)
 {
     int columns = 2 * cJSON_GetArraySize(modes), j = 0;
-    double *a = calloc((size_t)count * (size_t)columns + 1, sizeof *a), *copy, *right = malloc((size_t)count * sizeof *right);
+    double *a = calloc((size_t)count * (size_t)columns + 1, sizeof *a), *copy,
+           *right = malloc((size_t)count * sizeof *right);
     const cJSON *mode;
     bool good = columns > 0 && columns <= count && a != NULL && right != NULL;
 
     cJSON_ArrayForEach(mode, modes) {
-        double s = at(get(mode, "resolved_exponent"), 0), w = at(get(mode, "resolved_exponent"), 1), last = s > 0 ? (count - 1) * step : 0;
-        for (int i = 0; good && i < count; i++) {           /* each column's largest entry about 1 */
+        double s = at(get(mode, "resolved_exponent"), 0), w = at(get(mode, "resolved_exponent"), 1),
+               last = s > 0 ? (count - 1) * step : 0;
+        /* each column's largest entry about 1 */
+        for (int i = 0; good && i < count; i++) {
             double e = exp(s * (i * step - last));
             a[(size_t)j * (size_t)count + (size_t)i] = e * cos(w * i * step);
-            a[(size_t)(j + 1) * (size_t)count + (size_t)i] = w != 0 ? e * sin(w * i * step) : e * (1e-12 * (i % 2));
+            a[(size_t)(j + 1) * (size_t)count + (size_t)i] = w != 0 ? e * sin(w * i * step)
+                                                                    : e * (1e-12 * (i % 2));
         }
         j += 2;
     }
@@ -111,7 +120,8 @@ static bool fit_channel(const cJSON *modes, double *y, int count, double step)
     if (copy != NULL) {
         memcpy(copy, a, (size_t)count * (size_t)columns * sizeof *copy);
         memcpy(right, y, (size_t)count * sizeof *right);
-        good = LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', count, columns, 1, copy, count, right, count) == 0;
+        good = LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', count, columns, 1, copy, count, right, count)
+               == 0;
         for (int i = 0; good && i < count; i++) {
             y[i] = 0;
             for (int c = 0; c < columns; c++)
@@ -142,7 +152,8 @@ static void draw_history(struct svg *svg, const cJSON *result, const struct inpu
         svg_line(svg, &p, t, fit, count, SVG_DASHED);
 }
 
-static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result,
+                          const struct input *input)
 {
     bool signals = input != NULL && input->batch.samples > 0;
     bool orders = cJSON_GetArraySize(get(result, "stabilisation")) > 0;
@@ -210,7 +221,8 @@ static double size_of(const cJSON *point)
 
     for (int i = 0; i < cJSON_GetArraySize(get(dof, "k")); i++)
         if (at(get(dof, "k"), i) > 0)
-            most = fmax(isnan(most) ? 0 : most, hypot(at(get(dof, "re"), i), at(get(dof, "im"), i)));
+            most = fmax(isnan(most) ? 0 : most,
+                        hypot(at(get(dof, "re"), i), at(get(dof, "im"), i)));
     return most;
 }
 
@@ -237,7 +249,8 @@ static void draw_runs(struct svg *svg, const struct svg_panel *p, const cJSON *p
     double *x = malloc(((size_t)room + 1) * sizeof *x), *y = malloc(((size_t)room + 1) * sizeof *y);
     const cJSON *point, *before = NULL;
 
-    for (point = points ? points->child : NULL; point != NULL && x != NULL && y != NULL; before = point, point = point->next) {
+    for (point = points ? points->child : NULL; point != NULL && x != NULL && y != NULL;
+         before = point, point = point->next) {
         if (before != NULL && is_unstable(point) != is_unstable(before)) {
             svg_line(svg, p, x, y, n, is_unstable(before) ? SVG_DASHED : SVG_SOLID);
             x[0] = value_of(before);
@@ -291,7 +304,8 @@ static void draw_curve(struct svg *svg, const cJSON *result)
     svg_panel(svg, &p);
     draw_runs(svg, &p, get(result, "points"));
     cJSON_ArrayForEach(fold, get(result, "folds"))
-        svg_line(svg, &p, (double[]) { number(fold, parameter), number(fold, parameter) }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
+        svg_line(svg, &p, (double[]){ number(fold, parameter), number(fold, parameter) },
+                 (double[]){ p.y.low, p.y.high }, 2, SVG_THIN);
 }
 
 static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
@@ -321,7 +335,8 @@ static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const 
 /* ------------------------------------------------------------------ floquet, tradeoff, sweep */
 
 /* A list of [re, im], with the unit circle where CIRCLE. */
-static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const char *y, bool circle)
+static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const char *y,
+                       bool circle)
 {
     struct svg_panel p = panel_of(x, y);
     double c[101], s[101];
@@ -346,14 +361,16 @@ static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const 
         svg_dot(svg, &p, at(pair, 0), at(pair, 1), true);
 }
 
-static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result,
+                         const struct input *input)
 {
     const cJSON *multipliers = get(result, "multipliers"), *exponents = get(result, "exponents");
 
     (void)input;
     if (multipliers == NULL && exponents == NULL)
         return false;
-    svg_begin(svg, file, (multipliers != NULL) + (exponents != NULL), "stable left of the line, within the circle");
+    svg_begin(svg, file, (multipliers != NULL) + (exponents != NULL),
+              "stable left of the line, within the circle");
     if (exponents != NULL)
         draw_plane(svg, exponents, "Re exponent, 1/s", "Im, rad/s", false);
     if (multipliers != NULL)
@@ -361,10 +378,14 @@ static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result, const
     return true;
 }
 
-static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result,
+                          const struct input *input)
 {
     struct svg_panel p = panel_of("CPU seconds", "relative error");
-    const cJSON *rung, *best = cJSON_GetArrayItem(get(result, "rungs"), cJSON_IsNumber(get(result, "recommended")) ? get(result, "recommended")->valueint : -1);
+    const cJSON *rung,
+        *best = cJSON_GetArrayItem(get(result, "rungs"), cJSON_IsNumber(get(result, "recommended"))
+                                                             ? get(result, "recommended")->valueint
+                                                             : -1);
     double bound = number(result, "bound");
 
     (void)input;
@@ -377,13 +398,16 @@ static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result, cons
     svg_begin(svg, file, 1, "accuracy against time: filled, none is both faster and better");
     svg_panel(svg, &p);
     if (bound > 0) {
-        svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { bound, bound }, 2, SVG_DASHED);
+        svg_line(svg, &p, (double[]){ p.x.low, p.x.high }, (double[]){ bound, bound }, 2,
+                 SVG_DASHED);
         svg_text(svg, &p, p.x.high, bound, SVG_BELOW_BEFORE, "Cramer-Rao bound of the data");
     }
     cJSON_ArrayForEach(rung, get(result, "rungs"))
-        svg_dot(svg, &p, number(rung, "seconds"), number(rung, "error"), cJSON_IsTrue(get(rung, "pareto")));
+        svg_dot(svg, &p, number(rung, "seconds"), number(rung, "error"),
+                cJSON_IsTrue(get(rung, "pareto")));
     if (best != NULL)
-        svg_text(svg, &p, number(best, "seconds"), number(best, "error"), SVG_ABOVE_AFTER, "recommended");
+        svg_text(svg, &p, number(best, "seconds"), number(best, "error"), SVG_ABOVE_AFTER,
+                 "recommended");
     return true;
 }
 
@@ -429,7 +453,8 @@ static void draw_levels(struct svg *svg, const cJSON *result, const cJSON *grid)
     svg_panel(svg, &p);
     svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 1, 1 }, 2, SVG_THIN);
     cJSON_ArrayForEach(point, get(result, "points"))
-        svg_dot(svg, &p, grid_value(grid, 0, index_of(point, 0)), level(point), !cJSON_IsFalse(get(get(point, "stability"), "stable")));
+        svg_dot(svg, &p, grid_value(grid, 0, index_of(point, 0)), level(point),
+                !cJSON_IsFalse(get(get(point, "stability"), "stable")));
 }
 
 /* Half a cell towards the neighbour D of value I. */
@@ -455,8 +480,11 @@ static void draw_map(struct svg *svg, const cJSON *result, const cJSON *grid)
     cJSON_ArrayForEach(point, get(result, "points")) {
         const cJSON *stable = get(get(point, "stability"), "stable");
         int i = index_of(point, 0), j = index_of(point, 1);
-        svg_shade(svg, &p, edge(grid, 0, i, -1), edge(grid, 1, j, -1), edge(grid, 0, i, 1), edge(grid, 1, j, 1),
-                  cJSON_IsTrue(stable) ? "#d5e8d4" : cJSON_IsFalse(stable) ? "#d98880" : "#e0e0e0");
+        svg_shade(svg, &p, edge(grid, 0, i, -1), edge(grid, 1, j, -1), edge(grid, 0, i, 1),
+                  edge(grid, 1, j, 1),
+                  cJSON_IsTrue(stable)    ? "#d5e8d4"
+                  : cJSON_IsFalse(stable) ? "#d98880"
+                                          : "#e0e0e0");
     }
 }
 
@@ -481,7 +509,9 @@ static void draw_roots(struct svg *svg, const cJSON *result)
 
 static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
 {
-    const cJSON *grid = get(result, "grid") ? get(result, "grid") : input ? get(input->scene, "grid") : NULL;
+    const cJSON *grid = get(result, "grid") ? get(result, "grid")
+                        : input             ? get(input->scene, "grid")
+                                            : NULL;
     bool roots = get(cJSON_GetArrayItem(get(result, "points"), 0), "exponents") != NULL;
 
     if (cJSON_GetArraySize(grid) < 1 || cJSON_GetArraySize(grid) > 2)
@@ -498,8 +528,12 @@ static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result, const s
 
 /* ------------------------------------------------------------------ the table */
 
-static const struct { const char *kind; bool (*plot)(struct svg *, FILE *, const cJSON *, const struct input *); } plots[] = {
-    { "identify", plot_identify }, { "steady", plot_steady }, { "floquet", plot_floquet }, { "tradeoff", plot_tradeoff }, { "sweep", plot_sweep },
+static const struct {
+    const char *kind;
+    bool (*plot)(struct svg *, FILE *, const cJSON *, const struct input *);
+} plots[] = {
+    { "identify", plot_identify }, { "steady", plot_steady }, { "floquet", plot_floquet },
+    { "tradeoff", plot_tradeoff }, { "sweep", plot_sweep },
 };
 
 enum modal_status plot_path_check(const char *path, struct modal_error *err)
@@ -512,7 +546,8 @@ enum modal_status plot_path_check(const char *path, struct modal_error *err)
                             "FILE.svg, or - for stdout (not of what is watched)", path);
 }
 
-enum modal_status plot_result(const char *path, const char *kind, const cJSON *result, const struct input *input, struct modal_error *err)
+enum modal_status plot_result(const char *path, const char *kind, const cJSON *result,
+                              const struct input *input, struct modal_error *err)
 {
     struct svg svg;
     bool drawn = false, to_stdout = strcmp(path, "-") == 0;
@@ -531,7 +566,8 @@ enum modal_status plot_result(const char *path, const char *kind, const cJSON *r
     if (!drawn) {
         if (!to_stdout)
             remove(path);
-        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "a result of %s has no picture", kind);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "a result of %s has no picture",
+                                kind);
     }
     return MODAL_OK;
 }

@@ -26,7 +26,8 @@ static enum modal_status begin(struct session *s, const struct args *args)
 {
     *s = (struct session) { .args = args, .deadline = remote_deadline(args) };
     if (args->local)
-        return modal_fail_field(&s->err, MODAL_BAD_INPUT, "local", "%s speaks of a daemon's queue; --local has none", args->word[0]);
+        return modal_fail_field(&s->err, MODAL_BAD_INPUT, "local",
+                                "%s speaks of a daemon's queue; --local has none", args->word[0]);
     return remote_open(args, &s->link, &s->err);
 }
 
@@ -86,17 +87,31 @@ static int run_plain(const struct args *args, const char *protocol_verb)
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_do(s.link, protocol_verb, args->word[1], remote_answer_by(s.deadline), &s.doc, &s.detail, &s.err);
+        rc = client_do(s.link, protocol_verb, args->word[1], remote_answer_by(s.deadline), &s.doc,
+                       &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = say_job(&s);
     return end(&s, rc, 0);
 }
 
-int run_status(const struct verb *verb, const struct args *args) { (void)verb; return run_plain(args, "STATUS"); }
-int run_cancel(const struct verb *verb, const struct args *args) { (void)verb; return run_plain(args, "CANCEL"); }
-int run_delete(const struct verb *verb, const struct args *args) { (void)verb; return run_plain(args, "DELETE"); }
+int run_status(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_plain(args, "STATUS");
+}
+int run_cancel(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_plain(args, "CANCEL");
+}
+int run_delete(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_plain(args, "DELETE");
+}
 
-/* Why a document has no result: its own error, and where the daemon has none, one made from the state. */
+/* Why a document has no result: its own error, and where the daemon has none, one made from the
+ * state. */
 static void add_error(cJSON *doc, const struct modal_error *err, const cJSON *detail)
 {
     cJSON *error;
@@ -152,7 +167,8 @@ int run_retry(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_do(s.link, "RETRY", args->word[1], remote_answer_by(s.deadline), &s.doc, &s.detail, &s.err);
+        rc = client_do(s.link, "RETRY", args->word[1], remote_answer_by(s.deadline), &s.doc,
+                       &s.detail, &s.err);
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, args->word[1], &status);
     if (rc == MODAL_OK)
@@ -170,7 +186,8 @@ static int submit_input(const struct input *input, const struct args *args)
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_submit(s.link, &job, &in, remote_progress(), remote_answer_by(s.deadline), &s.doc, &s.detail, &s.err);
+        rc = client_submit(s.link, &job, &in, remote_progress(), remote_answer_by(s.deadline),
+                           &s.doc, &s.detail, &s.err);
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, field_word(s.doc, "job", "-"), &status);
     if (rc == MODAL_OK)
@@ -199,17 +216,20 @@ int run_submit(const struct verb *verb, const struct args *args)
     if (args->from != NULL)
         return run_bulk(args);
     if (args->words < 3 || (args->words == 4 && strcmp(args->word[1], "tradeoff") != 0)) {
-        modal_fail_field(&err, MODAL_BAD_INPUT, "arguments", "submit takes KIND FILE, tradeoff OF FILE, or --from LIST.jsonl");
+        modal_fail_field(&err, MODAL_BAD_INPUT, "arguments",
+                         "submit takes KIND FILE, tradeoff OF FILE, or --from LIST.jsonl");
         return outcome_failure(args->json, &err, NULL);
     }
-    return submit_one(args->word[1], args->words == 4 ? args->word[2] : NULL, args->word[args->words - 1], args);
+    return submit_one(args->word[1], args->words == 4 ? args->word[2] : NULL,
+                      args->word[args->words - 1], args);
 }
 
 /* -O FILE: the signals of a simulate job as a batch. */
 static enum modal_status save_signals(struct session *s, const char *job)
 {
     struct job_result out = { 0 };
-    enum modal_status rc = remote_signals(s->link, job, remote_answer_by(s->deadline), &out, &s->detail, &s->err);
+    enum modal_status rc = remote_signals(s->link, job, remote_answer_by(s->deadline), &out,
+                                          &s->detail, &s->err);
 
     if (rc == MODAL_OK)
         rc = output_write(s->args->output, s->doc, &out.batch, &s->err);
@@ -228,7 +248,8 @@ int run_result(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = output_check(args->output, &s.err);
     if (rc == MODAL_OK)
-        rc = client_result(s.link, args->word[1], "document", remote_answer_by(s.deadline), &text, &length, NULL, &s.detail, &s.err);
+        rc = client_result(s.link, args->word[1], "document", remote_answer_by(s.deadline), &text,
+                           &length, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = json_read(text, length, &s.doc, &s.err);
     if (rc == MODAL_OK && args->output != NULL)
@@ -252,7 +273,8 @@ int run_stderr(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_result(s.link, args->word[1], "stderr", remote_answer_by(s.deadline), &text, &length, NULL, &s.detail, &s.err);
+        rc = client_result(s.link, args->word[1], "stderr", remote_answer_by(s.deadline), &text,
+                           &length, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json) {
         s.doc = cJSON_CreateObject();
         cJSON_AddStringToObject(s.doc, "job", args->word[1]);
@@ -290,14 +312,16 @@ int run_list(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, "LIST", list_header(args), remote_answer_by(s.deadline), &answer, &body, &s.detail, &s.err);
+        rc = client_ask(s.link, "LIST", list_header(args), remote_answer_by(s.deadline), &answer,
+                        &body, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = json_read(body ? body : "", body ? strlen(body) : 0, &s.doc, &s.err);
     if (rc == MODAL_OK && args->json)
         rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK) {
         if (isatty(STDOUT_FILENO))          /* a pipe gets the lines alone */
-            printf("%-20s %-10s %-10s %2s  %-21s%s\n", "job", "kind", "state", "no", "submitted", "key");
+            printf("%-20s %-10s %-10s %2s  %-21s%s\n", "job", "kind", "state", "no", "submitted",
+                   "key");
         cJSON_ArrayForEach(job, cJSON_GetObjectItemCaseSensitive(s.doc, "jobs"))
             show_job(job);
         if (cJSON_IsString(cJSON_GetObjectItemCaseSensitive(s.doc, "next")))
@@ -315,7 +339,8 @@ static void show_lines(const cJSON *object, int indent)
 
     cJSON_ArrayForEach(item, object) {
         char *value = cJSON_IsObject(item) ? NULL : json_print(item);
-        printf("%*s%-*s%s\n", indent, "", 24 - indent, item->string ? item->string : "", value ? value : "");
+        printf("%*s%-*s%s\n", indent, "", 24 - indent, item->string ? item->string : "",
+               value ? value : "");
         if (value == NULL)
             show_lines(item, indent + 2);
         free(value);
@@ -328,7 +353,8 @@ static int run_header(const struct args *args, const char *protocol_verb)
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), remote_answer_by(s.deadline), &s.doc, NULL, &s.detail, &s.err);
+        rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), remote_answer_by(s.deadline),
+                        &s.doc, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json)
         rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK)
@@ -336,11 +362,31 @@ static int run_header(const struct args *args, const char *protocol_verb)
     return end(&s, rc, 0);
 }
 
-int run_hello(const struct verb *verb, const struct args *args)   { (void)verb; return run_header(args, "HELLO"); }
-int run_stats(const struct verb *verb, const struct args *args)   { (void)verb; return run_header(args, "STATS"); }
-int run_whoami(const struct verb *verb, const struct args *args)  { (void)verb; return run_header(args, "WHOAMI"); }
-int run_drain(const struct verb *verb, const struct args *args)   { (void)verb; return run_header(args, "DRAIN"); }
-int run_undrain(const struct verb *verb, const struct args *args) { (void)verb; return run_header(args, "UNDRAIN"); }
+int run_hello(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_header(args, "HELLO");
+}
+int run_stats(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_header(args, "STATS");
+}
+int run_whoami(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_header(args, "WHOAMI");
+}
+int run_drain(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_header(args, "DRAIN");
+}
+int run_undrain(const struct verb *verb, const struct args *args)
+{
+    (void)verb;
+    return run_header(args, "UNDRAIN");
+}
 
 int run_metrics(const struct verb *verb, const struct args *args)
 {
@@ -350,7 +396,8 @@ int run_metrics(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, "METRICS", cJSON_CreateObject(), remote_answer_by(s.deadline), &s.doc, &body, &s.detail, &s.err);
+        rc = client_ask(s.link, "METRICS", cJSON_CreateObject(), remote_answer_by(s.deadline),
+                        &s.doc, &body, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json) {
         cJSON_AddStringToObject(s.doc, "metrics", body ? body : "");
         rc = outcome_json(s.doc, &s.err);

@@ -49,14 +49,16 @@ const struct client_progress *remote_progress(void)
 
 struct client_input remote_input(const struct input *input)
 {
-    return (struct client_input) { .batch = input->scene ? NULL : &input->batch, .attributes = input->signals.attributes,
-                                   .scene = input->scene_text, .sha256 = input->sha256 };
+    return (struct client_input){ .batch = input->scene ? NULL : &input->batch,
+                                  .attributes = input->signals.attributes,
+                                  .scene = input->scene_text, .sha256 = input->sha256 };
 }
 
 struct client_job remote_job(const struct input *input, const struct args *args, const char *key)
 {
-    return (struct client_job) { .kind = input->kind->name, .options = input->options, .key = key ? key : args->key,
-                                 .priority = args->priority, .run_limit = args->run_limit, .deadline = args->deadline };
+    return (struct client_job){ .kind = input->kind->name, .options = input->options,
+                                .key = key ? key : args->key, .priority = args->priority,
+                                .run_limit = args->run_limit, .deadline = args->deadline };
 }
 
 static const char *state_of(const cJSON *doc)
@@ -74,7 +76,9 @@ enum modal_status remote_job_error(const cJSON *doc, cJSON **detail, struct moda
         return MODAL_OK;
     if (cJSON_IsObject(cJSON_GetObjectItemCaseSensitive(doc, "error")))
         return link_error(&as_error, detail, err);
-    return modal_fail(err, strcmp(state_of(doc), "cancelled") == 0 ? MODAL_CANCELLED : MODAL_INTERNAL, "the job is %s", state_of(doc));
+    return modal_fail(err,
+                      strcmp(state_of(doc), "cancelled") == 0 ? MODAL_CANCELLED : MODAL_INTERNAL,
+                      "the job is %s", state_of(doc));
 }
 
 static const char *job_of(const cJSON *doc)
@@ -85,11 +89,13 @@ static const char *job_of(const cJSON *doc)
 }
 
 /* The result document of JOB, read strictly. */
-static enum modal_status fetch_document(struct link *link, const char *job, double deadline, cJSON **out, cJSON **detail, struct modal_error *err)
+static enum modal_status fetch_document(struct link *link, const char *job, double deadline,
+                                        cJSON **out, cJSON **detail, struct modal_error *err)
 {
     char *text = NULL;
     size_t length = 0;
-    enum modal_status rc = client_result(link, job, "document", deadline, &text, &length, NULL, detail, err);
+    enum modal_status rc = client_result(link, job, "document", deadline, &text, &length, NULL,
+                                         detail, err);
 
     if (rc == MODAL_OK)
         rc = json_read(text, length, out, err);
@@ -97,7 +103,8 @@ static enum modal_status fetch_document(struct link *link, const char *job, doub
     return rc;
 }
 
-enum modal_status remote_add_result(struct link *link, cJSON *doc, double deadline, cJSON **detail, struct modal_error *err)
+enum modal_status remote_add_result(struct link *link, cJSON *doc, double deadline, cJSON **detail,
+                                    struct modal_error *err)
 {
     cJSON *result = NULL;
     enum modal_status rc = fetch_document(link, job_of(doc), deadline, &result, detail, err);
@@ -108,11 +115,13 @@ enum modal_status remote_add_result(struct link *link, cJSON *doc, double deadli
 }
 
 /* Samples, channels, dt, names of a description into OUT; they must fit LENGTH bytes. */
-static enum modal_status take_description(const cJSON *description, size_t length, struct job_result *out, struct modal_error *err)
+static enum modal_status take_description(const cJSON *description, size_t length,
+                                          struct job_result *out, struct modal_error *err)
 {
     double samples = 0, channels = 0, dt = 0, period = 0;
     const cJSON *names = cJSON_GetObjectItemCaseSensitive(description, "names");
-    enum modal_status rc = json_need_number(description, "batch", "samples", 1, 1e15, &samples, err);
+    enum modal_status rc = json_need_number(description, "batch", "samples", 1, 1e15, &samples,
+                                            err);
 
     if (rc == MODAL_OK)
         rc = json_need_number(description, "batch", "channels", 1, 1e15, &channels, err);
@@ -123,9 +132,13 @@ static enum modal_status take_description(const cJSON *description, size_t lengt
     if (rc != MODAL_OK)
         return rc;
     if (samples * channels * sizeof(double) != (double)length)
-        return modal_fail(err, MODAL_BAD_FRAME, "%g x %g signals in %zu bytes", samples, channels, length);
-    out->batch = (struct batch) { .samples = (size_t)samples, .channels = (size_t)channels, .dt = dt, .period = period };
-    if (cJSON_GetArraySize(names) != (int)channels || (out->names = calloc((size_t)channels, sizeof *out->names)) == NULL)
+        return modal_fail(err, MODAL_BAD_FRAME, "%g x %g signals in %zu bytes", samples, channels,
+                          length);
+    out->batch = (struct batch){
+        .samples = (size_t)samples, .channels = (size_t)channels, .dt = dt, .period = period
+    };
+    if (cJSON_GetArraySize(names) != (int)channels
+        || (out->names = calloc((size_t)channels, sizeof *out->names)) == NULL)
         return MODAL_OK;
     for (int i = 0; i < (int)channels; i++) {
         const char *name = cJSON_GetStringValue(cJSON_GetArrayItem(names, i));
@@ -135,13 +148,14 @@ static enum modal_status take_description(const cJSON *description, size_t lengt
     return MODAL_OK;
 }
 
-enum modal_status remote_signals(struct link *link, const char *job, double deadline, struct job_result *out, cJSON **detail,
-                                 struct modal_error *err)
+enum modal_status remote_signals(struct link *link, const char *job, double deadline,
+                                 struct job_result *out, cJSON **detail, struct modal_error *err)
 {
     cJSON *description = NULL;
     char *bytes = NULL;
     size_t length = 0;
-    enum modal_status rc = client_result(link, job, "batch", deadline, &bytes, &length, &description, detail, err);
+    enum modal_status rc = client_result(link, job, "batch", deadline, &bytes, &length,
+                                         &description, detail, err);
 
     if (rc == MODAL_OK)
         rc = take_description(description, length, out, err);
@@ -167,8 +181,8 @@ static void make_key(char key[48])
         snprintf(key + 9 + 2 * i, 3, "%02x", bytes[i]);
 }
 
-enum modal_status remote_run(const struct input *input, const struct args *args, struct job_result *out,
-                             cJSON **detail, struct modal_error *err)
+enum modal_status remote_run(const struct input *input, const struct args *args,
+                             struct job_result *out, cJSON **detail, struct modal_error *err)
 {
     struct client_input in = remote_input(input);
     struct link *link = NULL;
@@ -180,13 +194,15 @@ enum modal_status remote_run(const struct input *input, const struct args *args,
     make_key(key);
     struct client_job job = remote_job(input, args, args->key ? NULL : key);
     if (rc == MODAL_OK)
-        rc = client_submit(link, &job, &in, remote_progress(), remote_answer_by(deadline), &doc, detail, err);
+        rc = client_submit(link, &job, &in, remote_progress(), remote_answer_by(deadline), &doc,
+                           detail, err);
     if (rc == MODAL_OK)
         rc = client_wait(link, job_of(doc), remote_progress(), deadline, &ended, detail, err);
     if (rc == MODAL_OK)
         rc = remote_job_error(ended, detail, err);
     if (rc == MODAL_OK)
-        rc = fetch_document(link, job_of(doc), remote_answer_by(deadline), &out->result, detail, err);
+        rc = fetch_document(link, job_of(doc), remote_answer_by(deadline), &out->result, detail,
+                            err);
     if (rc == MODAL_OK && args->output != NULL)
         rc = remote_signals(link, job_of(doc), remote_answer_by(deadline), out, detail, err);
     cJSON_Delete(doc);

@@ -6,15 +6,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const cJSON *item(const cJSON *o, const char *key) { return cJSON_GetObjectItemCaseSensitive(o, key); }
-static const char *kind_of(const cJSON *doc) { return cJSON_IsString(item(doc, "kind")) ? item(doc, "kind")->valuestring : ""; }
+static const cJSON *item(const cJSON *o, const char *key)
+{
+    return cJSON_GetObjectItemCaseSensitive(o, key);
+}
+static const char *kind_of(const cJSON *doc)
+{
+    return cJSON_IsString(item(doc, "kind")) ? item(doc, "kind")->valuestring : "";
+}
 
 bool result_file_takes(const cJSON *doc)
 {
-    return strcmp(kind_of(doc), "steady") == 0 || strcmp(kind_of(doc), "curve") == 0 || strcmp(kind_of(doc), "backbone") == 0;
+    return strcmp(kind_of(doc), "steady") == 0 || strcmp(kind_of(doc), "curve") == 0
+           || strcmp(kind_of(doc), "backbone") == 0;
 }
 
-static double number(const cJSON *o, const char *key) { return cJSON_IsNumber(item(o, key)) ? item(o, key)->valuedouble : NAN; }
+static double number(const cJSON *o, const char *key)
+{
+    return cJSON_IsNumber(item(o, key)) ? item(o, key)->valuedouble : NAN;
+}
 
 /* What one value of each point is, and where its number stands in the point. */
 static double converged(const cJSON *point) { return cJSON_IsTrue(item(point, "converged")); }
@@ -29,33 +39,48 @@ static double stable(const cJSON *point)
     return cJSON_IsBool(verdict) ? cJSON_IsTrue(verdict) : -1;
 }
 
-static const struct column { const char *name; bool backbone, steady; double (*of)(const cJSON *point); } columns[] = {
-    { "omega", true, true, omega },       { "converged", true, true, converged },          { "stable", false, true, stable },
-    { "total_error", false, true, total_error }, { "damping_ratio", true, false, damping_ratio }, { "energy", true, false, energy },
+static const struct column {
+    const char *name;
+    bool backbone, steady;
+    double (*of)(const cJSON *point);
+} columns[] = {
+    { "omega", true, true, omega }, { "converged", true, true, converged },
+    { "stable", false, true, stable },
+    { "total_error", false, true, total_error }, { "damping_ratio", true, false, damping_ratio },
+    { "energy", true, false, energy },
 };
 
-struct table { int points, dofs, harmonics; const cJSON *first; };      /* first point, then its siblings */
+struct table { int points, dofs, harmonics; const cJSON *first; }; /* first point, then its
+                                                                      siblings */
 
-static const cJSON *next_point(const struct table *t, const cJSON *point) { return t->points > 1 ? point->next : NULL; }
+static const cJSON *next_point(const struct table *t, const cJSON *point)
+{
+    return t->points > 1 ? point->next : NULL;
+}
 
 static struct table measure(const cJSON *doc)
 {
     const cJSON *list = item(doc, "points"), *rows;
-    struct table t = { .points = list != NULL ? cJSON_GetArraySize(list) : 1, .first = list != NULL ? list->child : doc };
+    struct table t = { .points = list != NULL ? cJSON_GetArraySize(list) : 1,
+                       .first = list != NULL ? list->child : doc };
 
     t.dofs = t.points > 0 ? cJSON_GetArraySize(item(t.first, "harmonics")) : 0;
     for (const cJSON *p = t.first; p != NULL && t.points > 0; p = next_point(&t, p)) {
         rows = item(p, "harmonics");
-        if (rows != NULL && rows->child != NULL && cJSON_GetArraySize(item(rows->child, "k")) > t.harmonics)
+        if (rows != NULL && rows->child != NULL
+            && cJSON_GetArraySize(item(rows->child, "k")) > t.harmonics)
             t.harmonics = cJSON_GetArraySize(item(rows->child, "k"));
     }
     return t;
 }
 
-static bool write_numbers(hid_t file, const char *name, int rank, const hsize_t *size, const double *x)
+static bool write_numbers(hid_t file, const char *name, int rank, const hsize_t *size,
+                          const double *x)
 {
     hid_t space = H5Screate_simple(rank, size, NULL);
-    hid_t set = space < 0 ? H5I_INVALID_HID : H5Dcreate2(file, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t set = space < 0 ? H5I_INVALID_HID
+                          : H5Dcreate2(file, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT,
+                                       H5P_DEFAULT);
     bool ok = set >= 0 && H5Dwrite(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, x) >= 0;
 
     if (set >= 0) H5Dclose(set);
@@ -106,7 +131,8 @@ static bool write_names(hid_t file, const struct table *t)
     cJSON_ArrayForEach(row, item(t->first, "harmonics"))
         if (names != NULL)
             names[i++] = item(row, "dof")->valuestring;
-    ok = names != NULL && set >= 0 && H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, names) >= 0;
+    ok = names != NULL && set >= 0
+         && H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, names) >= 0;
     if (set >= 0) H5Dclose(set);
     H5Sclose(space);
     H5Tclose(type);
@@ -117,7 +143,10 @@ static bool write_names(hid_t file, const struct table *t)
 static bool write_columns(hid_t file, const cJSON *doc, const struct table *t)
 {
     bool backbone = strcmp(kind_of(doc), "backbone") == 0, ok = true;
-    const char *parameter = backbone ? "amplitude" : cJSON_IsString(item(doc, "parameter")) ? item(doc, "parameter")->valuestring : "omega";
+    const char *parameter = backbone ? "amplitude"
+                            : cJSON_IsString(item(doc, "parameter"))
+                                ? item(doc, "parameter")->valuestring
+                                : "omega";
     double *x = calloc((size_t)t->points + 1, sizeof *x);
     hsize_t size = (hsize_t)t->points;
     int i = 0;
@@ -192,11 +221,14 @@ static bool write_waveform(hid_t file, const cJSON *time)
 static bool write_all(hid_t file, const cJSON *doc)
 {
     struct table t = measure(doc);
-    bool ok = write_attribute(file, "kind", kind_of(doc)) && write_json(file, "provenance", item(doc, "provenance")) && write_json(file, "plan", item(doc, "plan"));
+    bool ok = write_attribute(file, "kind", kind_of(doc))
+              && write_json(file, "provenance", item(doc, "provenance"))
+              && write_json(file, "plan", item(doc, "plan"));
 
     if (!ok || t.points == 0)
         return ok;
-    ok = write_columns(file, doc, &t) && write_names(file, &t) && write_spectra(file, &t, "re") && write_spectra(file, &t, "im");
+    ok = write_columns(file, doc, &t) && write_names(file, &t) && write_spectra(file, &t, "re")
+         && write_spectra(file, &t, "im");
     return ok && (item(doc, "time") == NULL || write_waveform(file, item(doc, "time")));
 }
 

@@ -1,11 +1,13 @@
 /* result_file.h - a steady state's, curve's or backbone's result as an HDF5 file
  *
- *     /points            n: the parameter (omega, or the curve's PATH; a backbone's amplitude), its attribute `parameter` the name
+ *     /points            n: the parameter (omega, or the curve's PATH; a backbone's amplitude), its
+ *                        attribute `parameter` the name
  *     /omega             n, rad/s
  *     /converged         n: 0 or 1        /stable  n: 1, 0, or -1 where unknown or undecided
  *     /error             n: the estimate, in the unit of x; NaN where there is none
  *     /damping_ratio, /energy             n, of a backbone
- *     /re, /im           n x dofs x harmonics from 0: x(t) = Re sum_k (re + i im) e^{i k omega t}; 0 past a point's own H
+ *     /re, /im           n x dofs x harmonics from 0: x(t) = Re sum_k (re + i im) e^{i k omega t};
+ *                        0 past a point's own H
  *     /dofs              their names
  *     /t, /x             samples; dofs x samples: of one steady state with its waveform
  *
@@ -18,6 +20,7 @@
 
 /* Whether DOC is of a kind written here. */
 bool result_file_takes(const cJSON *doc);
-/* Write it to PATH, through a file beside it that is renamed.  Fails with MODAL_BAD_INPUT (field "output"), MODAL_NO_MEMORY. */
+/* Write it to PATH, through a file beside it that is renamed.  Fails with MODAL_BAD_INPUT (field
+ * "output"), MODAL_NO_MEMORY. */
 enum modal_status result_file_write(const char *path, const cJSON *doc, struct modal_error *err);
 #endif

@@ -1,4 +1,5 @@
-/* run.c - a kind of job as a verb: in this process, or by the daemon; the same document either way */
+/* run.c - a kind of job as a verb: in this process, or by the daemon; the same document either
+ * way */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,20 +41,26 @@ static void print_progress(void *context, const cJSON *event)
         fprintf(stderr, "\r%3.0f %%\r", 100 * fraction->valuedouble);
 }
 
-static enum modal_status run_here(const struct input *input, const struct args *args, struct job_result *out, struct modal_error *err)
+static enum modal_status run_here(const struct input *input, const struct args *args,
+                                  struct job_result *out, struct modal_error *err)
 {
-    double most = args->run_limit > 0 && (args->timeout < 0 || args->run_limit < args->timeout) ? args->run_limit : args->timeout;
+    double most = args->run_limit > 0 && (args->timeout < 0 || args->run_limit < args->timeout)
+                      ? args->run_limit
+                      : args->timeout;
     struct limit limit = { .end = most >= 0 ? now() + most : 0 };
     struct job_request request = {
-        .kind = input->kind->name, .options = input->options, .batch = input->scene ? NULL : &input->batch,
-        .scene = input->scene, .input_sha256 = input->sha256, .attributes = input->signals.attributes,
-        .progress = isatty(STDERR_FILENO) ? print_progress : NULL, .cancelled = past_limit, .context = &limit,
+        .kind = input->kind->name, .options = input->options,
+        .batch = input->scene ? NULL : &input->batch, .scene = input->scene,
+        .input_sha256 = input->sha256, .attributes = input->signals.attributes,
+        .progress = isatty(STDERR_FILENO) ? print_progress : NULL, .cancelled = past_limit,
+        .context = &limit,
     };
     enum modal_status rc = job_run(&request, out, err);
 
     if (rc == MODAL_CANCELLED && limit.passed)
-        rc = args->run_limit > 0 && most == args->run_limit ? modal_fail(err, MODAL_RUN_LIMIT, "the run limit of %g s passed", most)
-                                     : modal_fail(err, MODAL_TIMEOUT, "not finished in %g s", most);
+        rc = args->run_limit > 0 && most == args->run_limit
+                 ? modal_fail(err, MODAL_RUN_LIMIT, "the run limit of %g s passed", most)
+                 : modal_fail(err, MODAL_TIMEOUT, "not finished in %g s", most);
     return rc;
 }
 
@@ -69,7 +76,9 @@ static enum modal_status check_place(const char *path, const char *field, struct
         snprintf(folder, sizeof folder, "%.*s", slash == path ? 1 : (int)(slash - path), path);
     if (path[0] != 0 && access(folder, W_OK | X_OK) == 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: %s; accepted: a file in a folder that can be written", path, strerror(path[0] != 0 ? errno : ENOENT));
+    return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                            "%s: %s; accepted: a file in a folder that can be written", path,
+                            strerror(path[0] != 0 ? errno : ENOENT));
 }
 
 /* A picture is SVG, in a file that says so, or on stdout, where nothing else may go then. */
@@ -86,7 +95,8 @@ static enum modal_status check_plot(const struct args *args, struct modal_error 
 }
 
 /* What stands behind the verb: FILE, or for `tradeoff` OF FILE. */
-static enum modal_status read_input(const struct verb *verb, const struct args *args, struct input *input, struct modal_error *err)
+static enum modal_status read_input(const struct verb *verb, const struct args *args,
+                                    struct input *input, struct modal_error *err)
 {
     bool tradeoff = strcmp(verb->name, "tradeoff") == 0;
     const char *of = tradeoff && args->words == 3 ? args->word[1] : NULL;
@@ -102,10 +112,13 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
         rc = check_plot(args, err);
     if (rc == MODAL_OK && !to_stdout)
         rc = check_place(args->plot, "plot", err);
-    return rc != MODAL_OK ? rc : input_read(verb->name, of, args->word[args->words - 1], args, input, err);
+    return rc != MODAL_OK
+               ? rc
+               : input_read(verb->name, of, args->word[args->words - 1], args, input, err);
 }
 
-static enum modal_status show(const struct verb *verb, const struct args *args, const struct job_result *result, const struct input *input,
+static enum modal_status show(const struct verb *verb, const struct args *args,
+                              const struct job_result *result, const struct input *input,
                               struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -123,15 +136,18 @@ static enum modal_status show(const struct verb *verb, const struct args *args, 
         return MODAL_OK;
     show_result(verb->name, result->result);
     if (args->output != NULL && result->batch.samples > 0)
-        printf("\n%zu samples x %zu channels in %s\n", result->batch.samples, result->batch.channels, args->output);
+        printf("\n%zu samples x %zu channels in %s\n", result->batch.samples,
+               result->batch.channels, args->output);
     return MODAL_OK;
 }
 
-static enum modal_status run_there(const struct input *input, const struct args *args, struct job_result *out, cJSON **detail, struct modal_error *err)
+static enum modal_status run_there(const struct input *input, const struct args *args,
+                                   struct job_result *out, cJSON **detail, struct modal_error *err)
 {
     bool shared = strcmp(input->kind->name, "sweep") == 0 && sweep_is_whole(args);
 
-    return shared ? sweep_remote(input, args, out, detail, err) : remote_run(input, args, out, detail, err);
+    return shared ? sweep_remote(input, args, out, detail, err)
+                  : remote_run(input, args, out, detail, err);
 }
 
 int run_job(const struct verb *verb, const struct args *args)
@@ -143,7 +159,8 @@ int run_job(const struct verb *verb, const struct args *args)
     enum modal_status rc = read_input(verb, args, &input, &err);
 
     if (rc == MODAL_OK)
-        rc = args->local ? run_here(&input, args, &result, &err) : run_there(&input, args, &result, &detail, &err);
+        rc = args->local ? run_here(&input, args, &result, &err)
+                         : run_there(&input, args, &result, &detail, &err);
     if (rc == MODAL_OK)
         rc = show(verb, args, &result, &input, &err);
     int status = rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, detail);

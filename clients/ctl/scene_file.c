@@ -11,7 +11,8 @@ static const char *const matrices[] = { "M", "K", "C", "G", NULL };
 #define BAD_FILE(...) modal_fail_field(err, MODAL_BAD_INPUT, "structure.file", __VA_ARGS__)
 
 /* A dataset of numbers with RANK dimensions, as doubles; the caller frees *X. */
-static enum modal_status read_numbers(hid_t at, const char *name, int rank, hsize_t *dims, double **x, struct modal_error *err)
+static enum modal_status read_numbers(hid_t at, const char *name, int rank, hsize_t *dims,
+                                      double **x, struct modal_error *err)
 {
     hid_t set = H5Dopen2(at, name, H5P_DEFAULT), space = H5I_INVALID_HID, type = H5I_INVALID_HID;
     enum modal_status rc = MODAL_OK;
@@ -23,14 +24,17 @@ static enum modal_status read_numbers(hid_t at, const char *name, int rank, hsiz
     space = H5Dget_space(set);
     type = H5Dget_type(set);
     H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
-    if (space < 0 || (class != H5T_FLOAT && class != H5T_INTEGER) || H5Sget_simple_extent_ndims(space) != rank) {
+    if (space < 0 || (class != H5T_FLOAT && class != H5T_INTEGER)
+        || H5Sget_simple_extent_ndims(space) != rank) {
         rc = BAD_FILE("dataset \"%s\" is not %d-dimensional numbers", name, rank);
         goto out;
     }
     H5Sget_simple_extent_dims(space, dims, NULL);
     count = H5Sget_simple_extent_npoints(space);
     if (count < 0 || (size_t)count > SIGNALS_VALUES_MOST / 16) {
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "structure.file", "dataset \"%s\": more than %zu values", name, SIGNALS_VALUES_MOST / 16);
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "structure.file",
+                              "dataset \"%s\": more than %zu values", name,
+                              SIGNALS_VALUES_MOST / 16);
         goto out;
     }
     values = malloc((size_t)count * sizeof *values + 1);
@@ -50,7 +54,8 @@ out:
     return rc;
 }
 
-static cJSON *sparse_form(hsize_t m, hsize_t n, const double *pointers, const double *columns, const double *values, hsize_t count)
+static cJSON *sparse_form(hsize_t m, hsize_t n, const double *pointers, const double *columns,
+                          const double *values, hsize_t count)
 {
     cJSON *form = cJSON_CreateObject();
 
@@ -62,7 +67,8 @@ static cJSON *sparse_form(hsize_t m, hsize_t n, const double *pointers, const do
 }
 
 /* The entries of a dense matrix that are not exactly 0. */
-static enum modal_status take_dense(hid_t file, const char *name, cJSON **out, struct modal_error *err)
+static enum modal_status take_dense(hid_t file, const char *name, cJSON **out,
+                                    struct modal_error *err)
 {
     hsize_t dims[2] = { 0 }, count = 0;
     double *x = NULL, *pointers = NULL, *columns = NULL, *values = NULL;
@@ -93,12 +99,14 @@ out:
 }
 
 /* A group of compressed rows: `data`, `indices`, `indptr`; square, as every matrix here. */
-static enum modal_status take_csr(hid_t file, const char *name, cJSON **out, struct modal_error *err)
+static enum modal_status take_csr(hid_t file, const char *name, cJSON **out,
+                                  struct modal_error *err)
 {
     hid_t group = H5Gopen2(file, name, H5P_DEFAULT);
     hsize_t n = 0, count = 0, indices = 0;
     double *pointers = NULL, *columns = NULL, *values = NULL;
-    enum modal_status rc = group < 0 ? BAD_FILE("\"%s\" is neither a dataset nor a group", name) : MODAL_OK;
+    enum modal_status rc = group < 0 ? BAD_FILE("\"%s\" is neither a dataset nor a group", name)
+                                     : MODAL_OK;
 
     if (rc == MODAL_OK)
         rc = read_numbers(group, "indptr", 1, &n, &pointers, err);
@@ -107,8 +115,9 @@ static enum modal_status take_csr(hid_t file, const char *name, cJSON **out, str
     if (rc == MODAL_OK)
         rc = read_numbers(group, "data", 1, &count, &values, err);
     if (rc == MODAL_OK && (n < 2 || indices != count || pointers[n - 1] != (double)count))
-        rc = BAD_FILE("group \"%s\": %llu pointers, %llu indices, %llu values do not belong together", name,
-                      (unsigned long long)n, (unsigned long long)indices, (unsigned long long)count);
+        rc = BAD_FILE(
+            "group \"%s\": %llu pointers, %llu indices, %llu values do not belong together", name,
+            (unsigned long long)n, (unsigned long long)indices, (unsigned long long)count);
     if (rc == MODAL_OK)
         *out = sparse_form(n - 1, n - 1, pointers, columns, values, count);
     free(pointers); free(columns); free(values);
@@ -116,7 +125,8 @@ static enum modal_status take_csr(hid_t file, const char *name, cJSON **out, str
     return rc;
 }
 
-static enum modal_status take_matrix(hid_t file, const char *name, cJSON **out, struct modal_error *err)
+static enum modal_status take_matrix(hid_t file, const char *name, cJSON **out,
+                                     struct modal_error *err)
 {
     H5O_info_t info;
 
@@ -125,7 +135,8 @@ static enum modal_status take_matrix(hid_t file, const char *name, cJSON **out, 
         return MODAL_OK;
     if (H5Oget_info_by_name(file, name, &info, H5P_DEFAULT) < 0)
         return BAD_FILE("\"%s\" cannot be read", name);
-    return info.type == H5O_TYPE_GROUP ? take_csr(file, name, out, err) : take_dense(file, name, out, err);
+    return info.type == H5O_TYPE_GROUP ? take_csr(file, name, out, err)
+                                       : take_dense(file, name, out, err);
 }
 
 /* `dir` of the scene's own path + NAME, unless NAME is absolute. */
@@ -133,10 +144,12 @@ static void beside(char *out, size_t size, const char *scene_path, const char *n
 {
     const char *slash = strrchr(scene_path, '/');
 
-    snprintf(out, size, "%.*s%s", name[0] == '/' || slash == NULL ? 0 : (int)(slash - scene_path + 1), scene_path, name);
+    snprintf(out, size, "%.*s%s",
+             name[0] == '/' || slash == NULL ? 0 : (int)(slash - scene_path + 1), scene_path, name);
 }
 
-static enum modal_status inline_file(cJSON *structure, const char *scene_path, struct modal_error *err)
+static enum modal_status inline_file(cJSON *structure, const char *scene_path,
+                                     struct modal_error *err)
 {
     const cJSON *key = cJSON_GetObjectItemCaseSensitive(structure, "file");
     enum modal_status rc = MODAL_OK;
@@ -176,15 +189,18 @@ enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_er
     struct modal_error inside = { 0 };
     enum modal_status rc = signals_read_text(path, SCENE_TEXT_MOST, &text, &length, err);
 
-    size_t mark = rc == MODAL_OK && strncmp(text, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;      /* which editors put before UTF-8 */
+    /* which editors put before UTF-8 */
+    size_t mark = rc == MODAL_OK && strncmp(text, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
 
     if (rc == MODAL_OK && (rc = json_read(text + mark, length - mark, &scene, &inside)) != MODAL_OK)
-        rc = modal_fail_field(err, rc, inside.field[0] ? inside.field : "scene", "%s: %s", path, inside.message);
+        rc = modal_fail_field(err, rc, inside.field[0] ? inside.field : "scene", "%s: %s", path,
+                              inside.message);
     if (rc == MODAL_OK && !cJSON_IsObject(scene))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "scene", "%s: accepted: a JSON object", path);
     if (rc == MODAL_OK) {
         inner = cJSON_GetObjectItemCaseSensitive(scene, "scene");
-        rc = inline_file(cJSON_GetObjectItemCaseSensitive(inner ? inner : scene, "structure"), path, err);
+        rc = inline_file(cJSON_GetObjectItemCaseSensitive(inner ? inner : scene, "structure"), path,
+                         err);
     }
     free(text);
     if (rc == MODAL_OK)

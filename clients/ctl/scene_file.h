@@ -1,4 +1,5 @@
-/* scene_file.h - a scene as a file: strict JSON, with `structure.file` (HDF5) read and put in its place */
+/* scene_file.h - a scene as a file: strict JSON, with `structure.file` (HDF5) read and put in its
+ * place */
 #ifndef CTL_SCENE_FILE_H
 #define CTL_SCENE_FILE_H
 #include "base/error.h"
@@ -8,10 +9,11 @@
 enum { SCENE_TEXT_MOST = 64 << 20, SCENE_MATRIX_MOST = 100000 };
 
 /*
- * Read the scene at PATH ("-": stdin); the caller frees *OUT.  `structure.file`, relative to the scene's folder, has
- * datasets M, K, C, G: each n x n, or a group of CSR arrays `data`, `indices`, `indptr` as scipy writes them.  They
- * replace the key "file" in the form that modal/scene/scene.h reads.  Of a sweep's file the scene in it is meant.
- * MODAL_BAD_INPUT with the path of what is wrong: a missing file ("file"), JSON, `structure.file`.
+ * Read the scene at PATH ("-": stdin); the caller frees *OUT.  `structure.file`, relative to the
+ * scene's folder, has datasets M, K, C, G: each n x n, or a group of CSR arrays `data`, `indices`,
+ * `indptr` as scipy writes them.  They replace the key "file" in the form that modal/scene/scene.h
+ * reads.  Of a sweep's file the scene in it is meant.  MODAL_BAD_INPUT with the path of what is
+ * wrong: a missing file ("file"), JSON, `structure.file`.
  */
 enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_error *err);
 

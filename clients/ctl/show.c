@@ -43,15 +43,23 @@ static const char *verdict(const cJSON *stability)
 {
     const cJSON *stable = get(stability, "stable");
 
-    return cJSON_IsTrue(stable) ? "stable" : cJSON_IsFalse(stable) ? "unstable" : stability ? "undecided" : "-";
+    return cJSON_IsTrue(stable)    ? "stable"
+           : cJSON_IsFalse(stable) ? "unstable"
+           : stability             ? "undecided"
+                                   : "-";
 }
 
 /* The mode that the verdict rests on, where it is another than the one that the margin is of. */
 static void show_decides(const cJSON *stability, const cJSON *modes)
 {
-    const cJSON *mode = cJSON_IsNumber(get(stability, "decides")) ? cJSON_GetArrayItem(modes, (int)number(stability, "decides")) : NULL;
-    double re = mode != NULL ? cJSON_GetNumberValue(cJSON_GetArrayItem(get(mode, "exponent"), 0)) : NAN;
-    double std = mode != NULL ? cJSON_GetNumberValue(cJSON_GetArrayItem(get(get(mode, "std"), "exponent"), 0)) : NAN;
+    const cJSON *mode = cJSON_IsNumber(get(stability, "decides"))
+                            ? cJSON_GetArrayItem(modes, (int)number(stability, "decides"))
+                            : NULL;
+    double re = mode != NULL ? cJSON_GetNumberValue(cJSON_GetArrayItem(get(mode, "exponent"), 0))
+                             : NAN;
+    double std = mode != NULL ? cJSON_GetNumberValue(
+                     cJSON_GetArrayItem(get(get(mode, "std"), "exponent"), 0))
+                              : NAN;
 
     if (!isfinite(re) || -re == number(stability, "margin"))
         return;
@@ -78,7 +86,8 @@ static void show_stability(const cJSON *stability, const cJSON *modes)
 /* The same about one channel after another is one line. */
 static bool same_of_another_channel(const cJSON *d, const cJSON *next)
 {
-    return next != NULL && cJSON_HasObjectItem(d, "channel") && cJSON_HasObjectItem(next, "channel") && strcmp(text(d, "code"), text(next, "code")) == 0;
+    return next != NULL && cJSON_HasObjectItem(d, "channel") && cJSON_HasObjectItem(next, "channel")
+           && strcmp(text(d, "code"), text(next, "code")) == 0;
 }
 
 static void show_diagnostics(const cJSON *result)
@@ -116,10 +125,12 @@ static void show_plan(const cJSON *result)
 
     if (plan == NULL)
         return;
-    printf("plan: %s, %g states, %s\n", text(plan, "class"), number(plan, "states"), text(plan, "integrator"));
+    printf("plan: %s, %g states, %s\n", text(plan, "class"), number(plan, "states"),
+           text(plan, "integrator"));
     cJSON_ArrayForEach(effect, get(plan, "effects"))
-        printf("  %-22s %4g states  %8.0f evaluations  %9.2e s  %s\n", text(effect, "type"), number(effect, "states"),
-               number(effect, "evaluations"), number(effect, "seconds"), cJSON_IsTrue(get(effect, "active")) ? "active" : "at rest");
+        printf("  %-22s %4g states  %8.0f evaluations  %9.2e s  %s\n", text(effect, "type"),
+               number(effect, "states"), number(effect, "evaluations"), number(effect, "seconds"),
+               cJSON_IsTrue(get(effect, "active")) ? "active" : "at rest");
 }
 
 static void show_mode(int i, const cJSON *mode)
@@ -144,8 +155,8 @@ static void show_identify(const cJSON *result)
     const cJSON *mode, *signal, *rebuilt = get(result, "reconstruction");
     int i = 0;
 
-    printf("%3s %14s %9s %14s %9s %13s %13s %10s %9s %4s\n", "", "frequency Hz", "+-", "damping ratio", "+-",
-           "Re 1/s", "Im rad/s", "amplitude", "residual", "k");
+    printf("%3s %14s %9s %14s %9s %13s %13s %10s %9s %4s\n", "", "frequency Hz", "+-",
+           "damping ratio", "+-", "Re 1/s", "Im rad/s", "amplitude", "residual", "k");
     cJSON_ArrayForEach(mode, get(result, "modes"))
         show_mode(i++, mode);
     show_stability(get(result, "stability"), get(result, "modes"));
@@ -159,8 +170,8 @@ static void show_identify(const cJSON *result)
         cell(10, "%.3g", number(signal, "relative_error"));
         putchar('\n');
     }
-    printf("rank: %g proper orthogonal, %g Hankel (%s)\n", number(get(result, "rank"), "pod"), number(get(result, "rank"), "hankel"),
-           text(get(result, "rank"), "rule"));
+    printf("rank: %g proper orthogonal, %g Hankel (%s)\n", number(get(result, "rank"), "pod"),
+           number(get(result, "rank"), "hankel"), text(get(result, "rank"), "rule"));
 }
 
 static void show_harmonics(const cJSON *result)
@@ -171,7 +182,8 @@ static void show_harmonics(const cJSON *result)
         int n = cJSON_GetArraySize(get(dof, "k"));
         for (int i = 0; i < n && i < 12; i++) {
             double re = part(get(dof, "re"), i), im = part(get(dof, "im"), i);
-            printf("  %-12s %4g %16.9g %12.6g rad\n", i ? "" : text(dof, "dof"), part(get(dof, "k"), i), hypot(re, im), atan2(im, re));
+            printf("  %-12s %4g %16.9g %12.6g rad\n", i ? "" : text(dof, "dof"),
+                   part(get(dof, "k"), i), hypot(re, im), atan2(im, re));
         }
         if (n > 12)
             printf("  %-12s ... %d harmonics\n", "", n);
@@ -183,10 +195,13 @@ static void show_backbone(const cJSON *result)
 {
     const cJSON *point, *linear = get(result, "linear");
 
-    printf("mode %g: %.9g rad/s, damping ratio %.6g where it is small\n", number(result, "mode"), number(linear, "omega"), number(linear, "damping_ratio"));
-    printf("%14s %14s %14s %14s %12s %10s\n", "amplitude", "rad/s", "Hz", "damping ratio", "energy", "converged");
+    printf("mode %g: %.9g rad/s, damping ratio %.6g where it is small\n", number(result, "mode"),
+           number(linear, "omega"), number(linear, "damping_ratio"));
+    printf("%14s %14s %14s %14s %12s %10s\n", "amplitude", "rad/s", "Hz", "damping ratio", "energy",
+           "converged");
     cJSON_ArrayForEach(point, get(result, "points")) {
-        printf("%14.6g %14.9g %14.9g", number(point, "amplitude"), number(point, "omega"), number(point, "frequency_hz"));
+        printf("%14.6g %14.9g %14.9g", number(point, "amplitude"), number(point, "omega"),
+               number(point, "frequency_hz"));
         cell(14, "%.6g", number(point, "damping_ratio"));
         cell(12, "%.6g", number(point, "energy"));
         printf(" %10s\n", cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
@@ -201,7 +216,9 @@ static void show_points(const cJSON *result)
     printf("%16s %10s %12s %12s\n", parameter, "converged", "|X_1|", "stability");
     cJSON_ArrayForEach(point, get(result, "points")) {
         const cJSON *first = cJSON_GetArrayItem(get(point, "harmonics"), 0);
-        printf("%16.9g %10s", number(point, cJSON_HasObjectItem(point, "value") ? "value" : "omega"), cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
+        printf("%16.9g %10s",
+               number(point, cJSON_HasObjectItem(point, "value") ? "value" : "omega"),
+               cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
         cell(12, "%.6g", hypot(part(get(first, "re"), 1), part(get(first, "im"), 1)));
         printf(" %12s\n", verdict(get(point, "stability")));
     }
@@ -221,8 +238,9 @@ static void show_steady(const cJSON *result)
         return;
     }
     printf("%s, omega %.9g rad/s, %s, %g iterations, residual %.2e, truncation error %.2e\n",
-           cJSON_IsTrue(get(result, "converged")) ? "converged" : "NOT converged", number(result, "omega"), text(result, "method"),
-           number(result, "iterations"), number(result, "residual"), number(result, "truncation_error"));
+           cJSON_IsTrue(get(result, "converged")) ? "converged" : "NOT converged",
+           number(result, "omega"), text(result, "method"), number(result, "iterations"),
+           number(result, "residual"), number(result, "truncation_error"));
     printf("  %-12s %4s %16s %12s\n", "dof", "k", "|X_k|", "phase");
     show_harmonics(result);
     show_stability(get(result, "stability"), get(result, "modes"));
@@ -248,7 +266,8 @@ static void show_exponents(const cJSON *list)
 {
     const cJSON *pair;
 
-    printf("%-14s %16s %16s %16s %16s\n", "exponents", "Re 1/s", "Im rad/s", "frequency Hz", "damping ratio");
+    printf("%-14s %16s %16s %16s %16s\n", "exponents", "Re 1/s", "Im rad/s", "frequency Hz",
+           "damping ratio");
     cJSON_ArrayForEach(pair, list) {
         double re = part(pair, 0), size = hypot(re, part(pair, 1));
         printf("%14s", "");
@@ -270,7 +289,9 @@ static void show_floquet(const cJSON *result)
 static void show_tradeoff(const cJSON *result)
 {
     const cJSON *rung;
-    int i = 0, recommended = cJSON_IsNumber(get(result, "recommended")) ? get(result, "recommended")->valueint : -1;
+    int i = 0, recommended = cJSON_IsNumber(get(result, "recommended"))
+                                 ? get(result, "recommended")->valueint
+                                 : -1;
 
     printf("%3s %12s %12s %7s  settings\n", "", "error", "seconds", "pareto");
     cJSON_ArrayForEach(rung, get(result, "rungs")) {
@@ -278,7 +299,8 @@ static void show_tradeoff(const cJSON *result)
         printf("%3d", i);
         cell(12, "%.3e", number(rung, "error"));
         cell(12, "%.3e", number(rung, "seconds"));
-        printf(" %7s  %s%s\n", cJSON_IsTrue(get(rung, "pareto")) ? "yes" : "", settings ? settings : "", i == recommended ? "  <- recommended" : "");
+        printf(" %7s  %s%s\n", cJSON_IsTrue(get(rung, "pareto")) ? "yes" : "",
+               settings ? settings : "", i == recommended ? "  <- recommended" : "");
         cJSON_free(settings);
         i++;
     }
@@ -327,7 +349,8 @@ static void show_nothing(const cJSON *result)
 }
 
 static const struct { const char *kind; void (*show)(const cJSON *); } shows[] = {
-    { "identify", show_identify }, { "steady", show_steady }, { "simulate", show_nothing }, { "floquet", show_floquet },
+    { "identify", show_identify }, { "steady", show_steady }, { "simulate", show_nothing },
+    { "floquet", show_floquet },
     { "tradeoff", show_tradeoff }, { "ablate", show_ablate }, { "sweep", show_sweep },
 };
 

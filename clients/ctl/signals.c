@@ -18,7 +18,8 @@ static enum modal_status no_file(const char *path, struct modal_error *err)
 }
 
 /* Read to the end, doubling; a pipe has no size to ask for. */
-static enum modal_status read_all(FILE *file, const char *path, size_t most, char **text, size_t *length, struct modal_error *err)
+static enum modal_status read_all(FILE *file, const char *path, size_t most, char **text,
+                                  size_t *length, struct modal_error *err)
 {
     size_t room = 1 << 16, used = 0, got;
     char *bytes = malloc(room + 1);
@@ -30,7 +31,8 @@ static enum modal_status read_all(FILE *file, const char *path, size_t most, cha
         char *larger = room < most ? realloc(bytes, 2 * room + 1) : NULL;
         if (larger == NULL) {
             free(bytes);
-            return modal_fail_field(err, MODAL_TOO_LARGE, "file", "%s: more than %zu bytes", path, most);
+            return modal_fail_field(err, MODAL_TOO_LARGE, "file", "%s: more than %zu bytes", path,
+                                    most);
         }
         bytes = larger;
         room *= 2;
@@ -47,7 +49,8 @@ static enum modal_status read_all(FILE *file, const char *path, size_t most, cha
     return MODAL_OK;
 }
 
-enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length, struct modal_error *err)
+enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length,
+                                    struct modal_error *err)
 {
     FILE *file = strcmp(path, "-") == 0 ? stdin : fopen(path, "rb");
     enum modal_status rc;
@@ -60,19 +63,23 @@ enum modal_status signals_read_text(const char *path, size_t most, char **text, 
     return rc;
 }
 
-static enum modal_status read_hdf5(const char *path, const struct signals_options *options, struct signals *out, struct modal_error *err)
+static enum modal_status read_hdf5(const char *path, const struct signals_options *options,
+                                   struct signals *out, struct modal_error *err)
 {
     struct batch_file file;
-    enum modal_status rc = options->map && !(options->scale > 0) ? batch_file_map(path, options->dt, mapping_resident_most(), &file, err)
-                         : batch_file_read(path, options->dt, &file, err);
+    enum modal_status rc = options->map && !(options->scale > 0)
+                               ? batch_file_map(path, options->dt, mapping_resident_most(), &file,
+                                                err)
+                               : batch_file_read(path, options->dt, &file, err);
 
     if (rc != MODAL_OK)
         return rc;
-    *out = (struct signals) { .samples = file.batch.samples, .channels = file.batch.channels, .x = file.signals, .map = file.map,
-                              .dt = file.batch.dt, .dt_off = SIGNALS_DT_OFF * file.batch.dt,
-                              .dt_from = "its attribute `dt`", .period = file.batch.period,
-                              .names = file.names,
-                              .units = file.units, .attributes = file.attributes };
+    *out = (struct signals){ .samples = file.batch.samples, .channels = file.batch.channels,
+                             .x = file.signals, .map = file.map, .dt = file.batch.dt,
+                             .dt_off = SIGNALS_DT_OFF * file.batch.dt,
+                             .dt_from = "its attribute `dt`", .period = file.batch.period,
+                             .names = file.names, .units = file.units,
+                             .attributes = file.attributes };
     return MODAL_OK;                                    /* everything the file held has moved */
 }
 
@@ -100,9 +107,12 @@ static enum modal_status read_csv(const char *path, const struct signals_options
     enum modal_status rc = signals_read_text(path, TEXT_MOST, &text, &length, err);
 
     if (rc == MODAL_OK && kind_of(text, length) != FILE_TEXT)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: HDF5 and sound cannot be read from a pipe; accepted: text, or a file", path);
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, "file",
+            "%s: HDF5 and sound cannot be read from a pipe; accepted: text, or a file", path);
     if (rc == MODAL_OK && memchr(text, 0, length) != NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither HDF5, WAV, FLAC nor text in UTF-8 or Latin-1", path);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                              "%s: neither HDF5, WAV, FLAC nor text in UTF-8 or Latin-1", path);
     if (rc == MODAL_OK)
         rc = csv_read(text, path, options, out, err);
     free(text);
@@ -138,7 +148,8 @@ static enum modal_status look_at(const char *path, enum file_kind *kind, struct 
     fclose(file);
     *kind = kind_of(head, got);
     if (*kind == FILE_TEXT && (ends_in(path, ".h5") || ends_in(path, ".hdf5")))
-        *kind = FILE_HDF5;                              /* let the reader say what is wrong with it */
+        /* let the reader say what is wrong with it */
+        *kind = FILE_HDF5;
     return MODAL_OK;
 }
 
@@ -164,19 +175,21 @@ static enum modal_status settle_step(const char *path, const struct signals_opti
     return MODAL_OK;
 }
 
-enum modal_status signals_read(const char *path, const struct signals_options *options, struct signals *out,
-                               struct modal_error *err)
+enum modal_status signals_read(const char *path, const struct signals_options *options,
+                               struct signals *out, struct modal_error *err)
 {
     struct signals read = { 0 };
     enum file_kind kind;
     enum modal_status rc = look_at(path, &kind, err);
 
     if (rc == MODAL_OK)
-        rc = kind == FILE_HDF5 ? read_hdf5(path, options, &read, err) : kind == FILE_SOUND ? sound_read(path, &read, err)
-           : read_csv(path, options, &read, err);
+        rc = kind == FILE_HDF5    ? read_hdf5(path, options, &read, err)
+             : kind == FILE_SOUND ? sound_read(path, &read, err)
+                                  : read_csv(path, options, &read, err);
     if (rc == MODAL_OK)
         rc = settle_step(path, options, &read, err);
-    for (size_t i = 0; rc == MODAL_OK && options->scale > 0 && i < read.samples * read.channels; i++)
+    for (size_t i = 0; rc == MODAL_OK && options->scale > 0 && i < read.samples * read.channels;
+         i++)
         read.x[i] *= options->scale;
     if (rc == MODAL_OK)
         *out = read;
@@ -199,7 +212,9 @@ void signals_done(struct signals *signals)
 
 struct batch signals_batch(const struct signals *signals)
 {
-    return (struct batch) { .samples = signals->samples, .channels = signals->channels, .signals = signals->x != NULL ? signals->x : signals->map.data,
-                            .dt = signals->dt, .period = signals->period, .names = (const char *const *)signals->names,
-                            .units = signals->units, .release = signals->map.data != NULL ? mapping_release : NULL };
+    return (struct batch){ .samples = signals->samples, .channels = signals->channels,
+                           .signals = signals->x != NULL ? signals->x : signals->map.data,
+                           .dt = signals->dt, .period = signals->period,
+                           .names = (const char *const *)signals->names, .units = signals->units,
+                           .release = signals->map.data != NULL ? mapping_release : NULL };
 }

@@ -18,7 +18,8 @@ enum { SIGNALS_CHANNELS_MOST = 65536 };
 
 struct signals {
     size_t samples, channels;
-    double *x;                  /* sample k of channel s: x[k * channels + s]; NULL where they are mapped */
+    double *x;                  /* sample k of channel s: x[k * channels + s]; NULL where they are
+                                   mapped */
     struct mapping map;
     double dt, period;          /* s; 0: the file did not say */
     double dt_off;              /* s: what the digits that say dt leave open */
@@ -36,18 +37,21 @@ struct signals_options {
 };
 
 /*
- * Read PATH into *OUT; signals_done frees what it holds.  MODAL_BAD_INPUT: no such file, not one of the kinds,
- * damaged, not numbers, uneven time (with its deviation), another dt than the one given (field
- * "dt").  What a batch must be beyond that (length, dt, finite values) is identify's to check.
+ * Read PATH into *OUT; signals_done frees what it holds.  MODAL_BAD_INPUT: no such file, not one of
+ * the kinds, damaged, not numbers, uneven time (with its deviation), another dt than the one given
+ * (field "dt").  What a batch must be beyond that (length, dt, finite values) is identify's to
+ * check.
  */
-enum modal_status signals_read(const char *path, const struct signals_options *options, struct signals *out,
-                               struct modal_error *err);
+enum modal_status signals_read(const char *path, const struct signals_options *options,
+                               struct signals *out, struct modal_error *err);
 void signals_done(struct signals *signals);
 
 /* A view: borrows everything from SIGNALS. */
 struct batch signals_batch(const struct signals *signals);
 
-/* A text file whole, with a 0 behind it; the caller frees it.  MODAL_BAD_INPUT if it cannot be read, MODAL_TOO_LARGE. */
-enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length, struct modal_error *err);
+/* A text file whole, with a 0 behind it; the caller frees it.  MODAL_BAD_INPUT if it cannot be
+ * read, MODAL_TOO_LARGE. */
+enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length,
+                                    struct modal_error *err);
 
 #endif

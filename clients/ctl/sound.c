@@ -8,7 +8,8 @@ static enum modal_status check(const SF_INFO *info, const char *path, struct mod
     if (info->channels < 1 || info->samplerate < 1 || info->frames < 1)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no samples", path);
     if ((size_t)info->frames > SIGNALS_VALUES_MOST / (size_t)info->channels)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: more than %zu values", path, SIGNALS_VALUES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: more than %zu values", path,
+                                SIGNALS_VALUES_MOST);
     return MODAL_OK;
 }
 
@@ -21,10 +22,14 @@ enum modal_status sound_read(const char *path, struct signals *out, struct modal
     if (file == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: %s", path, sf_strerror(NULL));
     rc = check(&info, path, err);
-    if (rc == MODAL_OK && (out->x = malloc((size_t)info.frames * (size_t)info.channels * sizeof *out->x)) == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %lld samples", path, (long long)info.frames);
+    if (rc == MODAL_OK
+        && (out->x = malloc((size_t)info.frames * (size_t)info.channels * sizeof *out->x)) == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %lld samples", path,
+                        (long long)info.frames);
     if (rc == MODAL_OK && sf_readf_double(file, out->x, info.frames) != info.frames)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: cut short: %lld samples announced", path, (long long)info.frames);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                              "%s: cut short: %lld samples announced", path,
+                              (long long)info.frames);
     if (rc == MODAL_OK) {
         out->samples = (size_t)info.frames;
         out->channels = (size_t)info.channels;

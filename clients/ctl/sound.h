@@ -1,4 +1,5 @@
-/* sound.h - a sound file (WAV, FLAC) as signals, by libsndfile: samples in -1 .. 1, dt from the sample rate */
+/* sound.h - a sound file (WAV, FLAC) as signals, by libsndfile: samples in -1 .. 1, dt from the
+ * sample rate */
 #ifndef CTL_SOUND_H
 #define CTL_SOUND_H
 #include "signals.h"

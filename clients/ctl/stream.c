@@ -1,8 +1,10 @@
 /* stream.c - `stream FILE|-` and `replay FILE`: what a simulation would do, from the command line
  *
- * `stream` pushes a batch's samples through the streaming client and prints the live modes that come back; at the end it
- * says how many samples were acknowledged and how many were dropped.  $MODALD_WINDOW, --window and --hop say the windows.  `-`: rows of numbers from stdin, each pushed as it
- * comes, parted by commas, semicolons or blanks; a first line of names is the channels'; --dt is needed.
+ * `stream` pushes a batch's samples through the streaming client and prints the live modes that
+ * come back; at the end it says how many samples were acknowledged and how many were dropped.
+ * $MODALD_WINDOW, --window and --hop say the windows.  `-`: rows of numbers from stdin, each pushed
+ * as it comes, parted by commas, semicolons or blanks; a first line of names is the channels'; --dt
+ * is needed.
  */
 #include <math.h>
 #include <stdio.h>
@@ -17,10 +19,12 @@
 static const char *const verdicts[] = { "unknown", "stable", "unstable", "undecided" };
 
 enum {
-    WINDOW_LEAST = 64, WINDOW_USUAL = 2048,     /* samples of a live window, where none is asked for */
+    WINDOW_LEAST = 64, WINDOW_USUAL = 2048,     /* samples of a live window, where none is asked
+                                                   for */
     WINDOW_BYTES_MOST = 1 << 20,                /* proto/PROTOCOL.md, section 11 */
 };
-static const double live_patience = 5;          /* s without a new estimate, once all samples are there */
+static const double live_patience = 5;          /* s without a new estimate, once all samples are
+                                                   there */
 
 struct live {
     double sample;              /* the last that an estimate rests on */
@@ -28,7 +32,8 @@ struct live {
     const struct args *args;
 };
 
-/* Live windows: as asked for, else a quarter of the SAMPLES known to come (0: not known) every half of that. */
+/* Live windows: as asked for, else a quarter of the SAMPLES known to come (0: not known) every half
+ * of that. */
 static void set_window(modald_stream *s, struct live *live, size_t samples, size_t channels)
 {
     const struct args *args = live->args;
@@ -55,8 +60,9 @@ static void say_estimate(modald_stream *s, struct live *live)
         return;
     live->sample = e.sample;
     if (!live->args->json) {
-        printf("%10.0f  %-9s %14.8g Hz +- %.1e   damping %12.6g +- %.1e\n", e.sample, verdicts[modald_verdict(s)], e.frequency_hz,
-               e.frequency_std, e.damping_ratio, e.damping_std);
+        printf("%10.0f  %-9s %14.8g Hz +- %.1e   damping %12.6g +- %.1e\n", e.sample,
+               verdicts[modald_verdict(s)], e.frequency_hz, e.frequency_std, e.damping_ratio,
+               e.damping_std);
         fflush(stdout);
         return;
     }
@@ -91,7 +97,8 @@ static void keep_up(modald_stream *s, struct live *live, double most)
     }
 }
 
-static void push_all(modald_stream *s, const struct signals *in, const struct args *args, struct live *live)
+static void push_all(modald_stream *s, const struct signals *in, const struct args *args,
+                     struct live *live)
 {
     size_t block = args->rate > 0 ? (size_t)fmax(1, args->rate / 100) : 256;
 
@@ -125,16 +132,19 @@ static int read_row(char *line, double *x, int most)
 
 enum { ROW_MOST = 4096 };
 
-/* Open by the first row, then push rows until stdin ends.  A line that is no row of as many numbers is an error. */
-static enum modal_status push_stdin(const struct args *args, const char *name, struct live *live, modald_stream **out, size_t *samples,
-                                    struct modal_error *err)
+/* Open by the first row, then push rows until stdin ends.  A line that is no row of as many numbers
+ * is an error. */
+static enum modal_status push_stdin(const struct args *args, const char *name, struct live *live,
+                                    modald_stream **out, size_t *samples, struct modal_error *err)
 {
     double x[ROW_MOST];
     char *line = NULL;
     size_t room = 0;
     int channels = 0;
     long number = 0;
-    enum modal_status rc = args->dt > 0 ? MODAL_OK : modal_fail_field(err, MODAL_BAD_INPUT, "dt", "rows from stdin need --dt SECONDS");
+    enum modal_status rc = args->dt > 0 ? MODAL_OK
+                                        : modal_fail_field(err, MODAL_BAD_INPUT, "dt",
+                                                           "rows from stdin need --dt SECONDS");
 
     while (rc == MODAL_OK && getline(&line, &room, stdin) > 0) {
         int n = read_row(line, x, ROW_MOST);
@@ -147,7 +157,9 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
             set_window(*out, live, 0, (size_t)channels);
         }
         if (n != channels || *out == NULL)
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "line %ld: accepted: %d numbers (at most %d)", number, channels, ROW_MOST);
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                  "line %ld: accepted: %d numbers (at most %d)", number, channels,
+                                  ROW_MOST);
         else {
             modald_push(*out, x);
             ++*samples;
@@ -160,17 +172,23 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
     return rc;
 }
 
-/* All samples acknowledged, then the estimates that are still to come: the last rests on the last whole hop. */
+/* All samples acknowledged, then the estimates that are still to come: the last rests on the last
+ * whole hop. */
 static void finish(modald_stream *s, struct live *live, double samples, struct modald_report *r)
 {
-    double until = link_now() + (live->args->timeout >= 0 ? live->args->timeout : 30), heard, sample = live->sample;
-    double last = live->window > 0 && samples >= live->window ? live->window + floor((samples - live->window) / live->hop) * live->hop - 1 : -2;
+    double until = link_now() + (live->args->timeout >= 0 ? live->args->timeout : 30), heard,
+           sample = live->sample;
+    double last = live->window > 0 && samples >= live->window
+                      ? live->window + floor((samples - live->window) / live->hop) * live->hop - 1
+                      : -2;
 
     for (modald_get_report(s, r); r->waiting > 0 && link_now() < until; modald_get_report(s, r)) {
         say_estimate(s, live);
         rest(0.005);
     }
-    for (heard = link_now(); r->refused == 0 && live->sample < last && link_now() < fmin(until, heard + live_patience); sample = live->sample) {
+    for (heard = link_now();
+         r->refused == 0 && live->sample < last && link_now() < fmin(until, heard + live_patience);
+         sample = live->sample) {
         say_estimate(s, live);
         heard = live->sample > sample ? link_now() : heard;
         rest(0.005);
@@ -190,15 +208,20 @@ static int say_end(modald_stream *s, struct live *live, size_t samples)
     json_set_number(line, "dropped", r.dropped);
     cJSON_AddStringToObject(line, "verdict", verdicts[modald_verdict(s)]);
     if (r.refused > 0) {
-        struct modal_error why = { .status = MODAL_DENIED, .message = "the daemon refused the stream; the line on stderr says why" };
+        struct modal_error why = {
+            .status = MODAL_DENIED,
+            .message = "the daemon refused the stream; the line on stderr says why"
+        };
         cJSON *error = outcome_error(&why, NULL);
-        cJSON_AddItemToObject(line, "error", cJSON_DetachItemFromObjectCaseSensitive(error, "error"));
+        cJSON_AddItemToObject(line, "error",
+                              cJSON_DetachItemFromObjectCaseSensitive(error, "error"));
         cJSON_Delete(error);
     }
     if (live->args->json)
         outcome_json(line, NULL);
     else
-        printf("%.0f samples, %.0f acknowledged, %.0f dropped; %s\n", r.pushed, r.acknowledged, r.dropped, verdicts[modald_verdict(s)]);
+        printf("%.0f samples, %.0f acknowledged, %.0f dropped; %s\n", r.pushed, r.acknowledged,
+               r.dropped, verdicts[modald_verdict(s)]);
     cJSON_Delete(line);
     return r.refused > 0 ? 4 : all ? 0 : 3;
 }
@@ -211,7 +234,8 @@ static enum modal_status set_environment(const struct args *args, struct modal_e
     enum modal_status rc = remote_open(args, &link, err);
 
     if (rc == MODAL_OK)
-        rc = client_ask(link, "HELLO", cJSON_CreateObject(), remote_deadline(args), &hello, NULL, NULL, err);
+        rc = client_ask(link, "HELLO", cJSON_CreateObject(), remote_deadline(args), &hello, NULL,
+                        NULL, err);
     if (rc == MODAL_OK)
         setenv("MODALD_URL", link_endpoint(link), 1);
     if (rc == MODAL_OK && args->keyfile != NULL)
@@ -225,12 +249,15 @@ static const char *stream_name(const struct args *args)
 {
     const char *slash = strrchr(args->word[1], '/');
 
-    return args->name ? args->name : strcmp(args->word[1], "-") == 0 ? "stdin" : slash ? slash + 1 : args->word[1];
+    return args->name                        ? args->name
+           : strcmp(args->word[1], "-") == 0 ? "stdin"
+           : slash                           ? slash + 1
+                                             : args->word[1];
 }
 
 /* Open by a file's shape and push it. */
-static enum modal_status push_file(const struct args *args, const char *name, struct live *live, modald_stream **out, size_t *samples,
-                                   struct modal_error *err)
+static enum modal_status push_file(const struct args *args, const char *name, struct live *live,
+                                   modald_stream **out, size_t *samples, struct modal_error *err)
 {
     struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time,
                                        .scale = args->scale };
@@ -238,7 +265,8 @@ static enum modal_status push_file(const struct args *args, const char *name, st
     enum modal_status rc = signals_read(args->word[1], &options, &in, err);
 
     if (rc == MODAL_OK && (*out = modald_open(name, (int)in.channels, in.dt)) == NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "name", "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "name",
+                              "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
     if (rc == MODAL_OK) {
         modald_describe(*out, (const char *const *)in.names, in.units, in.period);
         set_window(*out, live, in.samples, in.channels);
@@ -257,11 +285,14 @@ int run_stream(const struct verb *verb, const struct args *args)
     modald_stream *s = NULL;
     size_t samples = 0;
     int status;
-    enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "stream needs a daemon") : set_environment(args, &err);
+    enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local",
+                                                          "stream needs a daemon")
+                                       : set_environment(args, &err);
 
     (void)verb;
     if (rc == MODAL_OK)
-        rc = strcmp(args->word[1], "-") == 0 ? push_stdin(args, name, &live, &s, &samples, &err) : push_file(args, name, &live, &s, &samples, &err);
+        rc = strcmp(args->word[1], "-") == 0 ? push_stdin(args, name, &live, &s, &samples, &err)
+                                             : push_file(args, name, &live, &s, &samples, &err);
     status = rc == MODAL_OK ? say_end(s, &live, samples) : outcome_failure(args->json, &err, NULL);
     if (rc == MODAL_OK)
         modald_close(s);
@@ -278,9 +309,12 @@ int run_replay(const struct verb *verb, const struct args *args)
     enum modal_status rc = set_environment(args, &err);
 
     (void)verb;
-    if (rc == MODAL_OK && !modald_replay(args->word[1], args->timeout >= 0 ? args->timeout : 60, &samples, why, sizeof why))
-        rc = strncmp(why, "not all", 7) == 0 ? modal_fail(&err, MODAL_TIMEOUT, "%s: %s", args->word[1], why)
-                                            : modal_fail_field(&err, MODAL_BAD_INPUT, "file", "%s: %s", args->word[1], why);
+    if (rc == MODAL_OK
+        && !modald_replay(args->word[1], args->timeout >= 0 ? args->timeout : 60, &samples, why,
+                          sizeof why))
+        rc = strncmp(why, "not all", 7) == 0
+                 ? modal_fail(&err, MODAL_TIMEOUT, "%s: %s", args->word[1], why)
+                 : modal_fail_field(&err, MODAL_BAD_INPUT, "file", "%s: %s", args->word[1], why);
     if (rc != MODAL_OK)
         return outcome_failure(args->json, &err, NULL);
     cJSON *doc = cJSON_CreateObject();
@@ -291,7 +325,8 @@ int run_replay(const struct verb *verb, const struct args *args)
     if (args->json)
         outcome_json(doc, NULL);
     else
-        printf("%.0f samples of %s acknowledged%s%s\n", samples, args->word[1], why[0] != 0 ? "; " : "", why);
+        printf("%.0f samples of %s acknowledged%s%s\n", samples, args->word[1],
+               why[0] != 0 ? "; " : "", why);
     cJSON_Delete(doc);
     return 0;
 }

@@ -37,8 +37,12 @@ static void escape(FILE *file, const char *text)
 void svg_begin(struct svg *svg, FILE *file, int panels, const char *title)
 {
     *svg = (struct svg) { file, panels, -1 };
-    fprintf(file, "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" font-family=\"sans-serif\" font-size=\"12\">\n"
-            "<rect width=\"100%%\" height=\"100%%\" fill=\"white\"/>\n<text x=\"%d\" y=\"20\" font-size=\"14\">", WIDTH * panels, HEIGHT, LEFT);
+    fprintf(file,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" "
+            "font-family=\"sans-serif\" font-size=\"12\">\n"
+            "<rect width=\"100%%\" height=\"100%%\" fill=\"white\"/>\n<text x=\"%d\" y=\"20\" "
+            "font-size=\"14\">",
+            WIDTH * panels, HEIGHT, LEFT);
     escape(file, title);
     fputs("</text>\n", file);
 }
@@ -50,7 +54,8 @@ void svg_end(struct svg *svg)
 
 static double part(const struct svg_axis *a, double value)
 {
-    return a->logarithmic ? log(value / a->low) / log(a->high / a->low) : (value - a->low) / (a->high - a->low);
+    return a->logarithmic ? log(value / a->low) / log(a->high / a->low)
+                          : (value - a->low) / (a->high - a->low);
 }
 
 static double place_x(const struct svg *svg, const struct svg_panel *p, double x)
@@ -74,8 +79,11 @@ static void widen(struct svg_axis *a)
         return;
     }
     double most = fmax(fabs(a->low), fabs(a->high));
-    /* values that differ by rounding only are one: its neighbours are too far apart for the ticks between them */
-    double room = a->high - a->low > 1e-9 * most ? 0.05 * (a->high - a->low) : most > 0 ? 0.1 * most : 1;
+    /* values that differ by rounding only are one: its neighbours are too far apart for the ticks
+     * between them */
+    double room = a->high - a->low > 1e-9 * most ? 0.05 * (a->high - a->low)
+                  : most > 0                     ? 0.1 * most
+                                                 : 1;
     a->low -= room;
     a->high += room;
 }
@@ -90,11 +98,14 @@ static double tick_step(double range)
 
 static void tick(const struct svg *svg, const struct svg_panel *p, bool horizontal, double value)
 {
-    double x = horizontal ? place_x(svg, p, value) : svg->panel * WIDTH + LEFT, y = horizontal ? HEIGHT - BOTTOM : place_y(p, value);
+    double x = horizontal ? place_x(svg, p, value) : svg->panel * WIDTH + LEFT,
+           y = horizontal ? HEIGHT - BOTTOM : place_y(p, value);
 
-    fprintf(svg->file, "<path d=\"M%.1f %.1f%s\" stroke=\"#dddddd\"/>", x, y, horizontal ? "V34" : "h428");
-    fprintf(svg->file, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">%.6g</text>\n", horizontal ? x : x - 6, horizontal ? y + 16 : y + 4,
-            horizontal ? "middle" : "end", value + 0.0);                    /* no -0 */
+    fprintf(svg->file, "<path d=\"M%.1f %.1f%s\" stroke=\"#dddddd\"/>", x, y,
+            horizontal ? "V34" : "h428");
+    fprintf(svg->file, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">%.6g</text>\n",
+            horizontal ? x : x - 6, horizontal ? y + 16 : y + 4, horizontal ? "middle" : "end",
+            value + 0.0); /* no -0 */
 }
 
 /* Powers of ten, at most about eight, with 2 and 5 times them where they are fewer than three. */
@@ -102,7 +113,8 @@ static void ticks_of_decades(const struct svg *svg, const struct svg_panel *p, b
 {
     static const double digits[] = { 1, 2, 5 };
     const struct svg_axis *a = horizontal ? &p->x : &p->y;
-    double first = ceil(log10(a->low)), last = floor(log10(a->high)), every = fmax(1, ceil((last - first) / 8));
+    double first = ceil(log10(a->low)), last = floor(log10(a->high)),
+           every = fmax(1, ceil((last - first) / 8));
     int count = last - first < 2 ? 3 : 1;
 
     for (double e = count > 1 ? first - 1 : first; e <= last; e += every)
@@ -133,29 +145,41 @@ void svg_panel(struct svg *svg, struct svg_panel *p)
     widen(&p->y);
     ticks(svg, p, true);
     ticks(svg, p, false);
-    fprintf(svg->file, "<rect x=\"%d\" y=\"%d\" width=\"%d\" height=\"%d\" fill=\"none\" stroke=\"black\"/>\n", left, TOP, WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
-    fprintf(svg->file, "<clipPath id=\"c%d\"><rect x=\"%d\" y=\"%d\" width=\"%d\" height=\"%d\"/></clipPath>\n", svg->panel, left, TOP, WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
-    fprintf(svg->file, "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">", left + (WIDTH - LEFT - RIGHT) / 2, HEIGHT - 14);
+    fprintf(svg->file,
+            "<rect x=\"%d\" y=\"%d\" width=\"%d\" height=\"%d\" fill=\"none\" stroke=\"black\"/>\n",
+            left, TOP, WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
+    fprintf(
+        svg->file,
+        "<clipPath id=\"c%d\"><rect x=\"%d\" y=\"%d\" width=\"%d\" height=\"%d\"/></clipPath>\n",
+        svg->panel, left, TOP, WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
+    fprintf(svg->file, "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">",
+            left + (WIDTH - LEFT - RIGHT) / 2, HEIGHT - 14);
     escape(svg->file, p->x.label);
-    fprintf(svg->file, "</text>\n<text transform=\"translate(%d %d) rotate(-90)\" text-anchor=\"middle\">", left - 60, TOP + (HEIGHT - TOP - BOTTOM) / 2);
+    fprintf(svg->file,
+            "</text>\n<text transform=\"translate(%d %d) rotate(-90)\" text-anchor=\"middle\">",
+            left - 60, TOP + (HEIGHT - TOP - BOTTOM) / 2);
     escape(svg->file, p->y.label);
     fputs("</text>\n", svg->file);
 }
 
 static bool drawable(const struct svg_panel *p, double x, double y)
 {
-    return isfinite(x) && isfinite(y) && (!p->x.logarithmic || x > 0) && (!p->y.logarithmic || y > 0);
+    return isfinite(x) && isfinite(y) && (!p->x.logarithmic || x > 0)
+           && (!p->y.logarithmic || y > 0);
 }
 
-void svg_line(const struct svg *svg, const struct svg_panel *p, const double *x, const double *y, int count, enum svg_style style)
+void svg_line(const struct svg *svg, const struct svg_panel *p, const double *x, const double *y,
+              int count, enum svg_style style)
 {
     bool open = false;
 
-    fprintf(svg->file, "<path clip-path=\"url(#c%d)\" fill=\"none\" %s d=\"", svg->panel, strokes[style]);
+    fprintf(svg->file, "<path clip-path=\"url(#c%d)\" fill=\"none\" %s d=\"", svg->panel,
+            strokes[style]);
     for (int i = 0; i < count; i++) {
         bool good = drawable(p, x[i], y[i]);
         if (good)
-            fprintf(svg->file, "%s%.2f %.2f", open ? "L" : "M", place_x(svg, p, x[i]), place_y(p, y[i]));
+            fprintf(svg->file, "%s%.2f %.2f", open ? "L" : "M", place_x(svg, p, x[i]),
+                    place_y(p, y[i]));
         open = good;
     }
     fputs("\"/>\n", svg->file);
@@ -164,11 +188,14 @@ void svg_line(const struct svg *svg, const struct svg_panel *p, const double *x,
 void svg_dot(const struct svg *svg, const struct svg_panel *p, double x, double y, bool filled)
 {
     if (drawable(p, x, y))
-        fprintf(svg->file, "<circle clip-path=\"url(#c%d)\" cx=\"%.2f\" cy=\"%.2f\" r=\"3.2\" fill=\"%s\" stroke=\"#1f4e79\"/>\n", svg->panel, place_x(svg, p, x),
-                place_y(p, y), filled ? "#1f4e79" : "white");
+        fprintf(svg->file,
+                "<circle clip-path=\"url(#c%d)\" cx=\"%.2f\" cy=\"%.2f\" r=\"3.2\" fill=\"%s\" "
+                "stroke=\"#1f4e79\"/>\n",
+                svg->panel, place_x(svg, p, x), place_y(p, y), filled ? "#1f4e79" : "white");
 }
 
-void svg_bar(const struct svg *svg, const struct svg_panel *p, double x, double y, double dx, double dy)
+void svg_bar(const struct svg *svg, const struct svg_panel *p, double x, double y, double dx,
+             double dy)
 {
     if (dx > 0 && isfinite(dx))
         svg_line(svg, p, (double[]) { x - dx, x + dx }, (double[]) { y, y }, 2, SVG_SOLID);
@@ -176,20 +203,26 @@ void svg_bar(const struct svg *svg, const struct svg_panel *p, double x, double 
         svg_line(svg, p, (double[]) { x, x }, (double[]) { y - dy, y + dy }, 2, SVG_SOLID);
 }
 
-void svg_shade(const struct svg *svg, const struct svg_panel *p, double x0, double y0, double x1, double y1, const char *colour)
+void svg_shade(const struct svg *svg, const struct svg_panel *p, double x0, double y0, double x1,
+               double y1, const char *colour)
 {
-    fprintf(svg->file, "<rect clip-path=\"url(#c%d)\" x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" fill=\"%s\"/>\n", svg->panel, place_x(svg, p, x0), place_y(p, y1),
+    fprintf(svg->file,
+            "<rect clip-path=\"url(#c%d)\" x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" "
+            "fill=\"%s\"/>\n",
+            svg->panel, place_x(svg, p, x0), place_y(p, y1),
             place_x(svg, p, x1) - place_x(svg, p, x0), place_y(p, y0) - place_y(p, y1), colour);
 }
 
-void svg_text(const struct svg *svg, const struct svg_panel *p, double x, double y, enum svg_side side, const char *text)
+void svg_text(const struct svg *svg, const struct svg_panel *p, double x, double y,
+              enum svg_side side, const char *text)
 {
     bool before = side == SVG_BELOW_BEFORE;
 
     if (!drawable(p, x, y))
         return;
-    fprintf(svg->file, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">", place_x(svg, p, x) + (before ? -5 : 5),
-            place_y(p, y) + (before ? 15 : -5), before ? "end" : "start");
+    fprintf(svg->file, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">",
+            place_x(svg, p, x) + (before ? -5 : 5), place_y(p, y) + (before ? 15 : -5),
+            before ? "end" : "start");
     escape(svg->file, text);
     fputs("</text>\n", svg->file);
 }

@@ -1,9 +1,10 @@
 /* sweep_shares.c - see sweep_shares.h
  *
- * Shares are those of the job's options `first` and `count` (job/sweep.h).  How a grid is cut depends on its size alone,
- * and a share's key on the document, the options, the version and the share, so that the same sweep meets the same jobs
- * from anywhere at any time.  A key whose job ended without a result is spent (a job's end never changes): the next
- * round, the number at the key's end, takes its place.
+ * Shares are those of the job's options `first` and `count` (job/sweep.h).  How a grid is cut
+ * depends on its size alone, and a share's key on the document, the options, the version and the
+ * share, so that the same sweep meets the same jobs from anywhere at any time.  A key whose job
+ * ended without a result is spent (a job's end never changes): the next round, the number at the
+ * key's end, takes its place.
  */
 #include "sweep_shares.h"
 #include <math.h>
@@ -59,18 +60,22 @@ static enum modal_status set_stem(struct grid *g, struct modal_error *err)
     sha256_hex(digest, hex);
     free(options);
     if (g->args->key != NULL && strlen(g->args->key) > STEM_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "key", "the key of a sweep has at most %d bytes", STEM_MOST);
-    snprintf(g->stem, sizeof g->stem, "%s%s", g->args->key ? "" : "sweep-", g->args->key ? g->args->key : hex);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "key",
+                                "the key of a sweep has at most %d bytes", STEM_MOST);
+    snprintf(g->stem, sizeof g->stem, "%s%s", g->args->key ? "" : "sweep-",
+             g->args->key ? g->args->key : hex);
     return MODAL_OK;
 }
 
-static void set_key(const struct grid *g, int i, int round, const char *before, char key[WIRE_KEY_MOST + 8])
+static void set_key(const struct grid *g, int i, int round, const char *before,
+                    char key[WIRE_KEY_MOST + 8])
 {
     snprintf(key, WIRE_KEY_MOST + 8, "%s%s:%d:%d", before, g->stem, first_of(g, i), round);
 }
 
 /* Checks the document here, where its points are counted. */
-static enum modal_status grid_open(struct grid *g, const struct input *input, const struct args *args, struct modal_error *err)
+static enum modal_status grid_open(struct grid *g, const struct input *input,
+                                   const struct args *args, struct modal_error *err)
 {
     struct sweep *s = NULL;
     enum modal_status rc = sweep_new(input->scene, &s, err);
@@ -107,7 +112,8 @@ static bool rested(enum modal_status rc, const cJSON *detail, double deadline)
 }
 
 /* One SUBMIT under KEY, repeated while the daemon is full. */
-static enum modal_status submit_key(struct grid *g, const cJSON *options, const char *key, cJSON **doc, cJSON **detail, struct modal_error *err)
+static enum modal_status submit_key(struct grid *g, const cJSON *options, const char *key,
+                                    cJSON **doc, cJSON **detail, struct modal_error *err)
 {
     struct client_input in = remote_input(g->input);
     struct client_job job = remote_job(g->input, g->args, key);
@@ -115,7 +121,8 @@ static enum modal_status submit_key(struct grid *g, const cJSON *options, const 
 
     job.options = options;
     for (;;) {
-        rc = client_submit(g->link, &job, &in, NULL, remote_answer_by(g->deadline), doc, detail, err);
+        rc = client_submit(g->link, &job, &in, NULL, remote_answer_by(g->deadline), doc, detail,
+                           err);
         if (rc == MODAL_OK || !rested(rc, *detail, g->deadline))
             return rc;
         cJSON_Delete(*detail);
@@ -124,7 +131,8 @@ static enum modal_status submit_key(struct grid *g, const cJSON *options, const 
 }
 
 /* Share I: the job of its last round, where that runs or has a result; else one of the next. */
-static enum modal_status submit_share(struct grid *g, int i, cJSON **detail, struct modal_error *err)
+static enum modal_status submit_share(struct grid *g, int i, cJSON **detail,
+                                      struct modal_error *err)
 {
     cJSON *options = cJSON_Duplicate(g->input->options, true);
     char key[WIRE_KEY_MOST + 8];
@@ -137,8 +145,10 @@ static enum modal_status submit_share(struct grid *g, int i, cJSON **detail, str
         cJSON *doc = NULL;
         set_key(g, i, round, "", key);
         rc = submit_key(g, options, key, &doc, detail, err);
-        spent = rc == MODAL_EXPIRED || (rc == MODAL_OK && cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "duplicate"))
-                                        && client_ended(doc) && strcmp(field_word(doc, "state", ""), "done") != 0);
+        spent = rc == MODAL_EXPIRED
+                || (rc == MODAL_OK
+                    && cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(doc, "duplicate"))
+                    && client_ended(doc) && strcmp(field_word(doc, "state", ""), "done") != 0);
         if (spent) {
             cJSON_Delete(doc);
             cJSON_Delete(*detail);
@@ -148,7 +158,10 @@ static enum modal_status submit_share(struct grid *g, int i, cJSON **detail, str
         }
     }
     cJSON_Delete(options);
-    return rc == MODAL_OK && spent ? modal_fail_field(err, MODAL_TOO_LARGE, "key", "%d rounds of share %d were broken off", ROUNDS_MOST, i) : rc;
+    return rc == MODAL_OK && spent
+               ? modal_fail_field(err, MODAL_TOO_LARGE, "key",
+                                  "%d rounds of share %d were broken off", ROUNDS_MOST, i)
+               : rc;
 }
 
 static enum modal_status submit_shares(struct grid *g, cJSON **detail, struct modal_error *err)
@@ -168,7 +181,9 @@ static void cancel_shares(struct grid *g)
         struct modal_error unsaid;
         if (g->docs[i] == NULL || client_ended(g->docs[i]))
             continue;
-        if (client_do(g->link, "CANCEL", field_word(g->docs[i], "job", ""), remote_answer_by(g->deadline), &doc, &detail, &unsaid) == MODAL_OK) {
+        if (client_do(g->link, "CANCEL", field_word(g->docs[i], "job", ""),
+                      remote_answer_by(g->deadline), &doc, &detail, &unsaid)
+            == MODAL_OK) {
             cJSON_Delete(g->docs[i]);
             g->docs[i] = doc;
         }
@@ -176,7 +191,8 @@ static void cancel_shares(struct grid *g)
     }
 }
 
-/* ------------------------------------------------------------------ waiting and putting together */
+/* ------------------------------------------------------------------ waiting and putting
+ * together */
 
 struct shown { int done, shares; };
 
@@ -198,14 +214,17 @@ static enum modal_status wait_share(struct grid *g, int i, cJSON **detail, struc
     enum modal_status rc;
 
     snprintf(job, sizeof job, "%s", field_word(g->docs[i], "job", ""));
-    rc = client_wait(g->link, job, isatty(STDERR_FILENO) ? &progress : NULL, g->deadline, &doc, detail, err);
+    rc = client_wait(g->link, job, isatty(STDERR_FILENO) ? &progress : NULL, g->deadline, &doc,
+                     detail, err);
     if (doc != NULL) {
         cJSON_Delete(g->docs[i]);
         g->docs[i] = doc;
     }
     if (rc == MODAL_OK)
         rc = remote_job_error(g->docs[i], detail, err);
-    return rc == MODAL_OK ? remote_add_result(g->link, g->docs[i], remote_answer_by(g->deadline), detail, err) : rc;
+    return rc == MODAL_OK
+               ? remote_add_result(g->link, g->docs[i], remote_answer_by(g->deadline), detail, err)
+               : rc;
 }
 
 static void add_number(cJSON *to, const cJSON *from, const char *key)
@@ -219,7 +238,8 @@ static void add_number(cJSON *to, const cJSON *from, const char *key)
 /* Seconds add up over the shares, memory is the most that one needed. */
 static void add_cost(cJSON *to, const cJSON *from)
 {
-    cJSON *stages = cJSON_GetObjectItemCaseSensitive(to, "stages"), *peak = cJSON_GetObjectItemCaseSensitive(to, "peak_bytes"), *stage;
+    cJSON *stages = cJSON_GetObjectItemCaseSensitive(to, "stages"),
+          *peak = cJSON_GetObjectItemCaseSensitive(to, "peak_bytes"), *stage;
 
     add_number(to, from, "wall_s");
     add_number(to, from, "cpu_s");
@@ -243,8 +263,8 @@ static cJSON *printed(const cJSON *points)
     return raw;
 }
 
-/* The points of FROM behind those of TO.  Where only their text is wanted they are printed while other shares are computed, so that the last
- * share leaves little to do. */
+/* The points of FROM behind those of TO.  Where only their text is wanted they are printed while
+ * other shares are computed, so that the last share leaves little to do. */
 static void append(const struct grid *g, cJSON *to, cJSON *from)
 {
     cJSON *raw = g->args->json && g->args->plot == NULL ? printed(from) : NULL;
@@ -258,7 +278,8 @@ static void append(const struct grid *g, cJSON *to, cJSON *from)
 /* The result of share I into *WHOLE, which share 0's becomes. */
 static void take(struct grid *g, int i, cJSON **whole)
 {
-    cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result"), *points = cJSON_DetachItemFromObjectCaseSensitive(result, "points");
+    cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result"),
+          *points = cJSON_DetachItemFromObjectCaseSensitive(result, "points");
 
     g->taken += cJSON_GetArraySize(points);
     if (i == 0) {
@@ -270,25 +291,28 @@ static void take(struct grid *g, int i, cJSON **whole)
     cJSON_Delete(points);
     if (i == 0)
         return;
-    add_cost(cJSON_GetObjectItemCaseSensitive(*whole, "cost"), cJSON_GetObjectItemCaseSensitive(result, "cost"));
+    add_cost(cJSON_GetObjectItemCaseSensitive(*whole, "cost"),
+             cJSON_GetObjectItemCaseSensitive(result, "cost"));
     cJSON_Delete(result);
 }
 
 /* The whole's provenance: of all points, not of share 0. */
 static enum modal_status finish(const struct grid *g, cJSON *whole, struct modal_error *err)
 {
-    cJSON *options = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(whole, "provenance"), "options");
+    cJSON *options = cJSON_GetObjectItemCaseSensitive(
+        cJSON_GetObjectItemCaseSensitive(whole, "provenance"), "options");
     cJSON *count = cJSON_GetObjectItemCaseSensitive(options, "count");
 
     if (g->taken != g->points)
-        return modal_fail(err, MODAL_INTERNAL, "the shares hold %d of %d points", g->taken, g->points);
+        return modal_fail(err, MODAL_INTERNAL, "the shares hold %d of %d points", g->taken,
+                          g->points);
     if (cJSON_IsNumber(count))
         cJSON_SetNumberValue(count, g->points);
     return MODAL_OK;
 }
 
-enum modal_status sweep_remote(const struct input *input, const struct args *args, struct job_result *out, cJSON **detail,
-                               struct modal_error *err)
+enum modal_status sweep_remote(const struct input *input, const struct args *args,
+                               struct job_result *out, cJSON **detail, struct modal_error *err)
 {
     struct grid g;
     enum modal_status rc = grid_open(&g, input, args, err);
@@ -310,7 +334,8 @@ enum modal_status sweep_remote(const struct input *input, const struct args *arg
 
 bool sweep_is_whole(const struct args *args)
 {
-    return !cJSON_HasObjectItem(args->options, "first") && !cJSON_HasObjectItem(args->options, "count");
+    return !cJSON_HasObjectItem(args->options, "first")
+           && !cJSON_HasObjectItem(args->options, "count");
 }
 
 /* ------------------------------------------------------------------ without waiting */
@@ -342,7 +367,8 @@ static enum modal_status cancel_found(struct grid *g, cJSON **detail, struct mod
     enum modal_status rc = MODAL_OK;
     int found = 0;
 
-    for (int i = g->shares - 1; i >= 0 && rc == MODAL_OK; i--) {      /* the last first: they have not begun */
+    /* the last first: they have not begun */
+    for (int i = g->shares - 1; i >= 0 && rc == MODAL_OK; i--) {
         rc = find_share(g, i, detail, err);
         found += g->docs[i] != NULL;
     }
@@ -377,8 +403,9 @@ static enum modal_status say(struct grid *g, struct modal_error *err)
     if (g->args->json)
         rc = outcome_json(answer, err);
     else
-        printf("%d of %d points done, %d jobs from %s on; `modalctl sweep FILE --wait` gives the table\n", done, g->points,
-               cJSON_GetArraySize(jobs), field_word(jobs->child, "job", ""));
+        printf("%d of %d points done, %d jobs from %s on; `modalctl sweep FILE --wait` gives the "
+               "table\n",
+               done, g->points, cJSON_GetArraySize(jobs), field_word(jobs->child, "job", ""));
     cJSON_Delete(answer);
     return rc;
 }
@@ -390,7 +417,10 @@ int sweep_submit(const struct args *args)
     struct grid g = { 0 };
     cJSON *detail = NULL;
     int status;
-    enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local", "--cancel speaks of a daemon's queue; --local has none") : MODAL_OK;
+    enum modal_status rc = args->local ? modal_fail_field(
+                               &err, MODAL_BAD_INPUT, "local",
+                               "--cancel speaks of a daemon's queue; --local has none")
+                                       : MODAL_OK;
 
     if (rc == MODAL_OK)
         rc = input_read("sweep", NULL, args->word[1], args, &input, &err);

@@ -7,10 +7,12 @@ struct verb {
     const char *name, *words, *help;      /* words: what stands behind the verb, for the help */
     int least, most;                      /* how many of them */
     unsigned takes;                       /* groups of args.h */
-    int (*run)(const struct verb *verb, const struct args *args);   /* gives the exit status, everything said */
+    int (*run)(const struct verb *verb, const struct args *args); /* gives the exit status,
+                                                                     everything said */
 };
 
-/* The kinds of jobs as verbs (run.c): read the input, run it here or on the server, show the result. */
+/* The kinds of jobs as verbs (run.c): read the input, run it here or on the server, show the
+ * result. */
 int run_job(const struct verb *verb, const struct args *args);
 
 /* The queue (queue_verbs.c). */
@@ -33,7 +35,7 @@ int run_undrain(const struct verb *verb, const struct args *args);
 /* Submit PATH as a job of KIND (OF: of a tradeoff, or NULL), say its document; the exit status. */
 int submit_one(const char *kind, const char *of, const char *path, const struct args *args);
 
-int run_bulk(const struct args *args);                                    /* bulk.c: submit --from */
+int run_bulk(const struct args *args);                      /* bulk.c: submit --from */
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */
 

@@ -1,4 +1,5 @@
-/* watch.c - events as they happen: one line each; ends with the job watched, at --timeout, or by a signal */
+/* watch.c - events as they happen: one line each; ends with the job watched, at --timeout, or by a
+ * signal */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,12 +14,14 @@
 
 static void show_alarm(const cJSON *event)
 {
-    const cJSON *mode = cJSON_GetObjectItemCaseSensitive(event, "mode"), *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
+    const cJSON *mode = cJSON_GetObjectItemCaseSensitive(event, "mode"),
+                *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
 
     if (cJSON_HasObjectItem(event, "rule"))
         printf(" %s", field_word(event, "rule", "-"));
     if (mode != NULL)
-        printf("  %.6g Hz  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN), field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
+        printf("  %.6g Hz  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN),
+               field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
 }
 
 static void show_event(const cJSON *event)
@@ -62,7 +65,8 @@ struct seen {
 static const double silence = 2;       /* s without a word until it is said what is waited for */
 
 /* Say one EVENT; `next` becomes the number to go on from. */
-static enum modal_status say(struct link_message *message, const struct args *args, struct seen *seen, struct modal_error *err)
+static enum modal_status say(struct link_message *message, const struct args *args,
+                             struct seen *seen, struct modal_error *err)
 {
     static const char *const ends[] = { "done", "failed", "cancelled", "dead", "closed" };
     enum modal_status rc = MODAL_OK;
@@ -85,7 +89,8 @@ static enum modal_status say(struct link_message *message, const struct args *ar
 }
 
 /* Until the connection is lost (MODAL_NO_SERVER), the deadline, or the end of what is watched. */
-static enum modal_status follow(struct link *link, const struct args *args, struct seen *seen, double deadline, struct modal_error *err)
+static enum modal_status follow(struct link *link, const struct args *args, struct seen *seen,
+                                double deadline, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -113,12 +118,15 @@ static enum modal_status follow(struct link *link, const struct args *args, stru
 }
 
 /* Whether ARGS ask for what there is; SEEN begins where they say. */
-static enum modal_status can_watch(const struct args *args, struct seen *seen, struct modal_error *err)
+static enum modal_status can_watch(const struct args *args, struct seen *seen,
+                                   struct modal_error *err)
 {
     if (args->local)
         return modal_fail_field(err, MODAL_BAD_INPUT, "local", "watch needs a daemon");
     if (args->prometheus != NULL && args->words < 2 && args->name == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "prometheus", "--prometheus holds one stream's modes; accepted: watch STREAM, or --name STREAM");
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "prometheus",
+            "--prometheus holds one stream's modes; accepted: watch STREAM, or --name STREAM");
     if (seen == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "watch: no memory for what was seen");
     seen->next = args->after ? strtod(args->after, NULL) : args->words > 1 ? 0 : -1;
@@ -142,9 +150,11 @@ int run_watch(const struct verb *verb, const struct args *args)
         rc = remote_open(args, &link, &err);
     }
     while (rc == MODAL_OK && !seen->ended) {
-        rc = client_ask(link, "EVENTS", subscription(args, stream, seen->next), fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
+        rc = client_ask(link, "EVENTS", subscription(args, stream, seen->next),
+                        fmin(deadline, link_now() + 40), &answer, NULL, &detail, &err);
         if (rc == MODAL_NOT_FOUND && !stream && args->words > 1) {
-            stream = true;                     /* no job of that name: a stream's, which may be yet to come */
+            /* no job of that name: a stream's, which may be yet to come */
+            stream = true;
             seen->awaited = args->word[1];
             rc = MODAL_OK;
             continue;

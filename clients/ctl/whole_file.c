@@ -4,12 +4,14 @@
 #include <string.h>
 #include "whole_file.h"
 
-enum modal_status whole_file_begin(struct whole_file *out, const char *path, const char *option, struct modal_error *err)
+enum modal_status whole_file_begin(struct whole_file *out, const char *path, const char *option,
+                                   struct modal_error *err)
 {
     out->path = path;
     out->option = option;
     errno = ENAMETOOLONG;
-    if (snprintf(out->beside, sizeof out->beside, "%s.new", path) >= (int)sizeof out->beside || (out->file = fopen(out->beside, "we")) == NULL)
+    if (snprintf(out->beside, sizeof out->beside, "%s.new", path) >= (int)sizeof out->beside
+        || (out->file = fopen(out->beside, "we")) == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, option, "%s: %s", path, strerror(errno));
     return MODAL_OK;
 }

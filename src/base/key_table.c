@@ -7,11 +7,12 @@
 
 enum { ROWS_MOST = 64 };          /* of two tables together: twice the longest there is */
 static const double
-    LEAST = 1e-290,               /* json.h: a range from below this is told as that of positive numbers */
+    /* json.h: a range from below this is told as that of positive numbers */
+    LEAST = 1e-290,
     MOST = 1e290;                 /* and one to above this as without end */
 
-enum modal_status key_table_check(const struct key_row *rows, const struct key_row *more, const cJSON *object,
-                                  const char *base, struct modal_error *err)
+enum modal_status key_table_check(const struct key_row *rows, const struct key_row *more,
+                                  const cJSON *object, const char *base, struct modal_error *err)
 {
     const char *names[ROWS_MOST + 1];
     int count = 0;
@@ -51,34 +52,41 @@ void key_table_defaults(const struct key_row *rows, void *into)
     }
 }
 
-static enum modal_status read_interval(const struct key_row *r, const cJSON *object, const char *base, double out[2],
-                                       struct modal_error *err)
+static enum modal_status read_interval(const struct key_row *r, const cJSON *object,
+                                       const char *base, double out[2], struct modal_error *err)
 {
     double *x = NULL;
     size_t count = 0;
     char path[128];
-    enum modal_status rc = json_get_numbers(object, base, r->name, r->low, r->high, &x, &count, err);
+    enum modal_status rc = json_get_numbers(object, base, r->name, r->low, r->high, &x, &count,
+                                            err);
 
     json_path(path, base, r->name);
     if (rc == MODAL_BAD_INPUT && err != NULL)
-        snprintf(err->field, sizeof err->field, "%s", path);     /* the key; the message says which number of it */
+        /* the key; the message says which number of it */
+        snprintf(err->field, sizeof err->field, "%s", path);
     if (rc == MODAL_OK && x != NULL && count != 2)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has %zu numbers; accepted: two, the first below the second",
-                              path, count);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, path,
+                              "%s has %zu numbers; accepted: two, the first below the second", path,
+                              count);
     else if (rc == MODAL_OK && x != NULL && !(x[1] > x[0]))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is [%.6g, %.6g]; accepted: two numbers, the first below the second",
-                              path, x[0], x[1]);
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, path,
+            "%s is [%.6g, %.6g]; accepted: two numbers, the first below the second", path, x[0],
+            x[1]);
     if (rc == MODAL_OK && x != NULL)
         out[0] = x[0], out[1] = x[1];
     free(x);
     return rc;
 }
 
-static enum modal_status read_row(const struct key_row *r, const cJSON *object, const char *base, void *at, struct modal_error *err)
+static enum modal_status read_row(const struct key_row *r, const cJSON *object, const char *base,
+                                  void *at, struct modal_error *err)
 {
     switch (r->type) {
     case KEY_NUMBER:   return json_get_number(object, base, r->name, r->low, r->high, at, err);
-    case KEY_WHOLE:    return json_get_int(object, base, r->name, (int)r->low, (int)r->high, at, err);
+    case KEY_WHOLE:
+        return json_get_int(object, base, r->name, (int)r->low, (int)r->high, at, err);
     case KEY_TRUTH:    return json_get_bool(object, base, r->name, at, err);
     case KEY_CHOICE:   return json_get_choice(object, base, r->name, r->words, at, err);
     case KEY_TEXT:     return json_get_string(object, base, r->name, at, err);
@@ -94,12 +102,12 @@ static void add_example(const struct key_row *r, struct modal_error *err)
     size_t length = err != NULL ? strlen(err->message) : 0;
 
     if (length > 0 && r->type != KEY_TRUTH && r->type != KEY_CHOICE)
-        snprintf(err->message + length, sizeof err->message - length, "%s%s, such as %s", r->unit != NULL ? ", in " : "",
-                 r->unit != NULL ? r->unit : "", r->example);
+        snprintf(err->message + length, sizeof err->message - length, "%s%s, such as %s",
+                 r->unit != NULL ? ", in " : "", r->unit != NULL ? r->unit : "", r->example);
 }
 
-enum modal_status key_table_read(const struct key_row *rows, const cJSON *object, const char *base, void *into,
-                                 struct modal_error *err)
+enum modal_status key_table_read(const struct key_row *rows, const cJSON *object, const char *base,
+                                 void *into, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -111,9 +119,11 @@ enum modal_status key_table_read(const struct key_row *rows, const cJSON *object
     return rc;
 }
 
-enum modal_status key_table_options(const struct key_row *rows, const cJSON *options, void *into, struct modal_error *err)
+enum modal_status key_table_options(const struct key_row *rows, const cJSON *options, void *into,
+                                    struct modal_error *err)
 {
-    enum modal_status rc = options != NULL ? key_table_check(rows, NULL, options, "", err) : MODAL_OK;
+    enum modal_status rc = options != NULL ? key_table_check(rows, NULL, options, "", err)
+                                           : MODAL_OK;
 
     key_table_defaults(rows, into);
     return rc == MODAL_OK ? key_table_read(rows, options, "", into, err) : rc;
@@ -136,7 +146,9 @@ static cJSON *write_value(const struct key_row *r, const void *at)
     case KEY_WHOLE:    return write_number(r, *(const int *)at);
     case KEY_TRUTH:    return cJSON_CreateBool(*(const bool *)at);
     case KEY_CHOICE:   return cJSON_CreateString(r->words[*(const int *)at]);
-    case KEY_TEXT:     return (text = *(const char *const *)at) != NULL ? cJSON_CreateString(text) : cJSON_CreateNull();
+    case KEY_TEXT:
+        return (text = *(const char *const *)at) != NULL ? cJSON_CreateString(text)
+                                                         : cJSON_CreateNull();
     case KEY_INTERVAL: return x[1] > 0 ? json_numbers(x, 2) : cJSON_CreateNull();
     case KEY_OWN:      break;
     }
@@ -155,7 +167,8 @@ void key_table_write(const struct key_row *rows, const void *from, cJSON *out)
     for (const struct key_row *r = rows; r->name != NULL; r++) {
         const void *at = (const char *)from + r->at;
 
-        if (r->type != KEY_OWN && r->shown != KEY_SILENT && (r->shown != KEY_SHOWN_IF_SET || is_set(r, at)))
+        if (r->type != KEY_OWN && r->shown != KEY_SILENT
+            && (r->shown != KEY_SHOWN_IF_SET || is_set(r, at)))
             cJSON_AddItemToObject(out, r->name, write_value(r, at));
     }
 }
@@ -169,8 +182,10 @@ static void list_words(const char *const *words, char *out, size_t room)
 
 void key_row_form(const struct key_row *row, char *out, size_t room)
 {
-    static const char *const forms[] = { [KEY_NUMBER] = "X", [KEY_WHOLE] = "N", [KEY_TRUTH] = "true|false",
-                                         [KEY_TEXT] = "TEXT", [KEY_INTERVAL] = "A,B", [KEY_OWN] = "VALUE" };
+    static const char *const forms[] = {
+        [KEY_NUMBER] = "X",  [KEY_WHOLE] = "N",      [KEY_TRUTH] = "true|false",
+        [KEY_TEXT] = "TEXT", [KEY_INTERVAL] = "A,B", [KEY_OWN] = "VALUE"
+    };
     char words[128];
 
     if (row->form == NULL && row->type == KEY_CHOICE)
@@ -204,8 +219,10 @@ void key_row_text(const struct key_row *row, char *out, size_t room)
     range_text(row, range, sizeof range);
     if (row->type == KEY_CHOICE && row->form != NULL)
         list_words(row->words, words, sizeof words), list = words;
-    snprintf(out, room, "%s%s%s", row->meaning, row->unit != NULL ? ", " : "", row->unit != NULL ? row->unit : "");
+    snprintf(out, room, "%s%s%s", row->meaning, row->unit != NULL ? ", " : "",
+             row->unit != NULL ? row->unit : "");
     if (list[0] != '\0' || row->initial != NULL)
-        snprintf(out + strlen(out), room - strlen(out), " (%s%s%s%s)", list, list[0] != '\0' && row->initial != NULL ? "; " : "",
+        snprintf(out + strlen(out), room - strlen(out), " (%s%s%s%s)", list,
+                 list[0] != '\0' && row->initial != NULL ? "; " : "",
                  row->initial != NULL ? "default " : "", row->initial != NULL ? row->initial : "");
 }

@@ -1,8 +1,9 @@
 /*
  * key_table.h - the members that an object may have, a row each
  *
- * What a key is called, what it accepts, what holds without it and what it means stands in one row, which its parser, the
- * parser's messages, the help and the manuals all read.  A new key is a new row.
+ * What a key is called, what it accepts, what holds without it and what it means stands in one row,
+ * which its parser, the parser's messages, the help and the manuals all read.  A new key is a new
+ * row.
  */
 #ifndef BASE_KEY_TABLE_H
 #define BASE_KEY_TABLE_H
@@ -31,31 +32,36 @@ struct key_row {
     size_t at;                    /* in the owner's struct; not of KEY_OWN */
     double low, high;             /* what numbers are accepted, ends included */
     const char *const *words;     /* what words are, NULL-terminated */
-    const char *initial;          /* what holds without it, as JSON but words bare; NULL: what `meaning` says */
+    const char *initial;          /* what holds without it, as JSON but words bare; NULL: what
+                                     `meaning` says */
     const char *unit;             /* NULL: none */
     const char *form;             /* its value on a command line: "T0,T1"; NULL: the type's */
     const char *meaning;          /* a line */
     const char *example;          /* its value on a command line, accepted by the row */
 };
 
-/* Every member of OBJECT must be a row of ROWS or MORE (NULL: none); else MODAL_BAD_INPUT as json_keys. */
-enum modal_status key_table_check(const struct key_row *rows, const struct key_row *more, const cJSON *object,
-                                  const char *base, struct modal_error *err);
+/* Every member of OBJECT must be a row of ROWS or MORE (NULL: none); else MODAL_BAD_INPUT as
+ * json_keys. */
+enum modal_status key_table_check(const struct key_row *rows, const struct key_row *more,
+                                  const cJSON *object, const char *base, struct modal_error *err);
 
 /* What holds without them, where the rows say so, into the struct INTO; the rest of it stays. */
 void key_table_defaults(const struct key_row *rows, void *into);
 
 /*
- * The members of OBJECT (NULL: none) that ROWS name, but KEY_OWN, into INTO; of what OBJECT lacks INTO keeps its value.
- * Text stays OBJECT's.  MODAL_BAD_INPUT, field the path from BASE: a wrong type or a value out of range, told with an example.
+ * The members of OBJECT (NULL: none) that ROWS name, but KEY_OWN, into INTO; of what OBJECT lacks
+ * INTO keeps its value.  Text stays OBJECT's.  MODAL_BAD_INPUT, field the path from BASE: a wrong
+ * type or a value out of range, told with an example.
  */
-enum modal_status key_table_read(const struct key_row *rows, const cJSON *object, const char *base, void *into,
-                                 struct modal_error *err);
+enum modal_status key_table_read(const struct key_row *rows, const cJSON *object, const char *base,
+                                 void *into, struct modal_error *err);
 
 /* All three of a job's OPTIONS (NULL: none): no other keys, the defaults, what was given. */
-enum modal_status key_table_options(const struct key_row *rows, const cJSON *options, void *into, struct modal_error *err);
+enum modal_status key_table_options(const struct key_row *rows, const cJSON *options, void *into,
+                                    struct modal_error *err);
 
-/* The values in FROM as members of OUT, in the rows' order, as their `shown` says; KEY_OWN is its owner's. */
+/* The values in FROM as members of OUT, in the rows' order, as their `shown` says; KEY_OWN is its
+ * owner's. */
 void key_table_write(const struct key_row *rows, const void *from, cJSON *out);
 
 /* "KEY=FORM" of a row, and "meaning, unit (range; default)", for the help. */

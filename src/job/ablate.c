@@ -1,10 +1,12 @@
 /*
- * ablate.c - kind `ablate`: each effect of a scene removed in turn, what that changes and what it saves
+ * ablate.c - kind `ablate`: each effect of a scene removed in turn, what that changes and what it
+ * saves
  *
- * Scenes with an excitation are compared by their steady states, others by their exponents: exactly, and beside it the first-order
- * estimate of influence.h.  Pulses die out and leave no steady state: a scene with pulses alone is compared by its exponents too.
- * `change` is without minus with.  `seconds` is the processor time of the answer with the effect less that without it, each the
- * least of REPEATS runs.
+ * Scenes with an excitation are compared by their steady states, others by their exponents:
+ * exactly, and beside it the first-order estimate of influence.h.  Pulses die out and leave no
+ * steady state: a scene with pulses alone is compared by its exponents too.  `change` is without
+ * minus with.  `seconds` is the processor time of the answer with the effect less that without it,
+ * each the least of REPEATS runs.
  */
 #include <math.h>
 #include <string.h>
@@ -38,9 +40,11 @@ static cJSON *scene_without(const cJSON *scene, int i)
     return copy;
 }
 
-static enum modal_status steady_once(const struct ablation *a, const cJSON *scene, cJSON **answer, struct modal_error *err)
+static enum modal_status steady_once(const struct ablation *a, const cJSON *scene, cJSON **answer,
+                                     struct modal_error *err)
 {
-    struct job_request inner = { .kind = "steady", .options = a->request->options, .scene = scene, .cancelled = a->request->cancelled,
+    struct job_request inner = { .kind = "steady", .options = a->request->options, .scene = scene,
+                                 .cancelled = a->request->cancelled,
                                  .context = a->request->context };
     struct job_result r;
     enum modal_status rc = kind_run(steady_run, &inner, &r, err);
@@ -72,7 +76,8 @@ static enum modal_status floquet_once(const struct ablation *a, const cJSON *sce
 }
 
 /* The answer to SCENE into one of both, and the least time of REPEATS. */
-static enum modal_status timed(const struct ablation *a, const cJSON *scene, cJSON **answer, struct floquet *f, double *seconds, struct modal_error *err)
+static enum modal_status timed(const struct ablation *a, const cJSON *scene, cJSON **answer,
+                               struct floquet *f, double *seconds, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -89,8 +94,10 @@ static enum modal_status timed(const struct ablation *a, const cJSON *scene, cJS
 static void add_mode(cJSON *modes, const struct influence *f, int i, double worst[3])
 {
     double complex a = f->from[i], b = f->to[i], d = f->first_order[i];
-    double wa = cabs(a), wb = cabs(b), za = wa > 0 ? -creal(a) / wa : 0, zb = wb > 0 ? -creal(b) / wb : 0;
-    double dw = wa > 0 ? creal(conj(a) * d) / wa : NAN, dz = wa > 0 ? (-creal(d) - za * dw) / wa : NAN;
+    double wa = cabs(a), wb = cabs(b), za = wa > 0 ? -creal(a) / wa : 0,
+           zb = wb > 0 ? -creal(b) / wb : 0;
+    double dw = wa > 0 ? creal(conj(a) * d) / wa : NAN,
+           dz = wa > 0 ? (-creal(d) - za * dw) / wa : NAN;
     cJSON *mode = cJSON_CreateObject();
 
     json_set_number(mode, "frequency_hz", wa / (2 * M_PI));
@@ -107,7 +114,8 @@ static void add_mode(cJSON *modes, const struct influence *f, int i, double wors
     worst[2] = fmax(worst[2], cabs(b - a));
 }
 
-static enum modal_status exponents_changed(const struct ablation *a, const cJSON *scene, cJSON *change, struct modal_error *err)
+static enum modal_status exponents_changed(const struct ablation *a, const cJSON *scene,
+                                           cJSON *change, struct modal_error *err)
 {
     struct program *p = NULL;
     struct influence f;
@@ -143,15 +151,18 @@ static double coefficient(const cJSON *dof, const char *part, int i)
 /* The largest difference of a harmonic of one dof, and the largest of the first. */
 static double harmonics_differ(const cJSON *a, const cJSON *b, double *size)
 {
-    int m = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(a, "k")), n = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(b, "k"));
+    int m = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(a, "k")),
+        n = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(b, "k"));
     double worst = 0;
 
     for (int i = 0; i < m; i++) {
-        double re = coefficient(a, "re", i), im = coefficient(a, "im", i), k = coefficient(a, "k", i);
+        double re = coefficient(a, "re", i), im = coefficient(a, "im", i),
+               k = coefficient(a, "k", i);
         int j = 0;
         while (j < n && coefficient(b, "k", j) != k)
             j++;
-        worst = fmax(worst, hypot(j < n ? coefficient(b, "re", j) - re : -re, j < n ? coefficient(b, "im", j) - im : -im));
+        worst = fmax(worst, hypot(j < n ? coefficient(b, "re", j) - re : -re,
+                                  j < n ? coefficient(b, "im", j) - im : -im));
         *size = fmax(*size, hypot(re, im));
     }
     return worst;
@@ -199,20 +210,24 @@ static cJSON *strip(cJSON *answer)
 /* A scene that has no answer without the effect (a free body pushed, say) is itself the finding. */
 static bool is_finding(enum modal_status rc)
 {
-    return rc == MODAL_BAD_INPUT || rc == MODAL_NO_CONVERGENCE || rc == MODAL_OVERFLOW || rc == MODAL_ELEMENT_FAILED;
+    return rc == MODAL_BAD_INPUT || rc == MODAL_NO_CONVERGENCE || rc == MODAL_OVERFLOW
+           || rc == MODAL_ELEMENT_FAILED;
 }
 
 static void add_failure(cJSON *row, enum modal_status rc, const struct modal_error *why)
 {
-    cJSON *without = cJSON_AddObjectToObject(row, "without"), *e = cJSON_AddObjectToObject(without, "error");
+    cJSON *without = cJSON_AddObjectToObject(row, "without"),
+          *e = cJSON_AddObjectToObject(without, "error");
 
     cJSON_AddStringToObject(e, "code", modal_status_code(rc));
     cJSON_AddStringToObject(e, "message", why->message);
 }
 
-static enum modal_status ablate_effect(const struct ablation *a, int i, cJSON *row, struct modal_error *err)
+static enum modal_status ablate_effect(const struct ablation *a, int i, cJSON *row,
+                                       struct modal_error *err)
 {
-    cJSON *scene = scene_without(a->request->scene, i), *answer = NULL, *change = cJSON_AddObjectToObject(row, "change");
+    cJSON *scene = scene_without(a->request->scene, i), *answer = NULL,
+          *change = cJSON_AddObjectToObject(row, "change");
     struct floquet f = { 0 };
     struct modal_error why = { 0 };
     double seconds;
@@ -249,7 +264,8 @@ static enum modal_status run_all(struct ablation *a, cJSON *list, struct modal_e
         cJSON_AddStringToObject(row, "type", a->program->effect[i].type);
         cJSON_AddItemToArray(list, row);
         if (a->request->cancelled != NULL && a->request->cancelled(a->request->context))
-            return modal_fail(err, MODAL_CANCELLED, "ablate: cancelled before effect %d of %d", i + 1, count);
+            return modal_fail(err, MODAL_CANCELLED, "ablate: cancelled before effect %d of %d",
+                              i + 1, count);
         rc = ablate_effect(a, i, row, err);
         if (rc == MODAL_OK && a->request->progress != NULL) {
             cJSON *event = cJSON_CreateObject();
@@ -271,11 +287,13 @@ static bool has_harmonic(const struct program *p)
 
 /* Exponents have no options but whom the job is counted for, which is the broker's to read. */
 const struct key_row ablate_option_rows[] = {
-    { "threads", KEY_OWN, KEY_SILENT, .form = "N", .initial = "1", .meaning = "that the job is counted for", .example = "2" },
+    { "threads", KEY_OWN, KEY_SILENT, .form = "N", .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
     { 0 },
 };
 
-enum modal_status ablate_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status ablate_run(const struct job_request *request, struct job_result *out,
+                             struct modal_error *err)
 {
     struct ablation a = { .request = request };
     struct floquet whole = { 0 };
@@ -303,11 +321,15 @@ enum modal_status ablate_run(const struct job_request *request, struct job_resul
     }
     if (rc == MODAL_OK) {
         cJSON *plan = a.steady ? cJSON_DetachItemFromObjectCaseSensitive(a.answer, "plan")
-                               : plan_print(a.program, a.program->harmonics > 0 ? "magnus" : "eigenvalues");
-        cJSON_AddItemToObject(out->result, "with", a.steady ? cJSON_Duplicate(strip(a.answer), 1) : print_floquet(&whole));
+                               : plan_print(a.program,
+                                            a.program->harmonics > 0 ? "magnus" : "eigenvalues");
+        cJSON_AddItemToObject(out->result, "with",
+                              a.steady ? cJSON_Duplicate(strip(a.answer), 1)
+                                       : print_floquet(&whole));
         cJSON_AddItemToObject(out->result, "plan", plan);
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, cJSON_Duplicate(request->options, 1)));
+        cJSON_AddItemToObject(out->result, "provenance",
+                              provenance_print(request, cJSON_Duplicate(request->options, 1)));
     }
     cJSON_Delete(a.answer);
     floquet_done(&whole);

@@ -18,12 +18,17 @@ static enum modal_status parse(const char *text, struct range *r, struct modal_e
     r->from = *end == ':' ? strtod(end + 1, &end) : NAN;
     r->to = *end == ':' ? strtod(end + 1, &end) : NAN;
     r->count = *end == ':' ? (int)strtol(end + 1, &end, 10) : 40;
-    if (*end != '\0' || !(r->from > 0) || !(r->to > 0) || !isfinite(r->from) || !isfinite(r->to) || r->count < 2 || r->count > POINTS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "\"%.60s\"; accepted: MODE:A:B or MODE:A:B:N, amplitudes A and B > 0, 2 to %d points", text, POINTS_MOST);
+    if (*end != '\0' || !(r->from > 0) || !(r->to > 0) || !isfinite(r->from) || !isfinite(r->to)
+        || r->count < 2 || r->count > POINTS_MOST)
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "backbone",
+            "\"%.60s\"; accepted: MODE:A:B or MODE:A:B:N, amplitudes A and B > 0, 2 to %d points",
+            text, POINTS_MOST);
     return MODAL_OK;
 }
 
-static cJSON *print_harmonics(const struct program *p, const struct steady_settings *settings, const struct backbone_point *point, int H)
+static cJSON *print_harmonics(const struct program *p, const struct steady_settings *settings,
+                              const struct backbone_point *point, int H)
 {
     size_t K = (size_t)H + 1;
     double *k = malloc(3 * K * sizeof *k);
@@ -56,12 +61,14 @@ static void print_frequency(cJSON *o, double omega, double damping_ratio)
     json_set_number(o, "damping_ratio", damping_ratio);
 }
 
-static cJSON *print_point(const struct program *p, const struct steady_settings *settings, const struct backbone_point *point, int H)
+static cJSON *print_point(const struct program *p, const struct steady_settings *settings,
+                          const struct backbone_point *point, int H)
 {
     cJSON *o = cJSON_CreateObject();
 
     cJSON_AddNumberToObject(o, "amplitude", point->amplitude);
-    print_frequency(o, point->converged ? point->omega : NAN, point->converged ? point->damping_ratio : NAN);
+    print_frequency(o, point->converged ? point->omega : NAN,
+                    point->converged ? point->damping_ratio : NAN);
     json_set_number(o, "energy", point->converged ? point->energy : NAN);
     cJSON_AddBoolToObject(o, "converged", point->converged);
     cJSON_AddNumberToObject(o, "iterations", point->iterations);
@@ -84,8 +91,9 @@ static void count_evaluations(struct program *p, const struct backbone *b)
 }
 
 /* Amplitude after amplitude; the first that is not reached ends the list. */
-static enum modal_status follow(const struct job_request *request, struct program *p, const struct steady_settings *settings,
-                                const struct range *r, struct backbone *b, int H, cJSON *points, struct modal_error *err)
+static enum modal_status follow(const struct job_request *request, struct program *p,
+                                const struct steady_settings *settings, const struct range *r,
+                                struct backbone *b, int H, cJSON *points, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -94,7 +102,11 @@ static enum modal_status follow(const struct job_request *request, struct progra
 
         if (request->cancelled != NULL && request->cancelled(request->context))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
-        rc = backbone_at(b, i + 1 < r->count ? r->from * pow(r->to / r->from, (double)i / (r->count - 1)) : r->to, &point, err);
+        rc = backbone_at(b,
+                         i + 1 < r->count
+                             ? r->from * pow(r->to / r->from, (double)i / (r->count - 1))
+                             : r->to,
+                         &point, err);
         if (rc == MODAL_OK) {
             cJSON_AddItemToArray(points, print_point(p, settings, &point, H));
             count(p, b);
@@ -105,7 +117,8 @@ static enum modal_status follow(const struct job_request *request, struct progra
     return rc;
 }
 
-enum modal_status backbone_run(const struct job_request *request, struct program *p, const struct steady_settings *settings, struct cost *cost,
+enum modal_status backbone_run(const struct job_request *request, struct program *p,
+                               const struct steady_settings *settings, struct cost *cost,
                                cJSON **doc, struct modal_error *err)
 {
     int H = settings->opt.harmonics > 0 ? settings->opt.harmonics : HARMONICS;

@@ -7,7 +7,8 @@
 
 enum width { SSE = 0, AVX2 = 1, AVX512 = 2 };
 
-/* What OpenBLAS 0.3.21 to 0.3.28 call kernels on x86-64 that use wide registers; every other name there is SSE or AVX. */
+/* What OpenBLAS 0.3.21 to 0.3.28 call kernels on x86-64 that use wide registers; every other name
+ * there is SSE or AVX. */
 static const struct core { const char *name; enum width width; } cores[] = {
     { "Haswell", AVX2 },    { "Zen", AVX2 },            { "Excavator", AVX2 },
     { "SkylakeX", AVX512 }, { "Cooperlake", AVX512 },   { "SapphireRapids", AVX512 },
@@ -25,7 +26,8 @@ const char *blas_core_better(const char *running, bool avx2, bool avx512)
 {
     enum width has = avx512 ? AVX512 : avx2 ? AVX2 : SSE, runs = width_of(running);
 
-    /* Zen with AVX-512 is known to OpenBLAS and its choice of 256 bits is deliberate: only SSE gives way. */
+    /* Zen with AVX-512 is known to OpenBLAS and its choice of 256 bits is deliberate: only SSE
+     * gives way. */
     if (runs != SSE || has == SSE)
         return NULL;
     return has == AVX512 ? "SkylakeX" : "Haswell";
@@ -39,10 +41,13 @@ const char *blas_core_name(void)
 #if defined(__x86_64__)
 static const char *better_here(void)
 {
-    __builtin_cpu_init();   /* the compiler's check asks the operating system for the registers too */
-    return blas_core_better(blas_core_name(), __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"),
+    /* the compiler's check asks the operating system for the registers too */
+    __builtin_cpu_init();
+    return blas_core_better(blas_core_name(),
+                            __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"),
                             __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl")
-                            && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw"));
+                                && __builtin_cpu_supports("avx512dq")
+                                && __builtin_cpu_supports("avx512bw"));
 }
 #else
 static const char *better_here(void) { return NULL; }

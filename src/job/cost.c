@@ -55,7 +55,9 @@ cJSON *cost_print(const struct cost *c)
 cJSON *provenance_print(const struct job_request *request, cJSON *options)
 {
     cJSON *p = cJSON_CreateObject();
-    const cJSON *units = request->scene != NULL ? cJSON_GetObjectItemCaseSensitive(request->scene, "units") : NULL;
+    const cJSON *units = request->scene != NULL
+                             ? cJSON_GetObjectItemCaseSensitive(request->scene, "units")
+                             : NULL;
     const cJSON *threads = cJSON_GetObjectItemCaseSensitive(options, "threads");
     char host[256] = "";
 

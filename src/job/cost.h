@@ -1,4 +1,5 @@
-/* cost.h - what a job cost, stage by stage, and where its result comes from: `cost` and `provenance` of every result */
+/* cost.h - what a job cost, stage by stage, and where its result comes from: `cost` and
+ * `provenance` of every result */
 #ifndef JOB_COST_H
 #define JOB_COST_H
 #include "job/job.h"
@@ -13,14 +14,15 @@ struct cost {
 };
 
 void cost_start(struct cost *c);
-/* What was done since the last mark belongs to stage NAME (a literal); a name that comes again adds up. */
+/* What was done since the last mark belongs to stage NAME (a literal); a name that comes again adds
+ * up. */
 void cost_stage(struct cost *c, const char *name);
 /* {"wall_s", "cpu_s", "stages": {...}, "peak_bytes"} */
 cJSON *cost_print(const struct cost *c);
 
 /*
- * {"version", "options", "input_sha256", "host", "threads", "blas_core", "attributes" or "units"}.  OPTIONS (after
- * defaults) becomes the document's; NULL: {}.
+ * {"version", "options", "input_sha256", "host", "threads", "blas_core", "attributes" or "units"}.
+ * OPTIONS (after defaults) becomes the document's; NULL: {}.
  */
 cJSON *provenance_print(const struct job_request *request, cJSON *options);
 

@@ -1,12 +1,14 @@
 /*
  * curve.c - steady states over one number of the scene
  *
- * A sweep solves N points, each from its neighbour.  A continuation follows one branch (path.h) and reports folds, and
- * between its points the changes of stability: a multiplier that leaves the unit circle at +1 (a branch point, or at a
- * fold), at -1 (period doubling) or as a pair (Neimark-Sacker), located by regula falsi on |mu| - 1 over the parameter.
+ * A sweep solves N points, each from its neighbour.  A continuation follows one branch (path.h) and
+ * reports folds, and between its points the changes of stability: a multiplier that leaves the unit
+ * circle at +1 (a branch point, or at a fold), at -1 (period doubling) or as a pair
+ * (Neimark-Sacker), located by regula falsi on |mu| - 1 over the parameter.
  *
- * Rigid friction alone has no branch to follow: a harmonic balance does not know of stops, and the motion is unique (two of them
- * would approach each other, friction being monotone in the rates), so that there are no folds.  Its continuation is MARCHED points.
+ * Rigid friction alone has no branch to follow: a harmonic balance does not know of stops, and the
+ * motion is unique (two of them would approach each other, friction being monotone in the rates),
+ * so that there are no folds.  Its continuation is MARCHED points.
  */
 #include "job/curve.h"
 #include <math.h>
@@ -39,21 +41,24 @@ struct curve {
     double complex *last;          /* of the point before */
     int last_q, last_H;
     double last_value, last_turn;
-    int number, lone_branch, bare_fold;      /* points so far; the last ones with a branch point, with a fold where no multiplier passed */
+    int number, lone_branch, bare_fold;      /* points so far; the last ones with a branch point,
+                                                with a fold where no multiplier passed */
     struct stability before;
     cJSON *points, *folds, *bifurcations;
     long ffts;
     int iterations, done;
 };
 
-static enum modal_status parse(struct curve *c, const char *text, const char *field, bool counted, struct modal_error *err)
+static enum modal_status parse(struct curve *c, const char *text, const char *field, bool counted,
+                               struct modal_error *err)
 {
     const char *equals = strchr(text, '=');
     char *end = NULL, *rest = NULL;
     long count = counted ? 2 : 100;
 
     if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof c->path)
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s", text, counted ? ":N" : "");
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s",
+                                text, counted ? ":N" : "");
     memcpy(c->path, text, (size_t)(equals - text));
     c->from = strtod(equals + 1, &end);
     c->to = *end == ':' ? strtod(end + 1, &rest) : NAN;
@@ -61,18 +66,23 @@ static enum modal_status parse(struct curve *c, const char *text, const char *fi
         count = strtol(rest + 1, &rest, 10);
     else if (counted)
         rest = NULL;
-    if (rest == NULL || *rest != '\0' || !isfinite(c->from) || !isfinite(c->to) || count < 2 || count > POINTS_MOST || (!counted && c->from == c->to))
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s, finite, %s", text, counted ? ":N" : "",
+    if (rest == NULL || *rest != '\0' || !isfinite(c->from) || !isfinite(c->to) || count < 2
+        || count > POINTS_MOST || (!counted && c->from == c->to))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                                "\"%.60s\": accepted: PATH=A:B%s, finite, %s", text,
+                                counted ? ":N" : "",
                                 counted ? "2 to 20000 points" : "A and B different");
     c->count = (int)count;
     c->omega = strcmp(c->path, "omega") == 0;
     if (c->omega && (c->from <= 0 || c->to <= 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "omega from %g to %g; accepted: > 0", c->from, c->to);
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "omega from %g to %g; accepted: > 0",
+                                c->from, c->to);
     return MODAL_OK;
 }
 
 /* The session at VALUE, c->s; omega to solve at into *OMEGA. */
-static enum modal_status session_at(struct curve *c, double value, double *omega, struct modal_error *err)
+static enum modal_status session_at(struct curve *c, double value, double *omega,
+                                    struct modal_error *err)
 {
     const char *field = c->settings->sweep != NULL ? "sweep" : "continue";
     enum modal_status rc = MODAL_OK;
@@ -98,7 +108,8 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
         if (rc != MODAL_OK)
             return rc;
         if (!(c->here->omega > 0))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+            return modal_fail_field(err, MODAL_BAD_INPUT, "omega",
+                                    "a steady state needs the scene's omega > 0");
         steady_subharmonic(c->here, c->settings->subharmonic);
         *omega = c->here->omega;
     }
@@ -120,7 +131,8 @@ static void remember(struct curve *c, const struct steady_point *point)
     c->last_H = point->H;
 }
 
-static void tell(const struct curve *c, double fraction, double value, const struct steady_point *point, const struct stability *st)
+static void tell(const struct curve *c, double fraction, double value,
+                 const struct steady_point *point, const struct stability *st)
 {
     cJSON *event;
 
@@ -139,17 +151,21 @@ static void tell(const struct curve *c, double fraction, double value, const str
 }
 
 /* Print POINT at VALUE into the curve; takes nothing over. */
-static enum modal_status add_point(struct curve *c, double value, double fraction, struct steady_point *point, const struct stability *st,
+static enum modal_status add_point(struct curve *c, double value, double fraction,
+                                   struct steady_point *point, const struct stability *st,
                                    struct modal_error *err)
 {
     cJSON *doc = NULL;
-    enum modal_status rc = steady_print(c->s, c->here, c->settings, point, c->settings->stability && point->converged ? st : NULL, &doc, err);
+    enum modal_status rc = steady_print(c->s, c->here, c->settings, point,
+                                        c->settings->stability && point->converged ? st : NULL,
+                                        &doc, err);
 
     if (rc != MODAL_OK)
         return rc;
     json_set_number(doc, "value", value);
     if (c->omega) {
-        cJSON_DeleteItemFromObjectCaseSensitive(doc, "omega");      /* the parameter's own digits, and the key once */
+        /* the parameter's own digits, and the key once */
+        cJSON_DeleteItemFromObjectCaseSensitive(doc, "omega");
         json_set_number(doc, "omega", value);
     }
     if (c->settings->subharmonic > 1)
@@ -186,7 +202,8 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < c->count; i++) {
-        double value = i == c->count - 1 ? c->to : c->from + (c->to - c->from) * i / (c->count - 1), omega = 0;
+        double value = i == c->count - 1 ? c->to : c->from + (c->to - c->from) * i / (c->count - 1),
+               omega = 0;
         struct steady_start start;
         struct steady_point point = { 0 };
         struct stability st = { 0 };
@@ -214,7 +231,8 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
     return rc;
 }
 
-static enum modal_status balance_at(void *context, double value, struct balance **out, struct modal_error *err)
+static enum modal_status balance_at(void *context, double value, struct balance **out,
+                                    struct modal_error *err)
 {
     struct curve *c = context;
     double omega = 0;
@@ -226,7 +244,8 @@ static enum modal_status balance_at(void *context, double value, struct balance 
 }
 
 /* A steady_point of a balance's solution, X copied. */
-static enum modal_status point_of(struct curve *c, struct balance *b, const double complex *X, int iterations, struct steady_point *point,
+static enum modal_status point_of(struct curve *c, struct balance *b, const double complex *X,
+                                  int iterations, struct steady_point *point,
                                   struct modal_error *err)
 {
     enum modal_status rc = steady_point_take(c->s, b, X, point, err);
@@ -256,20 +275,25 @@ static double complex changed(const struct stability *a, const struct stability 
     return more->multiplier[least];
 }
 
-/* Between the last point and this one the stability changes without a fold: where |mu| = 1, at a fixed parameter's Newton solution. */
-static enum modal_status refine(struct curve *c, double value, const double complex *X, const struct stability *st, struct modal_error *err)
+/* Between the last point and this one the stability changes without a fold: where |mu| = 1, at a
+ * fixed parameter's Newton solution. */
+static enum modal_status refine(struct curve *c, double value, const double complex *X,
+                                const struct stability *st, struct modal_error *err)
 {
     double a = c->last_value, b = value, where = NAN;
     int base = unstable(&c->before) < unstable(st) ? unstable(&c->before) : unstable(st);
     bool rises = unstable(st) > unstable(&c->before);
     size_t size = (size_t)c->last_q * ((size_t)c->last_H + 1);
     double complex *Y = malloc((size + 1) * sizeof *Y), mu = changed(&c->before, st);
-    enum modal_status rc = Y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : MODAL_OK;
+    enum modal_status rc = Y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory")
+                                     : MODAL_OK;
     const char *type;
     cJSON *event;
 
-    for (int i = 0; rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > 1e-12 * fabs(c->to - c->from); i++) {
-        double middle = 0.5 * (a + b), share = (middle - c->last_value) / (value - c->last_value), omega = 0;
+    for (int i = 0;
+         rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > 1e-12 * fabs(c->to - c->from); i++) {
+        double middle = 0.5 * (a + b), share = (middle - c->last_value) / (value - c->last_value),
+               omega = 0;
         struct steady_start start = { c->last_q, c->last_H, Y };
         struct steady_point point = { 0 };
         struct stability here = { 0 };
@@ -296,7 +320,9 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     free(Y);
     if (rc != MODAL_OK)
         return rc;
-    type = fabs(cimag(mu)) > 1e-6 ? "neimark_sacker" : creal(mu) < 0 ? "period_doubling" : "branch_point";
+    type = fabs(cimag(mu)) > 1e-6 ? "neimark_sacker"
+           : creal(mu) < 0        ? "period_doubling"
+                                  : "branch_point";
     if (type[0] == 'b' && c->number - c->bare_fold <= NEAR) {
         c->bare_fold = -NEAR;
         return MODAL_OK;
@@ -310,8 +336,9 @@ static enum modal_status refine(struct curve *c, double value, const double comp
 }
 
 /*
- * At a fold one multiplier passes 1.  Multipliers are the exact motion's, folds the truncated one's, so that the two may come some points
- * apart: a branch point beside a fold at which no multiplier passed is that fold, and not told twice.
+ * At a fold one multiplier passes 1.  Multipliers are the exact motion's, folds the truncated
+ * one's, so that the two may come some points apart: a branch point beside a fold at which no
+ * multiplier passed is that fold, and not told twice.
  */
 static void pair_fold(struct curve *c)
 {
@@ -322,7 +349,8 @@ static void pair_fold(struct curve *c)
         c->bare_fold = c->number;
 }
 
-static enum modal_status on_point(void *context, const struct path_point *path, struct balance *b, bool *stop, struct modal_error *err)
+static enum modal_status on_point(void *context, const struct path_point *path, struct balance *b,
+                                  bool *stop, struct modal_error *err)
 {
     struct curve *c = context;
     struct steady_point point = { 0 };
@@ -341,7 +369,8 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
         rc = add_point(c, path->lambda, fraction, &point, &st, err);
     c->number++;
     if (rc == MODAL_OK && c->before.count > 0 && st.count == c->before.count && c->last != NULL) {
-        bool changed_here = unstable(&st) != unstable(&c->before), fold = !(path->turn * c->last_turn > 0);
+        bool changed_here = unstable(&st) != unstable(&c->before),
+             fold = !(path->turn * c->last_turn > 0);
 
         if (changed_here && !fold)
             rc = refine(c, path->lambda, point.X, &st, err);
@@ -361,7 +390,9 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
     return rc;
 }
 
-static enum modal_status on_special(void *context, enum path_special kind, const struct path_point *path, struct balance *b, struct modal_error *err)
+static enum modal_status on_special(void *context, enum path_special kind,
+                                    const struct path_point *path, struct balance *b,
+                                    struct modal_error *err)
 {
     struct curve *c = context;
     cJSON *event;
@@ -380,8 +411,9 @@ static bool path_cancelled(void *context) { return cancelled(context); }
 
 static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error *err)
 {
-    struct path_problem problem = { .at = balance_at, .point = on_point, .special = on_special, .cancelled = path_cancelled, .context = c,
-                                    .from = c->from, .to = c->to, .points_most = POINTS_MOST / 4 };
+    struct path_problem problem = { .at = balance_at, .point = on_point, .special = on_special,
+                                    .cancelled = path_cancelled, .context = c, .from = c->from,
+                                    .to = c->to, .points_most = POINTS_MOST / 4 };
     struct path_report report = { 0 };
     struct steady_point first = { 0 };
     double omega = 0;
@@ -390,7 +422,10 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
     if (rc == MODAL_OK)
         rc = set_out(c, err);
     if (rc == MODAL_OK)
-        rc = steady_solve(c->s, omega, c->last != NULL ? &(struct steady_start) { c->last_q, c->last_H, c->last } : NULL, &first, err);
+        rc = steady_solve(c->s, omega,
+                          c->last != NULL ? &(struct steady_start){ c->last_q, c->last_H, c->last }
+                                          : NULL,
+                          &first, err);
     if (rc == MODAL_OK && !first.converged) {
         struct stability none = { 0 };
 
@@ -401,7 +436,9 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
         int H = first.H;
         struct steady_start start = { first.q, first.H, first.X };
 
-        c->H = c->settings->opt.harmonics > 0 ? c->settings->opt.harmonics : H < H_FOLLOWED_MOST ? H : H_FOLLOWED_MOST;
+        c->H = c->settings->opt.harmonics > 0 ? c->settings->opt.harmonics
+               : H < H_FOLLOWED_MOST          ? H
+                                              : H_FOLLOWED_MOST;
         rc = steady_balance(c->s, c->H, &b, err);
         if (rc == MODAL_OK) {
             double complex *X = calloc((size_t)b->q * ((size_t)c->H + 1) + 1, sizeof *X);
@@ -409,7 +446,8 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
             for (int i = 0; X != NULL && i < b->q; i++)
                 for (int k = 0; k <= c->H && k <= start.H; k++)
                     X[i * (c->H + 1) + k] = start.X[i * (start.H + 1) + k];
-            rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : path_follow(&problem, X, &report, err);
+            rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory")
+                           : path_follow(&problem, X, &report, err);
             free(X);
         }
     }
@@ -459,13 +497,16 @@ static void curve_done(struct curve *c)
     stability_done(&c->before);
 }
 
-enum modal_status curve_run(const struct job_request *request, struct program *p, struct steady_settings *settings, struct cost *cost,
-                            cJSON **doc, struct modal_error *err)
+enum modal_status curve_run(const struct job_request *request, struct program *p,
+                            struct steady_settings *settings, struct cost *cost, cJSON **doc,
+                            struct modal_error *err)
 {
-    struct curve c = { .request = request, .settings = settings, .cost = cost, .p = p, .here = p, .lone_branch = -NEAR, .bare_fold = -NEAR };
+    struct curve c = { .request = request, .settings = settings, .cost = cost, .p = p, .here = p,
+                       .lone_branch = -NEAR, .bare_fold = -NEAR };
     bool counted = settings->sweep != NULL;
     cJSON *out = cJSON_CreateObject(), *plan;
-    enum modal_status rc = parse(&c, counted ? settings->sweep : settings->follow, counted ? "sweep" : "continue", counted, err);
+    enum modal_status rc = parse(&c, counted ? settings->sweep : settings->follow,
+                                 counted ? "sweep" : "continue", counted, err);
 
     settings->opt.estimate_later = settings->opt.harmonics > 0;
     cJSON_AddStringToObject(out, "kind", "curve");
@@ -478,7 +519,9 @@ enum modal_status curve_run(const struct job_request *request, struct program *p
         rc = c.scene == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory") : MODAL_OK;
     }
     if (rc == MODAL_OK)
-        rc = counted ? sweep(&c, err) : rigid_alone(p, &settings->opt) ? march(&c, out, err) : follow(&c, out, err);
+        rc = counted                          ? sweep(&c, err)
+             : rigid_alone(p, &settings->opt) ? march(&c, out, err)
+                                              : follow(&c, out, err);
     if (rc == MODAL_OK) {
         plan = plan_print(p, counted ? "sweep" : "continuation");
         cJSON_AddNumberToObject(plan, "ffts", (double)c.ffts);

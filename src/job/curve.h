@@ -4,8 +4,9 @@
 #include "job/cost.h"
 #include "job/steady_settings.h"
 
-/* The document {"kind":"curve", "parameter", "points", "folds", "bifurcations"} for settings->sweep or ->follow; P is the scene
- * lowered, and gets the effects' counts. */
-enum modal_status curve_run(const struct job_request *request, struct program *p, struct steady_settings *settings, struct cost *cost,
-                            cJSON **doc, struct modal_error *err);
+/* The document {"kind":"curve", "parameter", "points", "folds", "bifurcations"} for
+ * settings->sweep or ->follow; P is the scene lowered, and gets the effects' counts. */
+enum modal_status curve_run(const struct job_request *request, struct program *p,
+                            struct steady_settings *settings, struct cost *cost, cJSON **doc,
+                            struct modal_error *err);
 #endif

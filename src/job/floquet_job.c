@@ -1,4 +1,5 @@
-/* floquet_job.c - kind `floquet`: exact exponents of a linear scene, by monodromy matrix and by Hill's determinant */
+/* floquet_job.c - kind `floquet`: exact exponents of a linear scene, by monodromy matrix and by
+ * Hill's determinant */
 #include <math.h>
 #include "job/cost.h"
 #include "job/plan.h"
@@ -21,14 +22,15 @@ enum {
 #define AT(member) .at = offsetof(struct options, member)
 
 const struct key_row floquet_option_rows[] = {
-    { "tolerance", KEY_NUMBER, AT(tolerance), .low = FLOQUET_TOLERANCE_LEAST, .high = FLOQUET_TOLERANCE_MOST,
-      .initial = "1e-12", .meaning = "of the monodromy matrix", .example = "1e-9" },
+    { "tolerance", KEY_NUMBER, AT(tolerance), .low = FLOQUET_TOLERANCE_LEAST,
+      .high = FLOQUET_TOLERANCE_MOST, .initial = "1e-12", .meaning = "of the monodromy matrix",
+      .example = "1e-9" },
     { "hill", KEY_TRUTH, AT(hill), .initial = "true",
       .meaning = "Hill's determinant as a second, independent way", .example = "false" },
     { "hill.harmonics", KEY_WHOLE, AT(harmonics), .low = 0, .high = HARMONICS_MOST, .initial = "0",
       .meaning = "of it; 0: until its truncation is small", .example = "20" },
-    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
-      .meaning = "that the job is counted for", .example = "2" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST,
+      .initial = "1", .meaning = "that the job is counted for", .example = "2" },
     { 0 },
 };
 
@@ -54,7 +56,8 @@ static cJSON *print_modes(const struct floquet *f)
         json_set_number(mode, "damping_ratio", omega > 0 ? -creal(lambda) / omega : 0);
         cJSON_AddItemToObject(mode, "exponent", json_complex(creal(lambda), cimag(lambda)));
         if (f->period > 0)
-            cJSON_AddItemToObject(mode, "multiplier", json_complex(creal(f->multiplier[i]), cimag(f->multiplier[i])));
+            cJSON_AddItemToObject(mode, "multiplier",
+                                  json_complex(creal(f->multiplier[i]), cimag(f->multiplier[i])));
         json_set_number(mode, "error", f->bar[i]);
         cJSON_AddItemToArray(modes, mode);
     }
@@ -87,10 +90,12 @@ static cJSON *print_hill(const struct hill *h, const struct floquet *f)
     for (int i = 0; i < f->count; i++) {
         double least = HUGE_VAL;
         for (int j = 0; j < h->count && f->resolved[i]; j++)
-            least = fmin(least, hypot(creal(f->exponent[i]) - creal(h->exponent[j]), remainder(cimag(f->exponent[i]) - cimag(h->exponent[j]), W)));
+            least = fmin(least, hypot(creal(f->exponent[i]) - creal(h->exponent[j]),
+                                      remainder(cimag(f->exponent[i]) - cimag(h->exponent[j]), W)));
         worst = f->resolved[i] ? fmax(worst, least) : worst;
     }
-    json_set_number(json, "difference", worst);       /* the largest, of a resolved exponent from Hill's nearest */
+    /* the largest, of a resolved exponent from Hill's nearest */
+    json_set_number(json, "difference", worst);
     return json;
 }
 
@@ -128,7 +133,8 @@ static cJSON *print_result(const struct program *p, const struct floquet *f)
 }
 
 /* Hill's way is a check: where it is too large for its limit, the result says so and stands. */
-static enum modal_status add_hill(cJSON *result, const struct program *p, const struct floquet *f, const struct options *o, struct modal_error *err)
+static enum modal_status add_hill(cJSON *result, const struct program *p, const struct floquet *f,
+                                  const struct options *o, struct modal_error *err)
 {
     struct hill h;
     struct modal_error why;
@@ -154,7 +160,8 @@ static enum modal_status add_hill(cJSON *result, const struct program *p, const 
     return MODAL_OK;
 }
 
-enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status floquet_run(const struct job_request *request, struct job_result *out,
+                              struct modal_error *err)
 {
     struct options o = { 0 };
     struct program *p = NULL;

@@ -56,8 +56,10 @@ static cJSON *print_mode(const struct identify_result *r, const struct identify_
     json_set_number(o, "damped_frequency_rad_s", fabs(cimag(m->resolved)));
     json_set_number(o, "damping_ratio", damping_ratio_of(m->resolved));
     cJSON_AddItemToObject(o, "exponent", json_complex(creal(m->exponent), cimag(m->exponent)));
-    cJSON_AddItemToObject(o, "resolved_exponent", json_complex(creal(m->resolved), cimag(m->resolved)));
-    cJSON_AddItemToObject(o, "multiplier", json_complex(creal(m->multiplier), cimag(m->multiplier)));
+    cJSON_AddItemToObject(o, "resolved_exponent",
+                          json_complex(creal(m->resolved), cimag(m->resolved)));
+    cJSON_AddItemToObject(o, "multiplier",
+                          json_complex(creal(m->multiplier), cimag(m->multiplier)));
     json_set_number(o, "amplitude", m->amplitude);
     json_set_number(o, "energy", m->energy);
     json_set_number(o, "persistence", m->persistence);
@@ -113,7 +115,8 @@ static cJSON *print_reconstruction(const struct identify_result *r, const struct
         cJSON *s = cJSON_CreateObject();
         int c = r->channel[i];
         snprintf(own, sizeof own, "ch%d", c);
-        cJSON_AddStringToObject(s, "name", b->names != NULL && b->names[c] != NULL ? b->names[c] : own);
+        cJSON_AddStringToObject(s, "name",
+                                b->names != NULL && b->names[c] != NULL ? b->names[c] : own);
         json_set_number(s, "rms_error", r->rms_error[i]);
         json_set_number(s, "relative_error", r->relative_error[i]);
         cJSON_AddItemToArray(list, s);
@@ -243,7 +246,8 @@ static cJSON *print_cost(const struct identify_result *r, const struct meter *st
     return o;
 }
 
-static cJSON *print_provenance(const struct job_request *q, const struct identify_result *r, int threads)
+static cJSON *print_provenance(const struct job_request *q, const struct identify_result *r,
+                               int threads)
 {
     cJSON *o = cJSON_CreateObject(), *input = cJSON_CreateObject();
     char host[256] = "";
@@ -286,13 +290,15 @@ static cJSON *print_modes(const struct identify_result *r)
     return o;
 }
 
-static cJSON *print_result(const struct job_request *q, const struct identify_result *r, const struct meter *start, int threads)
+static cJSON *print_result(const struct job_request *q, const struct identify_result *r,
+                           const struct meter *start, int threads)
 {
     cJSON *o = print_modes(r);
 
     cJSON_AddItemToObject(o, "rank", print_rank(r));
     cJSON_AddItemToObject(o, "reconstruction", print_reconstruction(r, q->batch));
-    cJSON_AddItemToObject(o, "offset", json_numbers(r->offset, r->offset != NULL ? r->channel_count : 0));
+    cJSON_AddItemToObject(o, "offset",
+                          json_numbers(r->offset, r->offset != NULL ? r->channel_count : 0));
     cJSON_AddItemToObject(o, "order", print_order(r));
     cJSON_AddItemToObject(o, "stabilisation", print_stabilisation(r));
     cJSON_AddItemToObject(o, "clusters", print_clusters(r));
@@ -348,15 +354,27 @@ static bool climb_stopped(void *context)
     return q->cancelled != NULL && q->cancelled(q->context);
 }
 
-/* Climb until a target is met; without one, or with a procedure named, what was asked for is the one rung that runs. */
-static enum modal_status answer(struct own_ladder *l, const struct identify_settings *settings, struct modal_error *err)
+/* Climb until a target is met; without one, or with a procedure named, what was asked for is the
+ * one rung that runs. */
+static enum modal_status answer(struct own_ladder *l, const struct identify_settings *settings,
+                                struct modal_error *err)
 {
-    static const char *const stops[] = { [LADDER_RUN_OUT] = "exhausted", [LADDER_AT_ERROR] = "target.error", [LADDER_AT_SECONDS] = "target.seconds" };
+    static const char *const stops[] = { [LADDER_RUN_OUT] = "exhausted",
+                                         [LADDER_AT_ERROR] = "target.error",
+                                         [LADDER_AT_SECONDS] = "target.seconds" };
     const struct identify_options *opt = &settings->opt;
     const struct batch *b = l->request->batch;
-    struct identify_ladder_facts facts = { b->samples, b->channels, b->dt, opt->period > 0 ? opt->period : opt->period < 0 ? 0 : b->period, 0, 0,
+    struct identify_ladder_facts facts = { b->samples,
+                                           b->channels,
+                                           b->dt,
+                                           opt->period > 0   ? opt->period
+                                           : opt->period < 0 ? 0
+                                                             : b->period,
+                                           0,
+                                           0,
                                            { 0, (double)(b->samples - 1) * b->dt } };
-    struct ladder ladder = { .target_error = opt->target_error, .target_seconds = opt->target_seconds, .climb = climb,
+    struct ladder ladder = { .target_error = opt->target_error,
+                             .target_seconds = opt->target_seconds, .climb = climb,
                              .clock = cpu_seconds, .cancelled = climb_stopped, .context = l };
     struct ladder_outcome outcome;
     double start = cpu_seconds(NULL);
@@ -374,18 +392,25 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_sett
         l->rungs[i] = (struct ladder_rung) { .error = NAN, .seconds = NAN };
     if ((opt->target_error > 0 || opt->target_seconds > 0) && opt->method == IDENTIFY_AUTO) {
         rc = ladder_run(&ladder, l->rungs, &outcome, err);
-        if (rc == MODAL_OK && (outcome.chosen < 0 || (outcome.stop == LADDER_RUN_OUT && isfinite(l->rungs[outcome.ran - 1].error))))
-            outcome.chosen = outcome.ran - 1;     /* all the data, where nothing says less is enough: estimates differ by chance */
+        if (rc == MODAL_OK
+            && (outcome.chosen < 0
+                || (outcome.stop == LADDER_RUN_OUT && isfinite(l->rungs[outcome.ran - 1].error))))
+            /* all the data, where nothing says less is enough: estimates differ by chance */
+            outcome.chosen = outcome.ran - 1;
         if (rc == MODAL_OK)
             l->chosen = outcome.chosen, l->stop = stops[outcome.stop];
         return rc;
     }
     l->chosen = opt->method == IDENTIFY_AUTO ? l->count - 1 : 0;
     cJSON_Delete(l->settings[l->chosen]);
-    l->settings[l->chosen] = l->request->options != NULL ? cJSON_Duplicate(l->request->options, true) : cJSON_CreateObject();
+    l->settings[l->chosen] = l->request->options != NULL
+                                 ? cJSON_Duplicate(l->request->options, true)
+                                 : cJSON_CreateObject();
     rc = identify_answer(l->request, settings, &l->answer[l->chosen], err);
     if (rc == MODAL_OK)
-        l->rungs[l->chosen] = (struct ladder_rung) { .ran = true, .error = identify_error(&l->answer[l->chosen]), .seconds = cpu_seconds(NULL) - start };
+        l->rungs[l->chosen] = (struct ladder_rung){ .ran = true,
+                                                    .error = identify_error(&l->answer[l->chosen]),
+                                                    .seconds = cpu_seconds(NULL) - start };
     return rc;
 }
 
@@ -410,8 +435,9 @@ static cJSON *print_ladder(struct own_ladder *l)
     return o;
 }
 
-enum modal_status identify_by(const struct identify_settings *settings, const struct job_request *request,
-                              struct job_result *out, struct modal_error *err)
+enum modal_status identify_by(const struct identify_settings *settings,
+                              const struct job_request *request, struct job_result *out,
+                              struct modal_error *err)
 {
     struct meter start = { seconds(CLOCK_MONOTONIC), seconds(CLOCK_PROCESS_CPUTIME_ID), request };
     struct own_ladder *ladder = calloc(1, sizeof *ladder);
@@ -423,7 +449,8 @@ enum modal_status identify_by(const struct identify_settings *settings, const st
     rc = answer(ladder, settings, err);
     if (rc == MODAL_OK) {
         struct identify_result *r = &ladder->answer[ladder->chosen];
-        r->used.target_error = settings->opt.target_error, r->used.target_seconds = settings->opt.target_seconds;
+        r->used.target_error = settings->opt.target_error,
+        r->used.target_seconds = settings->opt.target_seconds;
         out->result = print_result(request, r, &start, settings->threads);
         cJSON_AddItemToObject(out->result, "ladder", print_ladder(ladder));
     }
@@ -435,7 +462,8 @@ enum modal_status identify_by(const struct identify_settings *settings, const st
     return rc;
 }
 
-enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status identify_run(const struct job_request *request, struct job_result *out,
+                               struct modal_error *err)
 {
     struct identify_settings settings;
     enum modal_status rc = identify_options_read(request->options, request->batch, &settings, err);

@@ -8,9 +8,11 @@
 cJSON *identify_modes_write(const struct identify_result *result);
 
 /* The kind: options of REQUEST->options, the document into OUT->result. */
-enum modal_status identify_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+enum modal_status identify_run(const struct job_request *request, struct job_result *out,
+                               struct modal_error *err);
 
 /* The same with options read before: SETTINGS are those of REQUEST->options. */
-enum modal_status identify_by(const struct identify_settings *settings, const struct job_request *request,
-                              struct job_result *out, struct modal_error *err);
+enum modal_status identify_by(const struct identify_settings *settings,
+                              const struct job_request *request, struct job_result *out,
+                              struct modal_error *err);
 #endif

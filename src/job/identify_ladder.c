@@ -7,14 +7,15 @@
 #include <time.h>
 
 /*
- * The rungs.  `rows` is a share of the record for each signal; limits of accuracy: a tenth costs a factor 2.3 in variance,
- * a third 1.4, refinement takes any of them to the bound.
+ * The rungs.  `rows` is a share of the record for each signal; limits of accuracy: a tenth costs a
+ * factor 2.3 in variance, a third 1.4, refinement takes any of them to the bound.
  */
 static const struct rung {
     const char *method;          /* NULL: the default, refined */
     double rows;                 /* share of the samples; 0: the default */
     double window;               /* share of the record from its start; 0: all */
-    double pod;                  /* signals as a multiple of the order; 0: the default, < 0: every channel */
+    double pod;                  /* signals as a multiple of the order; 0: the default, < 0: every
+                                    channel */
     bool fixed;                  /* the order is given, not looked for */
     bool band;                   /* decimated to the modes' band */
     bool in_short;
@@ -40,12 +41,16 @@ static bool suits(const struct rung *r, const struct identify_ladder_facts *f, c
 {
     double top = f->highest_hz * 1.3;
 
-    if (r->band && (f->period > 0 || f->order == 0 || top <= 0 || 1 / f->dt / (4 * top) < 2 || cJSON_HasObjectItem(asked, "band")))
+    if (r->band
+        && (f->period > 0 || f->order == 0 || top <= 0 || 1 / f->dt / (4 * top) < 2
+            || cJSON_HasObjectItem(asked, "band")))
         return false;
     if (r->rows > 0 && (f->period > 0 || r->rows * (double)f->samples < 2 * f->order + 8))
         return false;
-    if (r->window > 0 && (cJSON_HasObjectItem(asked, "window") || r->window * (double)f->samples < 6 * f->order + 64
-                          || (f->period > 0 && r->window * (double)f->samples * f->dt < 8 * f->period)))
+    if (r->window > 0
+        && (cJSON_HasObjectItem(asked, "window")
+            || r->window * (double)f->samples < 6 * f->order + 64
+            || (f->period > 0 && r->window * (double)f->samples * f->dt < 8 * f->period)))
         return false;
     if (r->pod > 0 && (f->channels <= 8 || f->order == 0))
         return false;
@@ -58,12 +63,15 @@ static void set(cJSON *o, const char *key, cJSON *value)
     cJSON_AddItemToObject(o, key, value);
 }
 
-static cJSON *settings_of(const struct rung *r, const struct identify_ladder_facts *f, const cJSON *asked)
+static cJSON *settings_of(const struct rung *r, const struct identify_ladder_facts *f,
+                          const cJSON *asked)
 {
     cJSON *o = asked != NULL ? cJSON_Duplicate(asked, true) : cJSON_CreateObject();
-    const double window[2] = { f->window[0], f->window[0] + r->window * (f->window[1] - f->window[0]) }, band[2] = { 0, 1.3 * f->highest_hz };
-    bool ruled = cJSON_HasObjectItem(o, "rank.fixed") || cJSON_HasObjectItem(o, "rank.rule") || cJSON_HasObjectItem(o, "rank.energy")
-        || cJSON_HasObjectItem(o, "rank");
+    const double window[2] = { f->window[0],
+                               f->window[0] + r->window * (f->window[1] - f->window[0]) },
+                 band[2] = { 0, 1.3 * f->highest_hz };
+    bool ruled = cJSON_HasObjectItem(o, "rank.fixed") || cJSON_HasObjectItem(o, "rank.rule")
+                 || cJSON_HasObjectItem(o, "rank.energy") || cJSON_HasObjectItem(o, "rank");
 
     cJSON_DeleteItemFromObjectCaseSensitive(o, "target.error");
     cJSON_DeleteItemFromObjectCaseSensitive(o, "target.seconds");
@@ -85,7 +93,8 @@ static cJSON *settings_of(const struct rung *r, const struct identify_ladder_fac
     return o;
 }
 
-int identify_ladder_rungs(const cJSON *asked, const struct identify_ladder_facts *facts, bool short_one, cJSON *settings[IDENTIFY_RUNGS_MOST])
+int identify_ladder_rungs(const cJSON *asked, const struct identify_ladder_facts *facts,
+                          bool short_one, cJSON *settings[IDENTIFY_RUNGS_MOST])
 {
     int count = 0;
 
@@ -101,17 +110,22 @@ double identify_error(const struct identify_result *r)
 
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
-        double size = cabs(m->exponent), span = r->period > 0 ? r->period : r->used.stride > 0 ? r->dt * r->used.stride : r->dt;
-        double error = isfinite(m->std_re) ? hypot(m->std_re, m->std_im) : m->bar / fmax(cabs(m->multiplier), 1e-300) / span;
+        double size = cabs(m->exponent), span = r->period > 0        ? r->period
+                                                : r->used.stride > 0 ? r->dt * r->used.stride
+                                                                     : r->dt;
+        double error = isfinite(m->std_re) ? hypot(m->std_re, m->std_im)
+                                           : m->bar / fmax(cabs(m->multiplier), 1e-300) / span;
         if (size > 0 && isfinite(error) && !(error / size <= worst))
             worst = error / size;
     }
     return worst;
 }
 
-double identify_distance(const struct identify_result *r, const double complex *truth, int count, int *unmatched)
+double identify_distance(const struct identify_result *r, const double complex *truth, int count,
+                         int *unmatched)
 {
-    bool *taken = calloc((size_t)r->mode_count + 1, sizeof *taken), *matched = calloc((size_t)count + 1, sizeof *matched);
+    bool *taken = calloc((size_t)r->mode_count + 1, sizeof *taken),
+         *matched = calloc((size_t)count + 1, sizeof *matched);
     double worst = 0;
 
     *unmatched = count;
@@ -148,7 +162,8 @@ static bool stopped(void *context)
     return request->cancelled != NULL && request->cancelled(request->context);
 }
 
-enum modal_status identify_answer(const struct job_request *request, const struct identify_settings *settings,
+enum modal_status identify_answer(const struct job_request *request,
+                                  const struct identify_settings *settings,
                                   struct identify_result *out, struct modal_error *err)
 {
     struct identify_options opt = settings->opt;
@@ -158,8 +173,8 @@ enum modal_status identify_answer(const struct job_request *request, const struc
     return modal_identify(request->batch, &opt, out, err);
 }
 
-enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *rung, struct identify_result *out,
-                                         struct modal_error *err)
+enum modal_status identify_ladder_answer(const struct job_request *request, const cJSON *rung,
+                                         struct identify_result *out, struct modal_error *err)
 {
     struct identify_settings settings;
     enum modal_status rc = identify_options_read(rung, request->batch, &settings, err);

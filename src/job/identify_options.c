@@ -7,32 +7,37 @@
 
 enum {
     THREADS_MOST = 256,                  /* OpenBLAS as Debian builds it knows no more */
-    SIZE_MOST = 1000000000,              /* of the Hankel matrix: below INT_MAX, so that one more is an int still */
+    SIZE_MOST = 1000000000,              /* of the Hankel matrix: below INT_MAX, so that one more is
+                                            an int still */
 };
 static const double
-    LEAST = 1e-300,                      /* "positive": what a double holds with all its digits, and a decade to spare */
-    ENERGY_KEPT = 0.9999;                /* rank.h: what the energy rules keep where nothing is said */
+    /* "positive": what a double holds with all its digits, and a decade to spare */
+    LEAST = 1e-300,
+    /* rank.h: what the energy rules keep where nothing is said */
+    ENERGY_KEPT = 0.9999;
 
 #define AT(member) .at = offsetof(struct identify_settings, member)
 #define ORDER .low = 1, .high = IDENTIFY_ORDER_MOST
 
 const struct key_row identify_option_rows[] = {
-    { "method", KEY_CHOICE, AT(opt.method), .words = identify_method_names, .initial = "auto", .form = "NAME",
-      .meaning = "which matrix of transition", .example = "partial-floquet" },
+    { "method", KEY_CHOICE, AT(opt.method), .words = identify_method_names, .initial = "auto",
+      .form = "NAME", .meaning = "which matrix of transition", .example = "partial-floquet" },
     { "signals", KEY_OWN, .form = "pod|all|A,B",
-      .meaning = "reduced by proper orthogonal modes (default), all channels, or those named", .example = "all" },
+      .meaning = "reduced by proper orthogonal modes (default), all channels, or those named",
+      .example = "all" },
     { "pod.energy", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.pod_energy), .low = LEAST, .high = 1,
       .meaning = "share of the energy that proper orthogonal modes keep", .example = "0.999" },
     { "pod.rank", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.pod_rank), ORDER,
       .meaning = "or their number", .example = "6" },
-    { "rank.rule", KEY_CHOICE, AT(opt.rank.rule), .words = rank_rule_names, .initial = "auto", .form = "NAME",
-      .meaning = "how the number of exponents is found", .example = "mdl" },
+    { "rank.rule", KEY_CHOICE, AT(opt.rank.rule), .words = rank_rule_names, .initial = "auto",
+      .form = "NAME", .meaning = "how the number of exponents is found", .example = "mdl" },
     { "rank.fixed", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.rank.fixed), ORDER,
-      .meaning = "the number of exponents: two a pair, one a real or constant part", .example = "6" },
+      .meaning = "the number of exponents: two a pair, one a real or constant part",
+      .example = "6" },
     { "rank.energy", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.rank.energy), .low = LEAST, .high = 1,
       .meaning = "share of the singular values that energy rules keep", .example = "0.9999" },
-    { "rank.threshold", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.rank.threshold), .low = LEAST, .high = 1,
-      .meaning = "singular values above so much of the largest", .example = "1e-6" },
+    { "rank.threshold", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.rank.threshold), .low = LEAST,
+      .high = 1, .meaning = "singular values above so much of the largest", .example = "1e-6" },
     { "rank.most", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.rank.most), ORDER,
       .meaning = "the highest order tried", .example = "40" },
     { "detrend", KEY_CHOICE, AT(opt.detrend), .words = identify_detrend_names, .initial = "none",
@@ -45,24 +50,28 @@ const struct key_row identify_option_rows[] = {
       .meaning = "of the Hankel matrix, per signal", .example = "200" },
     { "columns", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.columns), .low = 1, .high = SIZE_MOST,
       .meaning = "of the Hankel matrix", .example = "100" },
-    { "stride", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.stride), .low = 1, .high = SIZE_MOST, .unit = "samples",
-      .meaning = "between two columns", .example = "2" },
+    { "stride", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.stride), .low = 1, .high = SIZE_MOST,
+      .unit = "samples", .meaning = "between two columns", .example = "2" },
     { "window", KEY_INTERVAL, AT(opt.window), .low = 0, .high = 1e300, .unit = "s", .form = "T0,T1",
       .meaning = "part of the record to use", .example = "3,43" },
     { "band", KEY_INTERVAL, AT(opt.band), .low = 0, .high = 1e300, .unit = "Hz", .form = "F1,F2",
       .meaning = "demodulated, filtered and decimated first", .example = "3500,3700" },
     { "period", KEY_NUMBER, AT(opt.period), .low = 0, .high = 1e300, .unit = "s", .form = "T",
-      .meaning = "of a periodic system; 0: constant coefficients, whatever the batch says", .example = "0.02" },
+      .meaning = "of a periodic system; 0: constant coefficients, whatever the batch says",
+      .example = "0.02" },
     { "difference", KEY_TRUTH, AT(opt.difference), .initial = "false",
       .meaning = "h(t + T) - h(t): takes a periodic orbit off first", .example = "true" },
     { "refine", KEY_TRUTH, AT(refine),
-      .meaning = "variable projection after the method (with auto by default); error bars come from it", .example = "false" },
+      .meaning = "variable projection after the method (with auto by default); error bars come "
+      "from it", .example = "false" },
     { "shapes", KEY_TRUTH, AT(opt.shapes), .initial = "false",
       .meaning = "mode shapes over the channels", .example = "true" },
-    { "target.error", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.target_error), .low = LEAST, .high = 1e300,
-      .meaning = "the cheapest settings whose error is below it", .example = "1e-3" },
-    { "target.seconds", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.target_seconds), .low = LEAST, .high = 1e300, .unit = "s",
-      .form = "S", .meaning = "the best settings within so much processor time", .example = "0.5" },
+    { "target.error", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.target_error), .low = LEAST,
+      .high = 1e300, .meaning = "the cheapest settings whose error is below it",
+      .example = "1e-3" },
+    { "target.seconds", KEY_NUMBER, KEY_SHOWN_OR_NULL, AT(opt.target_seconds), .low = LEAST,
+      .high = 1e300, .unit = "s", .form = "S",
+      .meaning = "the best settings within so much processor time", .example = "0.5" },
     { 0 },
 };
 
@@ -71,7 +80,8 @@ static cJSON *flatten(const cJSON *options)
 {
     cJSON *flat = cJSON_CreateObject();
 
-    for (const cJSON *item = options != NULL ? options->child : NULL; flat != NULL && item != NULL; item = item->next) {
+    for (const cJSON *item = options != NULL ? options->child : NULL; flat != NULL && item != NULL;
+         item = item->next) {
         if (!cJSON_IsObject(item)) {
             cJSON_AddItemToObject(flat, item->string, cJSON_Duplicate(item, true));
             continue;
@@ -92,7 +102,8 @@ static int find_without_unit(const struct batch *b, const char *name)
     int found = -1;
 
     for (size_t c = 0; b->names != NULL && c < b->channels; c++)
-        if (b->names[c] != NULL && strncmp(b->names[c], name, length) == 0 && strncmp(b->names[c] + length, " (", 2) == 0) {
+        if (b->names[c] != NULL && strncmp(b->names[c], name, length) == 0
+            && strncmp(b->names[c] + length, " (", 2) == 0) {
             if (found >= 0)
                 return -1;
             found = (int)c;
@@ -105,36 +116,51 @@ static int find_channel(const struct batch *b, const cJSON *name)
     char own[24];
 
     if (cJSON_IsNumber(name))
-        return name->valuedouble >= 0 && name->valuedouble < (double)b->channels && name->valuedouble == floor(name->valuedouble) ? (int)name->valuedouble : -1;
+        return name->valuedouble >= 0 && name->valuedouble < (double)b->channels
+                       && name->valuedouble == floor(name->valuedouble)
+                   ? (int)name->valuedouble
+                   : -1;
     for (size_t c = 0; c < b->channels && cJSON_IsString(name); c++) {
         snprintf(own, sizeof own, "ch%zu", c);
-        if (strcmp(name->valuestring, b->names != NULL && b->names[c] != NULL ? b->names[c] : own) == 0)
+        if (strcmp(name->valuestring, b->names != NULL && b->names[c] != NULL ? b->names[c] : own)
+            == 0)
             return (int)c;
     }
     return cJSON_IsString(name) ? find_without_unit(b, name->valuestring) : -1;
 }
 
-static enum modal_status no_such_channel(const struct batch *b, const cJSON *name, struct modal_error *err)
+static enum modal_status no_such_channel(const struct batch *b, const cJSON *name,
+                                         struct modal_error *err)
 {
     char list[256] = "";
 
     for (size_t c = 0; b->names != NULL && c < b->channels && strlen(list) < 160; c++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), ", \"%.40s\"", b->names[c] != NULL ? b->names[c] : "");
+        snprintf(list + strlen(list), sizeof list - strlen(list), ", \"%.40s\"",
+                 b->names[c] != NULL ? b->names[c] : "");
     if (cJSON_IsString(name))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: no channel \"%.60s\"; accepted: \"pod\", \"all\", indices below %zu%s", name->valuestring, b->channels, list);
-    return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: accepted: \"pod\", \"all\", or channels by name or index below %zu%s", b->channels, list);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "signals",
+            "signals: no channel \"%.60s\"; accepted: \"pod\", \"all\", indices below %zu%s",
+            name->valuestring, b->channels, list);
+    return modal_fail_field(
+        err, MODAL_BAD_INPUT, "signals",
+        "signals: accepted: \"pod\", \"all\", or channels by name or index below %zu%s",
+        b->channels, list);
 }
 
 /* "pod", "all", one channel, or a list of channels. */
-static enum modal_status read_signals(const cJSON *o, const struct batch *b, struct identify_settings *out,
-                                      struct modal_error *err)
+static enum modal_status read_signals(const cJSON *o, const struct batch *b,
+                                      struct identify_settings *out, struct modal_error *err)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "signals");
     int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : 1, *list;
 
-    if (item == NULL || (cJSON_IsString(item) && strcmp(item->valuestring, "pod") == 0 && find_channel(b, item) < 0))
+    if (item == NULL
+        || (cJSON_IsString(item) && strcmp(item->valuestring, "pod") == 0
+            && find_channel(b, item) < 0))
         return MODAL_OK;
-    if (cJSON_IsString(item) && strcmp(item->valuestring, "all") == 0 && find_channel(b, item) < 0) {
+    if (cJSON_IsString(item) && strcmp(item->valuestring, "all") == 0
+        && find_channel(b, item) < 0) {
         out->opt.signals_all = true;
         return MODAL_OK;
     }
@@ -150,7 +176,8 @@ static enum modal_status read_signals(const cJSON *o, const struct batch *b, str
             return no_such_channel(b, name, err);
         for (int j = 0; j < i; j++)
             if (list[j] == list[i])
-                return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: channel %d is named twice", list[i]);
+                return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                        "signals: channel %d is named twice", list[i]);
     }
     out->opt.channels = list;
     out->opt.channel_count = count;
@@ -170,20 +197,23 @@ static enum modal_status check_rule(const cJSON *o, enum rank_rule rule, struct 
     bool fixed = cJSON_HasObjectItem(o, "rank.fixed");
 
     if (fixed && rule != RANK_FIXED)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.fixed beside rank.rule \"%s\"; accepted: one of the two",
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
+                                "rank.fixed beside rank.rule \"%s\"; accepted: one of the two",
                                 rank_rule_names[rule]);
     if (rule == RANK_FIXED && !fixed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.rule \"fixed\" needs rank.fixed: 1 to %d",
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
+                                "rank.rule \"fixed\" needs rank.fixed: 1 to %d",
                                 IDENTIFY_ORDER_MOST);
     return MODAL_OK;
 }
 
-enum modal_status identify_options_read(const cJSON *options, const struct batch *batch, struct identify_settings *out,
-                                        struct modal_error *err)
+enum modal_status identify_options_read(const cJSON *options, const struct batch *batch,
+                                        struct identify_settings *out, struct modal_error *err)
 {
     cJSON *o = flatten(options);
     enum modal_status rc = o != NULL ? key_table_check(identify_option_rows, NULL, o, "", err)
-                                     : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the options");
+                                     : modal_fail(err, MODAL_NO_MEMORY,
+                                                  "identify: no memory for the options");
 
     *out = (struct identify_settings) { 0 };
     key_table_defaults(identify_option_rows, out);
@@ -198,7 +228,8 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
     if (cJSON_HasObjectItem(o, "refine"))
         out->opt.refine = out->refine ? CHOICE_YES : CHOICE_NO;
     if (cJSON_HasObjectItem(o, "period") && out->opt.period == 0)
-        out->opt.period = -1;                     /* 0: constant coefficients, whatever the batch says */
+        /* 0: constant coefficients, whatever the batch says */
+        out->opt.period = -1;
     cJSON_Delete(o);
     if (rc != MODAL_OK)
         identify_settings_done(out);
@@ -214,7 +245,8 @@ void identify_settings_done(struct identify_settings *s)
 cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads)
 {
     const cJSON *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
-    struct identify_settings s = { .opt = *used, .threads = threads, .refine = used->refine == CHOICE_YES };
+    struct identify_settings s = { .opt = *used, .threads = threads,
+                                   .refine = used->refine == CHOICE_YES };
     struct rank_options *rank = &s.opt.rank;
     bool by_energy = rank->rule == RANK_ENERGY || rank->rule == RANK_ENERGY_SQUARED;
     cJSON *o = cJSON_CreateObject();
@@ -223,7 +255,9 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
     rank->fixed = rank->rule == RANK_AUTO ? 0 : rank->fixed;
     rank->energy = !by_energy ? 0 : rank->energy > 0 ? rank->energy : ENERGY_KEPT;
     rank->threshold = rank->rule == RANK_THRESHOLD ? rank->threshold : 0;
-    cJSON_AddItemToObject(o, "signals", signals != NULL ? cJSON_Duplicate(signals, true) : cJSON_CreateString("pod"));
+    cJSON_AddItemToObject(o, "signals",
+                          signals != NULL ? cJSON_Duplicate(signals, true)
+                                          : cJSON_CreateString("pod"));
     key_table_write(identify_option_rows, &s, o);
     return o;
 }

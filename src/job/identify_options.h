@@ -1,4 +1,5 @@
-/* identify_options.h - the options of the kind `identify`: from JSON, once, and written back with their defaults */
+/* identify_options.h - the options of the kind `identify`: from JSON, once, and written back with
+ * their defaults */
 #ifndef JOB_IDENTIFY_OPTIONS_H
 #define JOB_IDENTIFY_OPTIONS_H
 #include "base/key_table.h"
@@ -16,14 +17,16 @@ struct identify_settings {
 extern const struct key_row identify_option_rows[];
 
 /*
- * OPTIONS (NULL: none) are flat ("rank.fixed"); an object ("rank": {"fixed": 6}) is taken as its dotted keys.  Channels are
- * looked up in BATCH, whose samples are not looked at.  identify_settings_done frees what *OUT holds.  Unknown keys, wrong
- * types and values out of range are MODAL_BAD_INPUT with the option as field; *OUT is empty then.
+ * OPTIONS (NULL: none) are flat ("rank.fixed"); an object ("rank": {"fixed": 6}) is taken as its
+ * dotted keys.  Channels are looked up in BATCH, whose samples are not looked at.
+ * identify_settings_done frees what *OUT holds.  Unknown keys, wrong types and values out of range
+ * are MODAL_BAD_INPUT with the option as field; *OUT is empty then.
  */
-enum modal_status identify_options_read(const cJSON *options, const struct batch *batch, struct identify_settings *out,
-                                        struct modal_error *err);
+enum modal_status identify_options_read(const cJSON *options, const struct batch *batch,
+                                        struct identify_settings *out, struct modal_error *err);
 void identify_settings_done(struct identify_settings *settings);
 
-/* Every option with the value that was USED, `signals` as it was ASKED for (NULL: not), fit to be pasted back; the caller's. */
+/* Every option with the value that was USED, `signals` as it was ASKED for (NULL: not), fit to be
+ * pasted back; the caller's. */
 cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads);
 #endif

@@ -1,7 +1,8 @@
 /* job.h - one job as a pure function: (kind, options, input) -> result
  *
- * The seam of the house: the worker, `modalctl --local` and the tests all call job_run, so that what is tested in
- * process is what the service runs.  JSON in, JSON out; no files, no sockets, no clock but the one that measures cost.
+ * The seam of the house: the worker, `modalctl --local` and the tests all call job_run, so that
+ * what is tested in process is what the service runs.  JSON in, JSON out; no files, no sockets, no
+ * clock but the one that measures cost.
  */
 #ifndef JOB_JOB_H
 #define JOB_JOB_H
@@ -23,7 +24,8 @@ struct job_request {
 
     /* Called between units of work, from the calling thread; each may be NULL. */
     void (*progress)(void *context, const cJSON *event);   /* {"fraction":…, …}; borrowed */
-    bool (*cancelled)(void *context);                      /* true: stop soon with MODAL_CANCELLED */
+    bool (*cancelled)(void *context);                      /* true: stop soon with
+                                                              MODAL_CANCELLED */
     void *context;
 };
 
@@ -35,20 +37,31 @@ struct job_result {
 };
 
 /*
- * Run REQUEST.  Every option's key is checked and every default written back into result.provenance.options.
- * On failure *OUT is empty and ERR says why; MODAL_BAD_INPUT always names a field.
- * job_result_done frees what job_run filled.
+ * Run REQUEST.  Every option's key is checked and every default written back into
+ * result.provenance.options.  On failure *OUT is empty and ERR says why; MODAL_BAD_INPUT always
+ * names a field.  job_result_done frees what job_run filled.
  */
-enum modal_status job_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+enum modal_status job_run(const struct job_request *request, struct job_result *out,
+                          struct modal_error *err);
 void job_result_done(struct job_result *result);
 
-/* The kinds: NULL-named row ends the table.  They stand in a file of their own, kinds.c, so that the broker knows them without
- * the numerics, their libraries and the memory of those. */
+/* The kinds: NULL-named row ends the table.  They stand in a file of their own, kinds.c, so that
+ * the broker knows them without the numerics, their libraries and the memory of those. */
 struct job_kind {
     const char *name;
     enum { JOB_ON_BATCH, JOB_ON_SCENE, JOB_ON_EITHER } input;
 };
-enum { JOB_IDENTIFY, JOB_TRADEOFF, JOB_SIMULATE, JOB_FLOQUET, JOB_STEADY, JOB_ABLATE, JOB_SWEEP, JOB_KIND_COUNT };   /* rows */
+/* rows */
+enum {
+    JOB_IDENTIFY,
+    JOB_TRADEOFF,
+    JOB_SIMULATE,
+    JOB_FLOQUET,
+    JOB_STEADY,
+    JOB_ABLATE,
+    JOB_SWEEP,
+    JOB_KIND_COUNT
+};
 extern const struct job_kind job_kinds[];
 const struct job_kind *job_kind_find(const char *name);   /* NULL: no such kind */
 

@@ -13,6 +13,7 @@ struct job_option_table {
 };
 extern const struct job_option_table job_option_tables[];
 
-/* What a sweep's document holds, and an axis of its grid: no options, but keys that a user writes. */
+/* What a sweep's document holds, and an axis of its grid: no options, but keys that a user
+ * writes. */
 extern const struct job_option_table job_document_tables[];
 #endif

@@ -5,9 +5,11 @@
 #include <string.h>
 #include "job/steady_settings.h"
 
-enum modal_status kind_run(kind_function *run, const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status kind_run(kind_function *run, const struct job_request *request,
+                           struct job_result *out, struct modal_error *err)
 {
-    enum modal_status rc = request->scene != NULL ? steady_settings_keys(request->scene, err) : MODAL_OK;
+    enum modal_status rc = request->scene != NULL ? steady_settings_keys(request->scene, err)
+                                                  : MODAL_OK;
 
     memset(out, 0, sizeof *out);
     if (rc == MODAL_OK) {

@@ -3,8 +3,10 @@
 #include "job/job.h"
 
 const struct job_kind job_kinds[] = {
-    [JOB_IDENTIFY] = { "identify", JOB_ON_BATCH },  [JOB_TRADEOFF] = { "tradeoff", JOB_ON_EITHER }, [JOB_SIMULATE] = { "simulate", JOB_ON_SCENE },
-    [JOB_FLOQUET] = { "floquet", JOB_ON_SCENE },    [JOB_STEADY] = { "steady", JOB_ON_SCENE },      [JOB_ABLATE] = { "ablate", JOB_ON_SCENE },
+    [JOB_IDENTIFY] = { "identify", JOB_ON_BATCH }, [JOB_TRADEOFF] = { "tradeoff", JOB_ON_EITHER },
+    [JOB_SIMULATE] = { "simulate", JOB_ON_SCENE },
+    [JOB_FLOQUET] = { "floquet", JOB_ON_SCENE }, [JOB_STEADY] = { "steady", JOB_ON_SCENE },
+    [JOB_ABLATE] = { "ablate", JOB_ON_SCENE },
     [JOB_SWEEP] = { "sweep", JOB_ON_SCENE },        [JOB_KIND_COUNT] = { NULL, JOB_ON_BATCH },
 };
 

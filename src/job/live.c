@@ -1,6 +1,7 @@
 /* live.c - moving.c as a job; see live.h
  *
- * A target (`target.error`, `target.seconds`) asks for a climb over parts of the record, which identify_run does: such windows are jobs of their own.
+ * A target (`target.error`, `target.seconds`) asks for a climb over parts of the record, which
+ * identify_run does: such windows are jobs of their own.
  */
 #include "job/live.h"
 #include <cblas.h>
@@ -26,9 +27,11 @@ static double cpu_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-enum modal_status live_new(const cJSON *options, const struct batch *shape, int hop, struct live **out, struct modal_error *err)
+enum modal_status live_new(const cJSON *options, const struct batch *shape, int hop,
+                           struct live **out, struct modal_error *err)
 {
-    struct moving_options opt = { .channels = (int)shape->channels, .window = (int)shape->samples, .hop = hop, .dt = shape->dt, .period = shape->period };
+    struct moving_options opt = { .channels = (int)shape->channels, .window = (int)shape->samples,
+                                  .hop = hop, .dt = shape->dt, .period = shape->period };
     struct live *l = calloc(1, sizeof *l);
     enum modal_status rc;
 
@@ -75,7 +78,8 @@ static cJSON *write_update(const struct moving_cost *cost, double seconds)
 }
 
 /* The window as a job of its own. */
-static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON **document, struct modal_error *err)
+static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON **document,
+                               struct modal_error *err)
 {
     struct batch batch = l->shape;
     struct job_request request = { .kind = "identify", .options = l->options, .batch = &batch };
@@ -84,7 +88,8 @@ static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON *
 
     batch.signals = moving_window(l->window);
     if (batch.signals == NULL)
-        return modal_fail(err, MODAL_BAD_INPUT, "live: %d of %zu samples", moving_samples(l->window), batch.samples);
+        return modal_fail(err, MODAL_BAD_INPUT, "live: %d of %zu samples",
+                          moving_samples(l->window), batch.samples);
     rc = identify_by(&l->settings, &request, &result, err);
     if (rc == MODAL_OK)
         *document = result.result;
@@ -92,7 +97,8 @@ static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON *
     return rc;
 }
 
-static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON **document, struct modal_error *err)
+static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON **document,
+                                struct modal_error *err)
 {
     struct identify_result result;
     enum modal_status rc;
@@ -106,7 +112,8 @@ static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON 
     return rc;
 }
 
-enum modal_status live_next(struct live *l, const double *samples, size_t count, cJSON **document, struct modal_error *err)
+enum modal_status live_next(struct live *l, const double *samples, size_t count, cJSON **document,
+                            struct modal_error *err)
 {
     double start = cpu_s();
     struct moving_cost cost;

@@ -1,4 +1,5 @@
-/* live.h - the kind `identify` on a moving window: the same modes, verdict and diagnostics, hop after hop */
+/* live.h - the kind `identify` on a moving window: the same modes, verdict and diagnostics, hop
+ * after hop */
 #ifndef JOB_LIVE_H
 #define JOB_LIVE_H
 #include <stddef.h>
@@ -9,16 +10,21 @@
 struct live;
 
 /*
- * A window of SHAPE->samples of SHAPE's channels, HOP samples between results (0: unknown).  OPTIONS are identify's (NULL: none).  SHAPE's signals are not
- * looked at, nothing of it is kept.  The caller frees *out with live_free.  Fails as identify does, naming the option.
+ * A window of SHAPE->samples of SHAPE's channels, HOP samples between results (0: unknown).
+ * OPTIONS are identify's (NULL: none).  SHAPE's signals are not looked at, nothing of it is kept.
+ * The caller frees *out with live_free.  Fails as identify does, naming the option.
  */
-enum modal_status live_new(const cJSON *options, const struct batch *shape, int hop, struct live **out, struct modal_error *err);
+enum modal_status live_new(const cJSON *options, const struct batch *shape, int hop,
+                           struct live **out, struct modal_error *err);
 void live_free(struct live *live);
 
 /*
- * COUNT samples more, then the modes of the last window as identify's document has them: {"kind","modes","stability","diagnostics"}, and
- * "update": {"updated":bool,"why":text or null,"updates":n,"batches":n,"cpu_s":s}: whether they were brought up to date or found from nothing, and why
- * (moving.h).  The caller deletes *document.  Fails as identify does; MODAL_BAD_INPUT while the window is not full.
+ * COUNT samples more, then the modes of the last window as identify's document has them:
+ * {"kind","modes","stability","diagnostics"}, and "update": {"updated":bool,"why":text or
+ * null,"updates":n,"batches":n,"cpu_s":s}: whether they were brought up to date or found from
+ * nothing, and why (moving.h).  The caller deletes *document.  Fails as identify does;
+ * MODAL_BAD_INPUT while the window is not full.
  */
-enum modal_status live_next(struct live *live, const double *samples, size_t count, cJSON **document, struct modal_error *err);
+enum modal_status live_next(struct live *live, const double *samples, size_t count,
+                            cJSON **document, struct modal_error *err);
 #endif

@@ -4,8 +4,8 @@
 
 enum { CALIBRATION_CALLS = 2000, LAW_MEMORY_CALIBRATED = 256 };
 
-/* Seconds of one evaluation of LAW, over states that cross its regimes; laws that cannot be asked out of turn (a user's
- * own, with its memory) are left at 0. */
+/* Seconds of one evaluation of LAW, over states that cross its regimes; laws that cannot be
+ * asked out of turn (a user's own, with its memory) are left at 0. */
 static double unit_cost(const struct law *law)
 {
     struct timespec a, b;
@@ -15,14 +15,16 @@ static double unit_cost(const struct law *law)
         return 0;
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &a);
     for (int i = 0; i < CALIBRATION_CALLS; i++) {
-        double d[LAW_INPUTS_MOST] = { (i % 16 - 8) * 1e-3, (i % 8 - 4) * 1e-3 }, v[LAW_INPUTS_MOST] = { (i % 4 - 2) * 1e-3, 1e-3 };
+        double d[LAW_INPUTS_MOST] = { (i % 16 - 8) * 1e-3, (i % 8 - 4) * 1e-3 },
+               v[LAW_INPUTS_MOST] = { (i % 4 - 2) * 1e-3, 1e-3 };
         struct law_point at = { 1e-3 * i, d, v, d, memory };
         struct law_force f = { .memory = after };
         if (law->kind->force(law, &at, &f, NULL) != MODAL_OK)
             return 0;
     }
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &b);
-    return ((double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec)) / CALIBRATION_CALLS;
+    return ((double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec))
+           / CALIBRATION_CALLS;
 }
 
 static double seconds_of(const struct program *p, int effect)
@@ -47,7 +49,8 @@ cJSON *plan_print(const struct program *p, const char *integrator)
     cJSON_AddStringToObject(plan, "hash", p->hash);
     effects = cJSON_AddArrayToObject(plan, "effects");
     for (int i = 0; i < p->effects; i++) {
-        const struct program_effect *e = &p->effect[i], *does = e->carrier > 0 ? &p->effect[e->carrier - 1] : e;
+        const struct program_effect *e = &p->effect[i],
+                                    *does = e->carrier > 0 ? &p->effect[e->carrier - 1] : e;
         cJSON *row = cJSON_CreateObject();
 
         cJSON_AddStringToObject(row, "type", e->type);

@@ -8,25 +8,30 @@ struct floquet;
 
 /* Options: simulate_option_rows.  The signals come in job_result.batch. */
 extern const struct key_row simulate_option_rows[];
-enum modal_status simulate_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+enum modal_status simulate_run(const struct job_request *request, struct job_result *out,
+                               struct modal_error *err);
 
-/* What a monodromy matrix may be asked for: below, rounding of its entries is all there is; above, not a digit of it holds. */
+/* What a monodromy matrix may be asked for: below, rounding of its entries is all there is; above,
+ * not a digit of it holds. */
 #define FLOQUET_TOLERANCE_LEAST 1e-14
 #define FLOQUET_TOLERANCE_MOST 1e-2
 
 /* Options: floquet_option_rows. */
 extern const struct key_row floquet_option_rows[];
-enum modal_status floquet_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+enum modal_status floquet_run(const struct job_request *request, struct job_result *out,
+                              struct modal_error *err);
 
 /* Into R: `period` and `multipliers`, where F has a period, and `exponents`; null where not
  * resolved. */
 void floquet_values(cJSON *r, const struct floquet *f);
 
-/* What F says of stability, as the `stability` of a result; `stable` null: its error bar does not decide.  The caller's. */
+/* What F says of stability, as the `stability` of a result; `stable` null: its error bar does not
+ * decide.  The caller's. */
 cJSON *floquet_stability(const struct floquet *f);
 
 /* Options: those of steady, where the scene has an excitation, else ablate_option_rows. */
 extern const struct key_row ablate_option_rows[];
-enum modal_status ablate_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+enum modal_status ablate_run(const struct job_request *request, struct job_result *out,
+                             struct modal_error *err);
 
 #endif

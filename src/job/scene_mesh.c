@@ -1,9 +1,10 @@
 /*
  * scene_mesh.c - see scene_mesh.h
  *
- * Node i of N lies at i / N of the length, so it is node i E / N of E elements where that is whole.  A new node at the fraction
- * xi of an old element has the state that the element's functions give there: Hermite's cubics of displacement and
- * slope, and for the wing's torsion (three nodes an element) the cubic of Lagrange through its four.
+ * Node i of N lies at i / N of the length, so it is node i E / N of E elements where that is whole.
+ * A new node at the fraction xi of an old element has the state that the element's functions give
+ * there: Hermite's cubics of displacement and slope, and for the wing's torsion (three nodes an
+ * element) the cubic of Lagrange through its four.
  */
 #include "job/scene_mesh.h"
 #include <ctype.h>
@@ -14,7 +15,8 @@
 #include "modal/scene/hermite.h"
 #include "modal/scene/scene.h"
 
-struct field { const char *value, *slope; };          /* dof names; slope NULL: torsion, three nodes an element */
+struct field { const char *value, *slope; };          /* dof names; slope NULL: torsion, three nodes
+                                                         an element */
 
 static const struct mesh_kind { const char *type; struct field fields[3]; } kinds[] = {
     { "beam", { { "w", "th" } } },
@@ -34,7 +36,8 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
 }
 
-/* The nodes an element of the field that dof NAME belongs to, and the node; 0: NAME is no dof of a mesh. */
+/* The nodes an element of the field that dof NAME belongs to, and the node; 0: NAME is no dof of a
+ * mesh. */
 static int place_of(const struct remesh *r, const char *name, long *node)
 {
     size_t letters = strcspn(name, "0123456789");
@@ -47,14 +50,16 @@ static int place_of(const struct remesh *r, const char *name, long *node)
         const struct field *f = &r->kind->fields[i];
         if (strlen(f->value) == letters && strncmp(f->value, name, letters) == 0)
             return f->slope != NULL ? 1 : 3;
-        if (f->slope != NULL && strlen(f->slope) == letters && strncmp(f->slope, name, letters) == 0)
+        if (f->slope != NULL && strlen(f->slope) == letters
+            && strncmp(f->slope, name, letters) == 0)
             return 1;
     }
     return 0;
 }
 
 /* The member KEY of ITEM, where it names a dof of the old mesh, names its place on the new one. */
-static enum modal_status move_name(const struct remesh *r, cJSON *item, const char *key, struct modal_error *err)
+static enum modal_status move_name(const struct remesh *r, cJSON *item, const char *key,
+                                   struct modal_error *err)
 {
     cJSON *name = cJSON_GetObjectItemCaseSensitive(item, key);
     long node = 0;
@@ -64,8 +69,11 @@ static enum modal_status move_name(const struct remesh *r, cJSON *item, const ch
     if (per == 0 || node > (long)per * r->from)
         return MODAL_OK;
     if (node * r->to % r->from != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "elements", "%s of %d elements lies between the nodes of %d", name->valuestring, r->from, r->to);
-    snprintf(text, sizeof text, "%.*s%ld", (int)strcspn(name->valuestring, "0123456789"), name->valuestring, node * r->to / r->from);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "elements",
+                                "%s of %d elements lies between the nodes of %d", name->valuestring,
+                                r->from, r->to);
+    snprintf(text, sizeof text, "%.*s%ld", (int)strcspn(name->valuestring, "0123456789"),
+             name->valuestring, node * r->to / r->from);
     return cJSON_SetValuestring(name, text) != NULL ? MODAL_OK : no_memory(err);
 }
 
@@ -131,7 +139,8 @@ static void put_value(cJSON *state, const char *letters, int node, double value)
 static void bend(const struct remesh *r, const struct field *f, const cJSON *old, cJSON *state)
 {
     for (int j = 0; j <= r->to; j++) {
-        int e = (int)((long)j * r->from / r->to) < r->from ? (int)((long)j * r->from / r->to) : r->from - 1;
+        int e = (int)((long)j * r->from / r->to) < r->from ? (int)((long)j * r->from / r->to)
+                                                           : r->from - 1;
         double xi = (double)j * r->from / r->to - e, n[4], slope[4], u = 0, s = 0;
 
         hermite_shape(r->length / r->from, xi, n, slope, NULL);
@@ -162,7 +171,8 @@ static void twist(const struct remesh *r, const struct field *f, const cJSON *ol
 }
 
 /* Dofs of the old state by name keep their values; what lies between is interpolated. */
-static enum modal_status move_state(const struct remesh *r, cJSON *initial, const char *key, struct modal_error *err)
+static enum modal_status move_state(const struct remesh *r, cJSON *initial, const char *key,
+                                    struct modal_error *err)
 {
     const cJSON *old = cJSON_GetObjectItemCaseSensitive(initial, key);
     cJSON *state = cJSON_CreateObject();
@@ -178,17 +188,21 @@ static enum modal_status move_state(const struct remesh *r, cJSON *initial, cons
 
 /* ---- the scene ---- */
 
-static enum modal_status find_mesh(const cJSON *scene, int elements, struct remesh *r, struct modal_error *err)
+static enum modal_status find_mesh(const cJSON *scene, int elements, struct remesh *r,
+                                   struct modal_error *err)
 {
     const cJSON *structure = cJSON_GetObjectItemCaseSensitive(scene, "structure");
-    const cJSON *type = cJSON_GetObjectItemCaseSensitive(structure, "type"), *model = cJSON_GetObjectItemCaseSensitive(structure, "model");
+    const cJSON *type = cJSON_GetObjectItemCaseSensitive(structure, "type"),
+                *model = cJSON_GetObjectItemCaseSensitive(structure, "model");
 
     *r = (struct remesh) { .to = elements };
     for (int i = 0; i < KINDS; i++)
         if (cJSON_IsString(type) && strcmp(type->valuestring, kinds[i].type) == 0)
             r->kind = &kinds[i];
     if (r->kind == NULL || (cJSON_IsString(model) && strcmp(model->valuestring, "massless") == 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "elements", "the structure has no mesh: elements is of a beam, a wing, or a shaft of finite elements");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "elements",
+                                "the structure has no mesh: elements is of a beam, a wing, or a "
+                                "shaft of finite elements");
     r->from = (int)cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(structure, "elements"));
     r->length = cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(structure, "length"));
     return MODAL_OK;
@@ -210,7 +224,9 @@ enum modal_status scene_mesh(cJSON *scene, int elements, struct modal_error *err
     if (rc == MODAL_OK)
         rc = move_state(&r, initial, "v", err);
     if (rc == MODAL_OK)
-        cJSON_SetNumberValue(cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(scene, "structure"), "elements"), elements);
+        cJSON_SetNumberValue(cJSON_GetObjectItemCaseSensitive(
+                                 cJSON_GetObjectItemCaseSensitive(scene, "structure"), "elements"),
+                             elements);
     return rc;
 }
 
@@ -221,8 +237,10 @@ static cJSON *airloads_of(const cJSON *scene, bool *whole_orders)
 
     cJSON_ArrayForEach(effect, cJSON_GetObjectItemCaseSensitive(scene, "effects")) {
         const char *type = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(effect, "type"));
-        const char *inflow = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(effect, "inflow"));
-        bool he = inflow != NULL && strcmp(inflow, "peters_he") == 0, two = inflow != NULL && strcmp(inflow, "peters_2d") == 0;
+        const char *inflow = cJSON_GetStringValue(
+            cJSON_GetObjectItemCaseSensitive(effect, "inflow"));
+        bool he = inflow != NULL && strcmp(inflow, "peters_he") == 0,
+             two = inflow != NULL && strcmp(inflow, "peters_2d") == 0;
 
         *whole_orders = he;
         if (type != NULL && strcmp(type, "airloads") == 0 && (he || two))
@@ -237,7 +255,8 @@ enum modal_status scene_inflow(cJSON *scene, int states, struct modal_error *err
     cJSON *airloads = airloads_of(scene, &whole_orders);
 
     if (airloads == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "inflow_states", "the scene has no airloads with inflow peters_2d or peters_he");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "inflow_states",
+                                "the scene has no airloads with inflow peters_2d or peters_he");
     cJSON_DeleteItemFromObjectCaseSensitive(airloads, "inflow_states");
     cJSON_AddNumberToObject(airloads, "inflow_states", states);
     return MODAL_OK;
@@ -256,8 +275,12 @@ static int states_of(int order)
 int scene_inflow_beside(const cJSON *scene, int step)
 {
     bool whole_orders;
-    const cJSON *airloads = airloads_of(scene, &whole_orders), *stated = cJSON_GetObjectItemCaseSensitive(airloads, "inflow_states");
-    int states = cJSON_IsNumber(stated) ? (int)stated->valuedouble : whole_orders ? 30 : 6, order = 1;
+    const cJSON *airloads = airloads_of(scene, &whole_orders),
+                *stated = cJSON_GetObjectItemCaseSensitive(airloads, "inflow_states");
+    int states = cJSON_IsNumber(stated) ? (int)stated->valuedouble
+                 : whole_orders         ? 30
+                                        : 6,
+        order = 1;
 
     if (airloads == NULL)
         return 0;

@@ -6,7 +6,8 @@
 
 enum { KEY_MOST = 64 };
 
-/* One step of the path: a key or an index; *PATH moves past it.  False where the path is malformed. */
+/* One step of the path: a key or an index; *PATH moves past it.  False where the path is
+ * malformed. */
 static bool next_step(const char **path, char key[KEY_MOST], int *index)
 {
     const char *p = *path;
@@ -41,14 +42,17 @@ static cJSON *walk(cJSON *at, const char *path, cJSON **parent, char key[KEY_MOS
         if (!next_step(&path, key, index))
             return *parent = NULL, NULL;
         *parent = *index >= 0 ? cJSON_IsArray(at) ? at : NULL : cJSON_IsObject(at) ? at : NULL;
-        at = *parent == NULL ? NULL : *index >= 0 ? cJSON_GetArrayItem(at, *index) : cJSON_GetObjectItemCaseSensitive(at, key);
+        at = *parent == NULL ? NULL
+             : *index >= 0   ? cJSON_GetArrayItem(at, *index)
+                             : cJSON_GetObjectItemCaseSensitive(at, key);
         if (at == NULL && *path != '\0')
             *parent = NULL;
     }
     return at;
 }
 
-enum modal_status scene_path_set(cJSON *scene, const char *path, double value, const char *field, struct modal_error *err)
+enum modal_status scene_path_set(cJSON *scene, const char *path, double value, const char *field,
+                                 struct modal_error *err)
 {
     cJSON *parent, *at;
     char key[KEY_MOST];
@@ -63,5 +67,8 @@ enum modal_status scene_path_set(cJSON *scene, const char *path, double value, c
         cJSON_AddNumberToObject(parent, key, value);
         return MODAL_OK;
     }
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.80s\" is no number of this scene; accepted: a path such as omega or effects[0].stiffness", path);
+    return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                            "\"%.80s\" is no number of this scene; accepted: a path such as omega "
+                            "or effects[0].stiffness",
+                            path);
 }

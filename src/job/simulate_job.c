@@ -17,9 +17,8 @@ struct settings {
     int elements, inflow_states;                    /* in place of the scene's own; 0: as it says */
 };
 
-enum {
-    COUNT_MOST = 1000000        /* of substeps, elements, states: beyond what a record or a mesh is made of */
-};
+/* Of substeps, elements, states: beyond what a record or a mesh is made of. */
+enum { COUNT_MOST = 1000000 };
 static const char *const integrators[] = { "auto", "rk4", NULL };
 
 #define AT(member) .at = offsetof(struct settings, member)
@@ -37,13 +36,15 @@ const struct key_row simulate_option_rows[] = {
       .meaning = "another mesh, with the same places and channels", .example = "8" },
     { "inflow_states", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(inflow_states), .low = 1, .high = COUNT_MOST,
       .meaning = "of the airloads, in place of the scene's", .example = "6" },
-    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
-      .meaning = "that the job is counted for", .example = "2" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST,
+      .initial = "1", .meaning = "that the job is counted for", .example = "2" },
     { 0 },
 };
 
-/* The scene on another mesh or inflow, into *CHANGED, which the caller deletes; NULL where nothing is asked for. */
-static enum modal_status change_model(const cJSON *scene, const struct settings *m, cJSON **changed, struct modal_error *err)
+/* The scene on another mesh or inflow, into *CHANGED, which the caller deletes; NULL where nothing
+ * is asked for. */
+static enum modal_status change_model(const cJSON *scene, const struct settings *m, cJSON **changed,
+                                      struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -53,22 +54,30 @@ static enum modal_status change_model(const cJSON *scene, const struct settings 
         return modal_fail(err, MODAL_NO_MEMORY, "simulate: out of memory");
     if (m->elements > 0)
         rc = scene_mesh(*changed, m->elements, err);
-    return rc == MODAL_OK && m->inflow_states > 0 ? scene_inflow(*changed, m->inflow_states, err) : rc;
+    return rc == MODAL_OK && m->inflow_states > 0 ? scene_inflow(*changed, m->inflow_states, err)
+                                                  : rc;
 }
 
-/* `without`: one effect's number or a list of them, each of EFFECTS in the scene ("-o without=0" is a number, "-o without=0,2" a list). */
-static enum modal_status read_without(const cJSON *json, int effects, struct scene_options *without, struct modal_error *err)
+/* `without`: one effect's number or a list of them, each of EFFECTS in the scene ("-o without=0" is
+ * a number, "-o without=0,2" a list). */
+static enum modal_status read_without(const cJSON *json, int effects, struct scene_options *without,
+                                      struct modal_error *err)
 {
     bool one = cJSON_IsNumber(cJSON_GetObjectItemCaseSensitive(json, "without"));
     double *list = NULL, single = NAN;
     size_t count = 1;
-    enum modal_status rc = one ? json_get_number(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &single, err)
-                               : json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1, &list, &count, err);
+    enum modal_status rc = one ? json_get_number(json, "", "without", 0, SCENE_EFFECTS_MOST - 1,
+                                                 &single, err)
+                               : json_get_numbers(json, "", "without", 0, SCENE_EFFECTS_MOST - 1,
+                                                  &list, &count, err);
 
     for (size_t i = 0; i < count && rc == MODAL_OK; i++) {
         double k = one ? single : list[i];
         if (k != floor(k) || k >= effects)
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, "without", "without lists the numbers of effects, from 0; the scene has %d, and no number %g", effects, k);
+            rc = modal_fail_field(
+                err, MODAL_BAD_INPUT, "without",
+                "without lists the numbers of effects, from 0; the scene has %d, and no number %g",
+                effects, k);
         else
             without->without[(int)k] = true;
     }
@@ -115,7 +124,8 @@ static bool turns(const struct program *p)
     return false;
 }
 
-/* The batch's period: the scene's; or that of what pulsates or turns, where the record holds two of it. */
+/* The batch's period: the scene's; or that of what pulsates or turns, where the record holds two of
+ * it. */
 static double period_of(const struct program *p, const struct scene_time *t)
 {
     bool pulsates = p->harmonics > 0 || p->laws > 0 || turns(p);
@@ -125,17 +135,21 @@ static double period_of(const struct program *p, const struct scene_time *t)
 }
 
 /* Room for the signals and their names, owned by OUT. */
-static enum modal_status make_batch(const struct program *p, const struct scene_time *t, struct job_result *out, struct modal_error *err)
+static enum modal_status make_batch(const struct program *p, const struct scene_time *t,
+                                    struct job_result *out, struct modal_error *err)
 {
     size_t channels = (size_t)p->outputs, samples = (size_t)t->samples;
 
     if ((double)samples * (double)channels > SIMULATE_VALUES_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "time", "%zu samples of %zu channels are more than %d numbers", samples, channels, SIMULATE_VALUES_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "time",
+                                "%zu samples of %zu channels are more than %d numbers", samples,
+                                channels, SIMULATE_VALUES_MOST);
     out->signals = malloc(samples * channels * sizeof *out->signals + 1);
     out->names = calloc(channels + 1, sizeof *out->names);
     out->batch.channels = out->names != NULL ? channels : 0;
     if (out->signals == NULL || out->names == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "simulate: no memory for %zu samples of %zu channels", samples, channels);
+        return modal_fail(err, MODAL_NO_MEMORY,
+                          "simulate: no memory for %zu samples of %zu channels", samples, channels);
     for (size_t i = 0; i < channels; i++)
         if ((out->names[i] = strdup(p->output[i].name)) == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "simulate: out of memory");
@@ -147,7 +161,8 @@ static enum modal_status make_batch(const struct program *p, const struct scene_
     return MODAL_OK;
 }
 
-static cJSON *print_result(const struct program *p, const struct scene_time *t, const struct simulate_result *s, const struct batch *b)
+static cJSON *print_result(const struct program *p, const struct scene_time *t,
+                           const struct simulate_result *s, const struct batch *b)
 {
     cJSON *r = cJSON_CreateObject(), *list, *work;
 
@@ -170,7 +185,8 @@ static cJSON *print_result(const struct program *p, const struct scene_time *t, 
     return r;
 }
 
-enum modal_status simulate_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status simulate_run(const struct job_request *request, struct job_result *out,
+                               struct modal_error *err)
 {
     struct settings settings = { 0 };
     struct simulate_result s = { 0 };
@@ -179,7 +195,8 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     struct cost cost;
     cJSON *changed = NULL;
     int effects = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(request->scene, "effects"));
-    enum modal_status rc = key_table_options(simulate_option_rows, request->options, &settings, err);
+    enum modal_status rc = key_table_options(simulate_option_rows, request->options, &settings,
+                                             err);
 
     cost_start(&cost);
     if (rc == MODAL_OK)
@@ -203,7 +220,8 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     if (rc == MODAL_OK) {
         out->result = print_result(p, &t, &s, &out->batch);
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, print_options(&settings)));
+        cJSON_AddItemToObject(out->result, "provenance",
+                              provenance_print(request, print_options(&settings)));
     }
     program_free(p);
     cJSON_Delete(changed);

@@ -10,9 +10,10 @@
 #include "job/steady_print.h"
 #include "modal/scene/scene.h"
 
-/* A motion found from rest that is unstable is not what a machine does: a stable one is sought among all, and given if there is.
- * *KNOWN is the stability of the one given. */
-static enum modal_status prefer_stable(struct steady *s, const struct program *p, struct steady_point *point, struct stability *known,
+/* A motion found from rest that is unstable is not what a machine does: a stable one is sought
+ * among all, and given if there is.  *KNOWN is the stability of the one given. */
+static enum modal_status prefer_stable(struct steady *s, const struct program *p,
+                                       struct steady_point *point, struct stability *known,
                                        struct modal_error *err)
 {
     struct stability st = { 0 };
@@ -46,10 +47,13 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     return rc;
 }
 
-/* One point, or with `solutions` all every one, the first converged first.  *KNOWN: the stability of the one, if it was looked at. */
-static enum modal_status solve_points(struct steady *s, const struct program *p, const struct steady_settings *settings,
-                                      const struct steady_start *start, struct steady_point **points, int *count, struct stability *known,
-                                      struct modal_error *err)
+/* One point, or with `solutions` all every one, the first converged first.  *KNOWN: the stability
+ * of the one, if it was looked at. */
+static enum modal_status solve_points(struct steady *s, const struct program *p,
+                                      const struct steady_settings *settings,
+                                      const struct steady_start *start,
+                                      struct steady_point **points, int *count,
+                                      struct stability *known, struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -60,16 +64,21 @@ static enum modal_status solve_points(struct steady *s, const struct program *p,
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     rc = steady_solve(s, p->omega, start, *points, err);
     *count = rc == MODAL_OK ? 1 : 0;
-    if (rc == MODAL_OK && settings->stability && start == NULL && settings->opt.method == STEADY_AUTO && p->laws > 0 && (*points)->converged)
+    if (rc == MODAL_OK && settings->stability && start == NULL
+        && settings->opt.method == STEADY_AUTO && p->laws > 0 && (*points)->converged)
         rc = prefer_stable(s, p, *points, known, err);
     return rc;
 }
 
-static enum modal_status print_point(struct steady *s, struct program *p, const struct steady_settings *settings, struct steady_point *point,
-                                     struct stability *known, struct cost *cost, cJSON **doc, struct modal_error *err)
+static enum modal_status print_point(struct steady *s, struct program *p,
+                                     const struct steady_settings *settings,
+                                     struct steady_point *point, struct stability *known,
+                                     struct cost *cost, cJSON **doc, struct modal_error *err)
 {
     bool wanted = settings->stability && point->converged;
-    enum modal_status rc = wanted && known->verdict == STABILITY_UNKNOWN && known->reason == NULL ? stability_of(s, point, known, err) : MODAL_OK;
+    enum modal_status rc = wanted && known->verdict == STABILITY_UNKNOWN && known->reason == NULL
+                               ? stability_of(s, point, known, err)
+                               : MODAL_OK;
 
     cost_stage(cost, "stability");
     if (rc == MODAL_OK)
@@ -80,8 +89,8 @@ static enum modal_status print_point(struct steady *s, struct program *p, const 
     return rc;
 }
 
-static enum modal_status one_state(struct program *p, struct steady_settings *settings, struct cost *cost,
-                                   cJSON **doc, struct modal_error *err)
+static enum modal_status one_state(struct program *p, struct steady_settings *settings,
+                                   struct cost *cost, cJSON **doc, struct modal_error *err)
 {
     struct steady *s = NULL;
     struct steady_point *points = NULL;
@@ -94,7 +103,8 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     if (rc == MODAL_OK)
         rc = steady_settings_start(settings, s, &start, err);
     if (rc == MODAL_OK)
-        rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, &known, err);
+        rc = solve_points(s, p, settings, start.X != NULL ? &start : NULL, &points, &count, &known,
+                          err);
     cost_stage(cost, "solve");
     if (rc == MODAL_OK && settings->solutions == 1)
         list = cJSON_CreateArray();
@@ -123,7 +133,8 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     return rc;
 }
 
-enum modal_status steady_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status steady_run(const struct job_request *request, struct job_result *out,
+                             struct modal_error *err)
 {
     struct cost cost;
     struct steady_settings settings = { 0 };
@@ -138,16 +149,19 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     rc = steady_settings_read(request, p, &settings, &shown, err);
     if (rc != MODAL_OK)
         goto out;
-    if (!(p->omega > 0) && settings.sweep == NULL && settings.follow == NULL && settings.backbone == NULL) {
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+    if (!(p->omega > 0) && settings.sweep == NULL && settings.follow == NULL
+        && settings.backbone == NULL) {
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega",
+                              "a steady state needs the scene's omega > 0");
         goto out;
     }
     steady_subharmonic(p, settings.subharmonic);
     steady_count_start(p);
     cost_stage(&cost, "lower");
-    rc = settings.sweep != NULL || settings.follow != NULL ? curve_run(request, p, &settings, &cost, &doc, err)
-       : settings.backbone != NULL ? backbone_run(request, p, &settings, &cost, &doc, err)
-       : one_state(p, &settings, &cost, &doc, err);
+    rc = settings.sweep != NULL || settings.follow != NULL
+             ? curve_run(request, p, &settings, &cost, &doc, err)
+         : settings.backbone != NULL ? backbone_run(request, p, &settings, &cost, &doc, err)
+                                     : one_state(p, &settings, &cost, &doc, err);
     if (rc != MODAL_OK)
         goto out;
     cJSON_AddItemToObject(doc, "cost", cost_print(&cost));

@@ -6,14 +6,18 @@
 #include <string.h>
 #include "modal/steady/resonance.h"
 
-static enum modal_status print_harmonics(struct steady *s, const struct program *p, const struct steady_settings *settings,
-                                         const struct steady_point *point, cJSON *doc, struct modal_error *err)
+static enum modal_status print_harmonics(struct steady *s, const struct program *p,
+                                         const struct steady_settings *settings,
+                                         const struct steady_point *point, cJSON *doc,
+                                         struct modal_error *err)
 {
     size_t K = (size_t)point->H + 1;
     double complex *X = malloc(K * sizeof *X);
     double *k = malloc(3 * K * sizeof *k), *re = k + K, *im = re + K;
     cJSON *list = cJSON_AddArrayToObject(doc, "harmonics");
-    enum modal_status rc = X == NULL || k == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory to print") : MODAL_OK;
+    enum modal_status rc = X == NULL || k == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory to print")
+                               : MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < settings->dofs_count; i++) {
         cJSON *row = cJSON_CreateObject();
@@ -35,14 +39,20 @@ static enum modal_status print_harmonics(struct steady *s, const struct program 
     return rc;
 }
 
-static enum modal_status print_time(struct steady *s, const struct program *p, const struct steady_settings *settings,
-                                    const struct steady_point *point, cJSON *doc, struct modal_error *err)
+static enum modal_status print_time(struct steady *s, const struct program *p,
+                                    const struct steady_settings *settings,
+                                    const struct steady_point *point, cJSON *doc,
+                                    struct modal_error *err)
 {
-    int N = settings->time > 0 ? settings->time : point->N > 2 * point->H ? point->N : 4 * point->H + 4;
+    int N = settings->time > 0        ? settings->time
+            : point->N > 2 * point->H ? point->N
+                                      : 4 * point->H + 4;
     double complex *X = malloc(((size_t)point->H + 1) * sizeof *X);
     double *x = malloc((size_t)N * sizeof *x);
     cJSON *time = cJSON_AddObjectToObject(doc, "time"), *rows;
-    enum modal_status rc = X == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory to print") : MODAL_OK;
+    enum modal_status rc = X == NULL || x == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory to print")
+                               : MODAL_OK;
 
     for (int j = 0; rc == MODAL_OK && j < N; j++)
         x[j] = 2 * M_PI / point->omega * j / N;
@@ -78,7 +88,8 @@ static void print_stability(const struct stability *st, cJSON *doc)
     json_set_number(o, "max_multiplier", st->verdict != STABILITY_UNKNOWN ? st->largest : NAN);
     list = cJSON_AddArrayToObject(o, "multipliers");
     for (int i = 0; i < st->count; i++)
-        cJSON_AddItemToArray(list, json_complex(creal(st->multiplier[i]), cimag(st->multiplier[i])));
+        cJSON_AddItemToArray(list,
+                             json_complex(creal(st->multiplier[i]), cimag(st->multiplier[i])));
     if (st->verdict != STABILITY_UNKNOWN)
         json_set_number(o, "error", st->error);
 }
@@ -155,8 +166,9 @@ static void print_failure(const struct program *p, const struct steady_point *po
                  "that there is none: %s; what is given is the best iterate", reason);
 }
 
-static void print_diagnostics(const struct program *p, const struct steady_settings *settings, const struct steady_point *point,
-                              const struct stability *st, cJSON *doc)
+static void print_diagnostics(const struct program *p, const struct steady_settings *settings,
+                              const struct steady_point *point, const struct stability *st,
+                              cJSON *doc)
 {
     cJSON *list = cJSON_AddArrayToObject(doc, "diagnostics");
     double target = settings->opt.target_error;
@@ -164,16 +176,21 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
     if (!point->converged)
         print_failure(p, point, list);
     print_offsets(p, point, list);
-    if (point->converged && settings->opt.harmonics == 0 && point->error > target * point->amplitude)
+    if (point->converged && settings->opt.harmonics == 0
+        && point->error > target * point->amplitude)
         print_missed(list, point, target);
     if (point->converged && point->laws > 0 && !(point->error >= 0))
-        diagnose(list, "error_unknown", "the error could not be estimated: the derivative is singular at the solution%s", "");
+        diagnose(list, "error_unknown",
+                 "the error could not be estimated: the derivative is singular at the solution%s",
+                 "");
     if (st != NULL && st->verdict == STABILITY_UNKNOWN && st->reason != NULL)
         diagnose(list, "stability_unknown", "the stability was not computed: %s", st->reason);
 }
 
-enum modal_status steady_print(struct steady *s, const struct program *p, const struct steady_settings *settings,
-                               const struct steady_point *point, const struct stability *stability, cJSON **out, struct modal_error *err)
+enum modal_status steady_print(struct steady *s, const struct program *p,
+                               const struct steady_settings *settings,
+                               const struct steady_point *point, const struct stability *stability,
+                               cJSON **out, struct modal_error *err)
 {
     const struct stability unknown = { .verdict = STABILITY_UNKNOWN };
     bool known = point->converged || point->fewer;       /* the errors */

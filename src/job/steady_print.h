@@ -4,10 +4,12 @@
 #include "job/steady_settings.h"
 #include "modal/steady/stability.h"
 
-/* The document of POINT of session S; SETTINGS says which dofs and how many samples.  STABILITY may be NULL (not looked
- * at): its verdict and its largest multiplier are null then. */
-enum modal_status steady_print(struct steady *s, const struct program *p, const struct steady_settings *settings,
-                               const struct steady_point *point, const struct stability *stability, cJSON **out, struct modal_error *err);
+/* The document of POINT of session S; SETTINGS says which dofs and how many samples.  STABILITY
+ * may be NULL (not looked at): its verdict and its largest multiplier are null then. */
+enum modal_status steady_print(struct steady *s, const struct program *p,
+                               const struct steady_settings *settings,
+                               const struct steady_point *point, const struct stability *stability,
+                               cJSON **out, struct modal_error *err);
 /* Counts and activity of POINT into P's effects, for its plan; ACTIVE ones stay so. */
 void steady_count(struct program *p, const struct steady_point *point);
 /* Before the first steady_count: effects with laws start inactive. */

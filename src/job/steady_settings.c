@@ -5,32 +5,37 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const methods[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting", NULL };
+static const char *const methods[] = { "auto", "direct", "newton", "rk4",
+                                       "adaptive", "shooting", NULL };
 static const char *const solutions[] = { "one", "all", NULL };
 
 enum {
     ITERATIONS_MOST = 1000000,       /* days of iteration: who wants more has mistyped */
-    SUBHARMONICS_MOST = 64,          /* subharmonic motions of higher order are not met in practice */
+    SUBHARMONICS_MOST = 64,          /* motions of higher order are not met in practice */
     THREADS_MOST = 256,              /* as identify */
-    START_HARMONICS = 512            /* higher ones of a given start are left out: more than an answer that converges has */
+    START_HARMONICS = 512            /* of a given start: more than a converged answer has */
 };
 
 #define AT(member) .at = offsetof(struct steady_settings, member)
 
 /* Those that the scene's `steady` may hold too. */
 const struct key_row steady_option_rows[] = {
-    { "harmonics", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.harmonics), .low = 1, .high = ORBIT_HARMONICS_MOST,
-      .meaning = "of each dof; default: what target.error needs", .example = "9" },
+    { "harmonics", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.harmonics), .low = 1,
+      .high = ORBIT_HARMONICS_MOST, .meaning = "of each dof; default: what target.error needs",
+      .example = "9" },
     { "samples", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.samples), .low = 3, .high = ORBIT_SAMPLES_MOST,
-      .meaning = "of one period, for forces in time; default: enough for the laws", .example = "1024" },
+      .meaning = "of one period, for forces in time; default: enough for the laws",
+      .example = "1024" },
     { "method", KEY_CHOICE, AT(opt.method), .words = methods, .initial = "auto",
-      .meaning = "how the balance is solved; the last three integrate in time", .example = "newton" },
+      .meaning = "how the balance is solved; the last three integrate in time",
+      .example = "newton" },
     { "cutoff", KEY_NUMBER, AT(opt.cutoff), .low = 0, .high = 1, .initial = "0",
       .meaning = "harmonics below so much of the largest are left out", .example = "1e-3" },
     { "tolerance", KEY_NUMBER, AT(opt.tolerance), .low = 1e-15, .high = 0.1, .initial = "1e-12",
       .meaning = "of the balance", .example = "1e-9" },
     { "max_iterations", KEY_WHOLE, AT(opt.max_iterations), .low = 1, .high = ITERATIONS_MOST,
-      .meaning = "of one attempt (default 60); then the best so far is the answer, not converged", .example = "100" },
+      .meaning = "of one attempt (default 60); then the best so far is the answer, not converged",
+      .example = "100" },
     { "stability", KEY_TRUTH, AT(stability), .initial = "true",
       .meaning = "multipliers of the orbit", .example = "false" },
     { "solutions", KEY_CHOICE, AT(solutions), .words = solutions, .initial = "one",
@@ -41,10 +46,11 @@ const struct key_row steady_option_rows[] = {
       .meaning = "Newton by difference quotients, as in the paper", .example = "true" },
     { "relaxation", KEY_NUMBER, KEY_SHOWN_IF_SET, AT(opt.relaxation), .low = 1e-6, .high = 1,
       .meaning = "of direct iteration (default 1)", .example = "0.5" },
-    { "subharmonic", KEY_WHOLE, AT(subharmonic), .low = 1, .high = SUBHARMONICS_MOST, .initial = "1",
-      .meaning = "the fundamental is omega / N", .example = "3" },
+    { "subharmonic", KEY_WHOLE, AT(subharmonic), .low = 1, .high = SUBHARMONICS_MOST,
+      .initial = "1", .meaning = "the fundamental is omega / N", .example = "3" },
     { "target.error", KEY_NUMBER, AT(opt.target_error), .low = 1e-14, .high = 1, .initial = "1e-6",
-      .meaning = "that default harmonics reach, relative to the largest motion", .example = "1e-3" },
+      .meaning = "that default harmonics reach, relative to the largest motion",
+      .example = "1e-3" },
     { "time", KEY_OWN, .low = 1, .high = ORBIT_SAMPLES_MOST, .form = "true|N",
       .meaning = "the waveform too, in N samples", .example = "64" },
     { "dofs", KEY_OWN, .form = "A,B",
@@ -59,28 +65,32 @@ const struct key_row steady_option_rows[] = {
 /* Those of the job alone. */
 const struct key_row steady_curve_rows[] = {
     { "sweep", KEY_TEXT, KEY_SHOWN_IF_SET, AT(sweep), .form = "PATH=A:B:N",
-      .meaning = "a solution at each of N values of omega, or of a number of the scene", .example = "omega=0.5:2:31" },
+      .meaning = "a solution at each of N values of omega, or of a number of the scene",
+      .example = "omega=0.5:2:31" },
     { "continue", KEY_TEXT, KEY_SHOWN_IF_SET, AT(follow), .form = "PATH=A:B",
       .meaning = "the curve of solutions from A to B, around its folds", .example = "omega=0.5:2" },
     { "backbone", KEY_TEXT, KEY_SHOWN_IF_SET, AT(backbone), .form = "MODE:A:B[:N]",
-      .meaning = "free vibration of a mode from amplitude A to B, in N points, in place of the forced one",
-      .example = "1:0.1:2:20" },
+      .meaning = "free vibration of a mode from amplitude A to B, in N points, in place of the "
+      "forced one", .example = "1:0.1:2:20" },
     { 0 },
 };
 
-static enum modal_status read_dof(const cJSON *item, const char *path, const struct program *p, int *out, struct modal_error *err)
+static enum modal_status read_dof(const cJSON *item, const char *path, const struct program *p,
+                                  int *out, struct modal_error *err)
 {
     int dof = cJSON_IsString(item) ? program_dof(p, item->valuestring) : -1;
 
     if (dof < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is no dof of this scene; its dofs are %s, ... %s",
-                                cJSON_IsString(item) ? item->valuestring : "this", p->dofs[0], p->dofs[p->n - 1]);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s is no dof of this scene; its dofs are %s, ... %s",
+                                cJSON_IsString(item) ? item->valuestring : "this", p->dofs[0],
+                                p->dofs[p->n - 1]);
     *out = dof;
     return MODAL_OK;
 }
 
-static enum modal_status read_dofs(const cJSON *object, const char *base, const struct program *p, struct steady_settings *s,
-                                   struct modal_error *err)
+static enum modal_status read_dofs(const cJSON *object, const char *base, const struct program *p,
+                                   struct steady_settings *s, struct modal_error *err)
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "dofs"), *item;
     char path[128], full[160];
@@ -92,7 +102,8 @@ static enum modal_status read_dofs(const cJSON *object, const char *base, const 
         return MODAL_OK;
     json_path(path, base, "dofs");
     if (!one && (!cJSON_IsArray(list) || size < 1))
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a name of a dof, or a list of them", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s must be a name of a dof, or a list of them", path);
     free(s->dofs);
     s->dofs = calloc((size_t)size, sizeof *s->dofs);
     if (s->dofs == NULL)
@@ -108,8 +119,8 @@ static enum modal_status read_dofs(const cJSON *object, const char *base, const 
 }
 
 /* {"k":[...], "re":[...], "im":[...]} of one dof */
-static enum modal_status read_start_dof(const cJSON *entry, const char *path, int dof, struct steady_settings *s,
-                                        struct modal_error *err)
+static enum modal_status read_start_dof(const cJSON *entry, const char *path, int dof,
+                                        struct steady_settings *s, struct modal_error *err)
 {
     static const char *const keys[] = { "k", "re", "im", NULL };
     double *list[3] = { NULL, NULL, NULL };
@@ -117,24 +128,28 @@ static enum modal_status read_start_dof(const cJSON *entry, const char *path, in
     enum modal_status rc = json_keys(entry, path, keys, err);
 
     for (int i = 0; rc == MODAL_OK && i < 3; i++)
-        rc = json_get_numbers(entry, path, keys[i], i == 0 ? 0 : -1e300, i == 0 ? ORBIT_HARMONICS_MOST : 1e300, &list[i], &count[i], err);
+        rc = json_get_numbers(entry, path, keys[i], i == 0 ? 0 : -1e300,
+                              i == 0 ? ORBIT_HARMONICS_MOST : 1e300, &list[i], &count[i], err);
     if (rc == MODAL_OK && (count[0] != count[1] || count[1] != count[2] || count[0] == 0))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "k, re and im must be lists of one length");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, path,
+                              "k, re and im must be lists of one length");
     for (size_t i = 0; rc == MODAL_OK && i < count[0]; i++) {
         int k = (int)list[0][i];
 
         if (k != list[0][i])
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "k holds %g; accepted: whole numbers", list[0][i]);
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, path, "k holds %g; accepted: whole numbers",
+                                  list[0][i]);
         else if (k <= s->start_H)
-            s->start[(size_t)dof * ((size_t)s->start_H + 1) + (size_t)k] = CMPLX(list[1][i], k > 0 ? list[2][i] : 0);
+            s->start[(size_t)dof * ((size_t)s->start_H + 1) + (size_t)k] =
+                CMPLX(list[1][i], k > 0 ? list[2][i] : 0);
     }
     for (int i = 0; i < 3; i++)
         free(list[i]);
     return rc;
 }
 
-static enum modal_status read_start(const cJSON *object, const char *base, const struct program *p, struct steady_settings *s,
-                                    struct modal_error *err)
+static enum modal_status read_start(const cJSON *object, const char *base, const struct program *p,
+                                    struct steady_settings *s, struct modal_error *err)
 {
     const cJSON *start = cJSON_GetObjectItemCaseSensitive(object, "start"), *entry;
     char path[128], one[128];
@@ -144,7 +159,8 @@ static enum modal_status read_start(const cJSON *object, const char *base, const
         return MODAL_OK;
     json_path(path, base, "start");
     if (!cJSON_IsObject(start))
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "start must be an object {dof: {\"k\", \"re\", \"im\"}}");
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "start must be an object {dof: {\"k\", \"re\", \"im\"}}");
     free(s->start);
     s->start_H = START_HARMONICS;
     s->start = calloc((size_t)p->n * ((size_t)s->start_H + 1), sizeof *s->start);
@@ -155,7 +171,9 @@ static enum modal_status read_start(const cJSON *object, const char *base, const
 
         json_path(one, path, entry->string);
         if (dof < 0 || !cJSON_IsObject(entry))
-            return modal_fail_field(err, MODAL_BAD_INPUT, one, "%s must be a dof of this scene with {\"k\", \"re\", \"im\"}", entry->string);
+            return modal_fail_field(err, MODAL_BAD_INPUT, one,
+                                    "%s must be a dof of this scene with {\"k\", \"re\", \"im\"}",
+                                    entry->string);
         rc = read_start_dof(entry, one, dof, s, err);
         if (rc != MODAL_OK)
             return rc;
@@ -163,7 +181,8 @@ static enum modal_status read_start(const cJSON *object, const char *base, const
     return MODAL_OK;
 }
 
-static enum modal_status read_time(const cJSON *object, const char *base, struct steady_settings *s, struct modal_error *err)
+static enum modal_status read_time(const cJSON *object, const char *base, struct steady_settings *s,
+                                   struct modal_error *err)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, "time");
 
@@ -174,20 +193,24 @@ static enum modal_status read_time(const cJSON *object, const char *base, struct
     return json_get_int(object, base, "time", 1, ORBIT_SAMPLES_MOST, &s->time, err);
 }
 
-/* O, the scene's `steady` (BASE) or the job's options, with ROWS beside those that both may hold. */
-static enum modal_status read_from(const cJSON *o, const char *base, const struct key_row *rows, const struct program *p,
-                                   struct steady_settings *s, struct modal_error *err)
+/* O, the scene's `steady` (BASE) or the job's options, with ROWS beside those that both may
+ * hold. */
+static enum modal_status read_from(const cJSON *o, const char *base, const struct key_row *rows,
+                                   const struct program *p, struct steady_settings *s,
+                                   struct modal_error *err)
 {
     enum modal_status rc;
 
     if (o == NULL)
         return MODAL_OK;
     if (!cJSON_IsObject(o))
-        return modal_fail_field(err, MODAL_BAD_INPUT, base[0] ? base : "options", "must be an object");
+        return modal_fail_field(err, MODAL_BAD_INPUT, base[0] ? base : "options",
+                                "must be an object");
     if ((rc = key_table_check(steady_option_rows, rows, o, base, err)) != MODAL_OK
         || (rc = key_table_read(steady_option_rows, o, base, s, err)) != MODAL_OK
         || (rows != NULL && (rc = key_table_read(rows, o, base, s, err)) != MODAL_OK)
-        || (rc = read_time(o, base, s, err)) != MODAL_OK || (rc = read_dofs(o, base, p, s, err)) != MODAL_OK)
+        || (rc = read_time(o, base, s, err)) != MODAL_OK
+        || (rc = read_dofs(o, base, p, s, err)) != MODAL_OK)
         return rc;
     return read_start(o, base, p, s, err);
 }
@@ -202,7 +225,8 @@ static enum modal_status check_curve(const struct steady_settings *s, struct mod
 }
 
 /* Without `dofs`, all. */
-static enum modal_status report_all(const struct program *p, struct steady_settings *s, struct modal_error *err)
+static enum modal_status report_all(const struct program *p, struct steady_settings *s,
+                                    struct modal_error *err)
 {
     s->dofs = calloc((size_t)p->n + 1, sizeof *s->dofs);
     if (s->dofs == NULL)
@@ -213,13 +237,15 @@ static enum modal_status report_all(const struct program *p, struct steady_setti
     return MODAL_OK;
 }
 
-enum modal_status steady_settings_read(const struct job_request *request, const struct program *p, struct steady_settings *out,
-                                       cJSON **shown, struct modal_error *err)
+enum modal_status steady_settings_read(const struct job_request *request, const struct program *p,
+                                       struct steady_settings *out, cJSON **shown,
+                                       struct modal_error *err)
 {
     const cJSON *in_scene = cJSON_GetObjectItemCaseSensitive(request->scene, "steady");
     enum modal_status rc;
 
-    *out = (struct steady_settings) { .opt = { .cancelled = request->cancelled, .context = request->context } };
+    *out = (struct steady_settings){ .opt = { .cancelled = request->cancelled,
+                                              .context = request->context } };
     key_table_defaults(steady_option_rows, out);
     rc = read_from(in_scene, "steady", NULL, p, out, err);
     if (rc == MODAL_OK)
@@ -241,8 +267,8 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
     return MODAL_OK;
 }
 
-enum modal_status steady_settings_start(const struct steady_settings *settings, struct steady *s, struct steady_start *start,
-                                        struct modal_error *err)
+enum modal_status steady_settings_start(const struct steady_settings *settings, struct steady *s,
+                                        struct steady_start *start, struct modal_error *err)
 {
     int q = condense_kept(steady_condense(s)), K = settings->start_H + 1;
     double complex *X;
@@ -253,7 +279,9 @@ enum modal_status steady_settings_start(const struct steady_settings *settings, 
     if (X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a start");
     for (int i = 0; i < q; i++)
-        memcpy(X + i * K, settings->start + (size_t)condense_dofs(steady_condense(s))[i] * (size_t)K, (size_t)K * sizeof *X);
+        memcpy(X + i * K,
+               settings->start + (size_t)condense_dofs(steady_condense(s))[i] * (size_t)K,
+               (size_t)K * sizeof *X);
     *start = (struct steady_start) { q, settings->start_H, X };
     return MODAL_OK;
 }
@@ -262,7 +290,8 @@ enum modal_status steady_settings_keys(const cJSON *scene, struct modal_error *e
 {
     const cJSON *steady = cJSON_GetObjectItemCaseSensitive(scene, "steady");
 
-    return steady != NULL ? key_table_check(steady_option_rows, NULL, steady, "steady", err) : MODAL_OK;
+    return steady != NULL ? key_table_check(steady_option_rows, NULL, steady, "steady", err)
+                          : MODAL_OK;
 }
 
 void steady_settings_done(struct steady_settings *s)

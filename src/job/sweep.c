@@ -1,8 +1,9 @@
 /*
  * sweep.c - see sweep.h
  *
- * The scene is copied once; a point sets its values in the copy and lowers it.  Floquet's points, of which maps of
- * stability have tens of thousands, call the solver directly; the other verbs go through their kinds.
+ * The scene is copied once; a point sets its values in the copy and lowers it.  Floquet's points,
+ * of which maps of stability have tens of thousands, call the solver directly; the other verbs go
+ * through their kinds.
  */
 #include "job/sweep.h"
 #include <math.h>
@@ -35,7 +36,8 @@ struct sweep {
 /* What a point computes: into POINT, {"index"} so far. */
 struct sweep_verb {
     const char *name;
-    enum modal_status (*run)(struct sweep *, const struct job_request *, cJSON *point, struct modal_error *);
+    enum modal_status (*run)(struct sweep *, const struct job_request *, cJSON *point,
+                             struct modal_error *);
 };
 
 /* The points of a job: COUNT from FIRST on. */
@@ -44,30 +46,33 @@ struct share { int first, count, threads; };
 #define AT(member) .at = offsetof(struct share, member)
 
 const struct key_row sweep_option_rows[] = {
-    { "first", KEY_WHOLE, AT(first), .low = 0, .high = SWEEP_POINTS_MOST - 1, .initial = "0", .form = "I",
-      .meaning = "the first point of a share", .example = "64" },
+    { "first", KEY_WHOLE, AT(first), .low = 0, .high = SWEEP_POINTS_MOST - 1, .initial = "0",
+      .form = "I", .meaning = "the first point of a share", .example = "64" },
     { "count", KEY_WHOLE, AT(count), .low = 1, .high = SWEEP_POINTS_MOST,
       .meaning = "the points in it; default: all from the first on", .example = "64" },
-    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
-      .meaning = "that the job is counted for", .example = "2" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST,
+      .initial = "1", .meaning = "that the job is counted for", .example = "2" },
     { 0 },
 };
 
 const struct key_row sweep_document_rows[] = {
     { "verb", KEY_OWN, .initial = "floquet", .form = "\"NAME\"",
-      .meaning = "what is computed at each point: floquet, steady, or identify of the scene's motion", .example = "\"steady\"" },
+      .meaning = "what is computed at each point: floquet, steady, or identify of the scene's "
+      "motion", .example = "\"steady\"" },
     { "scene", KEY_OWN, .form = "{...}", .meaning = "the scene", .example = "{}" },
     { "grid", KEY_OWN, .form = "[AXIS,...]",
       .meaning = "1 to 6 axes, the last running fastest",
       .example = "[{\"path\":\"omega\",\"values\":[1,2]}]" },
-    { "options", KEY_OWN, .form = "{...}", .meaning = "the verb's own", .example = "{\"tolerance\":1e-9}" },
+    { "options", KEY_OWN, .form = "{...}", .meaning = "the verb's own",
+      .example = "{\"tolerance\":1e-9}" },
     { 0 },
 };
 
 const struct key_row sweep_axis_rows[] = {
     { "path", KEY_OWN, .form = "\"PATH\"",
       .meaning = "of a number of the scene", .example = "\"effects[0].stiffness\"" },
-    { "values", KEY_OWN, .form = "[X,...]", .meaning = "that it takes, one after the other", .example = "[1,1.5,2]" },
+    { "values", KEY_OWN, .form = "[X,...]", .meaning = "that it takes, one after the other",
+      .example = "[1,1.5,2]" },
     { 0 },
 };
 
@@ -75,16 +80,19 @@ static void add_stability(cJSON *point, const struct floquet *f)
 {
     cJSON_AddItemToObject(point, "stability", floquet_stability(f));
     if (f->count > 0 && f->resolved[0])
-        cJSON_AddItemToObject(point, "exponent", json_complex(creal(f->exponent[0]), cimag(f->exponent[0])));
+        cJSON_AddItemToObject(point, "exponent",
+                              json_complex(creal(f->exponent[0]), cimag(f->exponent[0])));
 }
 
-static enum modal_status run_floquet(struct sweep *s, const struct job_request *request, cJSON *point, struct modal_error *err)
+static enum modal_status run_floquet(struct sweep *s, const struct job_request *request,
+                                     cJSON *point, struct modal_error *err)
 {
     struct floquet_options o = { 0 };
     struct floquet f;
     struct program *p = NULL;
-    enum modal_status rc = json_get_number(s->options, "options", "tolerance", FLOQUET_TOLERANCE_LEAST,
-                                           FLOQUET_TOLERANCE_MOST, &o.tolerance, err);
+    enum modal_status rc = json_get_number(s->options, "options", "tolerance",
+                                           FLOQUET_TOLERANCE_LEAST, FLOQUET_TOLERANCE_MOST,
+                                           &o.tolerance, err);
 
     (void)request;
     if (rc == MODAL_OK)
@@ -112,7 +120,8 @@ static void move_members(cJSON *result, cJSON *point)
     }
 }
 
-static enum modal_status run_steady(struct sweep *s, const struct job_request *request, cJSON *point, struct modal_error *err)
+static enum modal_status run_steady(struct sweep *s, const struct job_request *request,
+                                    cJSON *point, struct modal_error *err)
 {
     struct job_request inner = { .kind = "steady", .options = s->options, .scene = s->scene,
                                  .cancelled = request->cancelled, .context = request->context };
@@ -127,9 +136,11 @@ static enum modal_status run_steady(struct sweep *s, const struct job_request *r
 }
 
 /* Of the scene's motion. */
-static enum modal_status run_identify(struct sweep *s, const struct job_request *request, cJSON *point, struct modal_error *err)
+static enum modal_status run_identify(struct sweep *s, const struct job_request *request,
+                                      cJSON *point, struct modal_error *err)
 {
-    struct job_request moves = { .kind = "simulate", .scene = s->scene, .cancelled = request->cancelled, .context = request->context };
+    struct job_request moves = { .kind = "simulate", .scene = s->scene,
+                                 .cancelled = request->cancelled, .context = request->context };
     struct job_result motion, r;
     struct job_request inner = { .kind = "identify", .options = s->options, .batch = &motion.batch,
                                  .cancelled = request->cancelled, .context = request->context };
@@ -153,7 +164,8 @@ static const struct sweep_verb verbs[] = {
 };
 enum { VERBS = sizeof verbs / sizeof *verbs };
 
-static enum modal_status read_axis(struct sweep *s, const cJSON *json, const char *base, struct modal_error *err)
+static enum modal_status read_axis(struct sweep *s, const cJSON *json, const char *base,
+                                   struct modal_error *err)
 {
     struct axis *axis = &s->axis[s->axes++];
     char field[128];
@@ -162,15 +174,18 @@ static enum modal_status read_axis(struct sweep *s, const cJSON *json, const cha
     if (rc == MODAL_OK)
         rc = json_need_string(json, base, "path", &axis->path, err);
     if (rc == MODAL_OK)
-        rc = json_get_numbers(json, base, "values", -HUGE_VAL, HUGE_VAL, &axis->values, &axis->count, err);
+        rc = json_get_numbers(json, base, "values", -HUGE_VAL, HUGE_VAL, &axis->values,
+                              &axis->count, err);
     json_path(field, base, "values");
     if (rc == MODAL_OK && axis->count < 1)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, field, "%s must list at least one number", field);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, field, "%s must list at least one number",
+                              field);
     json_path(field, base, "path");
     if (rc == MODAL_OK)
         rc = scene_path_set(s->scene, axis->path, axis->values[0], field, err);
     if (rc == MODAL_OK && (double)s->points * (double)axis->count > SWEEP_POINTS_MOST)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "grid", "the grid has more than %d points", SWEEP_POINTS_MOST);
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "grid", "the grid has more than %d points",
+                              SWEEP_POINTS_MOST);
     if (rc == MODAL_OK)
         s->points *= (int)axis->count;
     return rc;
@@ -182,8 +197,11 @@ static enum modal_status read_grid(struct sweep *s, const cJSON *document, struc
     char base[32];
     enum modal_status rc = MODAL_OK;
 
-    if (!cJSON_IsArray(grid) || cJSON_GetArraySize(grid) < 1 || cJSON_GetArraySize(grid) > SWEEP_AXES_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "grid", "grid must list 1 to %d axes {\"path\", \"values\"}", SWEEP_AXES_MOST);
+    if (!cJSON_IsArray(grid) || cJSON_GetArraySize(grid) < 1
+        || cJSON_GetArraySize(grid) > SWEEP_AXES_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "grid",
+                                "grid must list 1 to %d axes {\"path\", \"values\"}",
+                                SWEEP_AXES_MOST);
     cJSON_ArrayForEach(item, grid) {
         snprintf(base, sizeof base, "grid[%d]", s->axes);
         if (rc == MODAL_OK)
@@ -192,7 +210,8 @@ static enum modal_status read_grid(struct sweep *s, const cJSON *document, struc
     return rc;
 }
 
-static enum modal_status read_document(struct sweep *s, const cJSON *document, struct modal_error *err)
+static enum modal_status read_document(struct sweep *s, const cJSON *document,
+                                       struct modal_error *err)
 {
     const char *names[VERBS + 1] = { NULL };
     const cJSON *scene = cJSON_GetObjectItemCaseSensitive(document, "scene");
@@ -220,7 +239,8 @@ static enum modal_status read_document(struct sweep *s, const cJSON *document, s
 enum modal_status sweep_new(const cJSON *document, struct sweep **out, struct modal_error *err)
 {
     struct sweep *s = calloc(1, sizeof *s);
-    enum modal_status rc = s != NULL ? read_document(s, document, err) : modal_fail(err, MODAL_NO_MEMORY, "sweep: out of memory");
+    enum modal_status rc = s != NULL ? read_document(s, document, err)
+                                     : modal_fail(err, MODAL_NO_MEMORY, "sweep: out of memory");
 
     if (rc == MODAL_OK)
         *out = s;
@@ -244,7 +264,8 @@ int sweep_points(const struct sweep *s)
     return s->points;
 }
 
-static enum modal_status set_point(struct sweep *s, int point, cJSON *index, struct modal_error *err)
+static enum modal_status set_point(struct sweep *s, int point, cJSON *index,
+                                   struct modal_error *err)
 {
     int digits[SWEEP_AXES_MOST];
     enum modal_status rc = MODAL_OK;
@@ -278,7 +299,8 @@ static void add_error(cJSON *point, enum modal_status rc, const struct modal_err
         cJSON_AddStringToObject(e, "field", err->field);
 }
 
-enum modal_status sweep_run_points(struct sweep *s, int first, int count, const struct job_request *request, cJSON *points,
+enum modal_status sweep_run_points(struct sweep *s, int first, int count,
+                                   const struct job_request *request, cJSON *points,
                                    struct modal_error *err)
 {
     for (int p = first; p < first + count; p++) {
@@ -287,7 +309,8 @@ enum modal_status sweep_run_points(struct sweep *s, int first, int count, const 
         enum modal_status rc;
         if (request->cancelled != NULL && request->cancelled(request->context)) {
             cJSON_Delete(point);
-            return modal_fail(err, MODAL_CANCELLED, "sweep: cancelled at point %d of %d", p, s->points);
+            return modal_fail(err, MODAL_CANCELLED, "sweep: cancelled at point %d of %d", p,
+                              s->points);
         }
         rc = set_point(s, p, index, &why);
         if (rc == MODAL_OK)
@@ -305,7 +328,8 @@ enum modal_status sweep_run_points(struct sweep *s, int first, int count, const 
     return MODAL_OK;
 }
 
-static void report(const struct job_request *request, const cJSON *chunk, int done, int share, int first, int count)
+static void report(const struct job_request *request, const cJSON *chunk, int done, int share,
+                   int first, int count)
 {
     cJSON *event;
 
@@ -331,7 +355,9 @@ static double now(void)
 }
 
 /* The whole share in chunks, grown until one takes about CHUNK_SECONDS; POINTS collects them. */
-static enum modal_status run_share(struct sweep *s, int first, int share, const struct job_request *request, cJSON *points, struct modal_error *err)
+static enum modal_status run_share(struct sweep *s, int first, int share,
+                                   const struct job_request *request, cJSON *points,
+                                   struct modal_error *err)
 {
     int size = 1;
     enum modal_status rc = MODAL_OK;
@@ -354,7 +380,8 @@ static enum modal_status run_share(struct sweep *s, int first, int share, const 
 }
 
 /* The grid's own size bounds the share closer than the table can. */
-static enum modal_status read_share(const cJSON *options, int points, struct share *out, struct modal_error *err)
+static enum modal_status read_share(const cJSON *options, int points, struct share *out,
+                                    struct modal_error *err)
 {
     enum modal_status rc = key_table_options(sweep_option_rows, options, out, err);
 
@@ -362,10 +389,13 @@ static enum modal_status read_share(const cJSON *options, int points, struct sha
         rc = json_get_int(options, "", "first", 0, points - 1, &out->first, err);
     if (rc == MODAL_OK && out->count == 0)
         out->count = points - out->first;
-    return rc == MODAL_OK ? json_get_int(options, "", "count", 1, points - out->first, &out->count, err) : rc;
+    return rc == MODAL_OK
+               ? json_get_int(options, "", "count", 1, points - out->first, &out->count, err)
+               : rc;
 }
 
-enum modal_status sweep_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status sweep_run(const struct job_request *request, struct job_result *out,
+                            struct modal_error *err)
 {
     struct sweep *s = NULL;
     struct cost cost;
@@ -382,7 +412,9 @@ enum modal_status sweep_run(const struct job_request *request, struct job_result
         cJSON_AddStringToObject(out->result, "kind", "sweep");
         cJSON_AddStringToObject(out->result, "verb", s->verb->name);
         cJSON_AddNumberToObject(out->result, "total", s->points);
-        cJSON_AddItemToObject(out->result, "grid", cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(request->scene, "grid"), true));
+        cJSON_AddItemToObject(
+            out->result, "grid",
+            cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(request->scene, "grid"), true));
         points = cJSON_AddArrayToObject(out->result, "points");
         rc = run_share(s, share.first, share.count, request, points, err);
         cost_stage(&cost, "points");

@@ -1,8 +1,9 @@
-/* sweep.h - a scene over a grid of its values: points that can be computed in any order and any share
+/* sweep.h - a scene over a grid of its values: points that can be computed in any order and any
+ * share
  *
- * Document (the job's input): {"verb", "scene", "grid": [{"path", "values"}, ...], "options": {...}}; verb is floquet,
- * steady, or identify (of the scene's simulation); options are the verb's.  Point number p has the index [i, j, ...] with
- * the last axis running fastest.
+ * Document (the job's input): {"verb", "scene", "grid": [{"path", "values"}, ...], "options":
+ * {...}}; verb is floquet, steady, or identify (of the scene's simulation); options are the verb's.
+ * Point number p has the index [i, j, ...] with the last axis running fastest.
  */
 #ifndef JOB_SWEEP_H
 #define JOB_SWEEP_H
@@ -16,21 +17,25 @@ struct sweep;
 /* What the job's options, the document and an axis of its grid may hold. */
 extern const struct key_row sweep_option_rows[], sweep_document_rows[], sweep_axis_rows[];
 
-/* DOCUMENT is borrowed.  Fails with MODAL_BAD_INPUT (field such as `grid[0].path`), MODAL_TOO_LARGE. */
+/* DOCUMENT is borrowed.  Fails with MODAL_BAD_INPUT (field such as `grid[0].path`),
+ * MODAL_TOO_LARGE. */
 enum modal_status sweep_new(const cJSON *document, struct sweep **out, struct modal_error *err);
 void sweep_free(struct sweep *s);
 int sweep_points(const struct sweep *s);
 
 /*
- * Points FIRST .. FIRST + COUNT - 1, appended to the array POINTS: {"index", "stability", ...}, or {"index", "error"} where
- * the point's own scene is at fault.  Every share of the grid gives the same points, so that shares can be computed
- * anywhere and put together.  REQUEST lends `cancelled`; a cancelled call returns MODAL_CANCELLED with what it has.
+ * Points FIRST .. FIRST + COUNT - 1, appended to the array POINTS: {"index", "stability", ...}, or
+ * {"index", "error"} where the point's own scene is at fault.  Every share of the grid gives the
+ * same points, so that shares can be computed anywhere and put together.  REQUEST lends
+ * `cancelled`; a cancelled call returns MODAL_CANCELLED with what it has.
  */
-enum modal_status sweep_run_points(struct sweep *s, int first, int count, const struct job_request *request, cJSON *points,
+enum modal_status sweep_run_points(struct sweep *s, int first, int count,
+                                   const struct job_request *request, cJSON *points,
                                    struct modal_error *err);
 
-/* The kind `sweep`.  Options: first, count (a share of the grid; default all), threads.  A progress event per chunk:
- * {"fraction", "done", "total", "first", "count", "points"}. */
-enum modal_status sweep_run(const struct job_request *request, struct job_result *out, struct modal_error *err);
+/* The kind `sweep`.  Options: first, count (a share of the grid; default all), threads.  A
+ * progress event per chunk: {"fraction", "done", "total", "first", "count", "points"}. */
+enum modal_status sweep_run(const struct job_request *request, struct job_result *out,
+                            struct modal_error *err);
 
 #endif

@@ -25,12 +25,15 @@ static enum modal_status refuse(const char *of, bool on_scene, struct modal_erro
 
     for (const struct tradeoff *t = tradeoffs; t->of != NULL; t++)
         if (t->on_scene == on_scene)
-            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", list[0] ? ", " : "", t->of);
-    return modal_fail_field(err, MODAL_BAD_INPUT, "of", "cannot trade off \"%.40s\" on a %s; accepted: %s", of,
+            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", list[0] ? ", " : "",
+                     t->of);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "of",
+                            "cannot trade off \"%.40s\" on a %s; accepted: %s", of,
                             on_scene ? "scene" : "batch", list);
 }
 
-enum modal_status tradeoff_run(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status tradeoff_run(const struct job_request *request, struct job_result *out,
+                               struct modal_error *err)
 {
     bool on_scene = request->batch == NULL;
     const char *of = on_scene ? "steady" : "identify";
@@ -44,8 +47,9 @@ enum modal_status tradeoff_run(const struct job_request *request, struct job_res
     return refuse(of, on_scene, err);
 }
 
-enum modal_status tradeoff_print(const char *of, cJSON *reference, cJSON **settings, const struct ladder_rung *rungs,
-                                 int count, int recommended, cJSON **out, struct modal_error *err)
+enum modal_status tradeoff_print(const char *of, cJSON *reference, cJSON **settings,
+                                 const struct ladder_rung *rungs, int count, int recommended,
+                                 cJSON **out, struct modal_error *err)
 {
     cJSON *doc = cJSON_CreateObject(), *list = NULL;
 

@@ -11,7 +11,8 @@
 #include "modal/identify/exponents.h"
 
 enum { TRUTH_MOST = 1000 };
-static const double DEAR = 2;     /* s: a reference that takes so long is not repeated unless asked */
+static const double DEAR = 2;     /* s: a reference that takes so long is not repeated unless
+                                     asked */
 
 struct tradeoff_work {
     const struct job_request *request;
@@ -19,7 +20,8 @@ struct tradeoff_work {
     int repetitions;
     double target_seconds;
     double complex *truth; int truth_count;
-    bool given;                                 /* the truth was given; else it is the reference's */
+    bool given;                                 /* the truth was given; else it is the
+                                                   reference's */
     double bound;
     cJSON *settings[IDENTIFY_RUNGS_MOST];
     double algorithm[IDENTIFY_RUNGS_MOST];
@@ -41,13 +43,15 @@ static void work_done(struct tradeoff_work *w)
 const struct key_row tradeoff_identify_rows[] = {
     { "of", KEY_OWN, .form = "identify", .meaning = "what is traded off", .example = "identify" },
     { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST,
-      .meaning = "of each rung, whose time is their median; default: 3 where the reference is quick", .example = "5" },
-    { "target.error", KEY_OWN, .form = "X", .meaning = "of no effect: every rung that suits the data is climbed",
-      .example = "1e-3" },
-    { "target.seconds", KEY_NUMBER, AT(target_seconds), .low = 1e-300, .high = 1e300, .unit = "s", .form = "S",
-      .meaning = "climb no longer than this", .example = "10" },
+      .meaning = "of each rung, whose time is their median; default: 3 where the reference is "
+      "quick", .example = "5" },
+    { "target.error", KEY_OWN, .form = "X",
+      .meaning = "of no effect: every rung that suits the data is climbed", .example = "1e-3" },
+    { "target.seconds", KEY_NUMBER, AT(target_seconds), .low = 1e-300, .high = 1e300, .unit = "s",
+      .form = "S", .meaning = "climb no longer than this", .example = "10" },
     { "truth", KEY_OWN, .unit = "1/s", .form = "[[RE,IM],...]",
-      .meaning = "the exponents that errors are against; default: the best rung's", .example = "[[-0.1,6.2]]" },
+      .meaning = "the exponents that errors are against; default: the best rung's",
+      .example = "[[-0.1,6.2]]" },
     { 0 },
 };
 
@@ -66,7 +70,9 @@ static enum modal_status read_options(struct tradeoff_work *w, struct modal_erro
 
 static bool is_pair(const cJSON *item)
 {
-    return cJSON_IsArray(item) && cJSON_GetArraySize(item) == 2 && cJSON_IsNumber(cJSON_GetArrayItem(item, 0)) && cJSON_IsNumber(cJSON_GetArrayItem(item, 1));
+    return cJSON_IsArray(item) && cJSON_GetArraySize(item) == 2
+           && cJSON_IsNumber(cJSON_GetArrayItem(item, 0))
+           && cJSON_IsNumber(cJSON_GetArrayItem(item, 1));
 }
 
 /* One exponent of a pair: Im >= 0. */
@@ -75,66 +81,88 @@ static double complex upper(double re, double im)
     return CMPLX(re, fabs(im));
 }
 
-static enum modal_status truth_from_option(struct tradeoff_work *w, const cJSON *list, struct modal_error *err)
+static enum modal_status truth_from_option(struct tradeoff_work *w, const cJSON *list,
+                                           struct modal_error *err)
 {
     const cJSON *item;
     int n = cJSON_GetArraySize(list);
 
     if (!cJSON_IsArray(list) || n < 1 || n > TRUTH_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "truth", "truth: accepted: a list of 1 to %d exponents [re, im] in 1/s", TRUTH_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "truth",
+                                "truth: accepted: a list of 1 to %d exponents [re, im] in 1/s",
+                                TRUTH_MOST);
     w->truth = malloc(sizeof *w->truth * (size_t)n);
     if (w->truth == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory for %d exponents", n);
     cJSON_ArrayForEach(item, list) {
         if (!is_pair(item))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "truth", "truth: entry %d is not a pair of numbers [re, im]", w->truth_count);
-        w->truth[w->truth_count++] = upper(cJSON_GetArrayItem(item, 0)->valuedouble, cJSON_GetArrayItem(item, 1)->valuedouble);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "truth",
+                                    "truth: entry %d is not a pair of numbers [re, im]",
+                                    w->truth_count);
+        w->truth[w->truth_count++] = upper(cJSON_GetArrayItem(item, 0)->valuedouble,
+                                           cJSON_GetArrayItem(item, 1)->valuedouble);
     }
     w->given = true;
     return MODAL_OK;
 }
 
-/* {"modes":[{"lambda_re","lambda_im"},...]}, as text or object; anything else is not a truth, and no error. */
+/* {"modes":[{"lambda_re","lambda_im"},...]}, as text or object; anything else is not a truth, and
+ * no error. */
 static void truth_from_attribute(struct tradeoff_work *w)
 {
-    const cJSON *truth = cJSON_GetObjectItemCaseSensitive(w->request->attributes, "truth"), *modes, *item;
+    const cJSON *truth = cJSON_GetObjectItemCaseSensitive(w->request->attributes, "truth"), *modes,
+                *item;
     cJSON *own = NULL;
 
-    if (cJSON_IsString(truth) && json_read(truth->valuestring, strlen(truth->valuestring), &own, NULL) == MODAL_OK)
+    if (cJSON_IsString(truth)
+        && json_read(truth->valuestring, strlen(truth->valuestring), &own, NULL) == MODAL_OK)
         truth = own;
     modes = cJSON_GetObjectItemCaseSensitive(truth, "modes");
-    if (cJSON_IsArray(modes) && cJSON_GetArraySize(modes) >= 1 && cJSON_GetArraySize(modes) <= TRUTH_MOST)
+    if (cJSON_IsArray(modes) && cJSON_GetArraySize(modes) >= 1
+        && cJSON_GetArraySize(modes) <= TRUTH_MOST)
         w->truth = malloc(sizeof *w->truth * (size_t)cJSON_GetArraySize(modes));
     cJSON_ArrayForEach(item, modes) {
-        const cJSON *re = cJSON_GetObjectItemCaseSensitive(item, "lambda_re"), *im = cJSON_GetObjectItemCaseSensitive(item, "lambda_im");
-        if (w->truth != NULL && cJSON_IsNumber(re) && cJSON_IsNumber(im) && (re->valuedouble != 0 || im->valuedouble != 0))
+        const cJSON *re = cJSON_GetObjectItemCaseSensitive(item, "lambda_re"),
+                    *im = cJSON_GetObjectItemCaseSensitive(item, "lambda_im");
+        if (w->truth != NULL && cJSON_IsNumber(re) && cJSON_IsNumber(im)
+            && (re->valuedouble != 0 || im->valuedouble != 0))
             w->truth[w->truth_count++] = upper(re->valuedouble, im->valuedouble);
     }
     w->given = w->truth_count > 0;
     cJSON_Delete(own);
 }
 
-static enum modal_status take_reference(struct tradeoff_work *w, const struct identify_result *r, struct modal_error *err)
+static enum modal_status take_reference(struct tradeoff_work *w, const struct identify_result *r,
+                                        struct modal_error *err)
 {
     w->bound = identify_error(r);
     if (w->given)
         return MODAL_OK;
     if (r->mode_count < 1)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "no mode was found in these signals: there is nothing to compare settings by");
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "signals",
+            "no mode was found in these signals: there is nothing to compare settings by");
     free(w->truth);
     w->truth = malloc(sizeof *w->truth * (size_t)r->mode_count);
     if (w->truth == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory for %d exponents", r->mode_count);
+        return modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory for %d exponents",
+                          r->mode_count);
     for (int i = 0; i < r->mode_count; i++)
         w->truth[i] = r->modes[i].exponent;
     w->truth_count = r->mode_count;
     return MODAL_OK;
 }
 
-static struct identify_ladder_facts facts_of(const struct tradeoff_work *w, const struct identify_result *r)
+static struct identify_ladder_facts facts_of(const struct tradeoff_work *w,
+                                             const struct identify_result *r)
 {
     const struct batch *b = w->request->batch;
-    struct identify_ladder_facts f = { (size_t)r->samples * (size_t)r->decimation, (size_t)r->channel_count, b->dt, r->period, r->hankel_rank, 0,
+    struct identify_ladder_facts f = { (size_t)r->samples * (size_t)r->decimation,
+                                       (size_t)r->channel_count,
+                                       b->dt,
+                                       r->period,
+                                       r->hankel_rank,
+                                       0,
                                        { 0, (double)(b->samples - 1) * b->dt } };
 
     for (int i = 0; i < r->mode_count; i++)
@@ -149,7 +177,8 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     enum modal_status rc = identify_ladder_answer(w->request, w->settings[i], &r, err);
 
     if (rc == MODAL_BAD_INPUT || rc == MODAL_TOO_LARGE)
-        return MODAL_NO_CONVERGENCE;              /* these settings do not fit these data: a rung without an answer */
+        /* these settings do not fit these data: a rung without an answer */
+        return MODAL_NO_CONVERGENCE;
     if (rc != MODAL_OK)
         return rc;
     w->algorithm[i] = identify_distance(&r, w->truth, w->truth_count, &w->unmatched[i]);
@@ -176,13 +205,17 @@ static bool stopped(void *context)
 static void sort_rungs(struct tradeoff_work *w, struct ladder_rung *rungs, int *recommended)
 {
     for (int i = 1; i < w->count; i++)
-        for (int j = i; j > 0 && rungs[j].ran && (!rungs[j - 1].ran || rungs[j].seconds < rungs[j - 1].seconds); j--) {
+        for (int j = i; j > 0 && rungs[j].ran
+                        && (!rungs[j - 1].ran || rungs[j].seconds < rungs[j - 1].seconds);
+             j--) {
             struct ladder_rung r = rungs[j];
             cJSON *s = w->settings[j];
             double a = w->algorithm[j];
             int u = w->unmatched[j];
-            rungs[j] = rungs[j - 1], w->settings[j] = w->settings[j - 1], w->algorithm[j] = w->algorithm[j - 1], w->unmatched[j] = w->unmatched[j - 1];
-            rungs[j - 1] = r, w->settings[j - 1] = s, w->algorithm[j - 1] = a, w->unmatched[j - 1] = u;
+            rungs[j] = rungs[j - 1], w->settings[j] = w->settings[j - 1],
+            w->algorithm[j] = w->algorithm[j - 1], w->unmatched[j] = w->unmatched[j - 1];
+            rungs[j - 1] = r, w->settings[j - 1] = s, w->algorithm[j - 1] = a,
+                      w->unmatched[j - 1] = u;
             *recommended = *recommended == j ? j - 1 : *recommended == j - 1 ? j : *recommended;
         }
 }
@@ -207,35 +240,45 @@ static cJSON *reference_of(const struct tradeoff_work *w)
     return o;
 }
 
-/* Beside the common document: the bound, what each rung's error is made of, where it was computed. */
-static void add_own(const struct tradeoff_work *w, const struct ladder_rung *rungs, struct cost *cost, cJSON *doc)
+/* Beside the common document: the bound, what each rung's error is made of, where it was
+ * computed. */
+static void add_own(const struct tradeoff_work *w, const struct ladder_rung *rungs,
+                    struct cost *cost, cJSON *doc)
 {
-    cJSON *list = cJSON_GetObjectItemCaseSensitive(doc, "rungs"), *provenance = cJSON_CreateObject();
+    cJSON *list = cJSON_GetObjectItemCaseSensitive(doc, "rungs"),
+          *provenance = cJSON_CreateObject();
 
     json_set_number(doc, "bound", w->bound);
     for (int i = 0; i < w->count; i++) {
         cJSON *rung = cJSON_GetArrayItem(list, i);
-        json_set_number(rung, "algorithm_error", rungs[i].ran && isfinite(rungs[i].error) ? w->algorithm[i] : NAN);
-        cJSON_AddNumberToObject(rung, "unmatched", rungs[i].ran && isfinite(rungs[i].error) ? w->unmatched[i] : w->truth_count);
+        json_set_number(rung, "algorithm_error",
+                        rungs[i].ran && isfinite(rungs[i].error) ? w->algorithm[i] : NAN);
+        cJSON_AddNumberToObject(rung, "unmatched",
+                                rungs[i].ran && isfinite(rungs[i].error) ? w->unmatched[i]
+                                                                         : w->truth_count);
     }
     cJSON_AddNumberToObject(doc, "repetitions", w->repetitions);
     cost_stage(cost, "climb");
     cJSON_AddItemToObject(doc, "cost", cost_print(cost));
     cJSON_AddStringToObject(provenance, "version", MODALD_VERSION);
-    cJSON_AddItemToObject(provenance, "options", w->request->options != NULL ? cJSON_Duplicate(w->request->options, true) : cJSON_CreateObject());
+    cJSON_AddItemToObject(provenance, "options",
+                          w->request->options != NULL ? cJSON_Duplicate(w->request->options, true)
+                                                      : cJSON_CreateObject());
     if (w->request->input_sha256 != NULL)
         cJSON_AddStringToObject(provenance, "input_sha256", w->request->input_sha256);
     cJSON_AddStringToObject(provenance, "blas_core", blas_core_name());
     cJSON_AddItemToObject(doc, "provenance", provenance);
 }
 
-enum modal_status tradeoff_identify(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status tradeoff_identify(const struct job_request *request, struct job_result *out,
+                                    struct modal_error *err)
 {
     struct tradeoff_work w = { .request = request };
     struct identify_result reference = { 0 };
     struct ladder_rung rungs[IDENTIFY_RUNGS_MOST];
     struct ladder_outcome outcome;
-    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = stopped, .begins = begins, .context = &w };
+    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = stopped,
+                             .begins = begins, .context = &w };
     const cJSON *truth = cJSON_GetObjectItemCaseSensitive(request->options, "truth");
     double start = tradeoff_clock(NULL);
     struct cost cost;
@@ -258,13 +301,16 @@ enum modal_status tradeoff_identify(const struct job_request *request, struct jo
         w.repetitions = tradeoff_clock(NULL) - start > DEAR ? 1 : 3;
     struct identify_ladder_facts facts = facts_of(&w, &reference);
     w.count = identify_ladder_rungs(w.asked, &facts, false, w.settings);
-    ladder.rungs = w.count, ladder.repetitions = w.repetitions, ladder.target_seconds = w.target_seconds;
-    ladder.floor = isfinite(w.bound) ? 1.5 * w.bound : 0;       /* a rung within 1.5 of the bound is as good as the data */
+    ladder.rungs = w.count, ladder.repetitions = w.repetitions,
+    ladder.target_seconds = w.target_seconds;
+    /* a rung within 1.5 of the bound is as good as the data */
+    ladder.floor = isfinite(w.bound) ? 1.5 * w.bound : 0;
     rc = ladder_run(&ladder, rungs, &outcome, err);
     if (rc != MODAL_OK)
         goto out;
     sort_rungs(&w, rungs, &outcome.recommended);
-    rc = tradeoff_print("identify", reference_of(&w), w.settings, rungs, w.count, outcome.recommended, &out->result, err);
+    rc = tradeoff_print("identify", reference_of(&w), w.settings, rungs, w.count,
+                        outcome.recommended, &out->result, err);
     if (rc == MODAL_OK)
         add_own(&w, rungs, &cost, out->result);
 out:

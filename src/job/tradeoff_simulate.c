@@ -19,7 +19,8 @@ struct work {
     int count;
 };
 
-static void add_rung(struct work *w, const char *integrator, double tolerance, int substeps, int without)
+static void add_rung(struct work *w, const char *integrator, double tolerance, int substeps,
+                     int without)
 {
     cJSON *s = cJSON_CreateObject();
 
@@ -39,11 +40,12 @@ static void set_last(struct work *w, const char *key, int value)
     cJSON_AddNumberToObject(w->settings[w->count - 1], key, value);
 }
 
-/* Half as many elements and twice as many, where the scene has a mesh whose places they keep: the finer one shows what the scene's
- * own mesh leaves out. */
+/* Half as many elements and twice as many, where the scene has a mesh whose places they keep:
+ * the finer one shows what the scene's own mesh leaves out. */
 static void add_meshes(struct work *w, double tolerance)
 {
-    const cJSON *stated = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(w->request->scene, "structure"), "elements");
+    const cJSON *stated = cJSON_GetObjectItemCaseSensitive(
+        cJSON_GetObjectItemCaseSensitive(w->request->scene, "structure"), "elements");
     int own = cJSON_IsNumber(stated) ? (int)stated->valuedouble : 0;
 
     for (int i = 0; i < 2; i++) {
@@ -85,15 +87,18 @@ static void make_rungs(struct work *w, bool linear_constant)
         add_rung(w, "rk4", 0, n, -1);
 }
 
-static enum modal_status run(const struct work *w, const cJSON *options, struct job_result *out, struct modal_error *err)
+static enum modal_status run(const struct work *w, const cJSON *options, struct job_result *out,
+                             struct modal_error *err)
 {
-    struct job_request inner = { .kind = "simulate", .options = options, .scene = w->request->scene, .cancelled = w->request->cancelled,
+    struct job_request inner = { .kind = "simulate", .options = options, .scene = w->request->scene,
+                                 .cancelled = w->request->cancelled,
                                  .context = w->request->context };
 
     return kind_run(simulate_run, &inner, out, err);
 }
 
-/* max |x - ref| / max |ref| of the worst channel; a channel whose reference is 0 throughout counts against the largest one. */
+/* max |x - ref| / max |ref| of the worst channel; a channel whose reference is 0 throughout counts
+ * against the largest one. */
 static double error_of(const struct batch *x, const struct batch *reference)
 {
     double worst = 0, scale = 0;
@@ -112,7 +117,8 @@ static double error_of(const struct batch *x, const struct batch *reference)
     return worst;
 }
 
-/* A rung that overflows (too long an explicit step) or has no scene without its effect has no answer; the climb goes on. */
+/* A rung that overflows (too long an explicit step) or has no scene without its effect has no
+ * answer; the climb goes on. */
 static enum modal_status climb(void *context, int i, double *error, struct modal_error *err)
 {
     struct work *w = context;
@@ -148,14 +154,15 @@ struct wishes { double target_error, target_seconds; int repetitions, threads; }
 
 const struct key_row tradeoff_simulate_rows[] = {
     { "of", KEY_OWN, .form = "simulate", .meaning = "what is traded off", .example = "simulate" },
-    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST, .initial = "1",
-      .meaning = "of each rung, whose time is their median", .example = "5" },
+    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST,
+      .initial = "1", .meaning = "of each rung, whose time is their median", .example = "5" },
     { "target.error", KEY_NUMBER, AT(target_error), .low = 0, .high = 1e300, .initial = "0",
       .meaning = "stop at the first rung below it; 0: never", .example = "1e-6" },
-    { "target.seconds", KEY_NUMBER, AT(target_seconds), .low = 0, .high = 1e300, .initial = "0", .unit = "s", .form = "S",
-      .meaning = "climb no longer than this; 0: to the end", .example = "10" },
-    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST, .initial = "1",
-      .meaning = "that the job is counted for", .example = "2" },
+    { "target.seconds", KEY_NUMBER, AT(target_seconds), .low = 0, .high = 1e300, .initial = "0",
+      .unit = "s", .form = "S", .meaning = "climb no longer than this; 0: to the end",
+      .example = "10" },
+    { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST,
+      .initial = "1", .meaning = "that the job is counted for", .example = "2" },
     { 0 },
 };
 
@@ -167,17 +174,20 @@ static enum modal_status run_reference(struct work *w, cJSON **settings, struct 
     return run(w, *settings, &w->reference, err);
 }
 
-enum modal_status tradeoff_simulate(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status tradeoff_simulate(const struct job_request *request, struct job_result *out,
+                                    struct modal_error *err)
 {
     struct work w = { .request = request };
-    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = cancelled, .begins = begins, .context = &w };
+    struct ladder ladder = { .climb = climb, .clock = tradeoff_clock, .cancelled = cancelled,
+                             .begins = begins, .context = &w };
     struct ladder_rung rungs[RUNGS_MOST];
     struct ladder_outcome outcome;
     struct cost cost;
     cJSON *reference = NULL, *plan;
     const cJSON *class;
     struct wishes wishes = { 0 };
-    enum modal_status rc = key_table_options(tradeoff_simulate_rows, request->options, &wishes, err);
+    enum modal_status rc = key_table_options(tradeoff_simulate_rows, request->options, &wishes,
+                                             err);
 
     ladder.repetitions = wishes.repetitions;
     ladder.target_error = wishes.target_error;
@@ -195,13 +205,16 @@ enum modal_status tradeoff_simulate(const struct job_request *request, struct jo
         cost_stage(&cost, "rungs");
     }
     if (rc == MODAL_OK) {
-        rc = tradeoff_print("simulate", reference, w.settings, rungs, w.count, outcome.recommended, &out->result, err);
+        rc = tradeoff_print("simulate", reference, w.settings, rungs, w.count, outcome.recommended,
+                            &out->result, err);
         reference = NULL;
     }
     if (rc == MODAL_OK) {
-        cJSON_AddItemToObject(out->result, "plan", cJSON_DetachItemFromObjectCaseSensitive(w.reference.result, "plan"));
+        cJSON_AddItemToObject(out->result, "plan",
+                              cJSON_DetachItemFromObjectCaseSensitive(w.reference.result, "plan"));
         cJSON_AddItemToObject(out->result, "cost", cost_print(&cost));
-        cJSON_AddItemToObject(out->result, "provenance", provenance_print(request, cJSON_Duplicate(request->options, 1)));
+        cJSON_AddItemToObject(out->result, "provenance",
+                              provenance_print(request, cJSON_Duplicate(request->options, 1)));
     }
     for (int i = 0; i < w.count; i++)
         cJSON_Delete(w.settings[i]);

@@ -1,8 +1,9 @@
 /*
  * tradeoff_steady.c - see tradeoff_steady.h
  *
- * Errors are max over time and dofs of |x - ref| / max |ref|, the reference being the steady state of REFERENCE_H harmonics
- * (fewer for many dofs), itself orders finer than any rung.  Seconds are those of the solution alone, each rung from rest.
+ * Errors are max over time and dofs of |x - ref| / max |ref|, the reference being the steady state
+ * of REFERENCE_H harmonics (fewer for many dofs), itself orders finer than any rung.  Seconds are
+ * those of the solution alone, each rung from rest.
  */
 #include "job/tradeoff_steady.h"
 #include <math.h>
@@ -23,16 +24,21 @@ static const struct rung {
     bool sampled;                 /* located: false */
     double cutoff, tolerance;
 } ladder_rungs[] = {
-    { STEADY_AUTO, 4, 0, false, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0 }, { STEADY_AUTO, 16, 0, false, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0 },
+    { STEADY_AUTO, 4, 0, false, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0 },
+    { STEADY_AUTO, 16, 0, false, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0 },
     { STEADY_AUTO, 64, 0, false, 0, 0 }, { STEADY_AUTO, 128, 0, false, 0, 0 },
     { STEADY_NEWTON, 16, 0, false, 1e-3, 0 }, { STEADY_NEWTON, 64, 0, false, 1e-3, 0 },
     { STEADY_DIRECT, 16, 0, false, 0, 1e-6 }, { STEADY_DIRECT, 64, 0, false, 0, 1e-8 },
     { STEADY_DIRECT, 31, 64, true, 0, 1e-6 }, { STEADY_DIRECT, 127, 256, true, 0, 1e-6 },
-    { STEADY_NEWTON, 31, 64, true, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0 }, { STEADY_NEWTON, 63, 128, true, 0, 0 },
+    { STEADY_NEWTON, 31, 64, true, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0 },
+    { STEADY_NEWTON, 63, 128, true, 0, 0 },
     { STEADY_NEWTON, 63, 1024, true, 0, 0 }, { STEADY_NEWTON, 63, 4096, true, 0, 0 },
-    { STEADY_RK4, 0, 64, false, 0, 0 }, { STEADY_RK4, 0, 256, false, 0, 0 }, { STEADY_RK4, 0, 1024, false, 0, 0 }, { STEADY_RK4, 0, 4096, false, 0, 0 },
-    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8 },
-    { STEADY_SHOOTING, 0, 256, false, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0 }, { STEADY_SHOOTING, 0, 4096, false, 0, 0 },
+    { STEADY_RK4, 0, 64, false, 0, 0 }, { STEADY_RK4, 0, 256, false, 0, 0 },
+    { STEADY_RK4, 0, 1024, false, 0, 0 }, { STEADY_RK4, 0, 4096, false, 0, 0 },
+    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6 },
+    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8 },
+    { STEADY_SHOOTING, 0, 256, false, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0 },
+    { STEADY_SHOOTING, 0, 4096, false, 0, 0 },
 };
 static const char *const names[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting" };
 
@@ -90,7 +96,8 @@ static double peak(const double complex *X, int H, struct orbit_grid *g, double 
 }
 
 /* Solve with OPT; every dof's harmonics into X, n x (t->H + 1). */
-static enum modal_status solve(const struct tradeoff *t, const struct steady_options *opt, double complex *X, bool *converged, struct modal_error *err)
+static enum modal_status solve(const struct tradeoff *t, const struct steady_options *opt,
+                               double complex *X, bool *converged, struct modal_error *err)
 {
     struct steady *s = NULL;
     struct steady_point point = { 0 };
@@ -105,7 +112,8 @@ static enum modal_status solve(const struct tradeoff *t, const struct steady_opt
     for (int i = 0; X != NULL && *converged && i < t->p->n && rc == MODAL_OK; i++) {
         double complex *own = calloc((size_t)point.H + 1, sizeof *own);
 
-        rc = own == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : steady_recover(s, &point, i, own, err);
+        rc = own == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
+                         : steady_recover(s, &point, i, own, err);
         memset(X + (size_t)i * (size_t)K, 0, (size_t)K * sizeof *X);
         for (int k = 0; rc == MODAL_OK && k <= point.H && k < K; k++)
             X[(size_t)i * (size_t)K + (size_t)k] = own[k];
@@ -116,18 +124,22 @@ static enum modal_status solve(const struct tradeoff *t, const struct steady_opt
     return rc;
 }
 
-static enum modal_status error_of(const struct tradeoff *t, const double complex *X, double *error, struct modal_error *err)
+static enum modal_status error_of(const struct tradeoff *t, const double complex *X, double *error,
+                                  struct modal_error *err)
 {
     int K = t->H + 1;
     double *x = malloc((size_t)(4 * K) * sizeof *x);
     double complex *d = malloc((size_t)K * sizeof *d);
     struct orbit_grid *g = NULL;
-    enum modal_status rc = x == NULL || d == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : orbit_grid_new(4 * K, &g, err);
+    enum modal_status rc = x == NULL || d == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
+                               : orbit_grid_new(4 * K, &g, err);
 
     *error = 0;
     for (int i = 0; rc == MODAL_OK && i < t->p->n; i++) {
         for (int k = 0; k < K; k++)
-            d[k] = X[(size_t)i * (size_t)K + (size_t)k] - t->reference[(size_t)i * (size_t)K + (size_t)k];
+            d[k] = X[(size_t)i * (size_t)K + (size_t)k]
+                   - t->reference[(size_t)i * (size_t)K + (size_t)k];
         *error = fmax(*error, peak(d, t->H, g, x) / t->scale);
     }
     free(x);
@@ -142,7 +154,8 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     struct steady_options opt = options_of(t, t->rung[i]);
     double complex *X = calloc((size_t)t->p->n * ((size_t)t->H + 1), sizeof *X);
     bool converged = false;
-    enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : solve(t, &opt, X, &converged, err);
+    enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
+                                     : solve(t, &opt, X, &converged, err);
 
     if (rc == MODAL_BAD_INPUT || rc == MODAL_OVERFLOW || (rc == MODAL_OK && !converged))
         rc = modal_fail(err, MODAL_NO_CONVERGENCE, "this rung has no answer");
@@ -166,7 +179,8 @@ static bool was_cancelled(void *context)
     return t->request->cancelled != NULL && t->request->cancelled(t->request->context);
 }
 
-/* The highest harmonic of a load as its dofs see it: one fixed in space, on axes that turn, reaches as much higher. */
+/* The highest harmonic of a load as its dofs see it: one fixed in space, on axes that turn, reaches
+ * as much higher. */
 static int highest(const struct program *p, const struct program_load *load)
 {
     return load->k + (load->dof_sine >= 0 ? (int)lround(fmin(p->frame_speed / p->omega, 1e6)) : 0);
@@ -207,24 +221,29 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
     opt.estimate_later = true;
     t->reference = calloc((size_t)t->p->n * K, sizeof *t->reference);
     x = malloc(4 * K * sizeof *x);
-    rc = t->reference == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory") : orbit_grid_new((int)(4 * K), &g, err);
+    rc = t->reference == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
+                                           : orbit_grid_new((int)(4 * K), &g, err);
     if (rc == MODAL_OK)
         rc = solve(t, &opt, t->reference, &converged, err);
     if (rc == MODAL_OK && !converged)
-        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "tradeoff: no periodic solution was found to measure errors against");
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE,
+                        "tradeoff: no periodic solution was found to measure errors against");
     for (int i = 0; rc == MODAL_OK && i < t->p->n; i++)
         t->scale = fmax(t->scale, peak(t->reference + (size_t)i * K, t->H, g, x));
     if (rc == MODAL_OK && !(t->scale > 0))
-        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "tradeoff: the steady state is rest; there is no error to measure");
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE,
+                        "tradeoff: the steady state is rest; there is no error to measure");
     free(x);
     orbit_grid_free(g);
     return rc;
 }
 
-static enum modal_status run(struct tradeoff *t, double target, double seconds, int repetitions, cJSON **doc, struct modal_error *err)
+static enum modal_status run(struct tradeoff *t, double target, double seconds, int repetitions,
+                             cJSON **doc, struct modal_error *err)
 {
-    struct ladder ladder = { .rungs = t->rungs, .repetitions = repetitions, .target_error = target, .target_seconds = seconds, .climb = climb,
-                             .clock = tradeoff_clock, .cancelled = was_cancelled, .begins = begins, .context = t };
+    struct ladder ladder = { .rungs = t->rungs, .repetitions = repetitions, .target_error = target,
+                             .target_seconds = seconds, .climb = climb, .clock = tradeoff_clock,
+                             .cancelled = was_cancelled, .begins = begins, .context = t };
     struct ladder_rung rungs[RUNGS_MOST];
     struct ladder_outcome outcome;
     cJSON *settings[RUNGS_MOST], *reference;
@@ -237,7 +256,8 @@ static enum modal_status run(struct tradeoff *t, double target, double seconds, 
     reference = cJSON_CreateObject();
     cJSON_AddStringToObject(reference, "method", "auto");
     cJSON_AddNumberToObject(reference, "harmonics", t->H);
-    return tradeoff_print("steady", reference, settings, rungs, outcome.ran, outcome.recommended, doc, err);
+    return tradeoff_print("steady", reference, settings, rungs, outcome.ran, outcome.recommended,
+                          doc, err);
 }
 
 struct wishes { double target, seconds; int repetitions; };
@@ -246,18 +266,21 @@ struct wishes { double target, seconds; int repetitions; };
 
 const struct key_row tradeoff_steady_rows[] = {
     { "of", KEY_OWN, .form = "steady", .meaning = "what is traded off", .example = "steady" },
-    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST, .initial = "3",
-      .meaning = "of each rung, whose time is their median", .example = "5" },
+    { "repetitions", KEY_WHOLE, AT(repetitions), .low = 1, .high = LADDER_REPETITIONS_MOST,
+      .initial = "3", .meaning = "of each rung, whose time is their median", .example = "5" },
     { "target.error", KEY_NUMBER, AT(target), .low = 0, .high = 1, .initial = "0",
       .meaning = "stop at the first rung below it; 0: never", .example = "1e-6" },
-    { "target.seconds", KEY_NUMBER, AT(seconds), .low = 0, .high = 1e6, .initial = "0", .unit = "s", .form = "S",
-      .meaning = "climb no longer than this; 0: to the end", .example = "10" },
-    { "stability", KEY_OWN, .form = "true|false", .meaning = "taken for steady's sake: no rung looks at it", .example = "false" },
-    { "threads", KEY_OWN, KEY_SILENT, .form = "N", .initial = "1", .meaning = "that the job is counted for", .example = "2" },
+    { "target.seconds", KEY_NUMBER, AT(seconds), .low = 0, .high = 1e6, .initial = "0", .unit = "s",
+      .form = "S", .meaning = "climb no longer than this; 0: to the end", .example = "10" },
+    { "stability", KEY_OWN, .form = "true|false",
+      .meaning = "taken for steady's sake: no rung looks at it", .example = "false" },
+    { "threads", KEY_OWN, KEY_SILENT, .form = "N", .initial = "1",
+      .meaning = "that the job is counted for", .example = "2" },
     { 0 },
 };
 
-static enum modal_status read_scene(const struct job_request *request, struct program **p, struct steady_settings *settings, cJSON **shown,
+static enum modal_status read_scene(const struct job_request *request, struct program **p,
+                                    struct steady_settings *settings, cJSON **shown,
                                     struct modal_error *err)
 {
     struct job_request scene_only = *request;
@@ -267,11 +290,13 @@ static enum modal_status read_scene(const struct job_request *request, struct pr
     if (rc == MODAL_OK)
         rc = steady_settings_read(&scene_only, *p, settings, shown, err);
     if (rc == MODAL_OK && !((*p)->omega > 0))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega", "a steady state needs the scene's omega > 0");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega",
+                              "a steady state needs the scene's omega > 0");
     return rc;
 }
 
-enum modal_status tradeoff_steady(const struct job_request *request, struct job_result *out, struct modal_error *err)
+enum modal_status tradeoff_steady(const struct job_request *request, struct job_result *out,
+                                  struct modal_error *err)
 {
     struct steady_settings settings = { 0 };
     struct tradeoff t = { .request = request };

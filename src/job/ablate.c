@@ -15,7 +15,7 @@
 #include "job/plan.h"
 #include "job/scene_jobs.h"
 #include "job/steady.h"
-#include "job/tradeoff.h"
+#include "job/tradeoff_print.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/influence.h"
 #include "modal/scene/scene.h"

@@ -7,7 +7,7 @@
 #include "job/cost.h"
 #include "job/identify_job.h"
 #include "job/identify_ladder.h"
-#include "job/tradeoff.h"
+#include "job/tradeoff_print.h"
 #include "modal/identify/exponents.h"
 
 enum { TRUTH_MOST = 1000 };

@@ -8,7 +8,7 @@
 #include "job/kind_run.h"
 #include "job/scene_jobs.h"
 #include "job/scene_mesh.h"
-#include "job/tradeoff.h"
+#include "job/tradeoff_print.h"
 
 enum { RUNGS_MOST = 64, EFFECTS_SHOWN = 24, SUBSTEPS_LAST = 1024 };
 

@@ -13,7 +13,7 @@
 #include "job/plan.h"
 #include "job/steady_print.h"
 #include "job/steady_settings.h"
-#include "job/tradeoff.h"
+#include "job/tradeoff_print.h"
 #include "modal/scene/scene.h"
 
 enum { REFERENCE_H = 384, CHECKS = 512, RUNGS_MOST = 48 };

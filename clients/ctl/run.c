@@ -1,6 +1,8 @@
 /* run.c - a kind of job as a verb: in this process, or by the daemon; the same document either
  * way */
 #include <errno.h>
+#include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,21 +17,80 @@
 #include "sweep_shares.h"
 #include "verbs.h"
 
-struct limit { double end; bool passed; };       /* seconds of the monotonic clock; 0: none */
+/*
+ * The limit of a job in this process.  A stage of LAPACK's can be long and asks nobody whether to
+ * stop: so a thread waits, and at the limit it says so and ends the process, as the daemon ends a
+ * worker.
+ */
+struct limit {
+    double seconds;                /* from the start on; < 0: none */
+    bool run_limit, json;          /* which one was asked for; how to say that it passed */
+    bool over;                     /* the job has ended */
+    pthread_mutex_t lock;
+    pthread_cond_t ended;
+    pthread_t thread;
+};
 
-static double now(void)
-{
-    struct timespec t;
-
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static bool past_limit(void *context)
+static void *watch_limit(void *context)
 {
     struct limit *limit = context;
+    struct modal_error err = { 0 };
+    struct timespec end;
+    int rc = 0;
 
-    return limit->passed = limit->passed || (limit->end > 0 && now() > limit->end);
+    clock_gettime(CLOCK_MONOTONIC, &end);
+    end.tv_sec += (time_t)limit->seconds;
+    end.tv_nsec += (long)(1e9 * (limit->seconds - floor(limit->seconds)));
+    if (end.tv_nsec >= 1000000000)
+        end.tv_sec++, end.tv_nsec -= 1000000000;
+    pthread_mutex_lock(&limit->lock);
+    while (!limit->over && rc != ETIMEDOUT)
+        rc = pthread_cond_timedwait(&limit->ended, &limit->lock, &end);
+    if (!limit->over) {
+        if (limit->run_limit)
+            modal_fail(&err, MODAL_RUN_LIMIT, "the run limit of %g s passed", limit->seconds);
+        else
+            modal_fail(&err, MODAL_TIMEOUT, "not finished in %g s", limit->seconds);
+        _exit(outcome_failure(limit->json, &err, NULL));
+    }
+    pthread_mutex_unlock(&limit->lock);
+    return NULL;
+}
+
+static enum modal_status limit_begin(struct limit *limit, const struct args *args,
+                                     struct modal_error *err)
+{
+    pthread_condattr_t monotonic;
+
+    limit->run_limit = args->run_limit > 0
+                       && (args->timeout < 0 || args->run_limit < args->timeout);
+    limit->seconds = limit->run_limit ? args->run_limit : args->timeout;
+    limit->json = args->json;
+    if (limit->seconds < 0)
+        return MODAL_OK;
+    pthread_mutex_init(&limit->lock, NULL);
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&limit->ended, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+    if (pthread_create(&limit->thread, NULL, watch_limit, limit) == 0)
+        return MODAL_OK;
+    limit->seconds = -1;
+    return modal_fail(err, MODAL_NO_MEMORY, "no thread to watch the limit");
+}
+
+/* The job has ended in time: nothing of its answer is said before this returns. */
+static void limit_end(struct limit *limit)
+{
+    if (limit->seconds < 0)
+        return;
+    pthread_mutex_lock(&limit->lock);
+    limit->over = true;
+    pthread_cond_signal(&limit->ended);
+    pthread_mutex_unlock(&limit->lock);
+    pthread_join(limit->thread, NULL);
+    pthread_cond_destroy(&limit->ended);
+    pthread_mutex_destroy(&limit->lock);
 }
 
 static void print_progress(void *context, const cJSON *event)
@@ -44,23 +105,19 @@ static void print_progress(void *context, const cJSON *event)
 static enum modal_status run_here(const struct input *input, const struct args *args,
                                   struct job_result *out, struct modal_error *err)
 {
-    double most = args->run_limit > 0 && (args->timeout < 0 || args->run_limit < args->timeout)
-                      ? args->run_limit
-                      : args->timeout;
-    struct limit limit = { .end = most >= 0 ? now() + most : 0 };
+    struct limit limit = { 0 };
     struct job_request request = {
         .kind = input->kind->name, .options = input->options,
         .batch = input->scene ? NULL : &input->batch, .scene = input->scene,
         .input_sha256 = input->sha256, .attributes = input->signals.attributes,
-        .progress = isatty(STDERR_FILENO) ? print_progress : NULL, .cancelled = past_limit,
-        .context = &limit,
+        .progress = isatty(STDERR_FILENO) ? print_progress : NULL,
     };
-    enum modal_status rc = job_run(&request, out, err);
+    enum modal_status rc = limit_begin(&limit, args, err);
 
-    if (rc == MODAL_CANCELLED && limit.passed)
-        rc = args->run_limit > 0 && most == args->run_limit
-                 ? modal_fail(err, MODAL_RUN_LIMIT, "the run limit of %g s passed", most)
-                 : modal_fail(err, MODAL_TIMEOUT, "not finished in %g s", most);
+    if (rc != MODAL_OK)
+        return rc;
+    rc = job_run(&request, out, err);
+    limit_end(&limit);
     return rc;
 }
 

@@ -108,6 +108,20 @@ def test_not_finished_in_time_is_5_and_the_document_says_where_it_is(ctl, daemon
     assert said.status == 1 and said.document["state"] == "cancelled" and said.document["error"]["code"] == "cancelled"
 
 
+@pytest.mark.parametrize("option,status,code", [("--timeout", 5, "timeout"), ("--run-limit", 1, "run_limit")])
+def test_a_limit_ends_a_local_job_within_a_stage_that_asks_nobody(ctl, tmp_path, option, status, code):
+    """800 eigenvalues in one call of LAPACK's, a second or so: it ends as a daemon's job does."""
+    chain = {"structure": {"type": "chain", "masses": [1] * 400, "springs": [1] * 401, "dampers": [0.01] * 401}}
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    said = ctl("floquet", tmp_path / "chain.json", option, "0.05")
+    assert said.status == status and said.document["error"]["code"] == code and "0.05 s" in said.document["error"]["message"]
+
+
+def test_a_local_job_that_ends_in_time_has_its_result(ctl, batch):
+    said = ctl("identify", batch, "--timeout", "1000", "--run-limit", "999")
+    assert said.status == 0 and said.document["modes"]
+
+
 def test_no_patience_is_enough_for_what_is_there(ctl, daemon, batch, slow_batch):
     job = ctl("submit", "identify", batch, "--wait", server=daemon).document["job"]
     for _ in range(5):

@@ -31,6 +31,7 @@ enum {
     TAKES_LIVE    = 1 << 15,   /* --prometheus */
 };
 
+/* Four times what a verb takes. */
 enum { ARGS_WORDS_MOST = 16 };
 
 struct args {

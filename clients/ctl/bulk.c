@@ -22,11 +22,13 @@
 #include "wire/frame.h"
 
 enum {
-    WINDOW_DEFAULT = 256,
-    WINDOW_MOST = 1024,
-    LIST_BYTES_MOST = 1 << 28,
-    TOGETHER_MOST = 64,
-    FLIGHTS_MOST = WINDOW_MOST
+    WINDOW_DEFAULT = 256,            /* hides a round trip of 100 ms at 2,500 a second */
+    WINDOW_MOST = 1024,              /* below what a daemon takes from one user at once */
+    LIST_BYTES_MOST = 1 << 28,       /* a million lines */
+    TOGETHER_MOST = 64,              /* the daemon's own limit of SUBMITS, PROTOCOL.md */
+    FLIGHTS_MOST = WINDOW_MOST,      /* one submission a message */
+    FLIGHTS_LEAST = 4,               /* messages in the window, so that one is always on its way */
+    ITEM_SPARE = 64                  /* bytes of a header around its items */
 };
 
 /* JOB: its id, once accepted. */
@@ -272,7 +274,7 @@ static enum modal_status pack(struct bulk *b, struct parcel *p, size_t i, double
         return rc;
     bytes = b->upload[0] ? NULL : client_input_bytes(&in, &length);
     *full = p->flight.count > 0
-            && (p->header + strlen(part) + 64 > WIRE_HEADER_MOST
+            && (p->header + strlen(part) + ITEM_SPARE > WIRE_HEADER_MOST
                 || p->length + length > WIRE_BODY_MOST);
     if (!*full) {
         if (length > 0)
@@ -561,7 +563,9 @@ int run_bulk(const struct args *args)
                                NULL);
     b->args = args;
     b->window = args->window > 0 ? (int)args->window : WINDOW_DEFAULT;
-    b->together = b->window < 4 ? 1 : b->window / 4 < TOGETHER_MOST ? b->window / 4 : TOGETHER_MOST;
+    b->together = b->window < FLIGHTS_LEAST                   ? 1
+                  : b->window / FLIGHTS_LEAST < TOGETHER_MOST ? b->window / FLIGHTS_LEAST
+                                                              : TOGETHER_MOST;
     if (b->window > WINDOW_MOST)
         rc = modal_fail_field(&err, MODAL_BAD_INPUT, "window",
                               "--window is %d; accepted: a whole number from 1 to %d", b->window,

@@ -18,7 +18,7 @@
 #include <strings.h>
 #include "base/utf8.h"
 
-enum { TAIL = 10 };
+enum { TAIL = 10 };              /* rows: one in ten ends in a digit that is not 0 */
 
 struct table {
     const char *path;

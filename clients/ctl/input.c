@@ -6,6 +6,8 @@
 #include "scene_file.h"
 #include "store/identity.h"
 
+static const char suffix[] = ".json";        /* of a scene */
+
 /* A batch that is larger than the memory limit. */
 static void hash_in_order(const struct batch *b, const struct input_shape *shape,
                           uint8_t digest[32])
@@ -77,8 +79,8 @@ static bool wants_scene(const struct input *input, const char *of, const char *p
         of = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(input->options, "of"));
     if (of != NULL)
         return strcmp(of, "identify") != 0;
-    size_t length = strlen(path);
-    return length > 5 && strcmp(path + length - 5, ".json") == 0;
+    size_t length = strlen(path), own = strlen(suffix);
+    return length > own && strcmp(path + length - own, suffix) == 0;
 }
 
 static enum modal_status find_kind(const char *name, struct input *out, struct modal_error *err)

@@ -6,7 +6,11 @@
 #include "live_modes.h"
 #include "whole_file.h"
 
+/* Standard errors, of two windows together: beyond them what differs has moved. */
 static const double ERRORS = 3;
+/* Part of its frequency that a mode may move from window to window and be the same, whatever its
+ * errors. */
+static const double DRIFT = 0.05;
 
 static const cJSON *get(const cJSON *object, const char *key)
 {
@@ -36,7 +40,7 @@ static const char *trend(const struct live_modes *before, double hertz, double h
     if (near < 0)
         return "new";
     double errors = fmax(hertz_std, 0) + fmax(before->mode[near].hertz_std, 0);    /* NaN: 0 */
-    if (!(fabs(before->mode[near].hertz - hertz) <= ERRORS * errors + 0.05 * hertz))
+    if (!(fabs(before->mode[near].hertz - hertz) <= ERRORS * errors + DRIFT * hertz))
         return "new";
     double moved = zeta - before->mode[near].zeta,
            bar = ERRORS * (zeta_std + before->mode[near].zeta_std);

@@ -20,7 +20,13 @@
 #include "option.h"
 #include "svg.h"
 
-enum { ORBIT_POINTS = 400, SHOWN_SAMPLES = 600 };
+enum {
+    ORBIT_POINTS = 400,          /* of a closed curve: chords of a pixel */
+    SHOWN_SAMPLES = 600          /* of a channel: more than a panel has pixels */
+};
+/* |X_k| below it is not drawn: rounding of a motion of order 1, and 16 decades on one axis. */
+static const double SIZE_LEAST = 1e-16;
+static const char suffix[] = ".svg";
 static const struct svg_axis empty = { "", 1, 0, false };
 
 static const cJSON *get(const cJSON *object, const char *key)
@@ -182,7 +188,7 @@ static void draw_spectrum(struct svg *svg, const cJSON *dof)
     for (int i = 0; i < n; i++) {
         double size = hypot(at(get(dof, "re"), i), at(get(dof, "im"), i));
         svg_hold(&p.x, at(get(dof, "k"), i));
-        svg_hold(&p.y, size > 1e-16 ? size : NAN);
+        svg_hold(&p.y, size > SIZE_LEAST ? size : NAN);
     }
     svg_panel(svg, &p);
     for (int i = 0; i < n; i++) {
@@ -538,9 +544,9 @@ static const struct {
 
 enum modal_status plot_path_check(const char *path, struct modal_error *err)
 {
-    size_t length = strlen(path);
+    size_t length = strlen(path), own = strlen(suffix);
 
-    if (length > 4 && strcasecmp(path + length - 4, ".svg") == 0)
+    if (length > own && strcasecmp(path + length - own, suffix) == 0)
         return MODAL_OK;
     return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%.300s: pictures are SVG; accepted: "
                             "FILE.svg, or - for stdout (not of what is watched)", path);

@@ -5,8 +5,10 @@
 #include "base/error.h"
 #include "base/json.h"
 
-/* Limits. */
-enum { SCENE_TEXT_MOST = 64 << 20, SCENE_MATRIX_MOST = 100000 };
+enum {
+    SCENE_TEXT_MOST = 64 << 20,      /* bytes: what a daemon takes in one body */
+    SCENE_MATRIX_MOST = 100000       /* rows: dense beyond 80 GB, sparse beyond what is factored */
+};
 
 /*
  * Read the scene at PATH ("-": stdin); the caller frees *OUT.  `structure.file`, relative to the

@@ -5,6 +5,8 @@
 #include <string.h>
 #include "field.h"
 
+enum { HARMONICS_SHOWN = 12 };       /* of a dof: a screen of two dofs */
+
 static const cJSON *get(const cJSON *object, const char *key)
 {
     return cJSON_GetObjectItemCaseSensitive(object, key);
@@ -180,12 +182,12 @@ static void show_harmonics(const cJSON *result)
 
     cJSON_ArrayForEach(dof, get(result, "harmonics")) {
         int n = cJSON_GetArraySize(get(dof, "k"));
-        for (int i = 0; i < n && i < 12; i++) {
+        for (int i = 0; i < n && i < HARMONICS_SHOWN; i++) {
             double re = part(get(dof, "re"), i), im = part(get(dof, "im"), i);
             printf("  %-12s %4g %16.9g %12.6g rad\n", i ? "" : text(dof, "dof"),
                    part(get(dof, "k"), i), hypot(re, im), atan2(im, re));
         }
-        if (n > 12)
+        if (n > HARMONICS_SHOWN)
             printf("  %-12s ... %d harmonics\n", "", n);
     }
 }

@@ -10,7 +10,7 @@
 #include "sound.h"
 #include "store/batch_file.h"
 
-enum { TEXT_MOST = 1 << 30 };
+enum { TEXT_MOST = 1 << 30 };     /* bytes: some 100 million numbers */
 
 static enum modal_status no_file(const char *path, struct modal_error *err)
 {

@@ -11,7 +11,7 @@
 
 /* Limits of a file read here. */
 #define SIGNALS_VALUES_MOST ((size_t)1 << 31)      /* doubles: 16 GB */
-enum { SIGNALS_CHANNELS_MOST = 65536 };
+enum { SIGNALS_CHANNELS_MOST = 65536 };            /* columns that a line of text can have */
 
 /* Two steps are the same within this part of them, where both are binary numbers. */
 #define SIGNALS_DT_OFF 1e-9

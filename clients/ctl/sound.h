@@ -4,6 +4,8 @@
 #define CTL_SOUND_H
 #include "signals.h"
 
+/* PATH into *OUT (signals_done frees it).  MODAL_BAD_INPUT, field "file": no sound file, damaged,
+ * too large; MODAL_NO_MEMORY. */
 enum modal_status sound_read(const char *path, struct signals *out, struct modal_error *err);
 
 #endif

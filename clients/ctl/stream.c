@@ -19,8 +19,8 @@
 static const char *const verdicts[] = { "unknown", "stable", "unstable", "undecided" };
 
 enum {
-    WINDOW_LEAST = 64, WINDOW_USUAL = 2048,     /* samples of a live window, where none is asked
-                                                   for */
+    WINDOW_LEAST = 64,                          /* samples: some periods of what is sampled well */
+    WINDOW_USUAL = 2048,                        /* where the length of the stream is unknown */
     WINDOW_BYTES_MOST = 1 << 20,                /* proto/PROTOCOL.md, section 11 */
 };
 static const double live_patience = 5;          /* s without a new estimate, once all samples are
@@ -130,7 +130,7 @@ static int read_row(char *line, double *x, int most)
     return n;
 }
 
-enum { ROW_MOST = 4096 };
+enum { ROW_MOST = 4096 };          /* channels of a row from stdin */
 
 /* Open by the first row, then push rows until stdin ends.  A line that is no row of as many numbers
  * is an error. */

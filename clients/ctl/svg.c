@@ -3,7 +3,18 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { WIDTH = 520, HEIGHT = 380, LEFT = 76, RIGHT = 16, TOP = 34, BOTTOM = 54 };
+/* A panel, in pixels. */
+enum {
+    WIDTH = 520,         /* three panels fit a wide screen */
+    HEIGHT = 380,        /* about 4 : 3 within its frame */
+    LEFT = 76,           /* room for seven digits, and the label upright */
+    RIGHT = 16,          /* for half a digit */
+    TOP = 34,            /* for the title */
+    BOTTOM = 54          /* for digits and label */
+};
+/* Parts of their size within which values are one: neighbours are too far apart for ticks between
+ * them. */
+static const double ONE_VALUE = 1e-9;
 
 static const char *const strokes[] = {
     [SVG_SOLID]  = "stroke=\"#1f4e79\" stroke-width=\"1.6\"",
@@ -79,9 +90,7 @@ static void widen(struct svg_axis *a)
         return;
     }
     double most = fmax(fabs(a->low), fabs(a->high));
-    /* values that differ by rounding only are one: its neighbours are too far apart for the ticks
-     * between them */
-    double room = a->high - a->low > 1e-9 * most ? 0.05 * (a->high - a->low)
+    double room = a->high - a->low > ONE_VALUE * most ? 0.05 * (a->high - a->low)
                   : most > 0                     ? 0.1 * most
                                                  : 1;
     a->low -= room;
@@ -93,7 +102,12 @@ static double tick_step(double range)
 {
     double power = pow(10, floor(log10(range / 5))), rest = range / 5 / power;
 
-    return power * (rest < 1.5 ? 1 : rest < 3.5 ? 2 : rest < 7.5 ? 5 : 10);
+    static const struct { double below, step; } steps[] = { { 1.5, 1 }, { 3.5, 2 }, { 7.5, 5 } };
+
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        if (rest < steps[i].below)
+            return power * steps[i].step;
+    return power * 10;
 }
 
 static void tick(const struct svg *svg, const struct svg_panel *p, bool horizontal, double value)

@@ -20,7 +20,12 @@
 #include "verbs.h"
 #include "wire/protocol.h"
 
-enum { SHARES_MOST = 64, ROUNDS_MOST = 1000, STEM_MOST = WIRE_KEY_MOST - 24 };
+enum {
+    SHARES_MOST = 64,                     /* jobs: enough for every worker a share, few for a
+                                             queue */
+    ROUNDS_MOST = 1000,                   /* of asking: a share that never ends is a fault */
+    STEM_MOST = WIRE_KEY_MOST - 24        /* bytes of a key before the share and the try in it */
+};
 
 struct grid {
     const struct input *input;

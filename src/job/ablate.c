@@ -7,6 +7,8 @@
  * steady state: a scene with pulses alone is compared by its exponents too.  `change` is without
  * minus with.  `seconds` is the processor time of the answer with the effect less that without it,
  * each the least of REPEATS runs.
+ *
+ * Tested by tests/unit/job/test_scene_jobs.c.
  */
 #include <math.h>
 #include <string.h>
@@ -20,6 +22,7 @@
 #include "modal/scene/influence.h"
 #include "modal/scene/scene.h"
 
+/* The least of three is free of what else the machine did, mostly; more would treble a long job. */
 enum { REPEATS = 3 };
 
 struct ablation {

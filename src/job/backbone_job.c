@@ -1,4 +1,4 @@
-/* backbone_job.c - see backbone_job.h */
+/* backbone_job.c - see backbone_job.h; tested by tests/system/test_plots.py */
 #include "job/backbone_job.h"
 #include <math.h>
 #include <stdlib.h>
@@ -6,7 +6,11 @@
 #include "job/steady_print.h"
 #include "modal/steady/backbone.h"
 
-enum { POINTS_MOST = 5000, HARMONICS = 9 };
+enum {
+    POINTS_MOST = 5000,      /* a document of some 10 MB with a few dofs */
+    POINTS_USUAL = 40,       /* a curve that looks smooth */
+    HARMONICS = 9            /* of a mode: cubic laws need few, and odd ones */
+};
 
 struct range { int mode, count; double from, to; };
 
@@ -17,7 +21,7 @@ static enum modal_status parse(const char *text, struct range *r, struct modal_e
     r->mode = (int)strtol(text, &end, 10);
     r->from = *end == ':' ? strtod(end + 1, &end) : NAN;
     r->to = *end == ':' ? strtod(end + 1, &end) : NAN;
-    r->count = *end == ':' ? (int)strtol(end + 1, &end, 10) : 40;
+    r->count = *end == ':' ? (int)strtol(end + 1, &end, 10) : POINTS_USUAL;
     if (*end != '\0' || !(r->from > 0) || !(r->to > 0) || !isfinite(r->from) || !isfinite(r->to)
         || r->count < 2 || r->count > POINTS_MOST)
         return modal_fail_field(

@@ -1,4 +1,4 @@
-/* cost.c - see cost.h */
+/* cost.c - see cost.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/cost.h"
 #include <string.h>
 #include <sys/resource.h>

@@ -4,6 +4,7 @@
 #define JOB_COST_H
 #include "job/job.h"
 
+/* Twice the most that a kind names. */
 enum { COST_STAGES_MOST = 24 };
 
 struct cost {
@@ -13,11 +14,12 @@ struct cost {
     struct { const char *name; double seconds; } stage[COST_STAGES_MOST];
 };
 
+/* The clocks of C from here on; no stage yet. */
 void cost_start(struct cost *c);
 /* What was done since the last mark belongs to stage NAME (a literal); a name that comes again adds
  * up. */
 void cost_stage(struct cost *c, const char *name);
-/* {"wall_s", "cpu_s", "stages": {...}, "peak_bytes"} */
+/* {"wall_s", "cpu_s", "stages": {...}, "peak_bytes"} up to now, the caller's. */
 cJSON *cost_print(const struct cost *c);
 
 /*

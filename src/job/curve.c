@@ -9,6 +9,8 @@
  * Rigid friction alone has no branch to follow: a harmonic balance does not know of stops, and the
  * motion is unique (two of them would approach each other, friction being monotone in the rates),
  * so that there are no folds.  Its continuation is MARCHED points.
+ *
+ * Tested by tests/system/test_curve.py.
  */
 #include "job/curve.h"
 #include <math.h>
@@ -23,7 +25,25 @@
 #include "modal/steady/estimate.h"
 #include "modal/steady/path.h"
 
-enum { POINTS_MOST = 20000, H_FOLLOWED_MOST = 64, REFINE_MOST = 60, NEAR = 4, MARCHED = 101 };
+enum {
+    POINTS_MOST = 20000,         /* of a sweep: a document of some 100 MB */
+    PATH_POINTS_MOST = 5000,     /* of a branch, whose steps are as long as they can be */
+    H_FOLLOWED_MOST = 64,        /* harmonics of a branch: its Jacobian is factored at each point */
+    REFINE_MOST = 60,            /* halvings: 53 exhaust a double */
+    NEAR = 4,                    /* points between a fold of the truncated motion and the exact
+                                    one's */
+    MARCHED = 101,               /* points where there is no branch to follow: a hundred steps */
+    FROM_TO_USUAL = 100          /* count where none is asked for: any that the check lets pass */
+};
+
+/* Multipliers of an orbit lie on the circle to their own rounding, some 1e-12; beyond this they
+ * have left it. */
+static const double ON_CIRCLE = 1 + 1e-9;
+/* Where stability changes is known to this part of the range: below it multipliers are rounding. */
+static const double REFINED = 1e-12;
+/* A multiplier is real that is within this of the axis: a pair about to meet there comes as the
+ * root of rounding. */
+static const double REAL = 1e-6;
 
 struct curve {
     const struct job_request *request;
@@ -54,7 +74,7 @@ static enum modal_status parse(struct curve *c, const char *text, const char *fi
 {
     const char *equals = strchr(text, '=');
     char *end = NULL, *rest = NULL;
-    long count = counted ? 2 : 100;
+    long count = counted ? 2 : FROM_TO_USUAL;
 
     if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof c->path)
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s",
@@ -262,7 +282,7 @@ static int unstable(const struct stability *s)
     int count = 0;
 
     for (int i = 0; i < s->count; i++)
-        count += cabs(s->multiplier[i]) > 1 + 1e-9;
+        count += cabs(s->multiplier[i]) > ON_CIRCLE;
     return count;
 }
 
@@ -291,7 +311,7 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     cJSON *event;
 
     for (int i = 0;
-         rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > 1e-12 * fabs(c->to - c->from); i++) {
+         rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > REFINED * fabs(c->to - c->from); i++) {
         double middle = 0.5 * (a + b), share = (middle - c->last_value) / (value - c->last_value),
                omega = 0;
         struct steady_start start = { c->last_q, c->last_H, Y };
@@ -320,7 +340,7 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     free(Y);
     if (rc != MODAL_OK)
         return rc;
-    type = fabs(cimag(mu)) > 1e-6 ? "neimark_sacker"
+    type = fabs(cimag(mu)) > REAL ? "neimark_sacker"
            : creal(mu) < 0        ? "period_doubling"
                                   : "branch_point";
     if (type[0] == 'b' && c->number - c->bare_fold <= NEAR) {
@@ -413,7 +433,7 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
 {
     struct path_problem problem = { .at = balance_at, .point = on_point, .special = on_special,
                                     .cancelled = path_cancelled, .context = c, .from = c->from,
-                                    .to = c->to, .points_most = POINTS_MOST / 4 };
+                                    .to = c->to, .points_most = PATH_POINTS_MOST };
     struct path_report report = { 0 };
     struct steady_point first = { 0 };
     double omega = 0;

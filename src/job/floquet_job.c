@@ -1,5 +1,7 @@
 /* floquet_job.c - kind `floquet`: exact exponents of a linear scene, by monodromy matrix and by
- * Hill's determinant */
+ * Hill's determinant
+ *
+ * Tested by tests/unit/job/test_scene_jobs.c. */
 #include <math.h>
 #include "job/cost.h"
 #include "job/plan.h"

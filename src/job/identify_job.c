@@ -1,4 +1,5 @@
-/* identify_job.c - modal_identify as a job; see identify_job.h */
+/* identify_job.c - modal_identify as a job; see identify_job.h;
+ * tested by tests/unit/job/test_job_identify.c */
 #include "job/identify_job.h"
 #include <cblas.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-/* identify_ladder.c - see identify_ladder.h */
+/* identify_ladder.c - see identify_ladder.h; tested by tests/unit/job/test_tradeoff_identify.c */
 #include "job/identify_ladder.h"
 #include <cblas.h>
 #include <math.h>
@@ -36,6 +36,12 @@ static const struct rung {
     { NULL,                   0,    0,   -1, false, false, false },
 };
 
+enum {
+    PART_LEAST = 64,             /* samples of a part of the record, beside six for each exponent */
+    CHANNELS_FEW = 8,            /* so many are as quick as their proper orthogonal modes */
+    CHANNELS_MANY = 1000         /* more without reduction take longer than all other rungs */
+};
+
 /* May the rung be made for these data?  Periodic systems have their rows by the period. */
 static bool suits(const struct rung *r, const struct identify_ladder_facts *f, const cJSON *asked)
 {
@@ -49,12 +55,12 @@ static bool suits(const struct rung *r, const struct identify_ladder_facts *f, c
         return false;
     if (r->window > 0
         && (cJSON_HasObjectItem(asked, "window")
-            || r->window * (double)f->samples < 6 * f->order + 64
+            || r->window * (double)f->samples < 6 * f->order + PART_LEAST
             || (f->period > 0 && r->window * (double)f->samples * f->dt < 8 * f->period)))
         return false;
-    if (r->pod > 0 && (f->channels <= 8 || f->order == 0))
+    if (r->pod > 0 && (f->channels <= CHANNELS_FEW || f->order == 0))
         return false;
-    return !(r->pod < 0 && (f->channels <= 8 || f->channels > 1000));
+    return !(r->pod < 0 && (f->channels <= CHANNELS_FEW || f->channels > CHANNELS_MANY));
 }
 
 static void set(cJSON *o, const char *key, cJSON *value)

@@ -6,6 +6,7 @@
 #include "job/job.h"
 #include "modal/ladder.h"
 
+/* Room for the table of rungs (14) and some more. */
 enum { IDENTIFY_RUNGS_MOST = 24 };
 
 /* What the rungs are made for.  `order` 0: unknown, and no rung fixes it. */

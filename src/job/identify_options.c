@@ -1,4 +1,4 @@
-/* identify_options.c - see identify_options.h */
+/* identify_options.c - see identify_options.h; tested by tests/unit/job/test_job_options.c */
 #include "job/identify_options.h"
 #include <math.h>
 #include <stdio.h>
@@ -6,6 +6,8 @@
 #include <string.h>
 
 enum {
+    LIST_MOST = 160,                     /* bytes of channels in a message: they share it with its
+                                            words */
     THREADS_MOST = 256,                  /* OpenBLAS as Debian builds it knows no more */
     SIZE_MOST = 1000000000,              /* of the Hankel matrix: below INT_MAX, so that one more is
                                             an int still */
@@ -17,6 +19,7 @@ static const double
     ENERGY_KEPT = 0.9999;
 
 #define AT(member) .at = offsetof(struct identify_settings, member)
+/* What identify looks for at most. */
 #define ORDER .low = 1, .high = IDENTIFY_ORDER_MOST
 
 const struct key_row identify_option_rows[] = {
@@ -134,7 +137,7 @@ static enum modal_status no_such_channel(const struct batch *b, const cJSON *nam
 {
     char list[256] = "";
 
-    for (size_t c = 0; b->names != NULL && c < b->channels && strlen(list) < 160; c++)
+    for (size_t c = 0; b->names != NULL && c < b->channels && strlen(list) < LIST_MOST; c++)
         snprintf(list + strlen(list), sizeof list - strlen(list), ", \"%.40s\"",
                  b->names[c] != NULL ? b->names[c] : "");
     if (cJSON_IsString(name))

@@ -1,4 +1,5 @@
-/* job.c - the one way to every kind's function; see job.h */
+/* job.c - the one way to every kind's function; see job.h;
+ * tested by tests/unit/job/test_job_identify.c */
 #include "job/job.h"
 #include "job/identify_job.h"
 #include "job/kind_run.h"

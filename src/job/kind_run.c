@@ -1,4 +1,4 @@
-/* kind_run.c - see kind_run.h */
+/* kind_run.c - see kind_run.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/kind_run.h"
 #include <cblas.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* kinds.c - the table of kinds; see job.h */
+/* kinds.c - the table of kinds; see job.h; tested by tests/unit/job/test_job_options.c */
 #include <string.h>
 #include "job/job.h"
 

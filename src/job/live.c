@@ -2,6 +2,8 @@
  *
  * A target (`target.error`, `target.seconds`) asks for a climb over parts of the record, which
  * identify_run does: such windows are jobs of their own.
+ *
+ * Tested by tests/unit/broker/test_alarms.c.
  */
 #include "job/live.h"
 #include <cblas.h>

@@ -11,10 +11,9 @@ extern const struct key_row simulate_option_rows[];
 enum modal_status simulate_run(const struct job_request *request, struct job_result *out,
                                struct modal_error *err);
 
-/* What a monodromy matrix may be asked for: below, rounding of its entries is all there is; above,
- * not a digit of it holds. */
-#define FLOQUET_TOLERANCE_LEAST 1e-14
-#define FLOQUET_TOLERANCE_MOST 1e-2
+/* What a monodromy matrix may be asked for. */
+#define FLOQUET_TOLERANCE_LEAST 1e-14    /* below, rounding of its entries is all there is */
+#define FLOQUET_TOLERANCE_MOST 1e-2      /* above, not a digit of it holds */
 
 /* Options: floquet_option_rows. */
 extern const struct key_row floquet_option_rows[];

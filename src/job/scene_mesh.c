@@ -5,6 +5,8 @@
  * A new node at the fraction xi of an old element has the state that the element's functions give
  * there: Hermite's cubics of displacement and slope, and for the wing's torsion (three nodes an
  * element) the cubic of Lagrange through its four.
+ *
+ * Tested by tests/unit/job/test_scene_jobs.c.
  */
 #include "job/scene_mesh.h"
 #include <ctype.h>

@@ -1,10 +1,13 @@
-/* scene_path.c - see scene_path.h */
+/* scene_path.c - see scene_path.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/scene_path.h"
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { KEY_MOST = 64 };
+enum {
+    KEY_MOST = 64,               /* bytes of a key: the longest of a scene has 22 */
+    INDEX_MOST = 1000000         /* of a list: no scene has as many entries */
+};
 
 /* One step of the path: a key or an index; *PATH moves past it.  False where the path is
  * malformed. */
@@ -18,7 +21,7 @@ static bool next_step(const char **path, char key[KEY_MOST], int *index)
         char *end;
         long i = isdigit((unsigned char)p[1]) ? strtol(p + 1, &end, 10) : -1;
 
-        if (i < 0 || i > 1000000 || *end != ']')
+        if (i < 0 || i > INDEX_MOST || *end != ']')
             return false;
         *index = (int)i;
         p = end + 1;

@@ -1,4 +1,5 @@
-/* simulate_job.c - kind `simulate`: a scene's motion as a batch */
+/* simulate_job.c - kind `simulate`: a scene's motion as a batch;
+ * tested by tests/unit/job/test_scene_jobs.c */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -114,12 +115,15 @@ static bool asked_to_stop(void *context)
     return request->cancelled(request->context);
 }
 
+/* A term of an output of this kind or a higher one is seen from other axes: program.h. */
+enum { TURNING = 4 };
+
 /* Does a channel look from other axes than the motion's, turning against it? */
 static bool turns(const struct program *p)
 {
     for (int i = 0; i < p->outputs; i++)
         for (int t = 0; t < p->output[i].count; t++)
-            if (p->output[i].terms[t].i >= 4)
+            if (p->output[i].terms[t].i >= TURNING)
                 return p->frame_speed > 0;
     return false;
 }

@@ -1,4 +1,5 @@
-/* steady.c - kind `steady`: see steady.h; curves are in curve.c */
+/* steady.c - kind `steady`: see steady.h; curves are in curve.c;
+ * tested by tests/unit/job/test_scene_jobs.c */
 #include "job/steady.h"
 #include <math.h>
 #include <stdlib.h>

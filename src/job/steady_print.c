@@ -1,4 +1,4 @@
-/* steady_print.c - see steady_print.h */
+/* steady_print.c - see steady_print.h; tested by tests/system/test_curve.py */
 #include "job/steady_print.h"
 #include <math.h>
 #include <stdio.h>

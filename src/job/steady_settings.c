@@ -1,4 +1,4 @@
-/* steady_settings.c - see steady_settings.h */
+/* steady_settings.c - see steady_settings.h; tested by tests/system/test_curve.py */
 #include "job/steady_settings.h"
 #include <math.h>
 #include <stdio.h>

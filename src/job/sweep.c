@@ -4,6 +4,8 @@
  * The scene is copied once; a point sets its values in the copy and lowers it.  Floquet's points,
  * of which maps of stability have tens of thousands, call the solver directly; the other verbs go
  * through their kinds.
+ *
+ * Tested by tests/unit/job/test_scene_jobs.c.
  */
 #include "job/sweep.h"
 #include <math.h>
@@ -20,7 +22,9 @@
 #include "modal/scene/floquet.h"
 #include "modal/scene/scene.h"
 
+/* Points between two reports: what is lost with a worker, and a message of some 100 kB. */
 enum { CHUNK_MOST = 2048 };
+/* s between two reports: what a watcher takes for alive. */
 static const double CHUNK_SECONDS = 1;
 
 struct axis { const char *path; double *values; size_t count; };

@@ -10,7 +10,10 @@
 #include "base/key_table.h"
 #include "job/job.h"
 
-enum { SWEEP_AXES_MOST = 6, SWEEP_POINTS_MOST = 1000000 };
+enum {
+    SWEEP_AXES_MOST = 6,             /* two points an axis are 64 then: more are mistaken */
+    SWEEP_POINTS_MOST = 1000000      /* a table of some 200 MB */
+};
 
 struct sweep;
 

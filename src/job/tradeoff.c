@@ -1,4 +1,4 @@
-/* tradeoff.c - see tradeoff.h */
+/* tradeoff.c - see tradeoff.h; tested by tests/unit/job/test_tradeoff_identify.c */
 #include "job/tradeoff.h"
 #include "job/tradeoff_identify.h"
 #include "job/tradeoff_simulate.h"

@@ -10,6 +10,7 @@
 #include "job/tradeoff_print.h"
 #include "modal/identify/exponents.h"
 
+/* Exponents of a truth: twice the highest order that identify looks for, and some. */
 enum { TRUTH_MOST = 1000 };
 static const double DEAR = 2;     /* s: a reference that takes so long is not repeated unless
                                      asked */

@@ -1,4 +1,4 @@
-/* tradeoff_print.c - see tradeoff_print.h */
+/* tradeoff_print.c - see tradeoff_print.h; tested by tests/unit/job/test_tradeoff_identify.c */
 #include "job/tradeoff_print.h"
 #include <time.h>
 

@@ -1,4 +1,4 @@
-/* tradeoff_simulate.c - see tradeoff_simulate.h */
+/* tradeoff_simulate.c - see tradeoff_simulate.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/tradeoff_simulate.h"
 #include <math.h>
 #include <stdio.h>
@@ -10,7 +10,11 @@
 #include "job/scene_mesh.h"
 #include "job/tradeoff_print.h"
 
-enum { RUNGS_MOST = 64, EFFECTS_SHOWN = 24, SUBSTEPS_LAST = 1024 };
+enum {
+    EFFECTS_SHOWN = 24,              /* left out one by one: a picture of more is unreadable */
+    SUBSTEPS_LAST = 1024,            /* of rk4: its error is rounding long before */
+    RUNGS_MOST = 64                  /* 5 tolerances, the effects, 4 models, 6 of rk4, and room */
+};
 
 struct work {
     const struct job_request *request;

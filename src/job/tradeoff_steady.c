@@ -16,7 +16,12 @@
 #include "job/tradeoff_print.h"
 #include "modal/scene/scene.h"
 
-enum { REFERENCE_H = 384, CHECKS = 512, RUNGS_MOST = 48 };
+enum {
+    REFERENCE_H = 384,               /* harmonics: three times the finest rung's */
+    REFERENCE_H_LEAST = 64,          /* below it rungs would be as fine as the reference */
+    REFERENCE_UNKNOWNS = 1600,       /* of its balance: a Jacobian of 20 MB, factored in a second */
+    RUNGS_MOST = 48                  /* room for the table of rungs (27) and some more */
+};
 
 static const struct rung {
     enum steady_method method;
@@ -212,7 +217,8 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
     enum modal_status rc;
 
     t->H = REFERENCE_H;
-    while (t->H > 64 && (long)t->p->laws * 2 * (2 * t->H + 1) > 1600)
+    while (t->H > REFERENCE_H_LEAST
+           && (long)t->p->laws * 2 * (2 * t->H + 1) > REFERENCE_UNKNOWNS)
         t->H /= 2;
     K = (size_t)t->H + 1;
     opt.harmonics = t->H;

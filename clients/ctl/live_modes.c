@@ -85,7 +85,11 @@ void live_modes_show(const cJSON *event)
     const cJSON *mode, *lag = get(event, "lag"), *gaps = get(event, "gaps");
 
     if (cJSON_HasObjectItem(event, "to"))
-        printf(" to %-9.0f %-9s", field_number(event, "to", NAN), verdict(event));
+        printf(" to %-9.0f", field_number(event, "to", NAN));
+    if (cJSON_HasObjectItem(event, "dt"))
+        printf(" %.6g s ", field_number(event, "to", NAN) * field_number(event, "dt", NAN));
+    if (cJSON_HasObjectItem(event, "to"))
+        printf(" %-9s", verdict(event));
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         const cJSON *std = get(mode, "std");
         printf("  %.6g Hz", field_number(mode, "frequency_hz", NAN));

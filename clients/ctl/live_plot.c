@@ -9,23 +9,25 @@
 
 static const struct svg_axis empty = { NULL, HUGE_VAL, -HUGE_VAL, false };
 
-static bool take(struct live_plot *plot, const cJSON *event)
+static bool add_window(struct live_plot *plot, const cJSON *event)
 {
     const cJSON *modes = cJSON_GetObjectItemCaseSensitive(event, "modes"), *mode;
     bool unstable = cJSON_IsFalse(
         cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(event, "stability"),
                                          "stable"));
-    double sample = field_number(event, "to", NAN), epoch = field_number(event, "epoch", 0);
+    double dt = field_number(event, "dt", NAN), to = field_number(event, "to", NAN);
+    double at = isnan(dt) ? to : dt * to, epoch = field_number(event, "epoch", 0);
 
-    if (!cJSON_IsArray(modes) || isnan(sample))
+    if (!cJSON_IsArray(modes) || isnan(at))
         return false;
-    if (epoch != plot->epoch || (plot->count > 0 && sample < plot->dots[plot->count - 1].sample))
+    if (epoch != plot->epoch || (plot->count > 0 && at < plot->dots[plot->count - 1].at))
         /* another epoch, or another stream of that name */
         plot->count = 0;
     plot->epoch = epoch;
+    plot->seconds = !isnan(dt);
     cJSON_ArrayForEach(mode, modes) {
         const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
-        struct live_dot dot = { sample,
+        struct live_dot dot = { at,
                                 field_number(mode, "frequency_hz", NAN),
                                 field_number(std, "frequency_hz", 0),
                                 field_number(mode, "damping_ratio", NAN),
@@ -44,10 +46,10 @@ static void draw(struct svg *svg, const struct live_plot *plot, const char *labe
 {
     struct svg_panel p = { empty, empty };
 
-    p.x.label = "last sample", p.y.label = label;
+    p.x.label = plot->seconds ? "end of the window, s" : "last sample", p.y.label = label;
     for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
         double y = damping ? d->zeta : d->hertz, bar = damping ? d->zeta_std : d->hertz_std;
-        svg_hold(&p.x, d->sample);
+        svg_hold(&p.x, d->at);
         svg_hold(&p.y, y - bar), svg_hold(&p.y, y + bar);
     }
     svg_hold(&p.x, 0);
@@ -58,8 +60,8 @@ static void draw(struct svg *svg, const struct live_plot *plot, const char *labe
         svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 0, 0 }, 2, SVG_THIN);
     for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
         double y = damping ? d->zeta : d->hertz;
-        svg_bar(svg, &p, d->sample, y, 0, damping ? d->zeta_std : d->hertz_std);
-        svg_dot(svg, &p, d->sample, y, !d->unstable);
+        svg_bar(svg, &p, d->at, y, 0, damping ? d->zeta_std : d->hertz_std);
+        svg_dot(svg, &p, d->at, y, !d->unstable);
     }
 }
 
@@ -70,7 +72,7 @@ enum modal_status live_plot_add(struct live_plot *plot, const char *path, const 
     struct whole_file out;
     struct svg svg;
 
-    if (!take(plot, event))
+    if (!add_window(plot, event))
         return MODAL_OK;
     if (whole_file_begin(&out, path, "plot", err) != MODAL_OK)
         return MODAL_BAD_INPUT;

@@ -7,8 +7,9 @@
 
 enum { LIVE_DOTS = 4096 };                /* the oldest go first */
 
-struct live_dot { double sample, hertz, hertz_std, zeta, zeta_std; bool unstable; };
-struct live_plot { struct live_dot dots[LIVE_DOTS]; int count; double epoch; };
+/* `at`: the last sample of a window, in seconds where the events say how far samples are apart. */
+struct live_dot { double at, hertz, hertz_std, zeta, zeta_std; bool unstable; };
+struct live_plot { struct live_dot dots[LIVE_DOTS]; int count; double epoch; bool seconds; };
 
 /* An event of the stream: where it has modes they join the picture, and it is written to PATH in
  * one piece, so that who looks sees a whole one.  Fails with MODAL_BAD_INPUT, field "plot": it

@@ -1,10 +1,11 @@
 """`modalctl watch STREAM`: trend, lag and gaps beside the modes, as lines, as JSON and as Prometheus text (streaming.md, section 5, requirement 10)."""
 import re
+import subprocess
 
 import numpy as np
 import pytest
 import wire
-from conftest import watched
+from conftest import BUILD, environment, watched
 from wire import Daemon, crc32c
 
 WINDOW, DT, HZ = 200, 0.1, 0.5
@@ -55,6 +56,14 @@ def test_a_watcher_sees_damping_fall_and_the_gaps_and_the_lag_of_each_window(cha
     assert [line["modes"][0]["trend"] for line in lines] == ["new", "steady", "steady", "falling", "steady"]
     assert [line["gaps"] for line in lines] == [{"count": 0, "samples": 0}] * 4 + [{"count": 1, "samples": 50}]
     assert all(line["lag"] == {"samples": 0, "bytes": 0} for line in lines)
+
+
+def test_a_window_says_when_it_ended_in_seconds(changing):
+    """On its line too: the last sample of the first window, DT apart from one to the next."""
+    assert all(line["dt"] == DT for line in five_windows(changing))
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", changing.endpoint, "watch", "changing", "--timeout", "2"],
+                          capture_output=True, text=True, env=environment())
+    assert f" {DT * (WINDOW - 1):.6g} s " in next(line for line in done.stdout.splitlines() if f" to {WINDOW - 1} " in line)
 
 
 @pytest.mark.parametrize("words, why", [(["nosuch"], ", and no job has that id"), (["--name", "nosuch"], "")])

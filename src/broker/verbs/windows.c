@@ -286,6 +286,7 @@ static cJSON *event_of(const struct core *c, const struct stream *s, const char 
     cJSON_AddNumberToObject(text, "epoch", (double)s->window.epoch);
     cJSON_AddNumberToObject(text, "from", (double)s->window.from);
     cJSON_AddNumberToObject(text, "to", (double)s->window.to);
+    cJSON_AddNumberToObject(text, "dt", s->dt);
     return text;
 }
 

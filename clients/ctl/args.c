@@ -143,8 +143,8 @@ static enum modal_status set(const struct row *row, const char *text, struct arg
 }
 
 /* `--name=value`, `--name value`, `-x value`, `-xvalue`; *I moves past what was used. */
-static enum modal_status take(int argc, const char *const *argv, int *i, struct args *args,
-                              struct modal_error *err)
+static enum modal_status read_option(int argc, const char *const *argv, int *i, struct args *args,
+                                     struct modal_error *err)
 {
     const char *word = argv[*i], *value = NULL;
     bool is_long = word[1] == '-';
@@ -199,7 +199,7 @@ enum modal_status args_read(int argc, const char *const *argv, struct args *args
         if (!only_words && strcmp(argv[i], "--") == 0)
             only_words = true;
         else if (!only_words && argv[i][0] == '-' && argv[i][1] != 0)
-            rc = take(argc, argv, &i, args, err);
+            rc = read_option(argc, argv, &i, args, err);
         else if (args->words == ARGS_WORDS_MOST)
             rc = modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "more than %d arguments",
                                   ARGS_WORDS_MOST);

@@ -288,7 +288,7 @@ static enum modal_status pack(struct bulk *b, struct parcel *p, size_t i, double
     return MODAL_OK;
 }
 
-static size_t take_next(struct bulk *b)
+static size_t next_item(struct bulk *b)
 {
     return b->agains > 0 ? b->again[--b->agains] : b->next++;
 }
@@ -301,7 +301,7 @@ static enum modal_status fill(struct bulk *b, struct parcel *p, double deadline,
 
     while (rc == MODAL_OK && !full && p->flight.count < b->together
            && (b->agains > 0 || b->next < b->count)) {
-        size_t i = take_next(b);
+        size_t i = next_item(b);
         rc = pack(b, p, i, deadline, &full, err);
         if (full)
             b->again[b->agains++] = i;
@@ -377,7 +377,7 @@ static bool may_come_again(const struct modal_error *why, const cJSON *detail)
 
 /* A submission is answered: said on stdout, or, where the daemon is full for now, to be sent again
  * after *PAUSE. */
-static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *part, double *pause,
+static enum modal_status read_part(struct bulk *b, size_t item, const cJSON *part, double *pause,
                                    struct modal_error *err)
 {
     long number = b->items[item].number;
@@ -410,14 +410,14 @@ static enum modal_status take_part(struct bulk *b, size_t item, const cJSON *par
 }
 
 /* PARTS: the list of SUBMITS's answer; NULL: MESSAGE answers all alike. */
-static enum modal_status take_parts(struct bulk *b, struct flight *flight, const cJSON *parts,
+static enum modal_status read_parts(struct bulk *b, struct flight *flight, const cJSON *parts,
                                     const cJSON *message, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     double pause = 0;
 
     for (int i = 0; rc == MODAL_OK && i < flight->count; i++)
-        rc = take_part(b, flight->items[i], parts == NULL ? message : cJSON_GetArrayItem(parts, i),
+        rc = read_part(b, flight->items[i], parts == NULL ? message : cJSON_GetArrayItem(parts, i),
                        &pause, err);
     b->flying -= flight->count;
     flight->count = 0;
@@ -426,7 +426,7 @@ static enum modal_status take_parts(struct bulk *b, struct flight *flight, const
     return rc;
 }
 
-static enum modal_status take_answer(struct bulk *b, struct flight *flight,
+static enum modal_status read_answer(struct bulk *b, struct flight *flight,
                                      struct link_message *message, struct modal_error *err)
 {
     cJSON *list = NULL;
@@ -452,7 +452,7 @@ static enum modal_status take_answer(struct bulk *b, struct flight *flight,
                             "an answer to SUBMITS is not about the jobs asked");
     }
     if (rc == MODAL_OK)
-        rc = take_parts(b, flight, cJSON_GetObjectItemCaseSensitive(list, "jobs"), message->header,
+        rc = read_parts(b, flight, cJSON_GetObjectItemCaseSensitive(list, "jobs"), message->header,
                         err);
     cJSON_Delete(list);
     return rc;
@@ -472,7 +472,7 @@ static enum modal_status land_one(struct bulk *b, double deadline, struct modal_
         return rc;
     for (int i = 0; i < FLIGHTS_MOST; i++)
         if (b->flights[i].count > 0 && b->flights[i].id == link_message_id(&message)) {
-            rc = take_answer(b, &b->flights[i], &message, err);
+            rc = read_answer(b, &b->flights[i], &message, err);
             break;
         }
     link_message_done(&message);

@@ -215,7 +215,7 @@ static enum modal_status add_row(struct table *table, char *line, size_t number,
 }
 
 /* Names may stand in a remark, as NumPy writes them: as many words as columns, none a number. */
-static void take_remark(struct table *table, char *remark)
+static void read_remark(struct table *table, char *remark)
 {
     size_t fields = 0;
 
@@ -238,7 +238,7 @@ static char *read_head(struct table *table, char **rest, size_t *number)
     if (table->columns > 1 && table->separator != ' ' && line[strlen(line) - 1] == table->separator)
         table->columns--;                                       /* a separator at the line's end */
     if (numbers > 0) {
-        take_remark(table, remark);
+        read_remark(table, remark);
         return line;
     }
     table->names = split_words(line, table->separator, table->columns);
@@ -387,7 +387,7 @@ static char *same_unit(char **units, size_t columns, int time)
 }
 
 /* Everything but the column of time into OUT; names move. */
-static enum modal_status take_signals(struct table *table, int time, struct signals *out,
+static enum modal_status move_signals(struct table *table, int time, struct signals *out,
                                       struct modal_error *err)
 {
     size_t channels = table->columns - (time >= 0), s = 0, to = 0;
@@ -425,7 +425,7 @@ enum modal_status csv_read(char *text, const char *path, const struct signals_op
     if (rc == MODAL_OK)
         rc = find_time(&table, options, &time, out, err);
     if (rc == MODAL_OK)
-        rc = take_signals(&table, time, out, err);
+        rc = move_signals(&table, time, out, err);
     free_words(table.names, table.columns);
     free_words(table.units, table.columns);
     free(table.x);

@@ -26,7 +26,7 @@ static const char *folder_of(const struct args *args, int words, struct modal_er
     return dir;
 }
 
-static void keep_problem(void *context, const char *line)
+static void add_problem(void *context, const char *line)
 {
     cJSON_AddItemToArray(context, cJSON_CreateString(line));
 }
@@ -73,7 +73,7 @@ int run_fsck(const struct verb *verb, const struct args *args)
 
     (void)verb;
     if (dir == NULL
-        || check_folder(dir, args->json ? keep_problem : print_problem, problems, &report, &err)
+        || check_folder(dir, args->json ? add_problem : print_problem, problems, &report, &err)
                != MODAL_OK) {
         cJSON_Delete(problems);
         return outcome_failure(args->json, &err, NULL);

@@ -41,7 +41,7 @@ enum modal_status output_write(const char *path, const cJSON *doc, const struct 
 
     if (rc != MODAL_OK)
         return rc;
-    if (batch->samples == 0 && !result_file_takes(doc))
+    if (batch->samples == 0 && !result_file_fits(doc))
         return modal_fail_field(err, MODAL_BAD_INPUT, "output",
                                 "this job gives no signals to write to %s", path);
     if (is_csv(path))

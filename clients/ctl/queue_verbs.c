@@ -68,7 +68,7 @@ static void show_job(const cJSON *doc)
     putchar('\n');
 }
 
-static enum modal_status say_job(struct session *s)
+static enum modal_status print_job(struct session *s)
 {
     const cJSON *result = cJSON_GetObjectItemCaseSensitive(s->doc, "result");
 
@@ -90,7 +90,7 @@ static int run_plain(const struct args *args, const char *protocol_verb)
         rc = client_do(s.link, protocol_verb, args->word[1], remote_answer_by(s.deadline), &s.doc,
                        &s.detail, &s.err);
     if (rc == MODAL_OK)
-        rc = say_job(&s);
+        rc = print_job(&s);
     return end(&s, rc, 0);
 }
 
@@ -155,7 +155,7 @@ int run_wait(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = wait_for(&s, args->word[1], &status);
     if (rc == MODAL_OK)
-        rc = say_job(&s);
+        rc = print_job(&s);
     return end(&s, rc, status);
 }
 
@@ -172,7 +172,7 @@ int run_retry(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, args->word[1], &status);
     if (rc == MODAL_OK)
-        rc = say_job(&s);
+        rc = print_job(&s);
     return end(&s, rc, status);
 }
 
@@ -191,7 +191,7 @@ static int submit_input(const struct input *input, const struct args *args)
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, field_word(s.doc, "job", "-"), &status);
     if (rc == MODAL_OK)
-        rc = say_job(&s);
+        rc = print_job(&s);
     return end(&s, rc, status);
 }
 
@@ -253,7 +253,7 @@ int run_result(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = json_read(text, length, &s.doc, &s.err);
     if (rc == MODAL_OK && args->output != NULL)
-        rc = !result_file_takes(s.doc) ? save_signals(&s, args->word[1])
+        rc = !result_file_fits(s.doc) ? save_signals(&s, args->word[1])
            : output_write(args->output, s.doc, &(struct batch) { 0 }, &s.err);
     if (rc == MODAL_OK && args->json)
         rc = outcome_json(s.doc, &s.err);

@@ -25,7 +25,7 @@ double remote_answer_by(double deadline)
 /* Since when WHAT is going on: a job that tells no progress at least shows that time passes. */
 struct since { char what[16]; double begun; };
 
-static void tell(void *context, const char *what, double fraction)
+static void print_progress(void *context, const char *what, double fraction)
 {
     struct since *since = context;
 
@@ -42,7 +42,7 @@ static void tell(void *context, const char *what, double fraction)
 const struct client_progress *remote_progress(void)
 {
     static struct since since;
-    static const struct client_progress shown = { tell, &since };
+    static const struct client_progress shown = { print_progress, &since };
 
     return isatty(STDERR_FILENO) ? &shown : NULL;
 }
@@ -115,7 +115,7 @@ enum modal_status remote_add_result(struct link *link, cJSON *doc, double deadli
 }
 
 /* Samples, channels, dt, names of a description into OUT; they must fit LENGTH bytes. */
-static enum modal_status take_description(const cJSON *description, size_t length,
+static enum modal_status read_description(const cJSON *description, size_t length,
                                           struct job_result *out, struct modal_error *err)
 {
     double samples = 0, channels = 0, dt = 0, period = 0;
@@ -158,7 +158,7 @@ enum modal_status remote_signals(struct link *link, const char *job, double dead
                                          &description, detail, err);
 
     if (rc == MODAL_OK)
-        rc = take_description(description, length, out, err);
+        rc = read_description(description, length, out, err);
     if (rc == MODAL_OK) {
         out->signals = (double *)(void *)bytes;         /* malloc'ed: aligned */
         out->batch.signals = out->signals;

@@ -15,7 +15,7 @@ static const char *kind_of(const cJSON *doc)
     return cJSON_IsString(item(doc, "kind")) ? item(doc, "kind")->valuestring : "";
 }
 
-bool result_file_takes(const cJSON *doc)
+bool result_file_fits(const cJSON *doc)
 {
     return strcmp(kind_of(doc), "steady") == 0 || strcmp(kind_of(doc), "curve") == 0
            || strcmp(kind_of(doc), "backbone") == 0;

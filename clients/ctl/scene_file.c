@@ -67,7 +67,7 @@ static cJSON *sparse_form(hsize_t m, hsize_t n, const double *pointers, const do
 }
 
 /* The entries of a dense matrix that are not exactly 0. */
-static enum modal_status take_dense(hid_t file, const char *name, cJSON **out,
+static enum modal_status read_dense(hid_t file, const char *name, cJSON **out,
                                     struct modal_error *err)
 {
     hsize_t dims[2] = { 0 }, count = 0;
@@ -99,7 +99,7 @@ out:
 }
 
 /* A group of compressed rows: `data`, `indices`, `indptr`; square, as every matrix here. */
-static enum modal_status take_csr(hid_t file, const char *name, cJSON **out,
+static enum modal_status read_csr(hid_t file, const char *name, cJSON **out,
                                   struct modal_error *err)
 {
     hid_t group = H5Gopen2(file, name, H5P_DEFAULT);
@@ -125,7 +125,7 @@ static enum modal_status take_csr(hid_t file, const char *name, cJSON **out,
     return rc;
 }
 
-static enum modal_status take_matrix(hid_t file, const char *name, cJSON **out,
+static enum modal_status read_matrix(hid_t file, const char *name, cJSON **out,
                                      struct modal_error *err)
 {
     H5O_info_t info;
@@ -135,8 +135,8 @@ static enum modal_status take_matrix(hid_t file, const char *name, cJSON **out,
         return MODAL_OK;
     if (H5Oget_info_by_name(file, name, &info, H5P_DEFAULT) < 0)
         return BAD_FILE("\"%s\" cannot be read", name);
-    return info.type == H5O_TYPE_GROUP ? take_csr(file, name, out, err)
-                                       : take_dense(file, name, out, err);
+    return info.type == H5O_TYPE_GROUP ? read_csr(file, name, out, err)
+                                       : read_dense(file, name, out, err);
 }
 
 /* `dir` of the scene's own path + NAME, unless NAME is absolute. */
@@ -167,7 +167,7 @@ static enum modal_status inline_file(cJSON *structure, const char *scene_path,
         return BAD_FILE("%.300s: no such HDF5 file", path);
     for (int i = 0; rc == MODAL_OK && matrices[i] != NULL; i++) {
         cJSON *matrix = NULL;
-        rc = take_matrix(file, matrices[i], &matrix, err);
+        rc = read_matrix(file, matrices[i], &matrix, err);
         if (rc == MODAL_OK && matrix != NULL && cJSON_HasObjectItem(structure, matrices[i])) {
             cJSON_Delete(matrix);
             rc = BAD_FILE("matrix %s stands in the scene and in the file", matrices[i]);

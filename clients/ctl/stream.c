@@ -51,7 +51,7 @@ static void set_window(modald_stream *s, struct live *live, size_t samples, size
 }
 
 /* A new estimate, if there is one, as one line. */
-static void say_estimate(modald_stream *s, struct live *live)
+static void print_estimate(modald_stream *s, struct live *live)
 {
     struct modald_estimate e;
     cJSON *line;
@@ -78,7 +78,7 @@ static void say_estimate(modald_stream *s, struct live *live)
     cJSON_Delete(line);
 }
 
-static void rest(double seconds)
+static void sleep_for(double seconds)
 {
     struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
 
@@ -92,8 +92,8 @@ static void keep_up(modald_stream *s, struct live *live, double most)
     struct modald_report r;
 
     for (modald_get_report(s, &r); r.waiting > most; modald_get_report(s, &r)) {
-        say_estimate(s, live);
-        rest(0.001);
+        print_estimate(s, live);
+        sleep_for(0.001);
     }
 }
 
@@ -107,8 +107,8 @@ static void push_all(modald_stream *s, const struct signals *in, const struct ar
         if ((k + 1) % block != 0)
             continue;
         keep_up(s, live, (double)(((size_t)2 << 20) / sizeof(double) / (in->channels + 2)));
-        say_estimate(s, live);
-        rest(args->rate > 0 ? (double)block / args->rate : 0);
+        print_estimate(s, live);
+        sleep_for(args->rate > 0 ? (double)block / args->rate : 0);
     }
 }
 
@@ -163,7 +163,7 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
         else {
             modald_push(*out, x);
             ++*samples;
-            say_estimate(*out, live);
+            print_estimate(*out, live);
         }
     }
     free(line);
@@ -183,19 +183,19 @@ static void finish(modald_stream *s, struct live *live, double samples, struct m
                       : -2;
 
     for (modald_get_report(s, r); r->waiting > 0 && link_now() < until; modald_get_report(s, r)) {
-        say_estimate(s, live);
-        rest(0.005);
+        print_estimate(s, live);
+        sleep_for(0.005);
     }
     for (heard = link_now();
          r->refused == 0 && live->sample < last && link_now() < fmin(until, heard + live_patience);
          sample = live->sample) {
-        say_estimate(s, live);
+        print_estimate(s, live);
         heard = live->sample > sample ? link_now() : heard;
-        rest(0.005);
+        sleep_for(0.005);
     }
 }
 
-static int say_end(modald_stream *s, struct live *live, size_t samples)
+static int print_end(modald_stream *s, struct live *live, size_t samples)
 {
     struct modald_report r;
     bool all;
@@ -293,7 +293,8 @@ int run_stream(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = strcmp(args->word[1], "-") == 0 ? push_stdin(args, name, &live, &s, &samples, &err)
                                              : push_file(args, name, &live, &s, &samples, &err);
-    status = rc == MODAL_OK ? say_end(s, &live, samples) : outcome_failure(args->json, &err, NULL);
+    status = rc == MODAL_OK ? print_end(s, &live, samples)
+                            : outcome_failure(args->json, &err, NULL);
     if (rc == MODAL_OK)
         modald_close(s);
     else

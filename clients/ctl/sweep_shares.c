@@ -103,7 +103,7 @@ static void grid_close(struct grid *g)
 }
 
 /* May the same be asked again later?  Then the time until later has passed. */
-static bool rested(enum modal_status rc, const cJSON *detail, double deadline)
+static bool waited(enum modal_status rc, const cJSON *detail, double deadline)
 {
     double s = fmin(fmax(field_number(detail, "retry_after_s", 0), 0.1), 5);
     struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
@@ -128,7 +128,7 @@ static enum modal_status submit_key(struct grid *g, const cJSON *options, const 
     for (;;) {
         rc = client_submit(g->link, &job, &in, NULL, remote_answer_by(g->deadline), doc, detail,
                            err);
-        if (rc == MODAL_OK || !rested(rc, *detail, g->deadline))
+        if (rc == MODAL_OK || !waited(rc, *detail, g->deadline))
             return rc;
         cJSON_Delete(*detail);
         *detail = NULL;
@@ -201,7 +201,7 @@ static void cancel_shares(struct grid *g)
 
 struct shown { int done, shares; };
 
-static void tell(void *context, const char *what, double fraction)
+static void print_progress(void *context, const char *what, double fraction)
 {
     struct shown *shown = context;
 
@@ -213,7 +213,7 @@ static void tell(void *context, const char *what, double fraction)
 static enum modal_status wait_share(struct grid *g, int i, cJSON **detail, struct modal_error *err)
 {
     struct shown shown = { i, g->shares };
-    struct client_progress progress = { tell, &shown };
+    struct client_progress progress = { print_progress, &shown };
     char job[160];
     cJSON *doc = NULL;
     enum modal_status rc;
@@ -281,7 +281,7 @@ static void append(const struct grid *g, cJSON *to, cJSON *from)
 }
 
 /* The result of share I into *WHOLE, which share 0's becomes. */
-static void take(struct grid *g, int i, cJSON **whole)
+static void add_share(struct grid *g, int i, cJSON **whole)
 {
     cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result"),
           *points = cJSON_DetachItemFromObjectCaseSensitive(result, "points");
@@ -327,7 +327,7 @@ enum modal_status sweep_remote(const struct input *input, const struct args *arg
     for (int i = 0; i < g.shares && rc == MODAL_OK; i++) {
         rc = wait_share(&g, i, detail, err);
         if (rc == MODAL_OK)
-            take(&g, i, &out->result);
+            add_share(&g, i, &out->result);
         else if (client_ended(g.docs[i]) && strcmp(field_word(g.docs[i], "state", ""), "done") != 0)
             cancel_shares(&g);
     }
@@ -388,7 +388,7 @@ static enum modal_status cancel_found(struct grid *g, cJSON **detail, struct mod
 }
 
 /* {"kind", "key", "points", "done": points of done shares, "jobs": queue documents} */
-static enum modal_status say(struct grid *g, struct modal_error *err)
+static enum modal_status print_shares(struct grid *g, struct modal_error *err)
 {
     cJSON *answer = cJSON_CreateObject(), *jobs;
     enum modal_status rc = MODAL_OK;
@@ -434,7 +434,7 @@ int sweep_submit(const struct args *args)
     if (rc == MODAL_OK)
         rc = args->cancel ? cancel_found(&g, &detail, &err) : submit_shares(&g, &detail, &err);
     if (rc == MODAL_OK)
-        rc = say(&g, &err);
+        rc = print_shares(&g, &err);
     status = rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     grid_close(&g);

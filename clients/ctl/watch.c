@@ -65,8 +65,8 @@ struct seen {
 static const double silence = 2;       /* s without a word until it is said what is waited for */
 
 /* Say one EVENT; `next` becomes the number to go on from. */
-static enum modal_status say(struct link_message *message, const struct args *args,
-                             struct seen *seen, struct modal_error *err)
+static enum modal_status write_event(struct link_message *message, const struct args *args,
+                                     struct seen *seen, struct modal_error *err)
 {
     static const char *const ends[] = { "done", "failed", "cancelled", "dead", "closed" };
     enum modal_status rc = MODAL_OK;
@@ -111,7 +111,7 @@ static enum modal_status follow(struct link *link, const struct args *args, stru
             break;
         seen->awaited = NULL;
         if (message.type == LINK_EVENT)
-            rc = say(&message, args, seen, err);
+            rc = write_event(&message, args, seen, err);
         link_message_done(&message);
     }
     return rc;

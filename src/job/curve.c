@@ -137,7 +137,7 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
     return rc == MODAL_OK && c->omega && c->count > 2 ? steady_reduce(c->s, err) : rc;
 }
 
-static void remember(struct curve *c, const struct steady_point *point)
+static void set_last(struct curve *c, const struct steady_point *point)
 {
     size_t size = (size_t)point->q * ((size_t)point->H + 1);
     double complex *copy = point->converged ? malloc((size + 1) * sizeof *copy) : NULL;
@@ -151,8 +151,8 @@ static void remember(struct curve *c, const struct steady_point *point)
     c->last_H = point->H;
 }
 
-static void tell(const struct curve *c, double fraction, double value,
-                 const struct steady_point *point, const struct stability *st)
+static void report_point(const struct curve *c, double fraction, double value,
+                         const struct steady_point *point, const struct stability *st)
 {
     cJSON *event;
 
@@ -195,7 +195,7 @@ static enum modal_status add_point(struct curve *c, double value, double fractio
     c->ffts += point->ffts;
     c->iterations += point->iterations;
     c->done++;
-    tell(c, fraction, value, point, st);
+    report_point(c, fraction, value, point, st);
     cost_stage(c->cost, "print");
     return MODAL_OK;
 }
@@ -242,7 +242,7 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
             rc = stability_of(c->s, &point, &st, err);
         cost_stage(c->cost, "solve");
         if (rc == MODAL_OK) {
-            remember(c, &point);
+            set_last(c, &point);
             rc = add_point(c, value, (i + 1.0) / c->count, &point, &st, err);
         }
         stability_done(&st);
@@ -398,7 +398,7 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
             pair_fold(c);
     }
     if (rc == MODAL_OK) {
-        remember(c, &point);
+        set_last(c, &point);
         stability_done(&c->before);
         c->before = st;
         st = (struct stability) { 0 };

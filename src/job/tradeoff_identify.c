@@ -133,8 +133,8 @@ static void truth_from_attribute(struct tradeoff_work *w)
     cJSON_Delete(own);
 }
 
-static enum modal_status take_reference(struct tradeoff_work *w, const struct identify_result *r,
-                                        struct modal_error *err)
+static enum modal_status set_reference(struct tradeoff_work *w, const struct identify_result *r,
+                                       struct modal_error *err)
 {
     w->bound = identify_error(r);
     if (w->given)
@@ -192,7 +192,7 @@ static void begins(void *context, int i)
 {
     const struct tradeoff_work *w = context;
 
-    tradeoff_tell(w->request, i, w->count);
+    tradeoff_report(w->request, i, w->count);
 }
 
 static bool stopped(void *context)
@@ -294,7 +294,7 @@ enum modal_status tradeoff_identify(const struct job_request *request, struct jo
     if (rc == MODAL_OK)
         rc = identify_ladder_answer(request, w.asked, &reference, err);
     if (rc == MODAL_OK)
-        rc = take_reference(&w, &reference, err);
+        rc = set_reference(&w, &reference, err);
     if (rc != MODAL_OK)
         goto out;
     cost_stage(&cost, "reference");

@@ -35,7 +35,7 @@ enum modal_status tradeoff_print(const char *of, cJSON *reference, cJSON **setti
     return MODAL_OK;
 }
 
-void tradeoff_tell(const struct job_request *request, int i, int rungs)
+void tradeoff_report(const struct job_request *request, int i, int rungs)
 {
     cJSON *event;
 

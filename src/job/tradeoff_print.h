@@ -16,7 +16,7 @@ enum modal_status tradeoff_print(const char *of, cJSON *reference, cJSON **setti
                                  cJSON **out, struct modal_error *err);
 
 /* Tell REQUEST's owner that rung I of RUNGS is about to run. */
-void tradeoff_tell(const struct job_request *request, int i, int rungs);
+void tradeoff_report(const struct job_request *request, int i, int rungs);
 
 /* Processor seconds of this process, all its threads: the clock of ladders. */
 double tradeoff_clock(void *context);

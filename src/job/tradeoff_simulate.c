@@ -142,7 +142,7 @@ static void begins(void *context, int i)
 {
     const struct work *w = context;
 
-    tradeoff_tell(w->request, i, w->count);
+    tradeoff_report(w->request, i, w->count);
 }
 
 static bool cancelled(void *context)

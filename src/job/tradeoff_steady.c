@@ -174,7 +174,7 @@ static void begins(void *context, int i)
 {
     const struct tradeoff *t = context;
 
-    tradeoff_tell(t->request, i, t->rungs);
+    tradeoff_report(t->request, i, t->rungs);
 }
 
 static bool was_cancelled(void *context)

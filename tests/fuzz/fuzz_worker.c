@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "broker/core/core.h"
+#include "broker/core/inputs.h"
 #include "broker/core/state.h"
 #include "base/crc32c.h"
 
@@ -379,7 +380,7 @@ static void end(void)
         w.tasks = t->next;
         task_free(t);
     }
-    while ((input = map_next(&w.core->inputs, &at)) != NULL)
+    while ((input = map_next(&w.core->inputs->all, &at)) != NULL)
         if (input->filling != NULL)
             input->filling->upload = NULL;          /* handles of a spool that is none */
     core_free(w.core);

@@ -1,16 +1,20 @@
 /*
  * alarms.c - rules over the modes of successive windows
  *
- * Windows overlap, so that what noise put into one is in its neighbours too.  A vibration counts once every window has shown it for as long as a window is: the
- * last of them shares no sample with the first.  Those of the first window count as there from the start; any other is a new mode the moment it
- * counts.  Modes are the same where their frequencies agree within 5 of their standard errors, or the window's resolution 1 / (window dt).
+ * Windows overlap, so that what noise put into one is in its neighbours too.  A vibration counts
+ * once every window has shown it for as long as a window is: the last of them shares no sample
+ * with the first.  Those of the first window count as there from the start; any other is a new
+ * mode the moment it counts.  Modes are the same where their frequencies agree within 5 of their
+ * standard errors, or the window's resolution 1 / (window dt).
  *
- *   damping_below  a mode that counts has zeta + SIGMAS std < limit; cleared where zeta - SIGMAS std > limit, or no window has shown it for a window's length
- *   growth         the verdict is unstable, which has its own error bars (verdict.c); cleared where it is stable, and kept where it is undecided
+ *   damping_below  a mode that counts has zeta + SIGMAS std < limit; cleared where
+ *                  zeta - SIGMAS std > limit, or no window has shown it for a window's length
+ *   growth         the verdict is unstable, which has its own error bars (verdict.c); cleared
+ *                  where it is stable, and kept where it is undecided
  *   new_mode       said once
  *
- * An edge is told, never a state again.  Windows without an answer change nothing; over a gap only what counts already is remembered, and nothing where a
- * window ends before the last one.
+ * An edge is told, never a state again.  Windows without an answer change nothing; over a gap only
+ * what counts already is remembered, and nothing where a window ends before the last one.
  */
 #include "broker/core/alarms.h"
 #include <math.h>
@@ -19,7 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { KNOWN_MOST = 256 };
+enum { KNOWN_MOST = 256 };    /* modes followed: more than any window of 1 MiB tells */
 static const double SIGMAS = 4, ALIKE = 5;
 
 struct known { double hz, std; uint64_t since, last; bool counts, native, low, seen; };
@@ -44,10 +48,12 @@ static enum modal_status read_rules(const cJSON *rules, struct alarms *a, struct
         rc = json_get_number(rules, "window.alarms", "damping_below", -1, 1, &a->limit, err);
     if (rc == MODAL_OK)
         rc = json_get_bool(rules, "window.alarms", "growth", &a->growth, err);
-    return rc == MODAL_OK ? json_get_bool(rules, "window.alarms", "new_mode", &a->new_mode, err) : rc;
+    return rc == MODAL_OK ? json_get_bool(rules, "window.alarms", "new_mode", &a->new_mode, err)
+                          : rc;
 }
 
-enum modal_status alarms_new(const cJSON *rules, double dt, uint64_t window, struct alarms **out, struct modal_error *err)
+enum modal_status alarms_new(const cJSON *rules, double dt, uint64_t window, struct alarms **out,
+                             struct modal_error *err)
 {
     struct alarms *a;
     enum modal_status rc;
@@ -60,7 +66,9 @@ enum modal_status alarms_new(const cJSON *rules, double dt, uint64_t window, str
         return modal_fail(err, MODAL_NO_MEMORY, "alarms: no memory");
     rc = read_rules(rules, a, err);
     if (rc == MODAL_OK && window == 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "window.alarms", "window.alarms without windows; accepted: beside `samples` or `periods`");
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, "window.alarms",
+            "window.alarms without windows; accepted: beside `samples` or `periods`");
     a->window = window;
     a->resolution_hz = 1 / (dt * (double)(window > 0 ? window : 1));
     if (rc == MODAL_OK && (!isnan(a->limit) || a->growth || a->new_mode))
@@ -108,7 +116,7 @@ static struct known *find(struct alarms *a, double hz, double std)
     return best;
 }
 
-static struct known *remember(struct alarms *a, uint64_t to)
+static struct known *add_known(struct alarms *a, uint64_t to)
 {
     if (a->count == KNOWN_MOST)
         return NULL;
@@ -141,14 +149,17 @@ static void tell(cJSON **edges, const char *rule, bool raised, double limit, con
     if (mode != NULL) {
         of = cJSON_AddObjectToObject(edge, "mode");
         for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
-            cJSON_AddItemToObject(of, parts[i], cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(mode, parts[i]), true));
+            cJSON_AddItemToObject(of, parts[i],
+                                  cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(mode, parts[i]),
+                                                  true));
     }
     if (*edges == NULL)
         *edges = cJSON_CreateArray();
     cJSON_AddItemToArray(*edges, edge);
 }
 
-static void judge_mode(struct alarms *a, struct known *k, uint64_t to, const cJSON *mode, cJSON **edges)
+static void judge_mode(struct alarms *a, struct known *k, uint64_t to, const cJSON *mode,
+                       cJSON **edges)
 {
     double zeta = number_of(mode, "damping_ratio"), bar = SIGMAS * std_of(mode, "damping_ratio");
 
@@ -171,7 +182,8 @@ static const cJSON *least_damped(const cJSON *modes)
     double most = -HUGE_VAL;
 
     cJSON_ArrayForEach(mode, modes) {
-        double re = cJSON_GetNumberValue(cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(mode, "exponent"), 0));
+        double re = cJSON_GetNumberValue(
+            cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(mode, "exponent"), 0));
         if (re > most)
             most = re, least = mode;
     }
@@ -180,12 +192,15 @@ static const cJSON *least_damped(const cJSON *modes)
 
 static void judge_growth(struct alarms *a, const cJSON *document, cJSON **edges)
 {
-    const cJSON *stable = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(document, "stability"), "stable");
+    const cJSON *stable =
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(document, "stability"),
+                                         "stable");
 
     if (!a->growth || !(a->grows ? cJSON_IsTrue(stable) : cJSON_IsFalse(stable)))
         return;
     a->grows = !a->grows;
-    tell(edges, "growth", a->grows, NAN, least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes")));
+    tell(edges, "growth", a->grows, NAN,
+         least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes")));
 }
 
 cJSON *alarms_judge(struct alarms *a, uint64_t from, uint64_t to, const cJSON *document)
@@ -195,13 +210,15 @@ cJSON *alarms_judge(struct alarms *a, uint64_t from, uint64_t to, const cJSON *d
 
     if (a == NULL || !cJSON_IsArray(modes))
         return NULL;
-    if (a->begun && to <= a->last_to)              /* what a full disk refused came again: other samples under the same numbers */
+    /* what a full disk refused came again: other samples under the same numbers */
+    if (a->begun && to <= a->last_to)
         alarms_reset(a);
     if (!a->begun)
         a->first_to = to;
     for (int i = 0; i < a->count; i++)
         a->known[i].seen = false;
-    if (a->begun && from > a->last_to + 1)         /* a gap, or windows left out: nothing says that it was there all the time */
+    /* a gap, or windows left out: nothing says that it was there all the time */
+    if (a->begun && from > a->last_to + 1)
         forget_unseen(a);
     a->begun = true, a->last_to = to;
     cJSON_ArrayForEach(mode, modes) {
@@ -211,7 +228,7 @@ cJSON *alarms_judge(struct alarms *a, uint64_t from, uint64_t to, const cJSON *d
             continue;                              /* a real exponent is no vibration */
         k = find(a, hz, std);
         if (k == NULL)
-            k = remember(a, to);
+            k = add_known(a, to);
         if (k == NULL)
             continue;
         k->hz = hz, k->std = std, k->last = to, k->seen = true;

@@ -1,38 +1,10 @@
 /* answer.c - actions, replies, errors and queue documents, as proto/PROTOCOL.md sections 3 and 5 */
-#include "base/log.h"
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-void core_act(struct core *c, struct action action)
-{
-    if (c->out.count == c->out.room) {
-        c->out.room = c->out.room ? 2 * c->out.room : 32;
-        c->out.items = regrab(c->out.items, c->out.room * sizeof *c->out.items);
-    }
-    c->out.items[c->out.count++] = action;
-}
-
-void core_log(struct core *c, const char *format, ...)
-{
-    va_list args;
-    char *line;
-
-    va_start(args, format);
-    line = log_vtext(format, args);
-    va_end(args);
-    if (line == NULL)
-        abort();
-    core_act(c, (struct action) { .type = ACT_LOG, .header = line });
-}
-
-void core_timer(struct core *c, int64_t when_ns, enum timer what, int64_t order, int64_t extra)
-{
-    if (!heap_push(&c->timers, (struct heap_item) { when_ns, order, (void *)(intptr_t)extra, what }))
-        abort();
-}
 
 void job_ident(const struct core *c, const struct job *job, char out[9])
 {
@@ -63,9 +35,10 @@ cJSON *answer_new(const struct reply *reply)
 
 static void answer_text(struct core *c, const struct reply *reply, char *text, struct blob *body)
 {
-    c->replies++;
-    c->bytes_out += (int64_t)(strlen(text) + (body == NULL ? 0 : body->size));
-    core_act(c, (struct action) { .type = ACT_SEND, .peer = reply->peer, .verb = "REPLY", .header = text, .body = body });
+    c->counts.replies++;
+    c->counts.bytes_out += (int64_t)(strlen(text) + (body == NULL ? 0 : body->size));
+    core_act(c, (struct action) {
+        .type = ACT_SEND, .peer = reply->peer, .verb = "REPLY", .header = text, .body = body });
 }
 
 void answer_send(struct core *c, const struct reply *reply, cJSON *header, struct blob *body)
@@ -79,7 +52,7 @@ void answer_send(struct core *c, const struct reply *reply, cJSON *header, struc
         answer_text(c, reply, text, body);
 }
 
-/* ---- many answers in one ---------------------------------------------------------------------------------------- */
+/* ---- many answers in one --------------------------------------------------------------------- */
 
 struct answers *answers_new(struct core *c, const struct reply *reply, int count)
 {
@@ -147,23 +120,27 @@ char *text_end(struct json_text *t)
     return t->x;
 }
 
-void answer_error(struct core *c, const struct reply *reply, const struct modal_error *err, cJSON *detail)
+void answer_error(struct core *c, const struct reply *reply, const struct modal_error *err,
+                  cJSON *detail)
 {
     if (reply->peer == 0) {
         cJSON_Delete(detail);
         return;
     }
-    c->rejects[err->status]++;
+    c->counts.rejects[err->status]++;
     if (reply->all != NULL) {
         put_part(c, reply, wire_error_part(err, detail));
         return;
     }
-    core_act(c, (struct action) { .type = ACT_SEND, .peer = reply->peer, .verb = "ERROR",
-                                  .header = wire_error_header(reply->id, wire_verb_name(reply->verb), err, detail) });
+    core_act(c, (struct action) { .type = ACT_SEND,
+                                 .peer = reply->peer,
+                                 .verb = "ERROR",
+                                 .header = wire_error_header(reply->id, wire_verb_name(reply->verb),
+                                                             err, detail) });
 }
 
-void answer_fail(struct core *c, const struct reply *reply, enum modal_status status, const char *field, cJSON *detail,
-                 const char *format, ...)
+void answer_fail(struct core *c, const struct reply *reply, enum modal_status status,
+                 const char *field, cJSON *detail, const char *format, ...)
 {
     struct modal_error err = { .status = status };
     va_list args;
@@ -175,15 +152,18 @@ void answer_fail(struct core *c, const struct reply *reply, enum modal_status st
     answer_error(c, reply, &err, detail);
 }
 
-/* A key whose job is gone.  Until that is committed a restart could bring the job back, so nothing is said yet. */
+/* A key whose job is gone.  Until that is committed a restart could bring the job back, so nothing
+ * is said yet. */
 bool answer_expired(struct core *c, const struct reply *reply, const struct tombstone *stone)
 {
     if (stone == NULL)
         return false;
     if (stone->committed)
-        answer_fail(c, reply, MODAL_EXPIRED, "key", NULL, "the job of this key is past its retention or was deleted; use a new key");
+        answer_fail(c, reply, MODAL_EXPIRED, "key", NULL,
+                    "the job of this key is past its retention or was deleted; use a new key");
     else
-        answer_fail(c, reply, MODAL_BUSY, "key", answer_number("retry_after_s", 0.05), "the job of this key is being deleted");
+        answer_fail(c, reply, MODAL_BUSY, "key", answer_number("retry_after_s", 0.05),
+                    "the job of this key is being deleted");
     return true;
 }
 
@@ -201,6 +181,8 @@ static void add_time(struct json_text *t, const char *key, int64_t utc_ns)
         json_text_number(t, key, (double)(utc_ns / 1000000) / 1000);
 }
 
+enum { COUNTED_MOST = 1000 };    /* ready jobs that a doc's position walks over */
+
 /* How many ready jobs of its user start before it; -1 beyond what is worth counting. */
 static int position_of(const struct job *job)
 {
@@ -208,10 +190,11 @@ static int position_of(const struct job *job)
     int ahead = 0;
     int64_t key = job->submitted_ns - job->priority * 60 * SECOND;
 
-    if (ready->count > 1000)
+    if (ready->count > COUNTED_MOST)
         return -1;
     for (size_t i = 0; i < ready->count; i++)
-        ahead += ready->items[i].key < key || (ready->items[i].key == key && ready->items[i].order < job->id);
+        ahead += ready->items[i].key < key
+                 || (ready->items[i].key == key && ready->items[i].order < job->id);
     return ahead;
 }
 
@@ -270,7 +253,8 @@ void doc_write(const struct core *c, struct json_text *t, const struct job *job,
 }
 
 /* Written without a tree: the answer that is given most often. */
-void answer_doc(struct core *c, const struct reply *reply, const struct job *job, int duplicate, struct blob *body)
+void answer_doc(struct core *c, const struct reply *reply, const struct job *job, int duplicate,
+                struct blob *body)
 {
     struct json_text t = { 0 };
 

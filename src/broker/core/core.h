@@ -1,8 +1,10 @@
-/* core.h - the broker as a state machine: step(state, event, now) -> actions; it knows no socket, clock or disk
+/* core.h - the broker as a state machine: step(state, event, now) -> actions
  *
- * Around it stand a loop with sockets, a ledger thread, spool threads and worker processes (daemon.c); in the tests, a
- * simulator.  What the core decides about a job it decides at once and in one order; what it says about a job is only
- * what the ledger has committed.  Running out of memory ends the process: a restart loses nothing.
+ * It knows no socket, clock or disk.  Around it stand a loop with sockets, a ledger thread, spool
+ * threads and worker processes
+ * (loop.c); in the tests, a simulator.  What the core decides about a job it decides at once and
+ * in one order; what it says about a job is only what the ledger has committed.  Running out of
+ * memory ends the process: a restart loses nothing.
  */
 #ifndef BROKER_CORE_H
 #define BROKER_CORE_H
@@ -19,11 +21,17 @@ struct moment {
 };
 
 /* Of disk, kept for results and edges, and for edges and deletes, when it is full. */
-enum { RESERVE_BYTES = 16 << 20, RESERVE_LAST = 4 << 20 };
+enum {
+    RESERVE_BYTES = 16 << 20,     /* as large as the log may become, told in PROTOCOL.md, P8 */
+    RESERVE_LAST = 4 << 20,       /* rows of some 8,000 cancels */
+};
 
-/* ---- what it is told: settings --------------------------------------------------------------------------------- */
+/* ---- what it is told: settings --------------------------------------------------------------- */
 
-enum { NAME_MOST = 64, KEY_TEXT = 41 };
+enum {
+    NAME_MOST = 64,               /* of a user, with its end */
+    KEY_TEXT = 41,                /* Z85 of 32 bytes, and its end */
+};
 
 /* The limits of a user; 0 is "no limit". */
 struct allowance {
@@ -48,7 +56,8 @@ struct settings {
     size_t account_count;
     int workers;
     int cores;                    /* of the machine, that jobs may use */
-    int64_t worker_jobs;          /* after so many a worker's process is replaced by a fresh one; 0: never */
+    /* after so many a worker's process is replaced by a fresh one; 0: never */
+    int64_t worker_jobs;
     int64_t queue_jobs;           /* queued jobs at most */
     int64_t input_bytes;          /* an input at most */
     int64_t window_bytes;         /* of chunks in memory, all uploads together */
@@ -59,18 +68,21 @@ struct settings {
     uint64_t secret;              /* mixes identifiers */
 };
 
-/* ---- what it asks for ------------------------------------------------------------------------------------------ */
+/* ---- what it asks for ------------------------------------------------------------------------ */
 
-/* Changes to commit together, in order; `after` is the core's.  All text is owned by the transaction. */
+/* Changes to commit together, in order; `after` is the core's.  All text is owned by
+ * the transaction. */
 struct transaction {
     struct ledger_change *changes;
     size_t count, room;
     struct arena *arena;
     struct after *after, **after_end;
     struct blob *keep[4];         /* bodies the changes point into */
-    enum { MUST_PASS, LAST_REFUSED, FIRST_REFUSED } refusable;   /* on a full disk FIRST come back with MODAL_STORAGE_FULL at
-                                     once, LAST when the reserve is used up too; all others wait until they pass */
-    atomic_bool *fence;           /* set when one with it is refused: those behind it are refused too; NULL: none */
+    /* on a full disk FIRST come back with MODAL_STORAGE_FULL at once, LAST when the reserve is
+     * used up too; all others wait until they pass */
+    enum { MUST_PASS, LAST_REFUSED, FIRST_REFUSED } refusable;
+    /* set when one with it is refused: those behind it are refused too; NULL: none */
+    atomic_bool *fence;
     enum modal_status status;     /* out */
     int64_t took_ns;              /* out, of the first of a group: its commit took so long ... */
     int64_t group;                /* ... and it was so large; of the others 0 */
@@ -81,20 +93,24 @@ struct transaction {
 enum task_type {
     TASK_BEGIN, TASK_RESUME, TASK_WRITE, TASK_SEAL, TASK_CLOSE,   /* on an upload, one at a time */
     TASK_REMOVE_INPUT,
-    TASK_STREAM_SEAL,                     /* the samples of an epoch into one batch: begin, write, sync, seal */
+    /* the samples of an epoch into one batch: begin, write, sync, seal */
+    TASK_STREAM_SEAL,
     TASK_SAMPLES_COMPARE,                 /* samples of an epoch with those of a chunk */
     TASK_REMOVE_SAMPLES,
     TASK_ROOM,                            /* how much of the disk is free */
-    TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT, TASK_READ_SPOOL, TASK_READ_EVENTS,
+    TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT,
+    TASK_READ_SPOOL, TASK_READ_EVENTS,
     TASK_OPEN_INPUT,                      /* of a job that starts, for its worker */
 };
 
 struct task {
     enum task_type type;
     int64_t id;                           /* input, job or stream */
-    struct input_shape shape;             /* BEGIN, RESUME: borrowed from the input, which outlives the task */
+    /* BEGIN, RESUME: borrowed from the input, which outlives the task */
+    struct input_shape shape;
     struct upload *upload;                /* in and out of the spool functions */
-    struct blob *chunks[64]; int count;   /* WRITE: in order, from `offset` on; SAMPLES_COMPARE: one */
+    /* WRITE: in order, from `offset` on; SAMPLES_COMPARE: one */
+    struct blob *chunks[64]; int count;
     /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most; BEGIN, SEAL: out */
     uint64_t offset, length;
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
@@ -105,7 +121,12 @@ struct task {
     uint8_t sha256[32];                   /* SEAL: out */
     uint32_t crc;                         /* SEAL, STREAM_SEAL: out; READ_SPOOL: in */
     struct result_record record;          /* RESULT_PUT: out */
-    struct event_row { int64_t number, ns, job; char *user, *topic, *text; } *events; int event_count;   /* READ_EVENTS: out; freed with the task */
+    /* READ_EVENTS: out; freed with the task */
+    struct event_row {
+        int64_t number, ns, job;
+        char *user, *topic, *text;
+    } *events;
+    int event_count;
     int64_t stream; uint64_t epoch;       /* STREAM_SEAL, SAMPLES_COMPARE: in */
     uint64_t missing;                     /* STREAM_SEAL: bytes of its gaps, in */
     /* STREAM_SEAL, between two slices: bytes of the batch, offset of what comes next */
@@ -115,7 +136,8 @@ struct task {
     uint64_t begin;
     /* STREAM_SEAL, READ_SPOOL: out, of its parts; none where the ledger has them */
     struct sums sums;
-    bool differs;                         /* SAMPLES_COMPARE: out: samples that are there are not those of the chunk */
+    /* SAMPLES_COMPARE: out: samples that are there are not those of the chunk */
+    bool differs;
     int descriptor;                       /* OPEN_INPUT: out */
     enum modal_status status;             /* out */
     int64_t took_ns;                      /* out */
@@ -151,7 +173,7 @@ struct action {
 
 struct actions { struct action *items; size_t count, room; };
 
-/* ---- what happens to it ---------------------------------------------------------------------------------------- */
+/* ---- what happens to it ---------------------------------------------------------------------- */
 
 enum event_type {
     EVENT_REQUEST,      /* peer, key, message or fault, body */
@@ -161,7 +183,8 @@ enum event_type {
     EVENT_WORKER,       /* slot, message and body, or fault */
     EVENT_EXIT,         /* slot, status as wait(2) gives it, stderr_text */
     EVENT_TIME,         /* nothing but that time passed */
-    EVENT_REST,         /* nothing was asked or committed for a while: what the ledger has too may leave memory */
+    /* nothing was asked or committed for a while: what the ledger has too may leave memory */
+    EVENT_REST,
     EVENT_SETTINGS,     /* settings */
     EVENT_TERMINATE,    /* finish what runs, then stop */
 };
@@ -181,14 +204,19 @@ struct event {
     const struct settings *settings;
 };
 
+/* The state before any row is loaded; SETTINGS are copied.  core_free frees it. */
 struct core *core_new(const struct settings *settings, struct moment now);
+/* All that it holds; actions are carried out, or lost, before.  It must not be NULL. */
 void core_free(struct core *core);
 
-/* Take over the rows of a ledger before the first step, by ledger_load with this visitor; then core_loaded. */
+/* Take over the rows of a ledger before the first step, by ledger_load with this visitor;
+ * then core_loaded. */
 void core_visitor(struct core *core, struct ledger_visitor *out);
-/* Whether the rows have a use for this file of the data folder; asked between loading and core_loaded. */
+/* Whether the rows have a use for this file of the data folder; asked between loading
+ * and core_loaded. */
 bool core_has_file(const struct core *core, enum spool_file what, int64_t id);
-struct actions *core_loaded(struct core *core, struct moment now);     /* as core_step's */
+/* All rows are loaded: what follows from them, as core_step has it. */
+struct actions *core_loaded(struct core *core, struct moment now);
 
 /* The actions are the core's until the next call; what they point to is the caller's. */
 struct actions *core_step(struct core *core, const struct event *event, struct moment now);
@@ -202,9 +230,16 @@ void core_connections(struct core *core, int64_t open, int64_t refused, int64_t 
 int64_t core_next_ns(const struct core *core);
 
 /* For the watchdog and the tests. */
-struct core_counts { int64_t states[JOB_STATE_COUNT]; int64_t busy_workers, uncommitted, tasks; bool draining; };
+struct core_counts {
+    int64_t states[JOB_STATE_COUNT];
+    int64_t busy_workers, uncommitted, tasks;
+    bool draining;
+};
+/* The counts now, into OUT. */
 void core_count(const struct core *core, struct core_counts *out);
 
+/* With all its texts and what was to follow; accepts NULL. */
 void transaction_free(struct transaction *transaction);
+/* With all it brought; its upload stays.  Accepts NULL. */
 void task_free(struct task *task);
 #endif

@@ -1,5 +1,5 @@
 /* index.c - jobs by their number */
-#include "broker/core/state.h"
+#include "broker/core/jobs.h"
 
 static bool has_id(const void *value, const void *key)
 {
@@ -8,5 +8,5 @@ static bool has_id(const void *value, const void *key)
 
 struct job *job_by_id(const struct core *c, int64_t id)
 {
-    return map_find(&c->jobs, map_hash_number((uint64_t)id), has_id, &id);
+    return map_find(&c->jobs->all, map_hash_number((uint64_t)id), has_id, &id);
 }

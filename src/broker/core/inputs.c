@@ -1,27 +1,29 @@
 /* inputs.c - sealed inputs: one record for each user and content, kept while a job names it */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { CACHE_BYTES = 4 << 20 };              /* inline inputs of waiting jobs kept in memory */
+enum { CACHE_BYTES = 4 << 20 };    /* inline inputs in memory: 64 of the largest */
 
-/* The identity's view of a description; *NAMES is the caller's to free, NULL where there are none. */
-enum modal_status input_shape_of(const struct wire_input *w, struct input_shape *shape, const char ***names)
+/* The identity's view of a description; *NAMES is the caller's to free, NULL where there
+ * are none. */
+void input_shape_of(const struct wire_input *w, struct input_shape *shape, const char ***names)
 {
     const cJSON *name;
     size_t count = 0;
 
     *names = NULL;
-    *shape = (struct input_shape) { .type = w->content == WIRE_BATCH ? INPUT_BATCH : INPUT_SCENE, .samples = w->samples,
-        .channels = w->channels, .length = w->content == WIRE_SCENE ? w->bytes : 0, .dt = w->dt, .period = w->period, .units = w->units };
+    *shape = (struct input_shape) {
+        .type = w->content == WIRE_BATCH ? INPUT_BATCH : INPUT_SCENE, .samples = w->samples,
+        .channels = w->channels, .length = w->content == WIRE_SCENE ? w->bytes : 0, .dt = w->dt,
+        .period = w->period, .units = w->units };
     if (w->names == NULL)
-        return MODAL_OK;
+        return;
     *names = grab(w->channels * sizeof **names);
     cJSON_ArrayForEach(name, w->names)
         (*names)[count++] = name->valuestring;
     shape->names = *names;
-    return MODAL_OK;
 }
 
 static bool has_id(const void *value, const void *key)
@@ -31,7 +33,7 @@ static bool has_id(const void *value, const void *key)
 
 struct input *input_by_id(const struct core *c, int64_t id)
 {
-    return map_find(&c->inputs, map_hash_number((uint64_t)id), has_id, &id);
+    return map_find(&c->inputs->all, map_hash_number((uint64_t)id), has_id, &id);
 }
 
 /* Copies of the texts that SHAPE borrows, so that the input owns them. */
@@ -56,7 +58,8 @@ static void own_texts(struct input *input, const struct input_shape *shape)
     }
 }
 
-static struct input *input_make(struct core *c, struct user *user, const struct input_shape *shape, int64_t id)
+static struct input *input_make(struct core *c, struct user *user, const struct input_shape *shape,
+                                int64_t id)
 {
     struct input *input = region_grab(&c->region, sizeof *input);
 
@@ -66,7 +69,7 @@ static struct input *input_make(struct core *c, struct user *user, const struct 
     own_texts(input, shape);
     input->bytes = input_bytes(shape);
     user->bytes += (int64_t)input->bytes;
-    if (!map_put(&c->inputs, map_hash_number((uint64_t)id), input))
+    if (!map_put(&c->inputs->all, map_hash_number((uint64_t)id), input))
         abort();
     return input;
 }
@@ -103,11 +106,12 @@ struct input *input_load(struct core *c, const struct input_record *r)
     return input;
 }
 
-/* ---- what makes two inputs the same ----------------------------------------------------------------------------- */
+/* ---- what makes two inputs the same ---------------------------------------------------------- */
 
 /*
- * An answer shows its input's attributes as provenance, and `tradeoff` reads the truth there, so inputs that differ only in
- * them are two: content = SHA-256(sha256, attributes by name), or sha256 itself where there are none.
+ * An answer shows its input's attributes as provenance, and `tradeoff` reads the truth there, so
+ * inputs that differ only in them are two: content = SHA-256(sha256, attributes by name), or
+ * sha256 itself where there are none.
  */
 void input_content(const uint8_t sha256[32], const cJSON *attributes, uint8_t content[32])
 {
@@ -157,7 +161,8 @@ struct input *input_of_identity(const struct user *user, const uint8_t sha256[32
 }
 
 /* In the table INPUT takes the place of OLD; either may be NULL. */
-static void replace_youngest(struct map *table, const uint8_t sha256[32], const struct input *old, struct input *input)
+static void replace_youngest(struct map *table, const uint8_t sha256[32], const struct input *old,
+                             struct input *input)
 {
     if (old != NULL)
         map_remove(table, map_hash(sha256, 32), old);
@@ -165,7 +170,8 @@ static void replace_youngest(struct map *table, const uint8_t sha256[32], const 
         abort();
 }
 
-/* Inputs of one identity are a list from the youngest on, which is in the table; seldom is another one's place here. */
+/* Inputs of one identity are a list from the youngest on, which is in the table; seldom is another
+ * one's place here. */
 static void join_identity(struct input *input)
 {
     struct input *next = input_of_identity(input->user, input->sha256), *before = NULL;
@@ -216,9 +222,10 @@ static void unindex(struct input *input)
 
 void input_record_fill(const struct input *input, struct transaction *t, struct input_record *out)
 {
-    *out = (struct input_record) { .id = input->id, .user = transaction_text(t, input->user->name), .shape = input->shape,
-        .state = input->state, .crc = input->crc, .inline_data = input->inline_data, .offset = input->offset,
-        .created_ns = input->created_ns, .used_ns = input->used_ns };
+    *out = (struct input_record) {
+        .id = input->id, .user = transaction_text(t, input->user->name), .shape = input->shape,
+        .state = input->state, .crc = input->crc, .inline_data = input->inline_data,
+        .offset = input->offset, .created_ns = input->created_ns, .used_ns = input->used_ns };
     memcpy(out->sha256, input->sha256, 32);
     if (input->inline_data && input->data != NULL) {
         out->data = input->data->data;
@@ -256,19 +263,19 @@ void input_cache(struct core *c, struct input *input, struct blob *data)
     if (input->data == data)
         return;
     if (input->data != NULL)
-        c->cache_bytes -= (int64_t)input->data->size;
+        c->inputs->cache_bytes -= (int64_t)input->data->size;
     blob_drop(input->data);
     input->data = NULL;
     if (data != NULL) {
         input->data = blob_share(data);
-        c->cache_bytes += (int64_t)data->size;
+        c->inputs->cache_bytes += (int64_t)data->size;
     }
 }
 
 /* Once its row is committed, the data may leave memory. */
 void input_trim(struct core *c, struct input *input)
 {
-    if (input->committed && c->cache_bytes > CACHE_BYTES)
+    if (input->committed && c->inputs->cache_bytes > CACHE_BYTES)
         input_cache(c, input, NULL);
 }
 
@@ -284,7 +291,7 @@ void input_forget(struct core *c, struct input *input)
 {
     input_cache(c, input, NULL);
     unindex(input);
-    map_remove(&c->inputs, map_hash_number((uint64_t)input->id), input);
+    map_remove(&c->inputs->all, map_hash_number((uint64_t)input->id), input);
     input->user->bytes -= (int64_t)input->bytes;
     filling_free(input->filling);
     free((void *)(uintptr_t)input->shape.names);
@@ -313,7 +320,7 @@ void input_remove(struct core *c, struct input *input)
     core_commit(c, t);
 }
 
-/* ---- while it is open ------------------------------------------------------------------------------------------- */
+/* ---- while it is open ------------------------------------------------------------------------ */
 
 struct filling *filling_new(int64_t touched_ns)
 {
@@ -345,8 +352,100 @@ void inputs_retain(struct core *c)
     struct input *input;
     size_t at = 0;
 
-    while ((input = map_next(&c->inputs, &at)) != NULL)
+    while ((input = map_next(&c->inputs->all, &at)) != NULL)
         if (input->state == INPUT_SEALED && input->jobs == 0 && input->used_ns < before_ns
             && input->committed)
             input_remove(c, input);
+}
+
+void inputs_drop_cached(struct core *c)
+{
+    struct input *input;
+    size_t at = 0;
+
+    while (c->inputs->cache_bytes > 0 && (input = map_next(&c->inputs->all, &at)) != NULL)
+        if (input->committed)
+            input_cache(c, input, NULL);
+}
+
+/* ---- for the worker of a job ----------------------------------------------------------------- */
+
+void input_describe_run(const struct core *c, const struct input *input, cJSON *object)
+{
+    char hex[65], path[4096];
+
+    input_describe(input, object);
+    sha256_hex(input->sha256, hex);
+    cJSON_AddStringToObject(object, "sha256", hex);
+    if (input->inline_data)
+        return;
+    spool_path(path, c->settings.dir, input->id);
+    cJSON_AddStringToObject(object, "file", path);
+    cJSON_AddNumberToObject(object, "offset", (double)input->offset);
+    cJSON_AddNumberToObject(object, "crc32c", (double)input->crc);
+}
+
+struct blob *input_at_hand(const struct input *input)
+{
+    return input->inline_data ? input->data : NULL;
+}
+
+void input_begun(struct core *c, struct input *input)
+{
+    if (input->jobs <= 1)
+        input_cache(c, input, NULL);               /* no other job waits for it */
+    input_trim(c, input);
+}
+
+struct task *input_fetch(const struct input *input)
+{
+    struct task *task = task_new(input->inline_data ? TASK_READ_INPUT : TASK_OPEN_INPUT, input->id);
+
+    task->length = WIRE_INLINE_MOST;
+    task->descriptor = -1;
+    return task;
+}
+
+const uint8_t *input_sha256(const struct input *input)
+{
+    return input->sha256;
+}
+
+/* ---- the table ------------------------------------------------------------------------------- */
+
+int64_t inputs_in_flight(const struct core *c)
+{
+    return c->inputs->in_flight;
+}
+
+int64_t input_number(struct core *c)
+{
+    return c->inputs->next_input++;
+}
+
+void input_number_past(struct core *c, int64_t id)
+{
+    if (id >= c->inputs->next_input)
+        c->inputs->next_input = id + 1;
+}
+
+void inputs_init(struct core *c)
+{
+    c->inputs = grab(sizeof *c->inputs);
+    c->inputs->next_input = 1;
+}
+
+void inputs_done(struct core *c)
+{
+    struct input *input;
+    size_t at = 0;
+
+    while ((input = map_next(&c->inputs->all, &at)) != NULL) {
+        if (input->filling != NULL)
+            upload_close(input->filling->upload);
+        input_forget(c, input);
+    }
+    map_done(&c->inputs->all);
+    after_free(c->inputs->outputs);
+    free(c->inputs);
 }

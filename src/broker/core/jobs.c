@@ -1,15 +1,20 @@
 /*
  * jobs.c - the one place where jobs move, and where they come from and go to
  *
- * A move is decided in memory at once, in one order, and shown once the ledger has it.  So the first decision wins, and
- * since the ledger applies them in the same order, the first committed edge does.
+ * A move is decided in memory at once, in one order, and shown once the ledger has it.  So the
+ * first decision wins, and since the ledger applies them in the same order, the first committed
+ * edge does.
  */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { RETAINED_A_STEP = 1000, RETAIN_PAUSE_NS = 20 * 1000 * 1000 };    /* so 50,000 a second: more than can be submitted */
+enum {
+    RETAINED_A_STEP = 1000,                   /* jobs that go in a step, which stays short */
+    RETAIN_PAUSE_NS = 20 * 1000 * 1000,       /* so 50,000 a second: more than can be submitted */
+};
 
 static bool has_key(const void *value, const void *key)
 {
@@ -19,8 +24,9 @@ static bool has_key(const void *value, const void *key)
 /* By key also one whose row is not committed yet: only SUBMIT may see it. */
 struct job *job_find(const struct core *c, struct user *user, const struct wire_job *ref)
 {
-    struct job *job = ref->key != NULL ? map_find(&user->keys, map_hash_text(ref->key), has_key, ref->key)
-                                       : job_by_id(c, ident_number(c->settings.secret, ref->id));
+    struct job *job = ref->key != NULL
+                          ? map_find(&user->keys, map_hash_text(ref->key), has_key, ref->key)
+                          : job_by_id(c, ident_number(c->settings.secret, ref->id));
 
     return job == NULL || job->user != user || job->deleting || job->hidden ? NULL : job;
 }
@@ -38,13 +44,13 @@ struct job *job_new(struct core *c, struct user *user, int64_t id)
 
 void job_index(struct core *c, struct job *job)
 {
-    if (!map_put(&c->jobs, map_hash_number((uint64_t)job->id), job)
+    if (!map_put(&c->jobs->all, map_hash_number((uint64_t)job->id), job)
         || (job->key != NULL && !map_put(&job->user->keys, map_hash_text(job->key), job)))
         abort();
     user_add_job(job->user, job);
 }
 
-/* ---- results that may answer again ------------------------------------------------------------------------------ */
+/* ---- results that may answer again ----------------------------------------------------------- */
 
 struct cache_key { const struct user *user; const uint8_t *content, *settings; };
 
@@ -58,39 +64,43 @@ static bool has_result(const void *value, const void *key)
     const struct job *job = value;
     const struct cache_key *k = key;
 
-    return job->user == k->user && memcmp(job->input->content, k->content, 32) == 0 && memcmp(job->settings, k->settings, 32) == 0;
+    return job->user == k->user && memcmp(job->input->content, k->content, 32) == 0
+        && memcmp(job->settings, k->settings, 32) == 0;
 }
 
-struct job *job_cached(struct core *c, struct user *user, const uint8_t content[32], const uint8_t settings[32])
+struct job *job_cached(struct core *c, struct user *user, const uint8_t content[32],
+                       const uint8_t settings[32])
 {
     struct cache_key key = { user, content, settings };
 
-    return map_find(&c->results, cache_hash(content, settings), has_result, &key);
+    return map_find(&c->jobs->results, cache_hash(content, settings), has_result, &key);
 }
 
 void job_index_result(struct core *c, struct job *job)
 {
-    if (job->indexed || job->input == NULL || job_cached(c, job->user, job->input->content, job->settings) != NULL)
+    if (job->indexed || job->input == NULL
+        || job_cached(c, job->user, job->input->content, job->settings) != NULL)
         return;
     job->indexed = true;
-    if (!map_put(&c->results, cache_hash(job->input->content, job->settings), job))
+    if (!map_put(&c->jobs->results, cache_hash(job->input->content, job->settings), job))
         abort();
 }
 
-void job_unindex(struct core *c, struct job *job)
+static void job_unindex(struct core *c, struct job *job)
 {
     if (job->indexed)
-        map_remove(&c->results, cache_hash(job->input->content, job->settings), job);
+        map_remove(&c->jobs->results, cache_hash(job->input->content, job->settings), job);
     job->indexed = false;
 }
 
-/* ---- moves ------------------------------------------------------------------------------------------------------ */
+/* ---- moves ----------------------------------------------------------------------------------- */
 
 struct failure *failure_new(const struct modal_error *err, cJSON *detail)
 {
     struct failure *f = grab(sizeof *f);
 
-    f->status = err->status == MODAL_BUSY ? MODAL_IO : err->status;     /* no descriptor was left: to a job that is an error of input or output */
+    /* no descriptor was left: to a job that is an error of input or output */
+    f->status = err->status == MODAL_BUSY ? MODAL_IO : err->status;
     f->message = grab_text(err->message);
     f->field = err->field[0] != 0 ? grab_text(err->field) : NULL;
     f->detail = detail == NULL ? NULL : json_print(detail);
@@ -113,9 +123,11 @@ static void move_row(struct transaction *t, const struct job *job)
     const struct failure *f = job->failure;
     struct ledger_change *change = transaction_add(t, LEDGER_JOB_MOVE);
 
-    change->job = (struct job_record) { .id = job->id, .state = job->state, .attempts = job->attempts, .crashes = job->crashes,
-        .submitted_ns = job->submitted_ns, .started_ns = job->started_ns, .finished_ns = job->finished_ns, .cpu_ns = job->cpu_ns,
-        .result_bytes = job->result_bytes, .output = job->output == NULL ? 0 : job->output->id, .cached = job->cached };
+    change->job = (struct job_record) {
+        .id = job->id, .state = job->state, .attempts = job->attempts, .crashes = job->crashes,
+        .submitted_ns = job->submitted_ns, .started_ns = job->started_ns,
+        .finished_ns = job->finished_ns, .cpu_ns = job->cpu_ns, .result_bytes = job->result_bytes,
+        .output = job->output == NULL ? 0 : job->output->id, .cached = job->cached };
     if (f == NULL)
         return;
     change->job.error_code = modal_status_code(f->status);
@@ -126,7 +138,8 @@ static void move_row(struct transaction *t, const struct job *job)
 }
 
 /* The numbered event of an edge, committed with it. */
-void job_event(struct core *c, struct job *job, struct transaction *t, const struct failure *failure, enum job_state to)
+void job_event(struct core *c, struct job *job, struct transaction *t,
+               const struct failure *failure, enum job_state to)
 {
     struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
     struct json_text text = { 0 };
@@ -154,14 +167,16 @@ void job_event(struct core *c, struct job *job, struct transaction *t, const str
     after->ns = c->now.utc_ns;
     after->job = job;
     after->to = to;
-    change->event = (struct event_record) { .number = c->next_event++, .ns = c->now.utc_ns, .job = job->id,
-        .user = transaction_text(t, job->user->name), .topic = "job", .text = transaction_text(t, after->text) };
+    change->event = (struct event_record) {
+        .number = c->next_event++, .ns = c->now.utc_ns, .job = job->id,
+        .user = transaction_text(t, job->user->name), .topic = "job",
+        .text = transaction_text(t, after->text) };
 }
 
 static void count_move(struct core *c, struct job *job, enum job_state to)
 {
-    c->state_counts[job->state]--;
-    c->state_counts[to]++;
+    c->jobs->state_counts[job->state]--;
+    c->jobs->state_counts[to]++;
     job->user->queued += (to == JOB_QUEUED) - (job->state == JOB_QUEUED);
     job->user->running += (to == JOB_RUNNING) - (job->state == JOB_RUNNING);
 }
@@ -198,7 +213,8 @@ void job_move(struct core *c, struct job *job, enum job_state to, struct transac
     core_commit(c, t);
 }
 
-void job_fail(struct core *c, struct job *job, enum job_state to, const struct modal_error *err, cJSON *detail)
+void job_fail(struct core *c, struct job *job, enum job_state to, const struct modal_error *err,
+              cJSON *detail)
 {
     failure_free(job->failure);
     job->failure = failure_new(err, detail);
@@ -208,19 +224,21 @@ void job_fail(struct core *c, struct job *job, enum job_state to, const struct m
 /* Remember the order of ending, for retention. */
 void job_note_end(struct core *c, struct job *job)
 {
-    if (c->ended_count == c->ended_room) {
-        size_t keep = c->ended_count - c->ended_first;
-        if (c->ended_first > keep)
-            memmove(c->ended, c->ended + c->ended_first, keep * sizeof *c->ended);
+    if (c->jobs->ended_count == c->jobs->ended_room) {
+        size_t keep = c->jobs->ended_count - c->jobs->ended_first;
+        if (c->jobs->ended_first > keep)
+            memmove(c->jobs->ended, c->jobs->ended + c->jobs->ended_first,
+                    keep * sizeof *c->jobs->ended);
         else {
-            c->ended_room = c->ended_room ? 2 * c->ended_room : 256;
-            c->ended = regrab(c->ended, c->ended_room * sizeof *c->ended);
-            memmove(c->ended, c->ended + c->ended_first, keep * sizeof *c->ended);
+            c->jobs->ended_room = c->jobs->ended_room ? 2 * c->jobs->ended_room : 256;
+            c->jobs->ended = regrab(c->jobs->ended, c->jobs->ended_room * sizeof *c->jobs->ended);
+            memmove(c->jobs->ended, c->jobs->ended + c->jobs->ended_first,
+                    keep * sizeof *c->jobs->ended);
         }
-        c->ended_first = 0;
-        c->ended_count = keep;
+        c->jobs->ended_first = 0;
+        c->jobs->ended_count = keep;
     }
-    c->ended[c->ended_count++] = job->id;
+    c->jobs->ended[c->jobs->ended_count++] = job->id;
 }
 
 /* The line that is written most often: put together, not formatted. */
@@ -228,8 +246,10 @@ void job_log_edge(struct core *c, const struct job *job, const char *from, enum 
 {
     const bool failed = job_state_final(to) && job->failure != NULL;
     char ident[9], attempts[16];
-    const char *const parts[] = { "level=info event=edge job=", ident, " user=", job->user->name, " kind=", job->kind, " from=", from, " to=", job_states[to],
-                                  " attempts=", attempts, failed ? " code=" : "", failed ? modal_status_code(job->failure->status) : "" };
+    const char *const parts[] = {
+        "level=info event=edge job=", ident, " user=", job->user->name, " kind=", job->kind,
+        " from=", from, " to=", job_states[to], " attempts=", attempts, failed ? " code=" : "",
+        failed ? modal_status_code(job->failure->status) : "" };
     enum { PARTS = sizeof parts / sizeof *parts };
     size_t lengths[PARTS], length = 1;
     char *line, *end;
@@ -252,7 +272,7 @@ void job_shown(struct core *c, const struct after *after)
     job->shown_attempts = after->attempts;
     job_log_edge(c, job, job_states[after->from], after->to);
     if (job->shown == JOB_DONE && !job->cached) {
-        c->result_total += (int64_t)job->result_bytes;
+        c->jobs->result_total += (int64_t)job->result_bytes;
         job->user->bytes += (int64_t)job->result_bytes;
         job_index_result(c, job);
     }
@@ -283,7 +303,10 @@ void job_enqueue(struct core *c, struct job *job)
     if (job->ready || job->state != JOB_QUEUED)
         return;
     job->ready = true;
-    if (!heap_push(&job->user->ready, (struct heap_item) { .key = job->submitted_ns - job->priority * 60 * SECOND, .order = job->id }))
+    if (!heap_push(&job->user->ready,
+                   (struct heap_item) {
+                       .key = job->submitted_ns - job->priority * 60 * SECOND,
+                       .order = job->id }))
         abort();
 }
 
@@ -303,13 +326,14 @@ void job_expired(struct core *c, int64_t id, enum timer what, int64_t extra)
         job_fail(c, job, JOB_FAILED, &err, NULL);
         return;
     }
-    if (job->state != JOB_RUNNING || job->ending != ENDING_NONE || (what == TIMER_RUN_LIMIT && job->attempts != extra))
+    if (job->state != JOB_RUNNING || job->ending != ENDING_NONE
+        || (what == TIMER_RUN_LIMIT && job->attempts != extra))
         return;
     job->ending = what == TIMER_DEADLINE ? ENDING_DEADLINE : ENDING_RUN_LIMIT;
     worker_kill(c, job->slot);
 }
 
-/* ---- going ------------------------------------------------------------------------------------------------------ */
+/* ---- going ----------------------------------------------------------------------------------- */
 
 static void drop_share(struct core *c, int64_t source)
 {
@@ -325,7 +349,8 @@ static int64_t bytes_counted(const struct job *job)
     return job->shown == JOB_DONE && !job->cached ? (int64_t)job->result_bytes : 0;
 }
 
-/* Delete row, result and, when nobody else names them, input and output; a key leaves a tombstone. */
+/* Delete row, result and, when nobody else names them, input and output; a key leaves
+ * a tombstone. */
 void job_remove(struct core *c, struct job *job, const struct reply *reply)
 {
     struct transaction *t = transaction_new();
@@ -334,18 +359,21 @@ void job_remove(struct core *c, struct job *job, const struct reply *reply)
 
     if (job->key != NULL && !was_hidden) {
         struct tombstone_record *stone = &transaction_add(t, LEDGER_TOMBSTONE_PUT)->tombstone;
-        *stone = (struct tombstone_record) { .user = transaction_text(t, job->user->name), .key = transaction_text(t, job->key),
-                                             .job = job->id, .expired_ns = c->now.utc_ns };
+        *stone = (struct tombstone_record) {
+            .user = transaction_text(t, job->user->name), .key = transaction_text(t, job->key),
+            .job = job->id, .expired_ns = c->now.utc_ns };
         memcpy(stone->fingerprint, job->fingerprint, 32);
     }
-    if (job->shares > 0) {                         /* others show its result: the row stays, unseen */
+    /* others show its result: the row stays, unseen */
+    if (job->shares > 0) {
         struct job_record *row = &transaction_add(t, LEDGER_JOB_LIMITS)->job;
-        *row = (struct job_record) { .id = job->id, .priority = job->priority, .tag = "{\"hidden\":true}" };
+        *row = (struct job_record) { .id = job->id, .priority = job->priority,
+                                     .tag = "{\"hidden\":true}" };
         job->hidden = true;
     } else {
         transaction_add(t, LEDGER_JOB_DELETE)->id = job->id;
         job->deleting = true;
-        c->result_leaving += bytes_counted(job);
+        c->jobs->result_leaving += bytes_counted(job);
     }
     job_unindex(c, job);
     if (job->key != NULL && !was_hidden) {
@@ -364,17 +392,17 @@ void job_forget(struct core *c, struct job *job)
     struct input *input = job->input, *output = job->cached ? NULL : job->output;
     int64_t source = job->source;
 
-    c->state_counts[job->state]--;
+    c->jobs->state_counts[job->state]--;
     if (job->state == JOB_QUEUED)
         job->user->queued--;
-    c->result_total -= bytes_counted(job);
-    c->result_leaving -= job->deleting ? bytes_counted(job) : 0;
+    c->jobs->result_total -= bytes_counted(job);
+    c->jobs->result_leaving -= job->deleting ? bytes_counted(job) : 0;
     job->user->bytes -= bytes_counted(job);
-    for (size_t i = 0; i < sizeof c->document_ring / sizeof *c->document_ring; i++)
-        if (c->document_ring[i] == job)
-            c->document_ring[i] = NULL;
+    for (size_t i = 0; i < sizeof c->jobs->document_ring / sizeof *c->jobs->document_ring; i++)
+        if (c->jobs->document_ring[i] == job)
+            c->jobs->document_ring[i] = NULL;
     job_unindex(c, job);
-    map_remove(&c->jobs, map_hash_number((uint64_t)job->id), job);
+    map_remove(&c->jobs->all, map_hash_number((uint64_t)job->id), job);
     if (job->key != NULL)
         map_remove(&job->user->keys, map_hash_text(job->key), job);
     user_drop_job(job->user, job);
@@ -396,36 +424,114 @@ void job_forget(struct core *c, struct job *job)
 /* May this ended job stay?  What is on its way out already makes room. */
 static bool may_stay(const struct core *c, const struct job *job)
 {
-    return job->finished_ns + c->settings.result_age_ns >= c->now.utc_ns && c->result_total - c->result_leaving <= c->settings.result_bytes;
+    return job->finished_ns + c->settings.result_age_ns >= c->now.utc_ns
+        && c->jobs->result_total - c->jobs->result_leaving <= c->settings.result_bytes;
 }
 
-/* The oldest ended jobs go: past their age, or while results take more bytes than they may.  A step stays short: what is
- * left of them follows in the next, as soon as the disk has taken these. */
+/* The oldest ended jobs go: past their age, or while results take more bytes than they may.  A
+ * step stays short: what is left of them follows in the next, as soon as the disk has
+ * taken these. */
 void jobs_retain(struct core *c)
 {
     int budget = c->uncommitted > RETAINED_A_STEP ? 0 : RETAINED_A_STEP;
 
-    while (c->ended_first < c->ended_count && budget-- > 0) {
-        struct job *job = job_by_id(c, c->ended[c->ended_first]);
+    while (c->jobs->ended_first < c->jobs->ended_count && budget-- > 0) {
+        struct job *job = job_by_id(c, c->jobs->ended[c->jobs->ended_first]);
 
         if (job != NULL && (may_stay(c, job) || (job->last != NULL && !job->deleting)))
-            return;                                /* too young, or its latest edge is not committed yet */
-        c->ended_first++;
+            /* too young, or its latest edge is not committed yet */
+            return;
+        c->jobs->ended_first++;
         if (job == NULL || job->deleting || job->hidden || !job_state_final(job->shown))
             continue;
-        core_log(c, "level=info event=retention user=%s kind=%s state=%s", job->user->name, job->kind, job_states[job->shown]);
+        core_log(c, "level=info event=retention user=%s kind=%s state=%s", job->user->name,
+                 job->kind, job_states[job->shown]);
         job_remove(c, job, NULL);
     }
-    if (c->ended_first < c->ended_count && !c->retaining)
+    if (c->jobs->ended_first < c->jobs->ended_count && !c->jobs->retaining)
         core_timer(c, c->now.mono_ns + RETAIN_PAUSE_NS, TIMER_RETAIN, 0, 0);
-    c->retaining = c->ended_first < c->ended_count;
+    c->jobs->retaining = c->jobs->ended_first < c->jobs->ended_count;
 }
 
 /* A committed job that is queued: ready, or at its time; its deadline is watched. */
 void job_watch(struct core *c, struct job *job)
 {
     if (job->deadline_ns > 0 && !job_state_final(job->state))
-        core_timer(c, c->now.mono_ns + (job->deadline_ns > c->now.utc_ns ? job->deadline_ns - c->now.utc_ns : 0), TIMER_DEADLINE, job->id, 0);
+        core_timer(c,
+                   c->now.mono_ns
+                       + (job->deadline_ns > c->now.utc_ns ? job->deadline_ns - c->now.utc_ns : 0),
+                   TIMER_DEADLINE, job->id, 0);
     if (job->state == JOB_QUEUED)
         job_enqueue(c, job);
+}
+
+/* Keep the last few documents at hand, so that who waits for one is answered from memory. */
+void document_keep(struct core *c, struct job *job, struct blob *document)
+{
+    struct job **place = &c->jobs->document_ring[c->jobs->document_at];
+
+    if (document->size > LEDGER_RESULT_INLINE_MOST)
+        return;
+    if (*place != NULL) {
+        blob_drop((*place)->document);
+        (*place)->document = NULL;
+    }
+    *place = job;
+    c->jobs->document_at = (c->jobs->document_at + 1)
+                           % (int)(sizeof c->jobs->document_ring / sizeof *c->jobs->document_ring);
+    job->document = blob_share(document);
+}
+
+void documents_drop(struct core *c)
+{
+    for (size_t i = 0; i < sizeof c->jobs->document_ring / sizeof *c->jobs->document_ring; i++)
+        if (c->jobs->document_ring[i] != NULL) {
+            blob_drop(c->jobs->document_ring[i]->document);
+            c->jobs->document_ring[i]->document = NULL;
+            c->jobs->document_ring[i] = NULL;
+        }
+}
+
+static void free_job(struct job *job)
+{
+    while (job->waits != NULL) {
+        struct wait *next = job->waits->next;
+        free(job->waits);
+        job->waits = next;
+    }
+    blob_drop(job->document);
+    failure_free(job->failure);
+    after_free(job->asks);
+    region_drop(job->key);
+    region_drop(job->options);
+    free(job->progress);
+    free(job->stderr_text);
+    region_drop(job);
+}
+
+void jobs_init(struct core *c)
+{
+    c->jobs = grab(sizeof *c->jobs);
+    c->jobs->next_job = c->jobs->next_wait = 1;
+}
+
+void jobs_done(struct core *c)
+{
+    struct jobs *jobs = c->jobs;
+    struct asker *asker;
+    struct job *job;
+    size_t at = 0;
+
+    while ((job = map_next(&jobs->all, &at)) != NULL)
+        free_job(job);
+    for (at = 0; (asker = map_next(&jobs->askers, &at)) != NULL;)
+        free(asker);
+    map_done(&jobs->all);
+    map_done(&jobs->results);
+    map_done(&jobs->waits);
+    map_done(&jobs->askers);
+    arena_free(jobs->kinds);
+    free(jobs->asked.text);
+    free(jobs->ended);
+    free(jobs);
 }

@@ -1,8 +1,8 @@
 /*
  * room.c - whether the disk is full: what was refused for want of it, and until when
  *
- * The gauge is up from the first refusal until there is room for what was refused, asked for once a second, or
- * something was stored since.
+ * The gauge is up from the first refusal until there is room for what was refused, asked for once
+ * a second, or something was stored since.
  */
 #include "broker/core/state.h"
 
@@ -10,11 +10,11 @@
  * state in between. */
 void room_want(struct core *c, uint64_t bytes)
 {
-    c->room_found = false;
-    c->room_wanted = bytes > c->room_wanted ? bytes : c->room_wanted;
-    if (c->storage_full)
+    c->disk.found = false;
+    c->disk.wanted = bytes > c->disk.wanted ? bytes : c->disk.wanted;
+    if (c->disk.full)
         return;
-    c->storage_full = true;
+    c->disk.full = true;
     core_log(c, "level=warning event=storage_full needed=%llu "
              "message=\"submissions are refused for want of disk\"",
              (unsigned long long)bytes);
@@ -28,14 +28,14 @@ void room_ask(struct core *c)
 
 void room_told(struct core *c, const struct task *task)
 {
-    bool enough = task->status == MODAL_OK && task->total >= c->room_wanted;
+    bool enough = task->status == MODAL_OK && task->total >= c->disk.wanted;
 
-    if (!enough && !c->room_found) {
+    if (!enough && !c->disk.found) {
         core_timer(c, c->now.mono_ns + SECOND, TIMER_ROOM, 0, 0);
         return;
     }
-    c->storage_full = c->room_found = false;
-    c->room_wanted = 0;
+    c->disk.full = c->disk.found = false;
+    c->disk.wanted = 0;
     core_log(c, "level=notice event=storage_room free=%llu", (unsigned long long)task->total);
 }
 
@@ -54,10 +54,10 @@ void room_judge(struct core *c, const struct task *task)
     if (task->status == MODAL_STORAGE_FULL && task->total < RESERVE_BYTES)
         room_want(c, bytes < RESERVE_BYTES ? bytes : RESERVE_BYTES);
     else if (task->status == MODAL_OK && task->type == TASK_BEGIN)
-        c->room_found = true;
+        c->disk.found = true;
 }
 
 bool room_is_full(const struct core *c)
 {
-    return c->now.mono_ns < c->storage_full_until;
+    return c->now.mono_ns < c->disk.full_until;
 }

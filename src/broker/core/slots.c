@@ -1,5 +1,6 @@
 /* slots.c - worker processes from outside: what is sent to them, and their end */
-#include "broker/core/state.h"
+#include "broker/core/jobs.h"
+#include "broker/core/slots.h"
 #include <stdlib.h>
 
 void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
@@ -9,7 +10,8 @@ void worker_send(struct core *c, int slot, const char *verb, cJSON *header, stru
     cJSON_Delete(header);
     if (text == NULL)
         abort();
-    core_act(c, (struct action) { .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
+    core_act(c, (struct action) {
+                    .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
 }
 
 void worker_go(struct core *c, int slot)
@@ -17,21 +19,22 @@ void worker_go(struct core *c, int slot)
     cJSON *header;
     char ident[9];
 
-    if (c->slots[slot].job == NULL || c->slots[slot].state != SLOT_BUSY)
+    if (c->slots->at[slot].job == NULL || c->slots->at[slot].state != SLOT_BUSY)
         return;
-    c->slots[slot].parts--;
+    c->slots->at[slot].parts--;
     header = cJSON_CreateObject();
-    job_ident(c, c->slots[slot].job, ident);
+    job_ident(c, c->slots->at[slot].job, ident);
     cJSON_AddStringToObject(header, "job", ident);
-    cJSON_AddNumberToObject(header, "attempt", c->slots[slot].attempt);
+    cJSON_AddNumberToObject(header, "attempt", c->slots->at[slot].attempt);
     worker_send(c, slot, "GO", header, NULL);
 }
 
 void worker_kill(struct core *c, int slot)
 {
-    if (slot < 0 || c->slots[slot].state == SLOT_KILLED || c->slots[slot].state == SLOT_EMPTY)
+    if (slot < 0 || c->slots->at[slot].state == SLOT_KILLED
+        || c->slots->at[slot].state == SLOT_EMPTY)
         return;
-    c->slots[slot].state = SLOT_KILLED;
+    c->slots->at[slot].state = SLOT_KILLED;
     core_act(c, (struct action) { .type = ACT_KILL, .slot = slot });
 }
 
@@ -41,4 +44,38 @@ void worker_error(const cJSON *error, struct modal_error *out)
     wire_error_read(error, out);
     if (out->status == MODAL_OK)
         out->status = MODAL_INTERNAL;
+}
+
+bool worker_is_finishing(const struct core *c, int slot)
+{
+    return c->slots->at[slot].finishing;
+}
+
+int workers_busy(const struct core *c)
+{
+    int busy = 0;
+
+    for (int slot = 0; slot < c->slots->count; slot++)
+        busy += c->slots->at[slot].state == SLOT_BUSY;
+    return busy;
+}
+
+bool workers_idle(const struct core *c)
+{
+    for (int slot = 0; slot < c->slots->count; slot++)
+        if (c->slots->at[slot].job != NULL)
+            return false;
+    return true;
+}
+
+void slots_init(struct core *c)
+{
+    c->slots = grab(sizeof *c->slots);
+}
+
+void slots_done(struct core *c)
+{
+    for (int slot = 0; slot < SLOTS_MOST; slot++)
+        free(c->slots->at[slot].document);
+    free(c->slots);
 }

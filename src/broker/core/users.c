@@ -1,28 +1,38 @@
 /*
  * users.c - accounts, limits, and whose job starts next
  *
- * Fair share is deficit round robin [SV95] for jobs whose seconds are known only when they end.  A round gives user u the
- * quantum q w_u, w_u his weight; a job starts when its user owes nothing, his expected seconds are taken at once (so that
- * several workers do not start several on one credit), and what it really took is settled when it ends.  Unlike in [SV95]
- * nobody waits until he has what a job will cost: one long job among short ones would keep its user waiting for it again.
- * The number of rounds until somebody can start is computed, not walked:
+ * Fair share is deficit round robin [SV95] for jobs whose seconds are known only when they end.  A
+ * round gives user u the quantum q w_u, w_u his weight; a job starts when its user owes nothing,
+ * his expected seconds are taken at once (so that several workers do not start several on one
+ * credit), and what it really took is settled when it ends.  Unlike in [SV95] nobody waits until
+ * he has what a job will cost: one long job among short ones would keep its user waiting for it
+ * again. The number of rounds until somebody can start is computed, not walked:
  *
- *     r = min over users with a job that may start of ceil(-deficit_u / (q w_u))                                    (1)
+ *     r = min over users with a job that may start of ceil(-deficit_u / (q w_u))               (1)
  *
- * While they wait for each other, users' seconds over their weights so differ by at most a few jobs' (tests/unit/broker/test_share.c).
- * Who has no job that may start keeps no credit, and his debt shrinks as the rounds pass; where nobody has one, all debts
- * are forgiven: what a user took while nobody waited for it, he owes nobody.  Inside a user's share, jobs are ordered by
- * submission less priority: one step of priority is worth a minute of waiting, so that nothing starves.
+ * While they wait for each other, users' seconds over their weights so differ by at most a few
+ * jobs' (tests/unit/broker/test_share.c). Who has no job that may start keeps no credit, and his
+ * debt shrinks as the rounds pass; where nobody has one, all debts are forgiven: what a user took
+ * while nobody waited for it, he owes nobody.  Inside a user's share, jobs are ordered by
+ * submission less priority: one step of priority is worth a minute of waiting, so that nothing
+ * starves.
  *
  * [SV95] Shreedhar and Varghese, Efficient fair queueing using deficit round robin, SIGCOMM 1995.
  */
-#include "broker/core/state.h"
+#include "broker/core/jobs.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+/* q of (1): less than most jobs take, so that who waits is served within a few of them. */
 static const double quantum_s = 0.05;
+/* What nobody's jobs have told yet is expected of one; what one is charged at least. */
+static const double cost_first_s = 0.01, cost_least_s = 1e-3;
+/* The mean of a user's seconds is over some five jobs: it follows when they change. */
+static const double cost_weight = 0.2;
+/* A debt beyond it, in seconds, is forgiven: one long job shuts nobody out for a day. */
+static const double deficit_least_s = -3600;
 
 static bool has_name(const void *value, const void *key)
 {
@@ -38,7 +48,7 @@ struct user *user_get(struct core *c, const char *name)
         return user;
     user = grab(sizeof *user);
     snprintf(user->name, sizeof user->name, "%s", name);
-    user->cost_s = 0.01;
+    user->cost_s = cost_first_s;
     if (!map_put(&c->users, hash, user))
         abort();
     c->user_list = regrab(c->user_list, (c->user_count + 1) * sizeof *c->user_list);
@@ -57,18 +67,25 @@ struct user *user_of_key(struct core *c, const char *key)
     return NULL;
 }
 
+bool role_is_client(enum wire_role role)
+{
+    return role != WIRE_ROLE_NONE && role != WIRE_ROLE_WORKER;
+}
+
 bool user_admits(const struct core *c, const struct user *user, const char *key)
 {
     for (size_t i = 0; i < c->settings.account_count; i++)
         if (strcmp(c->accounts[i].key, key) == 0)
-            return strcmp(c->accounts[i].user, user->name) == 0 && c->accounts[i].role != WIRE_ROLE_NONE && c->accounts[i].role != WIRE_ROLE_WORKER;
+            return strcmp(c->accounts[i].user, user->name) == 0
+                && role_is_client(c->accounts[i].role);
     return false;
 }
 
 static bool has_account(const struct account *all, size_t count, const struct account *one)
 {
     for (size_t i = 0; i < count; i++)
-        if (strcmp(all[i].key, one->key) == 0 && strcmp(all[i].user, one->user) == 0 && all[i].role == one->role)
+        if (strcmp(all[i].key, one->key) == 0 && strcmp(all[i].user, one->user) == 0
+            && all[i].role == one->role)
             return true;
     return false;
 }
@@ -80,10 +97,12 @@ static void audit_accounts(struct core *c, const struct account *old, size_t old
 
     for (size_t i = 0; i < olds; i++)
         if (!has_account(now, c->settings.account_count, &old[i]))
-            core_log(c, "level=notice event=audit user=%s what=revoked role=%s", old[i].user, wire_roles[old[i].role]);
+            core_log(c, "level=notice event=audit user=%s what=revoked role=%s", old[i].user,
+                     wire_roles[old[i].role]);
     for (size_t i = 0; olds > 0 && i < c->settings.account_count; i++)
         if (!has_account(old, olds, &now[i]))
-            core_log(c, "level=notice event=audit user=%s what=admitted role=%s", now[i].user, wire_roles[now[i].role]);
+            core_log(c, "level=notice event=audit user=%s what=admitted role=%s", now[i].user,
+                     wire_roles[now[i].role]);
 }
 
 void users_configure(struct core *c)
@@ -103,13 +122,14 @@ void users_configure(struct core *c)
         user_get(c, c->accounts[i].user)->account = &c->accounts[i];
 }
 
-/* ---- a user's jobs, by id --------------------------------------------------------------------------------------- */
+/* ---- a user's jobs, by id -------------------------------------------------------------------- */
 
 size_t user_seek(const struct user *user, int64_t id)
 {
     size_t low = 0, high = user->job_count;
 
-    while (low < high) {                          /* ids of removed jobs: find the next one that is there */
+    /* ids of removed jobs: find the next one that is there */
+    while (low < high) {
         size_t middle = (low + high) / 2, at = middle;
         while (at < high && user->jobs[at] == NULL)
             at++;
@@ -160,7 +180,7 @@ void user_drop_job(struct user *user, const struct job *job)
         squeeze(user);
 }
 
-/* ---- keys whose job is gone ------------------------------------------------------------------------------------- */
+/* ---- keys whose job is gone ------------------------------------------------------------------ */
 
 static bool has_key(const void *value, const void *key)
 {
@@ -172,7 +192,8 @@ struct tombstone *user_tombstone(const struct user *user, const char *key)
     return map_find(&user->tombstones, map_hash_text(key), has_key, key);
 }
 
-void user_bury(struct core *c, struct user *user, const char *key, const uint8_t fingerprint[32], int64_t expired_ns)
+void user_bury(struct core *c, struct user *user, const char *key, const uint8_t fingerprint[32],
+               int64_t expired_ns)
 {
     struct tombstone *stone = user_tombstone(user, key);
 
@@ -237,7 +258,7 @@ void tombstones_retain(struct core *c)
     }
 }
 
-/* ---- shares ----------------------------------------------------------------------------------------------------- */
+/* ---- shares ---------------------------------------------------------------------------------- */
 
 /* The user's best job that is still to be started, stale entries dropped. */
 static struct job *first_ready(struct core *c, struct user *user)
@@ -258,15 +279,18 @@ static bool may_run(const struct core *c, struct user *user)
     const struct allowance *most = user->account == NULL ? NULL : &user->account->most;
 
     if (most == NULL)
-        return true;                               /* an account that was revoked: what it has queued still runs */
+        /* an account that was revoked: what it has queued still runs */
+        return true;
     if (most->running > 0 && user->running >= most->running)
         return false;
-    return !(most->cpu_s_day > 0 && user->cpu_day == c->now.utc_ns / (86400 * SECOND) && user->cpu_s >= most->cpu_s_day);
+    return !(most->cpu_s_day > 0 && user->cpu_day == c->now.utc_ns / DAY
+             && user->cpu_s >= most->cpu_s_day);
 }
 
 static double share(const struct user *user)
 {
-    return quantum_s * (user->account != NULL && user->account->weight > 0 ? user->account->weight : 1);
+    return quantum_s
+           * (user->account != NULL && user->account->weight > 0 ? user->account->weight : 1);
 }
 
 /* (1) */
@@ -321,27 +345,30 @@ struct user *user_next(struct core *c)
 /* EXPECTED_S: what was taken for it when it started, which has been another mean than today's. */
 void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s)
 {
-    int64_t day = c->now.utc_ns / (86400 * SECOND);
+    int64_t day = c->now.utc_ns / DAY;
 
     user->deficit -= seconds - expected_s;
-    if (user->deficit < -3600)
-        user->deficit = -3600;
-    user->cost_s += 0.2 * (seconds - user->cost_s);
-    if (user->cost_s < 1e-3)
-        user->cost_s = 1e-3;
+    if (user->deficit < deficit_least_s)
+        user->deficit = deficit_least_s;
+    user->cost_s += cost_weight * (seconds - user->cost_s);
+    if (user->cost_s < cost_least_s)
+        user->cost_s = cost_least_s;
     if (user->cpu_day != day)
         user->cpu_s = 0;
     user->cpu_day = day;
     user->cpu_s += cpu_s;
 }
 
-/* What the user's jobs took today, to go with the edge that ends an attempt: a restart goes on counting. */
+/* What the user's jobs took today, to go with the edge that ends an attempt: a restart goes
+ * on counting. */
 void user_note(struct user *user, struct transaction *t)
 {
     char text[96];
 
-    snprintf(text, sizeof text, "{\"day\":%lld,\"cpu_s\":%.17g}", (long long)user->cpu_day, user->cpu_s);
-    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "cpu", transaction_text(t, user->name), transaction_text(t, text) };
+    snprintf(text, sizeof text, "{\"day\":%lld,\"cpu_s\":%.17g}", (long long)user->cpu_day,
+             user->cpu_s);
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "cpu", transaction_text(t, user->name), transaction_text(t, text) };
 }
 
 void user_load_note(struct core *c, const struct note_record *r)
@@ -358,9 +385,10 @@ void user_load_note(struct core *c, const struct note_record *r)
     cJSON_Delete(object);
 }
 
-/* ---- limits ----------------------------------------------------------------------------------------------------- */
+/* ---- limits ---------------------------------------------------------------------------------- */
 
-static bool over(struct core *c, const struct reply *reply, const char *limit, double most, double used, double more, double retry_s)
+static bool over(struct core *c, const struct reply *reply, const char *limit, double most,
+                 double used, double more, double retry_s)
 {
     cJSON *detail;
 
@@ -372,19 +400,51 @@ static bool over(struct core *c, const struct reply *reply, const char *limit, d
     cJSON_AddNumberToObject(detail, "used", used);
     if (retry_s > 0)
         cJSON_AddNumberToObject(detail, "retry_after_s", retry_s);
-    answer_fail(c, reply, MODAL_QUOTA, "", detail, "over your limit: %s at most %.15g, used %.15g", limit, most, used);
+    answer_fail(c, reply, MODAL_QUOTA, "", detail, "over your limit: %s at most %.15g, used %.15g",
+                limit, most, used);
     return true;
 }
 
-bool user_quota(struct core *c, struct user *user, const struct reply *reply, int64_t more_jobs, int64_t more_bytes)
+bool user_quota(struct core *c, struct user *user, const struct reply *reply, int64_t more_jobs,
+                int64_t more_bytes)
 {
     const struct allowance *most = &user->account->most;
-    int64_t day = 86400 * SECOND;
+    int64_t day = DAY;
     double used_cpu = user->cpu_day == c->now.utc_ns / day ? user->cpu_s : 0;
     double tomorrow_s = (double)(day - c->now.utc_ns % day) / 1e9;
 
-    return over(c, reply, "queued", (double)most->queued, (double)(user->queued), (double)more_jobs, 1)
-        || over(c, reply, "bytes", (double)most->bytes, (double)user->bytes, (double)more_bytes, 0)
-        || (more_jobs > 0 && most->cpu_s_day > 0 && used_cpu >= most->cpu_s_day
-            && over(c, reply, "cpu_s_day", most->cpu_s_day, used_cpu, 1, tomorrow_s));
+    return over(c, reply, "queued", (double)most->queued, (double)(user->queued), (double)more_jobs,
+                1)
+           || over(c, reply, "bytes", (double)most->bytes, (double)user->bytes, (double)more_bytes,
+                   0)
+           || (more_jobs > 0 && most->cpu_s_day > 0 && used_cpu >= most->cpu_s_day
+               && over(c, reply, "cpu_s_day", most->cpu_s_day, used_cpu, 1, tomorrow_s));
+}
+
+static void free_user(struct user *user)
+{
+    struct tombstone *stone;
+    size_t at = 0;
+
+    while ((stone = map_next(&user->tombstones, &at)) != NULL) {
+        free(stone->key);
+        free(stone);
+    }
+    map_done(&user->tombstones);
+    map_done(&user->keys);
+    map_done(&user->inputs);
+    map_done(&user->identities);
+    heap_done(&user->ready);
+    free(user->jobs);
+    free(user->open);
+    free(user);
+}
+
+void users_done(struct core *c)
+{
+    for (size_t i = 0; i < c->user_count; i++)
+        free_user(c->user_list[i]);
+    map_done(&c->users);
+    free(c->user_list);
+    free(c->accounts);
 }

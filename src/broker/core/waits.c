@@ -1,5 +1,6 @@
 /* waits.c - who waits: for the end of a job, and for bytes that are read for it */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,21 +10,20 @@ static bool has_number(const void *value, const void *key)
     return ((const struct wait *)value)->number == *(const uint64_t *)key;
 }
 
-void read_for(struct core *c, const struct reply *reply, struct job *job, enum task_type type, int64_t id, uint64_t offset,
-                     uint64_t length, const char *part)
+struct task *read_for(struct core *c, const struct reply *reply, const struct job *job,
+                      enum task_type type, int64_t id, const char *part)
 {
     struct task *task = task_new(type, id);
 
-    task->offset = offset;
-    task->length = length;
     task->after = after_new(AFTER_READ, reply);
     task->after->value = job->id;
     task->after->text = grab_text(part);
     core_task(c, task);
+    return task;
 }
 
 /* The doc of an ended job, with its document where that was asked for and is small enough. */
-void answer_wait(struct core *c, struct wait *w)
+void wait_tell(struct core *c, const struct wait *w)
 {
     struct job *job = w->job;
     struct job *root = job->source != 0 ? job_by_id(c, job->source) : job;
@@ -33,7 +33,7 @@ void answer_wait(struct core *c, struct wait *w)
     else if (root->document != NULL)
         answer_doc(c, &w->reply, job, -1, blob_share(root->document));
     else
-        read_for(c, &w->reply, job, TASK_READ_RESULT, root->id, 0, WIRE_BODY_MOST, "wait");
+        read_for(c, &w->reply, job, TASK_READ_RESULT, root->id, "wait")->length = WIRE_BODY_MOST;
 }
 
 static bool is_asker(const void *value, const void *key)
@@ -43,7 +43,7 @@ static bool is_asker(const void *value, const void *key)
 
 static struct asker *asker_of(const struct core *c, uint64_t peer)
 {
-    return map_find(&c->askers, map_hash_number(peer), is_asker, &peer);
+    return map_find(&c->jobs->askers, map_hash_number(peer), is_asker, &peer);
 }
 
 static void put_asker(struct core *c, struct wait *w)
@@ -54,7 +54,7 @@ static void put_asker(struct core *c, struct wait *w)
         asker = grab(sizeof *asker);
         asker->peer = w->reply.peer;
         asker->waits = NULL;
-        if (!map_put(&c->askers, map_hash_number(asker->peer), asker))
+        if (!map_put(&c->jobs->askers, map_hash_number(asker->peer), asker))
             abort();
     }
     w->beside = asker->waits;
@@ -72,7 +72,7 @@ static void leave_asker(struct core *c, struct wait *w)
     if (w->beside != NULL)
         w->beside->beside_link = w->beside_link;
     if (asker->waits == NULL) {
-        map_remove(&c->askers, map_hash_number(asker->peer), asker);
+        map_remove(&c->jobs->askers, map_hash_number(asker->peer), asker);
         free(asker);
     }
 }
@@ -84,7 +84,7 @@ static bool is_awaited(const void *context, const struct heap_item *item)
     uint64_t number = (uint64_t)item->order;
 
     return item->what != TIMER_WAIT || number == 0
-        || map_find(&c->waits, map_hash_number(number), has_number, &number) != NULL;
+        || map_find(&c->jobs->waits, map_hash_number(number), has_number, &number) != NULL;
 }
 
 /* Its timer stays until it is due, or such are half of all. */
@@ -94,12 +94,12 @@ static void drop_wait(struct core *c, struct wait *w)
     if (w->next != NULL)
         w->next->link = w->link;
     leave_asker(c, w);
-    map_remove(&c->waits, map_hash_number(w->number), w);
+    map_remove(&c->jobs->waits, map_hash_number(w->number), w);
     w->user->waits--;
     free(w);
-    if (++c->waits_past > WIRE_WAITS_MOST && c->waits_past > c->timers.count / 2) {
+    if (++c->jobs->waits_past > WIRE_WAITS_MOST && c->jobs->waits_past > c->timers.count / 2) {
         heap_sift(&c->timers, is_awaited, c);
-        c->waits_past = 0;
+        c->jobs->waits_past = 0;
     }
 }
 
@@ -109,7 +109,7 @@ void wait_begin(struct core *c, const struct wait *now, double timeout_s)
     struct wait *w = grab(sizeof *w);
 
     *w = *now;
-    w->number = c->next_wait++;
+    w->number = c->jobs->next_wait++;
     w->next = job->waits;
     w->link = &job->waits;
     if (w->next != NULL)
@@ -117,7 +117,7 @@ void wait_begin(struct core *c, const struct wait *now, double timeout_s)
     job->waits = w;
     w->user->waits++;
     put_asker(c, w);
-    if (!map_put(&c->waits, map_hash_number(w->number), w))
+    if (!map_put(&c->jobs->waits, map_hash_number(w->number), w))
         abort();
     core_timer(c, c->now.mono_ns + (int64_t)(timeout_s * 1e9), TIMER_WAIT, (int64_t)w->number, 0);
 }
@@ -133,7 +133,7 @@ void waits_gone(struct core *c, uint64_t peer)
 void wait_answer(struct core *c, struct job *job)
 {
     while (job->waits != NULL) {
-        answer_wait(c, job->waits);
+        wait_tell(c, job->waits);
         drop_wait(c, job->waits);
     }
 }
@@ -145,7 +145,7 @@ void waits_revoke(struct core *c)
     size_t at = 0;
 
     modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
-    while ((w = map_next(&c->waits, &at)) != NULL)
+    while ((w = map_next(&c->jobs->waits, &at)) != NULL)
         if (!user_admits(c, w->user, w->key)) {
             answer_error(c, &w->reply, &err, NULL);
             drop_wait(c, w);
@@ -154,20 +154,20 @@ void waits_revoke(struct core *c)
 
 void wait_timeout(struct core *c, uint64_t number)
 {
-    struct wait *w = map_find(&c->waits, map_hash_number(number), has_number, &number);
+    struct wait *w = map_find(&c->jobs->waits, map_hash_number(number), has_number, &number);
 
     if (w == NULL) {
-        c->waits_past -= c->waits_past > 0;
+        c->jobs->waits_past -= c->jobs->waits_past > 0;
         return;
     }
     answer_doc(c, &w->reply, w->job, -1, NULL);
     drop_wait(c, w);
-    c->waits_past -= c->waits_past > 0;            /* this timer has run */
+    c->jobs->waits_past -= c->jobs->waits_past > 0;            /* this timer has run */
 }
 
 /* The checksums of an input's parts, which it came without: the next who asks need not read all
  * of it. */
-static void keep_sums(struct core *c, const struct task *task)
+static void store_sums(struct core *c, const struct task *task)
 {
     const struct input *input = input_by_id(c, task->id);
     struct transaction *t;
@@ -189,7 +189,7 @@ void read_task_done(struct core *c, struct task *task)
     char ident[9];
 
     if (task->type == TASK_READ_SPOOL)
-        keep_sums(c, task);
+        store_sums(c, task);
     if (job == NULL) {
         answer_fail(c, &after->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
         return;

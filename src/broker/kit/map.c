@@ -1,4 +1,5 @@
-/* map.c - see map.h; linear probing, at most 2/3 used, removed slots marked and dropped when the table grows */
+/* map.c - see map.h; linear probing, at most 2/3 used, removed slots marked and dropped when the
+ * table grows */
 #include "broker/kit/map.h"
 #include <stdlib.h>
 #include <string.h>
@@ -31,8 +32,10 @@ void *map_find(const struct map *map, uint64_t hash, map_match *match, const voi
 {
     if (map->room == 0)
         return NULL;
-    for (size_t i = hash & (map->room - 1); map->slots[i].value != NULL; i = (i + 1) & (map->room - 1))
-        if (map->slots[i].hash == hash && map->slots[i].value != MAP_GONE && match(map->slots[i].value, key))
+    for (size_t i = hash & (map->room - 1); map->slots[i].value != NULL;
+         i = (i + 1) & (map->room - 1))
+        if (map->slots[i].hash == hash && map->slots[i].value != MAP_GONE
+            && match(map->slots[i].value, key))
             return map->slots[i].value;
     return NULL;
 }
@@ -81,7 +84,8 @@ void map_remove(struct map *map, uint64_t hash, const void *value)
 {
     if (map->room == 0)
         return;
-    for (size_t i = hash & (map->room - 1); map->slots[i].value != NULL; i = (i + 1) & (map->room - 1))
+    for (size_t i = hash & (map->room - 1); map->slots[i].value != NULL;
+         i = (i + 1) & (map->room - 1))
         if (map->slots[i].value == value) {
             map->slots[i].value = MAP_GONE;
             map->count--;

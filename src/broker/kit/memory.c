@@ -1,4 +1,5 @@
-/* memory.c - allocation that ends the process when there is no more: a restart loses nothing, a guess might */
+/* memory.c - allocation that ends the process when there is no more: a restart loses nothing, a
+ * guess might */
 #include "broker/kit/memory.h"
 #include "base/canonical.h"
 #include <stdarg.h>
@@ -54,12 +55,16 @@ char *grab_canonical(const cJSON *value)
 }
 
 /*
- * Blocks of what lives long and goes about in the order it came: a block is freed with the last of it.  Among the short-lived each
- * would hold a page.  `live` counts what is out, and one for the open block; before each lies the address of its block.
+ * Blocks of what lives long and goes about in the order it came: a block is freed with the last of
+ * it.  Among the short-lived each would hold a page.  `live` counts what is out, and one for the
+ * open block; before each lies the address of its block.
  */
 struct region { size_t live, used; };
 
-enum { REGION_BYTES = 16384 - 32, REGION_FIRST = 32 };
+enum {
+    REGION_FIRST = 32,                    /* head and address, aligned to 16 */
+    REGION_BYTES = 16384 - REGION_FIRST,  /* four pages with malloc's own words: some 50 jobs */
+};
 
 void region_close(struct region **open)
 {
@@ -76,7 +81,8 @@ void *region_grab(struct region **open, size_t size)
 
     if (block == NULL || at + size > REGION_BYTES) {
         region_close(open);
-        block = *open = checked(malloc(REGION_FIRST + size > REGION_BYTES ? REGION_FIRST + size : REGION_BYTES));
+        block = *open = checked(
+            malloc(REGION_FIRST + size > REGION_BYTES ? REGION_FIRST + size : REGION_BYTES));
         block->live = 1;
         at = REGION_FIRST;
     }
@@ -103,7 +109,8 @@ void region_drop(void *out)
         free(block);
 }
 
-/* Texts of one life, freed together: blocks of nearly 1 kB, larger texts in a block of their own. */
+/* Texts of one life, freed together: blocks of nearly 1 kB, larger texts in a block of
+ * their own. */
 struct arena { struct arena *next; size_t used, room; char bytes[]; };
 
 const char *arena_text(struct arena **arena, const char *text)

@@ -1,4 +1,5 @@
-/* memory.h - allocation that ends the process when there is no more, and blocks for what lives and goes together */
+/* memory.h - allocation that ends the process when there is no more, and blocks for what lives and
+ * goes together */
 #ifndef BROKER_MEMORY_H
 #define BROKER_MEMORY_H
 #include <cjson/cJSON.h>

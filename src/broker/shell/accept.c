@@ -1,11 +1,12 @@
 /*
  * accept.c - see accept.h: what libzmq cannot limit, and what it ends the process for
  *
- * A connection that no descriptor is left for is one that was broken off: libzmq's listener of ipc takes EMFILE of accept4
- * for a fault of its own and aborts; its listener of tcp, and both for ECONNABORTED, try again at once, for as long as the
- * connection waits (libzmq 4.3.4, ipc_listener.cpp and tcp_listener.cpp): hence the nap, which those who are connected hardly
- * notice and a core does.  A function of the program comes before the C library's of the same name, for the libraries too:
- * accept4 and close, both called by libzmq for each connection.
+ * A connection that no descriptor is left for is one that was broken off: libzmq's listener of ipc
+ * takes EMFILE of accept4 for a fault of its own and aborts; its listener of tcp, and both for
+ * ECONNABORTED, try again at once, for as long as the connection waits (libzmq 4.3.4,
+ * ipc_listener.cpp and tcp_listener.cpp): hence the nap, which those who are connected hardly
+ * notice and a core does.  A function of the program comes before the C library's of the same
+ * name, for the libraries too: accept4 and close, both called by libzmq for each connection.
  *
  * The loop takes a message from each connection in turn, also from those that have hung up: who
  * sends much, goes, and comes again would soon leave thousands of them behind, and everybody else
@@ -29,7 +30,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { OWN = 128 };                             /* descriptors kept for ourselves */
+enum { OWN = 128 };           /* descriptors kept for ourselves: files, pipes, libzmq's own */
 enum { LEFT_MOST = 64 };    /* turns of the loop, of a microsecond each: a question takes as long */
 enum { NONE = -1 };
 
@@ -89,7 +90,8 @@ static bool for_workers(int listener)
     if (getsockname(listener, (struct sockaddr *)&at, &size) != 0 || at.sun_family != AF_UNIX)
         return false;
     length = strnlen(at.sun_path, sizeof at.sun_path);
-    return length >= sizeof name - 1 && memcmp(at.sun_path + length - (sizeof name - 1), name, sizeof name - 1) == 0;
+    return length >= sizeof name - 1
+        && memcmp(at.sun_path + length - (sizeof name - 1), name, sizeof name - 1) == 0;
 }
 
 static int broken_off(void)

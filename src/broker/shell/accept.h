@@ -7,27 +7,34 @@
 /* Descriptors below it; none beyond is given to a connection. */
 enum { CONNECTIONS_TRACKED = 65536 };
 
-/* From now on connections beyond MOST, 0: any number, are closed as they come, and those beyond what the descriptor limit leaves
- * (accept_default).  Those of workers are neither counted nor closed.  Where one ends,
- * 1 is added to the eventfd WAKE. */
+/* From now on connections beyond MOST, 0: any number, are closed as they come, and those beyond
+ * what the descriptor limit leaves (accept_default).  Those of workers are neither counted nor
+ * closed. */
 void accept_most(int most);
+/* From now on 1 is added to the eventfd WAKE where a connection ends. */
 void accept_wake(int wake);
-/* Of the descriptors of this process, those that clients may have: the rest is for files, workers and ourselves. */
+/* Of the descriptors of this process, those that clients may have: the rest is for files, workers
+ * and ourselves. */
 int accept_default(void);
 
-int accept_open(void);             /* connections now */
-long accept_refused(void);         /* closed as they came, since the start */
+/* Connections of clients now. */
+int accept_open(void);
+/* Closed as they came, since the start. */
+long accept_refused(void);
 
-/* FD's other end has hung up, though not all that it sent is read; whether it has, or the
- * connection has ended: nobody reads what it would be answered. */
+/* FD's other end has hung up, though not all that it sent is read. */
 void accept_hung_up(int fd);
+/* Has it, or has the connection ended?  Nobody reads what it would be answered. */
 bool accept_gone(int fd);
 
 /* A connection that ends is closed at once, but its descriptor's number is not given out again
- * before accept_free: until then ZMQ_SRCFD says whose a message is.  accept_ended takes up those
- * that have ended since the last were freed, and says whether there are any; what was received of
- * them is in the pipes then.  accept_next: one of them, -1: no more.  One thread calls these. */
+ * before accept_free: until then ZMQ_SRCFD says whose a message is.  One thread calls these.
+ *
+ * Take up those that have ended since the last were freed; are there any?  What was received of
+ * them is in the pipes then. */
 bool accept_ended(void);
+/* One of them; -1: no more. */
 int accept_next(void);
+/* The number of FD, one of them, may be given out again. */
 void accept_free(int fd);
 #endif

@@ -3,9 +3,11 @@
  *
  * The keys file has one line a key:
  *
- *     PUBLIC-KEY  USER  ROLE  [weight=2] [queued=1000] [running=4] [bytes=10G] [cpu_s_day=3600] [upload_bytes_s=50M]
+ *     PUBLIC-KEY  USER  ROLE  [weight=2] [queued=1000] [running=4] [bytes=10G] [cpu_s_day=3600]
+ *                             [upload_bytes_s=50M]
  *
- * ROLE is read, submit, admin or worker; several keys may name one user, whose limits are then those of the last line.
+ * ROLE is read, submit, admin or worker; several keys may name one user, whose limits are then
+ * those of the last line.
  */
 #include "broker/shell/config.h"
 #include "broker/shell/machine.h"
@@ -23,8 +25,10 @@
 #include <unistd.h>
 
 #define DAY_NS (86400 * INT64_C(1000000000))
-#define FILE_MOST 1048576
-#define LIMIT_MOST 1e15
+#define WORKERS_MOST 256         /* as the pool has slots */
+#define SOCKET_PATH_MOST 107     /* bytes of sun_path but its end (unix(7)) */
+#define FILE_MOST 1048576        /* bytes of a file: keys of 10,000 users, 100 bytes each */
+#define LIMIT_MOST 1e15          /* a double below has all whole numbers, and bytes of a petabyte */
 #define NOT_SAID (-1)
 
 enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND };
@@ -71,8 +75,8 @@ void config_init(struct config *c)
 
     memset(c, 0, sizeof *c);
     c->workers = cores > 1 ? (int)cores - (cores > 2) : 1;
-    if (c->workers > 256)
-        c->workers = 256;
+    if (c->workers > WORKERS_MOST)
+        c->workers = WORKERS_MOST;
     c->spool_threads = 3;
     c->ipc_mode = -1;
     c->worker_memory = NOT_SAID;
@@ -108,22 +112,30 @@ static double quantity(const char *text)
     return value;
 }
 
-static enum modal_status set_text(char *place, size_t room, const char *key, const char *value, struct modal_error *err)
+static enum modal_status set_text(char *place, size_t room, const char *key, const char *value,
+                                  struct modal_error *err)
 {
     if (strlen(value) >= room)
-        return modal_fail_field(err, MODAL_BAD_INPUT, key, "%s has %zu bytes; accepted: at most %zu", key, strlen(value), room - 1);
+        return modal_fail_field(err, MODAL_BAD_INPUT, key,
+                                "%s has %zu bytes; accepted: at most %zu", key, strlen(value),
+                                room - 1);
     strcpy(place, value);
     return MODAL_OK;
 }
 
-static enum modal_status set_number(char *place, const struct row *row, const char *value, struct modal_error *err)
+static enum modal_status set_number(char *place, const struct row *row, const char *value,
+                                    struct modal_error *err)
 {
     bool octal = row->kind == MODE && value[0] != 0 && value[strspn(value, "01234567")] == 0;
     double x = octal ? (double)strtol(value, NULL, 8) : row->kind == MODE ? NAN : quantity(value);
 
-    if (!(x >= row->low && x <= row->high) || (row->kind != SECONDS && row->kind != NANOSECONDS && x != floor(x)))
-        return modal_fail_field(err, MODAL_BAD_INPUT, row->key, "%s is \"%.60s\"; accepted: %s from %.15g to %.15g", row->key, value,
-                                row->kind == MODE ? "an octal number, in decimal" : "a number", row->low, row->high);
+    if (!(x >= row->low && x <= row->high)
+        || (row->kind != SECONDS && row->kind != NANOSECONDS && x != floor(x)))
+        return modal_fail_field(err, MODAL_BAD_INPUT, row->key,
+                                "%s is \"%.60s\"; accepted: %s from %.15g to %.15g", row->key,
+                                value,
+                                row->kind == MODE ? "an octal number, in decimal" : "a number",
+                                row->low, row->high);
     if (row->kind == COUNT || row->kind == MODE)
         *(int *)(void *)place = (int)x;
     else if (row->kind == BYTES)
@@ -135,7 +147,8 @@ static enum modal_status set_number(char *place, const struct row *row, const ch
     return MODAL_OK;
 }
 
-enum modal_status config_set(struct config *c, const char *key, const char *value, struct modal_error *err)
+enum modal_status config_set(struct config *c, const char *key, const char *value,
+                             struct modal_error *err)
 {
     char list[600] = "";
 
@@ -148,23 +161,27 @@ enum modal_status config_set(struct config *c, const char *key, const char *valu
             continue;
         if (row->kind == BIND) {
             if (c->bind_count == BINDS_MOST)
-                return modal_fail_field(err, MODAL_TOO_LARGE, key, "more than %d endpoints", BINDS_MOST);
+                return modal_fail_field(err, MODAL_TOO_LARGE, key, "more than %d endpoints",
+                                        BINDS_MOST);
             return set_text(c->bind[c->bind_count++], PATH_ROOM, key, value, err);
         }
         if (row->kind == TEXT)
-            return set_text(place, row->low > 0 ? sizeof c->worker_user : PATH_ROOM, key, value, err);
+            return set_text(place, row->low > 0 ? sizeof c->worker_user : PATH_ROOM, key, value,
+                            err);
         if (row->kind == SWITCH) {
             if (strcmp(value, "on") != 0 && strcmp(value, "off") != 0)
-                return modal_fail_field(err, MODAL_BAD_INPUT, key, "%s is \"%.60s\"; accepted: on, off", key, value);
+                return modal_fail_field(err, MODAL_BAD_INPUT, key,
+                                        "%s is \"%.60s\"; accepted: on, off", key, value);
             *(bool *)place = strcmp(value, "on") == 0;
             return MODAL_OK;
         }
         return set_number(place, row, value, err);
     }
-    return modal_fail_field(err, MODAL_BAD_INPUT, key, "unknown key \"%.60s\"; accepted: %s", key, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, key, "unknown key \"%.60s\"; accepted: %s", key,
+                            list);
 }
 
-/* ---- files ------------------------------------------------------------------------------------------------------ */
+/* ---- files ----------------------------------------------------------------------------------- */
 
 static char *trim(char *text)
 {
@@ -178,8 +195,10 @@ static char *trim(char *text)
     return text;
 }
 
-/* A whole file of text; the caller frees it.  A zero byte, as a crash leaves them in a file that was not synced, would hide what follows. */
-static enum modal_status get_text(const char *file, const char *field, char **text, size_t *length, struct modal_error *err)
+/* A whole file of text; the caller frees it.  A zero byte, as a crash leaves them in a file that
+ * was not synced, would hide what follows. */
+static enum modal_status get_text(const char *file, const char *field, char **text, size_t *length,
+                                  struct modal_error *err)
 {
     struct modal_error why;
 
@@ -188,7 +207,8 @@ static enum modal_status get_text(const char *file, const char *field, char **te
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s", why.message);
     if (strlen(*text) == *length)
         return MODAL_OK;
-    modal_fail_field(err, MODAL_BAD_INPUT, field, "%s has a zero byte at %zu; accepted: text", file, strlen(*text));
+    modal_fail_field(err, MODAL_BAD_INPUT, field, "%s has a zero byte at %zu; accepted: text", file,
+                     strlen(*text));
     explicit_bzero(*text, *length);
     free(*text);
     *text = NULL;
@@ -247,7 +267,8 @@ enum modal_status config_read(struct config *c, const char *file, struct modal_e
         if (*line == 0)
             continue;
         if (!split(line, &key, &value)) {
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, "config", "%s:%d: not a line `key = value`", file, number);
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, "config", "%s:%d: not a line `key = value`",
+                                  file, number);
             break;
         }
         if (strcmp(key, "bind") == 0 && first_bind) {
@@ -270,30 +291,40 @@ static enum modal_status check_private(const char *file, struct modal_error *err
     if (stat(file, &st) != 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s: %s", file, strerror(errno));
     if ((st.st_mode & 077) != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s has mode %04o; accepted: 0600 or less, for nobody but its owner", file, (unsigned)st.st_mode & 07777);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "keys",
+            "%s has mode %04o; accepted: 0600 or less, for nobody but its owner", file,
+            (unsigned)st.st_mode & 07777);
     return MODAL_OK;
 }
 
 static bool is_z85(const char *text)
 {
-    static const char signs[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ.-:+=^!/*?&<>()[]{}@%$#";
+    static const char signs[] =
+        "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ.-:+=^!/*?&<>()[]{}@%$#";
 
     return strlen(text) == 40 && strspn(text, signs) == 40;
 }
 
 static bool set_limit(struct account *a, const char *word)
 {
-    const struct { const char *name; int64_t *count; double *number, least, most; } limits[] = {
-        { "weight", NULL, &a->weight, 1e-3, 1e3 }, { "queued", &a->most.queued, NULL, 1, LIMIT_MOST }, { "running", &a->most.running, NULL, 1, LIMIT_MOST },
-        { "bytes", &a->most.bytes, NULL, 1, LIMIT_MOST }, { "cpu_s_day", NULL, &a->most.cpu_s_day, 1e-9, LIMIT_MOST },
+    const struct { const char *name; int64_t *count; double *number, least, most;
+    } limits[] = {
+        { "weight", NULL, &a->weight, 1e-3, 1e3 },
+        { "queued", &a->most.queued, NULL, 1, LIMIT_MOST },
+        { "running", &a->most.running, NULL, 1, LIMIT_MOST },
+        { "bytes", &a->most.bytes, NULL, 1, LIMIT_MOST },
+        { "cpu_s_day", NULL, &a->most.cpu_s_day, 1e-9, LIMIT_MOST },
         { "upload_bytes_s", NULL, &a->most.upload_bytes_s, 1e-3, LIMIT_MOST },
     };
     const char *equals = strchr(word, '=');
     double value = equals == NULL ? NAN : quantity(equals + 1);
 
     for (size_t i = 0; equals != NULL && i < sizeof limits / sizeof *limits; i++)
-        if (strlen(limits[i].name) == (size_t)(equals - word) && strncmp(limits[i].name, word, (size_t)(equals - word)) == 0) {
-            if (!(value >= limits[i].least && value <= limits[i].most) || (limits[i].count != NULL && value != floor(value)))
+        if (strlen(limits[i].name) == (size_t)(equals - word)
+            && strncmp(limits[i].name, word, (size_t)(equals - word)) == 0) {
+            if (!(value >= limits[i].least && value <= limits[i].most)
+                || (limits[i].count != NULL && value != floor(value)))
                 return false;
             if (limits[i].count != NULL)
                 *limits[i].count = (int64_t)value;
@@ -304,8 +335,10 @@ static bool set_limit(struct account *a, const char *word)
     return false;
 }
 
-/* The line's comment sign may be part of a key: keys come first, so the comment is cut after them only. */
-static enum modal_status read_key(struct config *c, char *line, const char *file, int number, struct modal_error *err)
+/* The line's comment sign may be part of a key: keys come first, so the comment is cut after
+ * them only. */
+static enum modal_status read_key(struct config *c, char *line, const char *file, int number,
+                                  struct modal_error *err)
 {
     struct account account = { .weight = 1 }, *all;
     char *rest, *word = strtok_r(line, " \t\r", &rest);
@@ -314,22 +347,32 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
     if (word == NULL || (word[0] == '#' && !is_z85(word)))
         return MODAL_OK;
     if (!is_z85(word))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: the first word is not a public key of 40 signs", file, number);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "keys",
+                                "%s:%d: the first word is not a public key of 40 signs", file,
+                                number);
     strcpy(account.key, word);
     word = strtok_r(NULL, " \t\r", &rest);
     if (word == NULL || strlen(word) >= NAME_MOST || strpbrk(word, "\"\\=") != NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: the second word is not a user's name", file, number);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "keys",
+                                "%s:%d: the second word is not a user's name", file, number);
     strcpy(account.user, word);
     word = strtok_r(NULL, " \t\r", &rest);
     while (word != NULL && wire_roles[role] != NULL && strcmp(wire_roles[role], word) != 0)
         role++;
     if (word == NULL || wire_roles[role] == NULL || role == WIRE_ROLE_NONE)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: the third word is not a role; accepted: read, submit, admin, worker", file, number);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "keys",
+            "%s:%d: the third word is not a role; accepted: read, submit, admin, worker", file,
+            number);
     account.role = (enum wire_role)role;
     while ((word = strtok_r(NULL, " \t\r", &rest)) != NULL && word[0] != '#')
         if (!set_limit(&account, word))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: \"%.40s\"; accepted: weight from 0.001 to 1000, queued, running, bytes whole and "
-                                    "cpu_s_day, upload_bytes_s any numbers above 0 up to 1e15, each as name=NUMBER", file, number, word);
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, "keys",
+                "%s:%d: \"%.40s\"; accepted: weight from 0.001 to 1000, queued, running, bytes "
+                "whole and "
+                "cpu_s_day, upload_bytes_s any numbers above 0 up to 1e15, each as name=NUMBER",
+                file, number, word);
     all = realloc(c->accounts, (c->account_count + 1) * sizeof *all);
     if (all == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "out of memory");
@@ -360,7 +403,8 @@ static enum modal_status read_keys(struct config *c, struct modal_error *err)
     return rc;
 }
 
-enum modal_status config_server_keys(const struct config *c, char public[41], char secret[41], struct modal_error *err)
+enum modal_status config_server_keys(const struct config *c, char public[41], char secret[41],
+                                     struct modal_error *err)
 {
     char *text = NULL, *at, *line, *key, *value;
     size_t length;
@@ -386,15 +430,19 @@ enum modal_status config_server_keys(const struct config *c, char public[41], ch
     explicit_bzero(text, length);
     free(text);
     if (public[0] == 0 || secret[0] == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "server_key", "%s has no lines public-key = \"...\" and secret-key = \"...\" of 40 signs", c->server_key);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "server_key",
+            "%s has no lines public-key = \"...\" and secret-key = \"...\" of 40 signs",
+            c->server_key);
     return MODAL_OK;
 }
 
-/* ---- what belongs together -------------------------------------------------------------------------------------- */
+/* ---- what belongs together ------------------------------------------------------------------- */
 
 static bool is_loopback(const char *endpoint)
 {
-    return strncmp(endpoint, "tcp://127.", 10) == 0 || strncmp(endpoint, "tcp://[::1]:", 12) == 0 || strncmp(endpoint, "tcp://localhost:", 16) == 0;
+    return strncmp(endpoint, "tcp://127.", 10) == 0 || strncmp(endpoint, "tcp://[::1]:", 12) == 0
+        || strncmp(endpoint, "tcp://localhost:", 16) == 0;
 }
 
 static enum modal_status check_bind(const char *endpoint, bool keys, struct modal_error *err)
@@ -402,12 +450,18 @@ static enum modal_status check_bind(const char *endpoint, bool keys, struct moda
     bool ipc = strncmp(endpoint, "ipc://", 6) == 0, tcp = strncmp(endpoint, "tcp://", 6) == 0;
 
     if (!ipc && !tcp)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "bind", "\"%.200s\"; accepted: ipc://PATH, tcp://HOST:PORT", endpoint);
-    if (ipc && strlen(endpoint) - 6 > 107)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "bind", "\"%.200s\": the path of a socket has at most 107 bytes", endpoint);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "bind",
+                                "\"%.200s\"; accepted: ipc://PATH, tcp://HOST:PORT", endpoint);
+    if (ipc && strlen(endpoint) - 6 > SOCKET_PATH_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "bind",
+                                "\"%.200s\": the path of a socket has at most 107 bytes", endpoint);
     if (tcp && !keys && !is_loopback(endpoint))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "bind", "\"%.200s\": without keys everyone who reaches the port could do everything; accepted without keys: "
-                                "ipc://PATH, tcp://127.0.0.1:PORT, tcp://[::1]:PORT (for others set server_key and keys)", endpoint);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "bind",
+                                "\"%.200s\": without keys everyone who reaches the port could do "
+                                "everything; accepted without keys: "
+                                "ipc://PATH, tcp://127.0.0.1:PORT, tcp://[::1]:PORT (for others "
+                                "set server_key and keys)",
+                                endpoint);
     return MODAL_OK;
 }
 
@@ -421,7 +475,10 @@ static enum modal_status default_bind(struct config *c, struct modal_error *err)
     else
         snprintf(folder, sizeof folder, "/run/modald");
     if (mkdir(folder, 0755) != 0 && errno != EEXIST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "bind", "no endpoint was named and the default's folder %s cannot be made: %s", folder, strerror(errno));
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "bind",
+            "no endpoint was named and the default's folder %s cannot be made: %s", folder,
+            strerror(errno));
     snprintf(c->bind[0], PATH_ROOM, "ipc://%s/modald.ipc", folder);
     c->bind_count = 1;
     return MODAL_OK;
@@ -447,7 +504,8 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
                                 "no data folder: --data DIR, or --config FILE with a "
                                 "line `data = DIR`");
     if (keys && (c->server_key[0] == 0 || c->keys[0] == 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "server_key and keys belong together; one is missing");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "keys",
+                                "server_key and keys belong together; one is missing");
     if (c->ipc_mode < 0)
         c->ipc_mode = default_ipc_mode();
     if (c->bind_count == 0)

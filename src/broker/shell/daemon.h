@@ -3,8 +3,11 @@
 #define BROKER_DAEMON_H
 #include "broker/shell/config.h"
 
-/* Serve with CONFIG until SIGTERM (drain, then stop), a second one (stop at once), or a failure that stable storage does
- * not survive.  SIGHUP reads CONFIG.file again, with ARGUMENTS over it as at the start.  Returns the exit status. */
+/* The configuration once more, into OUT, which config_done frees; CONTEXT is daemon_run's. */
 typedef enum modal_status config_again(struct config *out, void *context, struct modal_error *err);
+
+/* Serve with CONFIG until SIGTERM (drain, then stop), a second one (stop at once), or a failure
+ * that stable storage does not survive.  SIGHUP reads CONFIG.file again, with ARGUMENTS over it as
+ * at the start.  Returns the exit status. */
 int daemon_run(struct config *config, config_again *again, void *context);
 #endif

@@ -6,7 +6,10 @@
 /* Whole messages of a connection that may wait for the loop: ZMQ_RCVHWM. */
 enum { INTAKE_WAITING = 16 };
 
-void intake_begin(int fd);        /* FD is a connection just accepted; nothing was read of it yet */
-void intake_taken(int fd);         /* the loop has taken a message of it */
-long intake_ended(void);           /* connections ended here, since the start */
+/* FD is a connection just accepted; nothing was read of it yet. */
+void intake_begin(int fd);
+/* The loop has taken a message of FD. */
+void intake_taken(int fd);
+/* Connections ended here, since the start. */
+long intake_ended(void);
 #endif

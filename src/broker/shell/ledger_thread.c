@@ -1,13 +1,14 @@
 /*
  * ledger_thread.c - group commit: what waits while one group syncs is the next group
  *
- * On a full disk a group is taken apart: what may be refused (submissions, samples) is, and what must pass (edges of jobs that run,
- * deletes, chunks whose space is reserved) waits, in order, behind the reserve given up for it, and is tried again.  Results
- * wait too, and are refused when the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
- * alone, else results would use it up and no delete could make room again.  Without a descriptor for the samples of a stream
- * a group waits until there is one, unanswered.  What is given up of the last part nobody else takes: see need_room of
- * spool_thread.c.  Behind samples that were refused no later ones
- * of their stream pass: its fence is up until the core takes it down.
+ * On a full disk a group is taken apart: what may be refused (submissions, samples) is, and what
+ * must pass (edges of jobs that run, deletes, chunks whose space is reserved) waits, in order,
+ * behind the reserve given up for it, and is tried again.  Results wait too, and are refused when
+ * the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
+ * alone, else results would use it up and no delete could make room again.  Without a descriptor
+ * for the samples of a stream a group waits until there is one, unanswered.  What is given up of
+ * the last part nobody else takes: see need_room of spool_thread.c.  Behind samples that were
+ * refused no later ones of their stream pass: its fence is up until the core takes it down.
  */
 #include "broker/shell/queue.h"
 #include <errno.h>
@@ -17,8 +18,9 @@
 #include <sys/stat.h>
 #include <time.h>
 
-enum { GROUP_MOST = 4096 };                    /* transactions */
-enum { BUSY_NS = 100000000 };                  /* between two tries of a group for which there is no descriptor */
+enum { GROUP_MOST = 4096 };              /* transactions: what waits behind them is not kept long */
+/* between two tries of a group for which there is no descriptor */
+enum { BUSY_NS = 100000000 };
 #define REST_AFTER_NS INT64_C(1000000000)      /* without any, the ledger tidies itself up, once */
 
 struct ledger_thread {
@@ -29,7 +31,8 @@ struct ledger_thread {
     bool stop, ping;
     enum { WHOLE, SHRUNK, GONE } reserve;
     bool settling;                             /* pages to give back, at leisure */
-    int64_t rest_ns;                           /* when to rest, monotonic; 0: nothing was done since */
+    /* when to rest, monotonic; 0: nothing was done since */
+    int64_t rest_ns;
     struct ledger *ledger;
     const char *dir;
     struct done_queue *done;
@@ -59,16 +62,20 @@ static bool gather(struct ledger_thread *l, struct transaction *first, size_t *c
     return true;
 }
 
-/* A change the ledger would not apply is a bug of the core: stop rather than tell what is not so. */
-static enum modal_status check_applied(const struct ledger_thread *l, size_t count, struct modal_error *err)
+/* A change the ledger would not apply is a bug of the core: stop rather than tell what is
+ * not so. */
+static enum modal_status check_applied(const struct ledger_thread *l, size_t count,
+                                       struct modal_error *err)
 {
     for (size_t i = 0; i < count; i++)
         if (l->changes[i].status != MODAL_OK)
-            return modal_fail(err, MODAL_INTERNAL, "ledger: change %d was refused: %s", (int)l->changes[i].verb, modal_status_code(l->changes[i].status));
+            return modal_fail(err, MODAL_INTERNAL, "ledger: change %d was refused: %s",
+                              (int)l->changes[i].verb, modal_status_code(l->changes[i].status));
     return MODAL_OK;
 }
 
-static enum modal_status commit(struct ledger_thread *l, struct transaction *first, struct modal_error *err)
+static enum modal_status commit(struct ledger_thread *l, struct transaction *first,
+                                struct modal_error *err)
 {
     size_t count;
     enum modal_status rc;
@@ -83,7 +90,8 @@ static enum modal_status commit(struct ledger_thread *l, struct transaction *fir
 
 enum { BEHIND_FENCES = FIRST_REFUSED + 1 };
 
-/* Take those out of *FIRST that are refusable to LEAST and more, and those behind a fence; answer them, leave the rest. */
+/* Take those out of *FIRST that are refusable to LEAST and more, and those behind a fence; answer
+ * them, leave the rest. */
 static void refuse(struct ledger_thread *l, struct transaction **first, int least)
 {
     struct transaction *refused = NULL, **end = &refused;
@@ -133,8 +141,9 @@ static void wait_for_work(struct ledger_thread *l)
             over = pthread_cond_timedwait(&l->more, &l->mutex, &rest) == ETIMEDOUT;
 }
 
-/* Up to GROUP_MOST transactions; NULL: stop, rest, or nothing after all.  *PING: somebody wants to know that this thread lives. */
-static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
+/* Up to GROUP_MOST transactions; NULL: stop, rest, or nothing after all.  *PING: somebody wants to
+ * know that this thread lives. */
+static struct transaction *next_group(struct ledger_thread *l, bool *ping, bool *stop)
 {
     struct transaction *list, **cut;
 
@@ -160,7 +169,8 @@ static struct transaction *take(struct ledger_thread *l, bool *ping, bool *stop)
     return list;
 }
 
-static enum modal_status full_disk(struct ledger_thread *l, struct transaction *group, struct modal_error *err)
+static enum modal_status full_disk(struct ledger_thread *l, struct transaction *group,
+                                   struct modal_error *err)
 {
     int before = l->reserve;
     enum modal_status rc;
@@ -252,7 +262,7 @@ static void *run(void *context)
     bool ping, stop;
 
     for (;;) {
-        struct transaction *group = take(l, &ping, &stop);
+        struct transaction *group = next_group(l, &ping, &stop);
         enum modal_status rc;
 
         if (ping)
@@ -289,7 +299,8 @@ static void *run(void *context)
     }
 }
 
-struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir, struct done_queue *done)
+struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir,
+                                          struct done_queue *done)
 {
     struct ledger_thread *l = calloc(1, sizeof *l);
     pthread_condattr_t monotonic;

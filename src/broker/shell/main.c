@@ -7,12 +7,15 @@
 #include "broker/shell/daemon.h"
 
 static const char usage[] =
-    "usage: modald --data DIR [--bind ENDPOINT...]... [--workers N] [--config FILE] [--check-config]\n"
+    "usage: modald --data DIR [--bind ENDPOINT...]... [--workers N] [--config FILE] "
+    "[--check-config]\n"
     "\n"
     "  --data DIR         the data folder; made where it is not there\n"
     "  --bind ENDPOINT    ipc://PATH or tcp://HOST:PORT, one or more; up to 16\n"
-    "                     (default ipc://$XDG_RUNTIME_DIR/modald/modald.ipc; where that is not set ipc:///run/modald/modald.ipc)\n"
-    "  --workers N        worker processes (default: the processors, one less where there are more than two)\n"
+    "                     (default ipc://$XDG_RUNTIME_DIR/modald/modald.ipc; where that is not set "
+    "ipc:///run/modald/modald.ipc)\n"
+    "  --workers N        worker processes (default: the processors, one less where there are more "
+    "than two)\n"
     "  --config FILE      settings, one `key = value` a line; what stands here goes over it\n"
     "  --check-config     check all of it, say what is wrong, and end\n"
     "  --version\n"
@@ -25,9 +28,10 @@ struct arguments { int argc; char **argv; bool check; };
 static enum modal_status read_all(struct config *out, void *context, struct modal_error *err)
 {
     static const struct option options[] = {
-        { "data", required_argument, NULL, 'd' },  { "bind", required_argument, NULL, 'b' },    { "workers", required_argument, NULL, 'w' },
-        { "config", required_argument, NULL, 'c' }, { "check-config", no_argument, NULL, 'k' },  { "version", no_argument, NULL, 'V' },
-        { "help", no_argument, NULL, 'h' },        { NULL, 0, NULL, 0 },
+        { "data", required_argument, NULL, 'd' },    { "bind", required_argument, NULL, 'b' },
+        { "workers", required_argument, NULL, 'w' }, { "config", required_argument, NULL, 'c' },
+        { "check-config", no_argument, NULL, 'k' },  { "version", no_argument, NULL, 'V' },
+        { "help", no_argument, NULL, 'h' },          { NULL, 0, NULL, 0 },
     };
     struct arguments *a = context;
     enum modal_status rc = MODAL_OK;
@@ -35,24 +39,33 @@ static enum modal_status read_all(struct config *out, void *context, struct moda
     int option;
 
     config_init(out);
-    for (optind = 0; rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, "", options, NULL)) != -1;) {
+    for (optind = 0;
+         rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, "", options, NULL)) != -1;) {
         if (option == 'c')
             rc = config_read(out, optarg, err);
         if (option == '?')
             return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "unknown argument");
     }
-    for (optind = 0; rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, "", options, NULL)) != -1;) {
+    for (optind = 0;
+         rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, "", options, NULL)) != -1;) {
         if (option == 'b' && first_bind)
             out->bind_count = 0;
         first_bind = first_bind && option != 'b';
         if (option == 'd' || option == 'b' || option == 'w')
-            rc = config_set(out, option == 'd' ? "data" : option == 'b' ? "bind" : "workers", optarg, err);
+            rc = config_set(out,
+                            option == 'd'   ? "data"
+                            : option == 'b' ? "bind"
+                                            : "workers",
+                            optarg, err);
         a->check = a->check || option == 'k';
     }
-    for (; rc == MODAL_OK && !first_bind && optind < a->argc && strstr(a->argv[optind], "://") != NULL; optind++)
+    for (; rc == MODAL_OK && !first_bind && optind < a->argc
+           && strstr(a->argv[optind], "://") != NULL;
+         optind++)
         rc = config_set(out, "bind", a->argv[optind], err);     /* --bind ONE OTHER */
     if (rc == MODAL_OK && optind < a->argc)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "\"%.60s\" is not an argument", a->argv[optind]);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "\"%.60s\" is not an argument",
+                              a->argv[optind]);
     return rc == MODAL_OK ? config_finish(out, err) : rc;
 }
 

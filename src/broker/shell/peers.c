@@ -1,15 +1,19 @@
 /*
  * peers.c - see peers.h
  *
- * With ZMQ_ROUTER_MANDATORY the first frame says what will become of a message: EAGAIN (the peer's pipe is full), or
- * EHOSTUNREACH (the peer is gone); the frames after it are taken.  libzmq does not say when a pipe has room again, so
- * the loop tries while there are queues, and only then.
+ * With ZMQ_ROUTER_MANDATORY the first frame says what will become of a message: EAGAIN (the peer's
+ * pipe is full), or EHOSTUNREACH (the peer is gone); the frames after it are taken.  libzmq does
+ * not say when a pipe has room again, so the loop tries while there are queues, and only then.
  */
 #include "broker/shell/peers.h"
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zmq.h>
+
+/* Messages that wait while a peer is told full, and under which it is ready again: apart, so that
+ * events neither stop nor go on with each message. */
+enum { FULL_FROM = 16, READY_BELOW = 4 };
 
 struct routing { const void *data; size_t size; };
 
@@ -40,7 +44,8 @@ struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size
 {
     struct routing key = { data, size };
     uint64_t hash = map_hash(data, size);
-    struct peer *peer = size > ROUTING_MOST ? NULL : map_find(&peers->by_routing, hash, has_routing, &key);
+    struct peer *peer =
+        size > ROUTING_MOST ? NULL : map_find(&peers->by_routing, hash, has_routing, &key);
 
     if (peer != NULL || size > ROUTING_MOST)
         return peer;
@@ -145,18 +150,20 @@ static void enqueue(struct peers *peers, struct peer *peer, struct outgoing *o)
     }
 }
 
-enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header, struct blob *body)
+enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header,
+                            struct blob *body)
 {
     struct outgoing *o = calloc(1, sizeof *o);
     int error;
 
     if (o == NULL)
         abort();
-    *o = (struct outgoing) { .verb = verb, .header = header, .body = body, .size = strlen(header) + (body == NULL ? 0 : body->size) };
+    *o = (struct outgoing) { .verb = verb, .header = header, .body = body,
+                             .size = strlen(header) + (body == NULL ? 0 : body->size) };
     error = peer->first != NULL ? EAGAIN : try_send(peers, peer, o);
     if (error == EAGAIN) {
         enqueue(peers, peer, o);
-        if (peer->full || peer->messages < 16)
+        if (peer->full || peer->messages < FULL_FROM)
             return PEER_SAME;
         peer->full = true;
         return PEER_FULL;
@@ -185,7 +192,8 @@ static int drain(struct peers *peers, struct peer *peer)
     return error;
 }
 
-bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum peer_change), void *context)
+bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum peer_change),
+                 void *context)
 {
     bool moved = false;
 
@@ -204,7 +212,7 @@ bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum pee
         }
         if (peer->first == NULL)
             unblock(peers, peer);
-        if (peer->full && peer->messages < 4) {
+        if (peer->full && peer->messages < READY_BELOW) {
             peer->full = false;
             changed(context, peer->number, PEER_READY);
         }

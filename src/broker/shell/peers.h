@@ -11,9 +11,19 @@
 #include "broker/kit/blob.h"
 #include "broker/kit/map.h"
 
-enum { PEER_MESSAGES_MOST = 1024, PEER_BYTES_MOST = 8 << 20, ROUTING_MOST = 5 };
+enum {
+    PEER_MESSAGES_MOST = 1024,    /* that wait for one connection: whoever reads none has no more */
+    PEER_BYTES_MOST = 8 << 20,    /* of them: eight bodies */
+    ROUTING_MOST = 5,             /* bytes of libzmq's own routing ids */
+};
 
-struct outgoing { struct outgoing *next; const char *verb; char *header; struct blob *body; size_t size; };
+struct outgoing {
+    struct outgoing *next;
+    const char *verb;
+    char *header;
+    struct blob *body;
+    size_t size;
+};
 
 struct peer {
     uint64_t number;
@@ -39,14 +49,21 @@ struct peers {
     int64_t dropped;
 };
 
-struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t size,
-                              int fd);   /* made where new */
+/* The peer whose routing id ROUTING is, made where it is new, on the connection of FD; NULL: that
+ * is no id of libzmq's. */
+struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t size, int fd);
+/* NULL: it is gone. */
 struct peer *peers_by_number(const struct peers *peers, uint64_t number);
-/* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and it is freed. */
-enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header, struct blob *body);
-/* Try again what is queued; CHANGED is called for each peer whose state changes.  Whether anything went out. */
-bool peers_flush(struct peers *peers, void (*changed)(void *context, uint64_t number, enum peer_change), void *context);
+/* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and
+ * it is freed. */
+enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header,
+                            struct blob *body);
+/* Try again what is queued; CHANGED is called for each peer whose state changes.  Whether anything
+ * went out. */
+bool peers_flush(struct peers *peers,
+                 void (*changed)(void *context, uint64_t number, enum peer_change), void *context);
 /* The connection of FD has ended: its peer is forgotten.  Its number; 0: it had none. */
 uint64_t peers_ended(struct peers *peers, int fd);
+/* All of them; the socket stays. */
 void peers_done(struct peers *peers);
 #endif

@@ -1,4 +1,5 @@
-/* pool.c - see pool.h; never fork: copying the page tables of a large daemon takes longer than many jobs */
+/* pool.c - see pool.h; never fork: copying the page tables of a large daemon takes longer than
+ * many jobs */
 #include "broker/shell/pool.h"
 #include <errno.h>
 #include <fcntl.h>
@@ -18,7 +19,9 @@ enum { INPUTS_AT = 3 };         /* in the worker */
 /* Environment of a worker: nothing of the daemon's but what the numerics need. */
 static char **worker_environment(void)
 {
-    static const char *const names[] = { "PATH", "LANG", "TZ", "OPENBLAS_CORETYPE", "MODALD_FAULT", "MODALD_WORKER_FAULT", "ASAN_OPTIONS", "UBSAN_OPTIONS", NULL };
+    static const char *const names[] = {
+        "PATH", "LANG", "TZ", "OPENBLAS_CORETYPE", "MODALD_FAULT", "MODALD_WORKER_FAULT",
+        "ASAN_OPTIONS", "UBSAN_OPTIONS", NULL };
     char **out = grab(24 * sizeof *out);
     int count = 0;
 
@@ -67,7 +70,8 @@ static int start(struct pool *pool, int out_fd, int inputs, pid_t *pid)
     posix_spawnattr_setsigmask(&attributes, &none);
     posix_spawnattr_setsigdefault(&attributes, &all);
     posix_spawnattr_setpgroup(&attributes, 0);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF
+                                              | POSIX_SPAWN_SETPGROUP);
     error = posix_spawn(pid, pool->program, &actions, &attributes, argv, environment);
     posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
@@ -152,7 +156,7 @@ void pool_kill_all(struct pool *pool)
     }
 }
 
-static void keep(struct process *p, const char *data, size_t size)
+static void append_tail(struct process *p, const char *data, size_t size)
 {
     if (p->tail == NULL)
         p->tail = grab(STDERR_KEPT + 1);
@@ -178,8 +182,9 @@ bool pool_read(struct pool *pool, int slot)
 
     if (p->stderr_fd < 0)
         return false;
-    for (int rounds = 0; rounds < 16 && (n = read(p->stderr_fd, buffer, sizeof buffer)) > 0; rounds++)
-        keep(p, buffer, (size_t)n);
+    for (int rounds = 0; rounds < 16 && (n = read(p->stderr_fd, buffer, sizeof buffer)) > 0;
+         rounds++)
+        append_tail(p, buffer, (size_t)n);
     if (n == 0) {
         close(p->stderr_fd);
         p->stderr_fd = -1;
@@ -192,7 +197,8 @@ bool pool_read(struct pool *pool, int slot)
 static void clean(char *text, size_t size)
 {
     for (size_t i = 0; i < size; i++)
-        if ((unsigned char)text[i] >= 0x7f || ((unsigned char)text[i] < 0x20 && text[i] != '\n' && text[i] != '\t'))
+        if ((unsigned char)text[i] >= 0x7f
+            || ((unsigned char)text[i] < 0x20 && text[i] != '\n' && text[i] != '\t'))
             text[i] = '?';
 }
 
@@ -235,7 +241,8 @@ int pool_slot_of_peer(const struct pool *pool, uint64_t peer)
 
 bool pool_find_program(char path[4096])
 {
-    static const char *const places[] = { "modald-worker", "../libexec/modald/modald-worker", "../libexec/modald-worker", NULL };
+    static const char *const places[] = {
+        "modald-worker", "../libexec/modald/modald-worker", "../libexec/modald-worker", NULL };
     char self[4096];
     ssize_t n = readlink("/proc/self/exe", self, sizeof self - 1);
     char *slash;

@@ -11,7 +11,7 @@
 #include <sys/types.h>
 #include "broker/core/state.h"
 
-enum { STDERR_KEPT = 65536 };
+enum { STDERR_KEPT = 65536 };   /* as much as a pipe holds: the last words of what died at once */
 
 struct process {
     pid_t pid;                  /* 0: none */
@@ -32,16 +32,21 @@ struct pool {
 
 /* Start a process for SLOT; false: it could not be started (errno). */
 bool pool_spawn(struct pool *pool, int slot);
-void pool_kill(struct pool *pool, int slot);       /* the whole group; the exit is seen by pool_reap */
-void pool_kill_all(struct pool *pool);             /* and wait for them */
+/* End its whole group; the exit is seen by pool_reap. */
+void pool_kill(struct pool *pool, int slot);
+/* All groups, and wait for them. */
+void pool_kill_all(struct pool *pool);
 /* Hand DESCRIPTOR, which stays ours, to the process of SLOT, named by TEXT.  Where it takes nothing
  * in, it finds nothing. */
 void pool_hand(struct pool *pool, int slot, const char *text, int descriptor);
 /* Take in what SLOT wrote to stderr; false: it closed it. */
 bool pool_read(struct pool *pool, int slot);
-/* A process that ended: its slot, status and the text it left (the pool's until the slot is started again); -1: none. */
+/* A process that ended: its slot, status and the text it left (the pool's until the slot is
+ * started again); -1: none. */
 int pool_reap(struct pool *pool, int *status, const char **text);
-int pool_slot_of_pid(const struct pool *pool, pid_t pid);       /* -1: none of ours */
+/* The slot of process PID; -1: none of ours. */
+int pool_slot_of_pid(const struct pool *pool, pid_t pid);
+/* The slot whose worker's connection is PEER; -1: none. */
 int pool_slot_of_peer(const struct pool *pool, uint64_t peer);
 /* The worker program: beside the daemon, or in ../libexec/modald; false: not found. */
 bool pool_find_program(char path[4096]);

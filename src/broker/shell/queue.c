@@ -64,7 +64,8 @@ void done_fatal(struct done_queue *queue, const struct modal_error *err)
     unlock_and_wake(queue);
 }
 
-void done_take(struct done_queue *queue, struct transaction **transactions, struct task **tasks, bool *pinged, bool *fatal)
+void done_take(struct done_queue *queue, struct transaction **transactions, struct task **tasks,
+               bool *pinged, bool *fatal)
 {
     uint64_t count;
 

@@ -1,8 +1,9 @@
 /*
  * spool_thread.c - tasks on files: chunks, seals, results, and reading beside the ledger's thread
  *
- * Chunks are hashed by another thread while one writes and syncs them: a thread that has chunks offers their hashing, any idle
- * thread takes it, and where none did the first does it itself while the disk is busy.
+ * Chunks are hashed by another thread while one writes and syncs them: a thread that has chunks
+ * offers their hashing, any idle thread takes it, and where none did the first does it itself
+ * while the disk is busy.
  *
  * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal
  * writes as much as a stream may be long, and neither another's chunk nor another's short stream
@@ -21,7 +22,10 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { THREADS_MOST = 16, SLICE_BYTES = 8 << 20 /* of a seal, written and synced at once */ };
+enum {
+    THREADS_MOST = 16,            /* more than a disk has requests at once */
+    SLICE_BYTES = 8 << 20,        /* of a seal, written and synced before another's turn */
+};
 
 /* Chunks to be hashed, on the stack of the thread that writes them. */
 struct hashing {
@@ -47,11 +51,11 @@ struct spool_threads {
     struct done_queue *done;
 };
 
-/* ---- one task --------------------------------------------------------------------------------------------------- */
+/* ---- one task -------------------------------------------------------------------------------- */
 
 struct rows { struct chunk_record *items; size_t count, room; };
 
-static enum modal_status keep_row(void *context, const struct chunk_record *row)
+static enum modal_status add_row(void *context, const struct chunk_record *row)
 {
     struct rows *rows = context;
 
@@ -111,9 +115,10 @@ static enum modal_status resume(const char *dir, struct ledger_reader *reader, s
 
     upload_close(task->upload);                    /* one whose last write failed */
     task->upload = NULL;
-    rc = ledger_read_chunks(reader, task->id, 0, UINT64_MAX, keep_row, &rows, &task->err);
+    rc = ledger_read_chunks(reader, task->id, 0, UINT64_MAX, add_row, &rows, &task->err);
     if (rc == MODAL_OK)
-        rc = upload_resume(dir, task->id, &task->shape, rows.items, rows.count, &task->upload, &task->err);
+        rc = upload_resume(dir, task->id, &task->shape, rows.items, rows.count, &task->upload,
+                           &task->err);
     free(rows.items);
     return rc;
 }
@@ -127,8 +132,9 @@ static void offer(struct spool_threads *s, struct hashing *h)
     pthread_mutex_unlock(&s->mutex);
 }
 
-/* Under the mutex: H, or with NULL any offer, is the caller's to hash; NULL: somebody has it, or there is none. */
-static struct hashing *take_offer(struct spool_threads *s, const struct hashing *h)
+/* Under the mutex: H, or with NULL any offer, is the caller's to hash; NULL: somebody has it, or
+ * there is none. */
+static struct hashing *find_offer(struct spool_threads *s, const struct hashing *h)
 {
     struct hashing **link = &s->offers, *found;
 
@@ -157,7 +163,7 @@ static void hash_own(struct spool_threads *s, struct hashing *h)
     bool mine;
 
     pthread_mutex_lock(&s->mutex);
-    mine = take_offer(s, h) != NULL;
+    mine = find_offer(s, h) != NULL;
     pthread_mutex_unlock(&s->mutex);
     if (mine)
         hash(s, h);
@@ -178,7 +184,8 @@ static enum modal_status write_chunks(struct spool_threads *s, struct task *task
     enum modal_status rc;
 
     for (int i = 0; i < task->count; i++)
-        parts[i] = (struct upload_part) { task->chunks[i]->data, task->chunks[i]->size, task->crcs[i] };
+        parts[i] =
+            (struct upload_part) { task->chunks[i]->data, task->chunks[i]->size, task->crcs[i] };
     offer(s, &own);
     rc = upload_write(task->upload, task->offset, parts, (size_t)task->count, &task->err);
     hash_own(s, &own);
@@ -272,7 +279,8 @@ static enum modal_status add_segment(void *context, const struct segment_record 
 /* The segments of R's stream from its file's offset FROM on to VISIT, with the file open. */
 static enum modal_status read_segments(const char *dir, struct ledger_reader *reader,
                                        struct reading *r, uint64_t from,
-                                       enum modal_status (*visit)(void *context, const struct segment_record *))
+                                       enum modal_status (*visit)(void *context,
+                                                                  const struct segment_record *))
 {
     struct task *task = r->task;
     char path[4200];
@@ -341,11 +349,16 @@ static enum modal_status compare_segment(void *context, const struct segment_rec
     if (segment->epoch != task->epoch || from >= to || task->differs)
         return MODAL_OK;
     if (segment->length != segment->count * size || segment->length > WIRE_CHUNK_MOST)
-        return modal_fail(&task->err, MODAL_CORRUPT, "a segment of stream %lld has %llu bytes for %llu samples", (long long)task->stream,
-                          (unsigned long long)segment->length, (unsigned long long)segment->count);
+        return modal_fail(&task->err, MODAL_CORRUPT,
+                          "a segment of stream %lld has %llu bytes for %llu samples",
+                          (long long)task->stream, (unsigned long long)segment->length,
+                          (unsigned long long)segment->count);
     rc = samples_get(r->fd, segment, r->block, &task->err);
-    task->differs = rc == MODAL_OK && memcmp(r->block + (from - segment->first) * size, (const char *)task->chunks[0]->data + (from - task->begin) * size,
-                                             (to - from) * size) != 0;
+    task->differs = rc == MODAL_OK
+                    && memcmp(r->block + (from - segment->first) * size,
+                              (const char *)task->chunks[0]->data + (from - task->begin) * size,
+                              (to - from) * size)
+                           != 0;
     return rc;
 }
 
@@ -387,9 +400,11 @@ static enum modal_status read_row(struct ledger_reader *reader, struct task *tas
 {
     char *data = NULL;
     size_t length = 0;
-    enum modal_status rc = task->type == TASK_READ_RESULT ? ledger_read_result(reader, task->id, &data, &length, &task->err)
-                         : task->type == TASK_READ_STDERR ? ledger_read_stderr(reader, task->id, &data, &length, &task->err)
-                                                          : ledger_read_input(reader, task->id, &data, &length, &task->err);
+    enum modal_status rc = task->type == TASK_READ_RESULT
+                               ? ledger_read_result(reader, task->id, &data, &length, &task->err)
+                           : task->type == TASK_READ_STDERR
+                               ? ledger_read_stderr(reader, task->id, &data, &length, &task->err)
+                               : ledger_read_input(reader, task->id, &data, &length, &task->err);
 
     return rc == MODAL_OK ? cut(task, data, length) : rc;
 }
@@ -421,7 +436,7 @@ static enum modal_status open_input(const char *dir, struct task *task)
                ? modal_fail(&task->err, MODAL_CORRUPT, "%s is missing", path) : rc;
 }
 
-static enum modal_status keep_event(void *context, const struct event_record *r)
+static enum modal_status add_event(void *context, const struct event_record *r)
 {
     struct task *task = context;
     struct event_row *rows = realloc(task->events, (size_t)(task->event_count + 1) * sizeof *rows);
@@ -429,12 +444,14 @@ static enum modal_status keep_event(void *context, const struct event_record *r)
     if (rows == NULL)
         return MODAL_NO_MEMORY;
     task->events = rows;
-    rows[task->event_count++] = (struct event_row) { .number = r->number, .ns = r->ns, .job = r->job, .user = r->user ? strdup(r->user) : NULL,
-                                                    .topic = r->topic ? strdup(r->topic) : NULL, .text = strdup(r->text) };
+    rows[task->event_count++] = (struct event_row) {
+        .number = r->number, .ns = r->ns, .job = r->job, .user = r->user ? strdup(r->user) : NULL,
+        .topic = r->topic ? strdup(r->topic) : NULL, .text = strdup(r->text) };
     return rows[task->event_count - 1].text == NULL ? MODAL_NO_MEMORY : MODAL_OK;
 }
 
-static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *reader, struct task *task)
+static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *reader,
+                                 struct task *task)
 {
     const char *dir = s->dir;
 
@@ -450,12 +467,16 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
     case TASK_RESULT_PUT:    return put_result(dir, task);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);
-    case TASK_READ_RESULT: case TASK_READ_STDERR: case TASK_READ_INPUT: return read_row(reader, task);
+    case TASK_READ_RESULT:
+    case TASK_READ_STDERR:
+    case TASK_READ_INPUT:
+        return read_row(reader, task);
     case TASK_READ_SPOOL:    return read_spool(dir, reader, task);
     case TASK_ROOM:          return find_room(dir, task);
     case TASK_OPEN_INPUT:    return open_input(dir, task);
     case TASK_READ_EVENTS:
-        return ledger_read_events(reader, (int64_t)task->offset, task->user, (int)task->length, keep_event, task, &task->err);
+        return ledger_read_events(reader, (int64_t)task->offset, task->user, (int)task->length,
+                                  add_event, task, &task->err);
     }
     return modal_fail(&task->err, MODAL_INTERNAL, "unknown task");
 }
@@ -463,22 +484,23 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
 /* Whether a failure of this task means that stable storage cannot be trusted any more. */
 static bool is_fatal(const struct task *task)
 {
-    bool writes = task->type == TASK_BEGIN || task->type == TASK_WRITE || task->type == TASK_SEAL || task->type == TASK_STREAM_SEAL || task->type == TASK_RESULT_PUT;
+    bool writes = task->type == TASK_BEGIN || task->type == TASK_WRITE || task->type == TASK_SEAL
+                  || task->type == TASK_STREAM_SEAL || task->type == TASK_RESULT_PUT;
 
     return writes && task->status == MODAL_IO;
 }
 
-/* ---- the threads ------------------------------------------------------------------------------------------------ */
+/* ---- the threads ----------------------------------------------------------------------------- */
 
 /* The next task; *OFFERED instead, where somebody's chunks want hashing; neither: stop. */
-static struct task *take(struct spool_threads *s, struct hashing **offered)
+static struct task *next_task(struct spool_threads *s, struct hashing **offered)
 {
     struct task *task;
 
     pthread_mutex_lock(&s->mutex);
     while (s->first == NULL && s->offers == NULL && !s->stop)
         pthread_cond_wait(&s->more, &s->mutex);
-    *offered = take_offer(s, NULL);
+    *offered = find_offer(s, NULL);
     if (*offered != NULL) {
         pthread_mutex_unlock(&s->mutex);
         return NULL;
@@ -521,7 +543,7 @@ static void *run(void *context)
         done_fatal(s->done, &err);
         return NULL;
     }
-    while ((task = take(s, &offered)) != NULL || offered != NULL) {
+    while ((task = next_task(s, &offered)) != NULL || offered != NULL) {
         if (offered != NULL) {
             hash(s, offered);
             continue;
@@ -542,7 +564,7 @@ static void put_seal(struct spool_threads *s, struct task *task)
 }
 
 /* The seal whose turn it is; NULL: stop, and what is not sealed is sealed after the next start. */
-static struct task *take_seal(struct spool_threads *s)
+static struct task *next_seal(struct spool_threads *s)
 {
     struct task *task;
 
@@ -572,7 +594,7 @@ static void *run_seals(void *context)
         done_fatal(s->done, &err);
         return NULL;
     }
-    while ((task = take_seal(s)) != NULL) {
+    while ((task = next_seal(s)) != NULL) {
         clock_gettime(CLOCK_MONOTONIC, &begun);
         task->status = seal_slice(s->dir, reader, task, &more);
         if (!more) {

@@ -4,7 +4,8 @@
 #include <string.h>
 #include <zmq.h>
 
-enum { FRAMES = 9 };      /* of a CURVE request, the sender's routing id and the delimiter among them */
+/* of a CURVE request, the sender's routing id and the delimiter among them */
+enum { FRAMES = 9 };
 
 void *zap_open(void *context)
 {
@@ -41,13 +42,18 @@ static int receive(void *socket, zmq_msg_t frames[FRAMES])
 
 static bool is(zmq_msg_t *frame, const char *text)
 {
-    return zmq_msg_size(frame) == strlen(text) && memcmp(zmq_msg_data(frame), text, strlen(text)) == 0;
+    return zmq_msg_size(frame) == strlen(text)
+        && memcmp(zmq_msg_data(frame), text, strlen(text)) == 0;
 }
 
-/* Frames: routing id, empty, version, request id, domain, address, routing id of the peer, mechanism, [key]. */
-static void answer(void *socket, zmq_msg_t *routing, zmq_msg_t *version, zmq_msg_t *request, const char *user)
+/* Frames: routing id, empty, version, request id, domain, address, routing id of the peer,
+ * mechanism, [key]. */
+static void answer(void *socket, zmq_msg_t *routing, zmq_msg_t *version, zmq_msg_t *request,
+                   const char *user)
 {
-    const char *parts[] = { user != NULL ? "200" : "400", user != NULL ? "OK" : "no such key", user != NULL ? user : "", "" };
+    const char *parts[] = {
+        user != NULL ? "200" : "400", user != NULL ? "OK" : "no such key",
+        user != NULL ? user : "", "" };
 
     zmq_msg_send(routing, socket, ZMQ_SNDMORE | ZMQ_DONTWAIT);
     zmq_send(socket, "", 0, ZMQ_SNDMORE | ZMQ_DONTWAIT);
@@ -60,7 +66,8 @@ static void answer(void *socket, zmq_msg_t *routing, zmq_msg_t *version, zmq_msg
 /* The address is libzmq's own text, of digits, dots, colons and the like. */
 static void note(struct zap_refused *refused, const char *key, zmq_msg_t *address)
 {
-    size_t size = zmq_msg_size(address) < sizeof refused->address - 1 ? zmq_msg_size(address) : sizeof refused->address - 1;
+    size_t size = zmq_msg_size(address) < sizeof refused->address - 1 ? zmq_msg_size(address)
+                                                                      : sizeof refused->address - 1;
 
     refused->count++;
     snprintf(refused->key, sizeof refused->key, "%s", key);
@@ -68,7 +75,8 @@ static void note(struct zap_refused *refused, const char *key, zmq_msg_t *addres
     refused->address[size] = 0;
 }
 
-void zap_answer(void *socket, const struct account *accounts, size_t count, struct zap_refused *refused)
+void zap_answer(void *socket, const struct account *accounts, size_t count,
+                struct zap_refused *refused)
 {
     zmq_msg_t frames[FRAMES];
     int n;

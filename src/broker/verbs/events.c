@@ -1,20 +1,27 @@
 /*
- * events.c - numbered edges to subscribers, from memory where they are recent and from the ledger where they are not
+ * events.c - numbered edges to subscribers, from memory where they are recent and from the ledger
+ * where they are not
  *
- * A subscriber has the number of the next event it has not seen.  The last RING committed events are in memory; further
- * back the ledger is read, a page at a time.  A peer that takes no more messages is passed over until it does.
+ * A subscriber has the number of the next event it has not seen.  The last RING committed events
+ * are in memory; further back the ledger is read, a page at a time.  A peer that takes no more
+ * messages is passed over until it does.
  */
-#include "broker/core/state.h"
+#include "broker/core/jobs.h"
+#include "broker/verbs/events.h"
+#include "broker/verbs/verbs.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { PAGE = 256 };
+enum {
+    PAGE = 256,               /* events read, or told to one subscriber, at once */
+    PRUNED_AT_LEAST = 1024,   /* events go in such groups: pruning costs a transaction */
+};
 
 static bool is_full(const struct core *c, uint64_t peer)
 {
-    for (size_t i = 0; i < c->full_count; i++)
-        if (c->full[i] == peer)
+    for (size_t i = 0; i < c->events->full_count; i++)
+        if (c->events->full[i] == peer)
             return true;
     return false;
 }
@@ -34,7 +41,9 @@ static void send_event(struct core *c, const struct subscription *s, const struc
     if (text == NULL || strlen(row->text) < 3)
         abort();
     text[strlen(text) - 1] = ',';                  /* the event's own members follow */
-    core_act(c, (struct action) { .type = ACT_SEND, .peer = s->peer, .verb = "EVENT", .header = grab_format("%s%s", text, row->text + 1) });
+    core_act(c, (struct action) {
+        .type = ACT_SEND, .peer = s->peer, .verb = "EVENT",
+        .header = grab_format("%s%s", text, row->text + 1) });
     free(text);
 }
 
@@ -79,7 +88,8 @@ static int64_t ring_first(const struct core *c, int64_t last)
 {
     int64_t first = last + 1;
 
-    while (first > 1 && first > last + 1 - RING && c->ring[(first - 1) % RING].number == first - 1)
+    while (first > 1 && first > last + 1 - RING
+           && c->events->ring[(first - 1) % RING].number == first - 1)
         first--;
     return first;
 }
@@ -100,7 +110,7 @@ static void pump(struct core *c, struct subscription *s)
         return;
     }
     for (int budget = 0; s->next_event <= last && budget < PAGE; budget++) {
-        const struct event_row *row = &c->ring[s->next_event++ % RING];
+        const struct event_row *row = &c->events->ring[s->next_event++ % RING];
         if (wants(s, row))
             send_event(c, s, row);
     }
@@ -108,7 +118,7 @@ static void pump(struct core *c, struct subscription *s)
 
 void events_pump(struct core *c)
 {
-    struct subscription **link = &c->subscriptions;
+    struct subscription **link = &c->events->subscriptions;
 
     while (*link != NULL) {
         struct subscription *s = *link;
@@ -126,7 +136,7 @@ void events_pump(struct core *c)
 
 void events_committed(struct core *c, struct after *after)
 {
-    struct event_row *row = &c->ring[after->value % RING];
+    struct event_row *row = &c->events->ring[after->value % RING];
 
     free(row->user);
     free(row->topic);
@@ -138,8 +148,8 @@ void events_committed(struct core *c, struct after *after)
         row->user = grab_text(after->job->user->name);
     }
     if (after->stream != NULL) {
-        row->user = grab_text(after->stream->user->name);
-        row->topic = grab_text(after->stream->name);
+        row->user = grab_text(stream_user(after->stream)->name);
+        row->topic = grab_text(stream_name(after->stream));
     }
     c->last_event = after->value;
 }
@@ -149,11 +159,12 @@ void events_progress(struct core *c, struct job *job)
     char ident[9];
     struct event_row row = { .ns = c->now.utc_ns, .job = job->id, .user = job->user->name };
 
-    if (c->subscriptions == NULL)
+    if (c->events->subscriptions == NULL)
         return;
     job_ident(c, job, ident);
-    row.text = grab_format("{\"event\":\"progress\",\"job\":\"%s\",\"progress\":%s}", ident, job->progress);
-    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+    row.text = grab_format("{\"event\":\"progress\",\"job\":\"%s\",\"progress\":%s}", ident,
+                           job->progress);
+    for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
         if (!s->gone && !is_full(c, s->peer) && wants(s, &row))
             send_event(c, s, &row);
     free(row.text);
@@ -161,7 +172,7 @@ void events_progress(struct core *c, struct job *job)
 
 void events_task_done(struct core *c, struct task *task)
 {
-    struct subscription *s = c->subscriptions;
+    struct subscription *s = c->events->subscriptions;
 
     while (s != NULL && s->number != (uint64_t)task->after->value)
         s = s->next;
@@ -170,8 +181,11 @@ void events_task_done(struct core *c, struct task *task)
     s->reading = false;
     if (s->gone || task->status != MODAL_OK)
         return;
-    if (task->event_count > 0 && (int64_t)task->offset + 1 < task->events[0].number && (int64_t)task->total > (int64_t)task->offset + 1) {
-        struct event_row lost = { .ns = c->now.utc_ns, .text = (char *)"{\"event\":\"lost\"}", .number = (int64_t)task->total };
+    if (task->event_count > 0 && (int64_t)task->offset + 1 < task->events[0].number
+        && (int64_t)task->total > (int64_t)task->offset + 1) {
+        struct event_row lost = {
+            .ns = c->now.utc_ns, .text = (char *)"{\"event\":\"lost\"}",
+            .number = (int64_t)task->total };
         send_event(c, s, &lost);                   /* the first that is kept */
     }
     for (int i = 0; i < task->event_count; i++)
@@ -179,9 +193,11 @@ void events_task_done(struct core *c, struct task *task)
             send_event(c, s, &task->events[i]);
     if (task->event_count == PAGE)
         s->next_event = task->events[PAGE - 1].number + 1;
-    else {                                         /* the rest, up to what is in memory, is others' */
+    /* the rest, up to what is in memory, is others' */
+    else {
         int64_t first = ring_first(c, ring_last(c));
-        int64_t seen = task->event_count > 0 ? task->events[task->event_count - 1].number + 1 : s->next_event;
+        int64_t seen =
+            task->event_count > 0 ? task->events[task->event_count - 1].number + 1 : s->next_event;
         s->next_event = seen > first ? seen : first;
     }
 }
@@ -191,19 +207,20 @@ void events_revoke(struct core *c)
     struct modal_error err;
 
     modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
-    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+    for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
         if (!s->gone && !user_admits(c, s->user, s->key)) {
             answer_error(c, &s->reply, &err, NULL);
             s->gone = true;
         }
 }
 
-static void unsubscribe(struct core *c, const struct reply *reply, const char *number, struct user *user)
+static void unsubscribe(struct core *c, const struct reply *reply, const char *number,
+                        struct user *user)
 {
     uint64_t wanted = strtoull(number, NULL, 10);
     cJSON *header;
 
-    for (struct subscription *s = c->subscriptions; s != NULL; s = s->next)
+    for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
         if (s->number == wanted && s->user == user && !s->gone) {
             s->gone = true;
             header = answer_new(reply);
@@ -214,7 +231,8 @@ static void unsubscribe(struct core *c, const struct reply *reply, const char *n
     answer_fail(c, reply, MODAL_NOT_FOUND, "subscription", NULL, "no such subscription of yours");
 }
 
-void events_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+void events_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct reply reply = reply_to(e, r);
     struct subscription *s;
@@ -227,7 +245,9 @@ void events_request(struct core *c, const struct event *e, const struct wire_req
         return;
     }
     if (user->subscriptions >= WIRE_SUBSCRIPTIONS_MOST) {
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "%d subscriptions are open, at most %d", user->subscriptions, WIRE_SUBSCRIPTIONS_MOST);
+        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
+                    "%d subscriptions are open, at most %d", user->subscriptions,
+                    WIRE_SUBSCRIPTIONS_MOST);
         return;
     }
     if (r->job.id != NULL || r->job.key != NULL) {
@@ -238,13 +258,16 @@ void events_request(struct core *c, const struct event *e, const struct wire_req
         }
     }
     s = grab(sizeof *s);
-    *s = (struct subscription) { .next = c->subscriptions, .number = ++c->next_subscription, .peer = e->peer, .user = user, .reply = reply,
-        .job = job == NULL ? 0 : job->id, .stream = grab_text(r->events.stream),
+    *s = (struct subscription) {
+        .next = c->events->subscriptions, .number = ++c->events->next_subscription,
+        .peer = e->peer, .user = user, .reply = reply, .job = job == NULL ? 0 : job->id,
+        .stream = grab_text(r->events.stream),
         .kinds = r->events.kinds };
     snprintf(s->key, sizeof s->key, "%s", e->key);
-    s->next_event = r->events.replay ? (int64_t)(r->events.from > 0 ? r->events.from : 1) : ring_last(c) + 1;
+    s->next_event =
+        r->events.replay ? (int64_t)(r->events.from > 0 ? r->events.from : 1) : ring_last(c) + 1;
     user->subscriptions++;
-    c->subscriptions = s;
+    c->events->subscriptions = s;
     header = answer_new(&reply);
     snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
     cJSON_AddStringToObject(header, "subscription", number);
@@ -254,16 +277,56 @@ void events_request(struct core *c, const struct event *e, const struct wire_req
 
 void events_peer(struct core *c, uint64_t peer, enum event_type type)
 {
-    for (size_t i = 0; i < c->full_count; i++)
-        if (c->full[i] == peer)
-            c->full[i--] = c->full[--c->full_count];
+    for (size_t i = 0; i < c->events->full_count; i++)
+        if (c->events->full[i] == peer)
+            c->events->full[i--] = c->events->full[--c->events->full_count];
     if (type == EVENT_PEER_FULL) {
-        if (c->full_count == c->full_room) {
-            c->full_room = c->full_room ? 2 * c->full_room : 8;
-            c->full = regrab(c->full, c->full_room * sizeof *c->full);
+        if (c->events->full_count == c->events->full_room) {
+            c->events->full_room = c->events->full_room ? 2 * c->events->full_room : 8;
+            c->events->full =
+                regrab(c->events->full, c->events->full_room * sizeof *c->events->full);
         }
-        c->full[c->full_count++] = peer;
+        c->events->full[c->events->full_count++] = peer;
     }
-    for (struct subscription *s = c->subscriptions; type == EVENT_PEER_GONE && s != NULL; s = s->next)
+    for (struct subscription *s = c->events->subscriptions; type == EVENT_PEER_GONE && s != NULL;
+         s = s->next)
         s->gone |= s->peer == peer;
+}
+
+void events_retain(struct core *c)
+{
+    struct transaction *t;
+
+    if (c->last_event <= c->settings.events_kept
+        || c->last_event / PRUNED_AT_LEAST == c->events->pruned / PRUNED_AT_LEAST)
+        return;
+    c->events->pruned = c->last_event;
+    t = transaction_new();
+    transaction_add(t, LEDGER_EVENTS_PRUNE)->id = c->last_event - c->settings.events_kept;
+    core_commit(c, t);
+}
+
+void events_init(struct core *c)
+{
+    c->events = grab(sizeof *c->events);
+    c->next_event = 1;
+}
+
+void events_done(struct core *c)
+{
+    struct events *events = c->events;
+    struct subscription *s;
+
+    for (int i = 0; i < RING; i++) {
+        free(events->ring[i].user);
+        free(events->ring[i].topic);
+        free(events->ring[i].text);
+    }
+    while ((s = events->subscriptions) != NULL) {
+        events->subscriptions = s->next;
+        free(s->stream);
+        free(s);
+    }
+    free(events->full);
+    free(events);
 }

@@ -1,5 +1,7 @@
 /* life.c - the beginning of a core, the taking over of a ledger's rows, and the end */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
+#include "broker/verbs/verbs.h"
 #include "job/job.h"
 #include <stdlib.h>
 #include <string.h>
@@ -10,9 +12,12 @@ struct core *core_new(const struct settings *settings, struct moment now)
 
     c->settings = *settings;
     c->now = now;
-    c->started_ns = now.mono_ns;
+    c->counts.started_ns = now.mono_ns;
     c->stones_end = &c->stones;
-    c->next_job = c->next_input = c->next_event = c->next_wait = 1;
+    jobs_init(c);
+    inputs_init(c);
+    slots_init(c);
+    events_init(c);
     users_configure(c);
     core_timer(c, now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_HOUSEKEEPING, 0, 0);
     return c;
@@ -23,15 +28,9 @@ static enum modal_status load_input(void *context, const struct input_record *r)
     struct core *c = context;
     struct input *input = input_load(c, r);
 
-    if (r->id >= c->next_input)
-        c->next_input = r->id + 1;
-    if (input->state == INPUT_OPEN) {
-        struct user *user = input->user;
-        input->filling = filling_new(r->used_ns > r->created_ns ? r->used_ns : r->created_ns);
-        input->filling->accepted = input->filling->durable = r->received;
-        user->open = regrab(user->open, (size_t)(user->open_count + 1) * sizeof *user->open);
-        user->open[user->open_count++] = input;
-    }
+    input_number_past(c, r->id);
+    if (input->state == INPUT_OPEN)
+        upload_load(input, r);
     return MODAL_OK;
 }
 
@@ -70,8 +69,10 @@ static struct job *job_of_row(struct core *c, const struct job_record *r)
     const struct job_kind *kind = job_kind_find(r->kind);
 
     job->key = region_text(&c->region, r->key);
-    job->kind = kind != NULL ? kind->name : arena_text(&c->kinds, r->kind);
-    job->options = !job_state_final(r->state) || r->state == JOB_DEAD ? region_text(&c->region, r->options) : NULL;
+    job->kind = kind != NULL ? kind->name : arena_text(&c->jobs->kinds, r->kind);
+    job->options = !job_state_final(r->state) || r->state == JOB_DEAD
+                       ? region_text(&c->region, r->options)
+                       : NULL;
     memcpy(job->fingerprint, r->fingerprint, 32);
     job->priority = r->priority;
     job->run_limit_ns = r->run_limit_ns;
@@ -95,8 +96,7 @@ static struct job *job_of_row(struct core *c, const struct job_record *r)
 /* Its input, and the signals it made. */
 static void load_inputs(struct core *c, struct job *job, const struct job_record *r)
 {
-    if (r->input >= c->next_input)                 /* an input that has gone since */
-        c->next_input = r->input + 1;
+    input_number_past(c, r->input);                /* an input that may have gone since */
     job->input = input_by_id(c, r->input);
     job->output = r->output == 0 ? NULL : input_by_id(c, r->output);
     if (job->input != NULL)
@@ -107,12 +107,12 @@ static void load_inputs(struct core *c, struct job *job, const struct job_record
 
 static void count_loaded(struct core *c, struct job *job)
 {
-    c->state_counts[job->state]++;
+    c->jobs->state_counts[job->state]++;
     job->user->queued += job->state == JOB_QUEUED;
     job->user->running += job->state == JOB_RUNNING;
     if (job->state != JOB_DONE || job->cached)
         return;
-    c->result_total += (int64_t)job->result_bytes;
+    c->jobs->result_total += (int64_t)job->result_bytes;
     job->user->bytes += (int64_t)job->result_bytes;
     if (!job->hidden)
         job_index_result(c, job);
@@ -123,8 +123,8 @@ static enum modal_status load_job(void *context, const struct job_record *r)
     struct core *c = context;
     struct job *job = job_of_row(c, r);
 
-    if (r->id >= c->next_job)
-        c->next_job = r->id + 1;
+    if (r->id >= c->jobs->next_job)
+        c->jobs->next_job = r->id + 1;
     load_inputs(c, job, r);
     if (job->hidden) {                             /* its key has a tombstone */
         region_drop(job->key);
@@ -140,8 +140,8 @@ static enum modal_status load_job(void *context, const struct job_record *r)
 /* A number that was a job's is never another's: somebody may still have its identifier. */
 static void load_number(struct core *c, int64_t job)
 {
-    if (job >= c->next_job)
-        c->next_job = job + 1;
+    if (job >= c->jobs->next_job)
+        c->jobs->next_job = job + 1;
 }
 
 static enum modal_status load_tombstone(void *context, const struct tombstone_record *r)
@@ -156,28 +156,12 @@ static enum modal_status load_tombstone(void *context, const struct tombstone_re
     return MODAL_OK;
 }
 
-static void load_upload_note(struct core *c, const struct note_record *r)
-{
-    struct input *input = input_by_id(c, strtoll(r->name, NULL, 10));
-    cJSON *object = NULL;
-    const char *key = NULL, *hash = NULL;
-
-    if (input == NULL || input->filling == NULL || json_read(r->text, strlen(r->text), &object, NULL) != MODAL_OK)
-        return;
-    input->filling->aborting = cJSON_HasObjectItem(object, "output");     /* its worker is gone */
-    json_get_string(object, "", "key", &key, NULL);
-    json_get_string(object, "", "sha256", &hash, NULL);
-    input->filling->key = grab_text(key);
-    input->filling->has_declared = hash != NULL && sha256_from_hex(hash, input->filling->declared);
-    cJSON_Delete(object);
-}
-
 static enum modal_status load_note(void *context, const struct note_record *r)
 {
     struct core *c = context;
 
     if (strcmp(r->topic, "upload") == 0)
-        load_upload_note(c, r);
+        upload_load_note(c, r);
     if (strcmp(r->topic, "stream") == 0)
         stream_load_note(c, r);
     if (strcmp(r->topic, "cpu") == 0)
@@ -206,8 +190,9 @@ static enum modal_status load_segment(void *context, const struct segment_record
 
 void core_visitor(struct core *core, struct ledger_visitor *out)
 {
-    *out = (struct ledger_visitor) { .context = core, .input = load_input, .job = load_job, .tombstone = load_tombstone,
-                                     .note = load_note, .segment = load_segment, .event = load_event };
+    *out = (struct ledger_visitor) {
+        .context = core, .input = load_input, .job = load_job, .tombstone = load_tombstone,
+        .note = load_note, .segment = load_segment, .event = load_event };
 }
 
 bool core_has_file(const struct core *c, enum spool_file what, int64_t id)
@@ -218,20 +203,21 @@ bool core_has_file(const struct core *c, enum spool_file what, int64_t id)
     if (what == SPOOL_SAMPLES)
         return stream_is_open(c, id);
     if (what == SPOOL_RESULT)
-        return job != NULL && job->state == JOB_DONE && job->result_bytes > LEDGER_RESULT_INLINE_MOST;
-    return input != NULL && !input->inline_data && (what == SPOOL_SEALED || input->state == INPUT_OPEN);
+        return job != NULL && job->state == JOB_DONE
+            && job->result_bytes > LEDGER_RESULT_INLINE_MOST;
+    return input != NULL && !input->inline_data
+        && (what == SPOOL_SEALED || input->state == INPUT_OPEN);
 }
 
 struct actions *core_loaded(struct core *c, struct moment now)
 {
     size_t at = 0;
     struct job *job;
-    struct input *input;
 
     c->out.count = 0;
     c->now = now;
-    c->replay_s = (double)(now.mono_ns - c->started_ns) / 1e9;
-    while ((job = map_next(&c->jobs, &at)) != NULL) {
+    c->counts.replay_s = (double)(now.mono_ns - c->counts.started_ns) / 1e9;
+    while ((job = map_next(&c->jobs->all, &at)) != NULL) {
         struct job *root = job->source == 0 ? NULL : job_by_id(c, job->source);
         if (root != NULL)
             root->shares++;
@@ -240,102 +226,25 @@ struct actions *core_loaded(struct core *c, struct moment now)
         job_watch(c, job);
     }
     tombstones_sort(c);
-    for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;)
-        if (input->filling != NULL && input->filling->aborting)
-            upload_quiet(c, input);
-    core_log(c, "level=notice event=replay jobs=%zu inputs=%zu queued=%lld", c->jobs.count, c->inputs.count, (long long)c->state_counts[JOB_QUEUED]);
+    uploads_go_on(c);
+    core_log(c, "level=notice event=replay jobs=%zu inputs=%zu queued=%lld", c->jobs->all.count,
+             c->inputs->all.count, (long long)c->jobs->state_counts[JOB_QUEUED]);
     workers_fill(c);
     return &c->out;
 }
 
-static void free_user(struct user *user)
-{
-    struct tombstone *stone;
-    size_t at = 0;
-
-    while ((stone = map_next(&user->tombstones, &at)) != NULL) {
-        free(stone->key);
-        free(stone);
-    }
-    map_done(&user->tombstones);
-    map_done(&user->keys);
-    map_done(&user->inputs);
-    map_done(&user->identities);
-    heap_done(&user->ready);
-    free(user->jobs);
-    free(user->open);
-    free(user);
-}
-
-static void free_job(struct job *job)
-{
-    while (job->waits != NULL) {
-        struct wait *next = job->waits->next;
-        free(job->waits);
-        job->waits = next;
-    }
-    blob_drop(job->document);
-    failure_free(job->failure);
-    after_free(job->asks);
-    region_drop(job->key);
-    region_drop(job->options);
-    free(job->progress);
-    free(job->stderr_text);
-    region_drop(job);
-}
-
 void core_free(struct core *c)
 {
-    size_t at = 0;
-    struct job *job;
-    struct input *input;
-    struct asker *asker;
-
-    while ((job = map_next(&c->jobs, &at)) != NULL)
-        free_job(job);
-    for (at = 0; (input = map_next(&c->inputs, &at)) != NULL;) {
-        if (input->filling != NULL)
-            upload_close(input->filling->upload);
-        input_forget(c, input);
-    }
-    for (size_t i = 0; i < c->user_count; i++)
-        free_user(c->user_list[i]);
-    free(c->asked.text);
-    for (int i = 0; i < RING; i++) {
-        free(c->ring[i].user);
-        free(c->ring[i].topic);
-        free(c->ring[i].text);
-    }
-    while (c->streams != NULL) {
-        struct stream *next = c->streams->next_stream;
-        stream_free(c->streams);
-        c->streams = next;
-    }
-    while (c->subscriptions != NULL) {
-        struct subscription *next = c->subscriptions->next;
-        free(c->subscriptions->stream);
-        free(c->subscriptions);
-        c->subscriptions = next;
-    }
+    streams_done(c);
+    jobs_done(c);
+    inputs_done(c);                                /* they leave their users' tables */
+    users_done(c);
+    events_done(c);
+    slots_done(c);
     while (c->answers != NULL)
         answers_free(c->answers);
-    for (int i = 0; i < SLOTS_MOST; i++)
-        free(c->slots[i].document);
-    map_done(&c->jobs);
-    map_done(&c->inputs);
-    map_done(&c->users);
-    map_done(&c->results);
-    map_done(&c->waits);
-    for (at = 0; (asker = map_next(&c->askers, &at)) != NULL;)
-        free(asker);
-    map_done(&c->askers);
     heap_done(&c->timers);
     region_close(&c->region);
-    arena_free(c->kinds);
-    free(c->user_list);
-    free(c->accounts);
-    free(c->ended);
-    free(c->full);
     free(c->out.items);
     free(c);
 }

@@ -1,10 +1,15 @@
 /* metrics.c - counts for STATS, and as Prometheus text for METRICS and the metrics file */
-#include "broker/core/state.h"
+#include "broker/core/jobs.h"
+#include "broker/core/slots.h"
+#include "broker/verbs/verbs.h"
 #include "job/job.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+/* Of a user's ready jobs, a heap whose oldest are near its top but for their priorities. */
+enum { LOOKED_AT = 64 };
 
 static double oldest_s(const struct core *c, const struct user *only)
 {
@@ -14,7 +19,7 @@ static double oldest_s(const struct core *c, const struct user *only)
         const struct heap *ready = &c->user_list[i]->ready;
         if (only != NULL && c->user_list[i] != only)
             continue;
-        for (size_t n = 0; n < ready->count && n < 64; n++) {
+        for (size_t n = 0; n < ready->count && n < LOOKED_AT; n++) {
             const struct job *job = job_by_id(c, ready->items[n].order);
             if (job != NULL && job->ready && (oldest == 0 || job->submitted_ns < oldest))
                 oldest = job->submitted_ns;
@@ -23,11 +28,12 @@ static double oldest_s(const struct core *c, const struct user *only)
     return oldest == 0 ? 0 : (double)(c->now.utc_ns - oldest) / 1e9;
 }
 
-static void count_states(const struct core *c, const struct user *user, bool all, int64_t out[JOB_STATE_COUNT])
+static void count_states(const struct core *c, const struct user *user, bool all,
+                         int64_t out[JOB_STATE_COUNT])
 {
     memset(out, 0, JOB_STATE_COUNT * sizeof *out);
     if (all) {
-        memcpy(out, c->state_counts, sizeof c->state_counts);
+        memcpy(out, c->jobs->state_counts, sizeof c->jobs->state_counts);
         return;
     }
     for (size_t i = 0; i < user->job_count; i++)
@@ -47,15 +53,15 @@ void stats_write(const struct core *c, const struct user *user, bool all, cJSON 
     part = cJSON_AddObjectToObject(object, "queue");
     cJSON_AddNumberToObject(part, "most", (double)c->settings.queue_jobs);
     cJSON_AddNumberToObject(part, "oldest_s", oldest_s(c, all ? NULL : user));
-    for (int i = 0; i < c->slot_count; i++) {
-        busy += c->slots[i].state == SLOT_BUSY;
-        alive += c->slots[i].state != SLOT_EMPTY && c->slots[i].state != SLOT_STARTING;
+    for (int i = 0; i < c->slots->count; i++) {
+        busy += c->slots->at[i].state == SLOT_BUSY;
+        alive += c->slots->at[i].state != SLOT_EMPTY && c->slots->at[i].state != SLOT_STARTING;
     }
     part = cJSON_AddObjectToObject(object, "workers");
     cJSON_AddNumberToObject(part, "total", c->settings.workers);
     cJSON_AddNumberToObject(part, "alive", alive);
     cJSON_AddNumberToObject(part, "busy", busy);
-    cJSON_AddNumberToObject(part, "deaths", (double)c->deaths);
+    cJSON_AddNumberToObject(part, "deaths", (double)c->counts.deaths);
     for (size_t i = 0; i < c->user_count; i++)
         if (all || c->user_list[i] == user) {
             uploads += c->user_list[i]->open_count;
@@ -65,20 +71,24 @@ void stats_write(const struct core *c, const struct user *user, bool all, cJSON 
     cJSON_AddNumberToObject(part, "bytes", (double)bytes);
     cJSON_AddNumberToObject(part, "uploads", (double)uploads);
     part = cJSON_AddObjectToObject(object, "ledger");
-    cJSON_AddNumberToObject(part, "transactions", (double)c->commits);
-    cJSON_AddNumberToObject(part, "changes", (double)c->committed_changes);
+    cJSON_AddNumberToObject(part, "transactions", (double)c->counts.commits);
+    cJSON_AddNumberToObject(part, "changes", (double)c->counts.committed_changes);
     cJSON_AddNumberToObject(part, "waiting", (double)c->uncommitted);
     cJSON_AddNumberToObject(part, "events", (double)c->last_event);
     part = cJSON_AddObjectToObject(object, "rejects");
     for (int s = 0; s < MODAL_STATUS_COUNT; s++)
-        if (c->rejects[s] > 0)
-            cJSON_AddNumberToObject(part, modal_status_code((enum modal_status)s), (double)c->rejects[s]);
-    cJSON_AddNumberToObject(object, "uptime_s", (double)(c->now.mono_ns - c->started_ns) / 1e9);
+        if (c->counts.rejects[s] > 0)
+            cJSON_AddNumberToObject(part, modal_status_code((enum modal_status)s),
+                                    (double)c->counts.rejects[s]);
+    cJSON_AddNumberToObject(object, "uptime_s",
+                            (double)(c->now.mono_ns - c->counts.started_ns) / 1e9);
     cJSON_AddBoolToObject(object, "draining", c->draining || c->terminating);
-    cJSON_AddBoolToObject(object, "storage_full", c->storage_full);
+    cJSON_AddBoolToObject(object, "storage_full", c->disk.full);
 }
 
-enum { SERIES_MOST = 32 };
+enum { SERIES_MOST = 32 };    /* users with lines of their own: a page stays short with many */
+
+enum { LINE_MOST = 512 };     /* of one put: names, a help and a number */
 
 struct page { char *text; size_t size, room; };
 
@@ -89,7 +99,7 @@ static void put(struct page *p, const char *format, ...)
     va_list args;
     int n;
 
-    if (p->room - p->size < 512) {
+    if (p->room - p->size < LINE_MOST) {
         p->room = p->room ? 2 * p->room : 8192;
         p->text = regrab(p->text, p->room);
     }
@@ -110,13 +120,15 @@ static void one(struct page *p, const char *name, const char *type, const char *
     put(p, "modald_%s %.17g\n", name, value);
 }
 
-static void histogram(struct page *p, const char *name, const char *help, const struct histogram *h, const double bounds[HISTOGRAM_BUCKETS])
+static void histogram(struct page *p, const char *name, const char *help, const struct histogram *h,
+                      const double bounds[HISTOGRAM_BUCKETS])
 {
     int64_t below = 0;
 
     head(p, name, "histogram", help);
     for (int i = 0; i < HISTOGRAM_BUCKETS; i++)
-        put(p, "modald_%s_bucket{le=\"%g\"} %lld\n", name, bounds[i], (long long)(below += h->counts[i]));
+        put(p, "modald_%s_bucket{le=\"%g\"} %lld\n", name, bounds[i],
+            (long long)(below += h->counts[i]));
     put(p, "modald_%s_bucket{le=\"+Inf\"} %lld\n", name, (long long)h->count);
     put(p, "modald_%s_sum %.17g\nmodald_%s_count %lld\n", name, h->sum, name, (long long)h->count);
 }
@@ -128,7 +140,7 @@ static void kinds(struct page *p, const struct core *c)
     const struct job *job;
     size_t at = 0;
 
-    while ((job = map_next(&c->jobs, &at)) != NULL)
+    while ((job = map_next(&c->jobs->all, &at)) != NULL)
         if (!job->hidden && (kind = job_kind_find(job->kind)) != NULL)
             counts[kind - job_kinds]++;
     head(p, "jobs_kind", "gauge", "Jobs in the ledger by kind.");
@@ -138,7 +150,7 @@ static void kinds(struct page *p, const struct core *c)
 
 static double cpu_today(const struct core *c, const struct user *user)
 {
-    return user->cpu_day == c->now.utc_ns / (86400 * SECOND) ? user->cpu_s : 0;
+    return user->cpu_day == c->now.utc_ns / DAY ? user->cpu_s : 0;
 }
 
 static double stored(const struct core *c, const struct user *user)
@@ -149,8 +161,10 @@ static double stored(const struct core *c, const struct user *user)
 
 typedef double reading(const struct core *c, const struct user *user);
 
-/* USER among the COUNT greatest of TOP, in descending order; who has no place there: the one that leaves, or USER. */
-static const struct user *take_place(const struct core *c, reading *value, const struct user **top, size_t *count, const struct user *user)
+/* USER among the COUNT greatest of TOP, in descending order; who has no place there: the one that
+ * leaves, or USER. */
+static const struct user *insert(const struct core *c, reading *value, const struct user **top,
+                                 size_t *count, const struct user *user)
 {
     const struct user *last = *count == SERIES_MOST ? top[SERIES_MOST - 1] : NULL;
     size_t at = *count;
@@ -165,8 +179,10 @@ static const struct user *take_place(const struct core *c, reading *value, const
     return last;
 }
 
-/* The users with the greatest values, the rest as "other", which a user of that name is part of; of ONLY alone where there is one. */
-static void per_user(struct page *p, const struct core *c, const char *name, const char *help, reading *value, const struct user *only)
+/* The users with the greatest values, the rest as "other", which a user of that name is part of;
+ * of ONLY alone where there is one. */
+static void per_user(struct page *p, const struct core *c, const char *name, const char *help,
+                     reading *value, const struct user *only)
 {
     const struct user *top[SERIES_MOST], *left;
     size_t count = 0, others = 0;
@@ -177,7 +193,9 @@ static void per_user(struct page *p, const struct core *c, const char *name, con
         const struct user *user = c->user_list[i];
         if (only != NULL && user != only)
             continue;
-        left = only == NULL && strcmp(user->name, "other") == 0 ? user : take_place(c, value, top, &count, user);
+        left = only == NULL && strcmp(user->name, "other") == 0
+                   ? user
+                   : insert(c, value, top, &count, user);
         rest += left != NULL ? value(c, left) : 0;
         others += left != NULL;
     }
@@ -187,58 +205,108 @@ static void per_user(struct page *p, const struct core *c, const char *name, con
         put(p, "modald_%s{user=\"other\"} %.17g\n", name, rest);
 }
 
+/* Bytes of inputs and results, of all users. */
+static int64_t stored_in_all(const struct core *c)
+{
+    int64_t bytes = 0;
+
+    for (size_t i = 0; i < c->user_count; i++)
+        bytes += c->user_list[i]->bytes;
+    return bytes;
+}
+
+static void values(struct page *p, const struct core *c)
+{
+    static const char GAUGE[] = "gauge", COUNTER[] = "counter";
+    const struct counts *n = &c->counts;
+    const struct { const char *name, *type, *help; double value; } rows[] = {
+        { "replay_seconds", GAUGE, "What the start took to read the ledger.", n->replay_s },
+        { "attempts_total", COUNTER, "Attempts of jobs begun.", (double)n->attempts },
+        { "leases_lost_total", COUNTER, "Workers that fell silent.", (double)n->leases_lost },
+        { "received_bytes_total", COUNTER, "Bytes of requests' bodies.", (double)n->bytes_in },
+        { "sent_bytes_total", COUNTER, "Bytes of replies.", (double)n->bytes_out },
+        { "queue_oldest_seconds", GAUGE,
+          "Age of the oldest job that is ready to start.", oldest_s(c, NULL) },
+        { "workers", GAUGE, "Worker processes wanted.", c->settings.workers },
+        { "workers_busy", GAUGE, "Workers with a job.", workers_busy(c) },
+        { "worker_deaths_total", COUNTER,
+          "Workers that ended while they had a job.", (double)n->deaths },
+        { "connections", GAUGE, "Connections of clients.", (double)n->connections },
+        { "connections_refused_total", COUNTER,
+          "Connections closed as they came, being one too many.", (double)n->connections_refused },
+        { "connections_ended_total", COUNTER,
+          "Connections ended for what they sent: not ZMTP 3, or more than messages hold.",
+          (double)n->connections_ended },
+        { "hangups_kept_total", COUNTER,
+          "Hang-ups not heard at once, the requests before them being still to be taken.",
+          (double)n->hangups_kept },
+        { "transactions_total", COUNTER, "Ledger transactions asked for.", (double)n->commits },
+        { "changes_total", COUNTER, "Ledger changes committed.", (double)n->committed_changes },
+        { "transactions_waiting", GAUGE,
+          "Transactions not yet on stable storage.", (double)c->uncommitted },
+        { "replies_total", COUNTER, "Replies sent, without errors.", (double)n->replies },
+        { "stored_bytes", GAUGE, "Bytes of inputs and results.", (double)stored_in_all(c) },
+        { "upload_bytes_waiting", GAUGE,
+          "Bytes of chunks not yet on stable storage.", (double)inputs_in_flight(c) },
+        { "credit_stalls_total", COUNTER,
+          "Chunks and pushes refused as beyond the credit.", (double)n->credit_stalls },
+        { "ledger_bytes", GAUGE,
+          "Bytes of the ledger and its log on disk, at the last commit.", (double)n->ledger_bytes },
+        { "events_total", COUNTER, "Numbered events.", (double)c->last_event },
+        { "draining", GAUGE, "1 while no job starts.", c->draining || c->terminating },
+        { "storage_full", GAUGE, "1 while submits are refused for want of disk.", c->disk.full },
+        { "uptime_seconds", GAUGE,
+          "Seconds since the start.", (double)(c->now.mono_ns - n->started_ns) / 1e9 },
+    };
+
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        one(p, rows[i].name, rows[i].type, rows[i].help, rows[i].value);
+}
+
+static void histograms(struct page *p, const struct counts *n)
+{
+    histogram(p, "submit_seconds", "From a submission's arrival to its acknowledgement.",
+              &n->submit_seconds, histogram_seconds);
+    histogram(p, "commit_seconds", "A group of the ledger: its transaction and its sync.",
+              &n->commit_seconds, histogram_seconds);
+    histogram(p, "commit_transactions", "Transactions in a group.", &n->commit_transactions,
+              histogram_numbers);
+    histogram(p, "write_seconds", "A group of chunks: written, hashed and synced.",
+              &n->write_seconds, histogram_seconds);
+}
+
+static void states(struct page *p, const struct core *c)
+{
+    head(p, "jobs", "gauge", "Jobs in the ledger by state.");
+    for (int s = 0; s < JOB_STATE_COUNT; s++)
+        put(p, "modald_jobs{state=\"%s\"} %lld\n", job_states[s],
+            (long long)c->jobs->state_counts[s]);
+}
+
+static void rejects(struct page *p, const struct core *c)
+{
+    head(p, "rejects_total", "counter", "Requests answered by an error, by code.");
+    for (int s = 1; s < MODAL_STATUS_COUNT; s++)
+        put(p, "modald_rejects_total{code=\"%s\"} %lld\n", modal_status_code((enum modal_status)s),
+            (long long)c->counts.rejects[s]);
+}
+
 struct blob *metrics_text(const struct core *c, const struct user *user)
 {
     struct page p = { NULL, 0, 0 };
-    int64_t bytes = 0;
-    int busy = 0;
 
-    for (int i = 0; i < c->slot_count; i++)
-        busy += c->slots[i].state == SLOT_BUSY;
-    for (size_t i = 0; i < c->user_count; i++)
-        bytes += c->user_list[i]->bytes;
     head(&p, "build_info", "gauge", "Version of the daemon.");
     put(&p, "modald_build_info{version=\"%s\"} 1\n", MODALD_VERSION);
-    head(&p, "jobs", "gauge", "Jobs in the ledger by state.");
-    for (int s = 0; s < JOB_STATE_COUNT; s++)
-        put(&p, "modald_jobs{state=\"%s\"} %lld\n", job_states[s], (long long)c->state_counts[s]);
+    states(&p, c);
     kinds(&p, c);
-    histogram(&p, "submit_seconds", "From a submission's arrival to its acknowledgement.", &c->submit_seconds, histogram_seconds);
-    histogram(&p, "commit_seconds", "A group of the ledger: its transaction and its sync.", &c->commit_seconds, histogram_seconds);
-    histogram(&p, "commit_transactions", "Transactions in a group.", &c->commit_transactions, histogram_numbers);
-    histogram(&p, "write_seconds", "A group of chunks: written, hashed and synced.", &c->write_seconds, histogram_seconds);
-    one(&p, "replay_seconds", "gauge", "What the start took to read the ledger.", c->replay_s);
-    one(&p, "attempts_total", "counter", "Attempts of jobs begun.", (double)c->attempts);
-    one(&p, "leases_lost_total", "counter", "Workers that fell silent.", (double)c->leases_lost);
-    one(&p, "received_bytes_total", "counter", "Bytes of requests' bodies.", (double)c->bytes_in);
-    one(&p, "sent_bytes_total", "counter", "Bytes of replies.", (double)c->bytes_out);
-    one(&p, "queue_oldest_seconds", "gauge", "Age of the oldest job that is ready to start.", oldest_s(c, NULL));
-    one(&p, "workers", "gauge", "Worker processes wanted.", c->settings.workers);
-    one(&p, "workers_busy", "gauge", "Workers with a job.", busy);
-    one(&p, "worker_deaths_total", "counter", "Workers that ended while they had a job.", (double)c->deaths);
-    one(&p, "connections", "gauge", "Connections of clients.", (double)c->connections);
-    one(&p, "connections_refused_total", "counter", "Connections closed as they came, being one too many.", (double)c->connections_refused);
-    one(&p, "connections_ended_total", "counter",
-        "Connections ended for what they sent: not ZMTP 3, or more than messages hold.",
-        (double)c->connections_ended);
-    one(&p, "hangups_kept_total", "counter", "Hang-ups not heard at once, the requests before them "
-        "being still to be taken.", (double)c->hangups_kept);
-    one(&p, "transactions_total", "counter", "Ledger transactions asked for.", (double)c->commits);
-    one(&p, "changes_total", "counter", "Ledger changes committed.", (double)c->committed_changes);
-    one(&p, "transactions_waiting", "gauge", "Transactions not yet on stable storage.", (double)c->uncommitted);
-    one(&p, "replies_total", "counter", "Replies sent, without errors.", (double)c->replies);
-    one(&p, "stored_bytes", "gauge", "Bytes of inputs and results.", (double)bytes);
-    one(&p, "upload_bytes_waiting", "gauge", "Bytes of chunks not yet on stable storage.", (double)c->in_flight);
-    one(&p, "credit_stalls_total", "counter", "Chunks and pushes refused as beyond the credit.", (double)c->credit_stalls);
-    one(&p, "ledger_bytes", "gauge", "Bytes of the ledger and its log on disk, at the last commit.", (double)c->ledger_bytes);
-    one(&p, "events_total", "counter", "Numbered events.", (double)c->last_event);
-    one(&p, "draining", "gauge", "1 while no job starts.", c->draining || c->terminating);
-    one(&p, "storage_full", "gauge", "1 while submits are refused for want of disk.", c->storage_full);
-    one(&p, "uptime_seconds", "gauge", "Seconds since the start.", (double)(c->now.mono_ns - c->started_ns) / 1e9);
-    head(&p, "rejects_total", "counter", "Requests answered by an error, by code.");
-    for (int s = 1; s < MODAL_STATUS_COUNT; s++)
-        put(&p, "modald_rejects_total{code=\"%s\"} %lld\n", modal_status_code((enum modal_status)s), (long long)c->rejects[s]);
-    per_user(&p, c, "user_cpu_seconds", "CPU-seconds of jobs today, of the users with the most; the rest as other.", cpu_today, user);
-    per_user(&p, c, "user_stored_bytes", "Bytes of inputs and results, of the users with the most; the rest as other.", stored, user);
+    histograms(&p, &c->counts);
+    values(&p, c);
+    rejects(&p, c);
+    per_user(&p, c, "user_cpu_seconds",
+             "CPU-seconds of jobs today, of the users with the most; the rest as other.", cpu_today,
+             user);
+    per_user(&p, c, "user_stored_bytes",
+             "Bytes of inputs and results, of the users with the most; the rest as other.", stored,
+             user);
     return blob_take(p.text, p.size);
 }

@@ -1,13 +1,14 @@
 /* requests.c - what each verb does; one row a verb, in the order of PROTOCOL.md */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
+#include "broker/verbs/verbs.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-typedef void handler(struct core *, const struct event *, const struct wire_request *, struct user *);
-
-static struct job *need_job(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static struct job *need_job(struct core *c, const struct event *e, const struct wire_request *r,
+                            struct user *user)
 {
     struct job *job = job_find(c, user, &r->job);
     struct reply reply = reply_to(e, r);
@@ -19,20 +20,24 @@ static struct job *need_job(struct core *c, const struct event *e, const struct 
     return NULL;
 }
 
-static void on_hello(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_hello(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct user *user)
 {
     struct reply reply = reply_to(e, r);
     cJSON *header, *limits, *detail;
 
     if (!r->hello.speaks_ours) {
         detail = cJSON_CreateObject();
-        cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"), cJSON_CreateString(WIRE_VERSION));
-        answer_fail(c, &reply, MODAL_BAD_VERSION, "versions", detail, "none of these versions is spoken here");
+        cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"),
+                             cJSON_CreateString(WIRE_VERSION));
+        answer_fail(c, &reply, MODAL_BAD_VERSION, "versions", detail,
+                    "none of these versions is spoken here");
         return;
     }
     header = answer_new(&reply);
     cJSON_AddStringToObject(header, "version", WIRE_VERSION);
-    cJSON_AddItemToArray(cJSON_AddArrayToObject(header, "versions"), cJSON_CreateString(WIRE_VERSION));
+    cJSON_AddItemToArray(cJSON_AddArrayToObject(header, "versions"),
+                         cJSON_CreateString(WIRE_VERSION));
     cJSON_AddStringToObject(header, "server", "modald " MODALD_VERSION);
     cJSON_AddStringToObject(header, "store", c->settings.store_id);
     cJSON_AddStringToObject(header, "start", c->settings.start_id);
@@ -53,7 +58,8 @@ static void on_hello(struct core *c, const struct event *e, const struct wire_re
     answer_send(c, &reply, header, NULL);
 }
 
-static void on_status(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_status(struct core *c, const struct event *e, const struct wire_request *r,
+                      struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
@@ -62,7 +68,7 @@ static void on_status(struct core *c, const struct event *e, const struct wire_r
         answer_doc(c, &reply, job, -1, NULL);
 }
 
-/* ---- ending, again, forgetting ---------------------------------------------------------------------------------- */
+/* ---- ending, again, forgetting --------------------------------------------------------------- */
 
 static void ask(struct job *job, const struct reply *reply)
 {
@@ -83,7 +89,8 @@ static void audit(struct core *c, const struct user *user, const char *what, con
     core_log(c, "level=notice event=audit user=%s what=%s job=%s", user->name, what, ident);
 }
 
-static void on_cancel(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_cancel(struct core *c, const struct event *e, const struct wire_request *r,
+                      struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
@@ -92,7 +99,8 @@ static void on_cancel(struct core *c, const struct event *e, const struct wire_r
     if (job == NULL)
         return;
     audit(c, user, "cancel", job);
-    if (job_state_final(job->state)) {              /* ended before: its doc says so, once it is committed */
+    /* ended before: its doc says so, once it is committed */
+    if (job_state_final(job->state)) {
         if (job->last != NULL)
             ask(job, &reply);
         else
@@ -105,18 +113,20 @@ static void on_cancel(struct core *c, const struct event *e, const struct wire_r
         ask(job, &reply);
         return;
     }
-    {                                               /* running: answered by the edge that its end makes */
+    /* running: answered by the edge that its end makes */
+    {
         struct after *after = after_new(AFTER_DOC, &reply);
         after->job = job;
         after_append(&job->asks, after);
     }
-    if (job->ending == ENDING_NONE && job->slot >= 0 && !c->slots[job->slot].finishing) {
+    if (job->ending == ENDING_NONE && job->slot >= 0 && !worker_is_finishing(c, job->slot)) {
         job->ending = ENDING_CANCEL;
         worker_kill(c, job->slot);
     }
 }
 
-static void on_retry(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_retry(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
@@ -124,7 +134,8 @@ static void on_retry(struct core *c, const struct event *e, const struct wire_re
     if (job == NULL)
         return;
     if (job->state != JOB_DEAD || job->shown != JOB_DEAD) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; only a dead job can be tried again", job_states[job->shown]);
+        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL,
+                    "the job is %s; only a dead job can be tried again", job_states[job->shown]);
         return;
     }
     audit(c, user, "retry", job);
@@ -135,7 +146,8 @@ static void on_retry(struct core *c, const struct event *e, const struct wire_re
     ask(job, &reply);
 }
 
-static void on_delete(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_delete(struct core *c, const struct event *e, const struct wire_request *r,
+                      struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
@@ -143,16 +155,18 @@ static void on_delete(struct core *c, const struct event *e, const struct wire_r
     if (job == NULL)
         return;
     if (!job_state_final(job->shown) || job->last != NULL) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; cancel it first", job_states[job->shown]);
+        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; cancel it first",
+                    job_states[job->shown]);
         return;
     }
     audit(c, user, "delete", job);
     job_remove(c, job, &reply);
 }
 
-/* ---- waiting ---------------------------------------------------------------------------------------------------- */
+/* ---- waiting --------------------------------------------------------------------------------- */
 
-static void on_wait(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_wait(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
@@ -162,14 +176,15 @@ static void on_wait(struct core *c, const struct event *e, const struct wire_req
         return;
     snprintf(wait.key, sizeof wait.key, "%s", e->key);
     if (job_state_final(job->shown) || r->wait.timeout_s <= 0)
-        answer_wait(c, &wait);
+        wait_tell(c, &wait);
     else if (user->waits >= WIRE_WAITS_MOST)
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "%d waits are open, at most %d", user->waits, WIRE_WAITS_MOST);
+        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
+                    "%d waits are open, at most %d", user->waits, WIRE_WAITS_MOST);
     else
         wait_begin(c, &wait, r->wait.timeout_s);
 }
 
-/* ---- reading ---------------------------------------------------------------------------------------------------- */
+/* ---- reading --------------------------------------------------------------------------------- */
 
 static void own_error(struct core *c, const struct reply *reply, const struct job *job)
 {
@@ -178,52 +193,68 @@ static void own_error(struct core *c, const struct reply *reply, const struct jo
 
     cJSON_AddStringToObject(detail, "state", job_states[job->shown]);
     modal_fail_field(&err, job->failure == NULL ? MODAL_INTERNAL : job->failure->status,
-                     job->failure != NULL && job->failure->field != NULL ? job->failure->field : "", "%s",
-                     job->failure == NULL ? "the job has no result" : job->failure->message);
+                     job->failure != NULL && job->failure->field != NULL ? job->failure->field : "",
+                     "%s", job->failure == NULL ? "the job has no result" : job->failure->message);
     answer_error(c, reply, &err, detail);
 }
 
-static void on_result(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+/* A job that is not done has no document and no signals. */
+static void answer_unfinished(struct core *c, const struct reply *reply, const struct job *job)
+{
+    if (job_state_final(job->shown))
+        own_error(c, reply, job);
+    else
+        answer_fail(c, reply, MODAL_CONFLICT, "job", NULL, "the job is %s; it has no result yet",
+                    job_states[job->shown]);
+}
+
+/* The task that reads INPUT, which may be NULL; NULL: answered. */
+static struct task *read_signals(struct core *c, const struct reply *reply, const struct job *job,
+                                 const struct input *input, const char *part)
+{
+    struct task *task;
+
+    if (input == NULL) {
+        answer_fail(c, reply, MODAL_NOT_FOUND, "part", NULL, "the job made no signals");
+        return NULL;
+    }
+    if (input->inline_data)
+        return read_for(c, reply, job, TASK_READ_INPUT, input->id, part);
+    task = read_for(c, reply, job, TASK_READ_SPOOL, input->id, part);
+    task->begin = input->offset;
+    task->total = input->bytes;
+    task->crc = input->crc;
+    return task;
+}
+
+static void on_result(struct core *c, const struct event *e, const struct wire_request *r,
+                      struct user *user)
 {
     struct job *job = need_job(c, e, r, user);
     struct reply reply = reply_to(e, r);
     const char *part = wire_parts[r->result.part];
-    const struct input *input;
-    struct task *task;
+    struct task *task = NULL;
 
     if (job == NULL)
         return;
-    if (r->result.part == WIRE_STDERR) {
-        read_for(c, &reply, job, TASK_READ_STDERR, job->id, r->result.offset, r->result.length, part);
+    if (r->result.part == WIRE_STDERR)
+        task = read_for(c, &reply, job, TASK_READ_STDERR, job->id, part);
+    else if (r->result.part != WIRE_INPUT && job->shown != JOB_DONE)
+        answer_unfinished(c, &reply, job);
+    else if (r->result.part == WIRE_DOCUMENT)
+        task = read_for(c, &reply, job, TASK_READ_RESULT, job->source != 0 ? job->source : job->id,
+                        part);
+    else
+        task = read_signals(c, &reply, job, r->result.part == WIRE_INPUT ? job->input : job->output,
+                            part);
+    if (task == NULL)
         return;
-    }
-    if (r->result.part != WIRE_INPUT && job->shown != JOB_DONE) {
-        if (job_state_final(job->shown))
-            own_error(c, &reply, job);
-        else
-            answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; it has no result yet", job_states[job->shown]);
-        return;
-    }
-    if (r->result.part == WIRE_DOCUMENT) {
-        read_for(c, &reply, job, TASK_READ_RESULT, job->source != 0 ? job->source : job->id, r->result.offset, r->result.length, part);
-        return;
-    }
-    input = r->result.part == WIRE_INPUT ? job->input : job->output;
-    if (input == NULL)
-        answer_fail(c, &reply, MODAL_NOT_FOUND, "part", NULL, "the job made no signals");
-    else if (input->inline_data)
-        read_for(c, &reply, job, TASK_READ_INPUT, input->id, r->result.offset, r->result.length, part);
-    else {
-        read_for(c, &reply, job, TASK_READ_SPOOL, input->id, r->result.offset, r->result.length,
-                 part);
-        task = c->out.items[c->out.count - 1].task;
-        task->begin = input->offset;
-        task->total = input->bytes;
-        task->crc = input->crc;
-    }
+    task->offset = r->result.offset;
+    task->length = r->result.length;
 }
 
-static void on_list(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_list(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct reply reply = reply_to(e, r);
     int64_t after = r->list.after == NULL ? 0 : ident_number(c->settings.secret, r->list.after);
@@ -234,7 +265,8 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
     int count = 0;
 
     if (after < 0) {
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL, "after is no cursor of LIST; accepted: `next` of an earlier page");
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL,
+                    "after is no cursor of LIST; accepted: `next` of an earlier page");
         return;
     }
     json_text_open(&page, NULL);
@@ -242,7 +274,8 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
     json_text_raw(&page, "[");
     for (at = user_seek(user, after); at < user->job_count && count < r->list.limit; at++) {
         struct job *job = user->jobs[at];
-        if (job == NULL || !job->committed || job->deleting || job->hidden || (r->list.state >= 0 && (int)job->shown != r->list.state)
+        if (job == NULL || !job->committed || job->deleting || job->hidden
+            || (r->list.state >= 0 && (int)job->shown != r->list.state)
             || (r->list.kind != NULL && strcmp(job->kind, r->list.kind) != 0))
             continue;
         json_text_open(&page, NULL);
@@ -261,7 +294,8 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
     answer_send(c, &reply, header, blob_take(text, strlen(text)));
 }
 
-static void on_stats(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_stats(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct user *user)
 {
     struct reply reply = reply_to(e, r);
     cJSON *header = answer_new(&reply);
@@ -270,11 +304,13 @@ static void on_stats(struct core *c, const struct event *e, const struct wire_re
     answer_send(c, &reply, header, NULL);
 }
 
-static void on_metrics(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_metrics(struct core *c, const struct event *e, const struct wire_request *r,
+                       struct user *user)
 {
     struct reply reply = reply_to(e, r);
 
-    answer_send(c, &reply, answer_new(&reply), metrics_text(c, user->account->role == WIRE_ROLE_ADMIN ? NULL : user));
+    answer_send(c, &reply, answer_new(&reply),
+                metrics_text(c, user->account->role == WIRE_ROLE_ADMIN ? NULL : user));
 }
 
 static void add_limit(cJSON *object, const char *key, double value)
@@ -285,7 +321,8 @@ static void add_limit(cJSON *object, const char *key, double value)
         cJSON_AddNullToObject(object, key);
 }
 
-static void on_whoami(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_whoami(struct core *c, const struct event *e, const struct wire_request *r,
+                      struct user *user)
 {
     struct reply reply = reply_to(e, r);
     cJSON *header = answer_new(&reply), *limits, *used;
@@ -304,52 +341,66 @@ static void on_whoami(struct core *c, const struct event *e, const struct wire_r
     cJSON_AddNumberToObject(used, "queued", (double)user->queued);
     cJSON_AddNumberToObject(used, "running", (double)user->running);
     cJSON_AddNumberToObject(used, "bytes", (double)user->bytes);
-    cJSON_AddNumberToObject(used, "cpu_s_day", user->cpu_day == c->now.utc_ns / (86400 * SECOND) ? user->cpu_s : 0);
+    cJSON_AddNumberToObject(used, "cpu_s_day",
+                            user->cpu_day == c->now.utc_ns / DAY ? user->cpu_s : 0);
     answer_send(c, &reply, header, NULL);
 }
 
 /* Drained is remembered over a restart. */
-static void set_drain(struct core *c, const struct event *e, const struct wire_request *r, struct user *user, bool draining)
+static void set_drain(struct core *c, const struct event *e, const struct wire_request *r,
+                      struct user *user, bool draining)
 {
     struct transaction *t = transaction_new();
     struct reply reply = reply_to(e, r);
 
     c->draining = draining;
-    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "daemon", "draining", draining ? "true" : NULL };
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "daemon", "draining", draining ? "true" : NULL };
     transaction_join(t, after_new(AFTER_DRAIN, &reply));
-    core_log(c, "level=notice event=audit user=%s what=%s", user->name, draining ? "drain" : "undrain");
+    core_log(c, "level=notice event=audit user=%s what=%s", user->name,
+             draining ? "drain" : "undrain");
     core_commit(c, t);
 }
 
-static void on_drain(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_drain(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct user *user)
 {
     set_drain(c, e, r, user, true);
 }
 
-static void on_undrain(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_undrain(struct core *c, const struct event *e, const struct wire_request *r,
+                       struct user *user)
 {
     set_drain(c, e, r, user, false);
 }
 
-static handler *const handlers[WIRE_VERB_COUNT] = {
-    [WIRE_HELLO] = on_hello,     [WIRE_UPLOAD] = upload_request, [WIRE_SUBMIT] = submit_request,  [WIRE_SUBMITS] = submits_request,
-    [WIRE_STATUS] = on_status,   [WIRE_WAIT] = on_wait,          [WIRE_RESULT] = on_result,      [WIRE_CANCEL] = on_cancel,
-    [WIRE_RETRY] = on_retry,     [WIRE_DELETE] = on_delete,      [WIRE_LIST] = on_list,          [WIRE_EVENTS] = events_request,
-    [WIRE_STATS] = on_stats,     [WIRE_METRICS] = on_metrics,    [WIRE_WHOAMI] = on_whoami,      [WIRE_DRAIN] = on_drain,
-    [WIRE_UNDRAIN] = on_undrain, [WIRE_STREAM] = stream_request,
+static request_handler *const handlers[WIRE_VERB_COUNT] = {
+    [WIRE_HELLO] = on_hello,        [WIRE_UPLOAD] = upload_request,
+    [WIRE_SUBMIT] = submit_request, [WIRE_SUBMITS] = submits_request,
+    [WIRE_STATUS] = on_status,      [WIRE_WAIT] = on_wait,
+    [WIRE_RESULT] = on_result,      [WIRE_CANCEL] = on_cancel,
+    [WIRE_RETRY] = on_retry,        [WIRE_DELETE] = on_delete,
+    [WIRE_LIST] = on_list,          [WIRE_EVENTS] = events_request,
+    [WIRE_STATS] = on_stats,        [WIRE_METRICS] = on_metrics,
+    [WIRE_WHOAMI] = on_whoami,      [WIRE_DRAIN] = on_drain,
+    [WIRE_UNDRAIN] = on_undrain,    [WIRE_STREAM] = stream_request,
 };
 
 /* An answer to what could not be read as a request; the verb as it came, where it came. */
-static void refuse(struct core *c, const struct event *e, const char *id, const char *verb, const struct modal_error *err)
+static void refuse(struct core *c, const struct event *e, const char *id, const char *verb,
+                   const struct modal_error *err)
 {
     cJSON *detail = NULL;
 
     if (err->status == MODAL_BAD_VERSION) {
         detail = cJSON_CreateObject();
-        cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"), cJSON_CreateString(WIRE_VERSION));
+        cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"),
+                             cJSON_CreateString(WIRE_VERSION));
     }
-    c->rejects[err->status]++;
-    core_act(c, (struct action) { .type = ACT_SEND, .peer = e->peer, .verb = "ERROR", .header = wire_error_header(id, verb, err, detail) });
+    c->counts.rejects[err->status]++;
+    core_act(c, (struct action) {
+        .type = ACT_SEND, .peer = e->peer, .verb = "ERROR",
+        .header = wire_error_header(id, verb, err, detail) });
 }
 
 void request_handle(struct core *c, const struct event *e)
@@ -362,12 +413,14 @@ void request_handle(struct core *c, const struct event *e)
         refuse(c, e, e->id, e->verb, e->fault);
         return;
     }
-    c->bytes_in += (int64_t)e->message->body_bytes;
-    if (user == NULL || user->account->role == WIRE_ROLE_NONE || user->account->role == WIRE_ROLE_WORKER) {
+    c->counts.bytes_in += (int64_t)e->message->body_bytes;
+    if (user == NULL || !role_is_client(user->account->role)) {
         modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
         if (c->now.mono_ns >= c->next_denial_ns)       /* a flood of them is not one of the log */
-            core_log(c, "level=notice event=audit user=- what=denied key=%s", e->key[0] != 0 ? e->key : "-");
-        c->next_denial_ns = c->now.mono_ns >= c->next_denial_ns ? c->now.mono_ns + SECOND : c->next_denial_ns;
+            core_log(c, "level=notice event=audit user=- what=denied key=%s",
+                     e->key[0] != 0 ? e->key : "-");
+        c->next_denial_ns =
+            c->now.mono_ns >= c->next_denial_ns ? c->now.mono_ns + SECOND : c->next_denial_ns;
         refuse(c, e, e->message->id, e->message->verb, &err);
         return;
     }
@@ -376,8 +429,10 @@ void request_handle(struct core *c, const struct event *e)
         return;
     }
     if (user->account->role < wire_verb_role(r.verb)) {
-        modal_fail(&err, MODAL_DENIED, "the role %s may not ask %s", wire_roles[user->account->role], wire_verb_name(r.verb));
-        core_log(c, "level=notice event=audit user=%s what=denied verb=%s", user->name, wire_verb_name(r.verb));
+        modal_fail(&err, MODAL_DENIED, "the role %s may not ask %s",
+                   wire_roles[user->account->role], wire_verb_name(r.verb));
+        core_log(c, "level=notice event=audit user=%s what=denied verb=%s", user->name,
+                 wire_verb_name(r.verb));
         refuse(c, e, e->message->id, e->message->verb, &err);
         return;
     }

@@ -1,27 +1,35 @@
 /*
- * segments.c - what a stream has of its samples: segments, gaps, and checksums by which a repeat is known
+ * segments.c - what a stream has of its samples: segments, gaps, and checksums by which a repeat
+ * is known
  *
- * Of the last SUMS_MOST samples of the present epoch and this life of the daemon a CRC-32C each is in memory; of older
- * ones nothing is known here, and they are compared with the file.
+ * Of the last SUMS_MOST samples of the present epoch and this life of the daemon a CRC-32C each is
+ * in memory; of older ones nothing is known here, and they are compared with the file.
  */
-#include "broker/core/state.h"
+#include "broker/verbs/streams.h"
+#include "broker/verbs/verbs.h"
 #include "base/crc32c.h"
+#include <stdlib.h>
 #include <string.h>
 
 enum {
     SUMS_MOST = 1 << 16,      /* checksums kept: 256 KiB a stream, 65 s of 1 kHz */
-    GAP_FEW = 64,             /* samples that are missing, yet their places kept: 256 bytes of zeros */
+    /* samples that are missing, yet their places kept: 256 bytes of zeros */
+    GAP_FEW = 64,
 };
 
-/* Samples [first, first + count) as DATA has them beside those of the same indices, as far as their checksums are in memory. */
-enum sameness samples_compare(const struct stream *s, uint64_t first, uint64_t count, const char *data)
+/* Samples [first, first + count) as DATA has them beside those of the same indices, as far as
+ * their checksums are in memory. */
+enum sameness samples_compare(const struct stream *s, uint64_t first, uint64_t count,
+                              const char *data)
 {
     enum sameness found = SAME;
 
     for (uint64_t i = 0; i < count && first + i < s->next; i++) {
         uint64_t at = first + i;
-        uint32_t known = at >= s->crc_first && at - s->crc_first < s->crc_count ? s->crcs[at - s->crc_first] : 0;
-        if (at < s->begin || (known != 0 && known != crc32c(0, data + i * sample_bytes(s), sample_bytes(s))))
+        uint32_t known =
+            at >= s->crc_first && at - s->crc_first < s->crc_count ? s->crcs[at - s->crc_first] : 0;
+        if (at < s->begin
+            || (known != 0 && known != crc32c(0, data + i * sample_bytes(s), sample_bytes(s))))
             return OTHER;
         if (known == 0)
             found = UNKNOWN;
@@ -39,7 +47,8 @@ static void forget_oldest(struct stream *s, uint64_t most)
     s->crc_count -= gone;
 }
 
-/* Behind a gap that is more than a few samples they begin anew: what is in memory is bounded by what was sent. */
+/* Behind a gap that is more than a few samples they begin anew: what is in memory is bounded by
+ * what was sent. */
 void samples_note(struct stream *s, uint64_t first, uint64_t count, const char *data)
 {
     uint64_t need;
@@ -125,7 +134,9 @@ void segments_cut(struct stream *s)
     for (; s->segment_count > 0; s->segment_count--) {
         struct segment *last = &s->segments[s->segment_count - 1];
         uint64_t kept = last->epoch > s->durable_epoch || last->first >= s->durable ? 0
-                      : last->epoch < s->durable_epoch || s->durable - last->first > last->count ? last->count : s->durable - last->first;
+                        : last->epoch < s->durable_epoch || s->durable - last->first > last->count
+                            ? last->count
+                            : s->durable - last->first;
         more += last->count - kept;
         last->count = kept;
         if (kept > 0)
@@ -140,4 +151,39 @@ void segments_cut(struct stream *s)
     s->durable = s->run_from = s->next;
     if (s->crc_first + s->crc_count > s->next)
         s->crc_count = s->next > s->crc_first ? s->next - s->crc_first : 0;
+}
+
+/* The end of what came, those samples that are held included. */
+uint64_t samples_reach(const struct stream *s)
+{
+    return s->held != NULL && s->held_reach > s->next ? s->held_reach : s->next;
+}
+
+/* Bytes of the gap that samples from FIRST on leave. */
+uint64_t gap_before(const struct stream *s, uint64_t first)
+{
+    uint64_t end = samples_reach(s);
+
+    return s->segment_count > 0 && first > end ? (first - end) * sample_bytes(s) : 0;
+}
+
+/* What all gaps of an epoch may take.  Where users have keys, who sent little may not make the
+ * daemon write much; without keys there is one user, and the disk is his. */
+uint64_t gaps_most(const struct core *c, const struct stream *s)
+{
+    uint64_t sent = (samples_reach(s) - s->begin) * sample_bytes(s) - s->missing;
+
+    if (s->user->account->key[0] == 0)
+        return (uint64_t)c->settings.input_bytes;
+    return sent > GAP_BYTES ? sent : GAP_BYTES;
+}
+
+void segments_drop(struct stream *s)
+{
+    free(s->segments);
+    free(s->crcs);
+    s->segments = NULL;
+    s->crcs = NULL;
+    s->segment_room = 0;
+    s->crc_count = s->crc_room = 0;
 }

@@ -1,14 +1,18 @@
-/* step.c - one step of the core: an event to whom it concerns, what follows a commit, and what is due */
-#include "broker/core/state.h"
+/* step.c - one step of the core: an event to whom it concerns, what follows a commit, and what
+ * is due */
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
+#include "broker/verbs/verbs.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 
 
-/* ---- after a commit --------------------------------------------------------------------------------------------- */
+/* ---- after a commit -------------------------------------------------------------------------- */
 
-/* A result for which there was no room: the job, decided done, failed; who asked about it is told so. */
+/* A result for which there was no room: the job, decided done, failed; who asked about it is
+ * told so. */
 static void result_refused(struct core *c, struct transaction *t, struct job *job)
 {
     struct modal_error err;
@@ -19,15 +23,16 @@ static void result_refused(struct core *c, struct transaction *t, struct job *jo
             again->job = job;
             after_append(&job->asks, again);
         }
-    c->state_counts[JOB_DONE]--;
-    c->state_counts[JOB_RUNNING]++;
+    c->jobs->state_counts[JOB_DONE]--;
+    c->jobs->state_counts[JOB_RUNNING]++;
     job->user->running++;
     job->state = JOB_RUNNING;
     job->result_bytes = 0;
     input_use(c, job->output, -1);
     job->output = NULL;
-    c->hold_until = c->now.mono_ns + 5 * SECOND;
-    core_timer(c, c->hold_until, TIMER_WAIT, 0, 0);        /* a wake-up: no wait has number 0 */
+    c->disk.hold_until = c->now.mono_ns + 5 * SECOND;
+    /* a wake-up: no wait has number 0 */
+    core_timer(c, c->disk.hold_until, TIMER_WAIT, 0, 0);
     modal_fail(&err, MODAL_STORAGE_FULL, "the disk is full: there is no room for the result");
     job_fail(c, job, JOB_FAILED, &err, NULL);
 }
@@ -44,13 +49,14 @@ static void refused(struct core *c, struct transaction *t)
             return;
         }
 
-    c->storage_full_until = c->now.mono_ns + SECOND;
+    c->disk.full_until = c->now.mono_ns + SECOND;
     for (struct after *after = t->after; after != NULL; after = after->next) {
         if (after->type == AFTER_STREAM)
             stream_refused(c, after, t);
         if (after->type != AFTER_SUBMIT && after->type != AFTER_REPEAT)
             continue;
-        answer_fail(c, &after->reply, t->status, "", answer_number("retry_after_s", 5), "the job could not be stored: the disk is full");
+        answer_fail(c, &after->reply, t->status, "", answer_number("retry_after_s", 5),
+                    "the job could not be stored: the disk is full");
         job = after->job;
     }
     if (job != NULL) {
@@ -65,7 +71,8 @@ static void entered(struct core *c, struct after *after)
 {
     struct job *job = after->job;
 
-    histogram_add(&c->submit_seconds, histogram_seconds, (double)(c->now.mono_ns - after->value) / 1e9);
+    histogram_add(&c->counts.submit_seconds, histogram_seconds,
+                  (double)(c->now.mono_ns - after->value) / 1e9);
     job->committed = job->input->committed = true;
     job->shown = after->to;
     job_log_edge(c, job, "-", after->to);
@@ -103,7 +110,7 @@ static void gone(struct core *c, struct input *input)
     input_forget(c, input);
 }
 
-static void say_drain(struct core *c, const struct reply *reply)
+static void answer_drain(struct core *c, const struct reply *reply)
 {
     cJSON *header = answer_new(reply);
 
@@ -116,8 +123,8 @@ static void follow_outputs(struct core *c)
 {
     struct after *after;
 
-    while ((after = c->outputs) != NULL) {
-        c->outputs = after->next;
+    while ((after = c->inputs->outputs) != NULL) {
+        c->inputs->outputs = after->next;
         after->next = NULL;
         worker_output(c, after);
         after_free(after);
@@ -134,7 +141,7 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
     case AFTER_DOC:    answer_doc(c, &after->reply, after->job, -1, NULL); break;
     case AFTER_DELETE: removed(c, after); break;
     case AFTER_GONE:   gone(c, after->input); break;
-    case AFTER_DRAIN:  say_drain(c, &after->reply); break;
+    case AFTER_DRAIN:  answer_drain(c, &after->reply); break;
     case AFTER_STREAM: stream_after(c, after, t); break;
     default:
         upload_after(c, after);
@@ -145,12 +152,12 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
 static void one_committed(struct core *c, struct transaction *t)
 {
     c->uncommitted--;
-    c->commits++;
-    c->committed_changes += (int64_t)t->count;
+    c->counts.commits++;
+    c->counts.committed_changes += (int64_t)t->count;
     if (t->group > 0) {
-        histogram_add(&c->commit_seconds, histogram_seconds, (double)t->took_ns / 1e9);
-        histogram_add(&c->commit_transactions, histogram_numbers, (double)t->group);
-        c->ledger_bytes = t->ledger_bytes;
+        histogram_add(&c->counts.commit_seconds, histogram_seconds, (double)t->took_ns / 1e9);
+        histogram_add(&c->counts.commit_transactions, histogram_numbers, (double)t->group);
+        c->counts.ledger_bytes = t->ledger_bytes;
     }
     for (struct after *after = t->after; after != NULL; after = after->next)
         if (after->job != NULL && after->job->last == t)
@@ -158,8 +165,8 @@ static void one_committed(struct core *c, struct transaction *t)
     if (t->status != MODAL_OK)
         refused(c, t);
     else {
-        c->storage_full_until = 0;
-        c->room_found |= t->refusable == FIRST_REFUSED;
+        c->disk.full_until = 0;
+        c->disk.found |= t->refusable == FIRST_REFUSED;
         for (struct after *after = t->after; after != NULL; after = after->next)
             follow(c, after, t);
     }
@@ -203,7 +210,7 @@ static void task_done(struct core *c, struct task *task)
     if (task->status != MODAL_OK)
         tell_failure(c, task);
     if (task->type == TASK_WRITE)
-        histogram_add(&c->write_seconds, histogram_seconds, (double)task->took_ns / 1e9);
+        histogram_add(&c->counts.write_seconds, histogram_seconds, (double)task->took_ns / 1e9);
     switch (task->type) {
     case TASK_BEGIN: case TASK_RESUME: case TASK_WRITE: case TASK_SEAL: case TASK_CLOSE:
         upload_task_done(c, task);
@@ -235,7 +242,7 @@ static void task_done(struct core *c, struct task *task)
     task_free(task);
 }
 
-/* ---- a step ----------------------------------------------------------------------------------------------------- */
+/* ---- a step ---------------------------------------------------------------------------------- */
 
 static void housekeeping(struct core *c)
 {
@@ -244,12 +251,7 @@ static void housekeeping(struct core *c)
     uploads_retain(c);
     streams_retain(c);
     tombstones_retain(c);
-    if (c->last_event > c->settings.events_kept && c->last_event / 1024 != c->pruned / 1024) {
-        struct transaction *t = transaction_new();
-        c->pruned = c->last_event;
-        transaction_add(t, LEDGER_EVENTS_PRUNE)->id = c->last_event - c->settings.events_kept;
-        core_commit(c, t);
-    }
+    events_retain(c);
     core_timer(c, c->now.mono_ns + HOUSEKEEPING_S * SECOND, TIMER_HOUSEKEEPING, 0, 0);
 }
 
@@ -263,8 +265,11 @@ static void run_timers(struct core *c)
         case TIMER_ROOM:   room_ask(c); break;
         case TIMER_WAIT:   wait_timeout(c, (uint64_t)item.order); break;
         case TIMER_HOUSEKEEPING: housekeeping(c); break;
-        case TIMER_RETAIN: c->retaining = false; jobs_retain(c); break;
-        case TIMER_LEASE: case TIMER_SPAWN: worker_timer(c, (enum timer)item.what, item.order); break;
+        case TIMER_RETAIN: c->jobs->retaining = false; jobs_retain(c); break;
+        case TIMER_LEASE:
+        case TIMER_SPAWN:
+            worker_timer(c, (enum timer)item.what, item.order);
+            break;
         default:           job_expired(c, item.order, (enum timer)item.what, (intptr_t)item.value);
         }
     }
@@ -283,27 +288,15 @@ static void configure(struct core *c, const struct settings *settings)
     events_revoke(c);
     waits_revoke(c);
     workers_fill(c);
-    core_log(c, "level=notice event=reload accounts=%zu workers=%d", c->settings.account_count, c->settings.workers);
-}
-
-static void rest(struct core *c)
-{
-    struct input *input;
-    size_t at = 0;
-
-    while (c->cache_bytes > 0 && (input = map_next(&c->inputs, &at)) != NULL)
-        if (input->committed)
-            input_cache(c, input, NULL);
-    documents_drop(c);
+    core_log(c, "level=notice event=reload accounts=%zu workers=%d", c->settings.account_count,
+             c->settings.workers);
 }
 
 /* All running jobs have ended and everything is committed. */
 static bool quiet(const struct core *c)
 {
-    for (int slot = 0; slot < c->slot_count; slot++)
-        if (c->slots[slot].job != NULL)
-            return false;
-    return c->uncommitted == 0 && c->tasks == 0 && c->state_counts[JOB_RUNNING] == 0;
+    return workers_idle(c) && c->uncommitted == 0 && c->tasks == 0
+        && c->jobs->state_counts[JOB_RUNNING] == 0;
 }
 
 struct actions *core_step(struct core *c, const struct event *e, struct moment now)
@@ -322,7 +315,10 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     case EVENT_WORKER:     worker_message(c, e); break;
     case EVENT_EXIT:       worker_exit(c, e->slot, e->status, e->stderr_text); break;
     case EVENT_TIME:       break;
-    case EVENT_REST:       rest(c); break;
+    case EVENT_REST:
+        inputs_drop_cached(c);
+        documents_drop(c);
+        break;
     case EVENT_SETTINGS:   configure(c, e->settings); break;
     case EVENT_TERMINATE:  c->terminating = true; break;
     }
@@ -339,10 +335,10 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
 void core_connections(struct core *c, int64_t open, int64_t refused_count, int64_t ended,
                       int64_t hangups_kept)
 {
-    c->connections = open;
-    c->connections_refused = refused_count;
-    c->connections_ended = ended;
-    c->hangups_kept = hangups_kept;
+    c->counts.connections = open;
+    c->counts.connections_refused = refused_count;
+    c->counts.connections_ended = ended;
+    c->counts.hangups_kept = hangups_kept;
 }
 
 int64_t core_next_ns(const struct core *c)
@@ -354,8 +350,8 @@ int64_t core_next_ns(const struct core *c)
 
 void core_count(const struct core *c, struct core_counts *out)
 {
-    *out = (struct core_counts) { .uncommitted = c->uncommitted, .tasks = c->tasks, .draining = c->draining || c->terminating };
-    memcpy(out->states, c->state_counts, sizeof out->states);
-    for (int slot = 0; slot < c->slot_count; slot++)
-        out->busy_workers += c->slots[slot].state == SLOT_BUSY;
+    *out = (struct core_counts) {
+        .busy_workers = workers_busy(c), .uncommitted = c->uncommitted, .tasks = c->tasks,
+        .draining = c->draining || c->terminating };
+    memcpy(out->states, c->jobs->state_counts, sizeof out->states);
 }

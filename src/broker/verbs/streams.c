@@ -1,19 +1,27 @@
 /*
  * streams.c - samples of unknown number: pushed by index, kept as segments, sealed into a batch
  *
- * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same group commit as everything else.  A sample is known by epoch and index.  The same index with
- * the same bytes is a repeat and ignored, with other bytes it begins an epoch.  Samples
- * of which no checksum is in memory (segments.c) are compared with the file, while the push and those behind it wait.
+ * What is pushed goes behind all before it into the stream's file (store/samples.h), by the same
+ * group commit as everything else.  A sample is known by epoch and index.  The same index with the
+ * same bytes is a repeat and ignored, with other bytes it begins an epoch.  Samples of which no
+ * checksum is in memory (segments.c) are compared with the file, while the push and those behind
+ * it wait.
  */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/verbs/streams.h"
+#include "broker/verbs/verbs.h"
 #include "base/crc32c.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { STREAMS_MOST = 256, CHANNELS_MOST = 8192, GAPS_TOLD = 256 };
-#define GAP_BYTES (UINT64_C(64) << 20)   /* of an epoch's gaps, however short it is */
+enum {
+    STREAMS_MOST = 256,       /* open ones of a user, told in PROTOCOL.md, section 8 */
+    CHANNELS_MOST = 8192,     /* so that a push of 256 KiB has four samples */
+    GAPS_TOLD = 256,          /* a header holds them: 256 pairs of 15 digits are 8 kB */
+    FORGOTTEN_S = 600,        /* whoever closes again after a lost answer does so sooner */
+};
 
 static struct stream *stream_by_id(const struct core *c, int64_t id)
 {
@@ -23,7 +31,8 @@ static struct stream *stream_by_id(const struct core *c, int64_t id)
     return NULL;
 }
 
-static struct stream *stream_open_named(const struct core *c, const struct user *user, const char *name)
+static struct stream *stream_open_named(const struct core *c, const struct user *user,
+                                        const char *name)
 {
     for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
         if (s->user == user && !s->closed && strcmp(s->name, name) == 0)
@@ -31,7 +40,8 @@ static struct stream *stream_open_named(const struct core *c, const struct user 
     return NULL;
 }
 
-/* Into an answer or attributes, which must fit a header: the first GAPS_TOLD of them, and how many there are where that is not all. */
+/* Into an answer or attributes, which must fit a header: the first GAPS_TOLD of them, and how many
+ * there are where that is not all. */
 static void add_gaps(cJSON *object, const struct stream *s)
 {
     cJSON *gaps = cJSON_AddArrayToObject(object, "gaps");
@@ -44,7 +54,7 @@ static void add_gaps(cJSON *object, const struct stream *s)
         cJSON_AddNumberToObject(object, "gap_count", (double)s->gap_count);
 }
 
-static void say(struct core *c, const struct reply *reply, const struct stream *s)
+static void answer_state(struct core *c, const struct reply *reply, const struct stream *s)
 {
     cJSON *header = answer_new(reply);
     char ident[9], hex[65];
@@ -67,12 +77,11 @@ static void say(struct core *c, const struct reply *reply, const struct stream *
 }
 
 /* What is remembered of it over a restart. */
-static void note(struct core *c, struct transaction *t, const struct stream *s)
+static void note(struct transaction *t, const struct stream *s)
 {
     cJSON *text = cJSON_CreateObject();
     char name[32], *printed;
 
-    (void)c;
     cJSON_AddStringToObject(text, "user", s->user->name);
     cJSON_AddStringToObject(text, "name", s->name);
     cJSON_AddRawToObject(text, "open", s->header);
@@ -81,12 +90,14 @@ static void note(struct core *c, struct transaction *t, const struct stream *s)
     printed = json_print(text);
     cJSON_Delete(text);
     snprintf(name, sizeof name, "%lld", (long long)s->id);
-    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "stream", transaction_text(t, name), transaction_text(t, printed) };
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "stream", transaction_text(t, name), transaction_text(t, printed) };
     free(printed);
 }
 
 
-static struct stream *make(struct core *c, struct user *user, const char *name, const struct wire_input *w, const cJSON *window, int64_t id)
+static struct stream *make(struct core *c, struct user *user, const char *name,
+                           const struct wire_input *w, const cJSON *window, int64_t id)
 {
     struct stream *s = grab(sizeof *s);
     cJSON *header = cJSON_CreateObject();
@@ -107,13 +118,14 @@ static struct stream *make(struct core *c, struct user *user, const char *name, 
     window_init(s, window, w);
     s->next_stream = c->streams;
     c->streams = s;
-    c->open_streams++;
+    c->inputs->open_streams++;
     return s;
 }
 
-static void say_full(struct core *c, const struct reply *reply)
+static void answer_full(struct core *c, const struct reply *reply)
 {
-    answer_fail(c, reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 1), "the samples could not be stored: the disk is full");
+    answer_fail(c, reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 1),
+                "the samples could not be stored: the disk is full");
 }
 
 static void end_if_quiet(struct core *c, struct stream *s);
@@ -128,20 +140,24 @@ static int open_streams_of(const struct core *c, const struct user *user)
 }
 
 /* May USER open what R describes?  Else REPLY is answered. */
-static bool may_open(struct core *c, const struct wire_request *r, const struct user *user, const struct reply *reply)
+static bool may_open(struct core *c, const struct wire_request *r, const struct user *user,
+                     const struct reply *reply)
 {
     struct modal_error err;
     int open = open_streams_of(c, user);
 
     if (open >= STREAMS_MOST)
-        answer_fail(c, reply, MODAL_TOO_LARGE, "name", NULL, "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
+        answer_fail(c, reply, MODAL_TOO_LARGE, "name", NULL,
+                    "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
     else if (r->stream.input.channels > CHANNELS_MOST)
-        answer_fail(c, reply, MODAL_TOO_LARGE, "channels", NULL, "a stream of %llu channels; accepted: at most %d",
+        answer_fail(c, reply, MODAL_TOO_LARGE, "channels", NULL,
+                    "a stream of %llu channels; accepted: at most %d",
                     (unsigned long long)r->stream.input.channels, CHANNELS_MOST);
     else if (c->draining || c->terminating)
-        answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+        answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5),
+                    "the daemon takes no new work");
     else if (room_is_full(c))
-        say_full(c, reply);
+        answer_full(c, reply);
     else if (window_check(r->stream.window, &r->stream.input, &err) != MODAL_OK)
         answer_error(c, reply, &err, NULL);
     else
@@ -152,22 +168,26 @@ static bool may_open(struct core *c, const struct wire_request *r, const struct 
 /* A new one, whose note is on its way. */
 static struct stream *open_new(struct core *c, const struct wire_request *r, struct user *user)
 {
-    struct stream *s = make(c, user, r->stream.name, &r->stream.input, r->stream.window, c->next_input++);
+    struct stream *s =
+        make(c, user, r->stream.name, &r->stream.input, r->stream.window, input_number(c));
 
     s->last = transaction_new();
-    note(c, s->last, s);
+    note(s->last, s);
     core_commit(c, s->last);
     return s;
 }
 
-static void on_open(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void on_open(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct reply reply = reply_to(e, r);
     struct stream *s = stream_open_named(c, user, r->stream.name);
     struct after *after;
 
     if (s != NULL && (s->channels != r->stream.input.channels || s->dt != r->stream.input.dt)) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "name", NULL, "the stream is open with %llu channels and dt %.17g", (unsigned long long)s->channels, s->dt);
+        answer_fail(c, &reply, MODAL_CONFLICT, "name", NULL,
+                    "the stream is open with %llu channels and dt %.17g",
+                    (unsigned long long)s->channels, s->dt);
         return;
     }
     if (s == NULL && !may_open(c, r, user, &reply))
@@ -176,7 +196,7 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
         s = open_new(c, r, user);
     if (s->last == NULL) {
         s->resumes = false;                        /* its owner sees `next` */
-        say(c, &reply, s);
+        answer_state(c, &reply, s);
         return;
     }
     after = after_new(AFTER_STREAM, &reply);
@@ -184,48 +204,30 @@ static void on_open(struct core *c, const struct event *e, const struct wire_req
     transaction_join(s->last, after);
 }
 
-/* ---- pushing ---------------------------------------------------------------------------------------------------- */
+/* ---- pushing --------------------------------------------------------------------------------- */
 
 /* Whether samples from FIRST on leave a gap that makes the batch longer than an input may be. */
-static bool gap_too_long(const struct core *c, const struct stream *s, uint64_t first, uint64_t count)
+static bool gap_too_long(const struct core *c, const struct stream *s, uint64_t first,
+                         uint64_t count)
 {
-    return s->segment_count > 0 && first > s->next && (double)(first + count - s->begin) * (double)sample_bytes(s) > (double)c->settings.input_bytes;
-}
-
-/* The end of what came, those samples that are held included. */
-static uint64_t reach(const struct stream *s)
-{
-    return s->held != NULL && s->held_reach > s->next ? s->held_reach : s->next;
-}
-
-/* Bytes of the gap that samples from FIRST on leave. */
-static uint64_t gap_before(const struct stream *s, uint64_t first)
-{
-    uint64_t end = reach(s);
-
-    return s->segment_count > 0 && first > end ? (first - end) * sample_bytes(s) : 0;
-}
-
-/* What all gaps of an epoch may take.  Where users have keys, who sent little may not make the
- * daemon write much; without keys there is one user, and the disk is his. */
-static uint64_t gaps_most(const struct core *c, const struct stream *s)
-{
-    uint64_t sent = (reach(s) - s->begin) * sample_bytes(s) - s->missing;
-
-    if (s->user->account->key[0] == 0)
-        return (uint64_t)c->settings.input_bytes;
-    return sent > GAP_BYTES ? sent : GAP_BYTES;
+    return s->segment_count > 0 && first > s->next
+        && (double)(first + count - s->begin) * (double)sample_bytes(s)
+                  > (double)c->settings.input_bytes;
 }
 
 /* Its row; DATA is in the push's body, which the transaction keeps. */
-static void put_segment(struct stream *s, struct transaction *t, uint64_t first, uint64_t count, const char *data, uint32_t crc)
+static void put_segment(struct stream *s, struct transaction *t, uint64_t first, uint64_t count,
+                        const char *data, uint32_t crc)
 {
-    transaction_add(t, LEDGER_SEGMENT_PUT)->segment = (struct segment_record) { .stream = s->id, .epoch = s->epoch, .first = first, .count = count,
-        .offset = s->bytes, .length = count * sample_bytes(s), .crc = crc, .data = data };
+    transaction_add(t, LEDGER_SEGMENT_PUT)->segment =
+        (struct segment_record) {
+            .stream = s->id, .epoch = s->epoch, .first = first, .count = count,
+            .offset = s->bytes, .length = count * sample_bytes(s), .crc = crc, .data = data };
     segments_add(s, s->epoch, first, count);
 }
 
-static void append(struct stream *s, uint64_t first, uint64_t count, const char *data, uint32_t crc, struct transaction *t)
+static void append(struct stream *s, uint64_t first, uint64_t count, const char *data, uint32_t crc,
+                   struct transaction *t)
 {
     if (s->next == 0 && s->segment_count == 0)
         s->begin = s->next = s->durable = s->run_from = first;
@@ -239,25 +241,27 @@ static void append(struct stream *s, uint64_t first, uint64_t count, const char 
     s->next = first + count;
 }
 
-static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct transaction *t)
+static void new_epoch(struct stream *s, uint64_t first, struct transaction *t)
 {
     s->epoch++;
     s->begin = s->next = s->run_from = first;
     s->crc_count = 0;
     gaps_drop(s);
     window_reset(s);
-    note(c, t, s);
+    note(t, s);
 }
 
-/* What comes behind a push that was refused leaves no hole: it is refused too, until those samples come again. */
+/* What comes behind a push that was refused leaves no hole: it is refused too, until those samples
+ * come again. */
 static void refuse_behind(struct core *c, struct stream *s, bool full, const struct reply *reply)
 {
     s->slowed = s->resumes && s->slowed && !full;
     s->resumes = true;
     if (!s->slowed)
-        say_full(c, reply);
+        answer_full(c, reply);
     else
-        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "samples before these were refused; accepted: those from %llu on first",
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
+                    "samples before these were refused; accepted: those from %llu on first",
                     (unsigned long long)s->next);
 }
 
@@ -270,8 +274,9 @@ static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap
     bool good = false;
 
     if (s->in_flight > core_window(c)) {
-        c->credit_stalls++;
-        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged samples than the credit allows");
+        c->counts.credit_stalls++;
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
+                    "more unacknowledged samples than the credit allows");
     } else
         good = !user_quota(c, s->user, reply, 0, (int64_t)(size + gap))
             && upload_allows(c, s->user, size, reply);
@@ -281,13 +286,17 @@ static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap
     return good;
 }
 
-/* Do samples that the record shows as missing come after all?  They have no place in it any more. */
+/* Do samples that the record shows as missing come after all?  They have no place in it
+ * any more. */
 static bool comes_late(struct core *c, const struct stream *s, const struct push *p)
 {
     for (size_t i = 0; p->same == SAME && p->first < s->next && i < s->gap_count; i++)
         if (s->gaps[i][0] < p->first + p->count && s->gaps[i][1] > p->first) {
-            answer_fail(c, &p->reply, MODAL_CONFLICT, "first", answer_number("expected", (double)s->next), "samples %llu to %llu are a gap of the record already; accepted: from %llu on",
-                        (unsigned long long)s->gaps[i][0], (unsigned long long)(s->gaps[i][1] - 1), (unsigned long long)s->next);
+            answer_fail(
+                c, &p->reply, MODAL_CONFLICT, "first", answer_number("expected", (double)s->next),
+                "samples %llu to %llu are a gap of the record already; accepted: from %llu on",
+                (unsigned long long)s->gaps[i][0], (unsigned long long)(s->gaps[i][1] - 1),
+                (unsigned long long)s->next);
             return true;
         }
     return false;
@@ -305,12 +314,13 @@ static void accept(struct core *c, struct stream *s, const struct push *p)
     t->refusable = FIRST_REFUSED;
     t->fence = &s->fence;
     if (p->same == OTHER)
-        new_epoch(c, s, p->first, t);
+        new_epoch(s, p->first, t);
     known = p->first < s->next && s->segment_count > 0 ? s->next - p->first : 0;
     if (known == 0)
         append(s, p->first, p->count, data, p->crc, t);
     else if (known < p->count)
-        append(s, s->next, p->count - known, data + known * size, crc32c(0, data + known * size, (p->count - known) * size), t);
+        append(s, s->next, p->count - known, data + known * size,
+               crc32c(0, data + known * size, (p->count - known) * size), t);
     after->stream = s;
     after->value = (int64_t)s->next;
     after->length = (int64_t)(p->count * size);
@@ -403,7 +413,7 @@ void stream_compared(struct core *c, struct task *task)
 }
 
 /* A push whose message is in order: taken, held behind another, or held until it is compared. */
-static void take_push(struct core *c, struct stream *s, struct push *p)
+static void accept_or_hold(struct core *c, struct stream *s, struct push *p)
 {
     if (s->held == NULL)
         p->same = samples_compare(s, p->first, p->count, p->body->data);
@@ -423,45 +433,59 @@ static bool gaps_too_large(struct core *c, const struct stream *s, const struct 
 
     if (gap == 0 || s->missing + gap <= most)
         return false;
-    answer_fail(c, &p->reply, MODAL_TOO_LARGE, "first", answer_number("expected", (double)reach(s)),
+    answer_fail(c, &p->reply, MODAL_TOO_LARGE, "first",
+                answer_number("expected", (double)samples_reach(s)),
                 "samples %llu to %llu would be missing, with earlier gaps %llu bytes; accepted: "
                 "%llu bytes of gaps (%llu, or as many as the samples that are here)",
-                (unsigned long long)reach(s), (unsigned long long)(p->first - 1),
+                (unsigned long long)samples_reach(s), (unsigned long long)(p->first - 1),
                 (unsigned long long)(s->missing + gap), (unsigned long long)most,
                 (unsigned long long)GAP_BYTES);
     return true;
 }
 
-static void on_push(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
+static void on_push(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct stream *s)
 {
-    struct push push = { .reply = reply_to(e, r), .first = r->stream.first, .count = r->stream.count, .crc = r->stream.crc32c, .body = e->body[0] };
+    struct push push = {
+        .reply = reply_to(e, r), .first = r->stream.first, .count = r->stream.count,
+        .crc = r->stream.crc32c, .body = e->body[0] };
     uint64_t size = push.count * sample_bytes(s);
     const char *data = e->message->body[0].data;
     const struct reply *reply = &push.reply;
 
     if (e->message->body_bytes != size)
-        answer_fail(c, reply, MODAL_BAD_INPUT, "body", NULL, "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
-                    e->message->body_bytes, (unsigned long long)push.count, (unsigned long long)s->channels);
+        answer_fail(c, reply, MODAL_BAD_INPUT, "body", NULL,
+                    "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
+                    e->message->body_bytes, (unsigned long long)push.count,
+                    (unsigned long long)s->channels);
     else if (crc32c(0, data, size) != push.crc)
-        answer_fail(c, reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the samples as they came", push.crc, crc32c(0, data, size));
+        answer_fail(c, reply, MODAL_BAD_INPUT, "crc32c", NULL,
+                    "crc32c is %u; accepted: %u, that of the samples as they came", push.crc,
+                    crc32c(0, data, size));
     else if (gap_too_long(c, s, push.first, push.count))
-        answer_fail(c, reply, MODAL_TOO_LARGE, "first", NULL, "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at most %lld bytes",
-                    (unsigned long long)s->next, (unsigned long long)push.first, (long long)c->settings.input_bytes);
-    else if (r->stream.epoch > s->epoch)         /* an earlier one was on its way when the present began */
-        answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch), "the stream is in epoch %llu", (unsigned long long)s->epoch);
+        answer_fail(c, reply, MODAL_TOO_LARGE, "first", NULL,
+                    "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at "
+                    "most %lld bytes",
+                    (unsigned long long)s->next, (unsigned long long)push.first,
+                    (long long)c->settings.input_bytes);
+    /* an earlier one was on its way when the present began */
+    else if (r->stream.epoch > s->epoch)
+        answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch),
+                    "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
         answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
     else if (room_is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
         refuse_behind(c, s, room_is_full(c) || atomic_load(&s->fence), reply);
     else if (!gaps_too_large(c, s, &push) && may_push(c, s, size, gap_before(s, push.first), reply))
-        take_push(c, s, &push);
+        accept_or_hold(c, s, &push);
 }
 
-/* ---- closing: the present epoch becomes a batch ----------------------------------------------------------------- */
+/* ---- closing: the present epoch becomes a batch ---------------------------------------------- */
 
 static void seal(struct core *c, struct stream *s)
 {
-    cJSON *open = cJSON_Parse(s->header), *attributes = cJSON_GetObjectItemCaseSensitive(open, "attributes");
+    cJSON *open = cJSON_Parse(s->header),
+          *attributes = cJSON_GetObjectItemCaseSensitive(open, "attributes");
     struct task *task = grab(sizeof *task);
     struct wire_input w;
 
@@ -474,7 +498,7 @@ static void seal(struct core *c, struct stream *s)
     cJSON_DeleteItemFromObject(open, "window");
     cJSON_AddNumberToObject(open, "samples", (double)(s->next - s->begin));
     wire_input_read(open, "", WIRE_BATCH, &w, NULL);
-    s->sealed = input_new(c, s->user, &w, c->next_input++);
+    s->sealed = input_new(c, s->user, &w, input_number(c));
     cJSON_Delete(open);
     task->type = TASK_STREAM_SEAL;
     task->id = s->sealed->id;
@@ -490,7 +514,8 @@ static void seal(struct core *c, struct stream *s)
 /* What was asked to be closed is sealed once all that came before is committed. */
 static void end_if_quiet(struct core *c, struct stream *s)
 {
-    if (s->closing && !s->closed && s->sealed == NULL && s->held == NULL && is_durable(s) && s->next > s->begin && s->last == NULL)
+    if (s->closing && !s->closed && s->sealed == NULL && s->held == NULL && is_durable(s)
+        && s->next > s->begin && s->last == NULL)
         seal(c, s);
 }
 
@@ -505,7 +530,8 @@ static void end_segments(struct stream *s, struct transaction *t)
     s->missing = 0;
     s->segment_count = 0;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
-    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
 }
 
 void stream_sealed(struct core *c, struct task *task)
@@ -538,12 +564,13 @@ void stream_sealed(struct core *c, struct task *task)
     core_commit(c, t);
 }
 
-static void on_close(struct core *c, const struct event *e, const struct wire_request *r, struct stream *s)
+static void on_close(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct stream *s)
 {
     struct reply reply = reply_to(e, r);
 
     if (s->closed) {
-        say(c, &reply, s);
+        answer_state(c, &reply, s);
         return;
     }
     if (atomic_load(&s->fence) || s->resumes) {    /* it would end without what was refused */
@@ -555,7 +582,8 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
     if (s->closing)
         return;
     s->closing = true;
-    if (s->next == s->begin) {                     /* nothing ever came: there is no batch of no samples */
+    /* nothing ever came: there is no batch of no samples */
+    if (s->next == s->begin) {
         struct transaction *t = transaction_new();
         end_segments(s, t);
         s->askers->stream = s;
@@ -567,7 +595,8 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
         end_if_quiet(c, s);
 }
 
-void stream_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+void stream_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct reply reply = reply_to(e, r);
     struct stream *s;
@@ -587,15 +616,16 @@ void stream_request(struct core *c, const struct event *e, const struct wire_req
         on_close(c, e, r, s);
 }
 
-/* ---- a full disk ------------------------------------------------------------------------------------------------- */
+/* ---- a full disk ----------------------------------------------------------------------------- */
 
-/* Back to what is committed.  Of the last window in memory a part may be overwritten, so windows begin anew. */
+/* Back to what is committed.  Of the last window in memory a part may be overwritten, so windows
+ * begin anew. */
 static void roll_back(struct core *c, struct stream *s)
 {
     segments_cut(s);
     window_reset(s);
     for (struct after *after = s->askers; after != NULL; after = after->next)
-        say_full(c, &after->reply);
+        answer_full(c, &after->reply);
     after_free(s->askers);
     s->askers = NULL;
     s->closing = s->slowed = false;
@@ -608,7 +638,7 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t)
     struct stream *s = after->stream;
 
     s->in_flight -= after->length;
-    say_full(c, &after->reply);
+    answer_full(c, &after->reply);
     if (s->last != t || after->next != NULL)
         return;
     s->last = NULL;
@@ -616,7 +646,7 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t)
     go_on(c, s);
 }
 
-/* ---- after a commit, and at the start --------------------------------------------------------------------------- */
+/* ---- after a commit, and at the start -------------------------------------------------------- */
 
 /* Its batch is sealed: what is left is the answer to who closes it again. */
 static void closed(struct core *c, struct stream *s)
@@ -624,7 +654,7 @@ static void closed(struct core *c, struct stream *s)
     if (s->bytes > 0)
         core_task(c, task_new(TASK_REMOVE_SAMPLES, s->id));
     s->closed = true;
-    c->open_streams--;
+    c->inputs->open_streams--;
     s->closed_ns = c->now.mono_ns;
     if (s->sealed != NULL) {
         s->sealed->committed = true;
@@ -633,14 +663,9 @@ static void closed(struct core *c, struct stream *s)
         s->has_batch = true;
         s->sealed = NULL;                          /* it has a life of its own */
     }
-    free(s->segments);
-    free(s->crcs);
+    segments_drop(s);
     free(s->window.recent);
-    s->segments = NULL;
-    s->crcs = NULL;
     s->window.recent = NULL;
-    s->segment_room = 0;
-    s->crc_count = s->crc_room = 0;
 }
 
 void stream_after(struct core *c, struct after *after, struct transaction *t)
@@ -656,7 +681,7 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
         s->durable_epoch = (uint64_t)after->attempts;
         s->durable = (uint64_t)after->value;
     }
-    say(c, &after->reply, s);
+    answer_state(c, &after->reply, s);
     go_on(c, s);
     end_if_quiet(c, s);
 }
@@ -677,10 +702,11 @@ void stream_load_note(struct core *c, const struct note_record *r)
     json_get_number(note_text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
     json_get_number(note_text, "", "begin", 0, WIRE_INTEGER_MOST, &begin, NULL);
     cJSON_AddNumberToObject(open, "samples", 1);
-    if (strtoll(r->name, NULL, 10) >= c->next_input)      /* without samples it has no row that would keep its number */
-        c->next_input = strtoll(r->name, NULL, 10) + 1;
+    /* without samples it has no row that would keep it */
+    input_number_past(c, strtoll(r->name, NULL, 10));
     if (wire_input_read(open, "", WIRE_BATCH, &w, NULL) == MODAL_OK) {
-        s = make(c, user_get(c, user), name, &w, cJSON_GetObjectItemCaseSensitive(open, "window"), strtoll(r->name, NULL, 10));
+        s = make(c, user_get(c, user), name, &w, cJSON_GetObjectItemCaseSensitive(open, "window"),
+                 strtoll(r->name, NULL, 10));
         s->epoch = s->durable_epoch = (uint64_t)epoch;
         s->begin = s->next = s->durable = s->run_from = (uint64_t)begin;
     }
@@ -712,17 +738,33 @@ void stream_load_segment(struct core *c, const struct segment_record *r)
     segments_add(s, r->epoch, r->first, r->count);
 }
 
-/* Closed streams are remembered for ten minutes, for who asks again; then until what was asked of the ledger is done, as its last window may be there. */
+static void stream_free(struct stream *s)
+{
+    while (s->held != NULL)
+        let_go(s);
+    after_free(s->askers);
+    free(s->name);
+    free(s->header);
+    segments_drop(s);
+    free(s->gaps);
+    window_done(&s->window);
+    free(s);
+}
+
+/* Closed streams are remembered for ten minutes, for who asks again; then until what was asked of
+ * the ledger is done, as its last window may be there. */
 void streams_retain(struct core *c)
 {
     struct stream **link = &c->streams;
 
     while (*link != NULL) {
         struct stream *s = *link;
-        bool over = s->closed && !s->window.running && s->closed_ns + 600 * SECOND <= c->now.mono_ns;
+        bool over =
+            s->closed && !s->window.running
+            && s->closed_ns + FORGOTTEN_S * SECOND <= c->now.mono_ns;
         if (over && s->commits_awaited == 0)
-            s->commits_awaited = c->commits + c->uncommitted;
-        if (!over || c->commits < s->commits_awaited) {
+            s->commits_awaited = c->counts.commits + c->uncommitted;
+        if (!over || c->counts.commits < s->commits_awaited) {
             link = &s->next_stream;
             continue;
         }
@@ -731,16 +773,22 @@ void streams_retain(struct core *c)
     }
 }
 
-void stream_free(struct stream *s)
+void streams_done(struct core *c)
 {
-    while (s->held != NULL)
-        let_go(s);
-    after_free(s->askers);
-    free(s->name);
-    free(s->header);
-    free(s->segments);
-    free(s->gaps);
-    free(s->crcs);
-    window_done(&s->window);
-    free(s);
+    struct stream *s;
+
+    while ((s = c->streams) != NULL) {
+        c->streams = s->next_stream;
+        stream_free(s);
+    }
+}
+
+const struct user *stream_user(const struct stream *s)
+{
+    return s->user;
+}
+
+const char *stream_name(const struct stream *s)
+{
+    return s->name;
 }

@@ -1,29 +1,35 @@
 /* submit.c - SUBMIT: the same key again, a cached answer, or a new job */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
+#include "broker/verbs/verbs.h"
 #include "job/job.h"
 #include "base/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- what makes two submissions the same ------------------------------------------------------------------------ */
+/* ---- what makes two submissions the same ----------------------------------------------------- */
 
-/* settings = SHA-256(kind, options).  Scripts ask the same of many inputs: the latest is remembered. */
-static void hash_settings(struct core *c, const char *kind, const char *options, uint8_t settings[32])
+/* settings = SHA-256(kind, options).  Scripts ask the same of many inputs: the latest
+ * is remembered. */
+static void hash_settings(struct core *c, const char *kind, const char *options,
+                          uint8_t settings[32])
 {
     size_t n_kind = strlen(kind);
-    char *text = c->asked.text;
+    char *text = c->jobs->asked.text;
 
-    if (text == NULL || strncmp(text, kind, n_kind) != 0 || text[n_kind] != '\n' || strcmp(text + n_kind + 1, options) != 0) {
+    if (text == NULL || strncmp(text, kind, n_kind) != 0 || text[n_kind] != '\n'
+        || strcmp(text + n_kind + 1, options) != 0) {
         free(text);
-        text = c->asked.text = grab_format("%s\n%s", kind, options);
-        sha256_of(text, strlen(text), c->asked.settings);
+        text = c->jobs->asked.text = grab_format("%s\n%s", kind, options);
+        sha256_of(text, strlen(text), c->jobs->asked.settings);
     }
-    memcpy(settings, c->asked.settings, 32);
+    memcpy(settings, c->jobs->asked.settings, 32);
 }
 
 /* fingerprint = SHA-256(settings, content of the input) */
-static void hash_both(const uint8_t settings[32], const uint8_t content[32], uint8_t fingerprint[32])
+static void hash_both(const uint8_t settings[32], const uint8_t content[32],
+                      uint8_t fingerprint[32])
 {
     uint8_t both[64];
 
@@ -32,7 +38,7 @@ static void hash_both(const uint8_t settings[32], const uint8_t content[32], uin
     sha256_of(both, sizeof both, fingerprint);
 }
 
-/* ---- a submission under way ------------------------------------------------------------------------------------- */
+/* ---- a submission under way ------------------------------------------------------------------ */
 
 struct submission {
     struct user *user;
@@ -54,8 +60,10 @@ static bool find_kind(struct core *c, struct submission *s)
     if (s->kind != NULL)
         return true;
     for (const struct job_kind *k = job_kinds; k->name != NULL; k++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", k == job_kinds ? "" : ", ", k->name);
-    answer_fail(c, &s->reply, MODAL_BAD_INPUT, "kind", NULL, "unknown kind \"%.40s\"; accepted: %s", s->r->submit.kind, list);
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s",
+                 k == job_kinds ? "" : ", ", k->name);
+    answer_fail(c, &s->reply, MODAL_BAD_INPUT, "kind", NULL, "unknown kind \"%.40s\"; accepted: %s",
+                s->r->submit.kind, list);
     return false;
 }
 
@@ -74,14 +82,16 @@ static bool find_named(struct core *c, struct submission *s)
         return false;
     }
     if (s->input->state != INPUT_SEALED) {
-        answer_fail(c, &s->reply, MODAL_CONFLICT, "input.upload", NULL, "the upload is not sealed yet");
+        answer_fail(c, &s->reply, MODAL_CONFLICT, "input.upload", NULL,
+                    "the upload is not sealed yet");
         return false;
     }
     memcpy(s->content, s->input->content, 32);
     return true;
 }
 
-/* A copy of the body: a small frame is a part of libzmq's buffer of 8 kB, which would stay with it. */
+/* A copy of the body: a small frame is a part of libzmq's buffer of 8 kB, which would stay
+ * with it. */
 static struct blob *gather(const struct wire_message *m)
 {
     char *all = grab(m->body_bytes + 1);
@@ -94,7 +104,7 @@ static struct blob *gather(const struct wire_message *m)
     return data;
 }
 
-static void take_inline(struct submission *s, const struct wire_message *m)
+static void read_inline(struct submission *s, const struct wire_message *m)
 {
     const struct wire_input *w = &s->r->submit.input;
     struct input_shape shape;
@@ -110,11 +120,13 @@ static void take_inline(struct submission *s, const struct wire_message *m)
         s->input = NULL;
 }
 
-/* Whether JOB is what S asks for.  Fingerprints of folders of before attributes were part of them are not, so what they stand for decides. */
+/* Whether JOB is what S asks for.  Fingerprints of folders of before attributes were part of them
+ * are not, so what they stand for decides. */
 static bool same_job(const struct job *job, const struct submission *s)
 {
     return memcmp(job->fingerprint, s->fingerprint, 32) == 0
-        || (job->input != NULL && memcmp(job->settings, s->settings, 32) == 0 && memcmp(job->input->content, s->content, 32) == 0);
+           || (job->input != NULL && memcmp(job->settings, s->settings, 32) == 0
+               && memcmp(job->input->content, s->content, 32) == 0);
 }
 
 /* A job, or what is left of one, that already has the key; true: answered. */
@@ -130,7 +142,8 @@ static bool known_key(struct core *c, struct submission *s)
     if (job == NULL)
         return false;
     if (!same_job(job, s))
-        answer_fail(c, &s->reply, MODAL_CONFLICT, "key", NULL, "the key names a job of other kind, options or input");
+        answer_fail(c, &s->reply, MODAL_CONFLICT, "key", NULL,
+                    "the key names a job of other kind, options or input");
     else if (!job->committed) {
         struct after *after = after_new(AFTER_REPEAT, &s->reply);
         after->job = job;
@@ -146,12 +159,15 @@ static bool may_enter(struct core *c, struct submission *s)
     int64_t most = c->settings.queue_jobs;
 
     if (c->draining || c->terminating)
-        answer_fail(c, &s->reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+        answer_fail(c, &s->reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5),
+                    "the daemon takes no new work");
     else if (room_is_full(c))
-        answer_fail(c, &s->reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 5), "the disk is full");
-    else if (c->state_counts[JOB_QUEUED] >= most)
-        answer_fail(c, &s->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1), "the queue holds %lld jobs, at most %lld",
-                    (long long)c->state_counts[JOB_QUEUED], (long long)most);
+        answer_fail(c, &s->reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 5),
+                    "the disk is full");
+    else if (c->jobs->state_counts[JOB_QUEUED] >= most)
+        answer_fail(c, &s->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
+                    "the queue holds %lld jobs, at most %lld",
+                    (long long)c->jobs->state_counts[JOB_QUEUED], (long long)most);
     else
         return !user_quota(c, s->user, &s->reply, 1, s->input == NULL ? (int64_t)s->data->size : 0)
             && (s->input != NULL || upload_allows(c, s->user, s->data->size, &s->reply));
@@ -172,18 +188,22 @@ static void put_job_row(struct transaction *t, const struct job *job, const stru
     if (job->source != 0)
         json_text_string(&tag, "source", source);
     json_text_close(&tag);
-    *row = (struct job_record) { .id = job->id, .user = transaction_text(t, job->user->name), .key = transaction_text(t, job->key),
-        .kind = job->kind, .options = transaction_text(t, job->options), .input = input->id, .priority = job->priority,
-        .run_limit_ns = job->run_limit_ns, .deadline_ns = job->deadline_ns, .not_before_ns = job->not_before_ns,
-        .tag = transaction_text(t, tag.x), .state = job->state, .submitted_ns = job->submitted_ns, .finished_ns = job->finished_ns,
-        .result_bytes = job->result_bytes, .output = job->output == NULL ? 0 : job->output->id, .cached = job->cached };
+    *row = (struct job_record) {
+        .id = job->id, .user = transaction_text(t, job->user->name),
+        .key = transaction_text(t, job->key), .kind = job->kind,
+        .options = transaction_text(t, job->options), .input = input->id,
+        .priority = job->priority, .run_limit_ns = job->run_limit_ns,
+        .deadline_ns = job->deadline_ns, .not_before_ns = job->not_before_ns,
+        .tag = transaction_text(t, tag.x), .state = job->state, .submitted_ns = job->submitted_ns,
+        .finished_ns = job->finished_ns, .result_bytes = job->result_bytes,
+        .output = job->output == NULL ? 0 : job->output->id, .cached = job->cached };
     memcpy(row->fingerprint, job->fingerprint, 32);
     free(tag.x);
 }
 
 static struct job *make_job(struct core *c, struct submission *s)
 {
-    struct job *job = job_new(c, s->user, c->next_job++);
+    struct job *job = job_new(c, s->user, c->jobs->next_job++);
     const struct wire_request *r = s->r;
 
     job->key = region_text(&c->region, r->submit.key);
@@ -195,7 +215,8 @@ static struct job *make_job(struct core *c, struct submission *s)
     job->max_attempts = r->submit.max_attempts;
     job->run_limit_ns = (int64_t)(r->submit.run_limit_s * 1e9);
     job->submitted_ns = c->now.utc_ns;
-    job->deadline_ns = r->submit.deadline_s > 0 ? c->now.utc_ns + (int64_t)(r->submit.deadline_s * 1e9) : 0;
+    job->deadline_ns =
+        r->submit.deadline_s > 0 ? c->now.utc_ns + (int64_t)(r->submit.deadline_s * 1e9) : 0;
     job->not_before_ns = (int64_t)(r->submit.not_before * 1e9);
     job_index(c, job);
     return job;
@@ -223,7 +244,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
 
     t->refusable = FIRST_REFUSED;
     if (s->input == NULL) {
-        s->input = input_new(c, s->user, &s->r->submit.input, c->next_input++);
+        s->input = input_new(c, s->user, &s->r->submit.input, input_number(c));
         s->input->state = INPUT_SEALED;
         s->input->inline_data = true;
         s->input->crc = crc32c(0, s->data->data, s->data->size);
@@ -231,7 +252,8 @@ static void enter(struct core *c, struct submission *s, struct job *source)
         input_cache(c, s->input, s->data);
         input_index(s->input);
     }
-    if (!s->input->committed)                /* its first row may yet be refused, so every row brings it along */
+    /* its first row may yet be refused, so every row brings it along */
+    if (!s->input->committed)
         input_record_fill(s->input, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
     job = make_job(c, s);
     job->input = s->input;
@@ -246,13 +268,14 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     after->to = job->state;
     after->value = c->now.mono_ns;
     transaction_join(t, after);
-    c->state_counts[job->state]++;
+    c->jobs->state_counts[job->state]++;
     if (job->state == JOB_QUEUED)
         s->user->queued++;
     core_commit(c, t);
 }
 
-static void submit(struct core *c, const struct wire_message *m, const struct wire_request *r, struct user *user, const struct reply *reply)
+static void submit(struct core *c, const struct wire_message *m, const struct wire_request *r,
+                   struct user *user, const struct reply *reply)
 {
     struct submission s = { .user = user, .reply = *reply, .r = r };
     bool named = r->submit.upload != NULL || r->submit.sha256 != NULL;
@@ -261,7 +284,7 @@ static void submit(struct core *c, const struct wire_message *m, const struct wi
     if (!find_kind(c, &s) || (named && !find_named(c, &s)))
         goto out;
     if (!named)
-        take_inline(&s, m);
+        read_inline(&s, m);
     s.options = grab_canonical(r->submit.options);
     hash_settings(c, s.kind->name, s.options, s.settings);
     hash_both(s.settings, s.content, s.fingerprint);
@@ -274,15 +297,18 @@ out:
     free(s.options);
 }
 
-void submit_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+void submit_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct reply reply = reply_to(e, r);
 
     submit(c, e->message, r, user, &reply);
 }
 
-/* Each part is a submission of its own, with its own transaction and answer; only the message is shared. */
-void submits_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+/* Each part is a submission of its own, with its own transaction and answer; only the message
+ * is shared. */
+void submits_request(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct user *user)
 {
     struct reply whole = reply_to(e, r), part = { .peer = e->peer, .verb = WIRE_SUBMIT };
     struct blob *data = gather(e->message);

@@ -1,16 +1,20 @@
 /*
  * uploads.c - inputs that come in chunks: from clients (UPLOAD), and from workers that make signals
  *
- * One task at a time works on an upload.  Chunks that come meanwhile are gathered, written by the next task with one
- * sync, and committed together; then each is acknowledged.  So a slow disk makes the groups larger, not the queue.
+ * One task at a time works on an upload.  Chunks that come meanwhile are gathered, written by the
+ * next task with one sync, and committed together; then each is acknowledged.  So a slow disk
+ * makes the groups larger, not the queue.
  */
-#include "broker/core/state.h"
+#include "broker/core/inputs.h"
+#include "broker/verbs/verbs.h"
 #include "base/crc32c.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { GROUP = 64 };                           /* chunks a task */
+enum { GROUP = 64 };          /* chunks a task: CREDIT_MOST of them */
+/* Bytes that one upload may have unacknowledged at most. */
+enum { CREDIT_MOST = GROUP * WIRE_CHUNK_MOST };
 
 static void run(struct core *c, struct input *input, enum task_type type)
 {
@@ -26,17 +30,18 @@ static void run(struct core *c, struct input *input, enum task_type type)
 
 int64_t core_window(const struct core *c)
 {
-    int64_t open = c->open_streams, part;
+    int64_t open = c->inputs->open_streams, part;
 
     for (size_t i = 0; i < c->user_count; i++)
         open += c->user_list[i]->open_count;
     part = c->settings.window_bytes / (open > 0 ? open : 1);
     if (part < 2 * WIRE_CHUNK_MOST)
         part = 2 * WIRE_CHUNK_MOST;
-    return part < (16 << 20) ? part : 16 << 20;
+    return part < CREDIT_MOST ? part : CREDIT_MOST;
 }
 
-static void say_state(struct core *c, const struct reply *reply, const struct input *input, const char *state)
+static void answer_state(struct core *c, const struct reply *reply, const struct input *input,
+                         const char *state)
 {
     cJSON *header = answer_new(reply);
     char ident[9], hex[65];
@@ -45,7 +50,9 @@ static void say_state(struct core *c, const struct reply *reply, const struct in
     cJSON_AddStringToObject(header, "upload", ident);
     cJSON_AddStringToObject(header, "state", state);
     cJSON_AddNumberToObject(header, "bytes", (double)input->bytes);
-    cJSON_AddNumberToObject(header, "present", (double)(input->state == INPUT_SEALED ? input->bytes : input->filling->durable));
+    cJSON_AddNumberToObject(header, "present",
+                            (double)(input->state == INPUT_SEALED ? input->bytes
+                                                                  : input->filling->durable));
     cJSON_AddNumberToObject(header, "credit", (double)core_window(c));
     if (input->state == INPUT_SEALED) {
         sha256_hex(input->sha256, hex);
@@ -54,7 +61,7 @@ static void say_state(struct core *c, const struct reply *reply, const struct in
     answer_send(c, reply, header, NULL);
 }
 
-/* ---- a task's turn ---------------------------------------------------------------------------------------------- */
+/* ---- a task's turn --------------------------------------------------------------------------- */
 
 static void write_group(struct core *c, struct input *input)
 {
@@ -68,7 +75,8 @@ static void write_group(struct core *c, struct input *input)
         task->offset -= f->chunks[i]->size;
         task->chunks[i] = f->chunks[i];
         task->crcs[i] = f->crcs[i];
-        after_append(&task->after, f->writers[i] != NULL ? f->writers[i] : after_new(AFTER_CHUNK, NULL));
+        after_append(&task->after,
+                     f->writers[i] != NULL ? f->writers[i] : after_new(AFTER_CHUNK, NULL));
         f->writers[i] = NULL;
     }
     task->count = f->count;
@@ -132,7 +140,7 @@ void upload_quiet(struct core *c, struct input *input)
         struct after *after = f->askers;
         f->askers = after->next;
         after->next = NULL;
-        say_state(c, &after->reply, input, "open");
+        answer_state(c, &after->reply, input, "open");
         after_free(after);
     }
     if (f->sealing && f->durable == input->bytes)
@@ -157,11 +165,11 @@ static void give_up_seal(struct core *c, struct filling *f, const struct modal_e
 }
 
 /* The upload ends at TO again: what lies before it is committed, or about to be. */
-static void take_back(struct core *c, struct input *input, uint64_t to)
+static void shrink(struct core *c, struct input *input, uint64_t to)
 {
     struct filling *f = input->filling;
 
-    c->in_flight -= (int64_t)(f->accepted - to);
+    c->inputs->in_flight -= (int64_t)(f->accepted - to);
     f->in_flight -= f->accepted - to;
     f->accepted = to;
     for (int i = 0; i < f->count; i++) {
@@ -189,7 +197,7 @@ static void end_output(struct core *c, struct input *input, const struct modal_e
         f->slot = -1;
         f->aborting = true;
     }
-    after_append(&c->outputs, after);
+    after_append(&c->inputs->outputs, after);
 }
 
 static void written(struct core *c, struct input *input, struct task *task)
@@ -203,7 +211,7 @@ static void written(struct core *c, struct input *input, struct task *task)
         for (int i = 0; i < input->filling->count; i++)
             fail_writers(c, input->filling->writers[i], &task->err);
         give_up_seal(c, input->filling, &task->err);
-        take_back(c, input, task->offset);
+        shrink(c, input, task->offset);
         input->filling->broken = true;             /* who knows what is in the file past that */
         end_output(c, input, &task->err);
         return;
@@ -294,7 +302,8 @@ static void begun(struct core *c, struct input *input, struct task *task)
     }
     note = json_print(text);
     cJSON_Delete(text);
-    transaction_add(t, LEDGER_NOTE_PUT)->note = (struct note_record) { "upload", transaction_text(t, name), transaction_text(t, note) };
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "upload", transaction_text(t, name), transaction_text(t, note) };
     free(note);
     transaction_after(t, AFTER_BEGIN)->input = input;
     core_commit(c, t);
@@ -310,8 +319,9 @@ static void resumed(struct core *c, struct input *input, struct task *task)
     for (int i = 0; i < f->count; i++)
         fail_writers(c, f->writers[i], &task->err);
     give_up_seal(c, f, &task->err);
-    take_back(c, input, f->durable);
-    f->aborting = task->status != MODAL_BUSY && task->status != MODAL_NO_MEMORY;   /* damaged: it must be sent again */
+    shrink(c, input, f->durable);
+    /* damaged: it must be sent again */
+    f->aborting = task->status != MODAL_BUSY && task->status != MODAL_NO_MEMORY;
 }
 
 void upload_task_done(struct core *c, struct task *task)
@@ -333,7 +343,7 @@ void upload_task_done(struct core *c, struct task *task)
     upload_quiet(c, input);
 }
 
-static void say_chunk(struct core *c, const struct after *after)
+static void answer_chunk(struct core *c, const struct after *after)
 {
     cJSON *header;
     char ident[9];
@@ -361,15 +371,15 @@ void upload_after(struct core *c, struct after *after)
     case AFTER_CHUNK:
         f->durable = (uint64_t)(after->value + after->length);
         f->in_flight -= (uint64_t)after->length;
-        c->in_flight -= after->length;
+        c->inputs->in_flight -= after->length;
         if (f->slot >= 0)
             worker_go(c, f->slot);
-        say_chunk(c, after);
+        answer_chunk(c, after);
         break;
     case AFTER_SEAL:
         if (f != NULL) {
             for (struct after *late = f->seal; late != NULL; late = late->next)
-                say_state(c, &late->reply, input, "sealed");
+                answer_state(c, &late->reply, input, "sealed");
             drop_open(input->user, input);
             run(c, input, TASK_CLOSE);
             input_index(input);
@@ -378,7 +388,7 @@ void upload_after(struct core *c, struct after *after)
             filling_free(f);
         }
         if (after->reply.peer != 0)
-            say_state(c, &after->reply, input, "sealed");
+            answer_state(c, &after->reply, input, "sealed");
         return;
     default:
         return;
@@ -386,7 +396,7 @@ void upload_after(struct core *c, struct after *after)
     upload_quiet(c, input);
 }
 
-static void say_gone(struct core *c, const struct input *input, const struct reply *reply)
+static void answer_gone(struct core *c, const struct input *input, const struct reply *reply)
 {
     cJSON *header = answer_new(reply);
     char ident[9];
@@ -397,7 +407,7 @@ static void say_gone(struct core *c, const struct input *input, const struct rep
     answer_send(c, reply, header, NULL);
 }
 
-static void say_wrong(struct core *c, const struct filling *f, const struct reply *reply)
+static void answer_wrong(struct core *c, const struct filling *f, const struct reply *reply)
 {
     cJSON *detail = cJSON_CreateObject();
     char hex[65];
@@ -414,10 +424,10 @@ void upload_gone(struct core *c, struct input *input)
     const struct after *after;
 
     for (after = f->aborters; after != NULL; after = after->next)
-        say_gone(c, input, &after->reply);
+        answer_gone(c, input, &after->reply);
     for (after = f->seal; after != NULL; after = after->next)
         if (f->wrong)
-            say_wrong(c, f, &after->reply);
+            answer_wrong(c, f, &after->reply);
         else
             answer_fail(c, &after->reply, MODAL_NOT_FOUND, "upload", NULL,
                         "the upload was aborted");
@@ -426,7 +436,7 @@ void upload_gone(struct core *c, struct input *input)
                     "the upload was aborted; begin again");
 }
 
-/* ---- requests --------------------------------------------------------------------------------------------------- */
+/* ---- requests -------------------------------------------------------------------------------- */
 
 static bool same_attributes(const struct input *input, const cJSON *attributes)
 {
@@ -447,45 +457,55 @@ static bool same_shape(const struct input *input, const struct wire_input *w)
     bool same;
 
     input_shape_of(w, &shape, &names);
-    same = shape.type == input->shape.type && w->bytes == input->bytes && shape.samples == input->shape.samples
-        && shape.channels == input->shape.channels && shape.dt == input->shape.dt && shape.period == input->shape.period
-        && (shape.names == NULL) == (input->shape.names == NULL)
-        && strcmp(shape.units ? shape.units : "", input->shape.units ? input->shape.units : "") == 0;
+    same = shape.type == input->shape.type && w->bytes == input->bytes
+           && shape.samples == input->shape.samples && shape.channels == input->shape.channels
+           && shape.dt == input->shape.dt && shape.period == input->shape.period
+           && (shape.names == NULL) == (input->shape.names == NULL)
+           && strcmp(shape.units ? shape.units : "", input->shape.units ? input->shape.units : "")
+                  == 0;
     for (uint64_t i = 0; same && names != NULL && i < shape.channels; i++)
         same = strcmp(names[i], input->shape.names[i]) == 0;
     free(names);
     return same && same_attributes(input, w->attributes);
 }
 
-static struct input *find_open(struct user *user, const struct wire_request *r, const uint8_t declared[32])
+static struct input *find_open(struct user *user, const struct wire_request *r,
+                               const uint8_t declared[32])
 {
     for (int i = 0; i < user->open_count; i++) {
         struct filling *f = user->open[i]->filling;
         if (f->slot >= 0 || f->aborting)
             continue;
-        if (r->upload.key != NULL ? f->key != NULL && strcmp(f->key, r->upload.key) == 0
-                                  : r->upload.sha256 != NULL && f->key == NULL && f->has_declared && memcmp(f->declared, declared, 32) == 0
-                                    && same_attributes(user->open[i], r->upload.input.attributes))
+        if (r->upload.key != NULL
+                ? f->key != NULL && strcmp(f->key, r->upload.key) == 0
+                : r->upload.sha256 != NULL && f->key == NULL && f->has_declared
+                      && memcmp(f->declared, declared, 32) == 0
+                      && same_attributes(user->open[i], r->upload.input.attributes))
             return user->open[i];
     }
     return NULL;
 }
 
-static bool may_begin(struct core *c, const struct wire_request *r, struct user *user, const struct reply *reply)
+static bool may_begin(struct core *c, const struct wire_request *r, struct user *user,
+                      const struct reply *reply)
 {
     if (c->draining || c->terminating)
-        answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5), "the daemon takes no new work");
+        answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5),
+                    "the daemon takes no new work");
     else if ((double)r->upload.input.bytes > (double)c->settings.input_bytes)
-        answer_fail(c, reply, MODAL_TOO_LARGE, "samples", NULL, "an input of %llu bytes; accepted: at most %lld",
+        answer_fail(c, reply, MODAL_TOO_LARGE, "samples", NULL,
+                    "an input of %llu bytes; accepted: at most %lld",
                     (unsigned long long)r->upload.input.bytes, (long long)c->settings.input_bytes);
     else if (user->open_count >= WIRE_UPLOADS_MOST)
-        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 5), "%d uploads are open, at most %d", user->open_count, WIRE_UPLOADS_MOST);
+        answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 5),
+                    "%d uploads are open, at most %d", user->open_count, WIRE_UPLOADS_MOST);
     else
         return !user_quota(c, user, reply, 0, (int64_t)r->upload.input.bytes);
     return false;
 }
 
-static void begin(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+static void begin(struct core *c, const struct event *e, const struct wire_request *r,
+                  struct user *user)
 {
     struct reply reply = reply_to(e, r);
     uint8_t declared[32] = { 0 }, content[32];
@@ -497,18 +517,19 @@ static void begin(struct core *c, const struct event *e, const struct wire_reque
     }
     if (input != NULL && input->committed && !input->going) {
         input_use(c, input, 0);
-        say_state(c, &reply, input, "sealed");
+        answer_state(c, &reply, input, "sealed");
         return;
     }
     input = find_open(user, r, declared);
     if (input != NULL && !same_shape(input, &r->upload.input)) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "key", NULL, "the key names an upload of another description");
+        answer_fail(c, &reply, MODAL_CONFLICT, "key", NULL,
+                    "the key names an upload of another description");
         return;
     }
     if (input == NULL) {
         if (!may_begin(c, r, user, &reply))
             return;
-        input = input_new(c, user, &r->upload.input, c->next_input++);
+        input = input_new(c, user, &r->upload.input, input_number(c));
         input->filling = filling_new(c->now.utc_ns);
         input->filling->key = grab_text(r->upload.key);
         input->filling->has_declared = r->upload.sha256 != NULL;
@@ -540,7 +561,8 @@ bool upload_allows(struct core *c, struct user *user, size_t size, const struct 
     detail = answer_number("retry_after_s", (user->upload_level + (double)size - burst) / rate);
     cJSON_AddStringToObject(detail, "limit", "upload_bytes_s");
     cJSON_AddNumberToObject(detail, "most", rate);
-    answer_fail(c, reply, MODAL_QUOTA, "", detail, "over your limit: %.0f bytes uploaded a second", rate);
+    answer_fail(c, reply, MODAL_QUOTA, "", detail, "over your limit: %.0f bytes uploaded a second",
+                rate);
     return false;
 }
 
@@ -550,7 +572,8 @@ void upload_owes(struct user *user, uint64_t bytes)
         user->upload_level += (double)bytes;
 }
 
-static void chunk(struct core *c, const struct event *e, const struct wire_request *r, struct input *input)
+static void chunk(struct core *c, const struct event *e, const struct wire_request *r,
+                  struct input *input)
 {
     struct reply reply = reply_to(e, r);
     struct filling *f = input->filling;
@@ -560,30 +583,37 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
     if (input->state == INPUT_SEALED || f->sealing)
         answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed");
     else if (r->upload.offset != f->accepted)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", answer_number("expected", (double)f->accepted), "a chunk at %llu; accepted: %llu, where the one before ends",
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset",
+                    answer_number("expected", (double)f->accepted),
+                    "a chunk at %llu; accepted: %llu, where the one before ends",
                     (unsigned long long)r->upload.offset, (unsigned long long)f->accepted);
     else if (end > input->bytes)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", NULL, "the chunk ends at %llu, past the input's %llu bytes", (unsigned long long)end,
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", NULL,
+                    "the chunk ends at %llu, past the input's %llu bytes", (unsigned long long)end,
                     (unsigned long long)input->bytes);
-    else if (f->count == GROUP || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > 16 << 20)) {
-        c->credit_stalls++;
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1), "more unacknowledged chunks than the credit allows");
-    }
-    else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL, "crc32c is %u; accepted: %u, that of the chunk as it came", r->upload.crc32c, crc32c(0, body->data, body->size));
+    else if (f->count == GROUP
+             || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > CREDIT_MOST)) {
+        c->counts.credit_stalls++;
+        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
+                    "more unacknowledged chunks than the credit allows");
+    } else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL,
+                    "crc32c is %u; accepted: %u, that of the chunk as it came", r->upload.crc32c,
+                    crc32c(0, body->data, body->size));
     else if (upload_allows(c, input->user, body->size, &reply)) {
         f->writers[f->count] = after_new(AFTER_CHUNK, &reply);
         f->crcs[f->count] = r->upload.crc32c;
         f->chunks[f->count++] = blob_share(e->body[0]);
         f->accepted = end;
         f->in_flight += body->size;
-        c->in_flight += (int64_t)body->size;
+        c->inputs->in_flight += (int64_t)body->size;
         f->touched_ns = c->now.utc_ns;
         upload_quiet(c, input);
     }
 }
 
-static void seal(struct core *c, const struct event *e, const struct wire_request *r, struct input *input)
+static void seal(struct core *c, const struct event *e, const struct wire_request *r,
+                 struct input *input)
 {
     struct reply reply = reply_to(e, r);
     struct filling *f = input->filling;
@@ -592,16 +622,19 @@ static void seal(struct core *c, const struct event *e, const struct wire_reques
     sha256_from_hex(r->upload.sha256, wanted);
     if (input->state == INPUT_SEALED) {
         if (memcmp(wanted, input->sha256, 32) == 0 && f == NULL)
-            say_state(c, &reply, input, "sealed");
+            answer_state(c, &reply, input, "sealed");
         else if (memcmp(wanted, input->sha256, 32) == 0)
             after_append(&f->seal, after_new(AFTER_SEAL, &reply));     /* not committed yet */
         else
-            answer_fail(c, &reply, MODAL_BAD_INPUT, "sha256", NULL, "the upload is sealed with another SHA-256");
+            answer_fail(c, &reply, MODAL_BAD_INPUT, "sha256", NULL,
+                        "the upload is sealed with another SHA-256");
         return;
     }
     if (f == NULL || f->accepted < input->bytes) {
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "present", answer_number("expected", (double)input->bytes), "%llu of %llu bytes are here",
-                    (unsigned long long)(f == NULL ? 0 : f->accepted), (unsigned long long)input->bytes);
+        answer_fail(c, &reply, MODAL_BAD_INPUT, "present",
+                    answer_number("expected", (double)input->bytes), "%llu of %llu bytes are here",
+                    (unsigned long long)(f == NULL ? 0 : f->accepted),
+                    (unsigned long long)input->bytes);
         return;
     }
     memcpy(f->wanted, wanted, 32);
@@ -610,21 +643,24 @@ static void seal(struct core *c, const struct event *e, const struct wire_reques
     upload_quiet(c, input);
 }
 
-static void drop_upload(struct core *c, const struct event *e, const struct wire_request *r, struct input *input)
+static void drop_upload(struct core *c, const struct event *e, const struct wire_request *r,
+                        struct input *input)
 {
     struct reply reply = reply_to(e, r);
 
     if (input->filling == NULL) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed; it goes when no job names it");
+        answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL,
+                    "the upload is sealed; it goes when no job names it");
         return;
     }
-    take_back(c, input, input->filling->accepted - waiting(input->filling));
+    shrink(c, input, input->filling->accepted - waiting(input->filling));
     input->filling->aborting = true;
     after_append(&input->filling->aborters, after_new(AFTER_GONE, &reply));
     upload_quiet(c, input);
 }
 
-void upload_request(struct core *c, const struct event *e, const struct wire_request *r, struct user *user)
+void upload_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user)
 {
     struct reply reply = reply_to(e, r);
     struct input *input;
@@ -634,7 +670,8 @@ void upload_request(struct core *c, const struct event *e, const struct wire_req
         return;
     }
     input = input_by_id(c, ident_number(~c->settings.secret, r->upload.upload));
-    if (input == NULL || input->user != user || input->going || !input->committed || (input->filling != NULL && (input->filling->aborting || input->filling->slot >= 0))) {
+    if (input == NULL || input->user != user || input->going || !input->committed
+        || (input->filling != NULL && (input->filling->aborting || input->filling->slot >= 0))) {
         answer_fail(c, &reply, MODAL_NOT_FOUND, "upload", NULL, "no such upload of yours");
         return;
     }
@@ -646,11 +683,11 @@ void upload_request(struct core *c, const struct event *e, const struct wire_req
         drop_upload(c, e, r, input);
 }
 
-/* ---- signals that a worker makes -------------------------------------------------------------------------------- */
+/* ---- signals that a worker makes ------------------------------------------------------------- */
 
 struct input *output_begin(struct core *c, struct user *user, const struct wire_input *w, int slot)
 {
-    struct input *input = input_new(c, user, w, c->next_input++);
+    struct input *input = input_new(c, user, w, input_number(c));
 
     input->filling = filling_new(c->now.utc_ns);
     input->filling->slot = slot;
@@ -668,7 +705,7 @@ void output_chunk(struct core *c, struct input *input, struct blob *chunk_data)
     f->chunks[f->count++] = blob_share(chunk_data);
     f->accepted += chunk_data->size;
     f->in_flight += chunk_data->size;
-    c->in_flight += (int64_t)chunk_data->size;
+    c->inputs->in_flight += (int64_t)chunk_data->size;
     upload_quiet(c, input);
 }
 
@@ -692,11 +729,65 @@ void uploads_retain(struct core *c)
     size_t at = 0;
     struct input *input;
 
-    while ((input = map_next(&c->inputs, &at)) != NULL) {
+    while ((input = map_next(&c->inputs->all, &at)) != NULL) {
         if (input->state != INPUT_OPEN || !input->committed || input->going || !is_idle(c, input))
             continue;
         upload_quiet(c, input);                    /* who began it again is told what is here */
         input->filling->aborting = true;
         upload_quiet(c, input);
     }
+}
+
+void upload_load_note(struct core *c, const struct note_record *r)
+{
+    struct input *input = input_by_id(c, strtoll(r->name, NULL, 10));
+    cJSON *object = NULL;
+    const char *key = NULL, *hash = NULL;
+
+    if (input == NULL || input->filling == NULL
+        || json_read(r->text, strlen(r->text), &object, NULL) != MODAL_OK)
+        return;
+    input->filling->aborting = cJSON_HasObjectItem(object, "output");     /* its worker is gone */
+    json_get_string(object, "", "key", &key, NULL);
+    json_get_string(object, "", "sha256", &hash, NULL);
+    input->filling->key = grab_text(key);
+    input->filling->has_declared =
+        hash != NULL && sha256_from_hex(hash, input->filling->declared);
+    cJSON_Delete(object);
+}
+
+void upload_load(struct input *input, const struct input_record *r)
+{
+    input->filling = filling_new(r->used_ns > r->created_ns ? r->used_ns : r->created_ns);
+    input->filling->accepted = input->filling->durable = r->received;
+    add_open(input->user, input);
+}
+
+void uploads_go_on(struct core *c)
+{
+    struct input *input;
+    size_t at = 0;
+
+    while ((input = map_next(&c->inputs->all, &at)) != NULL)
+        if (input->filling != NULL && input->filling->aborting)
+            upload_quiet(c, input);
+}
+
+void output_drop(struct core *c, struct input *input)
+{
+    if (input->filling == NULL)
+        return;
+    input->filling->slot = -1;
+    input->filling->aborting = true;
+    upload_quiet(c, input);
+}
+
+uint64_t output_accepted(const struct input *input)
+{
+    return input->filling->accepted;
+}
+
+uint64_t output_total(const struct input *input)
+{
+    return input->bytes;
 }

@@ -1,26 +1,31 @@
 /*
- * windows.c - live windows: the last samples of a stream to a worker, and what it found in them to who watches
+ * windows.c - live windows: the last samples of a stream to a worker, and what it found in them to
+ * who watches
  *
- * A window is due when its last sample is on stable storage, every `hop` samples, and never over a gap or an epoch.  It
- * goes before all jobs, being small, and rather to the worker that had the one before: that gets only what is new.  One
- * that kills its worker goes to another, LIVE_DEATHS_MOST times.
+ * A window is due when its last sample is on stable storage, every `hop` samples, and never over a
+ * gap or an epoch.  It goes before all jobs, being small, and rather to the worker that had the
+ * one before: that gets only what is new.  One that kills its worker goes to another,
+ * LIVE_DEATHS_MOST times.
  */
-#include "broker/core/state.h"
+#include "broker/core/slots.h"
+#include "broker/verbs/streams.h"
+#include "broker/verbs/verbs.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Below 8 samples no mode of two real unknowns is told from noise by its own residuals. */
-enum { WINDOW_LEAST = 8 };
-/* A hop longer than any stream: one window, and no number of samples that a double does not hold. */
+enum { WINDOW_LEAST = 8 };    /* as identify's IDENTIFY_SAMPLES_LEAST: it takes no shorter one */
+/* A hop longer than any stream: one window, and no number of samples that a double does
+ * not hold. */
 #define HOP_MOST 1e15
 /* Seconds, periods or samples as a number in a request: more than any clock or stream has. */
 #define LENGTH_MOST 1e9
 enum {
     LIVE_LIMIT_S = 60,        /* a window's run: who watches has long had the next hops by then */
     LIVE_DEATHS_MOST = 3,     /* as often as a job is tried where it does not say */
-    EVENT_MOST = WIRE_HEADER_MOST / 4 * 3,   /* of an event's text: its number, time and subscription come to it */
+    /* of an event's text: its number, time and subscription come to it */
+    EVENT_MOST = WIRE_HEADER_MOST / 4 * 3,
 };
 
 /* A window as open describes it, in samples. */
@@ -151,7 +156,7 @@ void window_reset(struct stream *s)
     alarms_reset(s->window.alarms);
 }
 
-/* ---- to a worker ------------------------------------------------------------------------------------------------- */
+/* ---- to a worker ----------------------------------------------------------------------------- */
 
 static bool is_due(struct stream *s)
 {
@@ -167,20 +172,21 @@ static bool is_due(struct stream *s)
 
 static bool has_window(const struct core *c, const struct stream *s, int slot)
 {
-    return s->window.slot == slot && s->window.process == c->slots[slot].process;
+    return s->window.slot == slot && s->window.process == c->slots->at[slot].process;
 }
 
 /* The worker that has the window is idle, or will be soon. */
 static bool is_awaited(const struct core *c, const struct stream *s)
 {
     const int slot = s->window.slot;
-    const struct slot *own = slot >= 0 ? &c->slots[slot] : NULL;
+    const struct slot *own = slot >= 0 ? &c->slots->at[slot] : NULL;
 
     return own != NULL && has_window(c, s, slot)
         && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
 }
 
-/* A stream whose window is due: one that this worker has, else one that no other worker is to go on with. */
+/* A stream whose window is due: one that this worker has, else one that no other worker is to go
+ * on with. */
 static struct stream *due_for(struct core *c, int slot)
 {
     struct stream *found = NULL;
@@ -244,7 +250,7 @@ static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
 
 void window_start(struct core *c, int slot)
 {
-    struct slot *worker = &c->slots[slot];
+    struct slot *worker = &c->slots->at[slot];
     struct stream *s = due_for(c, slot);
     struct window *w;
     struct blob *data;
@@ -259,7 +265,7 @@ void window_start(struct core *c, int slot)
     w->process = worker->process;
     worker->live = s;
     worker->state = SLOT_BUSY;
-    worker->attempt = ++c->live_attempts;
+    worker->attempt = ++c->slots->windows;
     worker->jobs++;
     worker->started_ns = worker->heard_ns = c->now.mono_ns;
     worker_send(c, slot, "RUN", run_header(s, worker->attempt, first), data);
@@ -270,7 +276,7 @@ bool window_late(const struct core *c, const struct slot *worker)
     return worker->live != NULL && c->now.mono_ns - worker->started_ns > LIVE_LIMIT_S * SECOND;
 }
 
-/* ---- what it found ----------------------------------------------------------------------------------------------- */
+/* ---- what it found --------------------------------------------------------------------------- */
 
 /* The present epoch may be another by the time a window is told: the run was taken up again from
  * a checkpoint meanwhile. */
@@ -355,14 +361,16 @@ static const cJSON *least_damped(const cJSON *modes)
     double lowest = HUGE_VAL;
 
     cJSON_ArrayForEach(mode, modes) {
-        double ratio = cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(mode, "damping_ratio"));
+        double ratio =
+            cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(mode, "damping_ratio"));
         if (ratio < lowest)
             lowest = ratio, least = mode;
     }
     return least;
 }
 
-/* What a host reads between two of its steps, flat: the verdict of DOCUMENT and its least damped mode. */
+/* What a host reads between two of its steps, flat: the verdict of DOCUMENT and its least
+ * damped mode. */
 static void add_verdict(cJSON *text, const cJSON *document)
 {
     static const char *const keys[][2] = {
@@ -412,7 +420,7 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     core_commit(c, t);
 }
 
-/* ---- its end ----------------------------------------------------------------------------------------------------- */
+/* ---- its end --------------------------------------------------------------------------------- */
 
 /* The window is due again, unless an epoch has begun since, whose samples are others. */
 static void try_again(struct stream *s)
@@ -437,9 +445,9 @@ static void give_up(struct core *c, struct stream *s)
 
 void window_died(struct core *c, int slot)
 {
-    struct stream *s = c->slots[slot].live;
+    struct stream *s = c->slots->at[slot].live;
 
-    c->slots[slot].live = NULL;
+    c->slots->at[slot].live = NULL;
     s->window.running = false;
     s->window.slot = -1;
     if (++s->window.died < LIVE_DEATHS_MOST)
@@ -450,13 +458,13 @@ void window_died(struct core *c, int slot)
 
 void window_end(struct core *c, int slot, const struct wire_message *m)
 {
-    struct stream *s = c->slots[slot].live;
+    struct stream *s = c->slots->at[slot].live;
     const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
     struct modal_error err;
     cJSON *error = NULL;
 
-    c->slots[slot].live = NULL;
-    c->slots[slot].state = SLOT_TAKEN;
+    c->slots->at[slot].live = NULL;
+    c->slots->at[slot].state = SLOT_TAKEN;
     s->window.running = false;
     s->window.died = 0;
     if (told != NULL) {

@@ -1,10 +1,13 @@
 /*
  * workers.c - the pool: who has which job, leases, what comes back, who dies
  *
- * A slot is a worker process with one job at most.  Whatever a worker says is believed only with the job and attempt its
- * slot has now.  To end an attempt early its process group is killed; the job moves when the exit is seen.
+ * A slot is a worker process with one job at most.  Whatever a worker says is believed only with
+ * the job and attempt its slot has now.  To end an attempt early its process group is killed; the
+ * job moves when the exit is seen.
  */
-#include "broker/core/state.h"
+#include "broker/core/jobs.h"
+#include "broker/core/slots.h"
+#include "broker/verbs/verbs.h"
 #include "base/crc32c.h"
 #include <math.h>
 #include <stdio.h>
@@ -12,16 +15,18 @@
 #include <string.h>
 #include <sys/wait.h>
 
-enum { DETAIL_MOST = 4096, PROGRESS_MOST = 4096,
-       THREADS_MOST = 1024 };
+enum {
+    DETAIL_MOST = 4096,       /* of an error's detail: it is kept with the job's row, a page */
+    PROGRESS_MOST = 4096,     /* of a progress: each subscriber is sent it */
+    THREADS_MOST = 1024,      /* of the option: the machine's cores limit it further */
+};
 
-/* ---- starting a job --------------------------------------------------------------------------------------------- */
+/* ---- starting a job -------------------------------------------------------------------------- */
 
 static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
 {
-    const struct input *input = job->input;
-    cJSON *header = cJSON_CreateObject(), *described;
-    char ident[9], hex[65], path[4096];
+    cJSON *header = cJSON_CreateObject();
+    char ident[IDENT_TEXT];
     int64_t limit = job->run_limit_ns > 0 ? job->run_limit_ns : c->settings.run_limit_ns;
 
     job_ident(c, job, ident);
@@ -30,29 +35,17 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
     cJSON_AddStringToObject(header, "kind", job->kind);
     cJSON_AddRawToObject(header, "options", job->options);
     cJSON_AddNumberToObject(header, "run_limit_s", (double)limit / 1e9);
-    described = cJSON_AddObjectToObject(header, "input");
-    input_describe(input, described);
-    sha256_hex(input->sha256, hex);
-    cJSON_AddStringToObject(described, "sha256", hex);
-    if (!input->inline_data) {
-        spool_path(path, c->settings.dir, input->id);
-        cJSON_AddStringToObject(described, "file", path);
-        cJSON_AddNumberToObject(described, "offset", (double)input->offset);
-        cJSON_AddNumberToObject(described, "crc32c", (double)input->crc);
-    }
+    input_describe_run(c, job->input, cJSON_AddObjectToObject(header, "input"));
     worker_send(c, slot, "RUN", header, blob_share(data));
     if (limit > 0)
         core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
 }
 
-/* A task that fetches the input of a job whose attempt has begun;
- * job_input_read goes on with it. */
-static void fetch(struct core *c, struct job *job, enum task_type type)
+/* The input of a job whose attempt has begun; job_input_read goes on with it. */
+static void fetch(struct core *c, struct job *job)
 {
-    struct task *task = task_new(type, job->input->id);
+    struct task *task = input_fetch(job->input);
 
-    task->length = WIRE_INLINE_MOST;
-    task->descriptor = -1;
     task->total = (uint64_t)job->id;
     task->after = after_new(AFTER_READ, NULL);
     task->after->value = job->id;
@@ -62,7 +55,8 @@ static void fetch(struct core *c, struct job *job, enum task_type type)
 
 static void start(struct core *c, struct job *job, int slot)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
+    struct blob *data;
 
     job->attempts++;
     job->slot = slot;
@@ -74,16 +68,15 @@ static void start(struct core *c, struct job *job, int slot)
     s->late_told = false;
     s->expected_s = job->user->cost_s;
     s->jobs++;
-    c->attempts++;
+    c->counts.attempts++;
     job_move(c, job, JOB_RUNNING, NULL);
-    if (!job->input->inline_data || job->input->data == NULL) {
-        fetch(c, job, job->input->inline_data ? TASK_READ_INPUT : TASK_OPEN_INPUT);
+    data = input_at_hand(job->input);
+    if (data == NULL) {
+        fetch(c, job);
         return;
     }
-    run_on(c, job, slot, job->input->data);
-    if (job->input->jobs <= 1)
-        input_cache(c, job->input, NULL);          /* no other job waits for it */
-    input_trim(c, job->input);
+    run_on(c, job, slot, data);
+    input_begun(c, job->input);
 }
 
 /* The open file of a job's input, to its worker; SLOT -1: nobody wants it any more. */
@@ -111,8 +104,8 @@ void job_input_read(struct core *c, struct task *task)
     }
     if (task->status != MODAL_OK) {
         int slot = job->slot;
-        c->slots[slot].job = NULL;
-        c->slots[slot].state = SLOT_IDLE;
+        c->slots->at[slot].job = NULL;
+        c->slots->at[slot].state = SLOT_IDLE;
         job->slot = -1;
         job_fail(c, job, JOB_FAILED, &task->err, NULL);
         return;
@@ -124,16 +117,16 @@ void job_input_read(struct core *c, struct task *task)
 
 void workers_schedule(struct core *c)
 {
-    if (c->draining || c->terminating || c->now.mono_ns < c->hold_until)
+    if (c->draining || c->terminating || c->now.mono_ns < c->disk.hold_until)
         return;
-    for (int slot = 0; slot < c->slot_count; slot++)
-        if (c->slots[slot].state == SLOT_IDLE)
+    for (int slot = 0; slot < c->slots->count; slot++)
+        if (c->slots->at[slot].state == SLOT_IDLE)
             window_start(c, slot);
-    for (int slot = 0; slot < c->slot_count; slot++) {
+    for (int slot = 0; slot < c->slots->count; slot++) {
         struct user *user;
         struct job *job;
 
-        if (c->slots[slot].state != SLOT_IDLE)
+        if (c->slots->at[slot].state != SLOT_IDLE)
             continue;
         user = user_next(c);
         if (user == NULL)
@@ -143,23 +136,23 @@ void workers_schedule(struct core *c)
     }
 }
 
-/* ---- processes -------------------------------------------------------------------------------------------------- */
+/* ---- processes ------------------------------------------------------------------------------- */
 
 /* One lease timer a slot, as long as it has a process. */
 static void watch(struct core *c, int slot, int64_t when_ns)
 {
-    if (c->slots[slot].watched)
+    if (c->slots->at[slot].watched)
         return;
-    c->slots[slot].watched = true;
+    c->slots->at[slot].watched = true;
     core_timer(c, when_ns, TIMER_LEASE, slot, 0);
 }
 
 static void spawn(struct core *c, int slot)
 {
-    c->slots[slot].state = SLOT_STARTING;
-    c->slots[slot].process++;
-    c->slots[slot].jobs = 0;
-    c->slots[slot].heard_ns = c->now.mono_ns;
+    c->slots->at[slot].state = SLOT_STARTING;
+    c->slots->at[slot].process++;
+    c->slots->at[slot].jobs = 0;
+    c->slots->at[slot].heard_ns = c->now.mono_ns;
     core_act(c, (struct action) { .type = ACT_SPAWN, .slot = slot });
     watch(c, slot, c->now.mono_ns + c->settings.lease_ns);
 }
@@ -170,17 +163,17 @@ void workers_fill(struct core *c)
 
     if (c->terminating)
         return;
-    while (c->slot_count < wanted)
-        spawn(c, c->slot_count++);
-    for (int slot = wanted; slot < c->slot_count; slot++)
-        if (c->slots[slot].state == SLOT_IDLE || c->slots[slot].state == SLOT_STARTING)
+    while (c->slots->count < wanted)
+        spawn(c, c->slots->count++);
+    for (int slot = wanted; slot < c->slots->count; slot++)
+        if (c->slots->at[slot].state == SLOT_IDLE || c->slots->at[slot].state == SLOT_STARTING)
             worker_send(c, slot, "STOP", cJSON_CreateObject(), NULL);
 }
 
 void worker_timer(struct core *c, enum timer what, int64_t number)
 {
     int slot = (int)number;
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
     int64_t due = s->heard_ns + c->settings.lease_ns;
 
     if (what == TIMER_SPAWN) {
@@ -195,8 +188,9 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
         watch(c, slot, due);
         return;
     }
-    core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot, (double)(c->now.mono_ns - s->heard_ns) / 1e9);
-    c->leases_lost++;
+    core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot,
+             (double)(c->now.mono_ns - s->heard_ns) / 1e9);
+    c->counts.leases_lost++;
     if (s->job != NULL)
         s->job->ending = ENDING_LEASE;
     worker_kill(c, slot);
@@ -205,11 +199,8 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
 /* Leave the job: the slot is free for its process's next one, or for its successor. */
 static void part(struct core *c, struct slot *s)
 {
-    if (s->output != NULL && s->output->filling != NULL) {
-        s->output->filling->slot = -1;
-        s->output->filling->aborting = true;
-        upload_quiet(c, s->output);
-    }
+    if (s->output != NULL)
+        output_drop(c, s->output);
     if (s->job != NULL)
         s->job->slot = -1;
     free(s->document);
@@ -251,9 +242,11 @@ static void crashed(struct core *c, struct job *job, int status, const char *std
 
     job->crashes++;
     if (WIFSIGNALED(status))
-        modal_fail(&err, MODAL_WORKER_DIED, "the worker died of signal %d in attempt %d", WTERMSIG(status), job->attempts);
+        modal_fail(&err, MODAL_WORKER_DIED, "the worker died of signal %d in attempt %d",
+                   WTERMSIG(status), job->attempts);
     else
-        modal_fail(&err, MODAL_WORKER_DIED, "the worker ended with status %d in attempt %d", WEXITSTATUS(status), job->attempts);
+        modal_fail(&err, MODAL_WORKER_DIED, "the worker ended with status %d in attempt %d",
+                   WEXITSTATUS(status), job->attempts);
     if (job->crashes >= job->max_attempts) {
         job->stderr_text = grab_text(stderr_text != NULL ? stderr_text : "");
         job_fail(c, job, JOB_DEAD, &err, NULL);
@@ -263,7 +256,8 @@ static void crashed(struct core *c, struct job *job, int status, const char *std
     core_timer(c, c->now.mono_ns + (SECOND / 2 << (job->crashes - 1)), TIMER_START, job->id, 0);
 }
 
-static void ended_early(struct core *c, struct job *job, enum ending ending, int status, const char *stderr_text)
+static void ended_early(struct core *c, struct job *job, enum ending ending, int status,
+                        const char *stderr_text)
 {
     struct modal_error err;
 
@@ -293,7 +287,8 @@ static void ended_early(struct core *c, struct job *job, enum ending ending, int
 /* The end of what a process said that nobody had told to end, as one line. */
 static void log_exit(struct core *c, int slot, int status, const char *stderr_text)
 {
-    enum { SAID_MOST = 1023 };                     /* bytes: the reason stands at the end, and a line is read by people */
+    /* bytes: the reason stands at the end, and a line is read by people */
+    enum { SAID_MOST = 1023 };
     size_t length = stderr_text == NULL ? 0 : strlen(stderr_text);
 
     core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status,
@@ -302,13 +297,13 @@ static void log_exit(struct core *c, int slot, int status, const char *stderr_te
 
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
     struct job *job = s->job;
     int64_t again_ns = 0;
 
     if (s->live != NULL) {
         window_died(c, slot);
-        c->deaths++;
+        c->counts.deaths++;
     }
     if (job != NULL) {
         enum ending ending = job->ending;
@@ -319,12 +314,13 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
         if (ending != ENDING_FINISH)
             ended_early(c, job, ending, status, stderr_text);
         s->quick_deaths = 0;
-        c->deaths++;
+        c->counts.deaths++;
     } else {
         part(c, s);
         if (status != 0)
             s->quick_deaths++;
-        again_ns = s->quick_deaths == 0 ? 0 : SECOND / 10 << (s->quick_deaths < 6 ? s->quick_deaths : 6);
+        again_ns =
+            s->quick_deaths == 0 ? 0 : SECOND / 10 << (s->quick_deaths < 6 ? s->quick_deaths : 6);
         if (s->quick_deaths > 0)
             log_exit(c, slot, status, stderr_text);
     }
@@ -336,37 +332,11 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
             spawn(c, slot);
         else
             core_timer(c, c->now.mono_ns + again_ns, TIMER_SPAWN, slot, 0);
-    } else if (slot == c->slot_count - 1)
-        c->slot_count--;
+    } else if (slot == c->slots->count - 1)
+        c->slots->count--;
 }
 
-/* ---- results ---------------------------------------------------------------------------------------------------- */
-
-/* Keep the last few documents at hand, so that who waits for one is answered from memory. */
-static void keep_document(struct core *c, struct job *job, struct blob *document)
-{
-    struct job **place = &c->document_ring[c->document_at];
-
-    if (document->size > LEDGER_RESULT_INLINE_MOST)
-        return;
-    if (*place != NULL) {
-        blob_drop((*place)->document);
-        (*place)->document = NULL;
-    }
-    *place = job;
-    c->document_at = (c->document_at + 1) % (int)(sizeof c->document_ring / sizeof *c->document_ring);
-    job->document = blob_share(document);
-}
-
-void documents_drop(struct core *c)
-{
-    for (size_t i = 0; i < sizeof c->document_ring / sizeof *c->document_ring; i++)
-        if (c->document_ring[i] != NULL) {
-            blob_drop(c->document_ring[i]->document);
-            c->document_ring[i]->document = NULL;
-            c->document_ring[i] = NULL;
-        }
-}
+/* ---- results --------------------------------------------------------------------------------- */
 
 /* The document is stored, or small enough for the ledger: publish it. */
 void job_result_put(struct core *c, struct task *task)
@@ -385,11 +355,11 @@ void job_result_put(struct core *c, struct task *task)
     t->refusable = LAST_REFUSED;
     row = &transaction_add(t, LEDGER_RESULT_PUT)->result;
     *row = task->record;
-    memcpy(row->input, job->input->sha256, 32);
+    memcpy(row->input, input_sha256(job->input), 32);
     memcpy(row->settings, job->settings, 32);
     transaction_keep(t, task->text);
     job->result_bytes = task->text->size;
-    keep_document(c, job, task->text);
+    document_keep(c, job, task->text);
     input_use(c, job->output, 1);
     job_move(c, job, JOB_DONE, t);
 }
@@ -404,8 +374,9 @@ static void publish(struct core *c, struct job *job, struct blob *document)
     task->after->attempts = job->attempts;
     job->ending = ENDING_FINISH;
     if (document->size <= LEDGER_RESULT_INLINE_MOST) {
-        task->record = (struct result_record) { .job = job->id, .text = document->data, .length = document->size,
-                                                .crc = crc32c(0, document->data, document->size) };
+        task->record = (struct result_record) {
+            .job = job->id, .text = document->data, .length = document->size,
+            .crc = crc32c(0, document->data, document->size) };
         job_result_put(c, task);
         task_free(task);
         return;
@@ -413,11 +384,12 @@ static void publish(struct core *c, struct job *job, struct blob *document)
     core_task(c, task);
 }
 
-static void take_ready(struct core *c, int slot)
+static void make_idle(struct core *c, int slot)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
-    if (slot >= c->settings.workers || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
+    if (slot >= c->settings.workers
+        || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
         worker_send(c, slot, "STOP", cJSON_CreateObject(), NULL);
         return;
     }
@@ -428,7 +400,7 @@ static void take_ready(struct core *c, int slot)
 /* DONE has come and the signals, if any, are sealed. */
 static void finish(struct core *c, int slot)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
     struct job *job = s->job;
     struct blob *document = blob_take(s->document, s->document_size);
     bool ready = s->ready;
@@ -437,26 +409,27 @@ static void finish(struct core *c, int slot)
     job->output = s->output;
     s->output = NULL;
     part(c, s);
-    s->state = SLOT_TAKEN;                        /* until READY, which may have come while the signals were sealed */
+    /* until READY, which may have come while the signals were sealed */
+    s->state = SLOT_TAKEN;
     if (ready)
-        take_ready(c, slot);
+        make_idle(c, slot);
     publish(c, job, document);
 }
 
 static void fail_attempt(struct core *c, int slot, const struct modal_error *err, cJSON *detail)
 {
-    struct job *job = c->slots[slot].job;
+    struct job *job = c->slots->at[slot].job;
 
-    part(c, &c->slots[slot]);
-    if (c->slots[slot].state == SLOT_BUSY)
-        c->slots[slot].state = SLOT_TAKEN;
+    part(c, &c->slots->at[slot]);
+    if (c->slots->at[slot].state == SLOT_BUSY)
+        c->slots->at[slot].state = SLOT_TAKEN;
     job_fail(c, job, JOB_FAILED, err, detail);
 }
 
 void worker_output(struct core *c, const struct after *after)
 {
     int slot = (int)after->value;
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
     if (s->output != after->input)
         return;
@@ -468,15 +441,15 @@ void worker_output(struct core *c, const struct after *after)
         finish(c, slot);
 }
 
-/* ---- what workers say ------------------------------------------------------------------------------------------- */
+/* ---- what workers say ------------------------------------------------------------------------ */
 
 static void on_ready(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
     (void)m, (void)body;
     if (s->state == SLOT_STARTING || s->state == SLOT_TAKEN)
-        take_ready(c, slot);
+        make_idle(c, slot);
     else
         s->ready = s->state == SLOT_BUSY && s->finishing;
 }
@@ -488,7 +461,7 @@ static void on_beat(struct core *c, int slot, const struct wire_message *m, stru
 
 static void on_progress(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
-    struct job *job = c->slots[slot].job;
+    struct job *job = c->slots->at[slot].job;
     const cJSON *progress = cJSON_GetObjectItemCaseSensitive(m->header, "progress");
     char *text;
 
@@ -527,13 +500,16 @@ static bool in_order(const struct wire_message *m, uint64_t offset, uint64_t tot
         && m->body_bytes <= total - here;
 }
 
-static void document_part(struct core *c, int slot, uint64_t offset, uint64_t total, const struct wire_message *m)
+static void document_part(struct core *c, int slot, uint64_t offset, uint64_t total,
+                          const struct wire_message *m)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
     struct modal_error err;
 
     if (total > WIRE_DOCUMENT_MOST) {
-        modal_fail_field(&err, MODAL_TOO_LARGE, "result", "the result has %llu bytes; accepted: at most %d", (unsigned long long)total, WIRE_DOCUMENT_MOST);
+        modal_fail_field(&err, MODAL_TOO_LARGE, "result",
+                         "the result has %llu bytes; accepted: at most %d",
+                         (unsigned long long)total, WIRE_DOCUMENT_MOST);
         too_large(c, slot, &err);
         return;
     }
@@ -567,19 +543,19 @@ static bool begin_signals(struct core *c, int slot, const struct wire_message *m
         too_large(c, slot, &err);
         return false;
     }
-    c->slots[slot].output = output_begin(c, c->slots[slot].job->user, &w, slot);
+    c->slots->at[slot].output = output_begin(c, c->slots->at[slot].job->user, &w, slot);
     return true;
 }
 
 static void signals_part(struct core *c, int slot, uint64_t offset, uint64_t total,
                          const struct wire_message *m, struct blob **body)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
     if (s->output == NULL && offset == 0 && !begin_signals(c, slot, m))
         return;
     if (s->output == NULL
-        || !in_order(m, offset, total, s->output->filling->accepted, s->output->bytes)) {
+        || !in_order(m, offset, total, output_accepted(s->output), output_total(s->output))) {
         bad_worker(c, slot, "signals out of order");
         return;
     }
@@ -595,7 +571,7 @@ static void on_part(struct core *c, int slot, const struct wire_message *m, stru
         || json_need_number(m->header, "", "total", 0, WIRE_INTEGER_MOST, &total, NULL) != MODAL_OK
         || json_get_string(m->header, "", "part", &part_name, NULL) != MODAL_OK)
         bad_worker(c, slot, "a part without its place");
-    else if (c->slots[slot].parts++ == WIRE_PARTS_MOST)
+    else if (c->slots->at[slot].parts++ == WIRE_PARTS_MOST)
         bad_worker(c, slot, "more parts than may wait for their GO");
     else if (strcmp(part_name, "batch") == 0)
         signals_part(c, slot, (uint64_t)offset, (uint64_t)total, m, body);
@@ -605,9 +581,9 @@ static void on_part(struct core *c, int slot, const struct wire_message *m, stru
         bad_worker(c, slot, "a part of nothing");
 }
 
-static void take_cpu(struct core *c, int slot, const struct wire_message *m)
+static void charge(struct core *c, int slot, const struct wire_message *m)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
     json_get_number(m->header, "", "cpu_s", 0, 1e9, &s->cpu_s, NULL);
     account_for(c, s, s->job);
@@ -621,19 +597,19 @@ static bool is_whole(const struct slot *s, const struct wire_message *m)
     if (in_parts ? m->body_count != 0 || s->document_size != s->document_total
                  : m->body_count != 1 || m->body_bytes == 0)
         return false;
-    return s->output == NULL || s->output->filling->accepted == s->output->bytes;
+    return s->output == NULL || output_accepted(s->output) == output_total(s->output);
 }
 
 static void on_done(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
     (void)body;
     if (!is_whole(s, m)) {
         bad_worker(c, slot, "DONE with a part missing");
         return;
     }
-    take_cpu(c, slot, m);
+    charge(c, slot, m);
     if (s->document == NULL) {
         s->document = grab(m->body_bytes + 1);
         s->document_size = s->document_total = wire_gather(m, s->document, m->body_bytes);
@@ -666,7 +642,7 @@ static void on_failed(struct core *c, int slot, const struct wire_message *m, st
     struct modal_error err;
 
     (void)body;
-    take_cpu(c, slot, m);
+    charge(c, slot, m);
     worker_error(error, &err);
     fail_attempt(c, slot, &err, detail_of(c, slot, error));
 }
@@ -674,9 +650,9 @@ static void on_failed(struct core *c, int slot, const struct wire_message *m, st
 /* Of an attempt that is over: told once in the life of the next. */
 static void tell_late(struct core *c, int slot, const char *verb)
 {
-    if (!c->slots[slot].late_told)
+    if (!c->slots->at[slot].late_told)
         core_log(c, "level=info event=late slot=%d verb=%s", slot, verb);
-    c->slots[slot].late_told = true;
+    c->slots->at[slot].late_told = true;
 }
 
 static bool is_current(const struct core *c, const struct slot *s, const struct wire_message *m)
@@ -706,9 +682,9 @@ void worker_message(struct core *c, const struct event *e)
     };
     const struct wire_message *m = e->message;
     const int slot = e->slot;
-    struct slot *s = &c->slots[slot];
+    struct slot *s = &c->slots->at[slot];
 
-    if (slot < 0 || slot >= c->slot_count || s->state == SLOT_EMPTY)
+    if (slot < 0 || slot >= c->slots->count || s->state == SLOT_EMPTY)
         return;
     if (m == NULL) {
         bad_worker(c, slot, e->fault->message);

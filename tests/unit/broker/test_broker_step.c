@@ -19,6 +19,7 @@
 #include <stdlib.h>
 #include "broker/core/core.h"
 #include "broker/kit/map.h"
+#include "broker/core/inputs.h"
 #include "broker/core/state.h"
 #include "base/crc32c.h"
 
@@ -1115,7 +1116,7 @@ static void end_core(void)
     struct input *input;
     size_t at = 0;
 
-    while ((input = map_next(&w->core->inputs, &at)) != NULL)
+    while ((input = map_next(&w->core->inputs->all, &at)) != NULL)
         if (input->filling != NULL)
             input->filling->upload = NULL;
     core_free(w->core);

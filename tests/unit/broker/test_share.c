@@ -14,6 +14,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "broker/core/jobs.h"
 #include "broker/core/state.h"
 
 enum { WORKERS = 2, USERS = 3 };
@@ -58,12 +59,12 @@ static void lab_open(struct lab *lab, const double weights[USERS], uint64_t seed
 static void submit(struct lab *lab, int u)
 {
     struct core *c = lab->core;
-    struct job *job = job_new(c, lab->users[u], c->next_job++);
+    struct job *job = job_new(c, lab->users[u], c->jobs->next_job++);
 
     job->kind = "identify";
     job->submitted_ns = c->now.utc_ns;
     job->committed = true;
-    c->state_counts[JOB_QUEUED]++;
+    c->jobs->state_counts[JOB_QUEUED]++;
     lab->users[u]->queued++;
     job_index(c, job);
     job_enqueue(c, job);
@@ -247,7 +248,7 @@ TEST(priority_is_worth_minutes_so_that_nothing_starves)
     struct job *old;
 
     lab_open(&lab, (const double[USERS]) { 1, 1, 1 }, 11);
-    old = job_new(lab.core, lab.users[0], lab.core->next_job++);
+    old = job_new(lab.core, lab.users[0], lab.core->jobs->next_job++);
     *old = (struct job) { .id = old->id,
                          .user = old->user,
                          .kind = "identify",
@@ -255,18 +256,18 @@ TEST(priority_is_worth_minutes_so_that_nothing_starves)
                          .priority = 90,
                          .submitted_ns = lab.core->now.utc_ns,
                          .committed = true };
-    lab.core->state_counts[JOB_QUEUED]++;
+    lab.core->jobs->state_counts[JOB_QUEUED]++;
     lab.users[0]->queued++;
     job_index(lab.core, old);
     job_enqueue(lab.core, old);
     for (int minute = 0; minute < 12; minute++) {
-        struct job *young = job_new(lab.core, lab.users[0], lab.core->next_job++);
+        struct job *young = job_new(lab.core, lab.users[0], lab.core->jobs->next_job++);
         lab.core->now.utc_ns += 60 * SECOND;
         young->kind = "identify";
         young->priority = 100;
         young->submitted_ns = lab.core->now.utc_ns;
         young->committed = true;
-        lab.core->state_counts[JOB_QUEUED]++;
+        lab.core->jobs->state_counts[JOB_QUEUED]++;
         lab.users[0]->queued++;
         job_index(lab.core, young);
         job_enqueue(lab.core, young);

@@ -1,0 +1,47 @@
+/* loop.h - the daemon's one loop, and what it holds; for the files that begin and end it */
+#ifndef BROKER_LOOP_H
+#define BROKER_LOOP_H
+#include "broker/shell/daemon.h"
+#include "broker/shell/peers.h"
+#include "broker/shell/pool.h"
+#include "broker/shell/queue.h"
+#include "broker/shell/zap.h"
+
+struct daemon {
+    struct config *config;
+    config_again *again;
+    void *again_context;
+    struct core *core;
+    struct ledger *ledger;
+    struct ledger_thread *ledger_thread;
+    struct spool_threads *spool;
+    struct done_queue done;
+    struct pool pool;
+    struct peers clients, workers;
+    void *context, *client_socket, *worker_socket, *zap;
+    int signals;
+    char worker_endpoint[PATH_ROOM], worker_folder[PATH_ROOM], program[PATH_ROOM];
+    bool stop, terminating, ready;
+    int status;
+    int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
+    int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns,
+        next_strangers_ns, flush_wait_ns;
+    struct zap_refused strangers;  /* not told yet */
+    int64_t next_ended_ns;         /* when connections that were ended may be told of again */
+    long ended_told;               /* of intake_ended */
+    uint64_t taken, ended_until;   /* messages; by then all of those whose connections have ended
+                                      are taken */
+};
+
+/* Serve until D->stop, which leaves the exit status in D->status. */
+void loop_run(struct daemon *d);
+/* Do what the core asked for, which is nobody's afterwards. */
+void loop_carry_out(struct daemon *d, const struct actions *actions);
+/* Both clocks as they are now. */
+struct moment loop_now(void);
+/* One line of logfmt, escaped by base/log.h, with its time; only `level=info` may wait
+ * for others. */
+void loop_log(const char *format, ...) __attribute__((format(printf, 1, 2)));
+/* ERR as such a line about EVENT. */
+void loop_log_error(const char *event, const struct modal_error *err);
+#endif

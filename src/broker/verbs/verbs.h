@@ -1,0 +1,194 @@
+/* verbs.h - what clients and workers ask for, and what the step calls when something comes of it */
+#ifndef BROKER_VERBS_H
+#define BROKER_VERBS_H
+#include "broker/core/state.h"
+
+/* A request of a client: answered, now or after a commit or a task. */
+typedef void request_handler(struct core *, const struct event *, const struct wire_request *,
+                             struct user *);
+
+/* ---- requests.c ---- */
+
+/* Whatever E asks, by whom it may be asked. */
+void request_handle(struct core *c, const struct event *e);
+
+/* ---- submit.c ---- */
+
+/* SUBMIT */
+void submit_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user);
+/* SUBMITS: each part a submission of its own. */
+void submits_request(struct core *c, const struct event *e, const struct wire_request *r,
+                     struct user *user);
+
+/* ---- uploads.c ---- */
+
+/* UPLOAD */
+void upload_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user);
+/* What one upload or stream may have unacknowledged, bytes: an equal part of all, at least two
+ * chunks, at most 16 MiB. */
+int64_t core_window(const struct core *c);
+/* Are SIZE bytes within USER's rate?  Else REPLY is answered. */
+bool upload_allows(struct core *c, struct user *user, size_t size, const struct reply *reply);
+/* BYTES of his rate, for what comes without having been sent. */
+void upload_owes(struct user *user, uint64_t bytes);
+/* A task on an upload has come back. */
+void upload_task_done(struct core *c, struct task *task);
+/* Its row is gone: who waits for that is told. */
+void upload_gone(struct core *c, struct input *input);
+/* AFTER_BEGIN, CHUNK or SEAL is committed. */
+void upload_after(struct core *c, struct after *after);
+/* Whatever the upload has to do next, once nothing is under way. */
+void upload_quiet(struct core *c, struct input *input);
+/* One that the ledger has: its user may go on with it. */
+void upload_load(struct input *input, const struct input_record *r);
+/* What it was begun with. */
+void upload_load_note(struct core *c, const struct note_record *r);
+/* Open ones that nobody touches go after their time. */
+void uploads_retain(struct core *c);
+/* After loading: those that were to go, go. */
+void uploads_go_on(struct core *c);
+/* Signals that the worker of SLOT makes for USER; it ends by an AFTER_OUTPUT. */
+struct input *output_begin(struct core *c, struct user *user, const struct wire_input *w, int slot);
+/* The next bytes of it. */
+void output_chunk(struct core *c, struct input *input, struct blob *chunk);
+/* All of it has come. */
+void output_seal(struct core *c, struct input *input);
+/* Nobody makes it any more. */
+void output_drop(struct core *c, struct input *input);
+/* Bytes that have come of it. */
+uint64_t output_accepted(const struct input *input);
+/* Bytes that it has. */
+uint64_t output_total(const struct input *input);
+
+/* ---- workers.c ---- */
+
+/* What the worker of E's slot says. */
+void worker_message(struct core *c, const struct event *e);
+/* Its process ended with STATUS, as wait(2) gives it. */
+void worker_exit(struct core *c, int slot, int status, const char *stderr_text);
+/* TIMER_LEASE or TIMER_SPAWN of SLOT is due. */
+void worker_timer(struct core *c, enum timer what, int64_t slot);
+/* Processes are started until there are as many as the settings want. */
+void workers_fill(struct core *c);
+/* Windows and jobs to idle workers. */
+void workers_schedule(struct core *c);
+/* AFTER_OUTPUT: the signals of its job are sealed, or failed. */
+void worker_output(struct core *c, const struct after *after);
+/* The input of a job that starts has been read or opened. */
+void job_input_read(struct core *c, struct task *task);
+/* The document of a job is stored, or failed to be. */
+void job_result_put(struct core *c, struct task *task);
+
+/* ---- events.c ---- */
+
+/* No subscriptions, no events in memory. */
+void events_init(struct core *c);
+/* All of both. */
+void events_done(struct core *c);
+/* EVENTS */
+void events_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user);
+/* AFTER_EVENT is committed: it may be told. */
+void events_committed(struct core *c, struct after *after);
+/* JOB's progress, to who subscribes; it has no number. */
+void events_progress(struct core *c, struct job *job);
+/* Each subscriber gets what it has not seen, a bounded number a step. */
+void events_pump(struct core *c);
+/* A page of older events has been read. */
+void events_task_done(struct core *c, struct task *task);
+/* PEER takes no more, takes more again, or is gone. */
+void events_peer(struct core *c, uint64_t peer, enum event_type type);
+/* End the subscriptions of keys that are admitted no more. */
+void events_revoke(struct core *c);
+/* Those past the number that is kept leave the ledger. */
+void events_retain(struct core *c);
+
+/* ---- streams.c ---- */
+
+/* STREAM */
+void stream_request(struct core *c, const struct event *e, const struct wire_request *r,
+                    struct user *user);
+/* TASK_STREAM_SEAL has come back. */
+void stream_sealed(struct core *c, struct task *task);
+/* T with AFTER was refused for want of disk. */
+void stream_refused(struct core *c, struct after *after, struct transaction *t);
+/* T with AFTER is committed. */
+void stream_after(struct core *c, struct after *after, struct transaction *t);
+/* TASK_SAMPLES_COMPARE has come back. */
+void stream_compared(struct core *c, struct task *task);
+/* One that the ledger has. */
+void stream_load_note(struct core *c, const struct note_record *r);
+/* A segment of it, in the order in which they came, once all notes are read. */
+void stream_load_segment(struct core *c, const struct segment_record *r);
+/* Whether ID is an open stream, whose samples are in a file. */
+bool stream_is_open(const struct core *c, int64_t id);
+/* Whose it is. */
+const struct user *stream_user(const struct stream *s);
+/* Its name, borrowed. */
+const char *stream_name(const struct stream *s);
+/* Closed ones are forgotten after their time. */
+void streams_retain(struct core *c);
+/* All of them. */
+void streams_done(struct core *c);
+
+/* ---- segments.c: what a stream has of its samples ---- */
+
+enum sameness { UNTOLD, SAME, OTHER, UNKNOWN };
+/* Samples [first, first + count) as DATA has them beside those of the same indices, as far as
+ * their checksums are in memory. */
+enum sameness samples_compare(const struct stream *s, uint64_t first, uint64_t count,
+                              const char *data);
+/* Their checksums are kept. */
+void samples_note(struct stream *s, uint64_t first, uint64_t count, const char *data);
+/* Samples [from, to) are missing; their user is charged for them. */
+void gaps_add(struct stream *s, uint64_t from, uint64_t to);
+/* The end of what came, those samples that are held included. */
+uint64_t samples_reach(const struct stream *s);
+/* Bytes of the gap that samples from FIRST on leave. */
+uint64_t gap_before(const struct stream *s, uint64_t first);
+/* What all gaps of an epoch may take, however short it is. */
+#define GAP_BYTES (UINT64_C(64) << 20)
+/* Bytes that all gaps of S may take: where users have keys, who sent little may not make the daemon
+ * write much. */
+uint64_t gaps_most(const struct core *c, const struct stream *s);
+/* None is. */
+void gaps_drop(struct stream *s);
+/* COUNT samples from FIRST on are here, behind all others; their user is charged. */
+void segments_add(struct stream *s, uint64_t epoch, uint64_t first, uint64_t count);
+/* What is in memory of segments and checksums goes; the gaps stay, for who asks again. */
+void segments_drop(struct stream *s);
+/* Back to what is committed. */
+void segments_cut(struct stream *s);
+
+/* ---- windows.c ---- */
+
+/* Can the window that TEXT describes be kept for W?  NULL is none. */
+enum modal_status window_check(const cJSON *text, const struct wire_input *w,
+                               struct modal_error *err);
+/* S's window as TEXT describes it; none where that is NULL or, from an older daemon, cannot
+ * be kept. */
+void window_init(struct stream *s, const cJSON *text, const struct wire_input *w);
+/* What it holds of memory. */
+void window_done(struct window *w);
+/* Samples [first, first + count) are its latest. */
+void window_keep(struct stream *s, uint64_t first, uint64_t count, const char *data);
+/* An epoch begins, or samples were taken back: windows begin anew. */
+void window_reset(struct stream *s);
+/* A window that is due, if any, to the idle worker of SLOT. */
+void window_start(struct core *c, int slot);
+/* M, DONE or FAILED, is the end of SLOT's window. */
+void window_end(struct core *c, int slot, const struct wire_message *m);
+/* The worker of SLOT died under its window: once more on another, unless the window is to blame. */
+void window_died(struct core *c, int slot);
+/* Has WORKER had its window longer than one may take? */
+bool window_late(const struct core *c, const struct slot *worker);
+
+/* ---- metrics.c ---- */
+
+/* STATS of USER, or of ALL, into OBJECT. */
+void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object);
+/* METRICS; of users USER alone, or with NULL all. */
+struct blob *metrics_text(const struct core *c, const struct user *user);
+#endif

@@ -1,13 +1,13 @@
 /*
  * aft.c - local nonlinear forces, from harmonics to harmonics through time
  *
- * A relative displacement is d(theta) = Re sum_{k=0..H} D_k e^{i k theta}.  Laws that say where their
- * regime changes are exact for it (aft_events.h).
+ * A relative displacement is d(theta) = Re sum_{k=0..H} D_k e^{i k theta}.  Laws that say where
+ * their regime changes are exact for it (aft_events.h).
  *
- * Other laws are sampled as in [CG89] (their section 3.1): f at theta_j = 2 pi j / N and back by a discrete transform;
- * a polynomial of degree p is exact once N > (p + 1) H.  A law with memory is
- * marched until its memory repeats: twice around for sliders (their map over a period is one clip), up to SWEEPS_MOST
- * times for others.
+ * Other laws are sampled as in [CG89] (their section 3.1): f at theta_j = 2 pi j / N and back by a
+ * discrete transform; a polynomial of degree p is exact once N > (p + 1) H.  A law with memory is
+ * marched until its memory repeats: twice around for sliders (their map over a period is one clip),
+ * up to SWEEPS_MOST times for others.
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
@@ -56,8 +56,8 @@ void aft_free(struct aft *w)
     free(w);
 }
 
-static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct law *law, const int *place,
-                                  struct modal_error *err)
+static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct law *law,
+                                  const int *place, struct modal_error *err)
 {
     int inputs = law->kind->inputs;
     size_t N = (size_t)w->N, n = (size_t)inputs, H = (size_t)w->H;
@@ -84,14 +84,15 @@ static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct
         a->fd = calloc(n * n * N, sizeof *a->fd);
         a->fv = calloc(n * n * N, sizeof *a->fv);
     }
-    if (a->F == NULL || a->gain == NULL || a->damp == NULL || a->level == NULL || a->cross == NULL || a->z == NULL
-        || (!a->exact && (a->f == NULL || a->fd == NULL || a->fv == NULL)))
-        return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a law at %d harmonics, %d samples", w->H, w->N);
+    if (a->F == NULL || a->gain == NULL || a->damp == NULL || a->level == NULL || a->cross == NULL
+        || a->z == NULL || (!a->exact && (a->f == NULL || a->fd == NULL || a->fv == NULL)))
+        return modal_fail(err, MODAL_NO_MEMORY,
+                          "aft: no memory for a law at %d harmonics, %d samples", w->H, w->N);
     return MODAL_OK;
 }
 
-enum modal_status aft_new(const struct program *p, const int *place, int q, int H, int N, bool located, struct aft **out,
-                          struct modal_error *err)
+enum modal_status aft_new(const struct program *p, const int *place, int q, int H, int N,
+                          bool located, struct aft **out, struct modal_error *err)
 {
     struct aft *w = calloc(1, sizeof *w);
     enum modal_status rc = MODAL_OK;
@@ -108,8 +109,8 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
     w->after = calloc((size_t)w->room, sizeof *w->after);
     w->samples = calloc((size_t)N, sizeof *w->samples);
     w->inverse = calloc((size_t)w->room, sizeof *w->inverse);
-    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL || w->before == NULL || w->after == NULL || w->samples == NULL
-        || w->inverse == NULL)
+    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL
+        || w->before == NULL || w->after == NULL || w->samples == NULL || w->inverse == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d harmonics", H);
     for (int m = 1; rc == MODAL_OK && m < w->room; m++)
         w->inverse[m] = 1 / (TWO_PI * m);
@@ -134,7 +135,11 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
 
     a->acts = false;
     for (int n = 0; rc == MODAL_OK && n < N; n++) {
-        struct law_point at = { .t = TWO_PI / w->omega * n / N, .d = d, .v = v, .d_before = before, .memory_before = a->z };
+        struct law_point at = { .t = TWO_PI / w->omega * n / N,
+                                .d = d,
+                                .v = v,
+                                .d_before = before,
+                                .memory_before = a->z };
         struct law_force out = { .memory = a->z + a->memory };
 
         for (int j = 0; j < inputs; j++) {
@@ -161,7 +166,9 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
 static enum modal_status sample_law(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
     bool remembers = a->memory > 0 || a->law->kind->restart != NULL;
-    double scale = 0, *last = w->law[0].f != NULL && remembers ? malloc((size_t)w->N * sizeof *last) : NULL, change;
+    double scale = 0,
+           *last = w->law[0].f != NULL && remembers ? malloc((size_t)w->N * sizeof *last) : NULL,
+           change;
     enum modal_status rc;
 
     memset(a->z, 0, (size_t)a->memory * sizeof *a->z);
@@ -201,7 +208,8 @@ static void set_motion(struct aft *w, struct aft_law *a, const double complex *X
 
     for (int j = 0; j < a->law->kind->inputs; j++) {
         for (int k = 0; k < K; k++)
-            a->in[j].D[k] = (a->place[j] >= 0 ? X[a->place[j] * K + k] : 0) - (a->to[j] >= 0 ? X[a->to[j] * K + k] : 0);
+            a->in[j].D[k] = (a->place[j] >= 0 ? X[a->place[j] * K + k] : 0)
+                            - (a->to[j] >= 0 ? X[a->to[j] * K + k] : 0);
         orbit_sample(&a->in[j], w->grid, w->omega);
     }
 }
@@ -223,7 +231,8 @@ static enum modal_status law_forces(struct aft *w, struct aft_law *a, struct mod
     return MODAL_OK;
 }
 
-static void scatter_force(const struct aft *w, const struct aft_law *a, const double complex *f, int K, double complex *F)
+static void scatter_force(const struct aft *w, const struct aft_law *a, const double complex *f,
+                          int K, double complex *F)
 {
     (void)w;
     for (int i = 0; i < a->law->kind->inputs; i++)
@@ -235,7 +244,8 @@ static void scatter_force(const struct aft *w, const struct aft_law *a, const do
         }
 }
 
-enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F, struct modal_error *err)
+enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F,
+                            struct modal_error *err)
 {
     size_t count = (size_t)w->q * ((size_t)w->H + 1);
     enum modal_status rc = MODAL_OK;
@@ -252,7 +262,8 @@ enum modal_status aft_force(struct aft *w, double omega, const double complex *X
     memset(F, 0, count * sizeof *F);
     for (int i = 0; i < w->laws; i++)
         scatter_force(w, &w->law[i], w->law[i].F, w->H + 1, F);
-    return finite_motion(F, count) ? MODAL_OK : modal_fail(err, MODAL_OVERFLOW, "aft: a force is not finite");
+    return finite_motion(F, count) ? MODAL_OK
+                                   : modal_fail(err, MODAL_OVERFLOW, "aft: a force is not finite");
 }
 
 void aft_set_order(struct aft *w, int HJ) { w->HJ = HJ; }

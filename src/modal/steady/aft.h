@@ -1,8 +1,7 @@
 /* aft.h - the laws' forces, from harmonics to harmonics through time, with their derivative
  *
- * Unknowns are the harmonics of q retained dofs, X[i * (H+1) + k]; as a real vector each dof has 2H + 1 entries,
- * u[i * (2H+1) + r]: r = 0 the mean, r = 2k-1 Re X_k, r = 2k Im X_k.
- */
+ * Unknowns are the harmonics of q retained dofs, X[i * (H+1) + k]; as a real vector each dof has 2H
+ * + 1 entries, u[i * (2H+1) + r]: r = 0 the mean, r = 2k-1 Re X_k, r = 2k Im X_k. */
 #ifndef MODAL_AFT_H
 #define MODAL_AFT_H
 #include <complex.h>
@@ -14,19 +13,21 @@
 struct aft;
 
 /*
- * A workspace for the laws of P (borrowed until aft_free) on H harmonics and N > 2 H samples.  PLACE[dof] is a dof's
- * index among the q retained ones, -1 if it is not; every dof of a law is.  With LOCATED the events of laws that have
- * pieces are found inside the samples, and their forces are exact for the motion given; else all laws are sampled.
+ * A workspace for the laws of P (borrowed until aft_free) on H harmonics and N > 2 H samples.
+ * PLACE[dof] is a dof's index among the q retained ones, -1 if it is not; every dof of a law is.
+ * With LOCATED the events of laws that have pieces are found inside the samples, and their forces
+ * are exact for the motion given; else all laws are sampled.
  */
-enum modal_status aft_new(const struct program *p, const int *place, int q, int H, int N, bool located, struct aft **out,
-                          struct modal_error *err);
+enum modal_status aft_new(const struct program *p, const int *place, int q, int H, int N,
+                          bool located, struct aft **out, struct modal_error *err);
 void aft_free(struct aft *w);
 
 /*
- * F[i*(H+1)+k], in N, of the motion X.  Fails with MODAL_ELEMENT_FAILED (a user's law) or MODAL_NO_MEMORY; MODAL_OVERFLOW where X is
- * not finite.
+ * F[i*(H+1)+k], in N, of the motion X.  Fails with MODAL_ELEMENT_FAILED (a user's law) or
+ * MODAL_NO_MEMORY; MODAL_OVERFLOW where X is not finite.
  */
-enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F, struct modal_error *err);
+enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F,
+                            struct modal_error *err);
 /* Derivatives from here on are of harmonics 0 .. HJ <= H alone, of order q (2 HJ + 1). */
 void aft_set_order(struct aft *w, int HJ);
 /* Where a derivative lies: column C of the block of retained dofs (i, j), 2 HJ + 1 rows. */
@@ -43,7 +44,8 @@ long aft_transforms(const struct aft *w);
 long aft_evaluations(const struct aft *w, int law);
 bool aft_acts(const struct aft *w, int law);              /* in the last force */
 bool aft_undetermined(const struct aft *w, int law);
-bool aft_sampled(const struct aft *w, int law);           /* no exact pieces: sampling has an error */
+/* no exact pieces: sampling has an error */
+bool aft_sampled(const struct aft *w, int law);
 /* Largest slope of any law's force in the last one, N/m: the gain's numerator. */
 double aft_slope(const struct aft *w);
 

@@ -1,12 +1,13 @@
 /*
  * aft_derivative.c - the derivative of the laws' forces
  *
- * The derivative of a force of gain g is (2) of aft_events.c again, applied to delta D, with the levels' own changes (pieces.h, (2)): for
- * each stuck phase one product of its mask with the motion where it began.  Rigid friction jumps at turns theta_b, which
- * move: delta F_k = -(jump / pi) e^{-i k theta_b} delta theta_b.                                         (1)
+ * The derivative of a force of gain g is (2) of aft_events.c again, applied to delta D, with the
+ * levels' own changes (pieces.h, (2)): for each stuck phase one product of its mask with the motion
+ * where it began.  Rigid friction jumps at turns theta_b, which move: delta F_k = -(jump / pi)
+ * e^{-i k theta_b} delta theta_b.  (1)
  *
- * The gains of a law that is sampled are df/dd and df/dv at the samples.  Their harmonics have period N, so that (2) is the exact
- * derivative of what is sampled, aliasing and all.
+ * The gains of a law that is sampled are df/dd and df/dv at the samples.  Their harmonics have
+ * period N, so that (2) is the exact derivative of what is sampled, aliasing and all.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -19,9 +20,11 @@ static void analyze_gains(struct aft *w, struct aft_law *a)
     size_t stride = 2 * (size_t)H + 1;
 
     for (int g = 0; g < inputs * inputs; g++) {
-        orbit_analyze_gain(w->grid, a->fd + (size_t)g * (size_t)N, 2 * H, a->gain + (size_t)g * stride);
+        orbit_analyze_gain(w->grid, a->fd + (size_t)g * (size_t)N, 2 * H,
+                           a->gain + (size_t)g * stride);
         if (a->law->kind->reads_velocity)
-            orbit_analyze_gain(w->grid, a->fv + (size_t)g * (size_t)N, 2 * H, a->damp + (size_t)g * stride);
+            orbit_analyze_gain(w->grid, a->fv + (size_t)g * (size_t)N, 2 * H,
+                               a->damp + (size_t)g * stride);
     }
 }
 
@@ -59,8 +62,10 @@ static void gain_block(struct aft *w, const double complex *G, const double comp
         for (int k = 1; k <= H; k++) {
             int p = k >= l ? k - l : l - k;
             double sign = k >= l ? 1 : -1;
-            double Tr = creal(G[p]) - s * sign * cimag(V[p]), Ti = sign * cimag(G[p]) + s * creal(V[p]);
-            double Hr = creal(G[k + l]) + s * cimag(V[k + l]), Hi = cimag(G[k + l]) - s * creal(V[k + l]);
+            double Tr = creal(G[p]) - s * sign * cimag(V[p]),
+                   Ti = sign * cimag(G[p]) + s * creal(V[p]);
+            double Hr = creal(G[k + l]) + s * cimag(V[k + l]),
+                   Hi = cimag(G[k + l]) - s * creal(V[k + l]);
 
             re[2 * k - 1] = Tr + Hr;
             re[2 * k] = Ti + Hi;
@@ -70,8 +75,10 @@ static void gain_block(struct aft *w, const double complex *G, const double comp
     }
 }
 
-/* block += column (masks or jumps, one-sided) x row (displacement, or rate, where the rotations are E) */
-static void outer_block(struct aft *w, const double complex *column, double factor, bool rate, const double complex *e)
+/* block += column (masks or jumps, one-sided) x row (displacement, or rate, where the rotations are
+ * E) */
+static void outer_block(struct aft *w, const double complex *column, double factor, bool rate,
+                        const double complex *e)
 {
     int H = w->HJ, n = 2 * H + 1;
 
@@ -145,7 +152,8 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
     enum modal_status rc = MODAL_OK;
 
     if (w->block == NULL && (w->block = malloc(stride * stride * sizeof *w->block)) == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a derivative of %d harmonics", w->H);
+        return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a derivative of %d harmonics",
+                          w->H);
     for (int l = 0; rc == MODAL_OK && l < w->laws; l++)
         rc = law_gains(w, &w->law[l], err);
     for (int l = 0; rc == MODAL_OK && l < w->laws; l++) {

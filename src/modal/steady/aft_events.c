@@ -1,15 +1,16 @@
 /*
  * aft_events.c - see aft_events.h
  *
- * A relative displacement is d(theta) = Re sum_{k=0..H} D_k e^{i k theta}.  A law that says where its regime changes
- * (pieces.h) has on each piece s a force that is a polynomial in d and v; with the mask of s,
+ * A relative displacement is d(theta) = Re sum_{k=0..H} D_k e^{i k theta}.  A law that says where
+ * its regime changes (pieces.h) has on each piece s a force that is a polynomial in d and v; with
+ * the mask of s,
  *
- *     m_s = (1 / 2 pi) int_s e^{-i m theta} d theta = i (e^{-i m b} - e^{-i m a}) / (2 pi m),           (1)
+ *     m_s = (1 / 2 pi) int_s e^{-i m theta} d theta = i (e^{-i m b} - e^{-i m a}) / (2 pi m),   (1)
  *
- * its harmonics are finite convolutions of masks and D, exact to rounding: no sampling, no aliasing.  With g(theta) =
- * sum_m G_m e^{i m theta} a gain, the harmonics of g d are
+ * its harmonics are finite convolutions of masks and D, exact to rounding: no sampling, no
+ * aliasing.  With g(theta) = sum_m G_m e^{i m theta} a gain, the harmonics of g d are
  *
- *     F_k = sum_{l=1..H} (G_{k-l} D_l + G_{k+l} conj D_l) + 2 G_k D_0,   k >= 1                          (2)
+ *     F_k = sum_{l=1..H} (G_{k-l} D_l + G_{k+l} conj D_l) + 2 G_k D_0,   k >= 1                 (2)
  *     F_0 = G_0 D_0 + Re sum_l conj(G_l) D_l
  */
 #include "modal/steady/aft_events.h"
@@ -22,7 +23,8 @@ static const double CANCELLED = 1e-3;
 
 static double complex times(double complex a, double complex b)      /* of finite numbers */
 {
-    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
+    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
+                 creal(a) * cimag(b) + cimag(a) * creal(b));
 }
 
 double complex aft_rotation(double theta) { return CMPLX(cos(theta), -sin(theta)); }
@@ -39,7 +41,8 @@ static pair load(const double complex *x)
 
 static void store(pair p, double complex *x) { memcpy(x, &p, sizeof p); }
 
-/* e[m] = z^m, m = 0 .. most, |z| = 1: doubled from what there is, so that rounding grows with log m alone. */
+/* e[m] = z^m, m = 0 .. most, |z| = 1: doubled from what there is, so that rounding grows with log m
+ * alone. */
 void aft_rotations(double complex z, int most, double complex *e)
 {
     e[0] = 1;
@@ -62,11 +65,14 @@ void aft_mask(struct aft *w, double length, int most)
 {
     w->mask[0] = length / TWO_PI;
     for (int m = 1; m <= most; m++)
-        w->mask[m] = CMPLX(-(cimag(w->after[m]) - cimag(w->before[m])), creal(w->after[m]) - creal(w->before[m])) * w->inverse[m];
+        w->mask[m] = CMPLX(-(cimag(w->after[m]) - cimag(w->before[m])),
+                           creal(w->after[m]) - creal(w->before[m]))
+                     * w->inverse[m];
 }
 
 /* (2): F_k += of gain G (known to m = K + H) times motion D (0 .. H), k = 0 .. K. */
-static void convolve_add(const double complex *G, const double complex *D, int H, int K, double complex *F)
+static void convolve_add(const double complex *G, const double complex *D, int H, int K,
+                         double complex *F)
 {
     double F0 = creal(G[0]) * creal(D[0]);
 
@@ -79,14 +85,16 @@ static void convolve_add(const double complex *G, const double complex *D, int H
         int low = k < H ? k : H;
 
         for (int l = 1; l <= low; l++) {
-            double pr = creal(G[k - l]), pi = cimag(G[k - l]), mr = creal(G[k + l]), mi = cimag(G[k + l]);
+            double pr = creal(G[k - l]), pi = cimag(G[k - l]), mr = creal(G[k + l]),
+                   mi = cimag(G[k + l]);
             double Dr = creal(D[l]), Di = cimag(D[l]);
 
             re += (pr + mr) * Dr + (mi - pi) * Di;
             im += (pi + mi) * Dr + (pr - mr) * Di;
         }
         for (int l = low + 1; l <= H; l++) {                       /* G_{k-l} = conj G_{l-k} */
-            double pr = creal(G[l - k]), pi = -cimag(G[l - k]), mr = creal(G[k + l]), mi = cimag(G[k + l]);
+            double pr = creal(G[l - k]), pi = -cimag(G[l - k]), mr = creal(G[k + l]),
+                   mi = cimag(G[k + l]);
             double Dr = creal(D[l]), Di = cimag(D[l]);
 
             re += (pr + mr) * Dr + (mi - pi) * Di;
@@ -102,7 +110,8 @@ static void rate_of(const double complex *D, int H, double omega, double complex
         V[k] = I * (k * omega) * D[k];
 }
 
-/* A wave under construction: sum of weight e^{-i m theta} over events, m = 1 .. most, and its mean; not `any`: it is 0. */
+/* A wave under construction: sum of weight e^{-i m theta} over events, m = 1 .. most, and its mean;
+ * not `any`: it is 0. */
 struct event_sum { double complex *wave; int most; double mean; bool any; };
 
 enum { SUMS = 3 + LAW_INPUTS_MOST };
@@ -126,8 +135,10 @@ static void add_scaled(int most, double a, const double complex *x, double compl
         store(load(y + m) + by * load(x + m), y + m);
 }
 
-/* An event where weights change by AFTER - BEFORE (NULL: nothing before, or after): e^{-i theta} is z. */
-static void add_event(struct aft *w, double complex z, const double *before, const double *after, struct event_sum sum[SUMS])
+/* An event where weights change by AFTER - BEFORE (NULL: nothing before, or after): e^{-i theta} is
+ * z. */
+static void add_event(struct aft *w, double complex z, const double *before, const double *after,
+                      struct event_sum sum[SUMS])
 {
     double change[SUMS];
     int most = 0;
@@ -151,11 +162,13 @@ static void end_sums(const struct aft *w, struct event_sum sum[SUMS])
             continue;
         sum[i].wave[0] = sum[i].mean;
         for (int m = 1; m <= sum[i].most; m++)
-            sum[i].wave[m] = CMPLX(-cimag(sum[i].wave[m]) * w->inverse[m], creal(sum[i].wave[m]) * w->inverse[m]);
+            sum[i].wave[m] = CMPLX(-cimag(sum[i].wave[m]) * w->inverse[m],
+                                   creal(sum[i].wave[m]) * w->inverse[m]);
     }
 }
 
-/* What the pieces of output i weigh: pieces follow each other, so that one's end is mostly the next one's beginning. */
+/* What the pieces of output i weigh: pieces follow each other, so that one's end is mostly the next
+ * one's beginning. */
 static void sum_pieces(struct aft *w, struct aft_law *a, int output, struct event_sum sum[SUMS])
 {
     double weight[2][SUMS], *before = NULL, at = NAN;
@@ -185,10 +198,12 @@ static void sum_pieces(struct aft *w, struct aft_law *a, int output, struct even
     end_sums(w, sum);
 }
 
-/* Which waves the pieces have; those and the last evaluation's are cleared, the others are 0 (cross_gains adds to gain and damp). */
+/* Which waves the pieces have; those and the last evaluation's are cleared, the others are 0
+ * (cross_gains adds to gain and damp). */
 static void clear_waves(struct aft_law *a, size_t inputs, size_t stride, size_t longest)
 {
-    bool level = a->levels, gain = a->gains || a->crosses, damp = a->damps || a->crosses, cross = a->crosses;
+    bool level = a->levels, gain = a->gains || a->crosses, damp = a->damps || a->crosses,
+         cross = a->crosses;
 
     a->levels = a->gains = a->damps = a->crosses = false;
     for (int s = 0; s < a->pieces.count; s++) {
@@ -219,16 +234,19 @@ void aft_waves(struct aft *w, struct aft_law *a)
     clear_waves(a, (size_t)inputs, stride, 3 * (size_t)H + 1);
     for (int i = 0; i < inputs; i++) {
         struct event_sum sum[SUMS] = { { a->level + (size_t)i * stride, H, 0, false },
-                                       { a->damp + (size_t)(i * inputs) * stride, 2 * H, 0, false }, { a->cross, 3 * H, 0, false } };
+                                       { a->damp + (size_t)(i * inputs) * stride, 2 * H, 0, false },
+                                       { a->cross, 3 * H, 0, false } };
 
         for (int j = 0; j < inputs; j++)
-            sum[3 + j] = (struct event_sum) { a->gain + (size_t)(i * inputs + j) * stride, 2 * H, 0, false };
+            sum[3 + j] =
+                (struct event_sum){ a->gain + (size_t)(i * inputs + j) * stride, 2 * H, 0, false };
         sum_pieces(w, a, i, sum);
     }
 }
 
 /* F += harmonics of cross d v, d v = (d^2)' / 2: laws of one input. */
-static void cross_force(struct aft *w, const struct aft_law *a, double complex *F, double complex *work)
+static void cross_force(struct aft *w, const struct aft_law *a, double complex *F,
+                        double complex *work)
 {
     int H = w->H;
     double complex *two = w->product;
@@ -244,9 +262,10 @@ static void cross_force(struct aft *w, const struct aft_law *a, double complex *
     convolve_add(a->cross, work, 2 * H, H, F);
 }
 
-/* (2), of a gain to m = 2H and a motion whose N samples are D, by way of samples: products reach 3H, and of N > 4H samples none of that
- * falls on 0 .. H. */
-static void sampled_product_add(struct aft *w, const double complex *gain, const double *d, double scale, double complex *F)
+/* (2), of a gain to m = 2H and a motion whose N samples are D, by way of samples: products reach
+ * 3H, and of N > 4H samples none of that falls on 0 .. H. */
+static void sampled_product_add(struct aft *w, const double complex *gain, const double *d,
+                                double scale, double complex *F)
 {
     int H = w->H;
 
@@ -260,13 +279,15 @@ static void sampled_product_add(struct aft *w, const double complex *gain, const
         F[k] += w->wave[k];
 }
 
-/* Whether the way by samples is shorter than (2) for input j, and as good: stiff springs leave a force far smaller than its terms. */
+/* Whether the way by samples is shorter than (2) for input j, and as good: stiff springs leave a
+ * force far smaller than its terms. */
 static bool by_samples(const struct aft *w, const struct aft_law *a, int j)
 {
     return !a->stiff && w->N > 4 * w->H && w->H * a->in[j].top > DIRECT * w->N;
 }
 
-static void gain_force(struct aft *w, const struct aft_law *a, int i, double complex *F, double complex *work)
+static void gain_force(struct aft *w, const struct aft_law *a, int i, double complex *F,
+                       double complex *work)
 {
     int H = w->H, inputs = a->law->kind->inputs;
     size_t stride = 2 * (size_t)H + 1;
@@ -275,7 +296,8 @@ static void gain_force(struct aft *w, const struct aft_law *a, int i, double com
         if (by_samples(w, a, j))
             sampled_product_add(w, a->gain + (size_t)(i * inputs + j) * stride, a->in[j].d, 1, F);
         else
-            convolve_add(a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top, H, F);
+            convolve_add(a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top, H,
+                         F);
     if (a->damps && by_samples(w, a, 0))
         sampled_product_add(w, a->damp + (size_t)(i * inputs) * stride, a->in[0].v, w->omega, F);
     else if (a->damps) {
@@ -297,7 +319,8 @@ static double largest(const double complex *X, int K)
 }
 
 /* Harmonics of output i of the pieces into F. */
-void aft_waves_force(struct aft *w, struct aft_law *a, int i, double complex *F, double complex *work)
+void aft_waves_force(struct aft *w, struct aft_law *a, int i, double complex *F,
+                     double complex *work)
 {
     int H = w->H;
     const double complex *level = a->level + (size_t)i * (2 * (size_t)H + 1);
@@ -350,7 +373,8 @@ enum modal_status aft_find_pieces(struct aft *w, struct aft_law *a, struct modal
         double complex *more = realloc(a->ends, 2 * (size_t)a->pieces.room * sizeof *more);
 
         if (more == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d pieces", a->pieces.count);
+            return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d pieces",
+                              a->pieces.count);
         a->ends = more;
         a->ends_room = a->pieces.room;
     }

@@ -30,7 +30,8 @@ struct aft {
     struct orbit_grid *grid;
     struct aft_law *law;
     double complex *mask, *wave, *product;  /* `room` each */
-    double complex *before, *after;         /* e^{-i m theta} where a piece begins and ends, `room` each */
+    double complex *before, *after;         /* e^{-i m theta} where a piece begins and ends,
+                                             * `room` each */
     double *block, *samples;                /* (2H+1)^2; N */
     double *inverse;                        /* 1 / (2 pi m) */
 };

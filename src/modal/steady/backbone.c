@@ -1,12 +1,14 @@
 /*
  * backbone.c - see backbone.h
  *
- * Unknowns are the harmonics u of all dofs, omega and zeta; with balance.h (1) for R, (1) of backbone.h is
+ * Unknowns are the harmonics u of all dofs, omega and zeta; with balance.h (1) for R, (1) of
+ * backbone.h is
  *
- *     R(u; omega, zeta) = 0,   X_1^H M X_1 / a^2 = 1,   Im X_1 = 0 at the mode's largest dof,        (2)
+ *     R(u; omega, zeta) = 0,   X_1^H M X_1 / a^2 = 1,   Im X_1 = 0 at the mode's largest dof,   (2)
  *
- * order + 2 real equations by Newton's method: dR/du exact, dR/domega by central differences (laws may read rates),
- * dR/dzeta = -2 i k omega^2 M X_k exact.  An amplitude not reached in one go is approached in halves.
+ * order + 2 real equations by Newton's method: dR/du exact, dR/domega by central differences (laws
+ * may read rates), dR/dzeta = -2 i k omega^2 M X_k exact.  An amplitude not reached in one go is
+ * approached in halves.
  *
  * [K15] Krack, Computers and Structures 154 (2015) 59-71: the extended periodic motion concept.
  */
@@ -57,19 +59,23 @@ void backbone_free(struct backbone *b)
 static enum modal_status refuse(const struct program *p, struct modal_error *err)
 {
     if (p->harmonics > 0 || p->n_linear > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "nonlinear modes are of constant matrices without linear states");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone",
+                                "nonlinear modes are of constant matrices without linear states");
     for (int l = 0; l < p->laws; l++) {
         const struct law_class *kind = p->law[l].kind;
 
         if (kind->set_valued || kind->reads_time || kind->restart != NULL)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "effect %s has no nonlinear modes: accepted are laws of motion alone, not rigid",
-                                    p->effect[p->law[l].effect].type);
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, "backbone",
+                "effect %s has no nonlinear modes: accepted are laws of motion alone, not rigid",
+                p->effect[p->law[l].effect].type);
     }
     return MODAL_OK;
 }
 
 /* K with every law's slope at rest. */
-static enum modal_status stiffness_at_rest(const struct backbone *b, double *K, struct modal_error *err)
+static enum modal_status stiffness_at_rest(const struct backbone *b, double *K,
+                                           struct modal_error *err)
 {
     int n = b->n;
     enum modal_status rc = MODAL_OK;
@@ -85,7 +91,8 @@ static enum modal_status stiffness_at_rest(const struct backbone *b, double *K, 
         for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
             for (int j = 0; j < law->kind->inputs; j++)
                 for (int side = 0; side < 4; side++) {
-                    int row = side < 2 ? law->dof[i] : law->to[i], column = side % 2 == 0 ? law->dof[j] : law->to[j];
+                    int row = side < 2 ? law->dof[i] : law->to[i],
+                        column = side % 2 == 0 ? law->dof[j] : law->to[j];
 
                     if (row >= 0 && column >= 0)
                         K[column * n + row] += (side == 0 || side == 3 ? 1 : -1) * f.fd[i][j];
@@ -98,15 +105,21 @@ static enum modal_status stiffness_at_rest(const struct backbone *b, double *K, 
 static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_error *err)
 {
     size_t n = (size_t)b->n;
-    double *K = malloc(n * n * sizeof *K), *M = malloc(n * n * sizeof *M), *w = malloc(n * sizeof *w), c = 0;
-    enum modal_status rc = K == NULL || M == NULL || w == NULL ? modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory") : stiffness_at_rest(b, K, err);
+    double *K = malloc(n * n * sizeof *K), *M = malloc(n * n * sizeof *M),
+           *w = malloc(n * sizeof *w), c = 0;
+    enum modal_status rc = K == NULL || M == NULL || w == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory")
+                               : stiffness_at_rest(b, K, err);
 
     if (rc == MODAL_OK)
         memcpy(M, b->M, n * n * sizeof *M);
-    if (rc == MODAL_OK && LAPACKE_dsygv(LAPACK_COL_MAJOR, 1, 'V', 'L', b->n, K, b->n, M, b->n, w) != 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "the mass matrix is not positive definite");
+    if (rc == MODAL_OK
+        && LAPACKE_dsygv(LAPACK_COL_MAJOR, 1, 'V', 'L', b->n, K, b->n, M, b->n, w) != 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "backbone",
+                              "the mass matrix is not positive definite");
     if (rc == MODAL_OK && !(w[mode - 1] > 0))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "mode %d has no stiffness at rest: omega^2 = %g", mode, w[mode - 1]);
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "backbone",
+                              "mode %d has no stiffness at rest: omega^2 = %g", mode, w[mode - 1]);
     for (size_t i = 0; rc == MODAL_OK && i < n; i++) {
         b->shape[i] = K[(size_t)(mode - 1) * n + i];
         b->lead = fabs(b->shape[i]) > fabs(b->shape[b->lead]) ? (int)i : b->lead;
@@ -142,8 +155,8 @@ static enum modal_status allocate(struct backbone *b, struct modal_error *err)
     b->rhs = calloc(order + 2, sizeof *b->rhs);
     b->side = calloc(order + 2, sizeof *b->side);
     b->pivot = calloc(order + 2, sizeof *b->pivot);
-    if (M.x == NULL || C.x == NULL || K.x == NULL || b->shape == NULL || b->X == NULL || b->good == NULL || b->A == NULL || b->rhs == NULL
-        || b->side == NULL || b->pivot == NULL)
+    if (M.x == NULL || C.x == NULL || K.x == NULL || b->shape == NULL || b->X == NULL
+        || b->good == NULL || b->A == NULL || b->rhs == NULL || b->side == NULL || b->pivot == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory for %d unknowns", b->order);
     sparse_add_to_dense(&b->p->constant[PROGRAM_M], 1, &M);
     sparse_add_to_dense(&b->p->constant[PROGRAM_C], 1, &C);
@@ -156,7 +169,9 @@ static int samples(const struct program *p, int H)
     int least = 4 * H + 2, N = 64;
 
     for (int l = 0; l < p->laws; l++) {
-        int need = p->law[l].degree > 0 ? (p->law[l].degree + 1) * H + 1 : p->law[l].kind->pieces != NULL ? 0 : 32 * H;
+        int need = p->law[l].degree > 0             ? (p->law[l].degree + 1) * H + 1
+                   : p->law[l].kind->pieces != NULL ? 0
+                                                    : 32 * H;
 
         least = need > least ? need : least;
     }
@@ -165,7 +180,8 @@ static int samples(const struct program *p, int H)
     return N;
 }
 
-enum modal_status backbone_new(const struct program *p, int mode, int H, int N, struct backbone **out, struct modal_error *err)
+enum modal_status backbone_new(const struct program *p, int mode, int H, int N,
+                               struct backbone **out, struct modal_error *err)
 {
     struct backbone *b;
     enum modal_status rc = refuse(p, err);
@@ -173,9 +189,12 @@ enum modal_status backbone_new(const struct program *p, int mode, int H, int N, 
     if (rc != MODAL_OK)
         return rc;
     if (mode < 1 || mode > p->n)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "mode %d; accepted: 1 to %d", mode, p->n);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "backbone", "mode %d; accepted: 1 to %d",
+                                mode, p->n);
     if ((double)p->n * (2.0 * H + 1) > BACKBONE_UNKNOWNS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "backbone", "%d dofs at %d harmonics; at most %d unknowns", p->n, H, BACKBONE_UNKNOWNS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "backbone",
+                                "%d dofs at %d harmonics; at most %d unknowns", p->n, H,
+                                BACKBONE_UNKNOWNS_MOST);
     b = calloc(1, sizeof *b);
     if (b == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory");
@@ -222,12 +241,14 @@ static void set(struct backbone *b, double omega, double zeta)
         for (int e = 0; e < n * n; e++) {
             double s = k * omega;
 
-            b->b->S[k * n * n + e] = CMPLX(b->K[e] - s * s * b->M[e], s * (b->C[e] - 2 * zeta * omega * b->M[e]));
+            b->b->S[k * n * n + e] =
+                CMPLX(b->K[e] - s * s * b->M[e], s * (b->C[e] - 2 * zeta * omega * b->M[e]));
         }
 }
 
 /* dR/domega into b->side. */
-static enum modal_status over_omega(struct backbone *b, double omega, double zeta, struct modal_error *err)
+static enum modal_status over_omega(struct backbone *b, double omega, double zeta,
+                                    struct modal_error *err)
 {
     double h = 1e-6 * omega;
     enum modal_status rc;
@@ -295,8 +316,10 @@ static void scale_rows(double *A, double *rhs, int n)
     }
 }
 
-/* One Newton step of (2) at amplitude a; its relative size into *SIZE, NAN where the derivative is singular. */
-static enum modal_status step(struct backbone *b, double a, double *omega, double *zeta, double *size, struct modal_error *err)
+/* One Newton step of (2) at amplitude a; its relative size into *SIZE, NAN where the derivative is
+ * singular. */
+static enum modal_status step(struct backbone *b, double a, double *omega, double *zeta,
+                              double *size, struct modal_error *err)
 {
     int order = b->order, all = order + 2, m = 2 * b->H + 1, K = b->H + 1;
     double scale = 0, most = 0;
@@ -308,7 +331,8 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
         return rc;
     memset(b->A, 0, (size_t)all * (size_t)all * sizeof *b->A);
     for (int c = 0; c < order; c++)
-        memcpy(b->A + (size_t)c * (size_t)all, b->b->J + (size_t)c * (size_t)order, (size_t)order * sizeof *b->A);
+        memcpy(b->A + (size_t)c * (size_t)all, b->b->J + (size_t)c * (size_t)order,
+               (size_t)order * sizeof *b->A);
     memcpy(b->A + (size_t)order * (size_t)all, b->side, (size_t)order * sizeof *b->A);
     over_zeta(b, *omega, b->A + (size_t)(order + 1) * (size_t)all);
     for (int i = 0; i < order; i++)
@@ -322,7 +346,8 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
         return MODAL_OK;
     for (int i = 0; i < b->n; i++)
         for (int k = 0; k < K; k++) {
-            double complex d = k == 0 ? b->rhs[i * m] : CMPLX(b->rhs[i * m + 2 * k - 1], b->rhs[i * m + 2 * k]);
+            double complex d =
+                k == 0 ? b->rhs[i * m] : CMPLX(b->rhs[i * m + 2 * k - 1], b->rhs[i * m + 2 * k]);
 
             b->X[i * K + k] += d;
             most = fmax(most, cabs(d));
@@ -334,7 +359,8 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
     return MODAL_OK;
 }
 
-static enum modal_status newton(struct backbone *b, double a, struct backbone_point *out, struct modal_error *err)
+static enum modal_status newton(struct backbone *b, double a, struct backbone_point *out,
+                                struct modal_error *err)
 {
     double last = HUGE_VAL;
     enum modal_status rc = MODAL_OK;
@@ -366,7 +392,8 @@ static double kinetic_peak(const struct backbone *b, double omega)
         for (int i = 0; i < n; i++) {
             v[i] = 0;
             for (int k = 1; k < K; k++)
-                v[i] += creal(I * (k * omega) * b->X[i * K + k] * cexp(I * (TWO_PI * (double)((long)k * j % N) / N)));
+                v[i] += creal(I * (k * omega) * b->X[i * K + k]
+                              * cexp(I * (TWO_PI * (double)((long)k * j % N) / N)));
         }
         for (int i = 0; i < n; i++)
             for (int l = 0; l < n; l++)
@@ -380,12 +407,16 @@ static void start_at(struct backbone *b, double a, struct backbone_point *out)
 {
     int K = b->H + 1;
 
-    *out = (struct backbone_point) { .amplitude = a, .omega = b->a > 0 ? b->at_omega : b->omega, .damping_ratio = b->a > 0 ? b->at_zeta : b->zeta, .X = b->X };
+    *out = (struct backbone_point) { .amplitude = a,
+                                     .omega = b->a > 0 ? b->at_omega : b->omega,
+                                     .damping_ratio = b->a > 0 ? b->at_zeta : b->zeta,
+                                     .X = b->X };
     for (int i = 0; i < b->n * K; i++)
         b->X[i] = b->a > 0 ? b->good[i] * (a / b->a) : i % K == 1 ? a * b->shape[i / K] : 0;
 }
 
-enum modal_status backbone_at(struct backbone *b, double a, struct backbone_point *out, struct modal_error *err)
+enum modal_status backbone_at(struct backbone *b, double a, struct backbone_point *out,
+                              struct modal_error *err)
 {
     size_t size = (size_t)b->n * ((size_t)b->H + 1);
     double share = 1;

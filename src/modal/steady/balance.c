@@ -1,9 +1,10 @@
 /*
  * balance.c - residual and derivative of harmonic balance; see balance.h for (1)
  *
- * A periodic matrix Ac cos(kappa theta) + As sin(kappa theta) acts on y = x, x' or x'' as a gain with G_kappa =
- * (Ac - i As) / 2 alone, so that with aft.c (2) harmonic l of y reaches k = l + kappa, |l - kappa| and kappa - l only.
- * Rows are divided by their largest entry before factoring: harmonics k differ by k^2 omega^2 M in size.
+ * A periodic matrix Ac cos(kappa theta) + As sin(kappa theta) acts on y = x, x' or x'' as a gain
+ * with G_kappa = (Ac - i As) / 2 alone, so that with aft.c (2) harmonic l of y reaches k = l +
+ * kappa, |l - kappa| and kappa - l only.  Rows are divided by their largest entry before factoring:
+ * harmonics k differ by k^2 omega^2 M in size.
  */
 #include "modal/steady/balance.h"
 #include <float.h>
@@ -15,8 +16,8 @@
 static const double OPEN = 1e-13;         /* hundreds of roundings */
 enum { ORDER_MOST = 12000, ENTRIES_MOST = 1 << 24, SMALL_ORDER = 24 };
 
-enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
-                              struct modal_error *err)
+enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N,
+                              bool located, struct balance **out, struct modal_error *err)
 {
     struct balance *b = calloc(1, sizeof *b);
     const struct pattern *pattern = condense_pattern(c);
@@ -79,7 +80,8 @@ void balance_free(struct balance *b)
     free(b);
 }
 
-enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err)
+enum modal_status balance_set(struct balance *b, double omega, double level,
+                              struct modal_error *err)
 {
     b->omega = omega;
     b->level = level;
@@ -129,8 +131,10 @@ static double complex rate_factor(const struct balance *b, int t, int l)
     return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
 }
 
-/* One entry G (two-sided) of a periodic matrix at KAPPA, rows i, columns j (kept), on y of type t. */
-static void periodic_force(struct balance *b, double complex G, int kappa, int t, int i, int j, const double complex *X)
+/* One entry G (two-sided) of a periodic matrix at KAPPA, rows i, columns j (kept), on y of type
+ * t. */
+static void periodic_force(struct balance *b, double complex G, int kappa, int t, int i, int j,
+                           const double complex *X)
 {
     int H = b->H, K = H + 1;
     double complex *F = b->F + i * K;
@@ -209,7 +213,8 @@ static void periodic_derivative(struct balance *b, double complex G, int kappa, 
     }
 }
 
-static void each_periodic(struct balance *b, const double complex *X)     /* X NULL: the derivative */
+/* X NULL: the derivative */
+static void each_periodic(struct balance *b, const double complex *X)
 {
     const int *place = condense_place(b->c);
 
@@ -262,7 +267,8 @@ static void linear_residual(struct balance *b, const double complex *X)
     }
 }
 
-enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err)
+enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative,
+                                   struct modal_error *err)
 {
     enum modal_status rc = aft_force(b->aft, b->omega, X, b->F, err);
 
@@ -287,7 +293,8 @@ static enum modal_status clear_derivative(struct balance *b, struct modal_error 
     if (b->pattern->full && b->J == NULL)
         b->J = malloc(((size_t)b->order * (size_t)b->order + 1) * sizeof *b->J);
     if (b->pattern->full && b->J == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d", b->order);
+        return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for a derivative of order %d",
+                          b->order);
     if (b->pattern->full) {
         memset(b->J, 0, (size_t)b->small * (size_t)b->small * sizeof *b->J);
         return MODAL_OK;
@@ -370,7 +377,8 @@ static void solve_small(int n, const double *A, const int *pivot, double *y)
     }
 }
 
-/* Rows of J divided by their largest entry, 1 / which goes into b->row; false where one is 0 or not finite. */
+/* Rows of J divided by their largest entry, 1 / which goes into b->row; false where one is 0 or not
+ * finite. */
 static bool scale_rows(struct balance *b)
 {
     int n = b->small;
@@ -492,7 +500,8 @@ void balance_solve(struct balance *b, double *y, int columns)
         else if (b->small <= SMALL_ORDER)
             solve_small(b->small, b->J, b->pivot, b->gather);
         else
-            LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot, b->gather, b->small);
+            LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot,
+                                b->gather, b->small);
         scatter(b, column);
         if (b->HJ < b->H)
             solve_tail(b, column);

@@ -1,9 +1,9 @@
 /* balance.h - the equation of harmonic balance on the kept dofs, its residual and its derivative
  *
- *     R_k(X) = S_k X_k + F_k(X) + T_k(X) - p_k,   k = 0 .. H                                          (1)
+ *     R_k(X) = S_k X_k + F_k(X) + T_k(X) - p_k,   k = 0 .. H                                    (1)
  *
- * S and p of condense.h, F the laws' (aft.h), T the periodic matrices' of program.h (3), exact by convolution.
- */
+ * S and p of condense.h, F the laws' (aft.h), T the periodic matrices' of program.h (3), exact by
+ * convolution. */
 #ifndef MODAL_BALANCE_H
 #define MODAL_BALANCE_H
 #include "modal/steady/aft.h"
@@ -25,7 +25,8 @@ struct balance {
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
     struct blocks *blocks;           /* the derivative, where the pattern is not full: no J then */
     int *pivot;
-    int HJ, small;                   /* J is of harmonics 0 .. HJ, order `small`; past HJ balance_solve takes S_k alone */
+    int HJ, small;                   /* J is of harmonics 0 .. HJ, order `small`; past HJ
+                                      * balance_solve takes S_k alone */
     double *gather;
     double complex *sum;             /* q */
     bool factored;
@@ -34,17 +35,19 @@ struct balance {
 };
 
 /* LOCATED as aft_new's.  C is borrowed, and shared by balances of several H.  N > 2 H. */
-enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N, bool located, struct balance **out,
-                              struct modal_error *err);
+enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N,
+                              bool located, struct balance **out, struct modal_error *err);
 void balance_free(struct balance *b);
 
 /* Fix frequency and the loads' level; X, R, F become stale. */
-enum modal_status balance_set(struct balance *b, double omega, double level, struct modal_error *err);
+enum modal_status balance_set(struct balance *b, double omega, double level,
+                              struct modal_error *err);
 /* Another level at the same frequency: loads only. */
 void balance_set_level(struct balance *b, double level);
 /* b->R of X, of any order; with DERIVATIVE b->J or b->blocks too, not yet factored:
  * MODAL_TOO_LARGE past 12000 unknowns of a full pattern. */
-enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative, struct modal_error *err);
+enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative,
+                                   struct modal_error *err);
 /* b->J at the X of the last residual, which had none yet. */
 enum modal_status balance_derivative(struct balance *b, struct modal_error *err);
 /*
@@ -60,9 +63,8 @@ double *balance_column(struct balance *b, int i, int j, int c);
 bool balance_factor(struct balance *b, int *sign);
 /* What a dense factorization of order n costs, its assembly included, in units of budget.h. */
 double balance_dense_work(int n);
-/* Whether the derivative last factored is singular to rounding, or nearly: there is a direction
- * in which nothing holds the motion, as
- * the mean of a body that sliders alone hold. */
+/* Whether the derivative last factored is singular to rounding, or nearly: there is a direction in
+ * which nothing holds the motion, as the mean of a body that sliders alone hold. */
 bool balance_open(const struct balance *b);
 /* y <- J^-1 y, order entries, `columns` columns. */
 void balance_solve(struct balance *b, double *y, int columns);
@@ -73,7 +75,8 @@ void balance_unpack(const struct balance *b, const double *u, double complex *X)
 /* What rounding of X makes of the laws' forces, over the forces that act: near 1 nothing of them
  * is left. */
 double balance_lost(const struct balance *b, const double complex *X);
-/* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below 1e-12 of the largest count as that. */
+/* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below 1e-12 of the
+ * largest count as that. */
 double balance_relative(const struct balance *b, const double *step, const double complex *X);
 /* max |R_k| over max(|p_k|, |S_k X_k|, |F_k|): a relative residual. */
 double balance_relative_residual(struct balance *b, const double complex *X);

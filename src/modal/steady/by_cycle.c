@@ -1,11 +1,13 @@
 /*
  * by_cycle.c - see by_cycle.h
  *
- * What the point's H harmonics leave of the equation of motion in time, the sliders' forces f_l those of the cycle:
+ * What the point's H harmonics leave of the equation of motion in time, the sliders' forces f_l
+ * those of the cycle:
  *
- *     r = Re sum_k (S_k X_k - p_k) e^{i k theta} + sum_l B_l f_l.                                           (1)
+ *     r = Re sum_k (S_k X_k - p_k) e^{i k theta} + sum_l B_l f_l.                               (1)
  *
- * f jumps where a body turns, and there r is of the jump's size at any H, as a truncated series is: its rms falls as H^-1/2.
+ * f jumps where a body turns, and there r is of the jump's size at any H, as a truncated series is:
+ * its rms falls as H^-1/2.
  */
 #include "modal/steady/by_cycle.h"
 #include <math.h>
@@ -16,7 +18,9 @@
 enum { H_CYCLE_MOST = 1024 };
 
 /* Displacements and rates at t = 0 of START, by dof. */
-static enum modal_status state_of_start(struct steady *s, double omega, const struct steady_start *start, double *x, double *v, struct modal_error *err)
+static enum modal_status state_of_start(struct steady *s, double omega,
+                                        const struct steady_start *start, double *x, double *v,
+                                        struct modal_error *err)
 {
     int H = start->H;
     double complex *X = calloc((size_t)H + 1, sizeof *X), *kept = NULL;
@@ -42,14 +46,17 @@ static enum modal_status state_of_start(struct steady *s, double omega, const st
     return rc;
 }
 
-/* max over time and counted dofs of what is left of the cycle's samples without harmonics past H, and of the samples themselves. */
-static enum modal_status tail_of_samples(struct steady *s, struct orbit_grid *g, const struct cycle *c, int H, double *tail, double *amplitude,
-                                         struct modal_error *err)
+/* max over time and counted dofs of what is left of the cycle's samples without harmonics past H,
+ * and of the samples themselves. */
+static enum modal_status tail_of_samples(struct steady *s, struct orbit_grid *g,
+                                         const struct cycle *c, int H, double *tail,
+                                         double *amplitude, struct modal_error *err)
 {
     int count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
     double complex *X = calloc((size_t)H + 1, sizeof *X);
     double *x = calloc(CYCLE_SAMPLES, sizeof *x);
-    enum modal_status rc = X == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+    enum modal_status rc =
+        X == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
 
     *tail = *amplitude = 0;
     for (int i = 0; rc == MODAL_OK && i < count; i++) {
@@ -67,15 +74,19 @@ static enum modal_status tail_of_samples(struct steady *s, struct orbit_grid *g,
     return rc;
 }
 
-/* The point of H harmonics of a cycle; a series of N samples folds what lies past N/2, which falls as k^-3 and faster: half the
- * samples would fold eight times as much. */
-static enum modal_status point_of_cycle(struct steady *s, const struct cycle *c, struct orbit_grid *g, int H, struct steady_point *point, struct modal_error *err)
+/* The point of H harmonics of a cycle; a series of N samples folds what lies past N/2, which falls
+ * as k^-3 and faster: half the samples would fold eight times as much. */
+static enum modal_status point_of_cycle(struct steady *s, const struct cycle *c,
+                                        struct orbit_grid *g, int H, struct steady_point *point,
+                                        struct modal_error *err)
 {
     int q = condense_kept(s->c), K = H + 1;
     double *half = calloc(CYCLE_SAMPLES / 2, sizeof *half);
     double complex *X = calloc((size_t)K, sizeof *X);
     struct orbit_grid *coarse = NULL;
-    enum modal_status rc = half == NULL || X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : orbit_grid_new(CYCLE_SAMPLES / 2, &coarse, err);
+    enum modal_status rc = half == NULL || X == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                               : orbit_grid_new(CYCLE_SAMPLES / 2, &coarse, err);
 
     if (rc == MODAL_OK)
         rc = point_init(s, point, q, H, CYCLE_SAMPLES, err);
@@ -103,7 +114,8 @@ static void add_forces(const struct steady *s, const struct cycle *c, int i, dou
 {
     for (int l = 0; l < s->p->laws; l++) {
         const double *f = c->force + (size_t)l * CYCLE_SAMPLES;
-        int dof = condense_dofs(s->c)[i], sign = (s->p->law[l].dof[0] == dof) - (s->p->law[l].to[0] == dof);
+        int dof = condense_dofs(s->c)[i],
+            sign = (s->p->law[l].dof[0] == dof) - (s->p->law[l].to[0] == dof);
 
         for (int j = 0; sign != 0 && j < CYCLE_SAMPLES; j++)
             r[j] += sign * f[j];
@@ -117,7 +129,8 @@ static enum modal_status residual_of_cycle(const struct steady *s, struct balanc
     int q = b->q, K = b->H + 1;
     double complex *G = calloc((size_t)K, sizeof *G);
     double *r = calloc(CYCLE_SAMPLES, sizeof *r), squares = 0;
-    enum modal_status rc = G == NULL || r == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+    enum modal_status rc =
+        G == NULL || r == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < q; i++) {
         double load = 0;
@@ -143,17 +156,21 @@ static enum modal_status residual_of_cycle(const struct steady *s, struct balanc
 }
 
 /* The cycle as the point's answer, at the options' H or at the least that meets the target. */
-static enum modal_status cycle_point(struct steady *s, const struct cycle *c, double omega, struct steady_point *point, struct modal_error *err)
+static enum modal_status cycle_point(struct steady *s, const struct cycle *c, double omega,
+                                     struct steady_point *point, struct modal_error *err)
 {
     double target = steady_target(s);
-    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : load > 4 ? 2 * load : 8;
+    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics
+                                                : load > 4           ? 2 * load
+                                                                     : 8;
     struct orbit_grid *g = NULL;
     struct balance *b;
     enum modal_status rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
 
     for (; rc == MODAL_OK; H *= 2) {
         rc = tail_of_samples(s, g, c, H, &point->truncation, &point->amplitude, err);
-        if (s->opt.harmonics > 0 || point->truncation <= target * point->amplitude / 2 || 2 * H > H_CYCLE_MOST)
+        if (s->opt.harmonics > 0 || point->truncation <= target * point->amplitude / 2
+            || 2 * H > H_CYCLE_MOST)
             break;
     }
     if (rc == MODAL_OK)
@@ -165,19 +182,21 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
     if (rc == MODAL_OK && c->closed && c->force != NULL)
         rc = residual_of_cycle(s, b, c, g, point, err);
     else
-        point->tail_rms = point->tail_max = NAN;           /* beside other laws nobody samples their forces */
+        /* beside other laws nobody samples their forces */
+        point->tail_rms = point->tail_max = NAN;
     orbit_grid_free(g);
     return rc;
 }
 
 /* Rigid friction, alone: followed in time from event to event, stops and all. */
-enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
-                                        struct modal_error *err)
+enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start,
+                                 struct steady_point *point, struct modal_error *err)
 {
     struct cycle_options opt = { s->opt.cancelled, s->opt.context, &s->budget };
     struct cycle c = { 0 };
     double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x);
-    enum modal_status rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+    enum modal_status rc =
+        x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
 
     if (rc == MODAL_OK && start != NULL)
         rc = state_of_start(s, omega, start, x, x + s->p->n, err);
@@ -188,7 +207,9 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
     if (rc == MODAL_OK) {
         point->method = "events";
         point->converged = c.closed;
-        point->reason = c.closed ? NULL : "the motion followed through the events of rigid friction does not repeat";
+        point->reason =
+            c.closed ? NULL
+                     : "the motion followed through the events of rigid friction does not repeat";
         point->iterations = c.periods;
         point->attempts = 1;
         point->residual = point->step = c.closure;

@@ -1,15 +1,18 @@
 /*
- * condense.c - elimination of the linear dofs, by factoring; by modes, (3), in condense_modes.c; see condense.h for (1) and (2)
+ * condense.c - elimination of the linear dofs, by factoring; by modes, (3), in condense_modes.c;
+ * see condense.h for (1) and (2)
  *
- * Factoring: L_rr, linear states after the linear dofs, is put in band storage with its rows in the program's order; a
- * band wider than half the order is dense anyway.  One factorization serves all right-hand sides [L_rq, P_r] of a k.
+ * Factoring: L_rr, linear states after the linear dofs, is put in band storage with its rows in the
+ * program's order; a band wider than half the order is dense anyway.  One factorization serves all
+ * right-hand sides [L_rq, P_r] of a k.
  *
  * The motion of linear dofs is recovered by factoring, only when asked for.
  *
- * A load fixed in space, Re P e^{i k omega t}, on axes that turn at m omega, is on them Re P e^{i k omega t} cos(m omega t) on its dof
- * and `turn` times the like with sin on the other transverse one, so
+ * A load fixed in space, Re P e^{i k omega t}, on axes that turn at m omega, is on them Re P e^{i k
+ * omega t} cos(m omega t) on its dof and `turn` times the like with sin on the other transverse
+ * one, so
  *
- *     P/2 at k + m and k - m,     P/2i at k + m and -P/2i at k - m,                                               (4)
+ *     P/2 at k + m and k - m,     P/2i at k + m and -P/2i at k - m,                             (4)
  *
  * where Re Z e^{-i j omega t} = Re conj(Z) e^{i j omega t}.
  */
@@ -105,21 +108,29 @@ static void add_load(struct condense *c, int dof, int k, double complex value)
 {
     if (value == 0)
         return;
-    c->load[c->loads++] = (struct condense_load) { dof, abs(k), k > 0 ? value : k < 0 ? conj(value) : creal(value) };
+    c->load[c->loads++] = (struct condense_load){ dof, abs(k),
+                                                  k > 0   ? value
+                                                  : k < 0 ? conj(value)
+                                                          : creal(value) };
     c->highest = abs(k) > c->highest ? abs(k) : c->highest;
 }
 
 /* How often the axes turn in a period, for a load that does not turn with them. */
-static enum modal_status turns_a_period(const struct condense *c, double omega, int *m, struct modal_error *err)
+static enum modal_status turns_a_period(const struct condense *c, double omega, int *m,
+                                        struct modal_error *err)
 {
     double speed = c->p->frame_speed, turns = round(speed / omega);
 
     for (int i = 0; i < c->p->loads; i++)
-        if (c->p->load[i].dof_sine >= 0 && (!(fabs(turns * omega - speed) <= 1e-12 * speed) || turns > HARMONIC_LOADS_MOST)) {
+        if (c->p->load[i].dof_sine >= 0
+            && (!(fabs(turns * omega - speed) <= 1e-12 * speed) || turns > HARMONIC_LOADS_MOST)) {
             char field[48];
             snprintf(field, sizeof field, "excitation[%d].frame", i);
-            return modal_fail_field(err, MODAL_BAD_INPUT, field, "excitation[%d] is fixed in space, and is periodic on axes turning at %.17g rad/s where that "
-                                    "is a whole multiple (at most %d) of omega = %.17g", i, speed, HARMONIC_LOADS_MOST, omega);
+            return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                                    "excitation[%d] is fixed in space, and is periodic on axes "
+                                    "turning at %.17g rad/s where that "
+                                    "is a whole multiple (at most %d) of omega = %.17g",
+                                    i, speed, HARMONIC_LOADS_MOST, omega);
         }
     *m = (int)turns;
     return MODAL_OK;
@@ -149,9 +160,14 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
         const struct program_load *load = &c->p->load[i];
 
         if (load->type != LOAD_HARMONIC)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation[%d] is a pulse; a steady state accepts only harmonics (k, cos, sin)", i);
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, "excitation",
+                "excitation[%d] is a pulse; a steady state accepts only harmonics (k, cos, sin)",
+                i);
         if (load->k < 0 || load->k > HARMONIC_LOADS_MOST)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation[%d].k is %d; accepted: 0 to %d", i, load->k, HARMONIC_LOADS_MOST);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "excitation",
+                                    "excitation[%d].k is %d; accepted: 0 to %d", i, load->k,
+                                    HARMONIC_LOADS_MOST);
         split_load(c, load, m);
     }
     return rc;
@@ -164,10 +180,13 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
     enum modal_status rc;
 
     if (p->seen_fixed)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "structure.frame", "the damped ends of a massless shaft are states on turning axes: a steady state "
-                                "of it is found with structure.frame \"rotating\"");
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "structure.frame",
+            "the damped ends of a massless shaft are states on turning axes: a steady state "
+            "of it is found with structure.frame \"rotating\"");
     if (p->n > DOFS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "structure", "%d dofs; a steady state takes at most %d", p->n, DOFS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "structure",
+                                "%d dofs; a steady state takes at most %d", p->n, DOFS_MOST);
     c = calloc(1, sizeof *c);
     if (c == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory");
@@ -187,8 +206,11 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
     c->pivot = calloc((size_t)c->order + 1, sizeof *c->pivot);
     c->size = calloc((size_t)c->order + 1, sizeof *c->size);
     c->load = calloc(4 * (size_t)p->loads + 1, sizeof *c->load);
-    rc = c->load == NULL || c->band == NULL || c->right == NULL || c->pivot == NULL || c->size == NULL
-       ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld, c->order) : read_loads(c, err);
+    rc = c->load == NULL || c->band == NULL || c->right == NULL || c->pivot == NULL
+                 || c->size == NULL
+             ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld,
+                          c->order)
+             : read_loads(c, err);
     if (rc == MODAL_OK)
         rc = pattern_new(p, c->place, c->q, keep != CONDENSE_SPARSE, &c->pattern, err);
     if (rc != MODAL_OK) {
@@ -248,7 +270,10 @@ static void place_entry(struct condense *c, int i, int j, double complex value, 
 static void place_linear_states(struct condense *c, double s)
 {
     const struct program *p = c->p;
-    const struct { const struct sparse *a; double complex by; } from[] = { { &p->Bx, -1 }, { &p->Bv, -I * s }, { &p->Ba, s * s } };
+    const struct {
+        const struct sparse *a;
+        double complex by;
+    } from[] = { { &p->Bx, -1 }, { &p->Bv, -I * s }, { &p->Ba, s * s } };
 
     for (int z = 0; z < p->n_linear; z++) {
         int row = c->r + z;
@@ -258,7 +283,8 @@ static void place_linear_states(struct condense *c, double s)
         for (int e = p->A.start[z]; e < p->A.start[z + 1]; e++)
             set_band(c, row, c->r + p->A.index[e], -p->A.value[e]);
         for (int b = 0; b < 3; b++)
-            for (int e = from[b].a->start != NULL ? from[b].a->start[z] : 0; from[b].a->start != NULL && e < from[b].a->start[z + 1]; e++) {
+            for (int e = from[b].a->start != NULL ? from[b].a->start[z] : 0;
+                 from[b].a->start != NULL && e < from[b].a->start[z + 1]; e++) {
                 int j = from[b].a->index[e];
                 double complex value = from[b].by * from[b].a->value[e];
 
@@ -274,7 +300,8 @@ static void place_linear_states(struct condense *c, double s)
                 set_band(c, c->spot[i], c->r + p->F.index[e], -p->F.value[e]);
 }
 
-static void place_loads(struct condense *c, int k, double level, double complex *pq, double complex *pr)
+static void place_loads(struct condense *c, int k, double level, double complex *pq,
+                        double complex *pr)
 {
     for (int i = 0; i < c->loads; i++) {
         const struct condense_load *load = &c->load[i];
@@ -289,8 +316,10 @@ static void place_loads(struct condense *c, int k, double level, double complex 
     }
 }
 
-/* S -= L_qr Y, p -= L_qr y, Y the solved right-hand sides; L_qr read from the program's rows of kept dofs. */
-static void subtract_linear(struct condense *c, double s, const double complex *Y, double complex *S, double complex *p)
+/* S -= L_qr Y, p -= L_qr y, Y the solved right-hand sides; L_qr read from the program's rows of
+ * kept dofs. */
+static void subtract_linear(struct condense *c, double s, const double complex *Y,
+                            double complex *S, double complex *p)
 {
     for (int i = 0; i < c->q; i++) {
         int row = c->kept[i];
@@ -333,17 +362,24 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
         for (int i = c->lower; i < c->ld; i++)
             c->size[j] = fmax(c->size[j], cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)i]));
     }
-    info = LAPACKE_zgbtrf_work(LAPACK_COL_MAJOR, c->order, c->order, c->lower, c->upper, c->band, c->ld, c->pivot);
+    info = LAPACKE_zgbtrf_work(LAPACK_COL_MAJOR, c->order, c->order, c->lower, c->upper, c->band,
+                               c->ld, c->pivot);
     for (int j = 0; info == 0 && j < c->order; j++)
-        if (!(cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper)]) > 4 * DBL_EPSILON * c->size[j]))
+        if (!(cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper)])
+              > 4 * DBL_EPSILON * c->size[j]))
             info = j + 1;
     if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "the linear dofs are singular at harmonic %d: an undamped resonance, or a body that nothing holds", k);
-    LAPACKE_zgbtrs_work(LAPACK_COL_MAJOR, 'N', c->order, c->lower, c->upper, columns, c->band, c->ld, c->pivot, c->right, c->order);
+        return modal_fail(err, MODAL_NO_CONVERGENCE,
+                          "the linear dofs are singular at harmonic %d: an undamped resonance, or "
+                          "a body that nothing holds",
+                          k);
+    LAPACKE_zgbtrs_work(LAPACK_COL_MAJOR, 'N', c->order, c->lower, c->upper, columns, c->band,
+                        c->ld, c->pivot, c->right, c->order);
     return MODAL_OK;
 }
 
-static enum modal_status factor_at(struct condense *c, int k, double s, double complex *S, double complex *p, struct modal_error *err)
+static enum modal_status factor_at(struct condense *c, int k, double s, double complex *S,
+                                   double complex *p, struct modal_error *err)
 {
     size_t size = (size_t)c->order * ((size_t)c->q + 1);
     enum modal_status rc;
@@ -354,11 +390,13 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
         for (int i = 0; i < c->p->constant[t].m; i++)
             for (int e = c->p->constant[t].start[i]; e < c->p->constant[t].start[i + 1]; e++)
                 if (s != 0 || t == PROGRAM_K)
-                    place_entry(c, i, c->p->constant[t].index[e], factor_of(t, s) * c->p->constant[t].value[e], S);
+                    place_entry(c, i, c->p->constant[t].index[e],
+                                factor_of(t, s) * c->p->constant[t].value[e], S);
     place_linear_states(c, s);
     place_loads(c, k, c->level, p, c->right + (size_t)c->q * (size_t)c->order);
     if (c->order == 0)
-        return MODAL_OK;                                   /* every dof is kept: nothing to take out */
+        /* every dof is kept: nothing to take out */
+        return MODAL_OK;
     rc = solve_band(c, k, err);
     if (rc != MODAL_OK)
         return rc;
@@ -375,7 +413,9 @@ static enum modal_status keep_room(struct condense *c, int H, struct modal_error
     if (c->order == 0)
         return MODAL_OK;
     if (size > KEEP_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics", "%d dofs at %d harmonics need %zu numbers; the most is %zu", c->n, H, size, KEEP_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                                "%d dofs at %d harmonics need %zu numbers; the most is %zu", c->n,
+                                H, size, KEEP_MOST);
     if (size > c->kept_size) {
         free(c->kept_right);
         c->kept_size = 0;
@@ -387,8 +427,8 @@ static enum modal_status keep_room(struct condense *c, int H, struct modal_error
     return MODAL_OK;
 }
 
-enum modal_status condense_at(struct condense *c, double omega, double level, int H, double complex *S, double complex *p,
-                              struct modal_error *err)
+enum modal_status condense_at(struct condense *c, double omega, double level, int H,
+                              double complex *S, double complex *p, struct modal_error *err)
 {
     size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     int m;
@@ -414,7 +454,8 @@ static enum modal_status solve_for_recovery(struct condense *c, struct modal_err
 {
     size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     double complex *S = calloc(entries + q + 1, sizeof *S);
-    enum modal_status rc = S == NULL ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory") : keep_room(c, c->H, err);
+    enum modal_status rc = S == NULL ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory")
+                                     : keep_room(c, c->H, err);
 
     for (int k = 0; rc == MODAL_OK && k <= c->H; k++)
         rc = factor_at(c, k, k * c->omega, S, S + entries, err);
@@ -423,8 +464,8 @@ static enum modal_status solve_for_recovery(struct condense *c, struct modal_err
     return rc;
 }
 
-enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq, int H, double complex *X,
-                                   struct modal_error *err)
+enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq,
+                                   int H, double complex *X, struct modal_error *err)
 {
     size_t order = (size_t)c->order;
     enum modal_status rc;
@@ -432,7 +473,8 @@ enum modal_status condense_recover(struct condense *c, int dof, int Hq, const do
     if (!c->solved && c->place[dof] < 0 && (rc = solve_for_recovery(c, err)) != MODAL_OK)
         return rc;
     for (int k = 0; k <= H; k++) {
-        const double complex *Y = c->kept_right != NULL ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
+        const double complex *Y =
+            c->kept_right != NULL ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
 
         X[k] = 0;
         if (c->place[dof] >= 0)
@@ -447,10 +489,12 @@ enum modal_status condense_recover(struct condense *c, int dof, int Hq, const do
 }
 
 /* The unknowns of harmonic k: dofs, then linear states. */
-static void unknowns_at(const struct condense *c, int k, const double complex *Xq, double complex *x)
+static void unknowns_at(const struct condense *c, int k, const double complex *Xq,
+                        double complex *x)
 {
     size_t order = (size_t)c->order;
-    const double complex *Y = c->order > 0 ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
+    const double complex *Y =
+        c->order > 0 ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
 
     for (int i = 0; i < c->n + c->p->n_linear; i++) {
         int row = i < c->n ? c->spot[i] : c->r + i - c->n;
@@ -466,7 +510,8 @@ static void unknowns_at(const struct condense *c, int k, const double complex *X
 }
 
 /* y += by A x, row by row. */
-static void multiply_add(const struct sparse *a, double complex by, const double complex *x, double complex *y)
+static void multiply_add(const struct sparse *a, double complex by, const double complex *x,
+                         double complex *y)
 {
     for (int i = 0; a->start != NULL && i < a->m; i++)
         for (int e = a->start[i]; e < a->start[i + 1]; e++)
@@ -483,7 +528,8 @@ static double most_of(const double complex *x, int n)
 }
 
 /* Lambda x, its rows of dofs. */
-static void forces_of(const struct condense *c, double s, const double complex *x, double complex *y)
+static void forces_of(const struct condense *c, double s, const double complex *x,
+                      double complex *y)
 {
     for (int t = 0; t < 3; t++)
         multiply_add(&c->p->constant[t], factor_of(t, s), x, y);
@@ -492,7 +538,8 @@ static void forces_of(const struct condense *c, double s, const double complex *
 }
 
 /* (i s E - A) z less what drives it, relative to either. */
-static double states_residual(const struct condense *c, double s, const double complex *x, double complex *y)
+static double states_residual(const struct condense *c, double s, const double complex *x,
+                              double complex *y)
 {
     const struct program *p = c->p;
     double scale;
@@ -507,7 +554,8 @@ static double states_residual(const struct condense *c, double s, const double c
 }
 
 /* One harmonic's part in OUT; peak[0..n-1] and peak[n..2n-1] sum |R| and |P| over harmonics. */
-static void add_residual(const struct condense *c, int k, const double complex *x, double complex *R, double complex *P, double *peak,
+static void add_residual(const struct condense *c, int k, const double complex *x,
+                         double complex *R, double complex *P, double *peak,
                          struct condense_residual *out)
 {
     int n = c->n;
@@ -527,12 +575,16 @@ static void add_residual(const struct condense *c, int k, const double complex *
     out->relative = fmax(out->relative, most_of(R, n));
 }
 
-enum modal_status condense_residual(struct condense *c, const double complex *Xq, struct condense_residual *out, struct modal_error *err)
+enum modal_status condense_residual(struct condense *c, const double complex *Xq,
+                                    struct condense_residual *out, struct modal_error *err)
 {
     size_t all = (size_t)c->n + (size_t)c->p->n_linear;
     double complex *x = calloc(3 * all + 1, sizeof *x);
     double *peak = calloc(2 * (size_t)c->n + 1, sizeof *peak), states = 0;
-    enum modal_status rc = x == NULL || peak == NULL ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a residual") : MODAL_OK;
+    enum modal_status rc =
+        x == NULL || peak == NULL
+            ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a residual")
+            : MODAL_OK;
 
     memset(out, 0, sizeof *out);
     if (rc == MODAL_OK && !c->solved && c->order > 0)

@@ -1,15 +1,17 @@
 /* condense.h - the linear part of a program, harmonic by harmonic, on the dofs that iterate
  *
- * With x = Re sum_k X_k e^{i k omega t} and s = k omega, the constant part of a program is Lambda_k X_k = P_k,
+ * With x = Re sum_k X_k e^{i k omega t} and s = k omega, the constant part of a program is Lambda_k
+ * X_k = P_k,
  *
- *     Lambda_k = K - s^2 M + i s C - F (i s E - A)^-1 (Bx + i s Bv - s^2 Ba).                                    (1)
+ *     Lambda_k = K - s^2 M + i s C - F (i s E - A)^-1 (Bx + i s Bv - s^2 Ba).                   (1)
  *
- * Dofs are `kept` (those of laws and of periodic matrices) or linear; the linear ones are eliminated exactly:
+ * Dofs are `kept` (those of laws and of periodic matrices) or linear; the linear ones are
+ * eliminated exactly:
  *
- *     S_k = L_qq - L_qr L_rr^-1 L_rq,   p_k = P_q - L_qr L_rr^-1 P_r.                                            (2)
+ *     S_k = L_qq - L_qr L_rr^-1 L_rq,   p_k = P_q - L_qr L_rr^-1 P_r.                           (2)
  *
- * S_k stays regular where Lambda_k is singular (an undamped resonance): only the kept dofs held fast must not resonate.
- */
+ * S_k stays regular where Lambda_k is singular (an undamped resonance): only the kept dofs held
+ * fast must not resonate. */
 #ifndef MODAL_STEADY_CONDENSE_H
 #define MODAL_STEADY_CONDENSE_H
 #include <complex.h>
@@ -28,19 +30,19 @@ enum condense_keep { CONDENSE_LINEAR, CONDENSE_NONE, CONDENSE_SPARSE };
 
 /*
  * Of P (borrowed); CONDENSE_SPARSE asks that it has no linear states, and of its S the pattern is
- * not
- * full.  Fails with MODAL_BAD_INPUT for a load that is
- * not harmonic (err->field "excitation") or, fixed in space, not periodic on axes that turn ("excitation[i].frame"; at every
- * omega of condense_at too), MODAL_TOO_LARGE, MODAL_NO_MEMORY.
+ * not full.  Fails with MODAL_BAD_INPUT for a load that is not harmonic (err->field "excitation")
+ * or, fixed in space, not periodic on axes that turn ("excitation[i].frame"; at every omega of
+ * condense_at too), MODAL_TOO_LARGE, MODAL_NO_MEMORY.
  */
 enum modal_status condense_new(const struct program *p, enum condense_keep keep,
                                struct condense **out, struct modal_error *err);
 void condense_free(struct condense *c);
 
 /*
- * Once per scene, where many frequencies follow: bring the linear dofs to their modes with the kept ones fixed, so
- * that (2) is a sum over modes, nothing to factor.  *DONE is false where it does not apply (damping that modes do not
- * share, matrices not symmetric, linear states); condense_at then factors for each frequency, as without.
+ * Once per scene, where many frequencies follow: bring the linear dofs to their modes with the kept
+ * ones fixed, so that (2) is a sum over modes, nothing to factor.  *DONE is false where it does not
+ * apply (damping that modes do not share, matrices not symmetric, linear states); condense_at then
+ * factors for each frequency, as without.
  */
 enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_error *err);
 
@@ -48,35 +50,40 @@ int condense_kept(const struct condense *c);                /* q */
 const int *condense_dofs(const struct condense *c);         /* the q kept dofs, ascending */
 const int *condense_place(const struct condense *c);        /* n: index among the kept, or -1 */
 const struct pattern *condense_pattern(const struct condense *c);   /* of S */
-int condense_highest_load(const struct condense *c);        /* largest k excited; 0: none or a mean load only */
+/* largest k excited; 0: none or a mean load only */
+int condense_highest_load(const struct condense *c);
 
 /*
- * S[k entries + e], e an entry of the pattern (full: S[(k q + j) q + i]), and p[k q + i], k = 0
- * .. H, at OMEGA; loads are scaled by LEVEL.
- * Fails with MODAL_NO_CONVERGENCE where L_rr is singular to rounding: the text says at which harmonic.
+ * S[k entries + e], e an entry of the pattern (full: S[(k q + j) q + i]), and p[k q + i], k = 0 ..
+ * H, at OMEGA; loads are scaled by LEVEL.  Fails with MODAL_NO_CONVERGENCE where L_rr is singular
+ * to rounding: the text says at which harmonic.
  */
-enum modal_status condense_at(struct condense *c, double omega, double level, int H, double complex *S, double complex *p,
-                              struct modal_error *err);
+enum modal_status condense_at(struct condense *c, double omega, double level, int H,
+                              double complex *S, double complex *p, struct modal_error *err);
 
 /* What condense_recover takes the loads' level to be. */
 void condense_set_level(struct condense *c, double level);
 
 /*
- * The motion of one dof, X[0..H], of the kept ones' Xq[i (Hq+1) + k], at the omega and H of the last condense_at; kept
- * dofs are copied.  Harmonics past Hq of Xq count as 0.
+ * The motion of one dof, X[0..H], of the kept ones' Xq[i (Hq+1) + k], at the omega and H of the
+ * last condense_at; kept dofs are copied.  Harmonics past Hq of Xq count as 0.
  */
-enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq, int H, double complex *X,
-                                   struct modal_error *err);
+enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq,
+                                   int H, double complex *X, struct modal_error *err);
 
 struct condense_residual {
-    double relative;          /* max |R_k| over `scale`, or the linear states' like where that is more */
+    double relative;          /* max |R_k| over `scale`, or the linear states' like where that is
+                               * more */
     double scale;             /* max(|P_k|, |Lambda_k X_k|) */
-    double rms, most, load;   /* N: of R in time; its peak and that of the loads, each at most the sum over harmonics */
+    double rms, most, load;   /* N: of R in time; its peak and that of the loads, each at most
+                               * the sum over harmonics */
 };
 
 /*
- * R_k = Lambda_k X_k - P_k of the motion of all dofs that Xq[i (H+1) + k] belongs to, at the omega and H of the last
- * condense_at, multiplied out from the program's matrices.  Nothing is evaluated or transformed.
+ * R_k = Lambda_k X_k - P_k of the motion of all dofs that Xq[i (H+1) + k] belongs to, at the omega
+ * and H of the last condense_at, multiplied out from the program's matrices.  Nothing is evaluated
+ * or transformed.
  */
-enum modal_status condense_residual(struct condense *c, const double complex *Xq, struct condense_residual *out, struct modal_error *err);
+enum modal_status condense_residual(struct condense *c, const double complex *Xq,
+                                    struct condense_residual *out, struct modal_error *err);
 #endif

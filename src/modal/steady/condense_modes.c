@@ -1,10 +1,12 @@
 /*
  * condense_modes.c - the linear dofs eliminated by their modes; see condense.h for (1) and (2)
  *
- * Modes, where M and K are symmetric and C = alpha M + beta K: K_rr Phi = M_rr Phi diag(lambda), Phi^T M_rr Phi = 1,
- * c_j = alpha + beta lambda_j; with a_j(s) = phi_j^T L_rq(s) and b_j = phi_j^T P_r,
+ * Modes, where M and K are symmetric and C = alpha M + beta K: K_rr Phi = M_rr Phi diag(lambda),
+ * Phi^T M_rr Phi = 1, c_j = alpha + beta lambda_j; with a_j(s) = phi_j^T L_rq(s) and b_j = phi_j^T
+ * P_r,
  *
- *     S = L_qq - sum_j a_j^T a_j / (lambda_j - s^2 + i s c_j),  p = P_q - sum_j a_j^T b_j / (...).                   (3)
+ *     S = L_qq - sum_j a_j^T a_j / (lambda_j - s^2 + i s c_j),
+ *     p = P_q - sum_j a_j^T b_j / (lambda_j - s^2 + i s c_j).                                   (3)
  *
  * A tridiagonal K_rr with diagonal M_rr, a chain, has its modes in O(n^2).
  */
@@ -14,14 +16,17 @@
 #include <string.h>
 #include "modal/steady/condense_state.h"
 
-static const double PROPORTIONAL = 1e-12;        /* damping off alpha M + beta K by less than this, relative: proportional */
+/* damping off alpha M + beta K by less than this, relative: proportional */
+static const double PROPORTIONAL = 1e-12;
 enum { MODES_MOST = 3000 };
 
-typedef double lanes __attribute__((vector_size(8 * sizeof(double))));   /* eight harmonics at a time */
+/* eight harmonics at a time */
+typedef double lanes __attribute__((vector_size(8 * sizeof(double))));
 enum { LANES = 8 };
 
 /* sum_j weight_j / (lambda_j - s^2 + i s c_j) at eight s */
-static void modal_sums(const struct condense *c, const double *weight, const double s[LANES], double complex out[LANES])
+static void modal_sums(const struct condense *c, const double *weight, const double s[LANES],
+                       double complex out[LANES])
 {
     lanes s1, s2, re = { 0 }, im = { 0 };
 
@@ -37,8 +42,9 @@ static void modal_sums(const struct condense *c, const double *weight, const dou
         out[i] = CMPLX(re[i], im[i]);
 }
 
-/* (3) for harmonics first .. first + 7 (those <= H), by products of the weights' parts: L_rq = (1 + i s beta) K_rq - s^2 M_rq
- * has a_i a_j = (1 + i s beta)^2 k_i k_j - s^2 (1 + i s beta)(k_i m_j + m_i k_j) + s^4 m_i m_j. */
+/* (3) for harmonics first .. first + 7 (those <= H), by products of the weights' parts: L_rq = (1 +
+ * i s beta) K_rq - s^2 M_rq has a_i a_j = (1 + i s beta)^2 k_i k_j - s^2 (1 + i s beta)(k_i m_j +
+ * m_i k_j) + s^4 m_i m_j. */
 static void modes_at(struct condense *c, int first, int H, double complex *S, double complex *p)
 {
     int q = c->q, terms = c->massless ? 1 : 4;
@@ -58,7 +64,8 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
                 double complex b = 1 + I * (sk * c->beta), total = b * b * sum[0][k - first];
 
                 if (terms > 1)
-                    total += -sk * sk * b * (sum[1][k - first] + sum[2][k - first]) + sk * sk * sk * sk * sum[3][k - first];
+                    total += -sk * sk * b * (sum[1][k - first] + sum[2][k - first])
+                             + sk * sk * sk * sk * sum[3][k - first];
                 S[((size_t)k * (size_t)q + (size_t)j) * (size_t)q + (size_t)i] -= total;
             }
         }
@@ -74,7 +81,8 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
             double complex total = 0, value = c->level * load->value;
 
             for (int m = 0; m < c->r; m++) {
-                double x = c->lambda[m] - sk * sk, y = sk * c->damping[m], scale = phi[(size_t)m * (size_t)c->r] / (x * x + y * y);
+                double x = c->lambda[m] - sk * sk, y = sk * c->damping[m],
+                       scale = phi[(size_t)m * (size_t)c->r] / (x * x + y * y);
                 size_t at = (size_t)i * (size_t)c->r + (size_t)m;
                 double complex a = CMPLX(c->ak[at] - sk * sk * c->am[at], sk * c->beta * c->ak[at]);
 
@@ -89,7 +97,8 @@ static void kept_block(struct condense *c, double s, double complex *S)
 {
     for (int t = 0; t < 3; t++)
         for (int i = 0; i < c->q; i++)
-            for (int e = c->p->constant[t].start[c->kept[i]]; e < c->p->constant[t].start[c->kept[i] + 1]; e++) {
+            for (int e = c->p->constant[t].start[c->kept[i]];
+                 e < c->p->constant[t].start[c->kept[i] + 1]; e++) {
                 int j = c->place[c->p->constant[t].index[e]];
 
                 if (j >= 0)
@@ -111,13 +120,15 @@ void condense_reduced_at(struct condense *c, int H, double complex *S, double co
         modes_at(c, first, H, S, p);
 }
 
-/* Rows of the linear dofs of constant[t]: the square part into A (r x r), the columns of kept dofs into B (r x q). */
+/* Rows of the linear dofs of constant[t]: the square part into A (r x r), the columns of kept dofs
+ * into B (r x q). */
 static void spread(const struct condense *c, int t, double *A, double *B)
 {
     const struct sparse *a = &c->p->constant[t];
 
     for (int i = 0; i < c->n; i++)
-        for (int e = c->spot[i] >= 0 ? a->start[i] : 0; c->spot[i] >= 0 && e < a->start[i + 1]; e++) {
+        for (int e = c->spot[i] >= 0 ? a->start[i] : 0; c->spot[i] >= 0 && e < a->start[i + 1];
+             e++) {
             int j = a->index[e];
 
             if (c->spot[j] >= 0)
@@ -135,7 +146,8 @@ static bool symmetric(const struct sparse *a)
 
             while (low < high && a->index[low] < i)
                 low++;
-            if (low == high || a->index[low] != i || fabs(a->value[low] - a->value[e]) > 1e-14 * fabs(a->value[e]))
+            if (low == high || a->index[low] != i
+                || fabs(a->value[low] - a->value[e]) > 1e-14 * fabs(a->value[e]))
                 return false;
         }
     return true;
@@ -144,8 +156,10 @@ static bool symmetric(const struct sparse *a)
 /* C = alpha M + beta K entry by entry, on the whole structure. */
 static bool proportional(const struct condense *c, double *alpha, double *beta)
 {
-    const struct sparse *M = &c->p->constant[PROGRAM_M], *C = &c->p->constant[PROGRAM_C], *K = &c->p->constant[PROGRAM_K];
-    double *row = calloc(3 * (size_t)c->n, sizeof *row), mm = 0, mk = 0, kk = 0, cm = 0, ck = 0, det, scale = 0, worst = 0;
+    const struct sparse *M = &c->p->constant[PROGRAM_M], *C = &c->p->constant[PROGRAM_C],
+                        *K = &c->p->constant[PROGRAM_K];
+    double *row = calloc(3 * (size_t)c->n, sizeof *row), mm = 0, mk = 0, kk = 0, cm = 0, ck = 0,
+           det, scale = 0, worst = 0;
     double *m = row, *d = row + c->n, *k = row + 2 * c->n;
     bool ok = row != NULL;
 
@@ -185,7 +199,8 @@ static bool modes_of(struct condense *c, double *K, double *M)
 
     for (int j = 0; j < r && tridiagonal; j++)
         for (int i = 0; i < r; i++)
-            if ((K[(size_t)j * (size_t)r + (size_t)i] != 0 && abs(i - j) > 1) || (M[(size_t)j * (size_t)r + (size_t)i] != 0 && i != j)) {
+            if ((K[(size_t)j * (size_t)r + (size_t)i] != 0 && abs(i - j) > 1)
+                || (M[(size_t)j * (size_t)r + (size_t)i] != 0 && i != j)) {
                 tridiagonal = false;
                 break;
             }
@@ -217,14 +232,16 @@ static bool modes_of(struct condense *c, double *K, double *M)
     return true;
 }
 
-static void project(const struct condense *c, const double *B, double *out)       /* phi^T B, r x q */
+/* phi^T B, r x q */
+static void project(const struct condense *c, const double *B, double *out)
 {
     for (int j = 0; j < c->q; j++)
         for (int m = 0; m < c->r; m++) {
             double sum = 0;
 
             for (int i = 0; i < c->r; i++)
-                sum += c->phi[(size_t)m * (size_t)c->r + (size_t)i] * B[(size_t)j * (size_t)c->r + (size_t)i];
+                sum += c->phi[(size_t)m * (size_t)c->r + (size_t)i]
+                       * B[(size_t)j * (size_t)c->r + (size_t)i];
             out[(size_t)j * (size_t)c->r + (size_t)m] = sum;
         }
 }
@@ -240,7 +257,8 @@ static void weights(struct condense *c)
     for (int i = 0; i < c->q; i++)
         for (int j = 0; j < c->q; j++) {
             double *w = c->weight + (size_t)(i * (c->q + 1) + j) * 4 * r;
-            const double *ki = c->ak + (size_t)i * r, *kj = c->ak + (size_t)j * r, *mi = c->am + (size_t)i * r, *mj = c->am + (size_t)j * r;
+            const double *ki = c->ak + (size_t)i * r, *kj = c->ak + (size_t)j * r,
+                         *mi = c->am + (size_t)i * r, *mj = c->am + (size_t)j * r;
 
             for (size_t m = 0; m < r; m++) {
                 w[m] = ki[m] * kj[m];
@@ -258,8 +276,9 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
     enum modal_status rc = MODAL_OK;
 
     *done = c->reduced;
-    if (c->reduced || c->r < 1 || c->q < 1 || c->r > MODES_MOST || c->p->n_linear > 0 || !symmetric(&c->p->constant[PROGRAM_M])
-        || !symmetric(&c->p->constant[PROGRAM_K]) || !proportional(c, &alpha, &c->beta))
+    if (c->reduced || c->r < 1 || c->q < 1 || c->r > MODES_MOST || c->p->n_linear > 0
+        || !symmetric(&c->p->constant[PROGRAM_M]) || !symmetric(&c->p->constant[PROGRAM_K])
+        || !proportional(c, &alpha, &c->beta))
         return MODAL_OK;
     K = calloc(r * r, sizeof *K);
     M = calloc(r * r, sizeof *M);
@@ -271,8 +290,8 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
     c->ak = calloc(r * q, sizeof *c->ak);
     c->am = calloc(r * q, sizeof *c->am);
     c->weight = calloc(4 * q * (q + 1) * r, sizeof *c->weight);
-    if (K == NULL || M == NULL || Bk == NULL || Bm == NULL || c->phi == NULL || c->lambda == NULL || c->damping == NULL || c->ak == NULL
-        || c->am == NULL || c->weight == NULL) {
+    if (K == NULL || M == NULL || Bk == NULL || Bm == NULL || c->phi == NULL || c->lambda == NULL
+        || c->damping == NULL || c->ak == NULL || c->am == NULL || c->weight == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d modes", c->r);
         goto out;
     }
@@ -284,7 +303,8 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
         c->damping[m] = alpha + c->beta * c->lambda[m];
     project(c, Bk, c->ak);
     project(c, Bm, c->am);
-    /* C_rq = alpha M_rq + beta K_rq; (3) has the beta part only, so a mass that couples needs alpha to be 0 */
+    /* C_rq = alpha M_rq + beta K_rq; (3) has the beta part only, so a mass that couples needs alpha
+     * to be 0 */
     weights(c);
     *done = c->reduced = c->massless || alpha == 0;
 out:

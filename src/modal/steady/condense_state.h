@@ -13,12 +13,14 @@ struct condense {
     double *size;                    /* of each column, before factoring */
     int *pivot;
     int highest;
-    struct condense_load { int dof, k; double complex value; } *load;    /* harmonics on the program's axes */
+    /* harmonics on the program's axes */
+    struct condense_load { int dof, k; double complex value; } *load;
     int loads;
     /* of the last condense_at */
     double omega, level;
     int H;
-    double complex *kept_right;      /* (H+1) x order x (q+1): L_rr^-1 [L_rq, P_r]; NULL: not kept */
+    double complex *kept_right;      /* (H+1) x order x (q+1): L_rr^-1 [L_rq, P_r]; NULL: not
+                                      * kept */
     size_t kept_size;
     /* modes */
     bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
@@ -30,12 +32,14 @@ struct condense {
     double *weight;                  /* [i][j][4][r]: see weights() */
 };
 
-/* What a matrix of type T (PROGRAM_M, _C, _K) is multiplied by at s = k omega, (1) of condense.h. */
+/* What a matrix of type T (PROGRAM_M, _C, _K) is multiplied by at s = k omega, (1) of
+ * condense.h. */
 static inline double complex factor_of(int t, double s)
 {
     return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
 }
 
-/* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce is done. */
+/* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce
+ * is done. */
 void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p);
 #endif

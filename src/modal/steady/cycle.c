@@ -1,24 +1,28 @@
 /*
  * cycle.c - see cycle.h
  *
- * In the state space of statespace.h, y' = A y + B p(t) + U phi, phi_i = held_i limit_i where slider i slips; those that
- * stick (set C, rates R_C y = 0) hold with
+ * In the state space of statespace.h, y' = A y + B p(t) + U phi, phi_i = held_i limit_i where
+ * slider i slips; those that stick (set C, rates R_C y = 0) hold with
  *
- *     phi_C = -(R_C U_C)^-1 R_C (A y + B p + U_S phi_S),                                              (1)
+ *     phi_C = -(R_C U_C)^-1 R_C (A y + B p + U_S phi_S),                                        (1)
  *
- * so that a disturbance obeys y' = Q A y, Q = I - U_C (R_C U_C)^-1 R_C.  Slider i comes to rest where its rate r = R_i y
- * passes 0, from the vector field f- to f+ (sticking, or slipping the other way); a disturbance passes there by
+ * so that a disturbance obeys y' = Q A y, Q = I - U_C (R_C U_C)^-1 R_C.  Slider i comes to rest
+ * where its rate r = R_i y passes 0, from the vector field f- to f+ (sticking, or slipping the
+ * other way); a disturbance passes there by
  *
- *     S = I + (f+ - f-) R_i / (R_i f-)                                                                (2)
+ *     S = I + (f+ - f-) R_i / (R_i f-)                                                          (2)
  *
- * [LN04, section 7.1].  Breaking loose leaves f, and with it the disturbance, continuous.  The product Pi of the exponentials
- * and (2) is the derivative of the period map: its eigenvalues are the multipliers, and Newton's step is (I - Pi)^-1 (P(y) - y).
- * A body that sticks all the time has Pi = I somewhere: the step is the shortest, and the motion given has its slider at zero (offset.h).
- * Where a step fails the next period is simply marched, and so are all beside other laws.  Of those the period map is differenced where
- * the laws keep no memory, so that the state is all there is: (P(y + h e) - P(y - h e)) / 2h with two h, whose multipliers
- * differ by about their error.
+ * [LN04, section 7.1].  Breaking loose leaves f, and with it the disturbance, continuous.  The
+ * product Pi of the exponentials and (2) is the derivative of the period map: its eigenvalues are
+ * the multipliers, and Newton's step is (I - Pi)^-1 (P(y) - y).  A body that sticks all the time
+ * has Pi = I somewhere: the step is the shortest, and the motion given has its slider at zero
+ * (offset.h).  Where a step fails the next period is simply marched, and so are all beside other
+ * laws.  Of those the period map is differenced where the laws keep no memory, so that the state is
+ * all there is: (P(y + h e) - P(y - h e)) / 2h with two h, whose multipliers differ by about their
+ * error.
  *
- * [LN04] Leine, Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
+ * [LN04] Leine, Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer
+ * 2004.
  */
 #include "modal/steady/cycle.h"
 #include <cblas.h>
@@ -35,15 +39,17 @@
 #include "modal/scene/stepper.h"
 #include "modal/steady/offset.h"
 
-static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11, TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11, SHORT = 1e-5, LONG = 4e-5;
+static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11,
+                    TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11, SHORT = 1e-5, LONG = 4e-5;
 enum { STEPS = 64, FIRST = 4, LAWS_MOST = OFFSET_LAWS_MOST, NONE = -2, TRIES_MOST = 60000 };
 
-/* What budget.h counts.  An exponential is six products, a solve worth 4/3 of one and as a rule some squarings ([H05] of
- * expm.c); Newton's method starts a step from the last force and ends in three iterations; a step that an event ends is
- * solved again, cut there. */
+/* What budget.h counts.  An exponential is six products, a solve worth 4/3 of one and as a rule
+ * some squarings ([H05] of expm.c); Newton's method starts a step from the last force and ends in
+ * three iterations; a step that an event ends is solved again, cut there. */
 enum { PRODUCTS_OF_EXPONENTIAL = 10, ITERATIONS_OF_STEP = 3, SOLUTIONS_OF_STEP = 2 };
 
-/* Of the budget, what finding the motion may spend: as much is left to the balance, tried where this fails. */
+/* Of the budget, what finding the motion may spend: as much is left to the balance, tried where
+ * this fails. */
 static const double SHARE_TO_CLOSE = 0.5;
 
 struct follow {
@@ -63,9 +69,12 @@ struct follow {
     int svd_size;
     int *held, *pivot;                /* of the phase under way, per law */
     bool *acts;
-    double floor;                     /* of |y|: a thousandth of the rate that friction's strength gives within T */
-    double phase;                     /* time spent in it that Pi does not know of yet; < 0: a period begins */
-    bool followed;                    /* rigid friction alone, constant matrices: disturbances can be */
+    double floor;                     /* of |y|: a thousandth of the rate that friction's
+                                       * strength gives within T */
+    double phase;                     /* time spent in it that Pi does not know of yet; < 0: a
+                                       * period begins */
+    bool followed;                    /* rigid friction alone, constant matrices: disturbances
+                                       * can be */
     bool remembers;                   /* some law has a memory */
     int64_t tries, maps;              /* of the stepper, counted in the budget so far */
     double try_work, map_work;        /* of one, operations of budget.h */
@@ -75,11 +84,21 @@ struct follow {
 };
 
 static int held_of(const struct ports *ports, int l) { return ports->law[l].held; }
-static const double *rate_row(const struct follow *f, int l) { return f->ports->R + f->ports->probes + f->ports->law[l].channel; }
-static const double *pull(const struct follow *f, int l) { return f->ports->U + (size_t)f->ports->law[l].channel * (size_t)f->N; }
-static double rate(const struct follow *f, int l, const double *y) { return cblas_ddot(f->N, rate_row(f, l), 2 * f->ports->probes, y, 1); }
+static const double *rate_row(const struct follow *f, int l)
+{
+    return f->ports->R + f->ports->probes + f->ports->law[l].channel;
+}
+static const double *pull(const struct follow *f, int l)
+{
+    return f->ports->U + (size_t)f->ports->law[l].channel * (size_t)f->N;
+}
+static double rate(const struct follow *f, int l, const double *y)
+{
+    return cblas_ddot(f->N, rate_row(f, l), 2 * f->ports->probes, y, 1);
+}
 
-/* z <- Q z for every column of z, C the laws with held 0: what the stuck sliders hold back is taken out, (1). */
+/* z <- Q z for every column of z, C the laws with held 0: what the stuck sliders hold back is taken
+ * out, (1). */
 static bool hold_back(struct follow *f, const int *held, double *z, int columns)
 {
     int stuck[LAWS_MOST], count = 0;
@@ -115,7 +134,8 @@ static bool field(struct follow *f, double t, const double *y, const int *held, 
     sources_at(f->src, t, f->w);
     memset(f->load, 0, (size_t)n * sizeof *f->load);
     if (f->src->nw > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, n, f->src->nw, 1, f->src->P, n, f->w, 1, 0, f->load, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, n, f->src->nw, 1, f->src->P, n, f->w, 1, 0,
+                    f->load, 1);
     cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, f->ss->A, N, y, 1, 0, out, 1);
     cblas_dgemv(CblasColMajor, CblasNoTrans, N, n, 1, f->ss->B, N, f->load, 1, 1, out, 1);
     for (int l = 0; l < f->laws; l++)
@@ -124,7 +144,10 @@ static bool field(struct follow *f, double t, const double *y, const int *held, 
 }
 
 /* Operations of an exponential of order n. */
-static double exponential_work(int n) { return PRODUCTS_OF_EXPONENTIAL * 2.0 * n * n * n / BUDGET_DENSE; }
+static double exponential_work(int n)
+{
+    return PRODUCTS_OF_EXPONENTIAL * 2.0 * n * n * n / BUDGET_DENSE;
+}
 
 /* Pi <- exp(phase Q A) Pi. */
 static void end_phase(struct follow *f)
@@ -175,7 +198,8 @@ static void watch(void *watcher, double t, double h, const double *y, struct por
     for (int l = 0; !f->watching && l < f->laws; l++)
         f->held[l] = held_of(ports, l);
     for (int l = 0; l < f->laws; l++) {
-        f->acts[l] |= ports->law[l].law->kind->set_valued ? held_of(ports, l) != 0 : ports->law[l].acted;
+        f->acts[l] |=
+            ports->law[l].law->kind->set_valued ? held_of(ports, l) != 0 : ports->law[l].acted;
         ports->law[l].acted = false;
     }
     for (int l = 0; f->watching && l < f->laws; l++) {
@@ -189,7 +213,8 @@ static void watch(void *watcher, double t, double h, const double *y, struct por
             jump(f, l, t, f->last, held);
         f->held[l] = held;
     }
-    if (first)                                   /* a stuck slider that is given a rate stops at once */
+    /* a stuck slider that is given a rate stops at once */
+    if (first)
         f->failed |= !hold_back(f, f->held, f->Pi, f->N);
     f->phase = fmax(f->phase, 0) + h;
     memcpy(f->last, y, (size_t)f->N * sizeof *y);
@@ -274,7 +299,8 @@ static double closure(const struct follow *f)
     return scale > 0 ? most / scale : 0;
 }
 
-/* start + (I - Pi)^+ (P - start) into y, the shortest step: where a body that sticks leaves it open it goes nowhere.  false: y stays P. */
+/* start + (I - Pi)^+ (P - start) into y, the shortest step: where a body that sticks leaves it open
+ * it goes nowhere.  false: y stays P. */
 static bool newton_step(struct follow *f)
 {
     int N = f->N;
@@ -285,7 +311,10 @@ static bool newton_step(struct follow *f)
         f->work[i] = (i % (N + 1) == 0) - f->Pi[i];
     for (int i = 0; i < N; i++)
         d[i] = f->y[i] - f->start[i];
-    if (f->failed || LAPACKE_dgelss_work(LAPACK_COL_MAJOR, N, N, 1, f->work, N, d, N, f->singular, OPEN, &rank, f->svd, f->svd_size) != 0)
+    if (f->failed
+        || LAPACKE_dgelss_work(LAPACK_COL_MAJOR, N, N, 1, f->work, N, d, N, f->singular, OPEN,
+                               &rank, f->svd, f->svd_size)
+               != 0)
         return false;
     if (!(largest(d, N) <= 2 * fmax(largest(f->y, N), largest(f->start, N))))
         return false;
@@ -301,19 +330,22 @@ static enum modal_status close_up(struct follow *f, struct cycle *out, struct mo
     bool stepped = false;
     enum modal_status rc = MODAL_OK;
 
-    while (rc == MODAL_OK && !out->closed && out->periods < (f->followed ? CYCLE_NEWTON_MOST : CYCLE_PERIODS_MOST)) {
+    while (rc == MODAL_OK && !out->closed
+           && out->periods < (f->followed ? CYCLE_NEWTON_MOST : CYCLE_PERIODS_MOST)) {
         if (cancelled(f))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
         f->watching = f->followed && out->periods >= FIRST;
         memcpy(f->start, f->y, (size_t)f->N * sizeof *f->y);
         rc = period(f, err);
         out->periods++;
-        if (rc == MODAL_NO_CONVERGENCE)                    /* sliders that chatter, steps that vanish: it does not close */
+        /* sliders that chatter, steps that vanish: it does not close */
+        if (rc == MODAL_NO_CONVERGENCE)
             return MODAL_OK;
         if (rc != MODAL_OK || out->periods <= FIRST)
             continue;
         out->closure = closure(f);
-        out->closed = out->closure <= (f->followed ? CLOSED : STILL) || (stepped && out->closure <= NEARLY && out->closure >= before / 2);
+        out->closed = out->closure <= (f->followed ? CLOSED : STILL)
+                      || (stepped && out->closure <= NEARLY && out->closure >= before / 2);
         if (!out->closed)
             stepped = f->followed && (!stepped || out->closure < before / 2) && newton_step(f);
         before = out->closure;
@@ -321,7 +353,8 @@ static enum modal_status close_up(struct follow *f, struct cycle *out, struct mo
     return rc;
 }
 
-/* The sliders' forces at T into sample J, those that stick by (1); false: one holds with more than it has. */
+/* The sliders' forces at T into sample J, those that stick by (1); false: one holds with more than
+ * it has. */
 static bool forces(struct follow *f, double t, int j, double *force)
 {
     const double *back = f->small + f->laws * f->laws;        /* what hold_back took out */
@@ -337,7 +370,8 @@ static bool forces(struct follow *f, double t, int j, double *force)
 }
 
 /* The motion, closed, over one more period, and the forces on it; *KNOWN: these are. */
-static enum modal_status sample(struct follow *f, double *x, double *force, bool *known, double *one, struct modal_error *err)
+static enum modal_status sample(struct follow *f, double *x, double *force, bool *known,
+                                double *one, struct modal_error *err)
 {
     int n = f->ss->n;
     enum modal_status rc = MODAL_OK;
@@ -349,14 +383,17 @@ static enum modal_status sample(struct follow *f, double *x, double *force, bool
         statespace_motion(f->ss, f->y, one, NULL);
         for (int i = 0; i < n; i++)
             x[(size_t)i * CYCLE_SAMPLES + (size_t)j] = one[i];
-        rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y, err);
-        *known = *known && rc == MODAL_OK && forces(f, (j + 1) * f->T / CYCLE_SAMPLES, (j + 1) % CYCLE_SAMPLES, force);
+        rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y,
+                                 err);
+        *known = *known && rc == MODAL_OK
+                 && forces(f, (j + 1) * f->T / CYCLE_SAMPLES, (j + 1) % CYCLE_SAMPLES, force);
     }
     count_work(f);
     return rc;
 }
 
-/* Sliders that never move put where they belong; they act no more than if they had been there from the start. */
+/* Sliders that never move put where they belong; they act no more than if they had been there from
+ * the start. */
 static enum modal_status settle(struct follow *f, const struct cycle *c, struct modal_error *err)
 {
     bool still[LAWS_MOST] = { false };
@@ -382,15 +419,18 @@ static enum modal_status eigenvalues(struct follow *f, double complex *out, stru
 
     memcpy(f->work, f->Pi, (size_t)N * (size_t)N * sizeof *f->Pi);
     if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', N, f->work, N, re, im, NULL, 1, NULL, 1) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "cycle: the eigenvalues of the period map did not converge");
+        return modal_fail(err, MODAL_NO_CONVERGENCE,
+                          "cycle: the eigenvalues of the period map did not converge");
     for (int i = 0; i < N; i++)
         out[i] = CMPLX(re[i], im[i]);
     qsort(out, (size_t)N, sizeof *out, by_size);
     return MODAL_OK;
 }
 
-/* The derivative of the period map at f->y, by differences of STEP of the largest state; f->y is left undefined. */
-static enum modal_status difference_map(struct follow *f, double step, const double *y, struct modal_error *err)
+/* The derivative of the period map at f->y, by differences of STEP of the largest state; f->y is
+ * left undefined. */
+static enum modal_status difference_map(struct follow *f, double step, const double *y,
+                                        struct modal_error *err)
 {
     int N = f->N;
     double h = step * fmax(largest(y, N), f->floor), *D = f->Q;
@@ -402,19 +442,24 @@ static enum modal_status difference_map(struct follow *f, double step, const dou
             f->y[i] += side * h;
             rc = period(f, err);
             for (int k = 0; k < N; k++)
-                D[k + (size_t)i * (size_t)N] = (side > 0 ? 0 : D[k + (size_t)i * (size_t)N]) + side * f->y[k] / (2 * h);
+                D[k + (size_t)i * (size_t)N] =
+                    (side > 0 ? 0 : D[k + (size_t)i * (size_t)N]) + side * f->y[k] / (2 * h);
         }
     memcpy(f->Pi, D, (size_t)N * (size_t)N * sizeof *D);
     return rc;
 }
 
-/* Multipliers of a closed motion beside laws without memory, and their error; *KNOWN false: there are none. */
-static enum modal_status difference_multipliers(struct follow *f, struct cycle *out, bool *known, struct modal_error *err)
+/* Multipliers of a closed motion beside laws without memory, and their error; *KNOWN false: there
+ * are none. */
+static enum modal_status difference_multipliers(struct follow *f, struct cycle *out, bool *known,
+                                                struct modal_error *err)
 {
     double *y = malloc(((size_t)f->N + 1) * sizeof *y);
     double complex *other = malloc(((size_t)f->N + 1) * sizeof *other);
     bool acts[LAWS_MOST];
-    enum modal_status rc = y == NULL || other == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
+    enum modal_status rc = y == NULL || other == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory")
+                               : MODAL_OK;
 
     *known = false;
     memcpy(acts, f->acts, (size_t)f->laws * sizeof *acts);
@@ -448,7 +493,8 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
 
 static void follow_done(struct follow *f)
 {
-    double *all[] = { f->y, f->start, f->last, f->w, f->load, f->Pi, f->Q, f->E, f->work, f->before, f->after, f->small, f->singular, f->svd };
+    double *all[] = { f->y, f->start, f->last,   f->w,     f->load,  f->Pi,       f->Q,
+                      f->E, f->work,  f->before, f->after, f->small, f->singular, f->svd };
 
     if (f->stepper != NULL)
         f->stepper->free(f->stepper);
@@ -469,8 +515,9 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
 
     f->svd_size = 8 * f->N + 64;              /* dgelss: 3 N + max(2 N, 1) at least */
     struct { double **x; size_t count; } all[] = {
-        { &f->y, N }, { &f->start, N }, { &f->last, N }, { &f->w, (size_t)f->src->nw }, { &f->load, (size_t)f->ss->n }, { &f->Pi, N * N },
-        { &f->Q, N * N }, { &f->E, N * N }, { &f->work, N * N }, { &f->before, N }, { &f->after, N }, { &f->small, laws * (laws + 1) },
+        { &f->y, N }, { &f->start, N }, { &f->last, N }, { &f->w, (size_t)f->src->nw },
+        { &f->load, (size_t)f->ss->n }, { &f->Pi, N * N }, { &f->Q, N * N }, { &f->E, N * N },
+        { &f->work, N * N }, { &f->before, N }, { &f->after, N }, { &f->small, laws * (laws + 1) },
         { &f->singular, N }, { &f->svd, (size_t)f->svd_size } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
@@ -479,28 +526,39 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
     f->held = calloc(laws + 1, sizeof *f->held);
     f->pivot = calloc(N + laws + 1, sizeof *f->pivot);
     f->acts = calloc(laws + 1, sizeof *f->acts);
-    return f->held == NULL || f->pivot == NULL || f->acts == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
+    return f->held == NULL || f->pivot == NULL || f->acts == NULL
+               ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory")
+               : MODAL_OK;
 }
 
 /*
- * What a try of a step and a map of it cost.  An iteration asks every law at each node and solves for the m STAGES forces there,
- * m of them a node, by a matrix that takes 4 m^3 STAGES^2 more to make; the step carries N states over.  A map is an exponential
- * a node (collocation.c, (3)): of all states or, where they decouple, of each mode by itself.
+ * What a try of a step and a map of it cost.  An iteration asks every law at each node and solves
+ * for the m STAGES forces there, m of them a node, by a matrix that takes 4 m^3 STAGES^2 more to
+ * make; the step carries N states over.  A map is an exponential a node (collocation.c, (3)): of
+ * all states or, where they decouple, of each mode by itself.
  */
 static void price_steps(struct follow *f)
 {
     const struct ports *p = f->ports;
     double m = p->channels, S = COLLOCATION_STAGES, size = m * S, driven = S + f->src->nw;
-    double iteration = S * p->laws * BUDGET_SAMPLE + (4 * m * size * size + 2.0 / 3 * size * size * size) / BUDGET_DENSE;
+    double iteration = S * p->laws * BUDGET_SAMPLE
+                       + (4 * m * size * size + 2.0 / 3 * size * size * size) / BUDGET_DENSE;
 
-    f->try_work = SOLUTIONS_OF_STEP * ITERATIONS_OF_STEP * iteration + 2.0 * f->N * (f->N + 3 * size) / BUDGET_DENSE;
-    f->map_work = S * (f->ss->modal ? f->ss->n * exponential_work(2 + (int)driven) : exponential_work(f->N + (int)(size + f->src->nw)));
+    f->try_work = SOLUTIONS_OF_STEP * ITERATIONS_OF_STEP * iteration
+                  + 2.0 * f->N * (f->N + 3 * size) / BUDGET_DENSE;
+    f->map_work = S
+                  * (f->ss->modal ? f->ss->n * exponential_work(2 + (int)driven)
+                                  : exponential_work(f->N + (int)(size + f->src->nw)));
 }
 
 static enum modal_status follow_init(struct follow *f, struct modal_error *err)
 {
-    struct stepper_options how = { .dt = f->T / STEPS, .tolerance = TOLERANCE, .cancelled = spent, .context = f,
-                                   .accepted = watch, .watcher = f };
+    struct stepper_options how = { .dt = f->T / STEPS,
+                                   .tolerance = TOLERANCE,
+                                   .cancelled = spent,
+                                   .context = f,
+                                   .accepted = watch,
+                                   .watcher = f };
     enum modal_status rc = statespace_new(&f->p, &f->ss, err);
 
     if (rc == MODAL_OK)
@@ -532,13 +590,17 @@ bool cycle_takes(const struct program *p)
     return rigid && p->laws <= LAWS_MOST && 2 * p->n + p->n_linear <= CYCLE_STATES_MOST;
 }
 
-enum modal_status cycle_find(const struct program *p, double omega, const double *x0, const double *v0,
-                             const struct cycle_options *opt, struct cycle *out, struct modal_error *err)
+enum modal_status cycle_find(const struct program *p, double omega, const double *x0,
+                             const double *v0, const struct cycle_options *opt, struct cycle *out,
+                             struct modal_error *err)
 {
-    struct follow f = { .p = *p, .opt = opt, .laws = p->laws, .T = TWO_PI / omega, .followed = p->harmonics == 0 };
+    struct follow f = {
+        .p = *p, .opt = opt, .laws = p->laws, .T = TWO_PI / omega, .followed = p->harmonics == 0
+    };
     double *rest = calloc(2 * (size_t)p->n + 1, sizeof *rest);
     bool known;
-    enum modal_status rc = rest == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
+    enum modal_status rc =
+        rest == NULL ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory") : MODAL_OK;
 
     memset(out, 0, sizeof *out);
     for (int l = 0; l < p->laws; l++) {
@@ -565,7 +627,8 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
         rc = modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
     if (rc == MODAL_OK && f.followed && !f.failed)
         rc = eigenvalues(&f, out->multiplier, err);
-    else if (rc == MODAL_OK && !f.followed && !f.remembers && out->closed && f.N <= CYCLE_DIFFERENCES_MOST) {
+    else if (rc == MODAL_OK && !f.followed && !f.remembers && out->closed
+             && f.N <= CYCLE_DIFFERENCES_MOST) {
         bool found;
 
         rc = difference_multipliers(&f, out, &found, err);

@@ -1,16 +1,18 @@
 /*
  * estimate.c - see estimate.h
  *
- * Let X solve the balance at H and N, and let E extend it: harmonics H+1 .. H2 by one direct iteration
+ * Let X solve the balance at H and N, and let E extend it: harmonics H+1 .. H2 by one direct
+ * iteration
  *
- *     E_k = S_k^-1 (p_k - F_k(X)),   H < k <= H2,                                                       (1)
+ *     E_k = S_k^-1 (p_k - F_k(X)),   H < k <= H2,                                               (1)
  *
  * F_k beyond H from exact pieces or from finer samples, and the first H corrected by one chord step
  *
- *     E_low = X - J^-1 R_low(X + tail),                                                                 (2)
+ *     E_low = X - J^-1 R_low(X + tail),                                                         (2)
  *
- * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left out of (2), E' - X is the
- * sampling's part and E - E' the truncation's; a last Newton step's is the solver's.  Each is put in the unit of x as max over time and dofs.
+ * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left
+ * out of (2), E' - X is the sampling's part and E - E' the truncation's; a last Newton step's is
+ * the solver's.  Each is put in the unit of x as max over time and dofs.
  */
 #include "modal/steady/estimate.h"
 #include <math.h>
@@ -32,10 +34,12 @@ static double peak(struct orbit_grid *g, const double complex *Z, int K, double 
 }
 
 /* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel). */
-static enum modal_status peak_of_change(struct steady *s, const double complex *E, const double complex *X, int q, int H, double *out,
+static enum modal_status peak_of_change(struct steady *s, const double complex *E,
+                                        const double complex *X, int q, int H, double *out,
                                         double *amplitude, struct modal_error *err)
 {
-    int N = steady_power_of_two(4L * (H + 1)), count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
+    int N = steady_power_of_two(4L * (H + 1)),
+        count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
     double complex *a = calloc((size_t)H + 1, sizeof *a), *b = calloc((size_t)H + 1, sizeof *b);
     double *x = calloc((size_t)N, sizeof *x);
     struct orbit_grid *g = NULL;
@@ -72,7 +76,8 @@ static void widen_motion(const double complex *X, int q, int H, int H2, double c
 }
 
 /* (1): harmonics past H of E from the wide balance's F */
-static enum modal_status tail_of(const struct balance *wide, int H, double complex *E, struct modal_error *err)
+static enum modal_status tail_of(const struct balance *wide, int H, double complex *E,
+                                 struct modal_error *err)
 {
     int q = wide->q, K = wide->H + 1;
     double complex *rhs = malloc(((size_t)q + 1) * sizeof *rhs);
@@ -91,7 +96,8 @@ static enum modal_status tail_of(const struct balance *wide, int H, double compl
 }
 
 /* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b. */
-static void chord(struct balance *b, const struct balance *wide, const double complex *X, double *y, double complex *E)
+static void chord(struct balance *b, const struct balance *wide, const double complex *X, double *y,
+                  double complex *E)
 {
     int n = 2 * b->H + 1, n2 = 2 * wide->H + 1, K = b->H + 1, K2 = wide->H + 1;
 
@@ -101,7 +107,8 @@ static void chord(struct balance *b, const struct balance *wide, const double co
     balance_solve(b, y, 1);
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++)
-            E[i * K2 + k] = X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
+            E[i * K2 + k] =
+                X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
     for (int i = 0; balance_open(b) && i < b->q; i++)
         E[i * K2] = X[i * K];                                /* a mean that is free has no error */
 }
@@ -130,7 +137,8 @@ static void tail_in_time(const struct balance *wide, int H, struct steady_point 
 struct estimate {
     int H2;
     struct balance *wide;                   /* of H2 harmonics */
-    double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail; and with it */
+    double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail;
+                                             * and with it */
     double *y;
 };
 
@@ -143,22 +151,27 @@ static void estimate_done(struct estimate *e)
     free(e->y);
 }
 
-static enum modal_status estimate_init(struct steady *s, const struct balance *b, struct estimate *e, struct modal_error *err)
+static enum modal_status estimate_init(struct steady *s, const struct balance *b,
+                                       struct estimate *e, struct modal_error *err)
 {
     int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64;
     long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;
     int N2 = steady_power_of_two(s->exact ? 4L * H2 : sampled > 8L * H2 ? sampled : 8L * H2);
     size_t size = (size_t)b->q * ((size_t)H2 + 1);
 
-    *e = (struct estimate) { .H2 = H2, .W = calloc(size + 1, sizeof *e->W), .sampled = calloc(size + 1, sizeof *e->sampled),
-                             .E = calloc(size + 1, sizeof *e->E), .y = calloc((size_t)b->order + 1, sizeof *e->y) };
+    *e = (struct estimate){ .H2 = H2,
+                            .W = calloc(size + 1, sizeof *e->W),
+                            .sampled = calloc(size + 1, sizeof *e->sampled),
+                            .E = calloc(size + 1, sizeof *e->E),
+                            .y = calloc((size_t)b->order + 1, sizeof *e->y) };
     if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
     return balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
 }
 
 /* The chord step without the tail into e->sampled: what sampling alone moves. */
-static enum modal_status move_by_samples(struct balance *b, struct estimate *e, struct steady_point *point, struct modal_error *err)
+static enum modal_status move_by_samples(struct balance *b, struct estimate *e,
+                                         struct steady_point *point, struct modal_error *err)
 {
     enum modal_status rc = balance_set(e->wide, b->omega, b->level, err);
 
@@ -174,7 +187,8 @@ static enum modal_status move_by_samples(struct balance *b, struct estimate *e, 
 }
 
 /* The tail and the chord step with it into e->E, by (1) and (2). */
-static enum modal_status move_by_tail(struct balance *b, struct estimate *e, const struct steady_point *point, struct modal_error *err)
+static enum modal_status move_by_tail(struct balance *b, struct estimate *e,
+                                      const struct steady_point *point, struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -189,7 +203,8 @@ static enum modal_status move_by_tail(struct balance *b, struct estimate *e, con
 }
 
 /* The point's errors: NAN where its derivative is singular or a step overflows. */
-enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point,
+                                  struct modal_error *err)
 {
     struct estimate e;
     enum modal_status rc = estimate_init(s, b, &e, err);
@@ -198,8 +213,8 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     if (rc == MODAL_OK)
         rc = balance_residual(b, point->X, false, err);
     if (rc == MODAL_OK && !b->pattern->full)
-        balance_set_order(b, iterate_order(b, 0));           /* off by its gain, a tenth,
-            where it is short */
+        /* off by its gain, a tenth, where it is short */
+        balance_set_order(b, iterate_order(b, 0));
     if (rc == MODAL_OK)
         rc = balance_derivative(b, err);
     point->open = rc == MODAL_OK && balance_factor(b, NULL) && balance_open(b);
@@ -212,7 +227,8 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     if (rc == MODAL_OK)
         rc = peak_of_change(s, e.E, e.W, b->q, e.H2, &point->error, NULL, err);
     if (rc == MODAL_OK)
-        rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);    /* what sampling does not explain */
+        /* what sampling does not explain */
+        rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);
     if (rc == MODAL_OK) {
         point->solver = point->step * point->amplitude;
         point->error += point->solver;
@@ -223,7 +239,8 @@ out:
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
-enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err)
+enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point,
+                                        struct modal_error *err)
 {
     struct balance *b;
     enum modal_status rc;
@@ -241,8 +258,8 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
     return rc == MODAL_OK ? balance_set(b, point->omega, 1, err) : rc;
 }
 
-enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,
-                                struct modal_error *err)
+enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2,
+                                double complex *E, bool *done, struct modal_error *err)
 {
     struct balance *wide = NULL, *b;
     double *y = NULL;
@@ -256,15 +273,18 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
     if (rc != MODAL_OK || !balance_factor(b, NULL))
         return rc;
     y = calloc((size_t)b->order + 1, sizeof *y);
-    rc = y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_new(s->p, s->c, H2, steady_power_of_two(4L * H2), true, &wide, err);
+    rc = y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                   : balance_new(s->p, s->c, H2, steady_power_of_two(4L * H2), true, &wide, err);
     if (rc == MODAL_OK)
         rc = balance_set(wide, point->omega, 1, err);
     if (rc == MODAL_OK)
         widen_motion(point->X, b->q, b->H, H2, E);
-    for (int round = 0; rc == MODAL_OK && round < (s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS); round++) {
+    for (int round = 0; rc == MODAL_OK && round < (s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS);
+         round++) {
         double complex *low = malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof *low);
 
-        rc = low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : balance_residual(wide, E, false, err);
+        rc = low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                         : balance_residual(wide, E, false, err);
         for (int i = 0; rc == MODAL_OK && i < b->q; i++)
             memcpy(low + i * (b->H + 1), E + i * (H2 + 1), ((size_t)b->H + 1) * sizeof *low);
         if (rc == MODAL_OK) {
@@ -282,20 +302,26 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
 }
 
 /*
- * Rigid friction jumps where the motion turns, and there a series of H harmonics has its worst error: the turns, and with
- * them every harmonic, are off by c_1/H + c_2/H^2 + ...  The motion is carried on to SHARP/4, SHARP/2 and SHARP harmonics and its first
- * H extrapolated to none missing; what is left is the tail that the H harmonics given do not hold.
+ * Rigid friction jumps where the motion turns, and there a series of H harmonics has its worst
+ * error: the turns, and with them every harmonic, are off by c_1/H + c_2/H^2 + ...  The motion is
+ * carried on to SHARP/4, SHARP/2 and SHARP harmonics and its first H extrapolated to none missing;
+ * what is left is the tail that the H harmonics given do not hold.
  */
-enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err)
+enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct steady_point *point,
+                                   struct modal_error *err)
 {
-    int H = point->H, least = H < SHARP / 8 ? SHARP / 4 : 2 * H, H2 = 4 * least, q = point->q, K2 = H2 + 1;
+    int H = point->H, least = H < SHARP / 8 ? SHARP / 4 : 2 * H, H2 = 4 * least, q = point->q,
+        K2 = H2 + 1;
     size_t size = (size_t)q * (size_t)K2 + 1;
     double complex *E = calloc(size, sizeof *E), *low = calloc(size, sizeof *low);
     double complex *S = calloc((size_t)pattern_entries(b->pattern) * (size_t)K2 + 1, sizeof *S);
-    double complex *load = calloc(size, sizeof *load), *R = calloc(3 * (size_t)q * ((size_t)H + 1) + 1, sizeof *R);
+    double complex *load = calloc(size, sizeof *load),
+                   *R = calloc(3 * (size_t)q * ((size_t)H + 1) + 1, sizeof *R);
     size_t part = (size_t)q * ((size_t)H + 1);
     bool done = true;
-    enum modal_status rc = E == NULL || low == NULL || S == NULL || load == NULL || R == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+    enum modal_status rc = E == NULL || low == NULL || S == NULL || load == NULL || R == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                               : MODAL_OK;
 
     for (int round = 0; rc == MODAL_OK && done && round < 3; round++) {
         int Hr = least << round;

@@ -4,15 +4,21 @@
 #include "modal/steady/point.h"
 
 /* Fill a converged point's estimates of error (done by steady_solve unless estimate_later). */
-enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point, struct modal_error *err);
+enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point,
+                                        struct modal_error *err);
 
-/* The kept dofs' motion of a converged POINT carried on to H2 > point->H harmonics and corrected for them (estimate.c, (1) and (2)):
- * E[i (H2+1) + k], nearer the exact motion than the point is.  False in *DONE where the derivative is singular there. */
-enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2, double complex *E, bool *done,
-                                struct modal_error *err);
+/* The kept dofs' motion of a converged POINT carried on to H2 > point->H harmonics and corrected
+ * for them (estimate.c, (1) and (2)): E[i (H2+1) + k], nearer the exact motion than the point is.
+ * False in *DONE where the derivative is singular there. */
+enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2,
+                                double complex *E, bool *done, struct modal_error *err);
 
-/* The errors of POINT, which solves B of S, into it: NAN where its derivative is singular or a step overflows. */
-enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err);
-/* Of a POINT with rigid friction, converged: its harmonics extrapolated to none missing, and its errors. */
-enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct steady_point *point, struct modal_error *err);
+/* The errors of POINT, which solves B of S, into it: NAN where its derivative is singular or a step
+ * overflows. */
+enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point,
+                                  struct modal_error *err);
+/* Of a POINT with rigid friction, converged: its harmonics extrapolated to none missing, and its
+ * errors. */
+enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct steady_point *point,
+                                   struct modal_error *err);
 #endif

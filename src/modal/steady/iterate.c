@@ -1,12 +1,14 @@
 /*
  * iterate.c - direct iteration and Newton's method on one balance
  *
- * Direct iteration [CG89] (7), X <- S^-1 (p - F(X)), multiplies an error by at most max |dF/dX| |S_k^-1|; with
- * under-relaxation r the factor of an eigenvalue -g of the map's derivative is 1 - r (1 + g).
+ * Direct iteration [CG89] (7), X <- S^-1 (p - F(X)), multiplies an error by at most max |dF/dX|
+ * |S_k^-1|; with under-relaxation r the factor of an eigenvalue -g of the map's derivative is 1 - r
+ * (1 + g).
  *
- * Newton: J dX = -R.  A step lambda dX is taken if the simplified step J^-1 R(X + lambda dX), with the same J, is
- * shorter than (1 - lambda / 4) |dX|: a test that no scaling of R changes [D04, section 3.2].  The derivative of
- * piecewise laws jumps where a regime appears, so that full steps may cycle; damping breaks the cycle.
+ * Newton: J dX = -R.  A step lambda dX is taken if the simplified step J^-1 R(X + lambda dX), with
+ * the same J, is shorter than (1 - lambda / 4) |dX|: a test that no scaling of R changes [D04,
+ * section 3.2].  The derivative of piecewise laws jumps where a regime appears, so that full steps
+ * may cycle; damping breaks the cycle.
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  * [D04]  Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004.
@@ -18,7 +20,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SHRINKS = 0.25, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6, TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
+static const double SHRINKS = 0.25, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6,
+                    TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
 static const double TAIL_GAIN = 0.1, RATE_SHORT = 0.3, LOST = 1e-3;
 enum { ITERATIONS_MOST = 60, ORDER_TAIL = 21, TAIL_LEAST = 4 };
 #define AWAY_REASON \
@@ -36,7 +39,8 @@ static double norm_relative(const struct balance *b, const double *step, const d
     return isnan(r) ? HUGE_VAL : r;
 }
 
-/* The step against the largest of all dofs: where some are 0 by symmetry, rounding is all they have. */
+/* The step against the largest of all dofs: where some are 0 by symmetry, rounding is all they
+ * have. */
 static double overall_step(const struct balance *b, const double *step, const double complex *X)
 {
     double most = 0, scale = 0;
@@ -82,7 +86,8 @@ static void direct_done(struct direct_work *w)
     free(w->step);
 }
 
-static enum modal_status direct_init(struct direct_work *w, const struct balance *b, struct modal_error *err)
+static enum modal_status direct_init(struct direct_work *w, const struct balance *b,
+                                     struct modal_error *err)
 {
     size_t q = (size_t)b->q, K = (size_t)b->H + 1;
 
@@ -95,7 +100,8 @@ static enum modal_status direct_init(struct direct_work *w, const struct balance
 }
 
 /* (7) until it settles, runs away or has gone on for long; X is the best iterate. */
-static enum modal_status repeat_direct(struct balance *b, const struct iterate_options *opt, struct direct_work *w, double complex *X,
+static enum modal_status repeat_direct(struct balance *b, const struct iterate_options *opt,
+                                       struct direct_work *w, double complex *X,
                                        struct iterate_report *report, struct modal_error *err)
 {
     size_t size = (size_t)b->q * ((size_t)b->H + 1) * sizeof *X;
@@ -106,7 +112,8 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
 
     memcpy(w->best, X, size);
     for (int i = 0; rc == MODAL_OK && i < most && !report->converged; i++) {
-        rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled") : balance_residual(b, X, false, err);
+        rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled")
+                          : balance_residual(b, X, false, err);
         if (rc != MODAL_OK || budget_spent(b->budget))
             break;
         direct_step(b, opt->relaxation > 0 ? opt->relaxation : 1, X, w->rhs, w->step, &ok);
@@ -129,8 +136,9 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
-enum modal_status iterate_direct(struct balance *b, const struct iterate_options *opt, double complex *X,
-                                 struct iterate_report *report, struct modal_error *err)
+enum modal_status iterate_direct(struct balance *b, const struct iterate_options *opt,
+                                 double complex *X, struct iterate_report *report,
+                                 struct modal_error *err)
 {
     struct direct_work w;
     enum modal_status rc = direct_init(&w, b, err);
@@ -159,7 +167,8 @@ double iterate_gain(const struct balance *b, double slope)
         memcpy(A, b->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
         if (q == 1)
             s[0] = cabs(A[0]);
-        else if (LAPACKE_zgesvd(LAPACK_COL_MAJOR, 'N', 'N', q, q, A, q, s, NULL, 1, NULL, 1, superb) != 0)
+        else if (LAPACKE_zgesvd(LAPACK_COL_MAJOR, 'N', 'N', q, q, A, q, s, NULL, 1, NULL, 1, superb)
+                 != 0)
             return HUGE_VAL;
         most = fmax(most, s[q - 1] > 0 ? slope / s[q - 1] : HUGE_VAL);
     }
@@ -167,7 +176,8 @@ double iterate_gain(const struct balance *b, double slope)
 }
 
 /* J by central differences of R, column by column; h relative to the dof's largest harmonic. */
-static enum modal_status difference_derivative(struct balance *b, double complex *X, double *scratch, struct modal_error *err)
+static enum modal_status difference_derivative(struct balance *b, double complex *X,
+                                               double *scratch, struct modal_error *err)
 {
     int n = 2 * b->H + 1, K = b->H + 1;
     double *R0 = scratch, *up = scratch + b->order;
@@ -283,7 +293,8 @@ struct newton_work {
     bool *cut;
 };
 
-static void take(const struct balance *b, const double *u, double lambda, const double *step, double *scratch, double complex *X)
+static void take(const struct balance *b, const double *u, double lambda, const double *step,
+                 double *scratch, double complex *X)
 {
     for (int i = 0; i < b->order; i++)
         scratch[i] = u[i] + lambda * step[i];
@@ -291,8 +302,8 @@ static void take(const struct balance *b, const double *u, double lambda, const 
 }
 
 /* The damped step from u along w->step; X is the accepted point.  False: none was. */
-static enum modal_status damp(struct balance *b, struct newton_work *w, double size, double complex *X, double *taken, bool *ok,
-                              struct modal_error *err)
+static enum modal_status damp(struct balance *b, struct newton_work *w, double size,
+                              double complex *X, double *taken, bool *ok, struct modal_error *err)
 {
     double previous = HUGE_VAL;
     enum modal_status rc;
@@ -341,16 +352,20 @@ static int matrix_order(const struct balance *b, const struct iterate_options *o
     return whole ? b->H : iterate_order(b, opt->slope);
 }
 
-static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
-                                struct iterate_report *report, struct modal_error *err);
+static enum modal_status newton(struct balance *b, const struct iterate_options *opt,
+                                double complex *X, struct iterate_report *report,
+                                struct modal_error *err);
 
-enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt, double complex *X,
-                                 struct iterate_report *report, struct modal_error *err)
+enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt,
+                                 double complex *X, struct iterate_report *report,
+                                 struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     int HJ;
 
-    rc = b->order < ORDER_TAIL || opt->slope > 0 || opt->evaluated ? MODAL_OK : balance_residual(b, X, false, err);
+    rc = b->order < ORDER_TAIL || opt->slope > 0 || opt->evaluated
+             ? MODAL_OK
+             : balance_residual(b, X, false, err);
     if (rc == MODAL_OVERFLOW)
         rc = MODAL_OK;
     HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
@@ -374,13 +389,17 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
     return rc == MODAL_OK ? newton(b, opt, X, report, err) : rc;
 }
 
-/* Whether the step just computed is the last: below the tolerance, or of rounding's size and no longer shrinking. */
-static bool settled(const struct balance *b, double tolerance, double last, double lambda, struct iterate_report *report)
+/* Whether the step just computed is the last: below the tolerance, or of rounding's size and no
+ * longer shrinking. */
+static bool settled(const struct balance *b, double tolerance, double last, double lambda,
+                    struct iterate_report *report)
 {
-    double rate = report->step / last, stalls = b->HJ < b->H ? 0.9 : 0.25;      /* a short matrix converges linearly */
+    /* a short matrix converges linearly */
+    double rate = report->step / last, stalls = b->HJ < b->H ? 0.9 : 0.25;
 
     if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
-          || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1         /* a loose one: the next step will be */
+          /* a loose one: the next step will be */
+          || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1
               && report->step * rate / (1 - rate) <= tolerance / 2)))
         return false;
     report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;
@@ -389,7 +408,8 @@ static bool settled(const struct balance *b, double tolerance, double last, doub
 }
 
 /* The residual at the answer: a small step of a singular derivative leaves it where it was. */
-static enum modal_status verify(struct balance *b, const double complex *X, struct iterate_report *report, struct modal_error *err)
+static enum modal_status verify(struct balance *b, const double complex *X,
+                                struct iterate_report *report, struct modal_error *err)
 {
     double before = report->residual;
     enum modal_status rc = balance_residual(b, X, false, err);
@@ -430,34 +450,44 @@ static void work_done(struct newton_work *w)
     free(w->cut);
 }
 
-static enum modal_status work_init(struct newton_work *w, const struct balance *b, struct modal_error *err)
+static enum modal_status work_init(struct newton_work *w, const struct balance *b,
+                                   struct modal_error *err)
 {
     size_t n = (size_t)b->order, small = b->pattern->full ? (size_t)b->small * (size_t)b->small : 0;
 
-    *w = (struct newton_work) { malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)), malloc((n + 1) * sizeof(double)),
-                                malloc((small + 1) * sizeof(double)), malloc((2 * n + 2) * sizeof(double)),
-                                malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) *
-                                       sizeof(double complex)), malloc(n + 1) };
+    *w = (struct newton_work){ malloc((n + 1) * sizeof(double)),
+                               malloc((n + 1) * sizeof(double)),
+                               malloc((n + 1) * sizeof(double)),
+                               malloc((small + 1) * sizeof(double)),
+                               malloc((2 * n + 2) * sizeof(double)),
+                               malloc(((size_t)b->q * ((size_t)b->H + 1) + 1)
+                                      * sizeof(double complex)),
+                               malloc(n + 1) };
     if (w->step == NULL || w->trial_step == NULL || w->u == NULL || w->kept == NULL
         || w->scratch == NULL || w->trial == NULL || w->cut == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
     return MODAL_OK;
 }
 
-enum known { NOTHING, FORCE, SLOPE };     /* at X, from before: nothing; the residual; a derivative near enough */
+/* at X, from before: nothing; the residual; a derivative near enough */
+enum known { NOTHING, FORCE, SLOPE };
 
-static enum modal_status evaluate(struct balance *b, const struct iterate_options *opt, enum known known, double complex *X,
-                                  struct newton_work *w, struct modal_error *err)
+static enum modal_status evaluate(struct balance *b, const struct iterate_options *opt,
+                                  enum known known, double complex *X, struct newton_work *w,
+                                  struct modal_error *err)
 {
     if (opt->by_differences)
         return difference_derivative(b, X, w->scratch, err);
-    return known == FORCE ? balance_derivative(b, err) : balance_residual(b, X, known == NOTHING, err);
+    return known == FORCE ? balance_derivative(b, err)
+                          : balance_residual(b, X, known == NOTHING, err);
 }
 
-/* The next step into w->step and the point it leads to into w->trial.  *OK false: there is none, and the report says why. */
-static enum modal_status propose(struct balance *b, const struct iterate_options *opt, enum known known, double complex *X,
-                                 struct newton_work *w, bool soft, struct iterate_report *report,
-                                     bool *ok, struct modal_error *err)
+/* The next step into w->step and the point it leads to into w->trial.  *OK false: there is none,
+ * and the report says why. */
+static enum modal_status propose(struct balance *b, const struct iterate_options *opt,
+                                 enum known known, double complex *X, struct newton_work *w,
+                                 bool soft, struct iterate_report *report, bool *ok,
+                                 struct modal_error *err)
 {
     enum modal_status rc = evaluate(b, opt, known, X, w, err);
 
@@ -482,9 +512,10 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
     return MODAL_OK;
 }
 
-/* Whether the next step can do with this derivative: a short matrix converges linearly anyhow; a whole one is off by twice the
- * rate at the next point, which is enough if that is the last. */
-static bool reusable(const struct balance *b, const struct iterate_options *opt, double tolerance, double step, double last)
+/* Whether the next step can do with this derivative: a short matrix converges linearly anyhow; a
+ * whole one is off by twice the rate at the next point, which is enough if that is the last. */
+static bool reusable(const struct balance *b, const struct iterate_options *opt, double tolerance,
+                     double step, double last)
 {
     double rate = step / last;
 
@@ -494,7 +525,8 @@ static bool reusable(const struct balance *b, const struct iterate_options *opt,
 }
 
 /* No step was taken.  Steps of rounding, soft beside stiff, are an answer. */
-static void give_up(const struct balance *b, const struct newton_work *w, const double complex *X, struct iterate_report *report)
+static void give_up(const struct balance *b, const struct newton_work *w, const double complex *X,
+                    struct iterate_report *report)
 {
     double overall = overall_step(b, w->step, X);
 
@@ -504,11 +536,13 @@ static void give_up(const struct balance *b, const struct newton_work *w, const 
     report->reason = "no step of Newton's method shortens the next";
 }
 
-static enum modal_status newton(struct balance *b, const struct iterate_options *opt, double complex *X,
-                                struct iterate_report *report, struct modal_error *err)
+static enum modal_status newton(struct balance *b, const struct iterate_options *opt,
+                                double complex *X, struct iterate_report *report,
+                                struct modal_error *err)
 {
     size_t size = (size_t)b->q * ((size_t)b->H + 1) * sizeof *X;
-    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1, residual = 0;
+    double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1,
+           residual = 0;
     int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
     struct newton_work w;
     enum modal_status rc = work_init(&w, b, err);
@@ -533,8 +567,10 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             memcpy(X, w.trial, size);
             break;
         }
-        if (report->iterations == 1 || (report->step < CLOSE && report->step < (b->HJ < b->H ? 1 : 0.5) * last)) {
-            /* from nothing, the linear answer, whole; near the solution steps shrink by themselves */
+        if (report->iterations == 1
+            || (report->step < CLOSE && report->step < (b->HJ < b->H ? 1 : 0.5) * last)) {
+            /* from nothing, the linear answer, whole; near the solution steps shrink by
+             * themselves */
             known = reusable(b, opt, tolerance, report->step, last) ? SLOPE : NOTHING;
             last = report->step;
             memcpy(X, w.trial, size);

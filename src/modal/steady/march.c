@@ -1,10 +1,11 @@
 /*
  * march.c - time integration to a periodic motion
  *
- * y' = g(t, y), y = (x, v), the laws' memory m carried from step to step: the stages of a step see m at its start, and the
- * step's end writes it.  Fixed steps use the classical Runge-Kutta method; adaptive ones the pair of [DP80], its step from
- * err^(-1/5).  Friction's turning points fall inside steps, which both then take with an error of O(h^2): that is the
- * comparison.  Shooting solves y(T; y0) = y0 by Newton's method with difference quotients over (y, m).
+ * y' = g(t, y), y = (x, v), the laws' memory m carried from step to step: the stages of a step see
+ * m at its start, and the step's end writes it.  Fixed steps use the classical Runge-Kutta method;
+ * adaptive ones the pair of [DP80], its step from err^(-1/5).  Friction's turning points fall
+ * inside steps, which both then take with an error of O(h^2): that is the comparison.  Shooting
+ * solves y(T; y0) = y0 by Newton's method with difference quotients over (y, m).
  *
  * [DP80] Dormand, Prince, J. Comp. Appl. Math. 6 (1980) 19-26.
  */
@@ -62,8 +63,9 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
     for (int i = 0; i < 7; i++)
         w->k[i] = calloc(2 * n + 1, sizeof(double));
     pivot = calloc(n + 1, sizeof *pivot);
-    if (w->Minv == NULL || w->m == NULL || w->m_next == NULL || w->force == NULL || w->y == NULL || w->trial == NULL || w->trial2 == NULL
-        || w->start_d == NULL || w->k[6] == NULL || w->k[0] == NULL || pivot == NULL) {
+    if (w->Minv == NULL || w->m == NULL || w->m_next == NULL || w->force == NULL || w->y == NULL
+        || w->trial == NULL || w->trial2 == NULL || w->start_d == NULL || w->k[6] == NULL
+        || w->k[0] == NULL || pivot == NULL) {
         free(pivot);
         return modal_fail(err, MODAL_NO_MEMORY, "march: no memory for %d dofs", w->n);
     }
@@ -72,7 +74,9 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
     singular = LAPACKE_dgetrf(LAPACK_COL_MAJOR, w->n, w->n, w->Minv, w->n, pivot) != 0
             || LAPACKE_dgetri(LAPACK_COL_MAJOR, w->n, w->Minv, w->n, pivot) != 0;
     free(pivot);
-    return singular ? modal_fail_field(err, MODAL_BAD_INPUT, "structure", "the mass is singular: time integration does not apply") : MODAL_OK;
+    return singular ? modal_fail_field(err, MODAL_BAD_INPUT, "structure",
+                                       "the mass is singular: time integration does not apply")
+                    : MODAL_OK;
 }
 
 static double relative(const struct law *law, int j, const double *x)
@@ -81,7 +85,8 @@ static double relative(const struct law *law, int j, const double *x)
 }
 
 /* The laws' forces subtracted from w->force; memory after into w->m_next. */
-static enum modal_status law_forces(struct march *w, double t, const double *y, struct modal_error *err)
+static enum modal_status law_forces(struct march *w, double t, const double *y,
+                                    struct modal_error *err)
 {
     int at = 0;
 
@@ -111,7 +116,8 @@ static enum modal_status law_forces(struct march *w, double t, const double *y, 
     return MODAL_OK;
 }
 
-static enum modal_status rate(struct march *w, double t, const double *y, double *out, struct modal_error *err)
+static enum modal_status rate(struct march *w, double t, const double *y, double *out,
+                              struct modal_error *err)
 {
     int n = w->n;
     enum modal_status rc;
@@ -120,7 +126,8 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
     for (int i = 0; i < w->p->loads; i++) {
         const struct program_load *load = &w->p->load[i];
 
-        double force = load->cosine * cos(load->k * w->omega * t) + load->sine * sin(load->k * w->omega * t);
+        double force =
+            load->cosine * cos(load->k * w->omega * t) + load->sine * sin(load->k * w->omega * t);
 
         if (load->dof_sine >= 0) {                     /* fixed in space on turning axes */
             w->force[load->dof_sine] += load->turn * force * sin(w->p->frame_speed * t);
@@ -134,10 +141,14 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
         const struct program_harmonic *a = &w->p->harmonic[h];
         double c = cos(a->k * w->omega * t), s = sin(a->k * w->omega * t);
 
-        if (a->cosine[PROGRAM_K].start != NULL) sparse_multiply_add(&a->cosine[PROGRAM_K], -c, y, w->force);
-        if (a->sine[PROGRAM_K].start != NULL) sparse_multiply_add(&a->sine[PROGRAM_K], -s, y, w->force);
-        if (a->cosine[PROGRAM_C].start != NULL) sparse_multiply_add(&a->cosine[PROGRAM_C], -c, y + n, w->force);
-        if (a->sine[PROGRAM_C].start != NULL) sparse_multiply_add(&a->sine[PROGRAM_C], -s, y + n, w->force);
+        if (a->cosine[PROGRAM_K].start != NULL)
+            sparse_multiply_add(&a->cosine[PROGRAM_K], -c, y, w->force);
+        if (a->sine[PROGRAM_K].start != NULL)
+            sparse_multiply_add(&a->sine[PROGRAM_K], -s, y, w->force);
+        if (a->cosine[PROGRAM_C].start != NULL)
+            sparse_multiply_add(&a->cosine[PROGRAM_C], -c, y + n, w->force);
+        if (a->sine[PROGRAM_C].start != NULL)
+            sparse_multiply_add(&a->sine[PROGRAM_C], -s, y + n, w->force);
     }
     rc = law_forces(w, t, y, err);
     for (int i = 0; i < n; i++) {
@@ -162,7 +173,8 @@ static enum modal_status commit(struct march *w, double t, struct modal_error *e
             w->start_d[l * LAW_INPUTS_MOST + j] = relative(&w->p->law[l], j, w->y);
     for (int i = 0; rc == MODAL_OK && i < w->states; i++)
         if (!isfinite(w->y[i]))
-            return modal_fail(err, MODAL_OVERFLOW, "march: the motion left the range of doubles at t = %.6g s", t);
+            return modal_fail(err, MODAL_OVERFLOW,
+                              "march: the motion left the range of doubles at t = %.6g s", t);
     return rc;
 }
 
@@ -187,10 +199,13 @@ static const double dp_a[7][6] = {
     { 19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729 },
     { 9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656 },
     { 35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84 } };
-static const double dp_error[7] = { 71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40 };
+static const double dp_error[7] = { 71.0 / 57600,      0,          -71.0 / 16695, 71.0 / 1920,
+                                    -17253.0 / 339200, 22.0 / 525, -1.0 / 40 };
 
-/* From t to END in steps that keep the error estimate below tolerance times the scales; *H the step to begin with, and after. */
-static enum modal_status adapt(struct march *w, double t, double end, double tolerance, double *scale, double *h, struct modal_error *err)
+/* From t to END in steps that keep the error estimate below tolerance times the scales; *H the step
+ * to begin with, and after. */
+static enum modal_status adapt(struct march *w, double t, double end, double tolerance,
+                               double *scale, double *h, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -228,7 +243,8 @@ static enum modal_status adapt(struct march *w, double t, double end, double tol
 }
 
 /* One period from the state in w; samples into x. */
-static enum modal_status one_period(struct march *w, const struct march_options *opt, double *x, double *scale, double *h, struct modal_error *err)
+static enum modal_status one_period(struct march *w, const struct march_options *opt, double *x,
+                                    double *scale, double *h, struct modal_error *err)
 {
     double T = 2 * M_PI / w->omega;
     int N = opt->samples;
@@ -237,7 +253,9 @@ static enum modal_status one_period(struct march *w, const struct march_options 
     for (int j = 0; rc == MODAL_OK && j < N; j++) {
         for (int i = 0; i < w->n; i++)
             x[(size_t)i * (size_t)N + (size_t)j] = w->y[i];
-        rc = opt->method == MARCH_ADAPTIVE ? adapt(w, T * j / N, T * (j + 1) / N, opt->tolerance, scale, h, err) : step_rk4(w, T * j / N, T / N, err);
+        rc = opt->method == MARCH_ADAPTIVE
+                 ? adapt(w, T * j / N, T * (j + 1) / N, opt->tolerance, scale, h, err)
+                 : step_rk4(w, T * j / N, T / N, err);
     }
     return rc;
 }
@@ -253,13 +271,15 @@ static double difference(const double *a, const double *b, size_t n)
     return scale > 0 ? most / scale : 0;
 }
 
-static enum modal_status to_periodicity(struct march *w, const struct march_options *opt, double *x, struct march_report *report,
-                                        struct modal_error *err)
+static enum modal_status to_periodicity(struct march *w, const struct march_options *opt, double *x,
+                                        struct march_report *report, struct modal_error *err)
 {
     size_t size = (size_t)w->n * (size_t)opt->samples;
-    double *last = malloc((size + 1) * sizeof *last), scale[2] = { 0, 0 }, h = 2 * M_PI / w->omega / 64;
+    double *last = malloc((size + 1) * sizeof *last), scale[2] = { 0, 0 },
+           h = 2 * M_PI / w->omega / 64;
     int most = opt->periods_most > 0 ? opt->periods_most : MARCH_PERIODS_MOST;
-    enum modal_status rc = last == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
+    enum modal_status rc =
+        last == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
 
     while (rc == MODAL_OK && !report->converged && report->periods < most) {
         if (opt->cancelled != NULL && opt->cancelled(opt->context)) {
@@ -294,7 +314,8 @@ static void put_state(struct march *w, const double *s)
 /* Newton's method on the period map, after two periods of marching. */
 struct shooting {
     int n;                            /* states and memory */
-    double *s, *end, *J, *moved;      /* start, where its period ends, I - dP/ds, work; n, n, n x n, n */
+    double *s, *end, *J, *moved;      /* start, where its period ends, I - dP/ds, work; n, n, n x
+                                       * n, n */
     int *pivot;
     double scale[2], h, size;         /* adapt's; max |s| */
 };
@@ -312,16 +333,21 @@ static enum modal_status shooting_init(struct shooting *g, int n, struct modal_e
 {
     size_t m = (size_t)n;
 
-    *g = (struct shooting) { .n = n, .s = calloc(m, sizeof *g->s), .end = calloc(m, sizeof *g->end), .J = calloc(m * m, sizeof *g->J),
-                             .moved = calloc(m, sizeof *g->moved), .pivot = calloc(m, sizeof *g->pivot) };
+    *g = (struct shooting){ .n = n,
+                            .s = calloc(m, sizeof *g->s),
+                            .end = calloc(m, sizeof *g->end),
+                            .J = calloc(m * m, sizeof *g->J),
+                            .moved = calloc(m, sizeof *g->moved),
+                            .pivot = calloc(m, sizeof *g->pivot) };
     if (g->s == NULL || g->end == NULL || g->J == NULL || g->moved == NULL || g->pivot == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "march: no memory");
     return MODAL_OK;
 }
 
 /* A period from FROM, its end into TO. */
-static enum modal_status shoot_period(struct march *w, struct shooting *g, const struct march_options *opt, const double *from, double *to,
-                                      double *x, struct modal_error *err)
+static enum modal_status shoot_period(struct march *w, struct shooting *g,
+                                      const struct march_options *opt, const double *from,
+                                      double *to, double *x, struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -332,7 +358,8 @@ static enum modal_status shoot_period(struct march *w, struct shooting *g, const
 }
 
 /* The period map at g->s and its derivative by differences. */
-static enum modal_status shooting_map(struct march *w, struct shooting *g, const struct march_options *opt, double *x,
+static enum modal_status shooting_map(struct march *w, struct shooting *g,
+                                      const struct march_options *opt, double *x,
                                       struct march_report *report, struct modal_error *err)
 {
     size_t m = (size_t)g->n;
@@ -371,7 +398,8 @@ static bool shooting_step(struct shooting *g, struct march_report *report)
     return true;
 }
 
-static enum modal_status shoot(struct march *w, const struct march_options *opt, double *x, struct march_report *report, struct modal_error *err)
+static enum modal_status shoot(struct march *w, const struct march_options *opt, double *x,
+                               struct march_report *report, struct modal_error *err)
 {
     struct shooting g;
     enum modal_status rc = shooting_init(&g, w->states + w->memory, err);
@@ -380,7 +408,8 @@ static enum modal_status shoot(struct march *w, const struct march_options *opt,
         rc = one_period(w, opt, x, g.scale, &g.h, err);
     if (rc == MODAL_OK)
         get_state(w, g.s);
-    for (report->periods = 2; rc == MODAL_OK && !report->converged && report->periods < 2 + 30 * (g.n + 1); ) {
+    for (report->periods = 2;
+         rc == MODAL_OK && !report->converged && report->periods < 2 + 30 * (g.n + 1);) {
         rc = shooting_map(w, &g, opt, x, report, err);
         if (rc != MODAL_OK || !shooting_step(&g, report))
             break;
@@ -393,24 +422,30 @@ static enum modal_status shoot(struct march *w, const struct march_options *opt,
     return rc;
 }
 
-enum modal_status march_run(const struct program *p, double omega, const struct march_options *opt, double *x,
-                            struct march_report *report, struct modal_error *err)
+enum modal_status march_run(const struct program *p, double omega, const struct march_options *opt,
+                            double *x, struct march_report *report, struct modal_error *err)
 {
     struct march w = { .p = p, .omega = omega, .n = p->n };
     enum modal_status rc;
 
     memset(report, 0, sizeof *report);
     if (p->n > MARCH_DOFS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "structure", "%d dofs; time integration takes at most %d", p->n, MARCH_DOFS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "structure",
+                                "%d dofs; time integration takes at most %d", p->n,
+                                MARCH_DOFS_MOST);
     if (p->n_linear > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "method", "time integration here takes no linear states of effects");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "method",
+                                "time integration here takes no linear states of effects");
     for (int l = 0; l < p->laws; l++)
         if (p->law[l].kind->set_valued)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "method", "rigid friction has no rate to integrate here; accepted: auto, direct, newton");
+            return modal_fail_field(
+                err, MODAL_BAD_INPUT, "method",
+                "rigid friction has no rate to integrate here; accepted: auto, direct, newton");
     memset(x, 0, (size_t)p->n * (size_t)opt->samples * sizeof *x);
     rc = march_init(&w, err);
     if (rc == MODAL_OK)
-        rc = opt->method == MARCH_SHOOTING ? shoot(&w, opt, x, report, err) : to_periodicity(&w, opt, x, report, err);
+        rc = opt->method == MARCH_SHOOTING ? shoot(&w, opt, x, report, err)
+                                           : to_periodicity(&w, opt, x, report, err);
     report->evaluations = p->laws > 0 ? w.evaluations / p->laws : 0;
     march_done(&w);
     return rc;

@@ -1,4 +1,5 @@
-/* march.h - steady states by time integration, for comparison: fixed and adaptive Runge-Kutta run to periodicity, shooting */
+/* march.h - steady states by time integration, for comparison: fixed and adaptive Runge-Kutta run
+ * to periodicity, shooting */
 #ifndef MODAL_MARCH_H
 #define MODAL_MARCH_H
 #include <stdbool.h>
@@ -10,8 +11,10 @@ enum { MARCH_DOFS_MOST = 400, MARCH_PERIODS_MOST = 4000 };
 struct march_options {
     enum march_method method;
     int samples;              /* steps a period (rk4, shooting); samples given back (adaptive) */
-    double tolerance;         /* adaptive: of a step, relative to the largest motion; periodicity: the same */
-    double periodic;          /* end when a period's samples differ from the last's by less than this, relative */
+    double tolerance;         /* adaptive: of a step, relative to the largest motion;
+                               * periodicity: the same */
+    double periodic;          /* end when a period's samples differ from the last's by less than
+                               * this, relative */
     int periods_most;         /* 0: MARCH_PERIODS_MOST */
     bool (*cancelled)(void *context);
     void *context;
@@ -24,8 +27,9 @@ struct march_report {
     long evaluations;         /* of every law */
 };
 
-/* March P at OMEGA from rest; the samples of the last period, x[dof * samples + j].  Fails with MODAL_BAD_INPUT (a singular mass, periodic
- * or linear states), MODAL_TOO_LARGE, MODAL_OVERFLOW, MODAL_CANCELLED, or as a law does. */
-enum modal_status march_run(const struct program *p, double omega, const struct march_options *opt, double *x,
-                            struct march_report *report, struct modal_error *err);
+/* March P at OMEGA from rest; the samples of the last period, x[dof * samples + j].  Fails with
+ * MODAL_BAD_INPUT (a singular mass, periodic or linear states), MODAL_TOO_LARGE, MODAL_OVERFLOW,
+ * MODAL_CANCELLED, or as a law does. */
+enum modal_status march_run(const struct program *p, double omega, const struct march_options *opt,
+                            double *x, struct march_report *report, struct modal_error *err);
 #endif

@@ -1,18 +1,20 @@
 /*
  * monodromy.c - see monodromy.h
  *
- * In theta = omega t the first-order form of (1) of stability.h is w' = A(theta) w, w = (y, dy/dtheta, z, c / gain).  The
- * period is cut at every event of the exact laws and, where A varies in between, into equal steps.  On a cut with constant A,
- * exp(h A) is exact; elsewhere the sixth-order Magnus method of [BCOR09] (their section 5.4, three Gauss points A_1 .. A_3),
+ * In theta = omega t the first-order form of (1) of stability.h is w' = A(theta) w, w = (y,
+ * dy/dtheta, z, c / gain).  The period is cut at every event of the exact laws and, where A varies
+ * in between, into equal steps.  On a cut with constant A, exp(h A) is exact; elsewhere the
+ * sixth-order Magnus method of [BCOR09] (their section 5.4, three Gauss points A_1 .. A_3),
  *
  *     a1 = h A_2, a2 = sqrt(15)/3 h (A_3 - A_1), a3 = 10/3 h (A_3 - 2 A_2 + A_1),  C1 = [a1, a2],
- *     C2 = -1/60 [a1, 2 a3 + C1],  Omega = a1 + a3/12 + [-20 a1 - a3 + C1, a2 + C2] / 240,               (1)
+ *     C2 = -1/60 [a1, 2 a3 + C1],  Omega = a1 + a3/12 + [-20 a1 - a3 + C1, a2 + C2] / 240,      (1)
  *
- * its steps doubled by stability.c until the multipliers settle.  Exponentials by scaling and squaring of the diagonal Pade approximant of
- * degree 6, at norm 1/2 good to 3e-16 [ML03, method 3].
+ * its steps doubled by stability.c until the multipliers settle.  Exponentials by scaling and
+ * squaring of the diagonal Pade approximant of degree 6, at norm 1/2 good to 3e-16 [ML03, method
+ * 3].
  *
- * At a cut, a slider that comes to rest takes c = sum ref_j y_j (pieces.h), one that leaves it loses c; the motion's speed is
- * continuous there, so nothing else jumps.
+ * At a cut, a slider that comes to rest takes c = sum ref_j y_j (pieces.h), one that leaves it
+ * loses c; the motion's speed is continuous there, so nothing else jumps.
  *
  * [BCOR09] Blanes, Casas, Oteo, Ros, Physics Reports 470 (2009) 151-238.
  * [ML03]   Moler, Van Loan, SIAM Review 45 (2003) 3-49.
@@ -91,7 +93,8 @@ static bool invert_mass(struct monodromy *m, double theta)
     return LAPACKE_dgetri(LAPACK_COL_MAJOR, n, m->Minv, n, m->pivot) == 0;
 }
 
-/* E z' = A z + Bx y + Bv x' + Ba x'' (program.h, (2)) as dz/dtheta = z0 z + z1 y + z2 dy/dtheta + z3 d2y/dtheta2. */
+/* E z' = A z + Bx y + Bv x' + Ba x'' (program.h, (2)) as dz/dtheta = z0 z + z1 y + z2 dy/dtheta +
+ * z3 d2y/dtheta2. */
 static enum modal_status linear_states(struct monodromy *m, struct modal_error *err)
 {
     const struct sparse *in[4] = { &m->p->A, &m->p->Bx, &m->p->Bv, &m->p->Ba };
@@ -100,7 +103,9 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
     double *E = room((size_t)nz * (size_t)nz, sizeof *E);
     int *pivot = room((size_t)nz, sizeof *pivot);
     struct matrix full = { nz, nz, nz, E };
-    enum modal_status rc = E == NULL || pivot == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
+    enum modal_status rc = E == NULL || pivot == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory")
+                               : MODAL_OK;
 
     if (rc == MODAL_OK)
         sparse_add_to_dense(&m->p->E, 1, &full);
@@ -108,7 +113,8 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
         m->reason = "the linear states' equations are singular";
     for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < 4; i++) {
         int columns = i == 0 ? nz : n;
-        struct matrix out = { nz, columns, nz, m->z[i] = room((size_t)nz * (size_t)columns, sizeof(double)) };
+        struct matrix out = { nz, columns, nz,
+                              m->z[i] = room((size_t)nz * (size_t)columns, sizeof(double)) };
 
         if (out.x == NULL) {
             rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d linear states", nz);
@@ -137,7 +143,8 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
     rc = orbit_grid_new(N, &g, err);
     for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
         const struct law *law = &m->p->law[l];
-        const struct orbit *input[LAW_INPUTS_MOST] = { &m->in[l * LAW_INPUTS_MOST], &m->in[l * LAW_INPUTS_MOST + 1] };
+        const struct orbit *input[LAW_INPUTS_MOST] = { &m->in[l * LAW_INPUTS_MOST],
+                                                       &m->in[l * LAW_INPUTS_MOST + 1] };
 
         for (int j = 0; rc == MODAL_OK && j < law->kind->inputs; j++) {
             struct orbit *o = &m->in[l * LAW_INPUTS_MOST + j];
@@ -162,7 +169,8 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
     return rc;
 }
 
-/* Events move the multipliers by the motion's error there, H^-3: laws with events get the motion carried on to EXTENDED. */
+/* Events move the multipliers by the motion's error there, H^-3: laws with events get the motion
+ * carried on to EXTENDED. */
 static enum modal_status choose_motion(struct monodromy *m, struct modal_error *err)
 {
     const struct steady_point *point = m->point;
@@ -221,18 +229,22 @@ static enum modal_status find_cuts(struct monodromy *m, struct modal_error *err)
 
 static bool covers(const struct law_piece *piece, double theta)
 {
-    return theta >= piece->from ? wrap(theta - piece->from) < piece->to - piece->from && theta < piece->to
-         : wrap(theta + TWO_PI - piece->from) < piece->to - piece->from;
+    return theta >= piece->from
+               ? wrap(theta - piece->from) < piece->to - piece->from && theta < piece->to
+               : wrap(theta + TWO_PI - piece->from) < piece->to - piece->from;
 }
 
 /* Slopes of law l at theta, and for each slider whether it sticks there (its gain, else 0). */
-static enum modal_status slopes(struct monodromy *m, int l, double theta, double gd[2][2], double gv[2][2], double *held,
-                                struct modal_error *err)
+static enum modal_status slopes(struct monodromy *m, int l, double theta, double gd[2][2],
+                                double gv[2][2], double *held, struct modal_error *err)
 {
     const struct law *law = &m->p->law[l];
     const struct orbit *o = &m->in[l * LAW_INPUTS_MOST];
-    double omega = m->point->omega, at[LAW_INPUTS_MOST][3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], memory[1] = { 0 };
-    struct law_point point = { .t = theta / omega, .d = d, .v = v, .d_before = d, .memory_before = memory };
+    double omega = m->point->omega, at[LAW_INPUTS_MOST][3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST],
+           memory[1] = { 0 };
+    struct law_point point = {
+        .t = theta / omega, .d = d, .v = v, .d_before = d, .memory_before = memory
+    };
     struct law_force f = { .memory = memory };
     enum modal_status rc;
 
@@ -298,7 +310,8 @@ static void periodic_part(struct monodromy *m, double theta, double *K, double *
     }
 }
 
-/* Columns of z in the rows of y'', then the rows of z: z3 times those of y'' and what acts on z itself. */
+/* Columns of z in the rows of y'', then the rows of z: z3 times those of y'' and what acts on z
+ * itself. */
 static void build_linear_states(const struct monodromy *m, double *A)
 {
     int n = m->n, nz = m->nz, order = m->order;
@@ -306,17 +319,21 @@ static void build_linear_states(const struct monodromy *m, double *A)
 
     for (int i = 0; F->m > 0 && i < n; i++)
         for (int e = F->start[i]; e < F->start[i + 1]; e++)
-            cblas_daxpy(n, F->value[e], m->Minv + (size_t)i * (size_t)n, 1, A + (size_t)(2 * n + F->index[e]) * (size_t)order + n, 1);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, order, n, 1, m->z[3], nz, A + n, order, 0, A + 2 * n, order);
+            cblas_daxpy(n, F->value[e], m->Minv + (size_t)i * (size_t)n, 1,
+                        A + (size_t)(2 * n + F->index[e]) * (size_t)order + n, 1);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, nz, order, n, 1, m->z[3], nz, A + n,
+                order, 0, A + 2 * n, order);
     for (int i = 0; i < 3; i++) {
         int columns = i == 0 ? nz : n, first = i == 0 ? 2 * n : i == 1 ? 0 : n;
 
         for (int c = 0; c < columns; c++)
-            cblas_daxpy(nz, 1, m->z[i] + (size_t)c * (size_t)nz, 1, A + (size_t)(first + c) * (size_t)order + 2 * n, 1);
+            cblas_daxpy(nz, 1, m->z[i] + (size_t)c * (size_t)nz, 1,
+                        A + (size_t)(first + c) * (size_t)order + 2 * n, 1);
     }
 }
 
-static enum modal_status build(struct monodromy *m, double theta, double *A, struct modal_error *err)
+static enum modal_status build(struct monodromy *m, double theta, double *A,
+                               struct modal_error *err)
 {
     int n = m->n, order = m->order;
     double *K = m->work[4], *C = m->work[5], held[LAW_TERMS_MOST];
@@ -336,7 +353,8 @@ static enum modal_status build(struct monodromy *m, double theta, double *A, str
         for (int i = 0; i < law->kind->inputs; i++)
             for (int j = 0; j < law->kind->inputs; j++)
                 for (int side = 0; side < 4; side++) {
-                    int row = side < 2 ? law->dof[i] : law->to[i], column = side % 2 == 0 ? law->dof[j] : law->to[j];
+                    int row = side < 2 ? law->dof[i] : law->to[i],
+                        column = side % 2 == 0 ? law->dof[j] : law->to[j];
                     double sign = side == 0 || side == 3 ? 1 : -1;
 
                     if (row < 0 || column < 0)
@@ -351,17 +369,21 @@ static enum modal_status build(struct monodromy *m, double theta, double *A, str
     }
     for (int i = 0; i < n; i++)
         A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, K, n, 1, A + n, order);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, C, n, 1, A + (size_t)n * (size_t)order + n, order);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, K, n, 1, A + n,
+                order);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, C, n, 1,
+                A + (size_t)n * (size_t)order + n, order);
     if (m->nz > 0)
         build_linear_states(m, A);
     return rc;
 }
 
-static void multiply(int n, double alpha, const double *A, const double *B, double beta, double *out)
+static void multiply(int n, double alpha, const double *A, const double *B, double beta,
+                     double *out)
 {
     if (n > 8) {
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta, out, n);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta,
+                    out, n);
         return;
     }
     for (int j = 0; j < n; j++)
@@ -436,7 +458,8 @@ static void magnus(struct monodromy *m, double h)
 {
     int n = m->order;
     size_t size = (size_t)n * (size_t)n;
-    double *a1 = m->work[0], *a2 = m->work[1], *a3 = m->work[2], *C1 = m->work[3], *C2 = m->work[4], *t = m->work[5];
+    double *a1 = m->work[0], *a2 = m->work[1], *a3 = m->work[2], *C1 = m->work[3], *C2 = m->work[4],
+           *t = m->work[5];
 
     for (size_t i = 0; i < size; i++) {
         double A1 = m->A[0][i], A2 = m->A[1][i], A3 = m->A[2][i];
@@ -467,7 +490,8 @@ static void at_cut(struct monodromy *m, double theta)
         for (int i = 0; m->exact[l] && i < m->pieces[l].count; i++) {
             const struct law_piece *piece = &m->pieces[l].piece[i];
             const struct law *law = &m->p->law[l];
-            int row = 2 * m->n + m->nz + m->first_slider[l] + piece->slider, inputs = law->kind->inputs;
+            int row = 2 * m->n + m->nz + m->first_slider[l] + piece->slider,
+                inputs = law->kind->inputs;
             double gain = piece->gain[inputs - 1];
 
             if (piece->slider < 0 || wrap(piece->from) != theta || (piece->holds && !piece->starts))
@@ -476,8 +500,9 @@ static void at_cut(struct monodromy *m, double theta)
                 double sum = 0;
 
                 for (int j = 0; piece->holds && j < inputs; j++)
-                    sum += piece->ref[j] * ((law->dof[j] >= 0 ? m->map[c * order + law->dof[j]] : 0)
-                                            - (law->to[j] >= 0 ? m->map[c * order + law->to[j]] : 0));
+                    sum += piece->ref[j]
+                           * ((law->dof[j] >= 0 ? m->map[c * order + law->dof[j]] : 0)
+                              - (law->to[j] >= 0 ? m->map[c * order + law->to[j]] : 0));
                 m->map[c * order + row] = piece->holds ? sum / gain : 0;
             }
         }
@@ -491,11 +516,14 @@ bool monodromy_is_finite(const struct monodromy *m)
     return true;
 }
 
-/* A slider that opens or slips at the end of a piece with no piece after it (a contact parted) loses c too: build() gives it
- * no weight, and at_cut sets it anew.  Ends early where the map overflows. */
-static enum modal_status advance(struct monodromy *m, double a, double b, int steps, struct modal_error *err)
+/* A slider that opens or slips at the end of a piece with no piece after it (a contact parted)
+ * loses c too: build() gives it no weight, and at_cut sets it anew.  Ends early where the map
+ * overflows. */
+static enum modal_status advance(struct monodromy *m, double a, double b, int steps,
+                                 struct modal_error *err)
 {
-    static const double gauss[3] = { 0.5 - 0.38729833462074168852, 0.5, 0.5 + 0.38729833462074168852 };
+    static const double gauss[3] = { 0.5 - 0.38729833462074168852, 0.5,
+                                     0.5 + 0.38729833462074168852 };
     int n = m->order;
     size_t size = (size_t)n * (size_t)n;
     double h = (b - a) / steps;
@@ -531,7 +559,8 @@ enum modal_status monodromy_around(struct monodromy *m, int steps, struct modal_
     memset(m->map, 0, size * sizeof *m->map);
     for (int i = 0; i < m->order; i++)
         m->map[(size_t)i * (size_t)(m->order + 1)] = 1;
-    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < m->cuts && monodromy_is_finite(m); i++) {
+    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < m->cuts && monodromy_is_finite(m);
+         i++) {
         double a = m->cut[i], b = m->cut[i + 1];
         int here = m->varies ? (int)ceil(steps * (b - a) / TWO_PI) : 1;
 
@@ -575,7 +604,8 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
     m->Minv = room(n * n, sizeof *m->Minv);
     m->K = room(n * n, sizeof *m->K);
     m->C = room(n * n, sizeof *m->C);
-    if (m->first_slider == NULL || m->in == NULL || m->pieces == NULL || m->exact == NULL || m->Minv == NULL || m->K == NULL || m->C == NULL)
+    if (m->first_slider == NULL || m->in == NULL || m->pieces == NULL || m->exact == NULL
+        || m->Minv == NULL || m->K == NULL || m->C == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d dofs", m->n);
     count_sliders(m);
     m->order = 2 * m->n + m->nz + m->sliders;
@@ -590,7 +620,8 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
         m->work[i] = room(order * order, sizeof(double));
     m->map = room(order * order, sizeof *m->map);
     m->pivot = room(order, sizeof *m->pivot);
-    if (m->A[2] == NULL || m->work[5] == NULL || m->map == NULL || m->pivot == NULL || m->A[0] == NULL || m->A[1] == NULL)
+    if (m->A[2] == NULL || m->work[5] == NULL || m->map == NULL || m->pivot == NULL
+        || m->A[0] == NULL || m->A[1] == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d states", m->order);
     K = (struct matrix) { m->n, m->n, m->n, m->K };
     C = (struct matrix) { m->n, m->n, m->n, m->C };

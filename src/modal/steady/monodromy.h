@@ -20,19 +20,23 @@ struct monodromy {
     double *cut;
     int cuts;
     bool varies, mass_varies;          /* A between cuts; M */
-    double *z[4];                      /* linear states: what z, y, y' and y'' do to dz/dtheta, nz x (nz, n, n, n) */
+    double *z[4];                      /* linear states: what z, y, y' and y'' do to dz/dtheta,
+                                        * nz x (nz, n, n, n) */
     int *pivot;
     const char *reason;
-    int H;                             /* of the motion followed: the point's, or more for laws with events */
+    int H;                             /* of the motion followed: the point's, or more for laws
+                                        * with events */
     double complex *X;
 };
 
 /*
- * Room and constant matrices of M, whose s, p, point, n, nz, varies and mass_varies are set, and where the period is cut.  m->reason
- * says why there is no map.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law does; monodromy_done frees either way.
+ * Room and constant matrices of M, whose s, p, point, n, nz, varies and mass_varies are set, and
+ * where the period is cut.  m->reason says why there is no map.  Fails with MODAL_NO_MEMORY,
+ * MODAL_CANCELLED or as a law does; monodromy_done frees either way.
  */
 enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err);
-/* m->map over one period, in STEPS where matrices vary; m->reason where there is none.  Fails as a law does. */
+/* m->map over one period, in STEPS where matrices vary; m->reason where there is none.  Fails as a
+ * law does. */
 enum modal_status monodromy_around(struct monodromy *m, int steps, struct modal_error *err);
 /* Whether every entry of the map is finite. */
 bool monodromy_is_finite(const struct monodromy *m);

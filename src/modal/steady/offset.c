@@ -1,13 +1,14 @@
 /*
  * offset.c - see offset.h
  *
- * With C the still sliders, U_C their forces and D_C y their relative displacements, slider l of them moved by 1 moves the
- * state and the forces that hold by the solution of
+ * With C the still sliders, U_C their forces and D_C y their relative displacements, slider l of
+ * them moved by 1 moves the state and the forces that hold by the solution of
  *
- *     [A  U_C; D_C  0] (dy; dphi) = (0; e_l).                                                           (1)
+ *     [A  U_C; D_C  0] (dy; dphi) = (0; e_l).                                                   (1)
  *
- * Sliders are moved in turn, each to zero or until one of C has no strength left, until none moves: a cyclic descent
- * of sum d_l^2 in a box of forces, whose end is the least such sum where one slider alone is still.
+ * Sliders are moved in turn, each to zero or until one of C has no strength left, until none moves:
+ * a cyclic descent of sum d_l^2 in a box of forces, whose end is the least such sum where one
+ * slider alone is still.
  */
 #include "modal/steady/offset.h"
 #include <lapacke.h>
@@ -20,7 +21,8 @@ static const double STILL = 1e-10;        /* of the largest displacement */
 
 struct held {
     int count, law[MOST];
-    double d[MOST], low[MOST], high[MOST];       /* where each is, the least and the most that it holds */
+    double d[MOST], low[MOST], high[MOST];       /* where each is, the least and the most that it
+                                                  * holds */
     double moved[MOST];
     double *shift;                               /* (1): columns of N + count */
 };
@@ -30,7 +32,8 @@ static double at(const struct ports *p, const struct offset_motion *m, int l, in
 {
     int dof = p->law[l].law->dof[0], to = p->law[l].law->to[0];
 
-    return (dof >= 0 ? m->x[(size_t)dof * (size_t)m->samples + (size_t)j] : 0) - (to >= 0 ? m->x[(size_t)to * (size_t)m->samples + (size_t)j] : 0);
+    return (dof >= 0 ? m->x[(size_t)dof * (size_t)m->samples + (size_t)j] : 0)
+           - (to >= 0 ? m->x[(size_t)to * (size_t)m->samples + (size_t)j] : 0);
 }
 
 static double largest(const double *x, size_t count)
@@ -67,7 +70,8 @@ static void find_held(const struct ports *p, const struct offset_motion *m, int 
 }
 
 /* (1), rows and columns scaled to units of 1; false: singular. */
-static bool static_shifts(const struct statespace *ss, const struct ports *p, struct held *h, double *K, int *pivot)
+static bool static_shifts(const struct statespace *ss, const struct ports *p, struct held *h,
+                          double *K, int *pivot)
 {
     int N = ss->N, c = h->count, size = N + c, r = 2 * p->probes;
 
@@ -92,11 +96,13 @@ static bool static_shifts(const struct statespace *ss, const struct ports *p, st
         return false;
     for (int i = 0; i < c; i++)
         for (int l = 0; l < c; l++)
-            h->shift[(size_t)(N + i) + (size_t)l * (size_t)size] /= largest(p->U + (size_t)p->law[h->law[i]].channel * (size_t)N, (size_t)N);
+            h->shift[(size_t)(N + i) + (size_t)l * (size_t)size] /=
+                largest(p->U + (size_t)p->law[h->law[i]].channel * (size_t)N, (size_t)N);
     return isfinite(largest(h->shift, (size_t)size * (size_t)c));
 }
 
-/* How far slider I may go towards WANTED with every force within its limit: a force beyond it by rounding goes no further. */
+/* How far slider I may go towards WANTED with every force within its limit: a force beyond it by
+ * rounding goes no further. */
 static double allowed(const struct ports *p, const struct held *h, int N, int i, double wanted)
 {
     const double *holds = h->shift + (size_t)i * (size_t)(N + h->count) + N;
@@ -120,7 +126,8 @@ static void descend(const struct ports *p, struct held *h, int N)
             h->d[i] += step;
             h->moved[i] += step;
             for (int k = 0; k < h->count; k++) {
-                double change = h->shift[(size_t)(N + k) + (size_t)i * (size_t)(N + h->count)] * step;
+                double change =
+                    h->shift[(size_t)(N + k) + (size_t)i * (size_t)(N + h->count)] * step;
 
                 h->low[k] += change;
                 h->high[k] += change;
@@ -135,7 +142,8 @@ static void add_to_all(double *x, int count, double value)
 }
 
 /* The motion with slider I moved. */
-static void move(const struct statespace *ss, const struct held *h, int i, struct offset_motion *m, double *x)
+static void move(const struct statespace *ss, const struct held *h, int i, struct offset_motion *m,
+                 double *x)
 {
     const double *shift = h->shift + (size_t)i * (size_t)(ss->N + h->count);
 
@@ -143,10 +151,12 @@ static void move(const struct statespace *ss, const struct held *h, int i, struc
     for (int k = 0; k < ss->n; k++)
         add_to_all(m->x + (size_t)k * (size_t)m->samples, m->samples, h->moved[i] * x[k]);
     for (int k = 0; k < h->count; k++)
-        add_to_all(m->force + (size_t)h->law[k] * (size_t)m->samples, m->samples, h->moved[i] * shift[ss->N + k]);
+        add_to_all(m->force + (size_t)h->law[k] * (size_t)m->samples, m->samples,
+                   h->moved[i] * shift[ss->N + k]);
 }
 
-enum modal_status offset_remove(const struct statespace *ss, const struct ports *ports, struct offset_motion *motion, struct modal_error *err)
+enum modal_status offset_remove(const struct statespace *ss, const struct ports *ports,
+                                struct offset_motion *motion, struct modal_error *err)
 {
     struct held h = { 0 };
     size_t most = (size_t)ss->N + (size_t)ports->laws;

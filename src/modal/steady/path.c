@@ -1,18 +1,20 @@
 /*
  * path.c - pseudo-arc-length continuation of a balance
  *
- * With v = u / size and mu = lambda / span, each step predicts along the unit tangent t = (t_v, t_mu) and corrects on the
- * plane through the prediction normal to t, by Newton's method on
+ * With v = u / size and mu = lambda / span, each step predicts along the unit tangent t = (t_v,
+ * t_mu) and corrects on the plane through the prediction normal to t, by Newton's method on
  *
  *     [ size J   span R_lambda ] [dv ]     [ R ]
- *     [ t_v^T    t_mu          ] [dmu] = - [ n ],                                                     (1)
+ *     [ t_v^T    t_mu          ] [dmu] = - [ n ],                                               (1)
  *
- * n the distance from the plane.  (1) is regular at folds; its matrix with right-hand side e_last gives the next tangent.
- * The step grows by 1.4 after quick corrections and halves after a failure or a bend of more than BEND.
+ * n the distance from the plane.  (1) is regular at folds; its matrix with right-hand side e_last
+ * gives the next tangent.  The step grows by 1.4 after quick corrections and halves after a failure
+ * or a bend of more than BEND.
  *
- * Between two points where t_mu changes sign there is a fold: the distance along the first tangent is found by regula falsi
- * (Illinois) on t_mu.  lambda is stationary there, so that its error is of the second order in the distance's.  Where the
- * determinant of (1) changes sign without a fold, two branches cross.
+ * Between two points where t_mu changes sign there is a fold: the distance along the first tangent
+ * is found by regula falsi (Illinois) on t_mu.  lambda is stationary there, so that its error is of
+ * the second order in the distance's.  Where the determinant of (1) changes sign without a fold,
+ * two branches cross.
  */
 #include "modal/steady/path.h"
 #include <float.h>
@@ -21,7 +23,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TOLERANCE = 1e-12, FLOOR = 1e-8, STEP_FIRST = 0.02, STEP_MOST = 0.1, STEP_LEAST = 1e-7, BEND = 0.9;
+static const double TOLERANCE = 1e-12, FLOOR = 1e-8, STEP_FIRST = 0.02, STEP_MOST = 0.1,
+                    STEP_LEAST = 1e-7, BEND = 0.9;
 enum { POINTS_MOST = 5000, CORRECTIONS_MOST = 9, LOCATE_MOST = 60 };
 
 struct path {
@@ -78,7 +81,8 @@ static enum modal_status path_init(struct path *p, struct modal_error *err)
 }
 
 /* Residual (and derivative) of u at lambda, into p->b. */
-static enum modal_status evaluate(struct path *p, const double *u, double lambda, bool derivative, struct modal_error *err)
+static enum modal_status evaluate(struct path *p, const double *u, double lambda, bool derivative,
+                                  struct modal_error *err)
 {
     enum modal_status rc = p->problem->at(p->problem->context, lambda, &p->b, err);
 
@@ -89,9 +93,11 @@ static enum modal_status evaluate(struct path *p, const double *u, double lambda
 }
 
 /* dR/dlambda by a central difference. */
-static enum modal_status slope(struct path *p, const double *u, double lambda, struct modal_error *err)
+static enum modal_status slope(struct path *p, const double *u, double lambda,
+                               struct modal_error *err)
 {
-    double h = 1e-6 * fmin(p->span, fabs(lambda) > 0 ? fmax(fabs(lambda), 1e-3 * p->span) : p->span);
+    double h =
+        1e-6 * fmin(p->span, fabs(lambda) > 0 ? fmax(fabs(lambda), 1e-3 * p->span) : p->span);
     enum modal_status rc = evaluate(p, u, lambda - h, false, err);
 
     memcpy(p->R, p->b->R, (size_t)p->n * sizeof *p->R);
@@ -178,13 +184,16 @@ static double norm(const double *x, int n)
     return sqrt(sum);
 }
 
-/* Correct p->w, *LAMBDA on the plane through (w0, lambda0), the prediction, normal to t.  *OK: converged; then the tangent is in
- * p->x and its determinant's sign in *SIGN. */
-static enum modal_status correct(struct path *p, const double *t, double *lambda, int *sign, bool *ok, struct modal_error *err)
+/* Correct p->w, *LAMBDA on the plane through (w0, lambda0), the prediction, normal to t.  *OK:
+ * converged; then the tangent is in p->x and its determinant's sign in *SIGN. */
+static enum modal_status correct(struct path *p, const double *t, double *lambda, int *sign,
+                                 bool *ok, struct modal_error *err)
 {
     int n = p->n, m = n + 1;
-    double *row = malloc(((size_t)n + 1) * sizeof *row), *w0 = malloc(((size_t)n + 1) * sizeof *w0), lambda0 = *lambda, last = HUGE_VAL;
-    enum modal_status rc = row == NULL || w0 == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+    double *row = malloc(((size_t)n + 1) * sizeof *row), *w0 = malloc(((size_t)n + 1) * sizeof *w0),
+           lambda0 = *lambda, last = HUGE_VAL;
+    enum modal_status rc =
+        row == NULL || w0 == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
 
     *ok = false;
     if (rc == MODAL_OK) {
@@ -234,7 +243,8 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
 }
 
 /* The point at distance S along the tangent from the accepted one. */
-static enum modal_status at_distance(struct path *p, double s, double *lambda, int *sign, bool *ok, struct modal_error *err)
+static enum modal_status at_distance(struct path *p, double s, double *lambda, int *sign, bool *ok,
+                                     struct modal_error *err)
 {
     for (int i = 0; i < p->n; i++)
         p->w[i] = p->u[i] + s * p->size * p->t[i];
@@ -242,9 +252,15 @@ static enum modal_status at_distance(struct path *p, double s, double *lambda, i
     return correct(p, p->t, lambda, sign, ok, err);
 }
 
-static enum modal_status tell(struct path *p, const double *u, double lambda, double turn, int sign, int special, bool *stop, struct modal_error *err)
+static enum modal_status tell(struct path *p, const double *u, double lambda, double turn, int sign,
+                              int special, bool *stop, struct modal_error *err)
 {
-    struct path_point point = { .lambda = lambda, .q = p->b->q, .H = p->b->H, .turn = turn, .orientation = sign, .iterations = p->corrections };
+    struct path_point point = { .lambda = lambda,
+                                .q = p->b->q,
+                                .H = p->b->H,
+                                .turn = turn,
+                                .orientation = sign,
+                                .iterations = p->corrections };
     enum modal_status rc = p->problem->at(p->problem->context, lambda, &p->b, err);
 
     if (rc != MODAL_OK)
@@ -252,18 +268,24 @@ static enum modal_status tell(struct path *p, const double *u, double lambda, do
     balance_unpack(p->b, u, p->X);
     point.X = p->X;
     if (special >= 0)
-        return p->problem->special != NULL ? p->problem->special(p->problem->context, (enum path_special)special, &point, p->b, err) : MODAL_OK;
+        return p->problem->special != NULL
+                   ? p->problem->special(p->problem->context, (enum path_special)special, &point,
+                                         p->b, err)
+                   : MODAL_OK;
     p->report->points++;
     return p->problem->point(p->problem->context, &point, p->b, stop, err);
 }
 
-/* The fold (or, by the determinant's sign, the branch point) within distance FAR of the accepted point. */
-static enum modal_status locate(struct path *p, double far, double turn_far, int sign_far, enum path_special kind, struct modal_error *err)
+/* The fold (or, by the determinant's sign, the branch point) within distance FAR of the accepted
+ * point. */
+static enum modal_status locate(struct path *p, double far, double turn_far, int sign_far,
+                                enum path_special kind, struct modal_error *err)
 {
     double a = 0, b = far, fa = p->t[p->n], fb = turn_far, lambda = NAN, before = NAN;
     double *kept = malloc(((size_t)p->n + 1) * sizeof *kept);
     int side = 0, sign;
-    enum modal_status rc = kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+    enum modal_status rc =
+        kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
     bool found = false;
 
     for (int i = 0; rc == MODAL_OK && i < LOCATE_MOST; i++) {
@@ -278,7 +300,8 @@ static enum modal_status locate(struct path *p, double far, double turn_far, int
         found = true;
         memcpy(kept, p->w, (size_t)p->n * sizeof *kept);
         f = kind == PATH_FOLD ? p->x[p->n] : sign == sign_far ? -1.0 : 1.0;
-        if (fabs(lambda - before) <= 1e-14 * p->span + 4 * DBL_EPSILON * fabs(lambda) && i > 2 && (kind == PATH_FOLD || b - a < 1e-10))
+        if (fabs(lambda - before) <= 1e-14 * p->span + 4 * DBL_EPSILON * fabs(lambda) && i > 2
+            && (kind == PATH_FOLD || b - a < 1e-10))
             break;
         before = lambda;
         if ((f > 0) == (fa > 0 || kind != PATH_FOLD)) {
@@ -300,7 +323,8 @@ static enum modal_status locate(struct path *p, double far, double turn_far, int
 }
 
 /* At exactly LAMBDA, from the guess p->w: Newton's method there. */
-static enum modal_status at_parameter(struct path *p, double lambda, bool *ok, struct modal_error *err)
+static enum modal_status at_parameter(struct path *p, double lambda, bool *ok,
+                                      struct modal_error *err)
 {
     double last = HUGE_VAL;
     enum modal_status rc = MODAL_OK;
@@ -343,7 +367,8 @@ static void measure(struct path *p)
 static enum modal_status first_tangent(struct path *p, bool *ok, struct modal_error *err)
 {
     double *row = malloc(((size_t)p->n + 1) * sizeof *row), length;
-    enum modal_status rc = row == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : slope(p, p->u, p->lambda, err);
+    enum modal_status rc = row == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory")
+                                       : slope(p, p->u, p->lambda, err);
 
     *ok = false;
     if (rc == MODAL_OK)
@@ -364,11 +389,14 @@ static enum modal_status first_tangent(struct path *p, bool *ok, struct modal_er
     return rc;
 }
 
-/* Report the crossing of `to` on the step just accepted (end point in p->w), by Newton's method at exactly `to`. */
-static enum modal_status cross(struct path *p, double fraction, double turn, int sign, bool *ok, bool *stop, struct modal_error *err)
+/* Report the crossing of `to` on the step just accepted (end point in p->w), by Newton's method at
+ * exactly `to`. */
+static enum modal_status cross(struct path *p, double fraction, double turn, int sign, bool *ok,
+                               bool *stop, struct modal_error *err)
 {
     double *end = malloc(((size_t)p->n + 1) * sizeof *end);
-    enum modal_status rc = end == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+    enum modal_status rc =
+        end == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
 
     if (rc == MODAL_OK) {
         memcpy(end, p->w, (size_t)p->n * sizeof *end);
@@ -402,7 +430,8 @@ static void accept(struct path *p, double lambda, int sign, const double *tangen
 /* One step of the walk: where it led, before it is accepted. */
 struct stride {
     double ds, lambda;
-    double *tangent, *kept;      /* n + 1 each: the tangent there; w, aside while an event is located */
+    double *tangent, *kept;      /* n + 1 each: the tangent there; w, aside while an event is
+                                  * located */
     int sign;
     bool stop, ended;
 };
@@ -424,7 +453,8 @@ static enum modal_status may_go_on(struct path *p, struct stride *s, struct moda
 }
 
 /* The point at distance ds, *found, or a shorter ds. */
-static enum modal_status step_out(struct path *p, struct stride *s, bool *found, struct modal_error *err)
+static enum modal_status step_out(struct path *p, struct stride *s, bool *found,
+                                  struct modal_error *err)
 {
     double dot = 0;
     bool ok;
@@ -448,9 +478,11 @@ static enum modal_status step_out(struct path *p, struct stride *s, bool *found,
 }
 
 /* The fold or the branch point that the step passed, if any. */
-static enum modal_status locate_passed(struct path *p, const struct stride *s, struct modal_error *err)
+static enum modal_status locate_passed(struct path *p, const struct stride *s,
+                                       struct modal_error *err)
 {
-    bool fold = s->tangent[p->n] * p->t[p->n] < 0, branch = s->sign != p->orientation && p->report->points > 1;
+    bool fold = s->tangent[p->n] * p->t[p->n] < 0,
+         branch = s->sign != p->orientation && p->report->points > 1;
     enum modal_status rc;
 
     if (!fold && !branch)
@@ -461,8 +493,10 @@ static enum modal_status locate_passed(struct path *p, const struct stride *s, s
     return rc;
 }
 
-/* Where the end of the range lies within the step, its point; *again: not found, a shorter step is needed. */
-static enum modal_status cross_end(struct path *p, struct stride *s, bool *again, struct modal_error *err)
+/* Where the end of the range lies within the step, its point; *again: not found, a shorter step is
+ * needed. */
+static enum modal_status cross_end(struct path *p, struct stride *s, bool *again,
+                                   struct modal_error *err)
 {
     double to = p->problem->to;
     bool ok;
@@ -470,7 +504,8 @@ static enum modal_status cross_end(struct path *p, struct stride *s, bool *again
 
     if ((s->lambda - to) * (p->lambda - to) > 0 || s->lambda == p->lambda || p->lambda == to)
         return MODAL_OK;
-    rc = cross(p, (to - p->lambda) / (s->lambda - p->lambda), s->tangent[p->n], s->sign, &ok, &s->stop, err);
+    rc = cross(p, (to - p->lambda) / (s->lambda - p->lambda), s->tangent[p->n], s->sign, &ok,
+               &s->stop, err);
     if (rc != MODAL_OK)
         return rc;
     if (ok && !p->problem->past)
@@ -488,7 +523,8 @@ static bool left(struct path *p)
     const struct path_problem *q = p->problem;
     double direction = q->to >= q->from ? 1 : -1;
 
-    if (q->past ? p->lambda >= q->low && p->lambda <= q->high : (p->lambda - q->from) * direction >= -0.5 * p->span)
+    if (q->past ? p->lambda >= q->low && p->lambda <= q->high
+                : (p->lambda - q->from) * direction >= -0.5 * p->span)
         return false;
     p->report->complete = q->past;
     p->report->reason = q->past ? NULL : "the branch turned back past where it set out";
@@ -499,9 +535,13 @@ static enum modal_status walk(struct path *p, struct modal_error *err)
 {
     const struct path_problem *q = p->problem;
     size_t room = ((size_t)p->n + 1) * sizeof(double);
-    struct stride s = { .ds = q->step_first > 0 ? q->step_first : STEP_FIRST, .tangent = malloc(room), .kept = malloc(room) };
+    struct stride s = { .ds = q->step_first > 0 ? q->step_first : STEP_FIRST,
+                        .tangent = malloc(room),
+                        .kept = malloc(room) };
     double most = q->step_most > 0 ? q->step_most : STEP_MOST;
-    enum modal_status rc = s.tangent == NULL || s.kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
+    enum modal_status rc = s.tangent == NULL || s.kept == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory")
+                               : MODAL_OK;
 
     while (rc == MODAL_OK && !s.stop && !s.ended) {
         bool found = false, again = false;
@@ -524,11 +564,13 @@ static enum modal_status walk(struct path *p, struct modal_error *err)
     return rc;
 }
 
-enum modal_status path_follow(const struct path_problem *problem, const double complex *X, struct path_report *report,
-                              struct modal_error *err)
+enum modal_status path_follow(const struct path_problem *problem, const double complex *X,
+                              struct path_report *report, struct modal_error *err)
 {
-    struct path p = { .problem = problem, .span = problem->span > 0 ? problem->span : fabs(problem->to - problem->from),
-                      .lambda = problem->from, .report = report };
+    struct path p = { .problem = problem,
+                      .span = problem->span > 0 ? problem->span : fabs(problem->to - problem->from),
+                      .lambda = problem->from,
+                      .report = report };
     enum modal_status rc;
     bool ok, stop = false;
 

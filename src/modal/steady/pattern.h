@@ -13,7 +13,7 @@ struct pattern {
     bool *mixes;          /* per entry: a law or a periodic matrix couples harmonics there */
     bool full;            /* every entry is there: start[j] = j q */
     int ends;             /* the most, over dofs, of the ends of all laws there: to ground 1,
-        else 2 */
+                           * else 2 */
 };
 
 /*

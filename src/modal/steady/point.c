@@ -47,10 +47,12 @@ enum modal_status steady_reduce(struct steady *s, struct modal_error *err)
 {
     bool done;
 
-    return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK : condense_reduce(s->c, &done, err);
+    return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK
+                                                        : condense_reduce(s->c, &done, err);
 }
 
-enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err)
+enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
+                                 struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -64,7 +66,8 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out, 
         memmove(s->balance, s->balance + 1, (BALANCES - 1) * sizeof s->balance[0]);
         s->balances--;
     }
-    rc = balance_new(s->p, s->c, H, steady_samples(s, H), !s->opt.unlocated, &s->balance[s->balances], err);
+    rc = balance_new(s->p, s->c, H, steady_samples(s, H), !s->opt.unlocated,
+                     &s->balance[s->balances], err);
     if (rc == MODAL_OK) {
         s->balance[s->balances]->budget = &s->budget;
         *out = s->balance[s->balances++];
@@ -74,9 +77,14 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out, 
 
 struct iterate_options steady_iterate_options(const struct steady *s)
 {
-    return (struct iterate_options) { .tolerance = s->opt.tolerance, .most = s->opt.max_iterations, .relaxation = s->opt.relaxation,
-                                      .by_differences = s->opt.by_differences, .cutoff = s->opt.cutoff, .slope = s->slope,
-                                      .cancelled = s->opt.cancelled, .context = s->opt.context };
+    return (struct iterate_options){ .tolerance = s->opt.tolerance,
+                                     .most = s->opt.max_iterations,
+                                     .relaxation = s->opt.relaxation,
+                                     .by_differences = s->opt.by_differences,
+                                     .cutoff = s->opt.cutoff,
+                                     .slope = s->slope,
+                                     .cancelled = s->opt.cancelled,
+                                     .context = s->opt.context };
 }
 
 /* What a factorization costs at H, nearly. */
@@ -87,13 +95,12 @@ double steady_factor_work(const struct steady *s, int H)
     return condense_pattern(s->c)->full ? balance_dense_work((int)(q * m)) : 2 * q * m * m * m;
 }
 
-/* A solution's budget begins: a hundred dofs that iterate may spend twice what one may, and
- * whoever asks for many harmonics as
- * much as some attempts at them take. */
+/* A solution's budget begins: a hundred dofs that iterate may spend twice what one may, and whoever
+ * asks for many harmonics as much as some attempts at them take. */
 void steady_allow_work(struct steady *s)
 {
-    s->budget = (struct budget) { .most =
-        WORK * (1 + condense_kept(s->c) / 100.0) + ASKED * steady_factor_work(s, s->opt.harmonics) };
+    s->budget = (struct budget){ .most = WORK * (1 + condense_kept(s->c) / 100.0)
+                                         + ASKED * steady_factor_work(s, s->opt.harmonics) };
 }
 
 int steady_counted_dof(const struct steady *s, int i)
@@ -119,7 +126,8 @@ void steady_point_done(struct steady_point *point)
     memset(point, 0, sizeof *point);
 }
 
-enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N, struct modal_error *err)
+enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N,
+                             struct modal_error *err)
 {
     double complex *X = calloc((size_t)q * ((size_t)H + 1) + 1, sizeof *X);
 
@@ -137,7 +145,8 @@ enum modal_status point_init(struct steady *s, struct steady_point *point, int q
         point->acts = calloc((size_t)s->p->laws + 1, sizeof *point->acts);
         point->undetermined = calloc((size_t)s->p->laws + 1, sizeof *point->undetermined);
     }
-    if (X == NULL || point->evaluations == NULL || point->acts == NULL || point->undetermined == NULL)
+    if (X == NULL || point->evaluations == NULL || point->acts == NULL
+        || point->undetermined == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a point");
     return MODAL_OK;
 }
@@ -165,7 +174,8 @@ enum modal_status point_copy(const struct steady_point *point, struct steady_poi
     return MODAL_OK;
 }
 
-void point_count(const struct balance *b, const long *before, long ffts_before, struct steady_point *point)
+void point_count(const struct balance *b, const long *before, long ffts_before,
+                 struct steady_point *point)
 {
     for (int l = 0; l < point->laws; l++) {
         point->evaluations[l] += aft_evaluations(b->aft, l) - before[l];
@@ -175,8 +185,8 @@ void point_count(const struct balance *b, const long *before, long ffts_before, 
     point->ffts += aft_transforms(b->aft) - ffts_before;
 }
 
-enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
-                                    struct modal_error *err)
+enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X,
+                                    struct steady_point *point, struct modal_error *err)
 {
     long *before = calloc((size_t)s->p->laws + 1, sizeof *before), ffts = aft_transforms(b->aft);
     enum modal_status rc;
@@ -208,7 +218,8 @@ double steady_target(const struct steady *s)
     return s->opt.target_error > 0 ? s->opt.target_error : TARGET;
 }
 
-enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err)
+enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof,
+                                 double complex *X, struct modal_error *err)
 {
     return condense_recover(s->c, dof, point->H, point->X, point->H, X, err);
 }

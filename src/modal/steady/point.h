@@ -1,9 +1,18 @@
-/* point.h - a session of steady states of one program: its options, where it starts, and the point it answers with */
+/* point.h - a session of steady states of one program: its options, where it starts, and the point
+ * it answers with */
 #ifndef MODAL_POINT_H
 #define MODAL_POINT_H
 #include "modal/steady/balance.h"
 
-enum steady_method { STEADY_AUTO, STEADY_DIRECT, STEADY_NEWTON, STEADY_RK4, STEADY_ADAPTIVE, STEADY_SHOOTING };   /* the last three: march.h */
+/* the last three: march.h */
+enum steady_method {
+    STEADY_AUTO,
+    STEADY_DIRECT,
+    STEADY_NEWTON,
+    STEADY_RK4,
+    STEADY_ADAPTIVE,
+    STEADY_SHOOTING
+};
 
 struct steady_options {
     int harmonics;            /* H; 0: so many that the errors' estimate meets target_error */
@@ -33,27 +42,30 @@ struct steady_point {
     bool converged;
     const char *method;       /* "linear", "direct", "newton", ...: what found it */
     const char *reason;       /* where not converged */
-    bool fewer;               /* not converged,
-        for with more harmonics it does not close; its errors are known */
-    bool open;                /* nothing holds its mean (or some other direction),
-        which is one of many; without error */
+    bool fewer;               /* not converged, for with more harmonics it does not close; its
+                               * errors are known */
+    bool open;                /* nothing holds its mean (or some other direction), which is one
+                               * of many; without error */
     bool wanting;             /* target_error asks for more work than is allowed */
     int iterations, attempts;
-    struct budget work;       /* of the solution,
-        and of the search where it was one of several (budget.h) */
+    struct budget work;       /* of the solution, and of the search where it was one of several
+                               * (budget.h) */
     double omega, level;
     int q, H, N;
     double complex *X;        /* kept dofs, [i (H+1) + k] */
     double residual, step;    /* relative */
-    double truncation, sampling, solver;      /* max over time and dofs of the error each makes, in the unit of x */
+    double truncation, sampling, solver;      /* max over time and dofs of the error each makes,
+                                               * in the unit of x */
     double error;             /* of all three together */
-    double tail_rms, tail_max, load_max;      /* equation residual in time, N, at the kept dofs (linear: at all); and the scale of it */
+    double tail_rms, tail_max, load_max;      /* equation residual in time, N, at the kept dofs
+                                               * (linear: at all); and the scale of it */
     double amplitude;         /* max |x(t)| over the dofs that count */
     long ffts;
     int laws;
     long *evaluations;        /* per law */
     bool *acts, *undetermined;
-    bool followed;            /* through rigid friction's events (cycle.h), with `states` multipliers where they are known */
+    bool followed;            /* through rigid friction's events (cycle.h), with `states`
+                               * multipliers where they are known */
     int states;
     double complex *multiplier;
     double multiplier_error;
@@ -70,17 +82,20 @@ enum modal_status steady_reduce(struct steady *s, struct modal_error *err);
 const struct program *steady_program(const struct steady *s);
 
 /* The balance for H harmonics of this session, made on first use and kept. */
-enum modal_status steady_balance(struct steady *s, int H, struct balance **out, struct modal_error *err);
+enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
+                                 struct modal_error *err);
 
 /* Samples that H harmonics of these laws need, where the options name none. */
 int steady_samples(const struct steady *s, int H);
 
-/* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are left to steady_estimate_point. */
-enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X, struct steady_point *point,
-                                    struct modal_error *err);
+/* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are
+ * left to steady_estimate_point. */
+enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X,
+                                    struct steady_point *point, struct modal_error *err);
 
 void steady_point_done(struct steady_point *point);
 
 /* X of dof DOF, harmonics 0 .. H of the point. */
-enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof, double complex *X, struct modal_error *err);
+enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof,
+                                 double complex *X, struct modal_error *err);
 #endif

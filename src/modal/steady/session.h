@@ -14,9 +14,11 @@ struct steady {
     int degree;                 /* the largest of polynomial laws; 0: none */
     bool sampled;               /* some law is neither */
     bool jumps;                 /* rigid friction, located */
-    bool brief;                 /* fewer harmonics were tried and these are costly: Newton's method from near, no ways round */
+    bool brief;                 /* fewer harmonics were tried and these are costly: Newton's
+                                 * method from near, no ways round */
     bool current;               /* the last residual of the balance at hand was of the point's X */
-    double slope;               /* the laws' largest, as the last rough start showed it; 0: not yet */
+    double slope;               /* the laws' largest, as the last rough start showed it; 0: not
+                                 * yet */
     struct balance *balance[BALANCES];
     int balances;
     struct budget budget;       /* of the solution under way */
@@ -37,10 +39,16 @@ double steady_target(const struct steady *s);
 
 /* START's harmonics that balance B has into X, 0 elsewhere; NULL: rest. */
 void start_write(const struct balance *b, const struct steady_start *start, double complex *X);
-/* POINT, new or of an order before, becomes one of q kept dofs at H and N, X = 0, nothing known; counts stay. */
-enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N, struct modal_error *err);
-/* OUT is POINT's motion, flags and errors, its arrays its own, without evaluations and multipliers; what it had is freed. */
-enum modal_status point_copy(const struct steady_point *point, struct steady_point *out, struct modal_error *err);
-/* Evaluations and transforms of B since BEFORE (per law) and FFTS_BEFORE into POINT, and which laws act. */
-void point_count(const struct balance *b, const long *before, long ffts_before, struct steady_point *point);
+/* POINT, new or of an order before, becomes one of q kept dofs at H and N, X = 0, nothing known;
+ * counts stay. */
+enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N,
+                             struct modal_error *err);
+/* OUT is POINT's motion, flags and errors, its arrays its own, without evaluations and multipliers;
+ * what it had is freed. */
+enum modal_status point_copy(const struct steady_point *point, struct steady_point *out,
+                             struct modal_error *err);
+/* Evaluations and transforms of B since BEFORE (per law) and FFTS_BEFORE into POINT, and which laws
+ * act. */
+void point_count(const struct balance *b, const long *before, long ffts_before,
+                 struct steady_point *point);
 #endif

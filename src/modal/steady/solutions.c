@@ -56,7 +56,8 @@ struct climb {
     struct solutions *out;
 };
 
-static enum modal_status at_level(void *context, double level, struct balance **b, struct modal_error *err)
+static enum modal_status at_level(void *context, double level, struct balance **b,
+                                  struct modal_error *err)
 {
     struct climb *c = context;
 
@@ -68,7 +69,8 @@ static enum modal_status at_level(void *context, double level, struct balance **
     return MODAL_OK;
 }
 
-static enum modal_status point_on_level(void *context, const struct path_point *p, struct balance *b, bool *stop, struct modal_error *err)
+static enum modal_status point_on_level(void *context, const struct path_point *p,
+                                        struct balance *b, bool *stop, struct modal_error *err)
 {
     struct climb *c = context;
 
@@ -87,13 +89,22 @@ static bool climb_cancelled(void *context)
     return c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context);
 }
 
-enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt, struct solutions *out,
-                                         struct modal_error *err)
+enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt,
+                                         struct solutions *out, struct modal_error *err)
 {
     struct climb climb = { b, opt, out };
-    struct path_problem problem = { .at = at_level, .point = point_on_level, .cancelled = climb_cancelled, .context = &climb,
-                                    .from = LEVEL_START, .to = 1, .span = 1, .past = true, .points_most = LEVEL_POINTS,
-                                    .low = -0.5, .high = LEVEL_HIGH, .step_first = 0.01,
+    struct path_problem problem = { .at = at_level,
+                                    .point = point_on_level,
+                                    .cancelled = climb_cancelled,
+                                    .context = &climb,
+                                    .from = LEVEL_START,
+                                    .to = 1,
+                                    .span = 1,
+                                    .past = true,
+                                    .points_most = LEVEL_POINTS,
+                                    .low = -0.5,
+                                    .high = LEVEL_HIGH,
+                                    .step_first = 0.01,
                                     .step_most = 0.15,
                                     .budget = b->budget };
     struct iterate_options newton = { .cancelled = opt->cancelled, .context = opt->context };
@@ -121,10 +132,12 @@ static double uniform(uint64_t *seed)
     return (double)(*seed >> 11) / 9007199254740992.0;
 }
 
-static enum modal_status try(struct balance *b, const struct solutions_options *opt, double complex *X, struct solutions *out,
-                             struct modal_error *err)
+static enum modal_status try(struct balance *b, const struct solutions_options *opt,
+                             double complex *X, struct solutions *out, struct modal_error *err)
 {
-    struct iterate_options newton = { .most = STEPS, .cancelled = opt->cancelled, .context = opt->context };
+    struct iterate_options newton = { .most = STEPS,
+                                      .cancelled = opt->cancelled,
+                                      .context = opt->context };
     struct iterate_report r;
     enum modal_status rc = iterate_newton(b, &newton, X, &r, err);
 
@@ -135,7 +148,8 @@ static enum modal_status try(struct balance *b, const struct solutions_options *
 
 static int divisor(int a, int b) { return b == 0 ? a : divisor(b, a % b); }
 
-/* What divides the harmonic of every load: a shift by the period over it maps solutions on solutions. */
+/* What divides the harmonic of every load: a shift by the period over it maps solutions on
+ * solutions. */
 static int symmetry(const struct balance *b)
 {
     int m = 0;
@@ -149,17 +163,19 @@ static int symmetry(const struct balance *b)
     return m > 0 ? m : 1;
 }
 
-static enum modal_status images(struct balance *b, const struct solutions_options *opt, struct solutions *out, double complex *X,
-                                struct modal_error *err)
+static enum modal_status images(struct balance *b, const struct solutions_options *opt,
+                                struct solutions *out, double complex *X, struct modal_error *err)
 {
     int m = symmetry(b), K = b->H + 1;
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < out->count; i++)
         for (int j = 0; rc == MODAL_OK && j < 4 * m + 2 * SHIFTS; j++) {
-            static const double small[SHIFTS] = { 0.01, 0.03, 0.06, 0.12, 0.25, 0.5 };   /* near a fold the other differs in phase */
+            /* near a fold the other differs in phase */
+            static const double small[SHIFTS] = { 0.01, 0.03, 0.06, 0.12, 0.25, 0.5 };
             int n = j - 4 * m;
-            double shift = n < 0 ? 2 * M_PI * (j / 2) / (2 * m) : (n % 2 ? -1 : 1) * small[n / 2], sign = n < 0 && j % 2 ? -1 : 1;
+            double shift = n < 0 ? 2 * M_PI * (j / 2) / (2 * m) : (n % 2 ? -1 : 1) * small[n / 2],
+                   sign = n < 0 && j % 2 ? -1 : 1;
 
             for (int d = 0; d < b->q; d++)
                 for (int k = 0; k < K; k++)
@@ -169,12 +185,16 @@ static enum modal_status images(struct balance *b, const struct solutions_option
     return rc;
 }
 
-/* Beside every solution, along the direction in which its derivative is weakest: near a fold the other one lies there. */
-static enum modal_status beside(struct balance *b, const struct solutions_options *opt, struct solutions *out, double complex *X,
-                                struct modal_error *err)
+/* Beside every solution, along the direction in which its derivative is weakest: near a fold the
+ * other one lies there. */
+static enum modal_status beside(struct balance *b, const struct solutions_options *opt,
+                                struct solutions *out, double complex *X, struct modal_error *err)
 {
-    double *v = malloc(((size_t)b->order + 1) * sizeof *v), *u = malloc(((size_t)b->order + 1) * sizeof *u);
-    enum modal_status rc = v == NULL || u == NULL ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory") : MODAL_OK;
+    double *v = malloc(((size_t)b->order + 1) * sizeof *v),
+           *u = malloc(((size_t)b->order + 1) * sizeof *u);
+    enum modal_status rc = v == NULL || u == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory")
+                               : MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < out->count; i++) {
         double size = largest(out->X[i], size_of(b));
@@ -208,14 +228,15 @@ static enum modal_status beside(struct balance *b, const struct solutions_option
     return rc;
 }
 
-enum modal_status solutions_from_starts(struct balance *b, const struct solutions_options *opt, struct solutions *out,
-                                        struct modal_error *err)
+enum modal_status solutions_from_starts(struct balance *b, const struct solutions_options *opt,
+                                        struct solutions *out, struct modal_error *err)
 {
     int starts = opt->starts > 0 ? opt->starts : STARTS, K = b->H + 1, low = 1;
     double complex *X = calloc(size_of(b) + 1, sizeof *X);
     double scale = 0;
     uint64_t seed = 20240611;
-    enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory") : MODAL_OK;
+    enum modal_status rc =
+        X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory") : MODAL_OK;
 
     for (int k = 1; k < K; k++)
         for (int i = 0; i < b->q; i++)

@@ -1,4 +1,5 @@
-/* solutions.h - several steady states of one balance: along the loads' level, and from many starts */
+/* solutions.h - several steady states of one balance: along the loads' level, and from many
+ * starts */
 #ifndef MODAL_SOLUTIONS_H
 #define MODAL_SOLUTIONS_H
 #include <stdint.h>
@@ -21,12 +22,14 @@ struct solutions_options {
 /* Add X unless it is there already, to 1e-6 of its size; true if added. */
 bool solutions_add(struct solutions *s, const struct balance *b, const double complex *X);
 
-/* Follow the branch from almost no load over its folds, up to LEVEL_HIGH times the load: each crossing of level 1. */
-enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt, struct solutions *out,
-                                         struct modal_error *err);
-/* Newton's method from `starts` motions of the harmonics up to the loads', their sizes spread over four decades, phases at
- * random from a fixed seed; and from every solution's mirror image and shifts by the loads' own symmetry. */
-enum modal_status solutions_from_starts(struct balance *b, const struct solutions_options *opt, struct solutions *out,
-                                        struct modal_error *err);
+/* Follow the branch from almost no load over its folds, up to LEVEL_HIGH times the load: each
+ * crossing of level 1. */
+enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt,
+                                         struct solutions *out, struct modal_error *err);
+/* Newton's method from `starts` motions of the harmonics up to the loads', their sizes spread over
+ * four decades, phases at random from a fixed seed; and from every solution's mirror image and
+ * shifts by the loads' own symmetry. */
+enum modal_status solutions_from_starts(struct balance *b, const struct solutions_options *opt,
+                                        struct solutions *out, struct modal_error *err);
 void solutions_done(struct solutions *s);
 #endif

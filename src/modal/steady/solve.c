@@ -1,8 +1,9 @@
 /*
  * solve.c - see solve.h
  *
- * From a program to one steady state.  No laws: one linear solve.  Rigid friction, alone or nearly: followed in time (by_cycle.h).
- * All else: a balance at H harmonics, found by the ways of ways.h, H doubled until its errors (estimate.h) meet the target.
+ * From a program to one steady state.  No laws: one linear solve.  Rigid friction, alone or nearly:
+ * followed in time (by_cycle.h).  All else: a balance at H harmonics, found by the ways of ways.h,
+ * H doubled until its errors (estimate.h) meet the target.
  */
 #include "modal/steady/solve.h"
 #include <math.h>
@@ -39,13 +40,20 @@ static enum modal_status check_options(const struct steady *s, struct modal_erro
     int most = s->linear ? H_LINEAR_MOST : ORBIT_HARMONICS_MOST;
 
     if (o->harmonics < 0 || o->harmonics > most)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.harmonics", "%d harmonics; accepted: 1 to %d", o->harmonics, most);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.harmonics",
+                                "%d harmonics; accepted: 1 to %d", o->harmonics, most);
     if (o->samples < 0 || o->samples > ORBIT_SAMPLES_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples", "%d samples; accepted: 3 to %d", o->samples, ORBIT_SAMPLES_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples",
+                                "%d samples; accepted: 3 to %d", o->samples, ORBIT_SAMPLES_MOST);
     if (o->harmonics > 0 && o->samples > 0 && o->samples <= 2 * o->harmonics)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples", "%d samples cannot carry %d harmonics; accepted: at least %d", o->samples, o->harmonics, 2 * o->harmonics + 1);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples",
+                                "%d samples cannot carry %d harmonics; accepted: at least %d",
+                                o->samples, o->harmonics, 2 * o->harmonics + 1);
     if (o->harmonics > 0 && condense_highest_load(s->c) > o->harmonics)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.harmonics", "%d harmonics do not hold the excitation at harmonic %d; accepted: at least that", o->harmonics, condense_highest_load(s->c));
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "steady.harmonics",
+            "%d harmonics do not hold the excitation at harmonic %d; accepted: at least that",
+            o->harmonics, condense_highest_load(s->c));
     return MODAL_OK;
 }
 
@@ -64,7 +72,8 @@ static enum condense_keep structure(const struct program *p, const struct steady
     return sparse_pays(p, opt, kept) ? CONDENSE_SPARSE : CONDENSE_LINEAR;
 }
 
-enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err)
+enum modal_status steady_new(const struct program *p, const struct steady_options *opt,
+                             struct steady **out, struct modal_error *err)
 {
     struct steady *s = calloc(1, sizeof *s);
     enum modal_status rc;
@@ -96,7 +105,8 @@ void steady_free(struct steady *s)
 }
 
 /* At one H. */
-static enum modal_status solve_at(struct steady *s, int H, double omega, const struct steady_start *start, struct steady_point *point,
+static enum modal_status solve_at(struct steady *s, int H, double omega,
+                                  const struct steady_start *start, struct steady_point *point,
                                   struct modal_error *err)
 {
     struct balance *b;
@@ -129,7 +139,8 @@ static enum modal_status solve_at(struct steady *s, int H, double omega, const s
         goto out;
     point_count(b, before, ffts, point);
     if (!point->converged && s->jumps)
-        point->reason = "no motion without stops closes under rigid friction; where the body stops, give the friction a stiffness (type friction)";
+        point->reason = "no motion without stops closes under rigid friction; where the body "
+                        "stops, give the friction a stiffness (type friction)";
     if (point->converged && s->jumps)
         rc = estimate_sharpen(s, b, point, err);
     else if (point->converged && !(s->opt.estimate_later && s->opt.harmonics > 0)) {
@@ -143,8 +154,10 @@ out:
     return rc;
 }
 
-/* Constant matrices: what is left of the equation of motion is all there is to tell, the dofs taken out included. */
-static enum modal_status linear_residual(struct steady *s, struct steady_point *point, struct modal_error *err)
+/* Constant matrices: what is left of the equation of motion is all there is to tell, the dofs taken
+ * out included. */
+static enum modal_status linear_residual(struct steady *s, struct steady_point *point,
+                                         struct modal_error *err)
 {
     struct condense_residual left;
     enum modal_status rc = condense_residual(s->c, point->X, &left, err);
@@ -156,10 +169,15 @@ static enum modal_status linear_residual(struct steady *s, struct steady_point *
     return rc;
 }
 
-/* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear system. */
-static enum modal_status solve_linear(struct steady *s, double omega, struct steady_point *point, struct modal_error *err)
+/* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear
+ * system. */
+static enum modal_status solve_linear(struct steady *s, double omega, struct steady_point *point,
+                                      struct modal_error *err)
 {
-    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics : s->p->harmonics > 0 ? load + 24 : load > 0 ? load : 1;
+    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0  ? s->opt.harmonics
+                                                : s->p->harmonics > 0 ? load + 24
+                                                : load > 0            ? load
+                                                                      : 1;
     int q = condense_kept(s->c);
     struct balance *b;
     enum modal_status rc = steady_balance(s, H, &b, err);
@@ -171,7 +189,8 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
     if (rc != MODAL_OK)
         return rc;
     point->method = "linear";
-    point->residual = point->step = point->truncation = point->sampling = point->solver = point->error = 0;
+    point->residual = point->step = point->truncation = point->sampling = point->solver =
+        point->error = 0;
     point->converged = true;
     if (q == 0)
         return linear_residual(s, point, err);
@@ -200,8 +219,10 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
 }
 
 /* A point of every solution in FOUND, errors estimated. */
-static enum modal_status points_of_all(struct steady *s, struct balance *b, const struct solutions *found, const char *method,
-                                  struct steady_point *points, int *count, struct modal_error *err)
+static enum modal_status points_of_all(struct steady *s, struct balance *b,
+                                       const struct solutions *found, const char *method,
+                                       struct steady_point *points, int *count,
+                                       struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -255,7 +276,8 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
     enum modal_status rc = MODAL_OK;
 
     steady_allow_work(s);
-    while (H / 2 >= H_SEARCH && H / 2 > 2 * load && SEARCHES * steady_factor_work(s, H) > s->budget.most)
+    while (H / 2 >= H_SEARCH && H / 2 > 2 * load
+           && SEARCHES * steady_factor_work(s, H) > s->budget.most)
         H /= 2;
     same = H == b->H || s->opt.samples > 0;
     if (X != NULL)
@@ -288,7 +310,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
 
     *count = rc == MODAL_OK ? 1 : 0;
     if (rc != MODAL_OK || s->linear || list[0].followed)
-        goto out;                                          /* rigid friction followed in time has no balance to search in */
+        /* rigid friction followed in time has no balance to search in */
+        goto out;
     rc = steady_balance(s, list[0].H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
@@ -359,15 +382,16 @@ static bool last_order(const struct steady *s, int H, int most, double spent, bo
 }
 
 /* H doubled, each from the last, until the estimate meets the target or the work allowed does not
- * reach for the next order, whose
- * factors cost up to eight times as much; the best so far is the answer.  Past the first H, more
- * than ORDER_FAILED unknowns are
- * tried from near alone; after FAILED_MOST failures in a row, not at all. */
-static enum modal_status solve_to_target(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
-                                         struct modal_error *err)
+ * reach for the next order, whose factors cost up to eight times as much; the best so far is the
+ * answer.  Past the first H, more than ORDER_FAILED unknowns are tried from near alone; after
+ * FAILED_MOST failures in a row, not at all. */
+static enum modal_status solve_to_target(struct steady *s, double omega,
+                                         const struct steady_start *start,
+                                         struct steady_point *point, struct modal_error *err)
 {
     double target = steady_target(s);
-    int load = condense_highest_load(s->c), H = 2 * load + 1 > 8 ? 2 * load + 1 : 8, most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
+    int load = condense_highest_load(s->c), H = 2 * load + 1 > 8 ? 2 * load + 1 : 8,
+        most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
     struct steady_point best = { 0 };
     int failed = 0;
     enum modal_status rc = MODAL_OK;
@@ -395,15 +419,24 @@ static enum modal_status solve_to_target(struct steady *s, double omega, const s
     return rc;
 }
 
-/* By time integration, for comparison: the last period's harmonics; its own errors are not estimated. */
-static enum modal_status solve_by_marching(struct steady *s, double omega, struct steady_point *point, struct modal_error *err)
+/* By time integration, for comparison: the last period's harmonics; its own errors are not
+ * estimated. */
+static enum modal_status solve_by_marching(struct steady *s, double omega,
+                                           struct steady_point *point, struct modal_error *err)
 {
     static const char *const names[] = { "rk4", "adaptive", "shooting" };
     int which = s->opt.method - STEADY_RK4, N = s->opt.samples > 0 ? s->opt.samples : 512;
-    int H = s->opt.harmonics > 0 ? s->opt.harmonics : (N - 1) / 2 < 256 ? (N - 1) / 2 : 256, q = condense_kept(s->c);
+    int H = s->opt.harmonics > 0 ? s->opt.harmonics
+            : (N - 1) / 2 < 256  ? (N - 1) / 2
+                                 : 256,
+        q = condense_kept(s->c);
     double target = steady_target(s);
-    struct march_options opt = { .method = (enum march_method)which, .samples = N, .periodic = target / 10, .cancelled = s->opt.cancelled,
-                                 .tolerance = s->opt.tolerance > 1e-11 ? s->opt.tolerance : target, .context = s->opt.context };
+    struct march_options opt = { .method = (enum march_method)which,
+                                 .samples = N,
+                                 .periodic = target / 10,
+                                 .cancelled = s->opt.cancelled,
+                                 .tolerance = s->opt.tolerance > 1e-11 ? s->opt.tolerance : target,
+                                 .context = s->opt.context };
     struct march_report report;
     struct orbit_grid *g = NULL;
     double *x;
@@ -411,9 +444,12 @@ static enum modal_status solve_by_marching(struct steady *s, double omega, struc
     enum modal_status rc;
 
     if (condense_highest_load(s->c) > H)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples", "%d samples do not hold the excitation at harmonic %d", N, condense_highest_load(s->c));
+        return modal_fail_field(err, MODAL_BAD_INPUT, "steady.samples",
+                                "%d samples do not hold the excitation at harmonic %d", N,
+                                condense_highest_load(s->c));
     x = malloc(((size_t)s->p->n * (size_t)N + 1) * sizeof *x);
-    rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : march_run(s->p, omega, &opt, x, &report, err);
+    rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                   : march_run(s->p, omega, &opt, x, &report, err);
     if (rc == MODAL_OK)
         rc = orbit_grid_new(N, &g, err);
     if (rc == MODAL_OK)
@@ -427,7 +463,8 @@ static enum modal_status solve_by_marching(struct steady *s, double omega, struc
     if (rc == MODAL_OK) {
         point->method = names[which];
         point->converged = report.converged;
-        point->reason = report.converged ? NULL : "time integration did not reach a periodic motion";
+        point->reason =
+            report.converged ? NULL : "time integration did not reach a periodic motion";
         point->iterations = report.periods;
         point->step = report.change;
         point->residual = report.change;
@@ -442,8 +479,8 @@ static enum modal_status solve_by_marching(struct steady *s, double omega, struc
     return rc;
 }
 
-static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
-                                   struct modal_error *err)
+static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start,
+                                   struct steady_point *point, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -451,11 +488,13 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
         return solve_linear(s, omega, point, err);
     if (s->opt.method >= STEADY_RK4)
         return solve_by_marching(s, omega, point, err);
-    if (s->jumps && s->opt.method == STEADY_AUTO && cycle_takes(s->p) && s->opt.harmonics < CYCLE_SAMPLES / 4)
+    if (s->jumps && s->opt.method == STEADY_AUTO && cycle_takes(s->p)
+        && s->opt.harmonics < CYCLE_SAMPLES / 4)
         rc = solve_by_cycle(s, omega, start, point, err);
     if (rc != MODAL_OK || point->converged)
         return rc;
-    return s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err) : solve_to_target(s, omega, start, point, err);
+    return s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
+                                : solve_to_target(s, omega, start, point, err);
 }
 
 /* Every dof kept: the linear ones, held at the kept, resonate. */
@@ -476,17 +515,20 @@ static enum modal_status keep_all(struct steady *s, struct modal_error *err)
 }
 
 /* No laws and a singular Lambda: the answer is that there is none. */
-static enum modal_status no_linear_answer(struct steady *s, struct steady_point *point, struct modal_error *err)
+static enum modal_status no_linear_answer(struct steady *s, struct steady_point *point,
+                                          struct modal_error *err)
 {
-    enum modal_status rc = point_init(s, point, condense_kept(s->c), s->opt.harmonics > 0 ? s->opt.harmonics : 1, 0, err);
+    enum modal_status rc = point_init(s, point, condense_kept(s->c),
+                                      s->opt.harmonics > 0 ? s->opt.harmonics : 1, 0, err);
 
     point->method = "linear";
-    point->reason = "the linear equations are singular at an excited harmonic: an undamped resonance, or a body that nothing holds";
+    point->reason = "the linear equations are singular at an excited harmonic: an undamped "
+                    "resonance, or a body that nothing holds";
     return rc;
 }
 
-enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
-                               struct modal_error *err)
+enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start,
+                               struct steady_point *point, struct modal_error *err)
 {
     struct modal_error singular;
     enum modal_status rc;
@@ -496,7 +538,8 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
     point->level = 1;
     steady_allow_work(s);
     if (!(omega > 0) || !isfinite(omega))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "omega", "omega is %g; accepted: finite and > 0", omega);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "omega",
+                                "omega is %g; accepted: finite and > 0", omega);
     rc = solve_any(s, omega, start, point, &singular);
     if (rc == MODAL_NO_CONVERGENCE && s->linear && s->p->harmonics == 0)
         rc = no_linear_answer(s, point, err);

@@ -3,17 +3,18 @@
 #define MODAL_SOLVE_H
 #include "modal/steady/point.h"
 
-/* P is borrowed until steady_free.  Fails with MODAL_BAD_INPUT (steady.harmonics, steady.samples, excitation),
- * MODAL_TOO_LARGE, MODAL_NO_MEMORY. */
-enum modal_status steady_new(const struct program *p, const struct steady_options *opt, struct steady **out, struct modal_error *err);
+/* P is borrowed until steady_free.  Fails with MODAL_BAD_INPUT (steady.harmonics, steady.samples,
+ * excitation), MODAL_TOO_LARGE, MODAL_NO_MEMORY. */
+enum modal_status steady_new(const struct program *p, const struct steady_options *opt,
+                             struct steady **out, struct modal_error *err);
 void steady_free(struct steady *s);
 
 /*
- * Solve at OMEGA from START (NULL: from rest).  No convergence is an answer: MODAL_OK with point->converged false, the best
- * iterate and a reason.  steady_point_done frees what POINT holds.
+ * Solve at OMEGA from START (NULL: from rest).  No convergence is an answer: MODAL_OK with
+ * point->converged false, the best iterate and a reason.  steady_point_done frees what POINT holds.
  */
-enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start, struct steady_point *point,
-                               struct modal_error *err);
+enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start,
+                               struct steady_point *point, struct modal_error *err);
 
 /*
  * Every solution found at OMEGA: along the level of the loads and from many starts; points,

@@ -1,8 +1,9 @@
 /*
  * stability.c - see stability.h
  *
- * The multipliers are the eigenvalues of the monodromy matrix (monodromy.h), its steps doubled until they settle.  A linear scene
- * has its own whatever the motion, and a motion followed from event to event comes with them.
+ * The multipliers are the eigenvalues of the monodromy matrix (monodromy.h), its steps doubled
+ * until they settle.  A linear scene has its own whatever the motion, and a motion followed from
+ * event to event comes with them.
  */
 #include "modal/steady/stability.h"
 #include <float.h>
@@ -25,7 +26,8 @@ static int by_size(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
-static enum modal_status eigenvalues(struct monodromy *m, double complex *out, struct modal_error *err)
+static enum modal_status eigenvalues(struct monodromy *m, double complex *out,
+                                     struct modal_error *err)
 {
     int n = m->order;
     double *re = calloc((size_t)n + 1, sizeof *re), *im = calloc((size_t)n + 1, sizeof *im);
@@ -34,8 +36,10 @@ static enum modal_status eigenvalues(struct monodromy *m, double complex *out, s
     memcpy(m->work[0], m->map, (size_t)n * (size_t)n * sizeof *m->map);
     if (re == NULL || im == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
-    else if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', n, m->work[0], n, re, im, NULL, 1, NULL, 1) != 0)
-        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "stability: the eigenvalues of the monodromy matrix did not converge");
+    else if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', n, m->work[0], n, re, im, NULL, 1, NULL, 1)
+             != 0)
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE,
+                        "stability: the eigenvalues of the monodromy matrix did not converge");
     for (int i = 0; rc == MODAL_OK && i < n; i++)
         out[i] = CMPLX(re[i], im[i]);
     if (rc == MODAL_OK)
@@ -53,16 +57,18 @@ static bool has_settled(const struct stability *out, int steps, double last)
     return out->error <= rounding || out->error > 0.5 * last;
 }
 
-/* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A map that overflows is tried
- * again with more steps, in case they were too long for a stiff dof. */
+/* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A
+ * map that overflows is tried again with more steps, in case they were too long for a stiff dof. */
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
     double complex *before = calloc((size_t)m->order + 1, sizeof *before);
     double each = 30 * pow(m->order, 3), last = HUGE_VAL;
     int steps = STEPS_FIRST, passes = 0;             /* one alone says nothing of its error */
-    enum modal_status rc = before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
+    enum modal_status rc =
+        before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
 
-    while ((steps < 2 * m->point->H && steps < 512) || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / 4))
+    while ((steps < 2 * m->point->H && steps < 512)
+           || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / 4))
         steps *= 2;
     for (; rc == MODAL_OK; steps *= 2) {
         double most = passes > 0 || m->order > STATES_STIFF ? WORK_AGAIN : WORK_MOST;
@@ -73,13 +79,15 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
             break;
         }
         rc = monodromy_around(m, steps, err);
-        if (rc == MODAL_OK && m->reason == NULL && !monodromy_is_finite(m)) {       /* steps too long for a stiff dof */
+        /* steps too long for a stiff dof */
+        if (rc == MODAL_OK && m->reason == NULL && !monodromy_is_finite(m)) {
             m->reason = m->varies && steps < STEPS_MOST ? NULL : "the disturbances overflow";
             passes = 0;
             if (m->reason == NULL)
                 continue;
         }
-        if (rc != MODAL_OK || m->reason != NULL || (rc = eigenvalues(m, out->multiplier, err)) != MODAL_OK)
+        if (rc != MODAL_OK || m->reason != NULL
+            || (rc = eigenvalues(m, out->multiplier, err)) != MODAL_OK)
             break;
         out->error = passes++ > 0 || !m->varies ? 0 : NAN;
         for (int i = 0; passes > 1 && i < m->order; i++)
@@ -99,11 +107,14 @@ static void judge(struct stability *out)
     double margin = fmax(ON_CIRCLE, 10 * out->error);
 
     out->largest = cabs(out->multiplier[0]);
-    out->verdict = fabs(out->largest - 1) <= margin ? STABILITY_UNDECIDED : out->largest < 1 ? STABILITY_STABLE : STABILITY_UNSTABLE;
+    out->verdict = fabs(out->largest - 1) <= margin ? STABILITY_UNDECIDED
+                   : out->largest < 1               ? STABILITY_STABLE
+                                                    : STABILITY_UNSTABLE;
 }
 
 /* No laws: the program's own multipliers, whatever the motion. */
-static enum modal_status linear_stability(const struct program *p, double omega, struct stability *out, struct modal_error *err)
+static enum modal_status linear_stability(const struct program *p, double omega,
+                                          struct stability *out, struct modal_error *err)
 {
     struct program linear = *p;
     struct floquet f = { 0 };
@@ -114,9 +125,13 @@ static enum modal_status linear_stability(const struct program *p, double omega,
     linear.period = TWO_PI / omega;
     rc = floquet(&linear, NULL, &f, &why);
     if (rc != MODAL_OK) {
-        out->reason = rc == MODAL_OVERFLOW ? "the disturbances overflow" : rc == MODAL_TOO_LARGE ? "more states than multipliers are computed for"
-                    : "the multipliers of the linear scene could not be computed";
-        return rc == MODAL_NO_MEMORY || rc == MODAL_CANCELLED ? modal_fail(err, rc, "%s", why.message) : MODAL_OK;
+        out->reason = rc == MODAL_OVERFLOW ? "the disturbances overflow"
+                      : rc == MODAL_TOO_LARGE
+                          ? "more states than multipliers are computed for"
+                          : "the multipliers of the linear scene could not be computed";
+        return rc == MODAL_NO_MEMORY || rc == MODAL_CANCELLED
+                   ? modal_fail(err, rc, "%s", why.message)
+                   : MODAL_OK;
     }
     out->multiplier = calloc((size_t)f.count + 1, sizeof *out->multiplier);
     if (out->multiplier == NULL) {
@@ -127,13 +142,16 @@ static enum modal_status linear_stability(const struct program *p, double omega,
     out->count = f.count;
     out->largest = f.max_multiplier;
     out->error = f.error;
-    out->verdict = f.stable == FLOQUET_STABLE ? STABILITY_STABLE : f.stable == FLOQUET_UNSTABLE ? STABILITY_UNSTABLE : STABILITY_UNDECIDED;
+    out->verdict = f.stable == FLOQUET_STABLE     ? STABILITY_STABLE
+                   : f.stable == FLOQUET_UNSTABLE ? STABILITY_UNSTABLE
+                                                  : STABILITY_UNDECIDED;
     floquet_done(&f);
     return MODAL_OK;
 }
 
 /* Of a motion followed from event to event: its multipliers came with it. */
-static enum modal_status known_stability(const struct steady_point *point, struct stability *out, struct modal_error *err)
+static enum modal_status known_stability(const struct steady_point *point, struct stability *out,
+                                         struct modal_error *err)
 {
     out->multiplier = calloc((size_t)point->states + 1, sizeof *out->multiplier);
     if (out->multiplier == NULL)
@@ -145,7 +163,8 @@ static enum modal_status known_stability(const struct steady_point *point, struc
     return MODAL_OK;
 }
 
-enum modal_status stability_of(struct steady *s, const struct steady_point *point, struct stability *out, struct modal_error *err)
+enum modal_status stability_of(struct steady *s, const struct steady_point *point,
+                               struct stability *out, struct modal_error *err)
 {
     struct monodromy m = { .s = s, .p = steady_program(s), .point = point };
     enum modal_status rc = MODAL_OK;
@@ -159,16 +178,19 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
     m.nz = m.p->n_linear;
     m.varies = m.p->harmonics > 0;
     for (int h = 0; h < m.p->harmonics; h++)
-        m.mass_varies |= m.p->harmonic[h].cosine[PROGRAM_M].start != NULL || m.p->harmonic[h].sine[PROGRAM_M].start != NULL;
+        m.mass_varies |= m.p->harmonic[h].cosine[PROGRAM_M].start != NULL
+                         || m.p->harmonic[h].sine[PROGRAM_M].start != NULL;
     if (point->followed)
-        m.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 dofs, are not followed";
+        m.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 "
+                   "dofs, are not followed";
     if (m.n == 0 || 2 * m.n > STABILITY_STATES_MOST)
         m.reason = "more states than the monodromy matrix is computed for";
     if (m.reason == NULL)
         rc = monodromy_prepare(&m, err);
     if (rc == MODAL_OK && m.reason == NULL) {
         out->multiplier = calloc((size_t)m.order + 1, sizeof *out->multiplier);
-        rc = out->multiplier == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : settle(&m, out, err);
+        rc = out->multiplier == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory")
+                                     : settle(&m, out, err);
     }
     if (rc == MODAL_OK && m.reason == NULL) {
         out->count = m.order;

@@ -1,32 +1,41 @@
-/* stability.h - multipliers of a steady state: its disturbances over one period, through the same laws
+/* stability.h - multipliers of a steady state: its disturbances over one period, through the same
+ * laws
  *
- * Disturbances of (1) and (2) of program.h about a periodic motion obey a linear equation with periodic coefficients,
+ * Disturbances of (1) and (2) of program.h about a periodic motion obey a linear equation with
+ * periodic coefficients,
  *
- *     M y'' + (C + sum B g_v B^T) y' + (K + sum B g_d B^T) y + sum B c = F z,                           (1)
+ *     M y'' + (C + sum B g_v B^T) y' + (K + sum B g_d B^T) y + sum B c = F z,                   (1)
  *
- * g_d, g_v the laws' slopes along the motion; c is what each stuck slider holds, constant while it sticks, and set anew from y
- * where it comes to rest.  The state is (y, y', z, one c a slider); its map over a period has the multipliers.
- */
+ * g_d, g_v the laws' slopes along the motion; c is what each stuck slider holds, constant while it
+ * sticks, and set anew from y where it comes to rest.  The state is (y, y', z, one c a slider); its
+ * map over a period has the multipliers. */
 #ifndef MODAL_STABILITY_H
 #define MODAL_STABILITY_H
 #include "modal/steady/solve.h"
 
-enum stability_verdict { STABILITY_UNKNOWN, STABILITY_STABLE, STABILITY_UNSTABLE, STABILITY_UNDECIDED };
+enum stability_verdict {
+    STABILITY_UNKNOWN,
+    STABILITY_STABLE,
+    STABILITY_UNSTABLE,
+    STABILITY_UNDECIDED
+};
 
 struct stability {
     enum stability_verdict verdict;
     int count;
-    double complex *multiplier;       /* over 2 pi / omega, |.| descending; the caller frees by stability_done */
+    double complex *multiplier;       /* over 2 pi / omega, |.| descending; the caller frees by
+                                       * stability_done */
     double largest, error;            /* max |.|; the estimated error of the integration */
     const char *reason;               /* STABILITY_UNKNOWN: why */
 };
 
 /*
- * Of POINT, converged, of session S.  UNDECIDED: a multiplier on the unit circle to within 1e-8 or the error.  UNKNOWN is an
- * answer: more than STATES_MOST states, a singular mass, a motion with jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or
- * as a law does.
+ * Of POINT, converged, of session S.  UNDECIDED: a multiplier on the unit circle to within 1e-8 or
+ * the error.  UNKNOWN is an answer: more than STATES_MOST states, a singular mass, a motion with
+ * jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law does.
  */
 enum { STABILITY_STATES_MOST = 400 };
-enum modal_status stability_of(struct steady *s, const struct steady_point *point, struct stability *out, struct modal_error *err);
+enum modal_status stability_of(struct steady *s, const struct steady_point *point,
+                               struct stability *out, struct modal_error *err);
 void stability_done(struct stability *s);
 #endif

@@ -1,14 +1,16 @@
 /*
  * ways.c - see ways.h
  *
- * A table, at the end, of starts for Newton's method (iterate.h) on one balance R(X) = 0, (1) of balance.h, gone through until one
- * converges.  From rest its first step is the motion with every law linearised there, sliders stuck.  With the laws left out, as
- * sliders that slip all the time nearly are, it is
+ * A table, at the end, of starts for Newton's method (iterate.h) on one balance R(X) = 0, (1) of
+ * balance.h, gone through until one converges.  From rest its first step is the motion with every
+ * law linearised there, sliders stuck.  With the laws left out, as sliders that slip all the time
+ * nearly are, it is
  *
- *     X_k = S_k^-1 p_k                                                                                  (1)
+ *     X_k = S_k^-1 p_k                                                                          (1)
  *
- * [CG89, section 3.1].  With p scaled by a level, solutions of small and of large loads are near that of rest and near (1): either is
- * followed to level 1, each from the last.  Direct iteration goes first only where its gain, slope max |S_k^-1|, is below GAIN_DIRECT.
+ * [CG89, section 3.1].  With p scaled by a level, solutions of small and of large loads are near
+ * that of rest and near (1): either is followed to level 1, each from the last.  Direct iteration
+ * goes first only where its gain, slope max |S_k^-1|, is below GAIN_DIRECT.
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
@@ -20,11 +22,12 @@
 #include "modal/steady/solutions.h"
 
 enum { LEVELS_MOST = 60, ITERATIONS_NEAR = 4, H_ROUGH = 5, ORDER_SMALL = 60, H_FEW = 12 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, ROUGH = 1e-2, HALF = 0.5, ROUGHER = 5, ON_THE_WAY = 1e-3;
+static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, ROUGH = 1e-2, HALF = 0.5,
+                    ROUGHER = 5, ON_THE_WAY = 1e-3;
 
 /* One attempt's best iterate, kept if it is better than what POINT has. */
-static void record(const struct balance *b, const double complex *X, const struct iterate_report *r, const char *method,
-                 struct steady_point *point)
+static void record(const struct balance *b, const double complex *X, const struct iterate_report *r,
+                   const char *method, struct steady_point *point)
 {
     point->attempts++;
     point->iterations += r->iterations;
@@ -38,8 +41,9 @@ static void record(const struct balance *b, const double complex *X, const struc
     memcpy(point->X, X, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
 }
 
-static enum modal_status try_newton(struct steady *s, struct balance *b, const char *method, double complex *X,
-                                    struct steady_point *point, struct modal_error *err)
+static enum modal_status try_newton(struct steady *s, struct balance *b, const char *method,
+                                    double complex *X, struct steady_point *point,
+                                    struct modal_error *err)
 {
     struct iterate_options opt = steady_iterate_options(s);
     struct iterate_report r;
@@ -50,14 +54,16 @@ static enum modal_status try_newton(struct steady *s, struct balance *b, const c
     return rc;
 }
 
-static enum modal_status try_direct(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
-                                    struct modal_error *err)
+static enum modal_status try_direct(struct steady *s, struct balance *b, double complex *X,
+                                    struct steady_point *point, struct modal_error *err)
 {
     struct iterate_options opt = steady_iterate_options(s);
     struct iterate_report r;
     enum modal_status rc;
 
-    opt.most = s->opt.max_iterations > 0 ? s->opt.max_iterations : s->opt.method == STEADY_DIRECT ? 1000 : 60;
+    opt.most = s->opt.max_iterations > 0        ? s->opt.max_iterations
+               : s->opt.method == STEADY_DIRECT ? 1000
+                                                : 60;
     rc = iterate_direct(b, &opt, X, &r, err);
     if (rc == MODAL_OK)
         record(b, X, &r, "direct", point);
@@ -79,7 +85,8 @@ static void laws_left_out(const struct balance *b, double complex *X)
     free(rhs);
 }
 
-/* Whether X lies further from GOOD than a motion in proportion to its load would, three times over: another branch. */
+/* Whether X lies further from GOOD than a motion in proportion to its load would, three times over:
+ * another branch. */
 static bool leaps(const double complex *X, const double complex *good, size_t size, double step)
 {
     double far = 0, scale = 0;
@@ -91,9 +98,10 @@ static bool leaps(const double complex *X, const double complex *good, size_t si
     return far > 3 * expm1(fabs(step)) * scale;
 }
 
-/* From level FROM to 1, each from the last; the step of log(level) halves on failure and grows on success. */
-static enum modal_status ramp(struct steady *s, struct balance *b, double from, double complex *X, struct steady_point *point,
-                              struct modal_error *err)
+/* From level FROM to 1, each from the last; the step of log(level) halves on failure and grows on
+ * success. */
+static enum modal_status ramp(struct steady *s, struct balance *b, double from, double complex *X,
+                              struct steady_point *point, struct modal_error *err)
 {
     struct iterate_options opt = steady_iterate_options(s);
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
@@ -144,10 +152,12 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
 }
 
 /* Around the folds of the branch over the level; its first crossing of 1. */
-static enum modal_status along_levels(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
-                                      struct modal_error *err)
+static enum modal_status along_levels(struct steady *s, struct balance *b, double complex *X,
+                                      struct steady_point *point, struct modal_error *err)
 {
-    struct solutions_options opt = { .most = 1, .cancelled = s->opt.cancelled, .context = s->opt.context };
+    struct solutions_options opt = { .most = 1,
+                                     .cancelled = s->opt.cancelled,
+                                     .context = s->opt.context };
     struct solutions found = { 0 };
     enum modal_status rc = solutions_along_levels(b, &opt, &found, err);
 
@@ -161,9 +171,10 @@ static enum modal_status along_levels(struct steady *s, struct balance *b, doubl
     return rc;
 }
 
-/* Newton's method took long from rest, as when it leaps between solutions of smooth laws: the branch that grows out of small
- * loads is the one to give, at its first crossing of the load. */
-static enum modal_status from_low(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+/* Newton's method took long from rest, as when it leaps between solutions of smooth laws: the
+ * branch that grows out of small loads is the one to give, at its first crossing of the load. */
+static enum modal_status from_low(struct steady *s, struct balance *b, double complex *X,
+                                  struct steady_point *point, struct modal_error *err)
 {
     struct steady_point low = *point;
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
@@ -187,9 +198,11 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
     return rc;
 }
 
-/* The start of balance B: what START holds; if that is nothing, the motion with the laws left out ([CG89], section 3.1) where it balances
- * better than rest, which it does where sliders slip.  *KNOWN: B's residual is that of the start. */
-static enum modal_status rough_guess(struct balance *b, const struct steady_start *start, bool nothing, double complex *Y, bool *known,
+/* The start of balance B: what START holds; if that is nothing, the motion with the laws left out
+ * ([CG89], section 3.1) where it balances better than rest, which it does where sliders slip.
+ * *KNOWN: B's residual is that of the start. */
+static enum modal_status rough_guess(struct balance *b, const struct steady_start *start,
+                                     bool nothing, double complex *Y, bool *known,
                                      struct modal_error *err)
 {
     enum modal_status rc;
@@ -206,8 +219,10 @@ static enum modal_status rough_guess(struct balance *b, const struct steady_star
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
-/* X of balance B improved with H of its harmonics, to TOLERANCE, from rest if it is NOTHING; left alone where that does not converge. */
-static enum modal_status rough_level(struct steady *s, const struct balance *b, int H, double omega, double tolerance, bool nothing, double complex *X,
+/* X of balance B improved with H of its harmonics, to TOLERANCE, from rest if it is NOTHING; left
+ * alone where that does not converge. */
+static enum modal_status rough_level(struct steady *s, const struct balance *b, int H, double omega,
+                                     double tolerance, bool nothing, double complex *X,
                                      struct steady_point *point, bool *ok, struct modal_error *err)
 {
     struct iterate_options opt = steady_iterate_options(s);
@@ -240,10 +255,11 @@ static enum modal_status rough_level(struct steady *s, const struct balance *b, 
     return rc;
 }
 
-/* X of balance B, not yet set, from START, or from rest: to many harmonics the way is gone with few, roughly, then with three times as
- * many, as long as that is far fewer. */
-enum modal_status ways_begin(struct steady *s, const struct balance *b, double omega, const struct steady_start *start, double complex *X,
-                               struct steady_point *point, struct modal_error *err)
+/* X of balance B, not yet set, from START, or from rest: to many harmonics the way is gone with
+ * few, roughly, then with three times as many, as long as that is far fewer. */
+enum modal_status ways_begin(struct steady *s, const struct balance *b, double omega,
+                             const struct steady_start *start, double complex *X,
+                             struct steady_point *point, struct modal_error *err)
 {
     int load = condense_highest_load(s->c), H = load + 1 > H_ROUGH ? load + 1 : H_ROUGH;
     double tolerance = ROUGH;
@@ -251,25 +267,30 @@ enum modal_status ways_begin(struct steady *s, const struct balance *b, double o
     enum modal_status rc = MODAL_OK;
 
     start_write(b, start, X);
-    if (start != NULL || s->opt.method == STEADY_DIRECT || !s->exact || s->opt.by_differences || s->opt.cutoff > 0)
+    if (start != NULL || s->opt.method == STEADY_DIRECT || !s->exact || s->opt.by_differences
+        || s->opt.cutoff > 0)
         return MODAL_OK;
     for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= ROUGHER, nothing = false)
         rc = rough_level(s, b, H, omega, tolerance, nothing, X, point, &ok, err);
     return rc;
 }
 
-/* Direct iteration, where its gain promises that it converges and the system is large enough for it to pay. */
-static enum modal_status try_gain(struct steady *s, struct balance *b, double complex *X, struct steady_point *point, struct modal_error *err)
+/* Direct iteration, where its gain promises that it converges and the system is large enough for it
+ * to pay. */
+static enum modal_status try_gain(struct steady *s, struct balance *b, double complex *X,
+                                  struct steady_point *point, struct modal_error *err)
 {
     enum modal_status rc = s->slope > 0 ? MODAL_OK : balance_residual(b, X, false, err);
 
-    if (rc == MODAL_OK && iterate_gain(b, s->slope > 0 ? s->slope : aft_slope(b->aft)) < GAIN_DIRECT)
+    if (rc == MODAL_OK
+        && iterate_gain(b, s->slope > 0 ? s->slope : aft_slope(b->aft)) < GAIN_DIRECT)
         rc = try_direct(s, b, X, point, err);
     return rc;
 }
 
 /* Newton's method anew from rest, or from the motion with the laws left out. */
-static enum modal_status try_again(struct steady *s, struct balance *b, bool left_out, double complex *X, struct steady_point *point,
+static enum modal_status try_again(struct steady *s, struct balance *b, bool left_out,
+                                   double complex *X, struct steady_point *point,
                                    struct modal_error *err)
 {
     memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
@@ -279,8 +300,8 @@ static enum modal_status try_again(struct steady *s, struct balance *b, bool lef
 }
 
 /* A coarse balance's answer as the start of B. */
-static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X, struct steady_point *point,
-                                         struct modal_error *err)
+static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X,
+                                         struct steady_point *point, struct modal_error *err)
 {
     int H = b->H / 3 > condense_highest_load(s->c) ? b->H / 3 : condense_highest_load(s->c);
     struct balance *few;
@@ -340,7 +361,8 @@ static enum modal_status direct_alone(struct attempt *a, struct modal_error *err
 /* Small systems are solved by Newton's method sooner than a gain is found. */
 static bool is_large(const struct attempt *a)
 {
-    return a->s->opt.method == STEADY_AUTO && a->b->order > ORDER_SMALL && !a->s->opt.by_differences;
+    return a->s->opt.method == STEADY_AUTO && a->b->order > ORDER_SMALL
+           && !a->s->opt.by_differences;
 }
 
 static enum modal_status direct_by_gain(struct attempt *a, struct modal_error *err)
@@ -432,8 +454,8 @@ static const struct {
     { goes_round,         over_levels },
 };
 
-enum modal_status ways_try(struct steady *s, struct balance *b, const struct steady_start *start, double complex *X,
-                           struct steady_point *point, struct modal_error *err)
+enum modal_status ways_try(struct steady *s, struct balance *b, const struct steady_start *start,
+                           double complex *X, struct steady_point *point, struct modal_error *err)
 {
     struct attempt a = { s, b, start, X, point, false };
     enum modal_status rc = MODAL_OK;

@@ -268,7 +268,7 @@ static enum modal_status point_of(struct curve *c, struct balance *b, const doub
                                   int iterations, struct steady_point *point,
                                   struct modal_error *err)
 {
-    enum modal_status rc = steady_point_take(c->s, b, X, point, err);
+    enum modal_status rc = steady_point_of(c->s, b, X, point, err);
 
     if (rc != MODAL_OK)
         return rc;

@@ -17,9 +17,11 @@
 #include <string.h>
 #include "modal/steady/aft_events.h"
 
-enum { SWEEPS_MOST = 12 };
+enum { SWEEPS_MOST = 12 };   /* periods that a memory is given to repeat */
+/* Of the largest force, a change from one period to the next: the memory has settled. */
 static const double SWEEP_TOLERANCE = 1e-12;
 
+/* Frees what A holds. */
 static void law_free(struct aft_law *a)
 {
     for (int j = 0; j < LAW_INPUTS_MOST; j++)
@@ -56,6 +58,7 @@ void aft_free(struct aft *w)
     free(w);
 }
 
+/* Room for one law: samples where it is sampled, waves where it has pieces. */
 static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct law *law,
                                   const int *place, struct modal_error *err)
 {
@@ -144,7 +147,8 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
 
         for (int j = 0; j < inputs; j++) {
             d[j] = a->in[j].d[n];
-            v[j] = w->omega * a->in[j].v[n];
+            v[j] = w->omega * a->in[j].v[n];            /* d/dt = omega d/dtheta */
+            /* the sample before the first is the last */
             before[j] = a->in[j].d[n > 0 ? n - 1 : N - 1];
         }
         rc = a->law->kind->force(a->law, &at, &out, err);
@@ -155,10 +159,11 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
                 a->fv[(i * inputs + j) * N + n] = out.fv[i][j];
             }
         }
+        /* what the law remembers after this sample */
         memcpy(a->z, a->z + a->memory, (size_t)a->memory * sizeof *a->z);
         a->acts |= out.acts;
     }
-    a->evaluations += N;
+    a->evaluations += N;                                /* one a sample */
     return rc;
 }
 
@@ -172,9 +177,11 @@ static enum modal_status sample_law(struct aft *w, struct aft_law *a, struct mod
     enum modal_status rc;
 
     memset(a->z, 0, (size_t)a->memory * sizeof *a->z);
-    if (a->law->kind->restart != NULL)
+    if (a->law->kind->restart != NULL)                  /* a user's law keeps its own memory */
         a->law->kind->restart(a->law);
     rc = sweep(w, a, err);
+    /* A memory repeats once the motion has gone through all it forgets; the first period begins
+     * from none. */
     for (int round = 1; rc == MODAL_OK && remembers && round < SWEEPS_MOST; round++) {
         if (last == NULL && (last = malloc((size_t)w->N * sizeof *last)) == NULL) {
             rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a sweep");
@@ -184,6 +191,7 @@ static enum modal_status sample_law(struct aft *w, struct aft_law *a, struct mod
         rc = sweep(w, a, err);
         change = scale = 0;
         for (int n = 0; n < w->N; n++) {
+            /* of the first output: all share one memory */
             change = fmax(change, fabs(a->f[n] - last[n]));
             scale = fmax(scale, fabs(a->f[n]));
         }
@@ -194,6 +202,7 @@ static enum modal_status sample_law(struct aft *w, struct aft_law *a, struct mod
     return rc;
 }
 
+/* No NaN and no infinity. */
 static bool finite_motion(const double complex *X, size_t count)
 {
     for (size_t i = 0; i < count; i++)
@@ -202,6 +211,7 @@ static bool finite_motion(const double complex *X, size_t count)
     return true;
 }
 
+/* The relative displacements of a law's inputs: dof less `to`, with their samples. */
 static void set_motion(struct aft *w, struct aft_law *a, const double complex *X)
 {
     int K = w->H + 1;
@@ -214,6 +224,7 @@ static void set_motion(struct aft *w, struct aft_law *a, const double complex *X
     }
 }
 
+/* Harmonics of a law's forces into a->F: of its pieces, exact, or of its samples. */
 static enum modal_status law_forces(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
     enum modal_status rc = a->exact ? aft_find_pieces(w, a, err) : sample_law(w, a, err);
@@ -231,6 +242,7 @@ static enum modal_status law_forces(struct aft *w, struct aft_law *a, struct mod
     return MODAL_OK;
 }
 
+/* A law's forces onto its dofs, the opposite on `to`. */
 static void scatter_force(const struct aft *w, const struct aft_law *a, const double complex *f,
                           int K, double complex *F)
 {
@@ -238,9 +250,9 @@ static void scatter_force(const struct aft *w, const struct aft_law *a, const do
     for (int i = 0; i < a->law->kind->inputs; i++)
         for (int k = 0; k < K; k++) {
             if (a->place[i] >= 0)
-                F[a->place[i] * K + k] += f[i * K + k];
+                F[a->place[i] * K + k] += f[i * K + k];  /* on the dof */
             if (a->to[i] >= 0)
-                F[a->to[i] * K + k] -= f[i * K + k];
+                F[a->to[i] * K + k] -= f[i * K + k];    /* and against `to` */
         }
 }
 
@@ -252,9 +264,10 @@ enum modal_status aft_force(struct aft *w, double omega, const double complex *X
 
     if (!finite_motion(X, count))
         return modal_fail(err, MODAL_OVERFLOW, "aft: the motion is not finite");
-    w->omega = omega;
+    w->omega = omega;                                /* for rates, of which samples have d/dtheta */
     for (int i = 0; rc == MODAL_OK && i < w->laws; i++) {
         set_motion(w, &w->law[i], X);
+        /* into its own F: a failure leaves the caller's alone */
         rc = law_forces(w, &w->law[i], err);
     }
     if (rc != MODAL_OK)

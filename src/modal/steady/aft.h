@@ -20,6 +20,7 @@ struct aft;
  */
 enum modal_status aft_new(const struct program *p, const int *place, int q, int H, int N,
                           bool located, struct aft **out, struct modal_error *err);
+/* Frees W and all that it made; NULL is none. */
 void aft_free(struct aft *w);
 
 /*
@@ -39,12 +40,17 @@ struct aft_target {
 enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
                                      struct modal_error *err);
 
+/* N. */
 int aft_samples(const struct aft *w);
+/* Discrete transforms made so far. */
 long aft_transforms(const struct aft *w);
+/* Of law LAW so far: one a sample, or N for the pieces of a period. */
 long aft_evaluations(const struct aft *w, int law);
-bool aft_acts(const struct aft *w, int law);              /* in the last force */
+/* Whether law LAW slipped or touched in the last force. */
+bool aft_acts(const struct aft *w, int law);
+/* Whether what law LAW held in the last force is one of many: a slider that never slips. */
 bool aft_undetermined(const struct aft *w, int law);
-/* no exact pieces: sampling has an error */
+/* Whether law LAW is sampled, which has an error of its own; else its pieces are exact. */
 bool aft_sampled(const struct aft *w, int law);
 /* Largest slope of any law's force in the last one, N/m: the gain's numerator. */
 double aft_slope(const struct aft *w);

@@ -6,6 +6,13 @@
  * where it began.  Rigid friction jumps at turns theta_b, which move: delta F_k = -(jump / pi)
  * e^{-i k theta_b} delta theta_b.  (1)
  *
+ * As real matrices of order 2 HJ + 1, with G the harmonics of df/dd, V those of df/dv and s = l
+ * omega, column l of the gain's block is
+ *
+ *     dF_k = (G_{k-l} + i s V_{k-l}) dD_l + (G_{k+l} - i s V_{k+l}) conj(dD_l),                 (2)
+ *
+ * its two real columns for Re and Im of dD_l.
+ *
  * The gains of a law that is sampled are df/dd and df/dv at the samples.  Their harmonics have
  * period N, so that (2) is the exact derivative of what is sampled, aliasing and all.
  */
@@ -14,6 +21,7 @@
 #include <string.h>
 #include "modal/steady/aft_events.h"
 
+/* Harmonics of df/dd and df/dv at the samples, period N. */
 static void analyze_gains(struct aft *w, struct aft_law *a)
 {
     int inputs = a->law->kind->inputs, H = w->H, N = w->N;
@@ -49,25 +57,25 @@ static void gain_block(struct aft *w, const double complex *G, const double comp
     int H = w->HJ, n = 2 * H + 1;
     double *B = w->block;
 
-    B[0] = creal(G[0]);
+    B[0] = creal(G[0]);                                 /* k = 0, l = 0 */
     for (int k = 1; k <= H; k++) {
-        B[2 * k - 1] = 2 * creal(G[k]);
+        B[2 * k - 1] = 2 * creal(G[k]);                 /* 2 G_k dD_0 */
         B[2 * k] = 2 * cimag(G[k]);
     }
     for (int l = 1; l <= H; l++) {
         double *re = B + (size_t)(2 * l - 1) * (size_t)n, *im = re + n, s = l * w->omega;
 
-        re[0] = creal(G[l]) + s * cimag(V[l]);
+        re[0] = creal(G[l]) + s * cimag(V[l]);          /* F_0 by Re D_l, and by Im D_l below */
         im[0] = cimag(G[l]) - s * creal(V[l]);
         for (int k = 1; k <= H; k++) {
             int p = k >= l ? k - l : l - k;
             double sign = k >= l ? 1 : -1;
-            double Tr = creal(G[p]) - s * sign * cimag(V[p]),
+            double Tr = creal(G[p]) - s * sign * cimag(V[p]),  /* G_{k-l}, of dD_l */
                    Ti = sign * cimag(G[p]) + s * creal(V[p]);
-            double Hr = creal(G[k + l]) + s * cimag(V[k + l]),
+            double Hr = creal(G[k + l]) + s * cimag(V[k + l]),  /* G_{k+l}, of conj dD_l */
                    Hi = cimag(G[k + l]) - s * creal(V[k + l]);
 
-            re[2 * k - 1] = Tr + Hr;
+            re[2 * k - 1] = Tr + Hr;                    /* (2), in real parts */
             re[2 * k] = Ti + Hi;
             im[2 * k - 1] = Hi - Ti;
             im[2 * k] = Tr - Hr;
@@ -110,6 +118,7 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
 
         if (piece->output != i)
             continue;
+        /* What a stuck phase holds follows the motion at its start. */
         if (piece->holds && piece->ref[j] != 0) {
             aft_rotations(a->ends[2 * s], w->HJ, w->before);
             aft_rotations(a->ends[2 * s + 1], w->HJ, w->after);
@@ -118,17 +127,21 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
                 w->mask[k] *= 2;
             if (piece->at != piece->from)
                 aft_rotations(aft_rotation(piece->at), w->HJ, w->before);
+            /* held at what the motion was at its start */
             outer_block(w, w->mask, piece->ref[j], false, w->before);
         }
+        /* A jump moves with its turn, (1). */
         if (piece->jump != 0 && piece->slope != 0 && j == 0) {
             aft_rotations(a->ends[2 * s], w->HJ, w->before);
             for (int k = 0; k <= w->HJ; k++)
-                w->mask[k] = (k > 0 ? 2 : 1) / TWO_PI * w->before[k];
+                w->mask[k] = (k > 0 ? 2 : 1) / TWO_PI * w->before[k];  /* e^{-i k theta_b} / pi */
+            /* (1): d theta_b = -d v / slope */
             outer_block(w, w->mask, piece->jump / piece->slope, true, w->before);
         }
     }
 }
 
+/* w->block, signed, onto the dofs (row, column) of the target; nothing acts on the ground. */
 static void add_block(const struct aft *w, double sign, int row, int column,
                       const struct aft_target *into)
 {
@@ -151,6 +164,7 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
     size_t stride = 2 * (size_t)w->H + 1;
     enum modal_status rc = MODAL_OK;
 
+    /* made on first use: a balance may never want a derivative */
     if (w->block == NULL && (w->block = malloc(stride * stride * sizeof *w->block)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a derivative of %d harmonics",
                           w->H);
@@ -166,6 +180,7 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
 
                 gain_block(w, a->gain + at, a->damp + at);
                 level_blocks(w, a, i, j);
+                /* relative displacements: + - - + */
                 add_block(w, 1, a->place[i], a->place[j], into);
                 add_block(w, -1, a->place[i], a->to[j], into);
                 add_block(w, -1, a->to[i], a->place[j], into);

@@ -19,6 +19,7 @@
 #include <string.h>
 
 enum { DIRECT = 4 };     /* multiplications of (2) that two transforms cost, a sample */
+/* A force so much smaller than its level has lost three digits to its spring: samples lose more. */
 static const double CANCELLED = 1e-3;
 
 static double complex times(double complex a, double complex b)      /* of finite numbers */
@@ -27,10 +28,12 @@ static double complex times(double complex a, double complex b)      /* of finit
                  creal(a) * cimag(b) + cimag(a) * creal(b));
 }
 
+/* One event's. */
 double complex aft_rotation(double theta) { return CMPLX(cos(theta), -sin(theta)); }
 
 typedef double pair __attribute__((vector_size(2 * sizeof(double))));      /* a complex number */
 
+/* x as a vector of two: no unaligned access is assumed. */
 static pair load(const double complex *x)
 {
     pair p;
@@ -39,6 +42,7 @@ static pair load(const double complex *x)
     return p;
 }
 
+/* And back. */
 static void store(pair p, double complex *x) { memcpy(x, &p, sizeof p); }
 
 /* e[m] = z^m, m = 0 .. most, |z| = 1: doubled from what there is, so that rounding grows with log m
@@ -55,7 +59,7 @@ void aft_rotations(double complex z, int most, double complex *e)
         for (int i = 0; i < count; i++) {
             pair x = load(e + i);
 
-            store(x * re + (pair) { x[1], x[0] } * im, e + m + i);
+            store(x * re + (pair) { x[1], x[0] } * im, e + m + i);  /* e[m + i] = z^m z^i */
         }
     }
 }
@@ -63,7 +67,7 @@ void aft_rotations(double complex z, int most, double complex *e)
 /* (1) for m = 0 .. most into w->mask, of the rotations at both ends. */
 void aft_mask(struct aft *w, double length, int most)
 {
-    w->mask[0] = length / TWO_PI;
+    w->mask[0] = length / TWO_PI;                       /* (1) as m goes to 0 */
     for (int m = 1; m <= most; m++)
         w->mask[m] = CMPLX(-(cimag(w->after[m]) - cimag(w->before[m])),
                            creal(w->after[m]) - creal(w->before[m]))
@@ -76,7 +80,7 @@ static void convolve_add(const double complex *G, const double complex *D, int H
 {
     double F0 = creal(G[0]) * creal(D[0]);
 
-    for (int l = 1; l <= H; l++)
+    for (int l = 1; l <= H; l++)                        /* (2), F_0 */
         F0 += creal(G[l]) * creal(D[l]) + cimag(G[l]) * cimag(D[l]);
     F[0] += F0;
     for (int k = 1; k <= K; k++) {
@@ -104,18 +108,21 @@ static void convolve_add(const double complex *G, const double complex *D, int H
     }
 }
 
+/* V_k = i k omega D_k. */
 static void rate_of(const double complex *D, int H, double omega, double complex *V)
 {
     for (int k = 0; k <= H; k++)
-        V[k] = I * (k * omega) * D[k];
+        V[k] = I * (k * omega) * D[k];                  /* d/dt */
 }
 
 /* A wave under construction: sum of weight e^{-i m theta} over events, m = 1 .. most, and its mean;
  * not `any`: it is 0. */
 struct event_sum { double complex *wave; int most; double mean; bool any; };
 
+/* Level, damp, cross, and a gain for each input. */
 enum { SUMS = 3 + LAW_INPUTS_MOST };
 
+/* What a piece weighs in each of the sums. */
 static void event_weights(const struct law_piece *piece, double weight[SUMS])
 {
     weight[0] = piece->level;
@@ -144,6 +151,7 @@ static void add_event(struct aft *w, double complex z, const double *before, con
     int most = 0;
 
     for (int i = 0; i < SUMS; i++) {
+        /* of the weight, downwards */
         change[i] = (before != NULL ? before[i] : 0) - (after != NULL ? after[i] : 0);
         most = change[i] != 0 && sum[i].most > most ? sum[i].most : most;
     }
@@ -160,7 +168,7 @@ static void end_sums(const struct aft *w, struct event_sum sum[SUMS])
     for (int i = 0; i < SUMS; i++) {
         if (!sum[i].any)
             continue;
-        sum[i].wave[0] = sum[i].mean;
+        sum[i].wave[0] = sum[i].mean;                   /* m = 0 of (1) */
         for (int m = 1; m <= sum[i].most; m++)
             sum[i].wave[m] = CMPLX(-cimag(sum[i].wave[m]) * w->inverse[m],
                                    creal(sum[i].wave[m]) * w->inverse[m]);
@@ -185,6 +193,7 @@ static void sum_pieces(struct aft *w, struct aft_law *a, int output, struct even
             sum[i].any |= now[i] != 0;
             sum[i].mean += now[i] * (piece->to - piece->from) / TWO_PI;
         }
+        /* A gap between pieces, where the force is 0: the last one ends by itself. */
         if (before != NULL && piece->from != at)
             add_event(w, z, before, NULL, sum);
         a->ends[2 * s] = before != NULL && piece->from == at ? z : aft_rotation(piece->from);
@@ -256,10 +265,10 @@ static void cross_force(struct aft *w, const struct aft_law *a, double complex *
     for (int m = H + 1; m <= 3 * H; m++)
         two[m] = 0;
     memset(work, 0, (2 * (size_t)H + 1) * sizeof *work);
-    convolve_add(two, a->in[0].D, H, 2 * H, work);
+    convolve_add(two, a->in[0].D, H, 2 * H, work);      /* d^2 */
     for (int m = 0; m <= 2 * H; m++)
-        work[m] *= I * (m * w->omega / 2);
-    convolve_add(a->cross, work, 2 * H, H, F);
+        work[m] *= I * (m * w->omega / 2);              /* (d^2)' / 2 */
+    convolve_add(a->cross, work, 2 * H, H, F);          /* times the mask of cross */
 }
 
 /* (2), of a gain to m = 2H and a motion whose N samples are D, by way of samples: products reach
@@ -273,7 +282,7 @@ static void sampled_product_add(struct aft *w, const double complex *gain, const
         w->wave[m] = (m > 0 ? 2 : 1) * gain[m];
     orbit_synthesize(w->grid, 2 * H, w->wave, 0, w->samples);
     for (int n = 0; n < w->N; n++)
-        w->samples[n] *= scale * d[n];
+        w->samples[n] *= scale * d[n];                  /* the product, in time */
     orbit_analyze(w->grid, w->samples, H, w->wave);
     for (int k = 0; k <= H; k++)
         F[k] += w->wave[k];
@@ -286,6 +295,7 @@ static bool by_samples(const struct aft *w, const struct aft_law *a, int j)
     return !a->stiff && w->N > 4 * w->H && w->H * a->in[j].top > DIRECT * w->N;
 }
 
+/* Gain and damp times the motion, each the shorter way. */
 static void gain_force(struct aft *w, const struct aft_law *a, int i, double complex *F,
                        double complex *work)
 {
@@ -306,6 +316,7 @@ static void gain_force(struct aft *w, const struct aft_law *a, int i, double com
     }
 }
 
+/* The largest |Re| + |Im|: as good as |.| to compare by. */
 static double largest(const double complex *X, int K)
 {
     double most = 0;
@@ -326,8 +337,9 @@ void aft_waves_force(struct aft *w, struct aft_law *a, int i, double complex *F,
     const double complex *level = a->level + (size_t)i * (2 * (size_t)H + 1);
 
     for (int k = 0; k <= H; k++)
-        F[k] = (k > 0 ? 2 : 1) * level[k];
+        F[k] = (k > 0 ? 2 : 1) * level[k];              /* two-sided to one-sided */
     gain_force(w, a, i, F, work);
+    /* The sum lost digits: this law is too stiff for samples, from now on. */
     if (by_samples(w, a, 0) && largest(F, H + 1) < CANCELLED * largest(level, H + 1)) {
         a->stiff = true;
         aft_waves_force(w, a, i, F, work);
@@ -343,17 +355,17 @@ void aft_cross_gains(struct aft *w, struct aft_law *a, double complex *work)
     int H = w->H;
     size_t stride = 2 * (size_t)H + 1;
 
-    if (!a->crosses)
+    if (!a->crosses)                                    /* no damping times displacement */
         return;
     memset(w->product, 0, stride * sizeof *w->product);
     convolve_add(a->cross, a->in[0].D, H, 2 * H, w->product);
     for (int m = 0; m <= 2 * H; m++)
-        a->damp[m] += w->product[m] / (m > 0 ? 2 : 1);
+        a->damp[m] += w->product[m] / (m > 0 ? 2 : 1);  /* d(cross d v)/dv = cross d */
     rate_of(a->in[0].D, H, w->omega, work);
     memset(w->product, 0, stride * sizeof *w->product);
     convolve_add(a->cross, work, H, 2 * H, w->product);
     for (int m = 0; m <= 2 * H; m++)
-        a->gain[m] += w->product[m] / (m > 0 ? 2 : 1);
+        a->gain[m] += w->product[m] / (m > 0 ? 2 : 1);  /* d(cross d v)/dd = cross v */
 }
 
 enum modal_status aft_find_pieces(struct aft *w, struct aft_law *a, struct modal_error *err)
@@ -368,7 +380,7 @@ enum modal_status aft_find_pieces(struct aft *w, struct aft_law *a, struct modal
         rc = a->law->kind->pieces(a->law, input, &a->pieces, err);
     a->acts = a->pieces.acts;
     a->undetermined = a->pieces.undetermined;
-    a->evaluations += w->N;
+    a->evaluations += w->N;                             /* what sampling it would have cost */
     if (rc == MODAL_OK && a->ends_room < a->pieces.count) {
         double complex *more = realloc(a->ends, 2 * (size_t)a->pieces.room * sizeof *more);
 

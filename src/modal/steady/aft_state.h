@@ -5,14 +5,17 @@
 
 static const double TWO_PI = 6.283185307179586477;
 
+/* One law: its motion, its force, and what its derivative is made of. */
 struct aft_law {
     const struct law *law;
-    int place[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];
+    int place[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];   /* retained dofs, or -1 */
     struct orbit in[LAW_INPUTS_MOST];
-    struct law_pieces pieces;
-    bool exact, acts, undetermined, stiff;
+    struct law_pieces pieces;               /* of the last force, where exact */
+    bool exact, acts, undetermined;         /* has pieces; in the last force: acted, one of many */
+    bool stiff;                             /* its force is far smaller than its terms: no
+                                             * samples */
     long evaluations;
-    int memory;
+    int memory;                             /* doubles that it remembers */
     double *f, *fd, *fv;                    /* samples: [i][N], [i][j][N] */
     double *z;                              /* memory, twice */
     double complex *F;                      /* [i][H+1] */
@@ -20,14 +23,15 @@ struct aft_law {
     double complex *level, *cross;          /* pieces': [i][2H+1], [3H+1] */
     bool levels, gains, damps, crosses;     /* which of them are not 0 throughout */
     double complex *ends;                   /* e^{-i theta} where piece s begins, [2 s], and ends */
-    int ends_room;
+    int ends_room;                          /* pieces that `ends` has room for */
 };
 
+/* The laws of a program on H harmonics and N samples. */
 struct aft {
     int q, H, N, laws, room, HJ;          /* HJ: of derivatives */
-    bool located;
+    bool located;                         /* pieces are asked for */
     double omega;
-    struct orbit_grid *grid;
+    struct orbit_grid *grid;              /* N instants, its transforms counted */
     struct aft_law *law;
     double complex *mask, *wave, *product;  /* `room` each */
     double complex *before, *after;         /* e^{-i m theta} where a piece begins and ends,

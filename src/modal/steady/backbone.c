@@ -10,6 +10,14 @@
  * may read rates), dR/dzeta = -2 i k omega^2 M X_k exact.  An amplitude not reached in one go is
  * approached in halves.
  *
+ * Newton's matrix is J bordered by two columns and two rows,
+ *
+ *     [ J           dR/domega   dR/dzeta ] [ du     ]     [ R                   ]
+ *     [ 2 (M X_1)^T 0           0        ] [ domega ] = - [ X_1^H M X_1 - a^2   ],              (3)
+ *     [ e_lead^T    0           0        ] [ dzeta  ]     [ Im X_1 at `lead`    ]
+ *
+ * regular though J is singular along the motion's own phase.
+ *
  * [K15] Krack, Computers and Structures 154 (2015) 59-71: the extended periodic motion concept.
  */
 #include "modal/steady/backbone.h"
@@ -21,13 +29,29 @@
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 
-enum { ITERATIONS_MOST = 30, HALVINGS_MOST = 12 };
-static const double TOLERANCE = 1e-12, CLOSE = 1e-8, TWO_PI = 6.283185307179586477;
+static const double TWO_PI = 6.283185307179586477;
+/* A relative step this short ends Newton's method; below CLOSE one that did not shrink to a
+ * STALLS-th does too: rounding. */
+static const double TOLERANCE = 1e-12;
+static const double CLOSE = 1e-8;
+static const double STALLS = 4;
+/* A step ten times the motion leads to another one. */
+static const double ASTRAY = 10;
+/* Of omega, its central difference: near the cube root of rounding. */
+static const double DIFFERENCE = 1e-6;
+enum {
+    ITERATIONS_MOST = 30,
+    HALVINGS_MOST = 12,      /* of the way to an amplitude, in its logarithm: steps of 1/4096 */
+    SAMPLES_LEAST = 64,
+    SAMPLES_SMOOTH = 32,     /* a harmonic, of laws that are neither polynomials nor of pieces */
+    /* a harmonic: eight a cycle of the energy's highest, 2 H */
+    SAMPLES_ENERGY = 16
+};
 
 struct backbone {
     const struct program *p;
-    struct condense *c;
-    struct balance *b;
+    struct condense *c;               /* every dof kept: M, C and K as they are */
+    struct balance *b;                /* its S and loads are set here, not by balance_set */
     int n, H, order, lead;            /* lead: the mode's largest dof */
     double *M, *C, *K, *shape;        /* n x n; n: of unit modal mass */
     double omega, zeta;               /* linear */
@@ -56,6 +80,7 @@ void backbone_free(struct backbone *b)
     free(b);
 }
 
+/* Scenes that have no nonlinear modes of this kind: refused by name. */
 static enum modal_status refuse(const struct program *p, struct modal_error *err)
 {
     if (p->harmonics > 0 || p->n_linear > 0)
@@ -95,6 +120,7 @@ static enum modal_status stiffness_at_rest(const struct backbone *b, double *K,
                         column = side % 2 == 0 ? law->dof[j] : law->to[j];
 
                     if (row >= 0 && column >= 0)
+                        /* relative displacements: + - - + */
                         K[column * n + row] += (side == 0 || side == 3 ? 1 : -1) * f.fd[i][j];
                 }
     }
@@ -126,13 +152,14 @@ static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_
     }
     for (size_t i = 0; rc == MODAL_OK && i < n; i++)
         for (size_t j = 0; j < n; j++)
+            /* phi^T C phi = 2 zeta omega, M-normalised */
             c += b->shape[i] * b->C[j * n + i] * b->shape[j];
     if (rc == MODAL_OK) {
         double sign = b->shape[b->lead] < 0 ? -1 : 1;
 
         for (size_t i = 0; i < n; i++)
             b->shape[i] *= sign;
-        b->omega = sqrt(w[mode - 1]);
+        b->omega = sqrt(w[mode - 1]);                   /* w ascends */
         b->zeta = c / (2 * b->omega);
     }
     free(K);
@@ -141,6 +168,7 @@ static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_
     return rc;
 }
 
+/* Room for order + 2 unknowns and the dense matrices. */
 static enum modal_status allocate(struct backbone *b, struct modal_error *err)
 {
     size_t n = (size_t)b->n, order = (size_t)b->order, size = n * ((size_t)b->H + 1);
@@ -164,14 +192,15 @@ static enum modal_status allocate(struct backbone *b, struct modal_error *err)
     return MODAL_OK;
 }
 
+/* A power of two of samples: 4 H of pieces, whose forces are exact, (p + 1) H of polynomials. */
 static int samples(const struct program *p, int H)
 {
-    int least = 4 * H + 2, N = 64;
+    int least = 4 * H + 2, N = SAMPLES_LEAST;
 
     for (int l = 0; l < p->laws; l++) {
         int need = p->law[l].degree > 0             ? (p->law[l].degree + 1) * H + 1
                    : p->law[l].kind->pieces != NULL ? 0
-                                                    : 32 * H;
+                                                    : SAMPLES_SMOOTH * H;
 
         least = need > least ? need : least;
     }
@@ -235,7 +264,7 @@ static void set(struct backbone *b, double omega, double zeta)
 {
     int n = b->n;
 
-    b->b->omega = omega;
+    b->b->omega = omega;            /* the balance is driven by hand: it has no loads to condense */
     memset(b->b->load, 0, (size_t)n * ((size_t)b->H + 1) * sizeof *b->b->load);
     for (int k = 0; k <= b->H; k++)
         for (int e = 0; e < n * n; e++) {
@@ -250,7 +279,7 @@ static void set(struct backbone *b, double omega, double zeta)
 static enum modal_status over_omega(struct backbone *b, double omega, double zeta,
                                     struct modal_error *err)
 {
-    double h = 1e-6 * omega;
+    double h = DIFFERENCE * omega;
     enum modal_status rc;
 
     set(b, omega + h, zeta);
@@ -260,8 +289,8 @@ static enum modal_status over_omega(struct backbone *b, double omega, double zet
     if (rc == MODAL_OK)
         rc = balance_residual(b->b, b->X, false, err);
     for (int i = 0; i < b->order; i++)
-        b->side[i] = (b->side[i] - b->b->R[i]) / (2 * h);
-    set(b, omega, zeta);
+        b->side[i] = (b->side[i] - b->b->R[i]) / (2 * h);  /* off by h^2 */
+    set(b, omega, zeta);                                /* back: the derivative is taken there */
     return rc;
 }
 
@@ -276,10 +305,10 @@ static double modal_square(const struct backbone *b, double *row, int ld)
 
         for (int j = 0; j < n; j++)
             MX += b->M[j * n + i] * b->X[j * K + 1];
-        sum += creal(conj(b->X[i * K + 1]) * MX);
+        sum += creal(conj(b->X[i * K + 1]) * MX);       /* X_1^H M X_1 is real */
         if (row != NULL) {
-            row[(size_t)(i * m + 1) * (size_t)ld] = 2 * creal(MX);
-            row[(size_t)(i * m + 2) * (size_t)ld] = 2 * cimag(MX);
+            row[(size_t)(i * m + 1) * (size_t)ld] = 2 * creal(MX);  /* d/d Re X_1 */
+            row[(size_t)(i * m + 2) * (size_t)ld] = 2 * cimag(MX);  /* d/d Im X_1 */
         }
     }
     return sum;
@@ -296,7 +325,7 @@ static void over_zeta(const struct backbone *b, double omega, double *column)
 
             for (int j = 0; j < n; j++)
                 MX += b->M[j * n + i] * b->X[j * K + k];
-            MX *= -2 * I * k * omega * omega;
+            MX *= -2 * I * k * omega * omega;           /* of S in set() */
             column[i * m + 2 * k - 1] = creal(MX);
             column[i * m + 2 * k] = cimag(MX);
         }
@@ -329,19 +358,23 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
         rc = balance_residual(b->b, b->X, true, err);
     if (rc != MODAL_OK)
         return rc;
+    /* The matrix of (2): rows R, amplitude, phase; columns u, omega, zeta. */
     memset(b->A, 0, (size_t)all * (size_t)all * sizeof *b->A);
     for (int c = 0; c < order; c++)
         memcpy(b->A + (size_t)c * (size_t)all, b->b->J + (size_t)c * (size_t)order,
                (size_t)order * sizeof *b->A);
+    /* last but one */
     memcpy(b->A + (size_t)order * (size_t)all, b->side, (size_t)order * sizeof *b->A);
-    over_zeta(b, *omega, b->A + (size_t)(order + 1) * (size_t)all);
+    over_zeta(b, *omega, b->A + (size_t)(order + 1) * (size_t)all);  /* last column */
     for (int i = 0; i < order; i++)
         b->rhs[i] = -b->b->R[i];
-    b->rhs[order] = a * a - modal_square(b, b->A + order, all);
+    b->rhs[order] = a * a - modal_square(b, b->A + order, all);  /* the second of (2), times a^2 */
+    /* the third of (2): of Im X_1 alone */
     b->A[(size_t)(b->lead * m + 2) * (size_t)all + (size_t)order + 1] = 1;
     b->rhs[order + 1] = -cimag(b->X[b->lead * K + 1]);
     scale_rows(b->A, b->rhs, all);
     *size = NAN;
+    /* Singular: no step, and *SIZE says so. */
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, all, 1, b->A, all, b->pivot, b->rhs, all) != 0)
         return MODAL_OK;
     for (int i = 0; i < b->n; i++)
@@ -359,18 +392,20 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
     return MODAL_OK;
 }
 
+/* (2) from where `out` and b->X stand, until it settles or runs away. */
 static enum modal_status newton(struct backbone *b, double a, struct backbone_point *out,
                                 struct modal_error *err)
 {
     double last = HUGE_VAL;
     enum modal_status rc = MODAL_OK;
 
+    /* omega and zeta of `out` are unknowns, too. */
     for (int i = 0; rc == MODAL_OK && i < ITERATIONS_MOST && !out->converged; i++) {
         rc = step(b, a, &out->omega, &out->damping_ratio, &out->step, err);
         out->iterations++;
-        if (rc == MODAL_OVERFLOW || !(out->step < 10) || !(out->omega > 0))
+        if (rc == MODAL_OVERFLOW || !(out->step < ASTRAY) || !(out->omega > 0))
             return MODAL_OK;
-        out->converged = out->step <= TOLERANCE || (out->step < CLOSE && out->step > last / 4);
+        out->converged = out->step <= TOLERANCE || (out->step < CLOSE && out->step > last / STALLS);
         last = out->step;
     }
     set(b, out->omega, out->damping_ratio);
@@ -383,7 +418,7 @@ static enum modal_status newton(struct backbone *b, double a, struct backbone_po
 /* The largest kinetic energy, on a grid that resolves its 2H harmonics. */
 static double kinetic_peak(const struct backbone *b, double omega)
 {
-    int N = 16 * (b->H + 1), n = b->n, K = b->H + 1;
+    int N = SAMPLES_ENERGY * (b->H + 1), n = b->n, K = b->H + 1;
     double most = 0, *v = b->side;
 
     for (int j = 0; j < N; j++) {
@@ -392,17 +427,18 @@ static double kinetic_peak(const struct backbone *b, double omega)
         for (int i = 0; i < n; i++) {
             v[i] = 0;
             for (int k = 1; k < K; k++)
-                v[i] += creal(I * (k * omega) * b->X[i * K + k]
+                v[i] += creal(I * (k * omega) * b->X[i * K + k]  /* the velocity at instant j */
                               * cexp(I * (TWO_PI * (double)((long)k * j % N) / N)));
         }
         for (int i = 0; i < n; i++)
             for (int l = 0; l < n; l++)
-                sum += 0.5 * v[i] * b->M[l * n + i] * v[l];
+                sum += 0.5 * v[i] * b->M[l * n + i] * v[l];  /* kinetic energy */
         most = fmax(most, sum);
     }
     return most;
 }
 
+/* Where to begin at amplitude a: the last motion in proportion, or the linear mode. */
 static void start_at(struct backbone *b, double a, struct backbone_point *out)
 {
     int K = b->H + 1;
@@ -423,7 +459,9 @@ enum modal_status backbone_at(struct backbone *b, double a, struct backbone_poin
     int iterations = 0;
     enum modal_status rc = MODAL_OK;
 
+    /* Amplitudes from the last one found towards a: all of the way, or a share of its logarithm. */
     for (int halvings = 0; rc == MODAL_OK && halvings < HALVINGS_MOST; ) {
+        /* amplitudes in proportion, share of the way by its logarithm */
         double from = b->a > 0 ? b->a : a, next = share < 1 ? from * pow(a / from, share) : a;
 
         start_at(b, next, out);

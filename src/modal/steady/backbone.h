@@ -38,13 +38,14 @@ struct backbone_point {
  */
 enum modal_status backbone_new(const struct program *p, int mode, int H, int N,
                                struct backbone **out, struct modal_error *err);
+/* Frees B and all that it made; NULL is none. */
 void backbone_free(struct backbone *b);
 /* rad/s and damping ratio of the linear mode. */
 double backbone_linear(const struct backbone *b, double *damping_ratio);
 
-/* How often law LAW has been evaluated, and whether it acted (slipped, touched) in the last motion
- * looked at. */
+/* How often law LAW has been evaluated up to the last motion looked at. */
 long backbone_evaluations(const struct backbone *b, int law);
+/* Whether law LAW slipped or touched in it. */
 bool backbone_acts(const struct backbone *b, int law);
 
 /* The motion of amplitude A, from the last one found or, at first, the linear mode.  No convergence

@@ -5,6 +5,21 @@
  * with G_kappa = (Ac - i As) / 2 alone, so that with aft.c (2) harmonic l of y reaches k = l +
  * kappa, |l - kappa| and kappa - l only.  Rows are divided by their largest entry before factoring:
  * harmonics k differ by k^2 omega^2 M in size.
+ *
+ * With the order HJ < H the derivative has rows and columns 0 .. HJ alone.  Where the laws' slope
+ * is small beside S_k, that is S_k to (slope / |S_k|): the step past HJ is
+ *
+ *     S_k dX_k = -R_k,   k > HJ,                                                                (2)
+ *
+ * one of direct iteration.  Many dofs that few laws couple have J in blocks (blocks.h), few a full
+ * matrix; one dof's S_k is a number.
+ *
+ * As a real matrix, harmonic k of dof i by l of j is the block of dX_k = T dX_l + H conj(dX_l),
+ *
+ *     [ Re T + Re H   Im H - Im T ]
+ *     [ Im T + Im H   Re T - Re H ],                                                            (3)
+ *
+ * its first row alone for k = 0 and its first column alone for l = 0.
  */
 #include "modal/steady/balance.h"
 #include <float.h>
@@ -13,8 +28,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double OPEN = 1e-13;         /* hundreds of roundings */
-enum { ORDER_MOST = 12000, ENTRIES_MOST = 1 << 24, SMALL_ORDER = 24 };
+/* The least pivot over the largest below which some direction is held by nothing: hundreds of
+ * roundings. */
+static const double OPEN = 1e-13;
+/* Below this of the largest dof a dof's own scale counts as that: it is 0 by symmetry. */
+static const double FAINT = 1e-12;
+enum {
+    ORDER_MOST = 12000,        /* a full matrix of it is 1.15 GB */
+    ENTRIES_MOST = 1 << 24,    /* of S: 256 MB */
+    SMALL_ORDER = 24           /* up to which a call of LAPACK costs more than its sums */
+};
 
 enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N,
                               bool located, struct balance **out, struct modal_error *err)
@@ -85,14 +108,14 @@ enum modal_status balance_set(struct balance *b, double omega, double level,
 {
     b->omega = omega;
     b->level = level;
-    b->factored = false;
+    b->factored = false;                                /* J is of another frequency */
     stiffness_set(b->stiffness, b->S);
     return condense_at(b->c, omega, level, b->H, b->S, b->load, err);
 }
 
 void balance_set_level(struct balance *b, double level)
 {
-    double by = level / b->level;
+    double by = level / b->level;                       /* loads are proportional to it */
 
     for (int i = 0; i < b->q * (b->H + 1); i++)
         b->load[i] *= by;
@@ -105,9 +128,9 @@ void balance_pack(const struct balance *b, const double complex *X, double *u)
     int n = 2 * b->H + 1, K = b->H + 1;
 
     for (int i = 0; i < b->q; i++) {
-        u[i * n] = creal(X[i * K]);
+        u[i * n] = creal(X[i * K]);                     /* the mean is real */
         for (int k = 1; k < K; k++) {
-            u[i * n + 2 * k - 1] = creal(X[i * K + k]);
+            u[i * n + 2 * k - 1] = creal(X[i * K + k]);  /* aft.h: Re, then Im */
             u[i * n + 2 * k] = cimag(X[i * K + k]);
         }
     }
@@ -120,10 +143,11 @@ void balance_unpack(const struct balance *b, const double *u, double complex *X)
     for (int i = 0; i < b->q; i++) {
         X[i * K] = u[i * n];
         for (int k = 1; k < K; k++)
-            X[i * K + k] = CMPLX(u[i * n + 2 * k - 1], u[i * n + 2 * k]);
+            X[i * K + k] = CMPLX(u[i * n + 2 * k - 1], u[i * n + 2 * k]);  /* and back */
     }
 }
 
+/* What x becomes as x (K), i s x (C) or -s^2 x (M), s = l omega. */
 static double complex rate_factor(const struct balance *b, int t, int l)
 {
     double s = l * b->omega;
@@ -141,21 +165,22 @@ static void periodic_force(struct balance *b, double complex G, int kappa, int t
     const double complex *x = X + j * K;
 
     if (kappa <= H && t == PROGRAM_K)
-        F[kappa] += 2 * G * creal(x[0]);
+        F[kappa] += 2 * G * creal(x[0]);                /* one-sided: twice G */
     for (int l = 1; l <= H; l++) {
         double complex y = rate_factor(b, t, l) * x[l];
 
         if (l + kappa <= H)
-            F[l + kappa] += G * y;
+            F[l + kappa] += G * y;                      /* k = l + kappa */
         if (l > kappa)
-            F[l - kappa] += conj(G) * y;
+            F[l - kappa] += conj(G) * y;                /* k = l - kappa: G_-kappa = conj G */
         else if (l < kappa && kappa - l <= H)
-            F[kappa - l] += G * conj(y);
+            F[kappa - l] += G * conj(y);                /* k = kappa - l: y_-l = conj y */
         else if (l == kappa)
-            F[0] += creal(conj(G) * y);
+            F[0] += creal(conj(G) * y);                 /* (2) of aft_events.c has half of both */
     }
 }
 
+/* Column C of block (i, j), in the one matrix or in blocks; entry r at [r]. */
 static inline double *column_at(struct balance *b, int i, int j, int c)
 {
     int n = 2 * b->HJ + 1;
@@ -167,11 +192,13 @@ static inline double *column_at(struct balance *b, int i, int j, int c)
 
 double *balance_column(struct balance *b, int i, int j, int c) { return column_at(b, i, j, c); }
 
+/* The same as the target that aft.h asks for. */
 static double *column_of(void *context, int i, int j, int c)
 {
     return column_at(context, i, j, c);
 }
 
+/* Harmonic k of dof i changes by T dX_l + Hc conj(dX_l) with X_l of dof j: a real 2 x 2 block. */
 static void add_complex(struct balance *b, int i, int k, int j, int l, double complex T,
                         double complex Hc)
 {
@@ -185,7 +212,7 @@ static void add_complex(struct balance *b, int i, int k, int j, int l, double co
             im[0] += Hi - Ti;
         return;
     }
-    re[2 * k - 1] += Tr + Hr;
+    re[2 * k - 1] += Tr + Hr;                           /* (3) */
     re[2 * k] += Ti + Hi;
     if (l == 0)
         return;
@@ -193,6 +220,7 @@ static void add_complex(struct balance *b, int i, int k, int j, int l, double co
     im[2 * k] += Tr - Hr;
 }
 
+/* The same entry into the derivative: of F by X_l and by its conjugate. */
 static void periodic_derivative(struct balance *b, double complex G, int kappa, int t, int i, int j)
 {
     int H = b->HJ;
@@ -214,6 +242,7 @@ static void periodic_derivative(struct balance *b, double complex G, int kappa, 
 }
 
 /* X NULL: the derivative */
+/* Every entry of the periodic matrices: their force on X, or where X is NULL their derivative. */
 static void each_periodic(struct balance *b, const double complex *X)
 {
     const int *place = condense_place(b->c);
@@ -221,10 +250,12 @@ static void each_periodic(struct balance *b, const double complex *X)
     for (int h = 0; h < b->p->harmonics; h++)
         for (int t = 0; t < 6; t++) {
             const struct program_harmonic *harmonic = &b->p->harmonic[h];
+            /* three of cos, three of sin */
             const struct sparse *a = t < 3 ? &harmonic->cosine[t] : &harmonic->sine[t - 3];
 
             for (int i = 0; a->start != NULL && i < a->m; i++)
                 for (int e = a->start[i]; e < a->start[i + 1]; e++) {
+                    /* G of the opening comment */
                     double complex G = (t < 3 ? 1 : -I) * (a->value[e] / 2);
 
                     if (X != NULL)
@@ -251,14 +282,15 @@ static inline void add_stiffness(const struct balance *b, int k, const double co
             y[i] += S[j * q + i] * X[j * K + k];
 }
 
+/* (1) of balance.h, F and T being in b->F: its real entries into b->R. */
 static void linear_residual(struct balance *b, const double complex *X)
 {
     int q = b->q, K = b->H + 1, n = 2 * b->H + 1;
 
     for (int k = 0; k < K; k++) {
         for (int i = 0; i < q; i++)
-            b->sum[i] = b->F[i * K + k] - b->load[k * q + i];
-        add_stiffness(b, k, X, b->sum);
+            b->sum[i] = b->F[i * K + k] - b->load[k * q + i];  /* F + T - p */
+        add_stiffness(b, k, X, b->sum);                 /* + S X */
         for (int i = 0; i < q; i++) {
             b->R[i * n + (k > 0 ? 2 * k - 1 : 0)] = creal(b->sum[i]);
             if (k > 0)
@@ -276,7 +308,7 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
                + 8.0 * pattern_entries(b->pattern) * (b->H + 1));
     if (rc != MODAL_OK)
         return rc;
-    each_periodic(b, X);
+    each_periodic(b, X);                                /* T onto F */
     linear_residual(b, X);
     return derivative ? balance_derivative(b, err) : MODAL_OK;
 }
@@ -322,12 +354,13 @@ enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
         rc = aft_add_derivative(b->aft, &into, err);
     if (rc != MODAL_OK)
         return rc;
-    each_periodic(b, NULL);
+    each_periodic(b, NULL);                             /* dT/dX, exact */
     for (int k = 0; k <= b->HJ; k++) {
         const double complex *S = b->S + (size_t)k * (size_t)pattern_entries(p);
 
         for (int j = 0; j < b->q; j++)
             for (int e = p->start[j]; e < p->start[j + 1]; e++)
+                /* S_k is on the diagonal of harmonics */
                 add_complex(b, p->index[e], k, j, k, S[e], 0);
     }
     return MODAL_OK;
@@ -430,11 +463,13 @@ bool balance_factor(struct balance *b, int *sign)
 
         most = fmax(most, fabs(u));
         least = fmin(least, fabs(u));
+        /* the sign of the product of pivots, and of their exchanges */
         s *= (u < 0 ? -1 : 1) * (b->pivot[i] != i + 1 ? -1 : 1);
     }
     if (sign != NULL)
         *sign = s;
     b->rcond = most > 0 ? least / most : 0;
+    /* to rounding of rounding: a pivot that is not 0 */
     b->factored = least > 4 * DBL_EPSILON * DBL_EPSILON * most;
     return b->factored;
 }
@@ -447,7 +482,7 @@ void balance_set_order(struct balance *b, int HJ)
     aft_set_order(b->aft, HJ);
 }
 
-/* Harmonics past HJ of y, by S_k. */
+/* Harmonics past HJ of y, by (2). */
 static void solve_tail(struct balance *b, double *y)
 {
     int n = 2 * b->H + 1;
@@ -456,9 +491,9 @@ static void solve_tail(struct balance *b, double *y)
         double *at = y + 2 * k - 1;
 
         for (int i = 0; i < b->q; i++)
-            b->sum[i] = CMPLX(at[i * n], at[i * n + 1]);
+            b->sum[i] = CMPLX(at[i * n], at[i * n + 1]);  /* R_k of all dofs */
         if (b->q == 1)
-            b->sum[0] /= b->S[k];
+            b->sum[0] /= b->S[k];                       /* one dof: S_k is a number */
         else
             stiffness_solve(b->stiffness, k, b->sum);
         for (int i = 0; i < b->q; i++) {
@@ -479,6 +514,7 @@ static void gather(struct balance *b, const double *y)
                 : y[i * n + r];
 }
 
+/* b->gather back into the rows of y that the derivative has. */
 static void scatter(const struct balance *b, double *y)
 {
     int n = 2 * b->H + 1, m = 2 * b->HJ + 1;
@@ -502,14 +538,16 @@ void balance_solve(struct balance *b, double *y, int columns)
         else
             LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot,
                                 b->gather, b->small);
-        scatter(b, column);
+        scatter(b, column);                             /* rows past HJ of y are still R_k */
         if (b->HJ < b->H)
             solve_tail(b, column);
     }
 }
 
+/* Of numbers, NaN apart: cheaper than fmax. */
 static double larger(double a, double b) { return a > b ? a : b; }
 
+/* The largest part of any of K complex numbers. */
 static double scale_of(const double complex *X, int K)
 {
     double most = 0;
@@ -524,6 +562,7 @@ double balance_lost(const struct balance *b, const double complex *X)
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
     double forces = larger(scale_of(b->load, (int)size), scale_of(b->F, (int)size));
 
+    /* rounding of X times the slope */
     return DBL_EPSILON * aft_slope(b->aft) * scale_of(X, (int)size) / (forces > 0 ? forces : 1);
 }
 
@@ -533,7 +572,7 @@ double balance_relative(const struct balance *b, const double *step, const doubl
     double overall = scale_of(X, b->q * K), worst = 0;
 
     for (int i = 0; i < b->q; i++) {
-        double scale = fmax(scale_of(X + i * K, K), 1e-12 * overall), most = 0;
+        double scale = fmax(scale_of(X + i * K, K), FAINT * overall), most = 0;
 
         for (int r = 0; r < n; r++) {
             double size = fabs(step[i * n + r]);
@@ -560,6 +599,7 @@ double balance_relative_residual(struct balance *b, const double complex *X)
         for (int i = 0; i < q; i++)
             b->sum[i] = 0;
         add_stiffness(b, k, X, b->sum);
+        /* S_k X_k may be far larger than p where it resonates */
         scale = larger(scale, scale_of(b->sum, q));
     }
     return scale > 0 ? most / scale : most;

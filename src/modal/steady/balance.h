@@ -12,24 +12,26 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/stiffness.h"
 
+/* One order's balance; what is not `borrowed` it owns.  Its fields are read by the solvers, set
+ * here. */
 struct balance {
-    const struct program *p;
+    const struct program *p;         /* borrowed, as c is */
     struct condense *c;
-    struct aft *aft;
+    struct aft *aft;                 /* the laws, on H harmonics */
     int q, H, order;                 /* order = q (2H + 1) */
-    double omega, level;
+    double omega, level;             /* rad/s; what loads are multiplied by */
     const struct pattern *pattern;   /* of S */
     double complex *S, *load;        /* as condense_at gives them */
     struct stiffness *stiffness;     /* S_k factored, those that were asked for */
     double complex *F;               /* F + T of the last residual, [i (H+1) + k] */
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
     struct blocks *blocks;           /* the derivative, where the pattern is not full: no J then */
-    int *pivot;
+    int *pivot;                      /* of J's factors */
     int HJ, small;                   /* J is of harmonics 0 .. HJ, order `small`; past HJ
                                       * balance_solve takes S_k alone */
-    double *gather;
+    double *gather;                  /* `small`: what J solves for */
     double complex *sum;             /* q */
-    bool factored;
+    bool factored;                   /* J or blocks hold factors */
     double rcond;                  /* of the last factorization: the least pivot over the largest */
     struct budget *budget;           /* where the work is counted, the caller's; NULL: nowhere */
 };
@@ -37,6 +39,7 @@ struct balance {
 /* LOCATED as aft_new's.  C is borrowed, and shared by balances of several H.  N > 2 H. */
 enum modal_status balance_new(const struct program *p, struct condense *c, int H, int N,
                               bool located, struct balance **out, struct modal_error *err);
+/* Frees B and all that it made, not what it borrows; NULL is none. */
 void balance_free(struct balance *b);
 
 /* Fix frequency and the loads' level; X, R, F become stale. */
@@ -69,8 +72,9 @@ bool balance_open(const struct balance *b);
 /* y <- J^-1 y, order entries, `columns` columns. */
 void balance_solve(struct balance *b, double *y, int columns);
 
-/* The real vector of X and back. */
+/* The real vector of X (aft.h) into u, b->order entries, */
 void balance_pack(const struct balance *b, const double complex *X, double *u);
+/* and back. */
 void balance_unpack(const struct balance *b, const double *u, double complex *X);
 /* What rounding of X makes of the laws' forces, over the forces that act: near 1 nothing of them
  * is left. */

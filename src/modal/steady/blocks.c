@@ -1,4 +1,15 @@
-/* blocks.c - see blocks.h: by columns of single numbers, dof by dof, factored by sparse_lu.h */
+/*
+ * blocks.c - see blocks.h
+ *
+ * Kept as a sparse matrix of single numbers, by columns, dof after dof:
+ *
+ *     column j m + c: rows i m + r of block (i, j), i down column j of the pattern,             (1)
+ *
+ * r = 0 .. m - 1 where a law mixes harmonics between i and j; else the block is of S_k alone, which
+ * couples Re X_k and Im X_k only, and has two rows a column, one for the mean: `thin`.  A border is
+ * the last row of each column and the last column.  Factored by sparse_lu.h, whose order of
+ * elimination is found once.
+ */
 #include "modal/steady/blocks.h"
 #include <limits.h>
 #include <math.h>
@@ -9,18 +20,20 @@
 struct blocks {
     const struct pattern *pattern;
     int HJ, m, order;             /* order = q m, or one more */
-    bool bordered;
+    bool bordered;                /* the last row and column are a border */
     int *start, *index;           /* by columns */
     int *full, *thin;   /* per entry of the pattern: blocks of either kind above it in its column */
     double *value, *stiffened, *scratch;
-    struct sparse_lu *lu;
-    double work;
+    struct sparse_lu *lu;         /* its symbolic part is made once */
+    double work;                  /* operations of all factorizations */
 };
 
-/* Rows of a thin block in column c. */
+/* Rows of a thin block in column c, */
 static int thin_rows(int c) { return c == 0 ? 1 : 2; }
+/* and the first of them: that of Re X_k. */
 static int thin_first(int c) { return c == 0 ? 0 : 2 * ((c + 1) / 2) - 1; }
 
+/* How many blocks of either kind lie above each in its column: where it begins follows by (1). */
 static void count_above(struct blocks *b)
 {
     const struct pattern *p = b->pattern;
@@ -37,6 +50,7 @@ static void count_above(struct blocks *b)
     }
 }
 
+/* Numbers in all; of a thin block 1 + 2 (m - 1). */
 static size_t count_entries(const struct pattern *p, int m, bool bordered)
 {
     size_t total = 0;
@@ -46,6 +60,7 @@ static size_t count_entries(const struct pattern *p, int m, bool bordered)
     return total + (bordered ? 2 * (size_t)p->q * (size_t)m + 1 : 0);
 }
 
+/* Rows and column starts of (1). */
 static void fill_structure(struct blocks *b)
 {
     const struct pattern *p = b->pattern;
@@ -56,6 +71,7 @@ static void fill_structure(struct blocks *b)
             b->start[j * b->m + c] = at;
             for (int e = p->start[j]; e < p->start[j + 1]; e++) {
                 int rows = p->mixes[e] ? b->m : thin_rows(c);
+                /* the block's first row in this column */
                 int first = p->index[e] * b->m + (p->mixes[e] ? 0 : thin_first(c));
 
                 for (int r = 0; r < rows; r++)
@@ -66,7 +82,7 @@ static void fill_structure(struct blocks *b)
         }
     for (int i = 0; b->bordered && i < b->order; i++) {
         b->start[b->order - 1] = i == 0 ? at : b->start[b->order - 1];
-        b->index[at++] = i;
+        b->index[at++] = i;                             /* the border column is full */
     }
     b->start[b->order] = at;
 }
@@ -78,7 +94,7 @@ enum modal_status blocks_new(const struct pattern *pattern, int HJ, bool bordere
     int m = 2 * HJ + 1;
     size_t pairs = (size_t)pattern_entries(pattern);
     size_t entries = count_entries(pattern, m, bordered);
-    size_t order = (size_t)pattern->q * (size_t)m + bordered;
+    size_t order = (size_t)pattern->q * (size_t)m + bordered;  /* one more with a border */
     enum modal_status rc = MODAL_OK;
 
     if (b == NULL)
@@ -141,9 +157,10 @@ void blocks_clear(struct blocks *b)
 double *blocks_column(struct blocks *b, int i, int j, int c)
 {
     int e = pattern_find(b->pattern, i, j);
-    int above = b->full[e] * b->m + b->thin[e] * thin_rows(c);
+    int above = b->full[e] * b->m + b->thin[e] * thin_rows(c);  /* (1) */
     double *at = b->value + b->start[j * b->m + c] + above;
 
+    /* so that entry r is at [r] in either kind */
     return b->pattern->mixes[e] ? at : at - thin_first(c);
 }
 
@@ -156,18 +173,20 @@ void blocks_set_border(struct blocks *b, const struct blocks *a, double scale, c
         int count = a->start[j + 1] - a->start[j];
 
         for (int e = 0; e < count; e++)
+            /* A's column, of the same rows */
             b->value[b->start[j] + e] = scale * a->value[a->start[j] + e];
-        b->value[b->start[j] + count] = row[j];
+        b->value[b->start[j] + count] = row[j];         /* the border is last in its column */
     }
     memcpy(b->value + b->start[n], column, (size_t)n * sizeof *column);
     b->value[b->start[n] + n] = corner;
 }
 
+/* Factor VALUE in this structure, its work counted. */
 static bool factor(struct blocks *b, const double *value)
 {
     bool ok = sparse_lu_factor(b->lu, value);
 
-    b->work += sparse_lu_work(b->lu);
+    b->work += sparse_lu_work(b->lu);                   /* of this factorization */
     return ok;
 }
 
@@ -185,6 +204,7 @@ bool blocks_factor_stiffened(struct blocks *b, double mu)
     size_t entries = (size_t)b->start[b->order];
     double most = 0;
 
+    /* The values themselves stay: they are asked for again with a larger MU. */
     if (b->stiffened == NULL)
         b->stiffened = malloc((entries + 1) * sizeof *b->stiffened);
     if (b->stiffened == NULL)
@@ -195,12 +215,12 @@ bool blocks_factor_stiffened(struct blocks *b, double mu)
     for (int j = 0; j < b->order; j++)
         for (int e = b->start[j]; e < b->start[j + 1]; e++)
             if (b->index[e] == j)
-                b->stiffened[e] += mu * most;
+                b->stiffened[e] += mu * most;           /* on the diagonal, which every dof has */
     return isfinite(most) && most > 0 && factor(b, b->stiffened);
 }
 
 void blocks_solve(struct blocks *b, double *y)
 {
-    memcpy(b->scratch, y, (size_t)b->order * sizeof *y);
+    memcpy(b->scratch, y, (size_t)b->order * sizeof *y);  /* sparse_lu_solve wants two places */
     sparse_lu_solve(b->lu, b->scratch, y);
 }

@@ -14,8 +14,11 @@ struct blocks;
  * MODAL_TOO_LARGE (field "steady.harmonics"). */
 enum modal_status blocks_new(const struct pattern *pattern, int HJ, bool bordered,
                              struct blocks **out, struct modal_error *err);
+/* Frees B; NULL is none. */
 void blocks_free(struct blocks *b);
-int blocks_harmonics(const struct blocks *b);            /* HJ */
+/* The HJ it was made for. */
+int blocks_harmonics(const struct blocks *b);
+/* Every entry 0: derivatives are added up. */
 void blocks_clear(struct blocks *b);
 /* Column C of block (i, j): entry r at [r], for those r that are there. */
 double *blocks_column(struct blocks *b, int i, int j, int c);
@@ -29,7 +32,8 @@ bool blocks_factor(struct blocks *b, int *sign);
 bool blocks_factor_stiffened(struct blocks *b, double mu);
 /* Of the last factorization: the least pivot over the largest. */
 double blocks_rcond(const struct blocks *b);
-void blocks_solve(struct blocks *b, double *y);          /* in place */
+/* y <- the inverse of what was last factored times y, in place. */
+void blocks_solve(struct blocks *b, double *y);
 /* Floating-point operations of all factorizations so far. */
 double blocks_work(const struct blocks *b);
 #endif

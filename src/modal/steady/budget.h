@@ -1,8 +1,14 @@
-/* budget.h - the work one solution may cost, counted,
- * so that the same scene ends at the same place on every machine
+/* budget.h - the work one solution may cost, counted, so that the same scene ends at the same place
+ * on every machine
  *
- * The unit is an operation on a number read from a scattered place; those of factorizations run
- * BUDGET_DENSE times as fast.
+ * The unit is an operation on a number read from a scattered place, about a nanosecond; those of
+ * factorizations and products of matrices run BUDGET_DENSE times as fast.  What is counted:
+ *
+ *     a law at one instant, its transforms included      BUDGET_SAMPLE        (balance.c, cycle.c)
+ *     a residual's products with S_k                     8 an entry           (balance.c)
+ *     a law's derivative                                 16 (HJ + 1)^2        (balance.c)
+ *     a factorization                                    balance_dense_work or blocks_work
+ *     a step through rigid friction and its map          price_steps          (cycle.c)
  */
 #ifndef MODAL_BUDGET_H
 #define MODAL_BUDGET_H
@@ -21,10 +27,12 @@ static inline void budget_add(struct budget *budget, double operations)
         budget->spent += operations;
 }
 
+/* Whether all of it is; an end that whoever works looks for between its steps. */
 static inline bool budget_spent(const struct budget *budget)
 {
     return budget != NULL && budget->most > 0 && budget->spent >= budget->most;
 }
 
+/* What a point says that ended so. */
 #define BUDGET_REASON "the work allowed was spent before any way in led to a balance"
 #endif

@@ -8,6 +8,13 @@
  *
  * f jumps where a body turns, and there r is of the jump's size at any H, as a truncated series is:
  * its rms falls as H^-1/2.
+ *
+ * A series of N samples folds harmonics k > N / 2 onto those below.  With X'_k of half the samples,
+ *
+ *     |X_k - X'_k| = (8 - 1) times what N samples fold onto k                                   (2)
+ *
+ * where harmonics fall as k^-3; faster, it is less.  The truncation is looked at in time, against
+ * the samples themselves, which are the motion to the stepper's tolerance.
  */
 #include "modal/steady/by_cycle.h"
 #include <math.h>
@@ -15,7 +22,14 @@
 #include <string.h>
 #include "modal/steady/cycle.h"
 
-enum { H_CYCLE_MOST = 1024 };
+/* Harmonics fall as k^-3 and faster, so that half the samples fold eight times as much: their
+ * difference is seven times what the whole folds. */
+static const double FOLDS = 7;
+enum {
+    H_CYCLE_MOST = 1024,    /* an eighth of the samples: what folds onto them is small */
+    H_LEAST = 8,
+    LOAD_FEW = 4            /* highest load past which the search begins at twice that */
+};
 
 /* Displacements and rates at t = 0 of START, by dof. */
 static enum modal_status state_of_start(struct steady *s, double omega,
@@ -37,8 +51,8 @@ static enum modal_status state_of_start(struct steady *s, double omega,
     for (int i = 0; rc == MODAL_OK && i < s->p->n; i++) {
         rc = condense_recover(s->c, i, H, kept, H, X, err);
         for (int k = 0; rc == MODAL_OK && k <= H; k++) {
-            x[i] += creal(X[k]);
-            v[i] -= k * omega * cimag(X[k]);
+            x[i] += creal(X[k]);                        /* at t = 0 */
+            v[i] -= k * omega * cimag(X[k]);            /* Re i k omega X */
         }
     }
     free(X);
@@ -65,7 +79,7 @@ static enum modal_status tail_of_samples(struct steady *s, struct orbit_grid *g,
         orbit_analyze(g, exact, H, X);
         orbit_synthesize(g, H, X, 0, x);
         for (int j = 0; j < CYCLE_SAMPLES; j++) {
-            *tail = fmax(*tail, fabs(x[j] - exact[j]));
+            *tail = fmax(*tail, fabs(x[j] - exact[j]));  /* the truncation, in time */
             *amplitude = fmax(*amplitude, fabs(exact[j]));
         }
     }
@@ -97,10 +111,10 @@ static enum modal_status point_of_cycle(struct steady *s, const struct cycle *c,
 
         orbit_analyze(g, x, H, point->X + i * K);
         for (int j = 0; j < CYCLE_SAMPLES / 2; j++)
-            half[j] = x[2 * j];
+            half[j] = x[2 * j];                         /* every second sample */
         orbit_analyze(coarse, half, H, X);
         for (int k = 0; k < K; k++)
-            sum += cabs(X[k] - point->X[i * K + k]) / 7;
+            sum += cabs(X[k] - point->X[i * K + k]) / FOLDS;
         point->sampling = fmax(point->sampling, sum);
     }
     orbit_grid_free(coarse);
@@ -138,13 +152,13 @@ static enum modal_status residual_of_cycle(const struct steady *s, struct balanc
         for (int k = 0; k < K; k++) {
             memset(b->sum, 0, (size_t)q * sizeof *b->sum);
             stiffness_multiply_add(b->pattern, b->S, k, point->X + k, K, b->sum);
-            G[k] = b->sum[i] - b->load[k * q + i];
+            G[k] = b->sum[i] - b->load[k * q + i];      /* S_k X_k - p_k of (1) */
             load += cabs(b->load[k * q + i]);
         }
         orbit_synthesize(g, b->H, G, 0, r);
         add_forces(s, c, i, r);                                                    /* (1) */
         for (int j = 0; j < CYCLE_SAMPLES; j++) {
-            squares += r[j] * r[j] / CYCLE_SAMPLES;
+            squares += r[j] * r[j] / CYCLE_SAMPLES;     /* the mean over the period */
             point->tail_max = fmax(point->tail_max, fabs(r[j]));
         }
         point->load_max = fmax(point->load_max, load);
@@ -161,12 +175,14 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
 {
     double target = steady_target(s);
     int load = condense_highest_load(s->c), H = s->opt.harmonics > 0 ? s->opt.harmonics
-                                                : load > 4           ? 2 * load
-                                                                     : 8;
+                                                : load > LOAD_FEW    ? 2 * load
+                                                                     : H_LEAST;
     struct orbit_grid *g = NULL;
     struct balance *b;
     enum modal_status rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
 
+    /* The least H of those doubled whose truncation is half the target: the other half is the
+     * rest's. */
     for (; rc == MODAL_OK; H *= 2) {
         rc = tail_of_samples(s, g, c, H, &point->truncation, &point->amplitude, err);
         if (s->opt.harmonics > 0 || point->truncation <= target * point->amplitude / 2
@@ -198,6 +214,7 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
     enum modal_status rc =
         x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
 
+    /* From rest where no start is given. */
     if (rc == MODAL_OK && start != NULL)
         rc = state_of_start(s, omega, start, x, x + s->p->n, err);
     if (rc == MODAL_OK)
@@ -213,18 +230,19 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
         point->iterations = c.periods;
         point->attempts = 1;
         point->residual = point->step = c.closure;
-        point->solver = c.closure * point->amplitude;
+        point->solver = c.closure * point->amplitude;   /* what a period leaves open */
         point->error = point->truncation + point->sampling + point->solver;
         point->followed = true;
         point->states = c.states;
         point->multiplier = c.multiplier;
         point->multiplier_error = c.error;
-        c.multiplier = NULL;
+        c.multiplier = NULL;                            /* the point's now */  /* the point's now */
         for (int l = 0; l < point->laws; l++) {
             point->evaluations[l] = c.evaluations;
             const struct law *law = &s->p->law[l];
 
             point->acts[l] = c.acts[l];
+            /* one that never slips holds what it did at the start */
             point->undetermined[l] = !c.acts[l] && (law->kind->set_valued || law->memory > 0);
         }
     }

@@ -24,10 +24,19 @@
 #include <string.h>
 #include "modal/steady/condense_state.h"
 
-enum { DOFS_MOST = 20000, HARMONIC_LOADS_MOST = 8192 };
+enum {
+    DOFS_MOST = 20000,           /* a band of half of them is 9.6 GB: what fits is sparse or
+                                  * narrow */
+    HARMONIC_LOADS_MOST = 8192   /* past any number of harmonics that is solved for */
+};
+/* Complex numbers kept for recovery: 2 GB. */
+static const size_t KEEP_MOST = (size_t)1 << 27;
+/* A speed off a multiple of omega by less than this, relative, is one: both come from texts. */
+static const double MULTIPLE = 1e-12;
+/* A pivot below so many roundings of its column's size may be 0. */
+static const double PIVOT = 4;
 
-static const size_t KEEP_MOST = (size_t)1 << 27; /* complex numbers kept for recovery */
-
+/* Rows and columns of every entry of a matrix. */
 static void mark(const struct sparse *a, int *place)
 {
     for (int i = 0; a->start != NULL && i < a->m; i++)
@@ -64,6 +73,7 @@ int condense_nonlinear(const struct program *p)
     return count;
 }
 
+/* q and r, and where each dof is among the kept or the linear. */
 static void choose_kept(struct condense *c, enum condense_keep which)
 {
     const struct program *p = c->p;
@@ -73,16 +83,17 @@ static void choose_kept(struct condense *c, enum condense_keep which)
     mark_nonlinear(p, c->place);
     c->q = c->r = 0;
     for (int i = 0; i < c->n; i++) {
-        bool keep = c->place[i] != 0;
+        bool keep = c->place[i] != 0;                   /* marked above */
 
-        c->place[i] = keep ? c->q : -1;
+        c->place[i] = keep ? c->q : -1;                 /* ascending, as the program has them */
         c->spot[i] = keep ? -1 : c->r++;
         if (keep)
             c->kept[c->q++] = i;
     }
-    c->order = c->r + p->n_linear;
+    c->order = c->r + p->n_linear;                      /* linear states after the linear dofs */
 }
 
+/* The band holds (i, j), rows among the linear dofs (negative: kept). */
 static void widen(struct condense *c, int i, int j)
 {
     if (i < 0 || j < 0)
@@ -91,6 +102,7 @@ static void widen(struct condense *c, int i, int j)
     c->upper = j - i > c->upper ? j - i : c->upper;
 }
 
+/* The band of L_rr; linear states lie past all dofs, so that with them it is full. */
 static void band_of(struct condense *c)
 {
     const struct program *p = c->p;
@@ -101,9 +113,10 @@ static void band_of(struct condense *c)
                 widen(c, c->spot[i], c->spot[p->constant[t].index[e]]);
     if (p->n_linear > 0)
         c->lower = c->upper = c->order - 1;
-    c->ld = 2 * c->lower + c->upper + 1;
+    c->ld = 2 * c->lower + c->upper + 1;                /* LAPACK's room for pivots */
 }
 
+/* A harmonic load on the program's axes; of k < 0 the conjugate at -k. */
 static void add_load(struct condense *c, int dof, int k, double complex value)
 {
     if (value == 0)
@@ -123,7 +136,8 @@ static enum modal_status turns_a_period(const struct condense *c, double omega, 
 
     for (int i = 0; i < c->p->loads; i++)
         if (c->p->load[i].dof_sine >= 0
-            && (!(fabs(turns * omega - speed) <= 1e-12 * speed) || turns > HARMONIC_LOADS_MOST)) {
+            && (!(fabs(turns * omega - speed) <= MULTIPLE * speed)
+                || turns > HARMONIC_LOADS_MOST)) {
             char field[48];
             snprintf(field, sizeof field, "excitation[%d].frame", i);
             return modal_fail_field(err, MODAL_BAD_INPUT, field,
@@ -146,11 +160,13 @@ static void split_load(struct condense *c, const struct program_load *load, int 
         return;
     }
     for (int side = -1; side <= 1; side += 2) {
-        add_load(c, load->dof, load->k + side * m, P / 2);
+        add_load(c, load->dof, load->k + side * m, P / 2);  /* (4), cos */
+        /* (4), sin: 1/2i at k + m, -1/2i at k - m */
         add_load(c, load->dof_sine, load->k + side * m, side * load->turn * P / (2 * I));
     }
 }
 
+/* The program's loads as harmonics: those at once, the fixed ones by (4). */
 static enum modal_status read_loads(struct condense *c, struct modal_error *err)
 {
     int m = 0;
@@ -251,6 +267,7 @@ const int *condense_place(const struct condense *c) { return c->place; }
 const struct pattern *condense_pattern(const struct condense *c) { return c->pattern; }
 int condense_highest_load(const struct condense *c) { return c->highest; }
 
+/* L_rr(i, j) += value, in LAPACK's band storage with room for fill above. */
 static void set_band(struct condense *c, int i, int j, double complex value)
 {
     c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper + i - j)] += value;
@@ -267,6 +284,8 @@ static void place_entry(struct condense *c, int i, int j, double complex value, 
         S[pattern_find(c->pattern, c->place[i], c->place[j])] += value;
 }
 
+/* The rows of z, (i s E - A) z - (Bx + i s Bv - s^2 Ba) x = 0, and -F z in the rows of linear
+ * dofs. */
 static void place_linear_states(struct condense *c, double s)
 {
     const struct program *p = c->p;
@@ -279,9 +298,9 @@ static void place_linear_states(struct condense *c, double s)
         int row = c->r + z;
 
         for (int e = p->E.start[z]; e < p->E.start[z + 1]; e++)
-            set_band(c, row, c->r + p->E.index[e], I * s * p->E.value[e]);
+            set_band(c, row, c->r + p->E.index[e], I * s * p->E.value[e]);  /* i s E */
         for (int e = p->A.start[z]; e < p->A.start[z + 1]; e++)
-            set_band(c, row, c->r + p->A.index[e], -p->A.value[e]);
+            set_band(c, row, c->r + p->A.index[e], -p->A.value[e]);  /* - A */
         for (int b = 0; b < 3; b++)
             for (int e = from[b].a->start != NULL ? from[b].a->start[z] : 0;
                  from[b].a->start != NULL && e < from[b].a->start[z + 1]; e++) {
@@ -300,6 +319,7 @@ static void place_linear_states(struct condense *c, double s)
                 set_band(c, c->spot[i], c->r + p->F.index[e], -p->F.value[e]);
 }
 
+/* P of harmonic k: p_q of the kept dofs, P_r of the others. */
 static void place_loads(struct condense *c, int k, double level, double complex *pq,
                         double complex *pr)
 {
@@ -336,13 +356,15 @@ static void subtract_linear(struct condense *c, double s, const double complex *
                 if (from < 0)
                     continue;
                 for (int j = 0; j < c->q; j++)
+                    /* (2), S */
                     S[j * c->q + i] -= value * Y[(size_t)j * (size_t)c->order + (size_t)from];
-                p[i] -= value * Y[(size_t)c->q * (size_t)c->order + (size_t)from];
+                p[i] -= value * Y[(size_t)c->q * (size_t)c->order + (size_t)from];  /* (2), p */
             }
         }
     }
 }
 
+/* Whether there is nothing to solve for. */
 static bool all_zero(const double complex *x, int n)
 {
     for (int i = 0; i < n; i++)
@@ -351,6 +373,7 @@ static bool all_zero(const double complex *x, int n)
     return true;
 }
 
+/* L_rr^-1 [L_rq, P_r] into c->right; a pivot that is rounding is told by its harmonic. */
 static enum modal_status solve_band(struct condense *c, int k, struct modal_error *err)
 {
     int info, columns = c->q + 1;
@@ -358,7 +381,7 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
     if (c->order == 0 || all_zero(c->right, c->order * columns))
         return MODAL_OK;
     for (int j = 0; j < c->order; j++) {
-        c->size[j] = 0;
+        c->size[j] = 0;                                /* the scale that a pivot is compared with */
         for (int i = c->lower; i < c->ld; i++)
             c->size[j] = fmax(c->size[j], cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)i]));
     }
@@ -366,7 +389,7 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
                                c->ld, c->pivot);
     for (int j = 0; info == 0 && j < c->order; j++)
         if (!(cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper)])
-              > 4 * DBL_EPSILON * c->size[j]))
+              > PIVOT * DBL_EPSILON * c->size[j]))
             info = j + 1;
     if (info != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE,
@@ -378,12 +401,14 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
     return MODAL_OK;
 }
 
+/* S_k and p_k of (2) by factoring, s = k omega; what recovery needs is kept. */
 static enum modal_status factor_at(struct condense *c, int k, double s, double complex *S,
                                    double complex *p, struct modal_error *err)
 {
     size_t size = (size_t)c->order * ((size_t)c->q + 1);
     enum modal_status rc;
 
+    /* dgbtrf destroyed the last one */
     memset(c->band, 0, (size_t)c->ld * (size_t)c->order * sizeof *c->band);
     memset(c->right, 0, size * sizeof *c->right);
     for (int t = 0; t < 3; t++)
@@ -392,11 +417,13 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
                 if (s != 0 || t == PROGRAM_K)
                     place_entry(c, i, c->p->constant[t].index[e],
                                 factor_of(t, s) * c->p->constant[t].value[e], S);
+    /* Then what linear states add, and the loads. */
     place_linear_states(c, s);
     place_loads(c, k, c->level, p, c->right + (size_t)c->q * (size_t)c->order);
     if (c->order == 0)
         /* every dof is kept: nothing to take out */
         return MODAL_OK;
+    /* (2): one factorization for L_rq and P_r together. */
     rc = solve_band(c, k, err);
     if (rc != MODAL_OK)
         return rc;
@@ -406,7 +433,8 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
     return MODAL_OK;
 }
 
-static enum modal_status keep_room(struct condense *c, int H, struct modal_error *err)
+/* Room for the solved right-hand sides of harmonics 0 .. H. */
+static enum modal_status need_room(struct condense *c, int H, struct modal_error *err)
 {
     size_t size = (size_t)c->order * ((size_t)c->q + 1) * ((size_t)H + 1);
 
@@ -435,11 +463,11 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     enum modal_status rc = turns_a_period(c, omega, &m, err);
 
     if (rc == MODAL_OK && !c->reduced)
-        rc = keep_room(c, H, err);
+        rc = need_room(c, H, err);
     c->omega = omega;
     c->level = level;
     c->H = H;
-    c->solved = !c->reduced;
+    c->solved = !c->reduced;                     /* modes leave recovery for when it is asked for */
     memset(S, 0, entries * ((size_t)H + 1) * sizeof *S);
     memset(p, 0, q * ((size_t)H + 1) * sizeof *p);
     if (c->reduced)
@@ -455,7 +483,7 @@ static enum modal_status solve_for_recovery(struct condense *c, struct modal_err
     size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     double complex *S = calloc(entries + q + 1, sizeof *S);
     enum modal_status rc = S == NULL ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory")
-                                     : keep_room(c, c->H, err);
+                                     : need_room(c, c->H, err);
 
     for (int k = 0; rc == MODAL_OK && k <= c->H; k++)
         rc = factor_at(c, k, k * c->omega, S, S + entries, err);
@@ -472,16 +500,18 @@ enum modal_status condense_recover(struct condense *c, int dof, int Hq, const do
 
     if (!c->solved && c->place[dof] < 0 && (rc = solve_for_recovery(c, err)) != MODAL_OK)
         return rc;
+    /* Past Hq the kept dofs rest and only loads move the others. */
     for (int k = 0; k <= H; k++) {
         const double complex *Y =
             c->kept_right != NULL ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
 
-        X[k] = 0;
+        X[k] = 0;                                       /* no linear dofs: nothing was kept */
         if (c->place[dof] >= 0)
             X[k] = k <= Hq ? Xq[c->place[dof] * (Hq + 1) + k] : 0;
         else if (Y != NULL) {
-            X[k] = Y[(size_t)c->q * order + (size_t)c->spot[dof]];
+            X[k] = Y[(size_t)c->q * order + (size_t)c->spot[dof]];  /* L_rr^-1 P_r */
             for (int j = 0; j < c->q && k <= Hq; j++)
+                /* - L_rr^-1 L_rq X_q */
                 X[k] -= Y[(size_t)j * order + (size_t)c->spot[dof]] * Xq[j * (Hq + 1) + k];
         }
     }
@@ -503,7 +533,7 @@ static void unknowns_at(const struct condense *c, int k, const double complex *X
             x[i] = Xq[c->place[i] * (c->H + 1) + k];
             continue;
         }
-        x[i] = Y[(size_t)c->q * order + (size_t)row];
+        x[i] = Y[(size_t)c->q * order + (size_t)row];   /* as in recovery, linear states too */
         for (int j = 0; j < c->q; j++)
             x[i] -= Y[(size_t)j * order + (size_t)row] * Xq[j * (c->H + 1) + k];
     }
@@ -518,6 +548,7 @@ static void multiply_add(const struct sparse *a, double complex by, const double
             y[i] += by * a->value[e] * x[a->index[e]];
 }
 
+/* max |x_i|. */
 static double most_of(const double complex *x, int n)
 {
     double most = 0;
@@ -534,7 +565,7 @@ static void forces_of(const struct condense *c, double s, const double complex *
     for (int t = 0; t < 3; t++)
         multiply_add(&c->p->constant[t], factor_of(t, s), x, y);
     if (c->p->n_linear > 0)
-        multiply_add(&c->p->F, -1, x + c->n, y);
+        multiply_add(&c->p->F, -1, x + c->n, y);        /* - F z */
 }
 
 /* (i s E - A) z less what drives it, relative to either. */
@@ -546,7 +577,7 @@ static double states_residual(const struct condense *c, double s, const double c
 
     multiply_add(&p->E, I * s, x + c->n, y);
     multiply_add(&p->A, -1, x + c->n, y);
-    scale = most_of(y, p->n_linear);
+    scale = most_of(y, p->n_linear);                    /* before what drives z is subtracted */
     multiply_add(&p->Bx, -1, x, y);
     multiply_add(&p->Bv, -I * s, x, y);
     multiply_add(&p->Ba, s * s, x, y);
@@ -566,10 +597,10 @@ static void add_residual(const struct condense *c, int k, const double complex *
             P[c->load[l].dof] += c->level * c->load[l].value;
     out->scale = fmax(out->scale, fmax(most_of(P, n), most_of(R, n)));
     for (int i = 0; i < n; i++) {
-        double size = cabs(R[i] -= P[i]);
+        double size = cabs(R[i] -= P[i]);               /* Lambda X - P */
 
-        out->rms += size * size / (k == 0 ? 1 : 2);
-        peak[i] += size;
+        out->rms += size * size / (k == 0 ? 1 : 2);     /* a harmonic's mean square is half */
+        peak[i] += size;                                /* at most, over time */
         peak[n + i] += cabs(P[i]);
     }
     out->relative = fmax(out->relative, most_of(R, n));
@@ -600,6 +631,7 @@ enum modal_status condense_residual(struct condense *c, const double complex *Xq
         out->most = fmax(out->most, peak[i]);
         out->load = fmax(out->load, peak[c->n + i]);
     }
+    /* Linear states have units of their own: they are compared by themselves. */
     out->rms = sqrt(out->rms);
     out->relative = fmax(out->scale > 0 ? out->relative / out->scale : 0, states);
     free(x);

@@ -36,6 +36,7 @@ enum condense_keep { CONDENSE_LINEAR, CONDENSE_NONE, CONDENSE_SPARSE };
  */
 enum modal_status condense_new(const struct program *p, enum condense_keep keep,
                                struct condense **out, struct modal_error *err);
+/* Frees C and all that it made, not the program; NULL is none. */
 void condense_free(struct condense *c);
 
 /*
@@ -46,10 +47,14 @@ void condense_free(struct condense *c);
  */
 enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_error *err);
 
-int condense_kept(const struct condense *c);                /* q */
-const int *condense_dofs(const struct condense *c);         /* the q kept dofs, ascending */
-const int *condense_place(const struct condense *c);        /* n: index among the kept, or -1 */
-const struct pattern *condense_pattern(const struct condense *c);   /* of S */
+/* q, how many dofs are kept. */
+int condense_kept(const struct condense *c);
+/* The q kept dofs, ascending; C owns them, as what the next two give. */
+const int *condense_dofs(const struct condense *c);
+/* Of each of n dofs its index among the kept, or -1. */
+const int *condense_place(const struct condense *c);
+/* Which entries S has. */
+const struct pattern *condense_pattern(const struct condense *c);
 /* largest k excited; 0: none or a mean load only */
 int condense_highest_load(const struct condense *c);
 

@@ -8,6 +8,14 @@
  *     S = L_qq - sum_j a_j^T a_j / (lambda_j - s^2 + i s c_j),
  *     p = P_q - sum_j a_j^T b_j / (lambda_j - s^2 + i s c_j).                                   (3)
  *
+ * With proportional damping L_rq = (1 + i s beta) K_rq - s^2 M_rq + i s alpha M_rq, so that a_i a_j
+ * is a sum of products of k_i = phi^T K_rq and m_i = phi^T M_rq with powers of s: these are made
+ * once, and each harmonic of each frequency costs a sum over modes for a pair of kept dofs,
+ *
+ *     1 / (x + i y) = (x - i y) / (x^2 + y^2),   x = lambda - s^2,   y = s c,                   (5)
+ *
+ * eight harmonics at a time.  alpha and M_rq both not 0 are left to factoring.
+ *
  * A tridiagonal K_rr with diagonal M_rr, a chain, has its modes in O(n^2).
  */
 #include <lapacke.h>
@@ -16,11 +24,16 @@
 #include <string.h>
 #include "modal/steady/condense_state.h"
 
-/* damping off alpha M + beta K by less than this, relative: proportional */
+/* Damping off alpha M + beta K by less than this, relative, is proportional: texts of 15 digits. */
 static const double PROPORTIONAL = 1e-12;
+/* M and K are told apart where the squared sine of the angle between them exceeds this. */
+static const double APART = 1e-12;
+/* Entries off symmetry by less are symmetric: rounding of an assembly. */
+static const double SYMMETRIC = 1e-14;
+/* A dense eigenproblem of as many takes minutes. */
 enum { MODES_MOST = 3000 };
 
-/* eight harmonics at a time */
+/* Eight harmonics at a time: a register of the widest machines. */
 typedef double lanes __attribute__((vector_size(8 * sizeof(double))));
 enum { LANES = 8 };
 
@@ -30,9 +43,10 @@ static void modal_sums(const struct condense *c, const double *weight, const dou
 {
     lanes s1, s2, re = { 0 }, im = { 0 };
 
-    memcpy(&s1, s, sizeof s1);
+    memcpy(&s1, s, sizeof s1);                          /* eight frequencies in one register */
     s2 = s1 * s1;
     for (int m = 0; m < c->r; m++) {
+        /* 1 / (x + i y) = (x - i y) / (x^2 + y^2) */
         lanes x = c->lambda[m] - s2, y = s1 * c->damping[m], scale = weight[m] / (x * x + y * y);
 
         re += x * scale;
@@ -61,9 +75,11 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
                 modal_sums(c, weight + (size_t)t * (size_t)c->r, s, sum[t]);
             for (int k = first; j < q && k < first + LANES && k <= H; k++) {
                 double sk = k * c->omega;
+                /* L_rq = b K_rq - s^2 M_rq */
                 double complex b = 1 + I * (sk * c->beta), total = b * b * sum[0][k - first];
 
                 if (terms > 1)
+                    /* the mixed terms and that of the masses */
                     total += -sk * sk * b * (sum[1][k - first] + sum[2][k - first])
                              + sk * sk * sk * sk * sum[3][k - first];
                 S[((size_t)k * (size_t)q + (size_t)j) * (size_t)q + (size_t)i] -= total;
@@ -84,15 +100,17 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
                 double x = c->lambda[m] - sk * sk, y = sk * c->damping[m],
                        scale = phi[(size_t)m * (size_t)c->r] / (x * x + y * y);
                 size_t at = (size_t)i * (size_t)c->r + (size_t)m;
+                /* a_j(s) */
                 double complex a = CMPLX(c->ak[at] - sk * sk * c->am[at], sk * c->beta * c->ak[at]);
 
                 total += a * CMPLX(x * scale, -y * scale);
             }
-            p[load->k * q + i] -= total * value;
+            p[load->k * q + i] -= total * value;        /* (3), p */
         }
     }
 }
 
+/* L_qq of harmonic s = k omega onto S. */
 static void kept_block(struct condense *c, double s, double complex *S)
 {
     for (int t = 0; t < 3; t++)
@@ -116,7 +134,7 @@ void condense_reduced_at(struct condense *c, int H, double complex *S, double co
         if (load->k <= H && c->place[load->dof] >= 0)
             p[load->k * c->q + c->place[load->dof]] += c->level * load->value;
     }
-    for (int first = 0; first <= H; first += LANES)
+    for (int first = 0; first <= H; first += LANES)     /* the last may be of fewer */
         modes_at(c, first, H, S, p);
 }
 
@@ -138,6 +156,7 @@ static void spread(const struct condense *c, int t, double *A, double *B)
         }
 }
 
+/* Whether A = A^T entry by entry; columns ascend in a row. */
 static bool symmetric(const struct sparse *a)
 {
     for (int i = 0; i < a->m; i++)
@@ -147,7 +166,7 @@ static bool symmetric(const struct sparse *a)
             while (low < high && a->index[low] < i)
                 low++;
             if (low == high || a->index[low] != i
-                || fabs(a->value[low] - a->value[e]) > 1e-14 * fabs(a->value[e]))
+                || fabs(a->value[low] - a->value[e]) > SYMMETRIC * fabs(a->value[e]))
                 return false;
         }
     return true;
@@ -163,6 +182,7 @@ static bool proportional(const struct condense *c, double *alpha, double *beta)
     double *m = row, *d = row + c->n, *k = row + 2 * c->n;
     bool ok = row != NULL;
 
+    /* Least squares over all entries for alpha and beta, then how far off they are. */
     for (int pass = 0; ok && pass < 2; pass++)
         for (int i = 0; i < c->n; i++) {
             memset(row, 0, 3 * (size_t)c->n * sizeof *row);
@@ -171,20 +191,21 @@ static bool proportional(const struct condense *c, double *alpha, double *beta)
             for (int e = K->start[i]; e < K->start[i + 1]; e++) k[K->index[e]] += K->value[e];
             for (int j = 0; j < c->n; j++) {
                 if (pass == 0) {
-                    mm += m[j] * m[j];
+                    mm += m[j] * m[j];                /* normal equations of C = alpha M + beta K */
                     mk += m[j] * k[j];
                     kk += k[j] * k[j];
                     cm += d[j] * m[j];
                     ck += d[j] * k[j];
                 } else {
+                    /* second pass: what they leave */
                     worst = fmax(worst, fabs(d[j] - *alpha * m[j] - *beta * k[j]));
                     scale = fmax(scale, fabs(d[j]));
                 }
             }
             if (pass == 0 && i == c->n - 1) {
                 det = mm * kk - mk * mk;
-                *alpha = det > 1e-12 * mm * kk ? (cm * kk - ck * mk) / det : mm > 0 ? cm / mm : 0;
-                *beta = det > 1e-12 * mm * kk ? (ck * mm - cm * mk) / det : 0;
+                *alpha = det > APART * mm * kk ? (cm * kk - ck * mk) / det : mm > 0 ? cm / mm : 0;
+                *beta = det > APART * mm * kk ? (ck * mm - cm * mk) / det : 0;
             }
         }
     free(row);
@@ -204,6 +225,7 @@ static bool modes_of(struct condense *c, double *K, double *M)
                 tridiagonal = false;
                 break;
             }
+    /* A chain: in M^1/2 x the problem is tridiagonal and symmetric. */
     if (tridiagonal) {
         double *e = calloc((size_t)r + 1, sizeof *e), *root = calloc((size_t)r + 1, sizeof *root);
         bool ok = e != NULL && root != NULL;
@@ -212,20 +234,22 @@ static bool modes_of(struct condense *c, double *K, double *M)
             double mass = M[(size_t)i * (size_t)(r + 1)];
 
             ok = mass > 0;
-            root[i] = sqrt(mass);
+            root[i] = sqrt(mass);                       /* M = root root^T */
         }
         for (int i = 0; ok && i < r; i++) {
+            /* root^-1 K root^-1 */
             c->lambda[i] = K[(size_t)i * (size_t)(r + 1)] / (root[i] * root[i]);
             e[i] = i + 1 < r ? K[(size_t)i * (size_t)(r + 1) + 1] / (root[i] * root[i + 1]) : 0;
         }
         ok = ok && LAPACKE_dstevd(LAPACK_COL_MAJOR, 'V', r, c->lambda, e, c->phi, r) == 0;
         for (int j = 0; ok && j < r; j++)
             for (int i = 0; i < r; i++)
-                c->phi[(size_t)j * (size_t)r + (size_t)i] /= root[i];
+                c->phi[(size_t)j * (size_t)r + (size_t)i] /= root[i];  /* back: phi^T M phi = 1 */
         free(e);
         free(root);
         return ok;
     }
+    /* Else the dense generalised problem, which fails where M is not positive. */
     if (LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'L', r, K, r, M, r, c->lambda) != 0)
         return false;
     memcpy(c->phi, K, (size_t)r * (size_t)r * sizeof *K);
@@ -261,7 +285,7 @@ static void weights(struct condense *c)
                          *mi = c->am + (size_t)i * r, *mj = c->am + (size_t)j * r;
 
             for (size_t m = 0; m < r; m++) {
-                w[m] = ki[m] * kj[m];
+                w[m] = ki[m] * kj[m];                   /* in the order of modes_at */
                 w[r + m] = ki[m] * mj[m];
                 w[2 * r + m] = mi[m] * kj[m];
                 w[3 * r + m] = mi[m] * mj[m];
@@ -300,7 +324,7 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
     if (!modes_of(c, K, M))
         goto out;
     for (size_t m = 0; m < r; m++)
-        c->damping[m] = alpha + c->beta * c->lambda[m];
+        c->damping[m] = alpha + c->beta * c->lambda[m];  /* c_j */
     project(c, Bk, c->ak);
     project(c, Bm, c->am);
     /* C_rq = alpha M_rq + beta K_rq; (3) has the beta part only, so a mass that couples needs alpha

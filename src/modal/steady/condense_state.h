@@ -3,6 +3,7 @@
 #define MODAL_CONDENSE_STATE_H
 #include "modal/steady/condense.h"
 
+/* The program's linear part, where each dof is in it, and what the last condense_at left. */
 struct condense {
     const struct program *p;
     int n, q, r, order;              /* dofs, kept, linear; order = r + n_linear */
@@ -11,21 +12,21 @@ struct condense {
     int lower, upper, ld;            /* band of L_rr; ld = 2 lower + upper + 1 */
     double complex *band, *right;    /* right: order x (q+1) */
     double *size;                    /* of each column, before factoring */
-    int *pivot;
-    int highest;
+    int *pivot;                      /* of the band */
+    int highest;                     /* harmonic of the loads */
     /* harmonics on the program's axes */
     struct condense_load { int dof, k; double complex value; } *load;
-    int loads;
+    int loads;                       /* of `load`: up to four of one of the program's */
     /* of the last condense_at */
-    double omega, level;
-    int H;
+    double omega, level;             /* rad/s; what loads are multiplied by */
+    int H;                           /* harmonics 0 .. H are there */
     double complex *kept_right;      /* (H+1) x order x (q+1): L_rr^-1 [L_rq, P_r]; NULL: not
                                       * kept */
     size_t kept_size;
     /* modes */
     bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
     bool solved;                     /* kept_right is that of the last condense_at */
-    double beta;
+    double beta;                     /* C = alpha M + beta K */
     double *phi;                     /* r x r */
     double *lambda, *damping;
     double *ak, *am;                 /* phi^T K_rq, M_rq: r x q */

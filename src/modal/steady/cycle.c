@@ -39,14 +39,42 @@
 #include "modal/scene/stepper.h"
 #include "modal/steady/offset.h"
 
-static const double TWO_PI = 6.283185307179586477, CLOSED = 1e-13, NEARLY = 1e-9, STILL = 1e-11,
-                    TOLERANCE = 1e-12, OVER = 1e-6, OPEN = 1e-11, SHORT = 1e-5, LONG = 4e-5;
-enum { STEPS = 64, FIRST = 4, LAWS_MOST = OFFSET_LAWS_MOST, NONE = -2, TRIES_MOST = 60000 };
+static const double TWO_PI = 6.283185307179586477;
+/* Of a step of the stepper: its default for laws is 1e-10, and the closure adds up hundreds. */
+static const double TOLERANCE = 1e-12;
+/* The closure that ends Newton's steps: a few hundred roundings. */
+static const double CLOSED = 1e-13;
+/* Where a step no longer halves it, rounding of a stiff system is all that is left below this. */
+static const double NEARLY = 1e-9;
+/* The closure that ends plain periods, which come no nearer than the stepper's own errors. */
+static const double STILL = 1e-11;
+/* What sticks may hold with more than it has by this share: the stepper locates where it breaks
+ * loose on a polynomial. */
+static const double OVER = 1e-6;
+/* Singular values of I - Pi below this share of the largest are 0: a body that sticks somewhere. */
+static const double OPEN = 1e-11;
+/* Differences of the period map, of the largest state: errors of TOLERANCE over SHORT are 1e-7, and
+ * with one four times as long the curvature shows. */
+static const double SHORT = 1e-5;
+static const double LONG = 4e-5;
+/* Of the rate that friction's limit alone gives within a period: a motion smaller is none. */
+static const double NO_MOTION = 1e-3;
+enum {
+    STEPS = 64,            /* parts of a period; the longest step is one */
+    FIRST = 4,             /* periods before closures count: transients */
+    LAWS_MOST = OFFSET_LAWS_MOST,
+    NONE = -2,             /* no law is held so */
+    TRIES_MOST = 60000     /* steps; 600 periods of 100, the shortest that are followed */
+};
 
 /* What budget.h counts.  An exponential is six products, a solve worth 4/3 of one and as a rule
  * some squarings ([H05] of expm.c); Newton's method starts a step from the last force and ends in
  * three iterations; a step that an event ends is solved again, cut there. */
-enum { PRODUCTS_OF_EXPONENTIAL = 10, ITERATIONS_OF_STEP = 3, SOLUTIONS_OF_STEP = 2 };
+enum {
+    PRODUCTS_OF_EXPONENTIAL = 10,
+    ITERATIONS_OF_STEP = 3,
+    SOLUTIONS_OF_STEP = 2
+};
 
 /* Of the budget, what finding the motion may spend: as much is left to the balance, tried where
  * this fails. */
@@ -58,10 +86,10 @@ struct follow {
     struct statespace *ss;
     struct sources *src;
     struct ports *ports;              /* for their U and R alone */
-    struct stepper *stepper;
-    struct expm *exponential;
+    struct stepper *stepper;          /* of nonlinear_stepper.c, `watch` its watcher */
+    struct expm *exponential;         /* of a phase, N x N */
     int N, laws;
-    double T;
+    double T;                         /* s: one period */
     double *y, *start, *last, *w, *load;      /* N, N, N (where the last step ended), nw, n */
     double *Pi, *Q, *E, *work;        /* N x N each */
     double *before, *after, *small;   /* f-, f+; laws x (laws + 1) */
@@ -83,15 +111,19 @@ struct follow {
     bool watching, failed;
 };
 
+/* -1, 0 or 1: slipping back, sticking, slipping forth. */
 static int held_of(const struct ports *ports, int l) { return ports->law[l].held; }
+/* R_i: the row that reads slider I's rate off y; its entries are 2 `probes` apart. */
 static const double *rate_row(const struct follow *f, int l)
 {
     return f->ports->R + f->ports->probes + f->ports->law[l].channel;
 }
+/* U_i: what a unit of law L's force does to y'. */
 static const double *pull(const struct follow *f, int l)
 {
     return f->ports->U + (size_t)f->ports->law[l].channel * (size_t)f->N;
 }
+/* R_i y. */
 static double rate(const struct follow *f, int l, const double *y)
 {
     return cblas_ddot(f->N, rate_row(f, l), 2 * f->ports->probes, y, 1);
@@ -111,16 +143,17 @@ static bool hold_back(struct follow *f, const int *held, double *z, int columns)
         return true;
     for (int i = 0; i < count; i++)
         for (int j = 0; j < count; j++)
-            G[i + j * count] = rate(f, stuck[i], pull(f, stuck[j]));
+            G[i + j * count] = rate(f, stuck[i], pull(f, stuck[j]));  /* R_C U_C */
     if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, count, count, G, count, f->pivot) != 0)
         return false;
     for (int c = 0; c < columns; c++) {
         double *column = z + (size_t)c * (size_t)f->N;
 
         for (int i = 0; i < count; i++)
-            rhs[i] = rate(f, stuck[i], column);
+            rhs[i] = rate(f, stuck[i], column);         /* R_C z */
         LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', count, 1, G, count, f->pivot, rhs, count);
         for (int i = 0; i < count; i++)
+            /* z - U_C (R_C U_C)^-1 R_C z */
             cblas_daxpy(f->N, -rhs[i], pull(f, stuck[i]), 1, column, 1);
     }
     return true;
@@ -131,16 +164,17 @@ static bool field(struct follow *f, double t, const double *y, const int *held, 
 {
     int n = f->ss->n, N = f->N;
 
-    sources_at(f->src, t, f->w);
+    sources_at(f->src, t, f->w);                        /* p(t) = P w(t) */
     memset(f->load, 0, (size_t)n * sizeof *f->load);
     if (f->src->nw > 0)
         cblas_dgemv(CblasColMajor, CblasNoTrans, n, f->src->nw, 1, f->src->P, n, f->w, 1, 0,
                     f->load, 1);
-    cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, f->ss->A, N, y, 1, 0, out, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, f->ss->A, N, y, 1, 0, out, 1);  /* A y */
+    /* + B p */
     cblas_dgemv(CblasColMajor, CblasNoTrans, N, n, 1, f->ss->B, N, f->load, 1, 1, out, 1);
     for (int l = 0; l < f->laws; l++)
-        cblas_daxpy(N, held[l] * f->p.law[l].limit, pull(f, l), 1, out, 1);
-    return hold_back(f, held, out, 1);
+        cblas_daxpy(N, held[l] * f->p.law[l].limit, pull(f, l), 1, out, 1);  /* + U_S phi_S */
+    return hold_back(f, held, out, 1);                  /* phi_C by (1) */
 }
 
 /* Operations of an exponential of order n. */
@@ -158,8 +192,8 @@ static void end_phase(struct follow *f)
         return;
     budget_add(f->opt->budget, exponential_work(f->N));
     memcpy(f->Q, f->ss->A, size * sizeof *f->Q);
-    f->failed |= !hold_back(f, f->held, f->Q, f->N);
-    cblas_dscal((int)size, f->phase, f->Q, 1);
+    f->failed |= !hold_back(f, f->held, f->Q, f->N);    /* Q A */
+    cblas_dscal((int)size, f->phase, f->Q, 1);          /* times the phase's length */
     f->failed |= f->failed || expm(f->exponential, f->Q, f->E, NULL) != MODAL_OK;
     if (!f->failed) {
         square_multiply(f->N, 1, f->E, f->Pi, 0, f->work);
@@ -178,10 +212,10 @@ static void jump(struct follow *f, int l, double t, const double *y, int held)
     f->failed |= !field(f, t, y, f->held, f->before);
     f->held[l] = held;
     f->failed |= !field(f, t, y, f->held, f->after);
-    speed = cblas_ddot(N, row, stride, f->before, 1);
-    if (speed == 0)
+    speed = cblas_ddot(N, row, stride, f->before, 1);   /* R_i f- of (2) */
+    if (speed == 0)                                     /* a grazing stop: (2) has no slope there */
         return;
-    cblas_daxpy(N, -1, f->before, 1, f->after, 1);
+    cblas_daxpy(N, -1, f->before, 1, f->after, 1);      /* f+ - f- */
     for (int c = 0; c < N; c++) {
         double *column = f->Pi + (size_t)c * (size_t)N;
 
@@ -207,9 +241,9 @@ static void watch(void *watcher, double t, double h, const double *y, struct por
 
         if (held == f->held[l])
             continue;
-        if (!first)
+        if (!first)                              /* the phase that ends here was held the old way */
             end_phase(f);
-        if (!first && f->held[l] != 0)
+        if (!first && f->held[l] != 0)                /* stops jump; breaking loose is continuous */
             jump(f, l, t, f->last, held);
         f->held[l] = held;
     }
@@ -232,11 +266,13 @@ static void count_work(struct follow *f)
     f->maps = s->maps;
 }
 
+/* Whether the caller wants no answer any more. */
 static bool cancelled(const struct follow *f)
 {
     return f->opt->cancelled != NULL && f->opt->cancelled(f->opt->context);
 }
 
+/* Whether the steps or the work that `allow` gave are spent. */
 static bool overdrawn(const struct follow *f)
 {
     return f->tries > f->tries_allowed
@@ -261,6 +297,8 @@ static bool spent(void *context)
     return overdrawn(f) || cancelled(f);
 }
 
+/* One period from f->y on, disturbances watched if f->watching: P(y) into y, its derivative into
+ * Pi. */
 static enum modal_status period(struct follow *f, struct modal_error *err)
 {
     size_t N = (size_t)f->N;
@@ -268,13 +306,13 @@ static enum modal_status period(struct follow *f, struct modal_error *err)
 
     memset(f->Pi, 0, N * N * sizeof *f->Pi);
     for (size_t i = 0; i < N; i++)
-        f->Pi[i * (N + 1)] = 1;
+        f->Pi[i * (N + 1)] = 1;                         /* disturbances begin as they are */
     for (int l = 0; l < f->laws; l++) {
-        f->held[l] = NONE;
+        f->held[l] = NONE;                              /* to be seen at the first step */
         f->acts[l] = false;
     }
     memcpy(f->last, f->y, N * sizeof *f->y);
-    f->phase = -1;
+    f->phase = -1;                                      /* a period begins */
     f->failed = false;
     for (int i = 0; rc == MODAL_OK && i < STEPS; i++) {
         rc = f->stepper->advance(f->stepper, i * f->T / STEPS, f->T / STEPS, f->y, err);
@@ -287,6 +325,7 @@ static enum modal_status period(struct follow *f, struct modal_error *err)
     return rc;
 }
 
+/* max |y_i|. */
 static double largest(const double *y, int n) { return n > 0 ? fabs(y[cblas_idamax(n, y, 1)]) : 0; }
 
 /* (P(y) - y) after a period from f->start, relative. */
@@ -308,14 +347,15 @@ static bool newton_step(struct follow *f)
     int rank;
 
     for (int i = 0; i < N * N; i++)
-        f->work[i] = (i % (N + 1) == 0) - f->Pi[i];
+        f->work[i] = (i % (N + 1) == 0) - f->Pi[i];     /* I - Pi */
     for (int i = 0; i < N; i++)
-        d[i] = f->y[i] - f->start[i];
+        d[i] = f->y[i] - f->start[i];                   /* P(y) - y */
     if (f->failed
         || LAPACKE_dgelss_work(LAPACK_COL_MAJOR, N, N, 1, f->work, N, d, N, f->singular, OPEN,
                                &rank, f->svd, f->svd_size)
                != 0)
         return false;
+    /* a step longer than the motion is of another one */
     if (!(largest(d, N) <= 2 * fmax(largest(f->y, N), largest(f->start, N))))
         return false;
     for (int i = 0; i < N; i++)
@@ -334,6 +374,7 @@ static enum modal_status close_up(struct follow *f, struct cycle *out, struct mo
            && out->periods < (f->followed ? CYCLE_NEWTON_MOST : CYCLE_PERIODS_MOST)) {
         if (cancelled(f))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
+        /* Newton wants no derivative of a transient */
         f->watching = f->followed && out->periods >= FIRST;
         memcpy(f->start, f->y, (size_t)f->N * sizeof *f->y);
         rc = period(f, err);
@@ -348,7 +389,7 @@ static enum modal_status close_up(struct follow *f, struct cycle *out, struct mo
                       || (stepped && out->closure <= NEARLY && out->closure >= before / 2);
         if (!out->closed)
             stepped = f->followed && (!stepped || out->closure < before / 2) && newton_step(f);
-        before = out->closure;
+        before = out->closure;                          /* what the next step has to halve */
     }
     return rc;
 }
@@ -361,6 +402,7 @@ static bool forces(struct follow *f, double t, int j, double *force)
     bool within = field(f, t, f->y, f->held, f->before);
 
     for (int l = 0; within && l < f->laws; l++) {
+        /* what hold_back took out, in the laws' order */
         double limit = f->p.law[l].limit, phi = f->held[l] != 0 ? f->held[l] * limit : -*back++;
 
         force[(size_t)l * CYCLE_SAMPLES + (size_t)j] = phi;
@@ -380,7 +422,7 @@ static enum modal_status sample(struct follow *f, double *x, double *force, bool
     f->allowed = HUGE_VAL;                       /* one period more: counted, not refused */
     f->tries_allowed = INT64_MAX;
     for (int j = 0; rc == MODAL_OK && j < CYCLE_SAMPLES; j++) {
-        statespace_motion(f->ss, f->y, one, NULL);
+        statespace_motion(f->ss, f->y, one, NULL);      /* displacements of all dofs */
         for (int i = 0; i < n; i++)
             x[(size_t)i * CYCLE_SAMPLES + (size_t)j] = one[i];
         rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y,
@@ -405,6 +447,7 @@ static enum modal_status settle(struct follow *f, const struct cycle *c, struct 
     return rc;
 }
 
+/* qsort: |.| descending. */
 static int by_size(const void *a, const void *b)
 {
     double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
@@ -412,12 +455,13 @@ static int by_size(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
+/* The multipliers: eigenvalues of Pi. */
 static enum modal_status eigenvalues(struct follow *f, double complex *out, struct modal_error *err)
 {
     int N = f->N;
-    double *re = f->before, *im = f->after;
+    double *re = f->before, *im = f->after;             /* scratch */
 
-    memcpy(f->work, f->Pi, (size_t)N * (size_t)N * sizeof *f->Pi);
+    memcpy(f->work, f->Pi, (size_t)N * (size_t)N * sizeof *f->Pi);  /* dgeev destroys it */
     if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', N, f->work, N, re, im, NULL, 1, NULL, 1) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE,
                           "cycle: the eigenvalues of the period map did not converge");
@@ -439,7 +483,7 @@ static enum modal_status difference_map(struct follow *f, double step, const dou
     for (int i = 0; rc == MODAL_OK && i < N; i++)
         for (int side = 1; rc == MODAL_OK && side >= -1; side -= 2) {
             memcpy(f->y, y, (size_t)N * sizeof *y);
-            f->y[i] += side * h;
+            f->y[i] += side * h;                        /* one state disturbed */
             rc = period(f, err);
             for (int k = 0; k < N; k++)
                 D[k + (size_t)i * (size_t)N] =
@@ -467,6 +511,7 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
         memcpy(y, f->y, (size_t)f->N * sizeof *y);
         f->watching = false;
         allow(f, 1);
+        /* Two differences: their multipliers differ by about the error of either. */
         rc = difference_map(f, LONG, y, err);
         if (rc == MODAL_OK)
             rc = eigenvalues(f, other, err);
@@ -476,6 +521,7 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
             rc = eigenvalues(f, out->multiplier, err);
         *known = rc == MODAL_OK;
         rc = rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+        /* the map is asked from the motion itself each time */
         memcpy(f->y, y, (size_t)f->N * sizeof *y);
         memcpy(f->acts, acts, (size_t)f->laws * sizeof *acts);
     }
@@ -483,6 +529,7 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
         double nearest = HUGE_VAL;
 
         for (int k = 0; k < f->N; k++)
+            /* not in order where two are close */
             nearest = fmin(nearest, cabs(out->multiplier[i] - other[k]));
         out->error = fmax(out->error, nearest);
     }
@@ -491,6 +538,22 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
     return rc;
 }
 
+/* The multipliers of the motion found, out->states of them: of Pi where disturbances were followed,
+ * else by differences where the state is all there is. */
+static enum modal_status multipliers(struct follow *f, struct cycle *out, struct modal_error *err)
+{
+    bool found = false;
+    enum modal_status rc = MODAL_OK;
+
+    if (f->followed && !f->failed)
+        return eigenvalues(f, out->multiplier, err);
+    if (!f->followed && !f->remembers && out->closed && f->N <= CYCLE_DIFFERENCES_MOST)
+        rc = difference_multipliers(f, out, &found, err);
+    out->states = found ? f->N : 0;
+    return rc;
+}
+
+/* Frees what F holds, made or half made. */
 static void follow_done(struct follow *f)
 {
     double *all[] = { f->y, f->start, f->last,   f->w,     f->load,  f->Pi,       f->Q,
@@ -509,6 +572,7 @@ static void follow_done(struct follow *f)
     free(f->acts);
 }
 
+/* Room of F's sizes, all 0. */
 static enum modal_status allocate(struct follow *f, struct modal_error *err)
 {
     size_t N = (size_t)f->N, laws = (size_t)f->laws;
@@ -525,6 +589,7 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
             return modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
     f->held = calloc(laws + 1, sizeof *f->held);
     f->pivot = calloc(N + laws + 1, sizeof *f->pivot);
+    /* What the phase under way holds, and what acted. */
     f->acts = calloc(laws + 1, sizeof *f->acts);
     return f->held == NULL || f->pivot == NULL || f->acts == NULL
                ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory")
@@ -551,6 +616,7 @@ static void price_steps(struct follow *f)
                                   : exponential_work(f->N + (int)(size + f->src->nw)));
 }
 
+/* The stepper of F's program and what disturbances need. */
 static enum modal_status follow_init(struct follow *f, struct modal_error *err)
 {
     struct stepper_options how = { .dt = f->T / STEPS,
@@ -570,9 +636,11 @@ static enum modal_status follow_init(struct follow *f, struct modal_error *err)
     if (rc != MODAL_OK)
         return rc;
     f->N = f->ss->N;
+    /* Friction's strength alone, over a period: what a motion is compared with. */
     for (int l = 0; l < f->laws; l++)
         if (f->p.law[l].kind->set_valued)
-            f->floor = fmax(f->floor, 1e-3 * f->p.law[l].limit * largest(pull(f, l), f->N) * f->T);
+            f->floor =
+                fmax(f->floor, NO_MOTION * f->p.law[l].limit * largest(pull(f, l), f->N) * f->T);
     price_steps(f);
     rc = expm_new(f->N, &f->exponential, err);
     return rc == MODAL_OK ? allocate(f, err) : rc;
@@ -607,10 +675,10 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
         f.followed &= p->law[l].kind->set_valued;
         f.remembers |= p->law[l].memory > 0;
     }
-    known = f.followed;
-    f.p.omega = omega;
+    known = f.followed;                                 /* forces of laws beside are not sampled */
+    f.p.omega = omega;                              /* the program is of another frequency, maybe */
     f.p.period = f.T;
-    f.p.x0 = x0 != NULL ? (double *)x0 : rest;
+    f.p.x0 = x0 != NULL ? (double *)x0 : rest;          /* read only, by statespace_start */
     f.p.v0 = v0 != NULL ? (double *)v0 : rest;
     if (rc == MODAL_OK)
         rc = follow_init(&f, err);
@@ -619,22 +687,15 @@ enum modal_status cycle_find(const struct program *p, double omega, const double
         allow(&f, SHARE_TO_CLOSE);
         rc = close_up(&f, out, err);
     }
+    /* Half done or not, out owns what it has: cycle_done frees it. */
     out->states = f.N;
     out->x = calloc((size_t)p->n * CYCLE_SAMPLES + 1, sizeof *out->x);
     out->force = calloc((size_t)p->laws * CYCLE_SAMPLES + 1, sizeof *out->force);
     out->multiplier = calloc((size_t)f.N + 1, sizeof *out->multiplier);
     if (rc == MODAL_OK && (out->x == NULL || out->force == NULL || out->multiplier == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
-    if (rc == MODAL_OK && f.followed && !f.failed)
-        rc = eigenvalues(&f, out->multiplier, err);
-    else if (rc == MODAL_OK && !f.followed && !f.remembers && out->closed
-             && f.N <= CYCLE_DIFFERENCES_MOST) {
-        bool found;
-
-        rc = difference_multipliers(&f, out, &found, err);
-        out->states = found ? f.N : 0;
-    } else
-        out->states = 0;
+    if (rc == MODAL_OK)
+        rc = multipliers(&f, out, err);
     if (rc == MODAL_OK && out->closed)
         rc = sample(&f, out->x, out->force, &known, rest, err);
     if (rc == MODAL_OK && out->closed && known)

@@ -37,6 +37,7 @@ struct cycle {
     long evaluations;             /* of every law */
 };
 
+/* What ends the search before it is found. */
 struct cycle_options {
     bool (*cancelled)(void *context);     /* may be NULL */
     void *context;
@@ -58,5 +59,6 @@ bool cycle_takes(const struct program *p);
 enum modal_status cycle_find(const struct program *p, double omega, const double *x0,
                              const double *v0, const struct cycle_options *opt, struct cycle *out,
                              struct modal_error *err);
+/* Frees what C holds. */
 void cycle_done(struct cycle *c);
 #endif

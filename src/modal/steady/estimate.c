@@ -13,6 +13,13 @@
  * R with N2 samples.  Then E - X estimates the whole error to first order in it; with the tail left
  * out of (2), E' - X is the sampling's part and E - E' the truncation's; a last Newton step's is
  * the solver's.  Each is put in the unit of x as max over time and dofs.
+ *
+ * Rigid friction jumps where the motion turns, and X(H) = X + c_1 / H + c_2 / H^2 + ..  Of three
+ * motions, each of twice the harmonics of the one before, A, B and C,
+ *
+ *     a = 2 B - A,   c = 2 C - B,   X = (4 c - a) / 3                                           (3)
+ *
+ * takes out both terms; |X - c| is what the second one was.
  */
 #include "modal/steady/estimate.h"
 #include <math.h>
@@ -20,7 +27,18 @@
 #include <string.h>
 #include "modal/steady/session.h"
 
-enum { EXTENSIONS = 5, EXTENSIONS_OF_JUMPS = 40, SHARP = 2048 };
+enum {
+    EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are
+                                 * smooth */
+    EXTENSIONS_OF_JUMPS = 40,   /* where they jump, each gains a factor alone */
+    SHARP = 2048,               /* harmonics of the finest of three motions of rigid friction */
+    LEVELS = 3,                 /* these */
+    WIDE_FEW = 16,              /* harmonics below which H2 is WIDE_LEAST, past it four times as
+                                 * many: */
+    WIDE_LEAST = 64,            /* harmonics that fall as k^-3 are 64 times smaller there */
+    WIDEN = 4,
+    WIDE_MORE = 64              /* where four times as many are too many */
+};
 
 /* max over time of |Re sum_{k<=K} Z_k e^{ik theta}| on a grid of at least 4K samples. */
 static double peak(struct orbit_grid *g, const double complex *Z, int K, double *x)
@@ -58,7 +76,7 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
         if (amplitude != NULL)
             *amplitude = fmax(*amplitude, peak(g, b, H, x));
         for (int k = 0; k <= H; k++)
-            a[k] -= b[k];
+            a[k] -= b[k];                               /* loads cancel in the difference */
         *out = fmax(*out, peak(g, a, H, x));
     }
     free(a);
@@ -68,6 +86,7 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
     return rc;
 }
 
+/* X of H harmonics as one of H2, the new ones 0. */
 static void widen_motion(const double complex *X, int q, int H, int H2, double complex *E)
 {
     memset(E, 0, (size_t)q * ((size_t)H2 + 1) * sizeof *E);
@@ -86,8 +105,8 @@ static enum modal_status tail_of(const struct balance *wide, int H, double compl
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
     for (int k = H + 1; k < K; k++) {
         for (int i = 0; i < q; i++)
-            rhs[i] = wide->load[k * q + i] - wide->F[i * K + k];
-        if (stiffness_solve(wide->stiffness, k, rhs))
+            rhs[i] = wide->load[k * q + i] - wide->F[i * K + k];  /* p_k - F_k of (1) */
+        if (stiffness_solve(wide->stiffness, k, rhs))   /* else 0: a resonance past H */
             for (int i = 0; i < q; i++)
                 E[i * K + k] = rhs[i];
     }
@@ -103,8 +122,8 @@ static void chord(struct balance *b, const struct balance *wide, const double co
 
     for (int i = 0; i < b->q; i++)
         for (int r = 0; r < n; r++)
-            y[i * n + r] = -wide->R[i * n2 + r];
-    balance_solve(b, y, 1);
+            y[i * n + r] = -wide->R[i * n2 + r];        /* -R_low of (2) */
+    balance_solve(b, y, 1);                  /* J^-1 of (2), as the point's last step factored it */
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++)
             E[i * K2 + k] =
@@ -113,6 +132,8 @@ static void chord(struct balance *b, const struct balance *wide, const double co
         E[i * K2] = X[i * K];                                /* a mean that is free has no error */
 }
 
+/* What (1) leaves of the equation of motion: F_k - p_k past H, its rms and at most its sum in
+ * time. */
 static void tail_in_time(const struct balance *wide, int H, struct steady_point *point)
 {
     int K = wide->H + 1;
@@ -123,7 +144,9 @@ static void tail_in_time(const struct balance *wide, int H, struct steady_point 
         double sum = 0, load = 0;
 
         for (int k = H + 1; k < K; k++) {
+            /* a harmonic's mean square is half of |.|^2 */
             squares += pow(cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]), 2) / 2;
+            /* its peak is at most the sum */
             sum += cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]);
         }
         for (int k = 0; k < K; k++)
@@ -142,6 +165,7 @@ struct estimate {
     double *y;
 };
 
+/* Frees what E holds. */
 static void estimate_done(struct estimate *e)
 {
     balance_free(e->wide);
@@ -151,10 +175,13 @@ static void estimate_done(struct estimate *e)
     free(e->y);
 }
 
+/* Room and the wide balance, of H2 harmonics and of twice the samples at least. */
 static enum modal_status estimate_init(struct steady *s, const struct balance *b,
                                        struct estimate *e, struct modal_error *err)
 {
-    int H = b->H, H2 = H < 16 ? 64 : 4 * H < ORBIT_HARMONICS_MOST / 2 ? 4 * H : H + 64;
+    int H = b->H, H2 = H < WIDE_FEW                           ? WIDE_LEAST
+                       : WIDEN * H < ORBIT_HARMONICS_MOST / 2 ? WIDEN * H
+                                                              : H + WIDE_MORE;
     long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;
     int N2 = steady_power_of_two(s->exact ? 4L * H2 : sampled > 8L * H2 ? sampled : 8L * H2);
     size_t size = (size_t)b->q * ((size_t)H2 + 1);
@@ -180,7 +207,7 @@ static enum modal_status move_by_samples(struct balance *b, struct estimate *e,
         rc = balance_residual(e->wide, e->W, false, err);
     if (rc != MODAL_OK)
         return rc;
-    tail_in_time(e->wide, b->H, point);
+    tail_in_time(e->wide, b->H, point);                 /* of the point itself */
     memcpy(e->sampled, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
     chord(b, e->wide, point->X, e->y, e->sampled);
     return MODAL_OK;
@@ -212,6 +239,7 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     point->truncation = point->sampling = point->solver = point->error = NAN;
     if (rc == MODAL_OK)
         rc = balance_residual(b, point->X, false, err);
+    /* A chord needs no better matrix than the one its steps had. */
     if (rc == MODAL_OK && !b->pattern->full)
         /* off by its gain, a tenth, where it is short */
         balance_set_order(b, iterate_order(b, 0));
@@ -231,7 +259,7 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
         rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);
     if (rc == MODAL_OK) {
         point->solver = point->step * point->amplitude;
-        point->error += point->solver;
+        point->error += point->solver;                  /* independent of both */
     }
 out:
     balance_set_order(b, b->H);
@@ -265,7 +293,7 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
     double *y = NULL;
     enum modal_status rc = steady_balance(s, point->H, &b, err);
 
-    *done = false;
+    *done = false;                                      /* until the last round */
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);
     if (rc == MODAL_OK)
@@ -288,8 +316,8 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
         for (int i = 0; rc == MODAL_OK && i < b->q; i++)
             memcpy(low + i * (b->H + 1), E + i * (H2 + 1), ((size_t)b->H + 1) * sizeof *low);
         if (rc == MODAL_OK) {
-            chord(b, wide, low, y, E);
-            rc = tail_of(wide, b->H, E, err);
+            chord(b, wide, low, y, E);                  /* (2) */
+            rc = tail_of(wide, b->H, E, err);           /* (1) */
         }
         free(low);
     }
@@ -323,7 +351,7 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
                                ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
                                : MODAL_OK;
 
-    for (int round = 0; rc == MODAL_OK && done && round < 3; round++) {
+    for (int round = 0; rc == MODAL_OK && done && round < LEVELS; round++) {
         int Hr = least << round;
 
         rc = steady_extend(s, point, Hr, E, &done, err);
@@ -335,14 +363,16 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
         goto out;
     point->solver = point->sampling = point->amplitude = 0;
     for (size_t i = 0; i < part; i++) {
+        /* c_1/H out */
         double complex a = 2 * R[part + i] - R[i], c = 2 * R[2 * part + i] - R[part + i];
 
-        point->X[i] = (4 * c - a) / 3;
-        point->sampling = fmax(point->sampling, cabs(point->X[i] - c));
+        point->X[i] = (4 * c - a) / 3;                  /* c_2/H^2 out */
+        point->sampling = fmax(point->sampling, cabs(point->X[i] - c));  /* what that moved */
     }
     for (int i = 0; i < q; i++)
         for (int k = 0; k <= H; k++)
             E[i * K2 + k] = low[i * K2 + k] = point->X[i * (H + 1) + k];
+    /* Recovery of the dofs taken out, at so many harmonics: S itself is not used. */
     rc = condense_at(s->c, point->omega, 1, H2, S, load, err);
     if (rc == MODAL_OK)
         rc = peak_of_change(s, E, low, q, H2, &point->error, &point->amplitude, err);

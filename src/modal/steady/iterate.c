@@ -10,6 +10,19 @@
  * section 3.2].  The derivative of piecewise laws jumps where a regime appears, so that full steps
  * may cycle; damping breaks the cycle.
  *
+ * With u the real vector of X and |.| the relative size of balance_relative,
+ *
+ *     J(u) d = -R(u),                                                                           (1)
+ *     J(u) d' = -R(u + lambda d),      |d'| <= (1 - lambda / 4) |d|.                            (2)
+ *
+ * Near the solution, where |d| is below CLOSE and shrinks, (2) is not asked for.  With a rate r =
+ * |d| / |d_before| < 1 the distance left after a step is at most r / (1 - r) |d|, if the rate
+ * holds: a loose tolerance is compared with that.  Of a matrix of few harmonics (balance.h) (1)
+ * holds for those alone and the rest move by (7); it converges linearly, at the rate of their gain.
+ *
+ * Where J is singular it is stiffened, J + mu max|J| I, which leaves the solution where it is and
+ * only delays it.
+ *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  * [D04]  Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004.
  */
@@ -20,18 +33,64 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SHRINKS = 0.25, BALANCED = 1e-13, SMALL = 1e-9, UNBALANCED = 1e-6,
-                    TOLERANCE = 1e-12, FLOOR = 1e-9, CLOSE = 0.02, LAMBDA_LEAST = 1e-4;
-static const double TAIL_GAIN = 0.1, RATE_SHORT = 0.3, LOST = 1e-3;
-enum { ITERATIONS_MOST = 60, ORDER_TAIL = 21, TAIL_LEAST = 4 };
+/* The relative step that ends an iteration where the options name none. */
+static const double TOLERANCE = 1e-12;
+/* Below this a step that no longer shrinks is rounding: that of a J of condition 1e7. */
+static const double FLOOR = 1e-9;
+/* A loose tolerance is met by the step after this one if they shrink at least this fast. */
+static const double SHRINKS = 0.25;
+/* Rates above which steps of rounding's size have stopped to shrink: of a whole matrix, which
+ * converges quadratically until then; and of a short one, which converges linearly. */
+static const double STALLS = 0.25;
+static const double STALLS_SHORT = 0.9;
+/* The relative residual of a motion that balances to rounding, though steps may be long: something
+ * is held by nothing. */
+static const double BALANCED = 1e-13;
+/* Steps below this of the largest dof are rounding, soft dofs beside stiff ones. */
+static const double SMALL = 1e-9;
+/* A residual above this that the last step did not reduce by a tenth is of a singular J. */
+static const double UNBALANCED = 1e-6;
+static const double REDUCED = 0.9;
+/* Steps shorter than this share of the motion are taken whole while they shrink: the radius of
+ * Newton's convergence is of the order of the motion's own scale. */
+static const double CLOSE = 0.02;
+/* The shortest damped step.  Three digits below a whole one, the direction is of no use. */
+static const double LAMBDA_LEAST = 1e-4;
+/* A damped step is first halved, then cut further: most need one halving or many. */
+static const double DAMP_FIRST = 0.5;
+static const double DAMP = 0.35;
+/* Direct iteration runs away when steps are a million times the least; it is given up after
+ * DIRECT_PATIENCE iterations when they are as long as the motion and never were short. */
+static const double RUNS_AWAY = 1e6;
+static const double LONG_STEP = 0.5;
+static const double SHORT_STEP = 0.1;
+/* A singular J is stiffened by this share of its largest entry, then by a thousand times more:
+ * past 1 nothing of it is left. */
+static const double STIFFEN = 1e-6;
+static const double STIFFEN_MORE = 1e3;
+/* Harmonics with a gain below this are left to (7): each iteration then leaves a tenth of them. */
+static const double TAIL_GAIN = 0.1;
+/* A short matrix is used again while steps shrink at least this fast. */
+static const double RATE_SHORT = 0.3;
+/* Rounding's share of the laws' forces at which a motion that converged has run away. */
+static const double LOST = 1e-3;
+enum {
+    ITERATIONS_MOST = 60,
+    DIRECT_PATIENCE = 40,
+    ORDER_TAIL = 21,       /* of matrices below it a factorization costs less than finding HJ */
+    TAIL_LEAST = 4,        /* harmonics that are never left to (7) */
+    GAIN_DOFS_MOST = 4     /* dofs that iterate_gain decomposes */
+};
 #define AWAY_REASON \
     "the motion runs away: it is so large that the laws' forces are lost in its rounding"
 
+/* Whether the caller wants no answer any more. */
 static bool stopped(const struct iterate_options *opt)
 {
     return opt->cancelled != NULL && opt->cancelled(opt->context);
 }
 
+/* A step's length against each dof's own motion; HUGE_VAL where there is no number. */
 static double norm_relative(const struct balance *b, const double *step, const double complex *X)
 {
     double r = balance_relative(b, step, X);
@@ -60,10 +119,11 @@ static void direct_step(struct balance *b, double relaxation, double complex *X,
 
     for (int k = 0; k < K; k++) {
         for (int i = 0; i < q; i++)
-            rhs[i] = b->load[k * q + i] - b->F[i * K + k];
+            rhs[i] = b->load[k * q + i] - b->F[i * K + k];  /* p_k - F_k(X) of (7) */
         if (!(*ok = stiffness_solve(b->stiffness, k, rhs)))
             return;
         for (int i = 0; i < q; i++) {
+            /* r of the opening comment */
             double complex change = relaxation * (rhs[i] - X[i * K + k]);
 
             X[i * K + k] += change;
@@ -79,6 +139,7 @@ struct direct_work {
     double *step;
 };
 
+/* Frees what W holds. */
 static void direct_done(struct direct_work *w)
 {
     free(w->rhs);
@@ -86,6 +147,7 @@ static void direct_done(struct direct_work *w)
     free(w->step);
 }
 
+/* Room for direct iteration on B; direct_done frees it, made or half made. */
 static enum modal_status direct_init(struct direct_work *w, const struct balance *b,
                                      struct modal_error *err)
 {
@@ -124,11 +186,12 @@ static enum modal_status repeat_direct(struct balance *b, const struct iterate_o
         }
         report->iterations++;
         report->step = norm_relative(b, w->step, X);
-        report->converged = report->step <= tolerance;
+        report->converged = report->step <= tolerance;  /* relative to each dof */
         if (report->step < least) {
             least = report->step;
             memcpy(w->best, X, size);
-        } else if (report->step > 1e6 * least || (i > 40 && report->step > 0.5 && least > 0.1))
+        } else if (report->step > RUNS_AWAY * least
+                   || (i > DIRECT_PATIENCE && report->step > LONG_STEP && least > SHORT_STEP))
             break;
     }
     if (!report->converged)
@@ -159,10 +222,10 @@ double iterate_gain(const struct balance *b, double slope)
     double most = 0;
 
     for (int k = 0; k <= b->H; k++) {
-        double complex A[16];
-        double s[4], superb[4];
+        double complex A[GAIN_DOFS_MOST * GAIN_DOFS_MOST];
+        double s[GAIN_DOFS_MOST], superb[GAIN_DOFS_MOST];
 
-        if (q > 4)
+        if (q > GAIN_DOFS_MOST)
             return HUGE_VAL;
         memcpy(A, b->S + (size_t)k * (size_t)q * (size_t)q, (size_t)q * (size_t)q * sizeof *A);
         if (q == 1)
@@ -170,6 +233,7 @@ double iterate_gain(const struct balance *b, double slope)
         else if (LAPACKE_zgesvd(LAPACK_COL_MAJOR, 'N', 'N', q, q, A, q, s, NULL, 1, NULL, 1, superb)
                  != 0)
             return HUGE_VAL;
+        /* |S_k^-1| is one over the least singular value */
         most = fmax(most, s[q - 1] > 0 ? slope / s[q - 1] : HUGE_VAL);
     }
     return most;
@@ -189,15 +253,17 @@ static enum modal_status difference_derivative(struct balance *b, double complex
     if (J == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
     memcpy(R0, b->R, (size_t)b->order * sizeof *R0);
+    /* One column an unknown, two residuals each: the price of 1989. */
     for (int c = 0; rc == MODAL_OK && c < b->order; c++) {
-        int i = c / n, r = c % n, k = (r + 1) / 2;
+        int i = c / n, r = c % n, k = (r + 1) / 2;    /* dof, real entry and harmonic of column c */
         double complex kept = X[i * K + k], unit = r > 0 && r % 2 == 0 ? I : 1;
         double scale = 0, h;
 
         for (int l = 0; l < K; l++)
             scale = fmax(scale, cabs(X[i * K + l]));
+        /* rounding over h and curvature h^2 are equal there */
         h = cbrt(DBL_EPSILON) * (scale > 0 ? scale : 1);
-        X[i * K + k] = kept + h * unit;
+        X[i * K + k] = kept + h * unit;                 /* Re X_k or Im X_k */
         rc = balance_residual(b, X, false, err);
         memcpy(up, b->R, (size_t)b->order * sizeof *up);
         X[i * K + k] = kept - h * unit;
@@ -228,6 +294,7 @@ static void cut_rows(struct balance *b, int i, int j, double complex S[], const 
         for (int r = 1; r < n; r++) {
             bool row_real = r % 2 == 1, column_real = c % 2 == 1, there = (r + 1) / 2 == k;
 
+            /* other columns of the row are the laws' */
             if (cut[r] && (there || b->pattern->mixes[pattern_find(b->pattern, i, j)]))
                 column[r] = !there ? 0 : row_real == column_real ? creal(S[k])
                           : row_real ? -cimag(S[k]) : cimag(S[k]);
@@ -247,6 +314,7 @@ static void cut_off(struct balance *b, double cutoff, const double complex *X, b
         for (int k = 0; k < K; k++)
             most = fmax(most, cabs(X[i * K + k]));
         for (int r = 1; r < n; r++)
+            /* the mean is never cut */
             cut[i * n + r] = cabs(X[i * K + (r + 1) / 2]) < cutoff * most;
     }
     for (int j = 0; j < b->q; j++)
@@ -270,7 +338,7 @@ static bool factor_somehow(struct balance *b, double *kept, bool soft)
         memcpy(kept, b->J, size * sizeof *kept);
     if (balance_factor(b, NULL) && !soft)
         return true;
-    for (double mu = 1e-6; mu < 2; mu *= 1e3) {
+    for (double mu = STIFFEN; mu < 2; mu *= STIFFEN_MORE) {
         double most = 0;
 
         for (size_t i = 0; full && i < size; i++)
@@ -293,7 +361,8 @@ struct newton_work {
     bool *cut;
 };
 
-static void take(const struct balance *b, const double *u, double lambda, const double *step,
+/* X <- u + lambda step. */
+static void point_at(const struct balance *b, const double *u, double lambda, const double *step,
                  double *scratch, double complex *X)
 {
     for (int i = 0; i < b->order; i++)
@@ -309,10 +378,10 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
     enum modal_status rc;
 
     *ok = false;
-    for (double lambda = 1; lambda >= LAMBDA_LEAST; lambda *= lambda == 1 ? 0.5 : 0.35) {
+    for (double lambda = 1; lambda >= LAMBDA_LEAST; lambda *= lambda == 1 ? DAMP_FIRST : DAMP) {
         double next;
 
-        take(b, w->u, lambda, w->step, w->scratch, w->trial);
+        point_at(b, w->u, lambda, w->step, w->scratch, w->trial);
         rc = balance_residual(b, w->trial, false, err);
         if (rc == MODAL_OVERFLOW)
             continue;
@@ -321,7 +390,7 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
         for (int i = 0; i < b->order; i++)
             w->trial_step[i] = -b->R[i];
         balance_solve(b, w->trial_step, 1);
-        next = norm_relative(b, w->trial_step, X);
+        next = norm_relative(b, w->trial_step, X);      /* of the simplified step, the same J */
         if (next <= (1 - lambda / 4) * size || next < FLOOR) {
             *ok = true;
             *taken = lambda;
@@ -338,9 +407,9 @@ int iterate_order(const struct balance *b, double slope)
     int HJ = b->H;
 
     slope = slope > 0 ? slope : aft_slope(b->aft);
-    slope *= b->q > 1 ? b->pattern->ends : 1;
+    slope *= b->q > 1 ? b->pattern->ends : 1;           /* laws that meet at a dof add up */
     while (HJ > TAIL_LEAST && stiffness_least(b->pattern, b->S, HJ) * TAIL_GAIN > slope)
-        HJ--;
+        HJ--;                                         /* S_k grows as k^2 past the last resonance */
     return b->p->harmonics == 0 && HJ < 2 * b->H / 3 ? HJ : b->H;
 }
 
@@ -352,57 +421,20 @@ static int matrix_order(const struct balance *b, const struct iterate_options *o
     return whole ? b->H : iterate_order(b, opt->slope);
 }
 
-static enum modal_status newton(struct balance *b, const struct iterate_options *opt,
-                                double complex *X, struct iterate_report *report,
-                                struct modal_error *err);
-
-enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt,
-                                 double complex *X, struct iterate_report *report,
-                                 struct modal_error *err)
-{
-    enum modal_status rc = MODAL_OK;
-    int HJ;
-
-    rc = b->order < ORDER_TAIL || opt->slope > 0 || opt->evaluated
-             ? MODAL_OK
-             : balance_residual(b, X, false, err);
-    if (rc == MODAL_OVERFLOW)
-        rc = MODAL_OK;
-    HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
-    if (rc == MODAL_OK && HJ < b->H) {
-        size_t size = (size_t)b->q * ((size_t)b->H + 1);
-        double complex *start = malloc((size + 1) * sizeof *start);
-
-        if (start == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory");
-        memcpy(start, X, size * sizeof *start);
-        balance_set_order(b, HJ);
-        rc = newton(b, opt, X, report, err);
-        balance_set_order(b, b->H);
-        if (rc != MODAL_OK || report->converged) {
-            free(start);
-            return rc;
-        }
-        memcpy(X, start, size * sizeof *start);
-        free(start);
-    }
-    return rc == MODAL_OK ? newton(b, opt, X, report, err) : rc;
-}
-
 /* Whether the step just computed is the last: below the tolerance, or of rounding's size and no
  * longer shrinking. */
 static bool settled(const struct balance *b, double tolerance, double last, double lambda,
                     struct iterate_report *report)
 {
     /* a short matrix converges linearly */
-    double rate = report->step / last, stalls = b->HJ < b->H ? 0.9 : 0.25;
+    double rate = report->step / last, stalls = b->HJ < b->H ? STALLS_SHORT : STALLS;
 
     if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
           /* a loose one: the next step will be */
           || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1
               && report->step * rate / (1 - rate) <= tolerance / 2)))
         return false;
-    report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;
+    report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;  /* the next step, which is not taken */
     report->converged = true;
     return true;
 }
@@ -417,7 +449,7 @@ static enum modal_status verify(struct balance *b, const double complex *X,
     if (rc != MODAL_OK)
         return rc;
     report->residual = balance_relative_residual(b, X);
-    if (report->residual > UNBALANCED && report->residual > 0.9 * before) {
+    if (report->residual > UNBALANCED && report->residual > REDUCED * before) {
         report->converged = false;
         report->reason = "the derivative is singular";
     }
@@ -439,6 +471,7 @@ static enum modal_status conclude(struct balance *b, bool doubted, const double 
     return rc;
 }
 
+/* Frees what W holds. */
 static void work_done(struct newton_work *w)
 {
     free(w->step);
@@ -450,6 +483,7 @@ static void work_done(struct newton_work *w)
     free(w->cut);
 }
 
+/* Room for Newton's method on B; work_done frees it, made or half made. */
 static enum modal_status work_init(struct newton_work *w, const struct balance *b,
                                    struct modal_error *err)
 {
@@ -472,6 +506,7 @@ static enum modal_status work_init(struct newton_work *w, const struct balance *
 /* at X, from before: nothing; the residual; a derivative near enough */
 enum known { NOTHING, FORCE, SLOPE };
 
+/* Residual and derivative at X, as far as they are not KNOWN. */
 static enum modal_status evaluate(struct balance *b, const struct iterate_options *opt,
                                   enum known known, double complex *X, struct newton_work *w,
                                   struct modal_error *err)
@@ -503,9 +538,9 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
     }
     for (int i = 0; i < b->order; i++)
         w->step[i] = -b->R[i];
-    balance_solve(b, w->step, 1);
+    balance_solve(b, w->step, 1);                       /* J dX = -R */
     balance_pack(b, X, w->u);
-    take(b, w->u, 1, w->step, w->scratch, w->trial);
+    point_at(b, w->u, 1, w->step, w->scratch, w->trial);
     report->iterations++;
     report->step = fmin(norm_relative(b, w->step, X), norm_relative(b, w->step, w->trial));
     *ok = true;
@@ -530,12 +565,38 @@ static void give_up(const struct balance *b, const struct newton_work *w, const 
 {
     double overall = overall_step(b, w->step, X);
 
+    /* A residual of rounding: steps that nothing shortens are along what nothing holds. */
     report->open = balance_open(b) && report->residual <= BALANCED;
     report->converged = report->open || (report->residual <= BALANCED && overall <= SMALL);
     report->step = report->open ? report->residual : report->converged ? overall : report->step;
     report->reason = "no step of Newton's method shortens the next";
 }
 
+/* Whether the budget pays for another step; else that is the reason. */
+static bool has_work_left(const struct balance *b, struct iterate_report *report)
+{
+    if (budget_spent(b->budget))
+        report->reason = BUDGET_REASON;
+    return !budget_spent(b->budget);
+}
+
+/* From nothing, the linear answer, whole; near the solution steps shrink by themselves. */
+static bool goes_whole(const struct balance *b, const struct iterate_report *report, double last)
+{
+    return report->iterations == 1
+        || (report->step < CLOSE && report->step < (b->HJ < b->H ? 1 : 0.5) * last);
+}
+
+/* An overflow ends the iteration, not the job. */
+static enum modal_status pardon(enum modal_status rc, struct iterate_report *report)
+{
+    if (rc != MODAL_OVERFLOW)
+        return rc;
+    report->reason = "the iterates overflow";
+    return MODAL_OK;
+}
+
+/* Newton's method with the matrix of harmonics 0 .. HJ that B has now, (1) and (2). */
 static enum modal_status newton(struct balance *b, const struct iterate_options *opt,
                                 double complex *X, struct iterate_report *report,
                                 struct modal_error *err)
@@ -552,25 +613,20 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
 
     *report = (struct iterate_report) { .reason = "Newton's method did not settle",
                                         .residual = HUGE_VAL };
-    while (rc == MODAL_OK && report->iterations < most) {
-        if (budget_spent(b->budget)) {
-            report->reason = BUDGET_REASON;
-            break;
-        }
+    while (rc == MODAL_OK && report->iterations < most && has_work_left(b, report)) {
         rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled")
             : propose(b, opt, known, X, &w, soft, report, &ok, err);
         if (rc != MODAL_OK || !ok)
             break;
+        /* A residual that a loose tolerance leaves is not looked at while it shrinks. */
         shrinks = report->iterations > 1 && tolerance > FLOOR && report->residual < 0.5 * residual;
         residual = report->residual;
+        /* The step itself leads to w.trial. */
         if (settled(b, tolerance, last, lambda, report)) {
             memcpy(X, w.trial, size);
             break;
         }
-        if (report->iterations == 1
-            || (report->step < CLOSE && report->step < (b->HJ < b->H ? 1 : 0.5) * last)) {
-            /* from nothing, the linear answer, whole; near the solution steps shrink by
-             * themselves */
+        if (goes_whole(b, report, last)) {
             known = reusable(b, opt, tolerance, report->step, last) ? SLOPE : NOTHING;
             last = report->step;
             memcpy(X, w.trial, size);
@@ -578,13 +634,14 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         }
         last = report->step;
         if (known == SLOPE) {                              /* an old slope was not good enough */
-            known = FORCE;
+            known = FORCE;                              /* its derivative is made at this point */
             continue;
         }
+        /* Far from the solution: the whole step need not shorten the next. */
         rc = damp(b, &w, norm_relative(b, w.step, X), X, &lambda, &ok, err);
         known = FORCE;
         if (rc == MODAL_OK && !ok && balance_open(b) && !soft && report->residual > BALANCED) {
-            soft = true;
+            soft = true;                               /* once: then J is stiffened at every step */
             known = NOTHING;
             continue;
         }
@@ -595,10 +652,40 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     }
     if (rc == MODAL_OK)
         rc = conclude(b, !opt->rough && !shrinks, X, report, err);
-    if (rc == MODAL_OVERFLOW) {
-        report->reason = "the iterates overflow";
-        rc = MODAL_OK;
-    }
     work_done(&w);
-    return rc;
+    return pardon(rc, report);
+}
+
+enum modal_status iterate_newton(struct balance *b, const struct iterate_options *opt,
+                                 double complex *X, struct iterate_report *report,
+                                 struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    int HJ;
+
+    /* A slope to choose HJ by: of the options, or of the force at the start. */
+    rc = b->order < ORDER_TAIL || opt->slope > 0 || opt->evaluated
+             ? MODAL_OK
+             : balance_residual(b, X, false, err);
+    if (rc == MODAL_OVERFLOW)
+        rc = MODAL_OK;
+    HJ = rc == MODAL_OK ? matrix_order(b, opt) : b->H;
+    if (rc == MODAL_OK && HJ < b->H) {
+        size_t size = (size_t)b->q * ((size_t)b->H + 1);
+        double complex *start = malloc((size + 1) * sizeof *start);
+
+        if (start == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory");
+        memcpy(start, X, size * sizeof *start);
+        balance_set_order(b, HJ);                       /* rows past HJ by (7) */
+        rc = newton(b, opt, X, report, err);
+        balance_set_order(b, b->H);
+        if (rc != MODAL_OK || report->converged) {
+            free(start);
+            return rc;
+        }
+        memcpy(X, start, size * sizeof *start);     /* with the whole matrix, from where it began */
+        free(start);
+    }
+    return rc == MODAL_OK ? newton(b, opt, X, report, err) : rc;
 }

@@ -1,4 +1,8 @@
-/* iterate.h - the solvers of one balance from one start: direct iteration and Newton's method */
+/* iterate.h - the solvers of one balance from one start: direct iteration and Newton's method
+ *
+ * Both end at an answer whether or not they converge: the best iterate, how far it is, and why they
+ * stopped.  The residual is relative to the largest force that acts, a step to each dof's own
+ * motion, so that neither depends on units. */
 #ifndef MODAL_ITERATE_H
 #define MODAL_ITERATE_H
 #include "modal/steady/balance.h"

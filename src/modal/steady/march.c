@@ -7,6 +7,17 @@
  * inside steps, which both then take with an error of O(h^2): that is the comparison.  Shooting
  * solves y(T; y0) = y0 by Newton's method with difference quotients over (y, m).
  *
+ * A step of s stages is
+ *
+ *     k_i = g(t + c_i h, y + h sum_{j<i} a_ij k_j),   y(t + h) = y + h sum_i b_i k_i,           (1)
+ *
+ * and the pair's error h sum_i e_i k_i, e of dp_error; steps are h' = 0.9 h (tolerance /
+ * error)^(1/5).  With P the map of (y, m) over a period, shooting's step is
+ *
+ *     (I - dP/ds) ds = P(s) - s,                                                                (2)
+ *
+ * one period a column of dP/ds.
+ *
  * [DP80] Dormand, Prince, J. Comp. Appl. Math. 6 (1980) 19-26.
  */
 #include "modal/steady/march.h"
@@ -16,18 +27,39 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct march {
-    const struct program *p;
-    double omega;
-    int n, states, memory;             /* states = 2n */
-    double *Minv;
-    double *m, *m_next;                /* the laws' memory: at the step's start; scratch */
-    double *force;
-    double *y, *k[7], *trial, *trial2;
-    double *start_d;
-    long evaluations;
+/* What a step needs; STAGES of the larger pair, of which rk4 uses four. */
+enum { STAGES = 7 };
+
+/* Steps are chosen for this share of the tolerance, so that few are rejected. */
+static const double SAFETY = 0.9;
+/* One step is at most five times as long as the last, and at least a fifth: the error's estimate is
+ * of one order and says no more. */
+static const double FACTOR_MOST = 5;
+static const double FACTOR_LEAST = 0.2;
+/* A step this short against the time reached is accepted whatever its error: a law that jumps. */
+static const double STEP_LEAST = 1e-12;
+/* Of the largest state, a shooting difference: between the rounding of a period's map, near
+ * adapt's tolerance, and its curvature. */
+static const double DIFFERENCE = 1e-6;
+enum {
+    ORDER = 5,          /* of the step's local error in h */
+    STEPS_FIRST = 64,   /* a period, until adapt has found its own */
+    NEWTON_MOST = 30    /* of shooting; each takes one period and one a state */
 };
 
+struct march {
+    const struct program *p;           /* borrowed */
+    double omega;                      /* rad/s */
+    int n, states, memory;             /* states = 2n */
+    double *Minv;                      /* n x n */
+    double *m, *m_next;                /* the laws' memory: at the step's start; scratch */
+    double *force;                     /* n: p - C v - K x - laws */
+    double *y, *k[STAGES], *trial, *trial2;
+    double *start_d;                   /* per law and input: where the step began */
+    long evaluations;                  /* of all laws together */
+};
+
+/* Frees what W holds. */
 static void march_done(struct march *w)
 {
     free(w->Minv);
@@ -38,10 +70,11 @@ static void march_done(struct march *w)
     free(w->trial);
     free(w->trial2);
     free(w->start_d);
-    for (int i = 0; i < 7; i++)
+    for (int i = 0; i < STAGES; i++)
         free(w->k[i]);
 }
 
+/* Room, and the inverse of the mass; march_done frees it, made or half made. */
 static enum modal_status march_init(struct march *w, struct modal_error *err)
 {
     size_t n = (size_t)w->n;
@@ -60,7 +93,7 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
     w->trial = calloc(2 * n + 1, sizeof(double));
     w->trial2 = calloc(2 * n + 1, sizeof(double));
     w->start_d = calloc((size_t)w->p->laws * LAW_INPUTS_MOST + 1, sizeof(double));
-    for (int i = 0; i < 7; i++)
+    for (int i = 0; i < STAGES; i++)
         w->k[i] = calloc(2 * n + 1, sizeof(double));
     pivot = calloc(n + 1, sizeof *pivot);
     if (w->Minv == NULL || w->m == NULL || w->m_next == NULL || w->force == NULL || w->y == NULL
@@ -79,6 +112,7 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
                     : MODAL_OK;
 }
 
+/* The displacement (or rate) that input J of a law sees: of its dof against `to`. */
 static double relative(const struct law *law, int j, const double *x)
 {
     return (law->dof[j] >= 0 ? x[law->dof[j]] : 0) - (law->to[j] >= 0 ? x[law->to[j]] : 0);
@@ -101,6 +135,7 @@ static enum modal_status law_forces(struct march *w, double t, const double *y,
             d[j] = relative(law, j, y);
             v[j] = relative(law, j, y + w->n);
         }
+        /* memory from the step's start, so that stages repeat */
         rc = law->kind->force(law, &point, &f, err);
         if (rc != MODAL_OK)
             return rc;
@@ -116,6 +151,10 @@ static enum modal_status law_forces(struct march *w, double t, const double *y,
     return MODAL_OK;
 }
 
+/*
+ * y' = (v, M^-1 (p(t) - C(t) v - K(t) x - sum of the laws' forces)), (1) of program.h without its
+ * linear states; the mass is constant here and its inverse dense.
+ */
 static enum modal_status rate(struct march *w, double t, const double *y, double *out,
                               struct modal_error *err)
 {
@@ -130,6 +169,7 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
             load->cosine * cos(load->k * w->omega * t) + load->sine * sin(load->k * w->omega * t);
 
         if (load->dof_sine >= 0) {                     /* fixed in space on turning axes */
+            /* (4) of condense.c, in time */
             w->force[load->dof_sine] += load->turn * force * sin(w->p->frame_speed * t);
             force *= cos(w->p->frame_speed * t);
         }
@@ -139,6 +179,7 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
     sparse_multiply_add(&w->p->constant[PROGRAM_K], -1, y, w->force);
     for (int h = 0; h < w->p->harmonics; h++) {
         const struct program_harmonic *a = &w->p->harmonic[h];
+        /* periodic matrices at t */
         double c = cos(a->k * w->omega * t), s = sin(a->k * w->omega * t);
 
         if (a->cosine[PROGRAM_K].start != NULL)
@@ -155,8 +196,8 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
         double sum = 0;
 
         for (int j = 0; j < n; j++)
-            sum += w->Minv[j * n + i] * w->force[j];
-        out[i] = y[n + i];
+            sum += w->Minv[j * n + i] * w->force[j];    /* M^-1 times what is left */
+        out[i] = y[n + i];                              /* x' = v */
         out[n + i] = sum;
     }
     return rc;
@@ -167,6 +208,7 @@ static enum modal_status commit(struct march *w, double t, struct modal_error *e
 {
     enum modal_status rc = law_forces(w, t, w->y, err);
 
+    /* Stages saw the memory at the step's start; now it is that of its end. */
     memcpy(w->m, w->m_next, (size_t)w->memory * sizeof *w->m);
     for (int l = 0; l < w->p->laws; l++)
         for (int j = 0; j < w->p->law[l].kind->inputs; j++)
@@ -178,6 +220,7 @@ static enum modal_status commit(struct march *w, double t, struct modal_error *e
     return rc;
 }
 
+/* The classical method: a weight of 1, 2, 2, 1 sixths, local error h^5. */
 static enum modal_status step_rk4(struct march *w, double t, double h, struct modal_error *err)
 {
     static const double at[4] = { 0, 0.5, 0.5, 1 };
@@ -185,21 +228,25 @@ static enum modal_status step_rk4(struct march *w, double t, double h, struct mo
 
     for (int s = 0; rc == MODAL_OK && s < 4; s++) {
         for (int i = 0; i < w->states; i++)
+            /* each stage from the one before */
             w->trial[i] = w->y[i] + (s > 0 ? h * at[s] * w->k[s - 1][i] : 0);
         rc = rate(w, t + at[s] * h, w->trial, w->k[s], err);
     }
     for (int i = 0; i < w->states; i++)
+        /* the four slopes */
         w->y[i] += h / 6 * (w->k[0][i] + 2 * w->k[1][i] + 2 * w->k[2][i] + w->k[3][i]);
     return rc == MODAL_OK ? commit(w, t + h, err) : rc;
 }
 
-static const double dp_c[7] = { 0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1 };
-static const double dp_a[7][6] = {
+/* The pair of [DP80]: nodes, stages (the last is the fifth-order step itself), and the difference
+ * of the fifth- and fourth-order weights. */
+static const double dp_c[STAGES] = { 0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1 };
+static const double dp_a[STAGES][STAGES - 1] = {
     { 0 }, { 1.0 / 5 }, { 3.0 / 40, 9.0 / 40 }, { 44.0 / 45, -56.0 / 15, 32.0 / 9 },
     { 19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729 },
     { 9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656 },
     { 35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84 } };
-static const double dp_error[7] = { 71.0 / 57600,      0,          -71.0 / 16695, 71.0 / 1920,
+static const double dp_error[STAGES] = { 71.0 / 57600,      0,          -71.0 / 16695, 71.0 / 1920,
                                     -17253.0 / 339200, 22.0 / 525, -1.0 / 40 };
 
 /* From t to END in steps that keep the error estimate below tolerance times the scales; *H the step
@@ -212,7 +259,7 @@ static enum modal_status adapt(struct march *w, double t, double end, double tol
     while (rc == MODAL_OK && t < end * (1 - 4 * DBL_EPSILON)) {
         double step = fmin(*h, end - t), worst = 0, factor;
 
-        for (int s = 0; rc == MODAL_OK && s < 7; s++) {
+        for (int s = 0; rc == MODAL_OK && s < STAGES; s++) {
             for (int i = 0; i < w->states; i++) {
                 double sum = 0;
 
@@ -225,19 +272,21 @@ static enum modal_status adapt(struct march *w, double t, double end, double tol
         for (int i = 0; i < w->states; i++) {
             double e = 0;
 
-            for (int s = 0; s < 7; s++)
+            for (int s = 0; s < STAGES; s++)
                 e += dp_error[s] * w->k[s][i];
             scale[i >= w->n] = fmax(scale[i >= w->n], fabs(w->trial[i]));
+            /* displacements and rates by scales of their own */
             worst = fmax(worst, fabs(step * e) / (tolerance * fmax(scale[i >= w->n], DBL_MIN)));
         }
-        factor = worst > 0 ? 0.9 * pow(worst, -0.2) : 5;
-        if (worst <= 1 || step < 1e-12 * end) {
+        factor = worst > 0 ? SAFETY * pow(worst, -1.0 / ORDER) : FACTOR_MOST;
+        /* The step is taken: its end was the last stage. */
+        if (worst <= 1 || step < STEP_LEAST * end) {
             memcpy(w->y, w->trial, (size_t)w->states * sizeof *w->y);
             t += step;
             rc = rc == MODAL_OK ? commit(w, t, err) : rc;
         }
         if (worst > 1 || step == *h)
-            *h = step * fmin(5, fmax(0.2, factor));
+            *h = step * fmin(FACTOR_MOST, fmax(FACTOR_LEAST, factor));
     }
     return rc;
 }
@@ -246,7 +295,7 @@ static enum modal_status adapt(struct march *w, double t, double end, double tol
 static enum modal_status one_period(struct march *w, const struct march_options *opt, double *x,
                                     double *scale, double *h, struct modal_error *err)
 {
-    double T = 2 * M_PI / w->omega;
+    double T = 2 * M_PI / w->omega;                     /* the period */
     int N = opt->samples;
     enum modal_status rc = MODAL_OK;
 
@@ -260,6 +309,7 @@ static enum modal_status one_period(struct march *w, const struct march_options 
     return rc;
 }
 
+/* max |a - b| over max |a|. */
 static double difference(const double *a, const double *b, size_t n)
 {
     double most = 0, scale = 0;
@@ -268,15 +318,17 @@ static double difference(const double *a, const double *b, size_t n)
         most = fmax(most, fabs(a[i] - b[i]));
         scale = fmax(scale, fabs(a[i]));
     }
-    return scale > 0 ? most / scale : 0;
+    return scale > 0 ? most / scale : 0;                /* a motion that is 0 repeats */
 }
 
+/* Periods from rest until one repeats the last to opt->periodic: transients die as damping lets
+ * them. */
 static enum modal_status to_periodicity(struct march *w, const struct march_options *opt, double *x,
                                         struct march_report *report, struct modal_error *err)
 {
     size_t size = (size_t)w->n * (size_t)opt->samples;
     double *last = malloc((size + 1) * sizeof *last), scale[2] = { 0, 0 },
-           h = 2 * M_PI / w->omega / 64;
+           h = 2 * M_PI / w->omega / STEPS_FIRST;
     int most = opt->periods_most > 0 ? opt->periods_most : MARCH_PERIODS_MOST;
     enum modal_status rc =
         last == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
@@ -296,12 +348,15 @@ static enum modal_status to_periodicity(struct march *w, const struct march_opti
     return rc;
 }
 
+/* The state that the period map acts on: y, then the laws' memory. */
 static void get_state(const struct march *w, double *s)
 {
     memcpy(s, w->y, (size_t)w->states * sizeof *s);
+    /* disturbances of a memory are states, too */
     memcpy(s + w->states, w->m, (size_t)w->memory * sizeof *s);
 }
 
+/* Back: what the laws compare with at the step's start follows from y. */
 static void put_state(struct march *w, const double *s)
 {
     memcpy(w->y, s, (size_t)w->states * sizeof *s);
@@ -320,6 +375,7 @@ struct shooting {
     double scale[2], h, size;         /* adapt's; max |s| */
 };
 
+/* Frees what G holds. */
 static void shooting_done(struct shooting *g)
 {
     free(g->s);
@@ -329,6 +385,7 @@ static void shooting_done(struct shooting *g)
     free(g->pivot);
 }
 
+/* Room for N states and memories; shooting_done frees it. */
 static enum modal_status shooting_init(struct shooting *g, int n, struct modal_error *err)
 {
     size_t m = (size_t)n;
@@ -369,15 +426,15 @@ static enum modal_status shooting_map(struct march *w, struct shooting *g,
     g->size = 0;
     for (int i = 0; i < g->n; i++)
         g->size = fmax(g->size, fabs(g->s[i]));
-    dx = 1e-6 * (g->size > 0 ? g->size : 1);
+    dx = DIFFERENCE * (g->size > 0 ? g->size : 1);
     for (size_t c = 0; rc == MODAL_OK && c < m; c++) {
         memcpy(g->moved, g->s, m * sizeof *g->moved);
-        g->moved[c] += dx;
+        g->moved[c] += dx;                              /* one column of dP/ds */
         rc = shoot_period(w, g, opt, g->moved, g->moved, x, err);
         for (size_t i = 0; i < m; i++)
-            g->J[c * m + i] = (i == c ? 1 : 0) - (g->moved[i] - g->end[i]) / dx;
+            g->J[c * m + i] = (i == c ? 1 : 0) - (g->moved[i] - g->end[i]) / dx;  /* I - dP/ds */
     }
-    report->periods += 1 + g->n;
+    report->periods += 1 + g->n;                        /* a period a column, and one at s */
     return rc;
 }
 
@@ -387,7 +444,7 @@ static bool shooting_step(struct shooting *g, struct march_report *report)
     double step = 0;
 
     for (int i = 0; i < g->n; i++)
-        g->moved[i] = g->end[i] - g->s[i];
+        g->moved[i] = g->end[i] - g->s[i];              /* P(s) - s */
     if (LAPACKE_dgesv(LAPACK_COL_MAJOR, g->n, 1, g->J, g->n, g->pivot, g->moved, g->n) != 0)
         return false;
     for (int i = 0; i < g->n; i++) {
@@ -398,6 +455,7 @@ static bool shooting_step(struct shooting *g, struct march_report *report)
     return true;
 }
 
+/* Two periods to come near, then Newton's method on P(s) - s = 0. */
 static enum modal_status shoot(struct march *w, const struct march_options *opt, double *x,
                                struct march_report *report, struct modal_error *err)
 {
@@ -408,8 +466,9 @@ static enum modal_status shoot(struct march *w, const struct march_options *opt,
         rc = one_period(w, opt, x, g.scale, &g.h, err);
     if (rc == MODAL_OK)
         get_state(w, g.s);
+    /* Each step costs a period a state: 30 of them are more than any that converges needs. */
     for (report->periods = 2;
-         rc == MODAL_OK && !report->converged && report->periods < 2 + 30 * (g.n + 1);) {
+         rc == MODAL_OK && !report->converged && report->periods < 2 + NEWTON_MOST * (g.n + 1);) {
         rc = shooting_map(w, &g, opt, x, report, err);
         if (rc != MODAL_OK || !shooting_step(&g, report))
             break;

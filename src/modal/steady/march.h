@@ -28,8 +28,8 @@ struct march_report {
 };
 
 /* March P at OMEGA from rest; the samples of the last period, x[dof * samples + j].  Fails with
- * MODAL_BAD_INPUT (a singular mass, periodic or linear states), MODAL_TOO_LARGE, MODAL_OVERFLOW,
- * MODAL_CANCELLED, or as a law does. */
+ * MODAL_BAD_INPUT (a singular mass, linear states, rigid friction), MODAL_TOO_LARGE,
+ * MODAL_OVERFLOW, MODAL_CANCELLED, or as a law does. */
 enum modal_status march_run(const struct program *p, double omega, const struct march_options *opt,
                             double *x, struct march_report *report, struct modal_error *err);
 #endif

@@ -29,8 +29,20 @@
 #include "modal/steady/stability.h"
 
 static const double TWO_PI = 6.283185307179586477;
-enum { EXTENDED = 2048 };
+/* A pivot of M so far below its scale that its inverse leaves the range of doubles. */
+static const double SINGULAR = 1e300;
+/* The norm at which the approximant of degree PADE is exact to rounding [ML03]. */
+static const double PADE_NORM = 0.5;
+enum {
+    EXTENDED = 2048,         /* harmonics at most that a motion with events is carried on to, */
+    EXTEND = 16,             /* as many times the point's: H^-3 is then 4096 times smaller */
+    SAMPLES_LEAST = 64,
+    PADE = 6,
+    SQUARINGS_MOST = 1000,   /* halvings of a norm that is finite */
+    SMALL_ORDER = 8          /* up to which a call of BLAS costs more than its sums */
+};
 
+/* Zeros; of none, a pointer that can be freed. */
 static void *room(size_t count, size_t size) { return calloc(count + 1, size); }
 
 void monodromy_done(struct monodromy *m)
@@ -58,6 +70,7 @@ void monodromy_done(struct monodromy *m)
     free(m->pivot);
 }
 
+/* Where each law's sliders have their c in the state. */
 static void count_sliders(struct monodromy *m)
 {
     m->sliders = 0;
@@ -88,7 +101,7 @@ static bool invert_mass(struct monodromy *m, double theta)
         return false;
     for (int i = 0; i < n; i++)
         least = fmin(least, fabs(m->Minv[i * n + i]));
-    if (!(least > 0) || scale / least > 1e300)
+    if (!(least > 0) || scale / least > SINGULAR)
         return false;
     return LAPACKE_dgetri(LAPACK_COL_MAJOR, n, m->Minv, n, m->pivot) == 0;
 }
@@ -98,6 +111,7 @@ static bool invert_mass(struct monodromy *m, double theta)
 static enum modal_status linear_states(struct monodromy *m, struct modal_error *err)
 {
     const struct sparse *in[4] = { &m->p->A, &m->p->Bx, &m->p->Bv, &m->p->Ba };
+    /* d/dt = omega d/dtheta */
     double omega = m->point->omega, scale[4] = { 1 / omega, 1 / omega, 1, omega };
     int nz = m->nz, n = m->n;
     double *E = room((size_t)nz * (size_t)nz, sizeof *E);
@@ -122,6 +136,7 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
         }
         if (in[i]->m > 0)
             sparse_add_to_dense(in[i], scale[i], &out);
+        /* E^-1 of each */
         LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', nz, columns, E, nz, pivot, out.x, nz);
     }
     free(E);
@@ -132,14 +147,14 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
 /* Motions of each law's inputs, at full resolution, and its pieces. */
 static enum modal_status law_motions(struct monodromy *m, struct modal_error *err)
 {
-    int H = m->H, K = H + 1, N = 64;
+    int H = m->H, K = H + 1, N = SAMPLES_LEAST;
     const int *place = condense_place(m->point->c);
     struct orbit_grid *g = NULL;
     enum modal_status rc;
 
-    while (N < 4 * H + 2)
+    while (N < 4 * H + 2)                               /* turns between four samples a harmonic */
         N *= 2;
-    N = N < m->point->N ? m->point->N : N;
+    N = N < m->point->N ? m->point->N : N;             /* no fewer than the laws were solved with */
     rc = orbit_grid_new(N, &g, err);
     for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
         const struct law *law = &m->p->law[l];
@@ -154,14 +169,14 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
                 o->D[k] = (law->dof[j] >= 0 ? m->X[place[law->dof[j]] * K + k] : 0)
                         - (law->to[j] >= 0 ? m->X[place[law->to[j]] * K + k] : 0);
             if (rc == MODAL_OK)
-                orbit_sample(o, g, m->point->omega);
+                orbit_sample(o, g, m->point->omega);    /* turns are sought between samples */
             if (rc == MODAL_OK && law->kind->pieces != NULL)
                 rc = orbit_find_turns(o, err);
         }
         m->exact[l] = law->kind->pieces != NULL;
         if (rc == MODAL_OK && m->exact[l])
             rc = law->kind->pieces(law, input, &m->pieces[l], err);
-        m->varies |= !m->exact[l];
+        m->varies |= !m->exact[l];                      /* its slope follows the motion */
         if (law->kind->restart != NULL && law->kind->remembers(law))
             m->reason = "a user's law remembers; its disturbances are not followed";
     }
@@ -175,10 +190,11 @@ static enum modal_status choose_motion(struct monodromy *m, struct modal_error *
 {
     const struct steady_point *point = m->point;
     bool events = false, done = false;
-    int H2 = 16 * point->H > EXTENDED ? EXTENDED : 16 * point->H;
+    int H2 = EXTEND * point->H > EXTENDED ? EXTENDED : EXTEND * point->H;
     enum modal_status rc = MODAL_OK;
 
     for (int l = 0; l < m->p->laws; l++)
+        /* A law that never acts has no events to be off. */
         events |= m->p->law[l].kind->pieces != NULL && point->acts[l];
     m->H = events && H2 > point->H ? H2 : point->H;
     m->X = room((size_t)point->q * ((size_t)m->H + 1), sizeof *m->X);
@@ -186,13 +202,14 @@ static enum modal_status choose_motion(struct monodromy *m, struct modal_error *
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
     if (m->H > point->H)
         rc = steady_extend(m->s, point, m->H, m->X, &done, err);
-    if (!done) {
+    if (!done) {                                        /* no extension: the point's own motion */
         m->H = point->H;
         memcpy(m->X, point->X, (size_t)point->q * ((size_t)point->H + 1) * sizeof *m->X);
     }
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
+/* qsort: ascending. */
 static int by_value(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
@@ -200,8 +217,11 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/* theta in [0, 2 pi). */
 static double wrap(double theta) { return theta - TWO_PI * floor(theta / TWO_PI); }
 
+/* The instants, in order, between which every piece is whole: 0, their ends, and 2 pi past the
+ * last. */
 static enum modal_status find_cuts(struct monodromy *m, struct modal_error *err)
 {
     int most = 2;
@@ -218,15 +238,17 @@ static enum modal_status find_cuts(struct monodromy *m, struct modal_error *err)
 
             m->cut[m->cuts++] = wrap(piece->from);
             m->cut[m->cuts++] = wrap(piece->to);
-            m->varies |= piece->cross != 0;
+            m->varies |= piece->cross != 0;             /* its slopes follow the motion */
             if (piece->jump != 0)
                 m->reason = "a motion that rigid friction makes jump is not linearised here";
         }
+    /* cuts of no length are passed over */
     qsort(m->cut, (size_t)m->cuts, sizeof *m->cut, by_value);
-    m->cut[m->cuts] = TWO_PI;
+    m->cut[m->cuts] = TWO_PI;                           /* the end of the last */
     return MODAL_OK;
 }
 
+/* Whether theta, in [0, 2 pi), lies in a piece, which may run past 2 pi. */
 static bool covers(const struct law_piece *piece, double theta)
 {
     return theta >= piece->from
@@ -266,14 +288,16 @@ static enum modal_status slopes(struct monodromy *m, int l, double theta, double
             gd[piece->output][j] += piece->gain[j];
         gv[piece->output][0] += piece->damp;
         if (piece->cross != 0) {
-            gd[piece->output][0] += piece->cross * v[0];
-            gv[piece->output][0] += piece->cross * d[0];
+            gd[piece->output][0] += piece->cross * v[0];  /* of cross d v, by d */
+            gv[piece->output][0] += piece->cross * d[0];  /* and by v */
         }
         if (piece->holds && piece->slider >= 0)
+            /* c is kept over this gain: in the unit of y */
             held[piece->slider] = piece->gain[law->kind->inputs - 1];
     }
     if (m->exact[l])
         return MODAL_OK;
+    /* A sampled law: its own derivative at the motion. */
     rc = law->kind->force(law, &point, &f, err);
     for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
         for (int j = 0; j < law->kind->inputs; j++) {
@@ -291,10 +315,11 @@ static void force_column(struct monodromy *m, double *A, int dof, int to, int co
     for (int i = 0; i < n; i++) {
         double b = (dof >= 0 ? m->Minv[dof * n + i] : 0) - (to >= 0 ? m->Minv[to * n + i] : 0);
 
-        A[(size_t)column * (size_t)order + (size_t)(n + i)] -= b * value;
+        A[(size_t)column * (size_t)order + (size_t)(n + i)] -= b * value;  /* rows of y'' */
     }
 }
 
+/* The periodic matrices at theta onto K and omega C. */
 static void periodic_part(struct monodromy *m, double theta, double *K, double *C)
 {
     struct matrix Km = { m->n, m->n, m->n, K }, Cm = { m->n, m->n, m->n, C };
@@ -332,6 +357,7 @@ static void build_linear_states(const struct monodromy *m, double *A)
     }
 }
 
+/* A(theta): w = (y, dy/dtheta, z, c / gain), rows in this order. */
 static enum modal_status build(struct monodromy *m, double theta, double *A,
                                struct modal_error *err)
 {
@@ -342,7 +368,7 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
     memset(A, 0, (size_t)order * (size_t)order * sizeof *A);
     if (m->mass_varies && !invert_mass(m, theta))
         m->reason = "the mass matrix is singular somewhere in the period";
-    memcpy(K, m->K, (size_t)n * (size_t)n * sizeof *K);
+    memcpy(K, m->K, (size_t)n * (size_t)n * sizeof *K);  /* the constant part */
     memcpy(C, m->C, (size_t)n * (size_t)n * sizeof *C);
     periodic_part(m, theta, K, C);
     for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
@@ -359,7 +385,9 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
 
                     if (row < 0 || column < 0)
                         continue;
+                    /* K + sum B g_d B^T of stability.h, (1) */
                     K[column * n + row] += sign * gd[i][j];
+                    /* omega (C + sum B g_v B^T) */
                     C[column * n + row] += sign * m->point->omega * gv[i][j];
                 }
         for (int e = 0; m->exact[l] && e < law->memory; e++)
@@ -368,7 +396,7 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
                              2 * n + m->nz + m->first_slider[l] + e, held[e]);
     }
     for (int i = 0; i < n; i++)
-        A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;
+        A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;  /* dy/dtheta */
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, K, n, 1, A + n,
                 order);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, -1, m->Minv, n, C, n, 1,
@@ -378,10 +406,11 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
     return rc;
 }
 
+/* out = alpha A B + beta out, n x n by columns. */
 static void multiply(int n, double alpha, const double *A, const double *B, double beta,
                      double *out)
 {
-    if (n > 8) {
+    if (n > SMALL_ORDER) {
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta,
                     out, n);
         return;
@@ -396,10 +425,11 @@ static void multiply(int n, double alpha, const double *A, const double *B, doub
         }
 }
 
-/* X <- exp(X); P, Q, T scratch */
+/* X <- exp(X) = (Q^-1 P)(X / 2^s)^(2^s), P and Q the Pade approximant's; P, Q, T scratch. */
 static bool exponential(int n, double *X, double *P, double *Q, double *T, int *pivot)
 {
-    static const double c[] = { 1, 0.5, 5.0 / 44, 1.0 / 66, 1.0 / 792, 1.0 / 15840, 1.0 / 665280 };
+    static const double c[PADE + 1] = { 1,         0.5,         5.0 / 44,    1.0 / 66,
+                                        1.0 / 792, 1.0 / 15840, 1.0 / 665280 };
     size_t size = (size_t)n * (size_t)n;
     double norm = 0, sum;
     int squarings = 0;
@@ -408,11 +438,11 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
         sum = 0;
         for (int j = 0; j < n; j++)
             sum += fabs(X[(size_t)j * (size_t)n + (size_t)i]);
-        norm = fmax(norm, sum);
+        norm = fmax(norm, sum);                         /* the norm of rows */
     }
     if (!isfinite(norm))
         return false;
-    while (norm > 0.5 && squarings < 1000) {
+    while (norm > PADE_NORM && squarings < SQUARINGS_MOST) {
         norm /= 2;
         squarings++;
     }
@@ -426,12 +456,12 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
     double *power = T, *next = malloc(size * sizeof *next);
     if (next == NULL)
         return false;
-    for (int d = 1; d <= 6; d++) {
+    for (int d = 1; d <= PADE; d++) {
         for (size_t i = 0; i < size; i++) {
-            P[i] += c[d] * power[i];
-            Q[i] += (d % 2 ? -c[d] : c[d]) * power[i];
+            P[i] += c[d] * power[i];                    /* sum c_d X^d */
+            Q[i] += (d % 2 ? -c[d] : c[d]) * power[i];  /* the same of -X */
         }
-        if (d < 6) {
+        if (d < PADE) {
             multiply(n, 1, X, power, 0, next);
             memcpy(power, next, size * sizeof *power);
         }
@@ -440,13 +470,14 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, n, Q, n, pivot, P, n) != 0)
         return false;
     for (int s = 0; s < squarings; s++) {
-        multiply(n, 1, P, P, 0, T);
+        multiply(n, 1, P, P, 0, T);                     /* undoes a halving */
         memcpy(P, T, size * sizeof *P);
     }
     memcpy(X, P, size * sizeof *X);
     return true;
 }
 
+/* [A, B] = A B - B A. */
 static void commutator(int n, const double *A, const double *B, double *out)
 {
     multiply(n, 1, A, B, 0, out);
@@ -464,21 +495,22 @@ static void magnus(struct monodromy *m, double h)
     for (size_t i = 0; i < size; i++) {
         double A1 = m->A[0][i], A2 = m->A[1][i], A3 = m->A[2][i];
 
-        a1[i] = h * A2;
+        a1[i] = h * A2;                                 /* (1), from here on */
         a2[i] = sqrt(15) / 3 * h * (A3 - A1);
         a3[i] = 10.0 / 3 * h * (A3 - 2 * A2 + A1);
     }
+    /* C1 = [a1, a2], then C2 with [a1, 2 a3 + C1]. */
     commutator(n, a1, a2, C1);
     for (size_t i = 0; i < size; i++)
-        t[i] = 2 * a3[i] + C1[i];
+        t[i] = 2 * a3[i] + C1[i];                       /* 2 a3 + C1 */
     commutator(n, a1, t, C2);
     for (size_t i = 0; i < size; i++) {
-        C2[i] = a2[i] - C2[i] / 60;
-        t[i] = -20 * a1[i] - a3[i] + C1[i];
+        C2[i] = a2[i] - C2[i] / 60;                     /* a2 + C2 */
+        t[i] = -20 * a1[i] - a3[i] + C1[i];             /* the bracket's first */
     }
     commutator(n, t, C2, m->A[0]);
     for (size_t i = 0; i < size; i++)
-        m->A[0][i] = a1[i] + a3[i] / 12 + m->A[0][i] / 240;
+        m->A[0][i] = a1[i] + a3[i] / 12 + m->A[0][i] / 240;  /* Omega */
 }
 
 /* Sliders that come to rest, or leave it, at theta: rows of c in the map. */
@@ -503,7 +535,7 @@ static void at_cut(struct monodromy *m, double theta)
                     sum += piece->ref[j]
                            * ((law->dof[j] >= 0 ? m->map[c * order + law->dof[j]] : 0)
                               - (law->to[j] >= 0 ? m->map[c * order + law->to[j]] : 0));
-                m->map[c * order + row] = piece->holds ? sum / gain : 0;
+                m->map[c * order + row] = piece->holds ? sum / gain : 0;  /* c / gain */
             }
         }
 }
@@ -530,12 +562,13 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < steps && monodromy_is_finite(m); i++) {
+        /* Three Gauss points a step where A varies, one matrix a cut where it does not. */
         if (m->varies) {
             for (int g = 0; rc == MODAL_OK && g < 3; g++)
                 rc = build(m, a + (i + gauss[g]) * h, m->A[g], err);
             magnus(m, h);
         } else {
-            rc = build(m, 0.5 * (a + b), m->A[0], err);
+            rc = build(m, 0.5 * (a + b), m->A[0], err);  /* constant on the cut: anywhere inside */
             for (size_t e = 0; e < size; e++)
                 m->A[0][e] *= h;
         }
@@ -545,7 +578,7 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
             m->reason = "the disturbances overflow";
             return MODAL_OK;
         }
-        multiply(n, 1, m->A[0], m->map, 0, m->work[0]);
+        multiply(n, 1, m->A[0], m->map, 0, m->work[0]);  /* the later factor from the left */
         memcpy(m->map, m->work[0], size * sizeof *m->map);
     }
     return rc;
@@ -609,6 +642,7 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d dofs", m->n);
     count_sliders(m);
     m->order = 2 * m->n + m->nz + m->sliders;
+    /* Matrices of the order squared, eleven of them, and products in its cube. */
     if (m->order > STABILITY_STATES_MOST) {
         m->reason = "more states than the monodromy matrix is computed for";
         return MODAL_OK;

@@ -5,28 +5,29 @@
 #include "modal/scene/pieces.h"
 #include "modal/steady/point.h"
 
+/* A motion, its laws' pieces along it, and the map under way. */
 struct monodromy {
-    struct steady *s;
-    const struct program *p;
-    const struct steady_point *point;
-    int n, nz, sliders, order;
+    struct steady *s;                  /* for the motion carried on */
+    const struct program *p;           /* both borrowed */
+    const struct steady_point *point;  /* the motion */
+    int n, nz, sliders, order;         /* dofs, linear states, sliders; 2 n + nz + sliders */
     int *first_slider;                 /* per law */
     struct orbit *in;                  /* [law * INPUTS + input]: harmonics only */
     struct law_pieces *pieces;         /* per law; count 0: sampled */
-    bool *exact;
+    bool *exact;                       /* per law: it has pieces */
     double *Minv, *K, *C;              /* n x n: (omega^2 M)^-1, K, omega C */
     double *A[3], *work[6];            /* order^2 each */
-    double *map;
-    double *cut;
+    double *map;                       /* of the period, or of as much as is done */
+    double *cut;                       /* theta, ascending, `cuts` of them and 2 pi */
     int cuts;
     bool varies, mass_varies;          /* A between cuts; M */
     double *z[4];                      /* linear states: what z, y, y' and y'' do to dz/dtheta,
                                         * nz x (nz, n, n, n) */
-    int *pivot;
-    const char *reason;
+    int *pivot;                        /* order */
+    const char *reason;                /* why there is no map; static text */
     int H;                             /* of the motion followed: the point's, or more for laws
                                         * with events */
-    double complex *X;
+    double complex *X;                 /* kept dofs, [i (H+1) + k] */
 };
 
 /*

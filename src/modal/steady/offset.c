@@ -16,14 +16,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ROUNDS = 40, MOST = OFFSET_LAWS_MOST };
-static const double STILL = 1e-10;        /* of the largest displacement */
+enum {
+    ROUNDS = 40,             /* of the descent: one slider alone needs one */
+    MOST = OFFSET_LAWS_MOST
+};
+/* Of the largest displacement: a slider that moves by less is still, to the stepper's tolerance and
+ * a hundred more. */
+static const double STILL = 1e-10;
 
+/* The sliders that are still: the set C. */
 struct held {
     int count, law[MOST];
     double d[MOST], low[MOST], high[MOST];       /* where each is, the least and the most that it
                                                   * holds */
-    double moved[MOST];
+    double moved[MOST];                                 /* how far, in all */
     double *shift;                               /* (1): columns of N + count */
 };
 
@@ -36,6 +42,7 @@ static double at(const struct ports *p, const struct offset_motion *m, int l, in
            - (to >= 0 ? m->x[(size_t)to * (size_t)m->samples + (size_t)j] : 0);
 }
 
+/* max |x_i|. */
 static double largest(const double *x, size_t count)
 {
     double most = 0;
@@ -45,6 +52,7 @@ static double largest(const double *x, size_t count)
     return most;
 }
 
+/* Which sliders are still, where, and the least and the most that each holds. */
 static void find_held(const struct ports *p, const struct offset_motion *m, int n, struct held *h)
 {
     double size = largest(m->x, (size_t)n * (size_t)m->samples);
@@ -87,9 +95,12 @@ static bool static_shifts(const struct statespace *ss, const struct ports *p, st
         for (int j = 0; j < N; j++)
             reach = fmax(reach, fabs(D[(size_t)j * (size_t)r]));
         for (int j = 0; j < N; j++) {
+            /* U_C, a unit of force 1 */
             K[(size_t)j + (size_t)(N + i) * (size_t)size] = U[j] / strength;
+            /* D_C */
             K[(size_t)(N + i) + (size_t)j * (size_t)size] = D[(size_t)j * (size_t)r] / reach;
         }
+        /* e_l, in the row's scale */
         h->shift[(size_t)(N + i) + (size_t)i * (size_t)size] = 1 / reach;
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, size, c, K, size, pivot, h->shift, size) != 0)
@@ -109,19 +120,21 @@ static double allowed(const struct ports *p, const struct held *h, int N, int i,
 
     for (int k = 0; k < h->count; k++) {
         double limit = p->law[h->law[k]].law->limit, change = holds[k] * wanted;
+        /* to its limit on that side */
         double room = change > 0 ? limit - h->high[k] : limit + h->low[k];
 
         if (fabs(change) > fmax(room, 0))
-            wanted *= fmax(room, 0) / fabs(change);
+            wanted *= fmax(room, 0) / fabs(change);     /* forces are linear in the shift */
     }
     return wanted;
 }
 
+/* The cyclic descent: each slider to zero, as far as all forces allow. */
 static void descend(const struct ports *p, struct held *h, int N)
 {
     for (int round = 0; round < ROUNDS; round++)
         for (int i = 0; i < h->count; i++) {
-            double step = allowed(p, h, N, i, -h->d[i]);
+            double step = allowed(p, h, N, i, -h->d[i]);  /* all the way to zero, or less */
 
             h->d[i] += step;
             h->moved[i] += step;
@@ -135,6 +148,7 @@ static void descend(const struct ports *p, struct held *h, int N)
         }
 }
 
+/* x_j += value. */
 static void add_to_all(double *x, int count, double value)
 {
     for (int j = 0; j < count; j++)
@@ -166,6 +180,7 @@ enum modal_status offset_remove(const struct statespace *ss, const struct ports 
     h.shift = malloc((most * (size_t)ports->laws + 1) * sizeof *h.shift);
     if (K != NULL && x != NULL && pivot != NULL && h.shift != NULL) {
         find_held(ports, motion, ss->n, &h);
+        /* Where (1) is singular nothing fixes the structure: it is left alone. */
         if (h.count > 0 && static_shifts(ss, ports, &h, K, pivot)) {
             descend(ports, &h, ss->N);
             for (int i = 0; i < h.count; i++)

@@ -15,6 +15,13 @@
  * is found by regula falsi (Illinois) on t_mu.  lambda is stationary there, so that its error is of
  * the second order in the distance's.  Where the determinant of (1) changes sign without a fold,
  * two branches cross.
+ *
+ * With distances a < b where t_mu is f_a and f_b, of different signs, the next is
+ *
+ *     s = (a f_b - b f_a) / (f_b - f_a),                                                        (2)
+ *
+ * and an end that stays twice in a row has its f halved.  A branch point has no such f: the sign of
+ * the determinant is bisected.
  */
 #include "modal/steady/path.h"
 #include <float.h>
@@ -23,26 +30,61 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TOLERANCE = 1e-12, FLOOR = 1e-8, STEP_FIRST = 0.02, STEP_MOST = 0.1,
-                    STEP_LEAST = 1e-7, BEND = 0.9;
-enum { POINTS_MOST = 5000, CORRECTIONS_MOST = 9, LOCATE_MOST = 60 };
+/* A correction this short, in units of u's size and of `span`, is the last one. */
+static const double TOLERANCE = 1e-12;
+/* Shorter than this, one that no longer shrinks by SLOW is rounding's, and the last one too. */
+static const double FLOOR = 1e-8;
+static const double SLOW = 0.3;
+/* Arc lengths of the first and of the longest step where the problem names none: a fiftieth and a
+ * tenth of the range, so that a peak a tenth of it wide is not stepped over. */
+static const double STEP_FIRST = 0.02;
+static const double STEP_MOST = 0.1;
+/* A walk that asks for shorter steps has met a corner or a singular point: it ends. */
+static const double STEP_LEAST = 1e-7;
+/* Steps below this many of the least are taken however the branch bends: the corner of a
+ * piecewise law stays one at any length. */
+static const double BENT = 100;
+/* The least cosine of the angle between two tangents: 26 degrees a step. */
+static const double BEND = 0.9;
+/* A step grows after at most QUICK corrections and shrinks after SLOWLY many, so that it settles
+ * where four or five are needed. */
+static const double GROW = 1.4;
+static const double SHRINK = 0.7;
+/* Relative step of the difference quotient in lambda, near the cube root of rounding, which is the
+ * best for a central one; and what of the span a lambda near 0 counts as. */
+static const double DIFFERENCE = 1e-6;
+static const double NEAR_ZERO = 1e-3;
+/* A special point is known to rounding of lambda; at a branch point, where lambda is not
+ * stationary, the bracket's length is looked at too. */
+static const double LOCATED = 1e-14;
+static const double BRACKET = 1e-10;
+/* Newton's method at one lambda has left the branch when a step is ten times the motion's size. */
+static const double ASTRAY = 10;
+enum {
+    POINTS_MOST = 5000,       /* a curve drawn from more is no better */
+    CORRECTIONS_MOST = 9,     /* quadratic convergence needs five from 0.1 to 1e-12 */
+    QUICK = 3,
+    SLOWLY = 6,
+    LOCATE_MOST = 60          /* bisection alone halves a step to rounding in 53 */
+};
 
 struct path {
     const struct path_problem *problem;
     struct balance *b;               /* at the last lambda asked for */
     int n;                           /* order */
-    double size, span;
+    double size, span;               /* the units of u and lambda */
     double *u, *t, *old_t;           /* the accepted point, its tangent (n + 1), the one before */
-    double lambda;
-    int orientation;
+    double lambda;                   /* of the accepted point */
+    int orientation;                 /* sign of (1)'s determinant there */
     double *w, *R, *Rl, *B, *x;      /* trial u; residual; dR/dlambda; (1); right-hand side */
     int *pivot;
     struct blocks *border;           /* (1) in place of B, where the derivative is of blocks */
-    double complex *X;
+    double complex *X;               /* of u or w, for whoever asks for harmonics */
     struct path_report *report;
-    int corrections;
+    int corrections;                 /* of the last correction: the step follows them */
 };
 
+/* Frees what P holds. */
 static void path_done(struct path *p)
 {
     free(p->u);
@@ -58,6 +100,7 @@ static void path_done(struct path *p)
     free(p->X);
 }
 
+/* Room for a balance of p->n unknowns; path_done frees it, made or half made. */
 static enum modal_status path_init(struct path *p, struct modal_error *err)
 {
     size_t n = (size_t)p->n + 2;
@@ -97,14 +140,15 @@ static enum modal_status slope(struct path *p, const double *u, double lambda,
                                struct modal_error *err)
 {
     double h =
-        1e-6 * fmin(p->span, fabs(lambda) > 0 ? fmax(fabs(lambda), 1e-3 * p->span) : p->span);
+        DIFFERENCE
+        * fmin(p->span, fabs(lambda) > 0 ? fmax(fabs(lambda), NEAR_ZERO * p->span) : p->span);
     enum modal_status rc = evaluate(p, u, lambda - h, false, err);
 
     memcpy(p->R, p->b->R, (size_t)p->n * sizeof *p->R);
     if (rc == MODAL_OK)
         rc = evaluate(p, u, lambda + h, false, err);
     for (int i = 0; rc == MODAL_OK && i < p->n; i++)
-        p->Rl[i] = (p->b->R[i] - p->R[i]) / (2 * h);
+        p->Rl[i] = (p->b->R[i] - p->R[i]) / (2 * h);    /* off by h^2 and by rounding over h */
     return rc;
 }
 
@@ -136,7 +180,7 @@ static void solve_bordered(struct path *p)
         LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', m, 1, p->B, m, p->pivot, p->x, m);
 }
 
-/* (1), rows scaled; factored.  The sign of its determinant into *SIGN; false where singular. 
+/* (1), rows scaled; factored.  The sign of its determinant into *SIGN; false where singular:
  * p->x is undefined then. */
 static bool bordered(struct path *p, const double *t, double *row, int *sign)
 {
@@ -153,6 +197,7 @@ static bool bordered(struct path *p, const double *t, double *row, int *sign)
             double v = p->b->J[(size_t)j * (size_t)n + (size_t)i] * p->size;
 
             p->B[(size_t)j * (size_t)m + (size_t)i] = v;
+            /* scales differ by the square of the frequency from row to row */
             row[i] = fmax(row[i], fabs(v));
         }
     for (int i = 0; i < n; i++) {
@@ -163,9 +208,10 @@ static bool bordered(struct path *p, const double *t, double *row, int *sign)
     }
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
+            /* rows of (1) at 1, so that a pivot tells of singularity */
             p->B[(size_t)j * (size_t)m + (size_t)i] *= row[i];
     for (int j = 0; j < m; j++)
-        p->B[(size_t)j * (size_t)m + (size_t)n] = t[j];
+        p->B[(size_t)j * (size_t)m + (size_t)n] = t[j];  /* the last row of (1) */
     row[n] = 1;
     if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, m, m, p->B, m, p->pivot) != 0)
         return false;
@@ -175,6 +221,7 @@ static bool bordered(struct path *p, const double *t, double *row, int *sign)
     return true;
 }
 
+/* The length in the scaled unknowns (v, mu). */
 static double norm(const double *x, int n)
 {
     double sum = 0;
@@ -201,7 +248,7 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
         rc = slope(p, p->w, *lambda, err);
     }
     for (int i = 0; rc == MODAL_OK && i < CORRECTIONS_MOST; i++) {
-        double plane = t[n] * (*lambda - lambda0) / p->span, step;
+        double plane = t[n] * (*lambda - lambda0) / p->span, step;  /* n of (1) */
 
         rc = evaluate(p, p->w, *lambda, true, err);
         if (rc != MODAL_OK)
@@ -209,19 +256,20 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
         if (!bordered(p, t, row, sign))
             break;
         for (int e = 0; e < n; e++) {
-            p->x[e] = -p->b->R[e] * row[e];
+            p->x[e] = -p->b->R[e] * row[e];             /* scaled as the rows are */
             plane += t[e] * (p->w[e] - w0[e]) / p->size;
         }
-        p->x[n] = -plane;
+        p->x[n] = -plane;                               /* right-hand side of (1) */
         solve_bordered(p);
         step = norm(p->x, m);
+        /* too far from the branch */
         if (!isfinite(step) || (i > 1 && step > 2 * last) || step > 1)
             break;
         for (int e = 0; e < n; e++)
             p->w[e] += p->size * p->x[e];
         *lambda += p->span * p->x[n];
         p->corrections = i + 1;
-        if (step <= TOLERANCE || (step < FLOOR && step > 0.3 * last)) {
+        if (step <= TOLERANCE || (step < FLOOR && step > SLOW * last)) {
             *ok = true;
             break;
         }
@@ -229,12 +277,13 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
     }
     if (rc == MODAL_OK && *ok) {
         memset(p->x, 0, (size_t)m * sizeof *p->x);
-        p->x[n] = 1;
+        p->x[n] = 1;                                    /* (1) with e_last: the tangent */
         solve_bordered(p);
         double length = norm(p->x, m);
         for (int e = 0; e < m; e++)
             p->x[e] /= length;
     }
+    /* A prediction too far out: the step is halved, not the walk ended. */
     if (rc == MODAL_OVERFLOW || rc == MODAL_NO_CONVERGENCE)
         rc = MODAL_OK;
     free(row);
@@ -247,13 +296,14 @@ static enum modal_status at_distance(struct path *p, double s, double *lambda, i
                                      struct modal_error *err)
 {
     for (int i = 0; i < p->n; i++)
-        p->w[i] = p->u[i] + s * p->size * p->t[i];
-    *lambda = p->lambda + s * p->span * p->t[p->n];
+        p->w[i] = p->u[i] + s * p->size * p->t[i];      /* the prediction */
+    *lambda = p->lambda + s * p->span * p->t[p->n];     /* both in units of their own */
     return correct(p, p->t, lambda, sign, ok, err);
 }
 
-static enum modal_status tell(struct path *p, const double *u, double lambda, double turn, int sign,
-                              int special, bool *stop, struct modal_error *err)
+/* What was found to whoever asked: an accepted point, or a SPECIAL one (>= 0) beside them. */
+static enum modal_status report_point(struct path *p, const double *u, double lambda, double turn,
+                                      int sign, int special, bool *stop, struct modal_error *err)
 {
     struct path_point point = { .lambda = lambda,
                                 .q = p->b->q,
@@ -288,6 +338,7 @@ static enum modal_status locate(struct path *p, double far, double turn_far, int
         kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory") : MODAL_OK;
     bool found = false;
 
+    /* A bracket [a, b] of distances: fa and fb, t_mu there, have different signs. */
     for (int i = 0; rc == MODAL_OK && i < LOCATE_MOST; i++) {
         double s = kind == PATH_FOLD ? (a * fb - b * fa) / (fb - fa) : 0.5 * (a + b), f;
         bool ok;
@@ -299,25 +350,27 @@ static enum modal_status locate(struct path *p, double far, double turn_far, int
             break;
         found = true;
         memcpy(kept, p->w, (size_t)p->n * sizeof *kept);
+        /* t_mu, or a sign alone: bisection */
         f = kind == PATH_FOLD ? p->x[p->n] : sign == sign_far ? -1.0 : 1.0;
-        if (fabs(lambda - before) <= 1e-14 * p->span + 4 * DBL_EPSILON * fabs(lambda) && i > 2
-            && (kind == PATH_FOLD || b - a < 1e-10))
+        if (fabs(lambda - before) <= LOCATED * p->span + 4 * DBL_EPSILON * fabs(lambda) && i > 2
+            && (kind == PATH_FOLD || b - a < BRACKET))
             break;
         before = lambda;
         if ((f > 0) == (fa > 0 || kind != PATH_FOLD)) {
             a = s;
             fa = f;
-            fb = side == -1 ? fb / 2 : fb;
+            fb = side == -1 ? fb / 2 : fb;             /* Illinois: an end kept twice weighs half */
             side = -1;
         } else {
             b = s;
             fb = f;
-            fa = side == 1 ? fa / 2 : fa;
+            fa = side == 1 ? fa / 2 : fa;               /* so that both ends close in */
             side = 1;
         }
     }
     if (rc == MODAL_OK && found)
-        rc = tell(p, kept, lambda, kind == PATH_FOLD ? 0 : p->t[p->n], sign_far, kind, NULL, err);
+        rc = report_point(p, kept, lambda, kind == PATH_FOLD ? 0 : p->t[p->n], sign_far, kind, NULL,
+                          err);
     free(kept);
     return rc;
 }
@@ -340,12 +393,12 @@ static enum modal_status at_parameter(struct path *p, double lambda, bool *ok,
             p->R[e] = -p->b->R[e];
         balance_solve(p->b, p->R, 1);
         step = norm(p->R, p->n) / p->size;
-        if (!isfinite(step) || step > 10)
+        if (!isfinite(step) || step > ASTRAY)
             break;
         for (int e = 0; e < p->n; e++)
             p->w[e] += p->R[e];
         p->corrections = i + 1;
-        if (step <= TOLERANCE || (step < FLOOR && step > 0.3 * last)) {
+        if (step <= TOLERANCE || (step < FLOOR && step > SLOW * last)) {
             *ok = true;
             break;
         }
@@ -354,6 +407,7 @@ static enum modal_status at_parameter(struct path *p, double lambda, bool *ok,
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
+/* The unit of u: its largest entry, so that a step is a share of the motion. */
 static void measure(struct path *p)
 {
     double most = 0;
@@ -374,12 +428,13 @@ static enum modal_status first_tangent(struct path *p, bool *ok, struct modal_er
     if (rc == MODAL_OK)
         rc = evaluate(p, p->u, p->lambda, true, err);
     memset(p->t, 0, ((size_t)p->n + 1) * sizeof *p->t);
-    p->t[p->n] = 1;
+    p->t[p->n] = 1;                          /* e_last in place of a tangent: (1) at fixed lambda */
     if (rc == MODAL_OK && bordered(p, p->t, row, &p->orientation)) {
         memset(p->x, 0, ((size_t)p->n + 1) * sizeof *p->x);
         p->x[p->n] = 1;
         solve_bordered(p);
         memcpy(p->t, p->x, ((size_t)p->n + 1) * sizeof *p->t);
+        /* its sign turns it towards `to` */
         length = norm(p->t, p->n + 1) * (p->problem->to >= p->problem->from ? 1 : -1);
         *ok = isfinite(length) && length != 0;
         for (int i = 0; *ok && i <= p->n; i++)
@@ -401,16 +456,18 @@ static enum modal_status cross(struct path *p, double fraction, double turn, int
     if (rc == MODAL_OK) {
         memcpy(end, p->w, (size_t)p->n * sizeof *end);
         for (int i = 0; i < p->n; i++)
+            /* the chord at `to`: Newton needs no better */
             p->w[i] = p->u[i] + fraction * (end[i] - p->u[i]);
         rc = at_parameter(p, p->problem->to, ok, err);
         if (rc == MODAL_OK && *ok)
-            rc = tell(p, p->w, p->problem->to, turn, sign, -1, stop, err);
+            rc = report_point(p, p->w, p->problem->to, turn, sign, -1, stop, err);
         memcpy(p->w, end, (size_t)p->n * sizeof *end);
     }
     free(end);
     return rc;
 }
 
+/* w becomes the point that the next step sets out from; its tangent is brought to the new size. */
 static void accept(struct path *p, double lambda, int sign, const double *tangent)
 {
     double old_size = p->size, length;
@@ -421,7 +478,7 @@ static void accept(struct path *p, double lambda, int sign, const double *tangen
     p->orientation = sign;
     measure(p);
     for (int i = 0; i < p->n; i++)
-        p->t[i] *= old_size / p->size;
+        p->t[i] *= old_size / p->size;                  /* v = u / size */
     length = norm(p->t, p->n + 1);
     for (int i = 0; i <= p->n; i++)
         p->t[i] /= length;
@@ -436,6 +493,7 @@ struct stride {
     bool stop, ended;
 };
 
+/* Whether the walk has points and work left. */
 static enum modal_status may_go_on(struct path *p, struct stride *s, struct modal_error *err)
 {
     const struct path_problem *q = p->problem;
@@ -464,8 +522,8 @@ static enum modal_status step_out(struct path *p, struct stride *s, bool *found,
         return rc;
     memcpy(s->tangent, p->x, ((size_t)p->n + 1) * sizeof *s->tangent);
     for (int i = 0; ok && i <= p->n; i++)
-        dot += s->tangent[i] * p->t[i];
-    *found = ok && !(dot < BEND && s->ds > 100 * STEP_LEAST);
+        dot += s->tangent[i] * p->t[i];                 /* the cosine of the bend */
+    *found = ok && !(dot < BEND && s->ds > BENT * STEP_LEAST);
     if (*found)
         return MODAL_OK;
     p->report->rejected++;
@@ -481,13 +539,14 @@ static enum modal_status step_out(struct path *p, struct stride *s, bool *found,
 static enum modal_status locate_passed(struct path *p, const struct stride *s,
                                        struct modal_error *err)
 {
-    bool fold = s->tangent[p->n] * p->t[p->n] < 0,
+    bool fold = s->tangent[p->n] * p->t[p->n] < 0,      /* lambda turned back on the way */
+         /* the first point has no sign to compare */
          branch = s->sign != p->orientation && p->report->points > 1;
     enum modal_status rc;
 
     if (!fold && !branch)
         return MODAL_OK;
-    memcpy(s->kept, p->w, (size_t)p->n * sizeof *s->kept);
+    memcpy(s->kept, p->w, (size_t)p->n * sizeof *s->kept);  /* locate works in w */
     rc = locate(p, s->ds, s->tangent[p->n], s->sign, fold ? PATH_FOLD : PATH_BRANCH, err);
     memcpy(p->w, s->kept, (size_t)p->n * sizeof *s->kept);
     return rc;
@@ -510,7 +569,7 @@ static enum modal_status cross_end(struct path *p, struct stride *s, bool *again
         return rc;
     if (ok && !p->problem->past)
         p->report->complete = s->ended = true;
-    *again = !ok && s->ds > 100 * STEP_LEAST;
+    *again = !ok && s->ds > BENT * STEP_LEAST;
     if (*again)
         s->ds /= 2;
     s->ended |= s->stop;
@@ -531,6 +590,7 @@ static bool left(struct path *p)
     return true;
 }
 
+/* Steps of arc length until the range, the caller or the work allowed ends them. */
 static enum modal_status walk(struct path *p, struct modal_error *err)
 {
     const struct path_problem *q = p->problem;
@@ -555,12 +615,15 @@ static enum modal_status walk(struct path *p, struct modal_error *err)
         if (rc != MODAL_OK || s.ended || !found || again)
             continue;
         accept(p, s.lambda, s.sign, s.tangent);
-        rc = tell(p, p->u, p->lambda, p->t[p->n], s.sign, -1, &s.stop, err);
+        rc = report_point(p, p->u, p->lambda, p->t[p->n], s.sign, -1, &s.stop, err);
         s.ended = left(p);
-        s.ds = fmin(most, s.ds * (p->corrections <= 3 ? 1.4 : p->corrections >= 6 ? 0.7 : 1));
+        s.ds = fmin(most, s.ds * (p->corrections <= QUICK    ? GROW
+                                 : p->corrections >= SLOWLY ? SHRINK
+                                                            : 1));
     }
     p->report->complete |= s.stop;
-    free(s.tangent), free(s.kept);
+    free(s.tangent);
+    free(s.kept);
     return rc;
 }
 
@@ -585,6 +648,7 @@ enum modal_status path_follow(const struct path_problem *problem, const double c
     balance_pack(p.b, X, p.u);
     measure(&p);
     memcpy(p.w, p.u, (size_t)p.n * sizeof *p.w);
+    /* The start may be of another tolerance, or one that only nearly balances. */
     rc = at_parameter(&p, problem->from, &ok, err);
     if (rc != MODAL_OK || !ok) {
         report->reason = "the branch does not start: no solution at its first point";
@@ -596,7 +660,7 @@ enum modal_status path_follow(const struct path_problem *problem, const double c
     if (rc == MODAL_OK && !ok)
         report->reason = "the derivative is singular where the branch sets out";
     if (rc == MODAL_OK && ok)
-        rc = tell(&p, p.u, p.lambda, p.t[p.n], p.orientation, -1, &stop, err);
+        rc = report_point(&p, p.u, p.lambda, p.t[p.n], p.orientation, -1, &stop, err);
     if (rc == MODAL_OK && ok && !stop)
         rc = walk(&p, err);
 out:

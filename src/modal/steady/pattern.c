@@ -1,15 +1,25 @@
-/* pattern.c - see pattern.h */
+/*
+ * pattern.c - see pattern.h
+ *
+ * The pairs of kept dofs that act on each other, listed with repetitions, sorted, and each put
+ * once: counted in a first pass over the program and written in a second.
+ *
+ * A pair (i, j) is one number, j 2^33 + i 2 + (0 where harmonics mix, else 1): sorted, pairs are in
+ * the order of columns and rows, and of a place that is listed as both the one that mixes comes
+ * first.
+ */
 #include "modal/steady/pattern.h"
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* column << 33 | row << 1 | does not mix: sorted, the mixing one of a place comes first. */
+/* The list; NULL while they are counted. */
 struct pairs {
     uint64_t *list;
     size_t count;
 };
 
+/* Dof j acts on i, both kept (else negative); counted alone where there is no list. */
 static void add_pair(struct pairs *p, int i, int j, bool mixes)
 {
     if (i < 0 || j < 0)
@@ -19,6 +29,7 @@ static void add_pair(struct pairs *p, int i, int j, bool mixes)
     p->count++;
 }
 
+/* Every entry of a matrix. */
 static void add_matrix(struct pairs *p, const struct sparse *a, const int *place, bool mixes)
 {
     for (int i = 0; a->start != NULL && i < a->m; i++)
@@ -26,6 +37,7 @@ static void add_matrix(struct pairs *p, const struct sparse *a, const int *place
             add_pair(p, place[i], place[a->index[e]], mixes);
 }
 
+/* Every end of a law acts on every other, at all harmonics. */
 static void add_law(struct pairs *p, const struct law *law, const int *place)
 {
     int at[2 * LAW_INPUTS_MOST], count = 0;
@@ -44,7 +56,8 @@ static void add_program(struct pairs *s, const struct program *p, const int *pla
 {
     s->count = 0;
     for (int i = 0; i < q; i++)
-        add_pair(s, i, i, false);
+        add_pair(s, i, i, false);                       /* a diagonal, which factorizations need */
+    /* M, C and K couple dofs at one harmonic; periodic ones mix harmonics, as laws do. */
     for (int t = 0; t < 3; t++)
         add_matrix(s, &p->constant[t], place, false);
     for (int h = 0; h < p->harmonics; h++)
@@ -56,6 +69,7 @@ static void add_program(struct pairs *s, const struct program *p, const int *pla
         add_law(s, &p->law[l], place);
 }
 
+/* qsort: ascending. */
 static int by_value(const void *a, const void *b)
 {
     uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
@@ -63,6 +77,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/* The list, sorted, into S by columns. */
 static void fill_sparse(struct pattern *s, struct pairs *pairs)
 {
     int entries = 0;
@@ -71,14 +86,16 @@ static void fill_sparse(struct pattern *s, struct pairs *pairs)
     for (size_t e = 0; e < pairs->count; e++) {
         uint64_t pair = pairs->list[e];
 
+        /* the same place; the first one said whether it mixes */
         if (e > 0 && pair >> 1 == pairs->list[e - 1] >> 1)
             continue;
-        s->index[entries] = (int)(pair >> 1 & 0xffffffff);
-        s->mixes[entries++] = !(pair & 1);
-        s->start[(pair >> 33) + 1] = entries;
+        s->index[entries] = (int)(pair >> 1 & 0xffffffff);  /* the row */
+        s->mixes[entries++] = !(pair & 1);              /* the least bit, turned */
+        s->start[(pair >> 33) + 1] = entries;  /* every column has its diagonal: none is left out */
     }
 }
 
+/* Every pair. */
 static void fill_full(struct pattern *s)
 {
     int q = s->q;
@@ -87,11 +104,12 @@ static void fill_full(struct pattern *s)
         s->start[j + 1] = (j + 1) * q;
         for (int i = 0; i < q; i++) {
             s->index[j * q + i] = i;
-            s->mixes[j * q + i] = true;
+            s->mixes[j * q + i] = true;                 /* what was taken out couples all */
         }
     }
 }
 
+/* The most ends of laws that share a dof's force: how many slopes add up there. */
 static int most_ends(const struct program *p, const int *place, int *count)
 {
     int most = 0;
@@ -107,7 +125,7 @@ static int most_ends(const struct program *p, const int *place, int *count)
                 at[ends++] = place[dof];
         }
         for (int j = 0; j < ends; j++)
-            if ((count[at[j]] += ends) > most)
+            if ((count[at[j]] += ends) > most)          /* every end pulls at this one */
                 most = count[at[j]];
     }
     return most;
@@ -122,6 +140,7 @@ enum modal_status pattern_new(const struct program *p, const int *place, int q, 
     size_t entries;
     enum modal_status rc = MODAL_OK;
 
+    /* The first pass: how many. */
     if (!full)
         add_program(&pairs, p, place, q);
     entries = full ? (size_t)q * (size_t)q : pairs.count;
@@ -137,6 +156,7 @@ enum modal_status pattern_new(const struct program *p, const int *place, int q, 
         pattern_free(s);
         rc = modal_fail(err, MODAL_NO_MEMORY, "pattern: no memory for %zu entries", entries);
     } else {
+        /* The second. */
         if (!full)
             add_program(&pairs, p, place, q);
         full ? fill_full(s) : fill_sparse(s, &pairs);
@@ -166,7 +186,7 @@ int pattern_find(const struct pattern *s, int i, int j)
 
     if (s->full)
         return j * s->q + i;
-    while (low < high) {
+    while (low < high) {                                /* rows ascend down a column */
         int middle = (low + high) / 2;
 
         if (s->index[middle] < i)

@@ -22,7 +22,9 @@ struct pattern {
  */
 enum modal_status pattern_new(const struct program *p, const int *place, int q, bool full,
                               struct pattern **out, struct modal_error *err);
+/* Frees S; NULL is none. */
 void pattern_free(struct pattern *s);
+/* Entries in all: start[q]. */
 int pattern_entries(const struct pattern *s);
 /* The number of entry (i, j), which is there. */
 int pattern_find(const struct pattern *s, int i, int j);

@@ -1,14 +1,40 @@
 /*
- * point.c - see point.h
+ * point.c - see point.h, and session.h for what the files of one solution share
+ *
+ * Samples.  Of a polynomial of degree p, N > (p + 1) H samples have exact harmonics (aft.c); laws
+ * with pieces are exact by themselves, and their motion is seen between 4 H samples; others get 32
+ * H, where aliasing of forces that fall as k^-2 is 1/1000 of the first harmonic left out.
+ *
+ * Work.  The least factorization costs 2/3 n^3 of n = q (2 H + 1) unknowns where the matrix is full
+ * (balance_dense_work), and about 2 q m^3, m = 2 H + 1, of blocks of a chain.  A solution may cost
+ *
+ *     most = WORK (1 + q / WORK_DOFS) + ASKED factorizations at the H asked for,                (1)
+ *
+ * counted in operations (budget.h), so that it ends at the same place on every machine.
  */
 #include "modal/steady/session.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { REDUCE_LEAST = 48, N_LEAST = 64, N_MOST = 1 << 17, ASKED = 100 };
-static const double TARGET = 1e-6, WORK = 3e9;
+/* The error of a solution whose options name none: a millionth of the largest displacement. */
+static const double TARGET = 1e-6;
+/* Operations that a solution of one dof may cost: seconds, at 1e9 of them in one. */
+static const double WORK = 3e9;
+/* Kept dofs that double it. */
+static const double WORK_DOFS = 100;
+enum {
+    REDUCE_LEAST = 48,    /* linear dofs below which factoring a band beats summing over their
+                           * modes */
+    N_LEAST = 64,
+    N_MOST = 1 << 17,
+    N_PER_H = 4,          /* of the motion, */
+    N_SAMPLED = 32,       /* and of laws that are neither polynomials nor of pieces */
+    /* factorizations at the harmonics asked for: some attempts of twenty steps */
+    ASKED = 100
+};
 
+/* A power of two transforms fastest. */
 int steady_power_of_two(long least)
 {
     int N = 1;
@@ -23,7 +49,7 @@ static int short_product(long least)
 {
     int N = steady_power_of_two(least);
 
-    return N / 4 * 3 >= least && N > N_LEAST ? N / 4 * 3 : N;
+    return N / 4 * 3 >= least && N > N_LEAST ? N / 4 * 3 : N;  /* a radix of 3 beside 2 */
 }
 
 int steady_samples(const struct steady *s, int H)
@@ -32,11 +58,11 @@ int steady_samples(const struct steady *s, int H)
 
     if (s->opt.samples > 0)
         return s->opt.samples;
-    least = 4 * H + 2 > least ? 4 * H + 2 : least;
+    least = N_PER_H * H + 2 > least ? N_PER_H * H + 2 : least;
     if (s->degree > 0 && (s->degree + 1) * H + 1 > least)
         least = (s->degree + 1) * H + 1;
-    if (s->sampled && 32 * H > least)
-        least = 32 * H;
+    if (s->sampled && N_SAMPLED * H > least)
+        least = N_SAMPLED * H;
     return short_product(least);
 }
 
@@ -47,6 +73,7 @@ enum modal_status steady_reduce(struct steady *s, struct modal_error *err)
 {
     bool done;
 
+    /* Modes cost an eigenproblem once, and pay over many frequencies. */
     return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK
                                                         : condense_reduce(s->c, &done, err);
 }
@@ -61,7 +88,9 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
             *out = s->balance[i];
             return MODAL_OK;
         }
+    /* Room for a new one. */
     if (s->balances == BALANCES) {
+        /* the oldest; orders grow, and are asked for again from the last */
         balance_free(s->balance[0]);
         memmove(s->balance, s->balance + 1, (BALANCES - 1) * sizeof s->balance[0]);
         s->balances--;
@@ -69,6 +98,7 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
     rc = balance_new(s->p, s->c, H, steady_samples(s, H), !s->opt.unlocated,
                      &s->balance[s->balances], err);
     if (rc == MODAL_OK) {
+        /* all balances of a session count together */
         s->balance[s->balances]->budget = &s->budget;
         *out = s->balance[s->balances++];
     }
@@ -92,6 +122,7 @@ double steady_factor_work(const struct steady *s, int H)
 {
     double q = condense_kept(s->c), m = 2.0 * H + 1;
 
+    /* sparse: q blocks of order m */
     return condense_pattern(s->c)->full ? balance_dense_work((int)(q * m)) : 2 * q * m * m * m;
 }
 
@@ -99,7 +130,7 @@ double steady_factor_work(const struct steady *s, int H)
  * asks for many harmonics as much as some attempts at them take. */
 void steady_allow_work(struct steady *s)
 {
-    s->budget = (struct budget){ .most = WORK * (1 + condense_kept(s->c) / 100.0)
+    s->budget = (struct budget){ .most = WORK * (1 + condense_kept(s->c) / WORK_DOFS)  /* from 0 */
                                          + ASKED * steady_factor_work(s, s->opt.harmonics) };
 }
 
@@ -113,7 +144,7 @@ void start_write(const struct balance *b, const struct steady_start *start, doub
     memset(X, 0, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
     for (int i = 0; start != NULL && i < b->q && i < start->q; i++)
         for (int k = 0; k <= b->H && k <= start->H; k++)
-            X[i * (b->H + 1) + k] = start->X[i * (start->H + 1) + k];
+            X[i * (b->H + 1) + k] = start->X[i * (start->H + 1) + k];  /* the harmonics both have */
 }
 
 void steady_point_done(struct steady_point *point)
@@ -131,6 +162,7 @@ enum modal_status point_init(struct steady *s, struct steady_point *point, int q
 {
     double complex *X = calloc((size_t)q * ((size_t)H + 1) + 1, sizeof *X);
 
+    /* Of another order it has another size; counts and flags are of laws and stay. */
     free(point->X);
     point->X = X;
     point->q = q;
@@ -179,13 +211,13 @@ void point_count(const struct balance *b, const long *before, long ffts_before,
 {
     for (int l = 0; l < point->laws; l++) {
         point->evaluations[l] += aft_evaluations(b->aft, l) - before[l];
-        point->acts[l] = aft_acts(b->aft, l);
+        point->acts[l] = aft_acts(b->aft, l);        /* of the last force, which was the answer's */
         point->undetermined[l] = aft_undetermined(b->aft, l);
     }
     point->ffts += aft_transforms(b->aft) - ffts_before;
 }
 
-enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X,
+enum modal_status steady_point_of(struct steady *s, struct balance *b, const double complex *X,
                                     struct steady_point *point, struct modal_error *err)
 {
     long *before = calloc((size_t)s->p->laws + 1, sizeof *before), ffts = aft_transforms(b->aft);
@@ -206,6 +238,7 @@ enum modal_status steady_point_take(struct steady *s, struct balance *b, const d
         point->omega = b->omega;
         point->level = b->level;
         point->converged = true;
+        /* not known yet */
         point->error = point->truncation = point->sampling = point->solver = NAN;
     } else
         steady_point_done(point);

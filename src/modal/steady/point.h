@@ -74,11 +74,13 @@ struct steady_point {
 
 struct steady;                /* a session: solve.h */
 
+/* The session's linear part; the session owns it, and may make another where all dofs are kept. */
 struct condense *steady_condense(struct steady *s);
 
 /* Many frequencies follow: condense_reduce where it pays. */
 enum modal_status steady_reduce(struct steady *s, struct modal_error *err);
 
+/* The program that steady_new was given. */
 const struct program *steady_program(const struct steady *s);
 
 /* The balance for H harmonics of this session, made on first use and kept. */
@@ -90,9 +92,10 @@ int steady_samples(const struct steady *s, int H);
 
 /* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are
  * left to steady_estimate_point. */
-enum modal_status steady_point_take(struct steady *s, struct balance *b, const double complex *X,
+enum modal_status steady_point_of(struct steady *s, struct balance *b, const double complex *X,
                                     struct steady_point *point, struct modal_error *err);
 
+/* Frees what POINT holds, and makes it 0. */
 void steady_point_done(struct steady_point *point);
 
 /* X of dof DOF, harmonics 0 .. H of the point. */

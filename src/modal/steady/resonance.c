@@ -26,6 +26,7 @@ static double fill(const struct program *p, double w, double complex *Lambda)
     for (int t = 0; t < 3; t++)
         for (int i = 0; i < p->n; i++)
             for (int e = p->constant[t].start[i]; e < p->constant[t].start[i + 1]; e++) {
+                /* -(k Omega)^2 M, i k Omega C, K */
                 double complex term = factor[t] * p->constant[t].value[e];
                 Lambda[i + p->constant[t].index[e] * p->n] += term;
                 size = fmax(size, cabs(term));
@@ -33,6 +34,7 @@ static double fill(const struct program *p, double w, double complex *Lambda)
     return size;
 }
 
+/* v at a dof; the ground does not move. */
 static double complex at(const double complex *v, int dof) { return dof >= 0 ? v[dof] : 0; }
 
 /* The most that the laws can put against v; HUGE_VAL: no bound is known. */
@@ -43,10 +45,10 @@ static double held(const struct program *p, int k, const double complex *v)
     for (int l = 0; l < p->laws; l++) {
         const struct law *law = &p->law[l];
         for (int j = 0; j < law->kind->inputs; j++) {
-            double reach = cabs(at(v, law->dof[j]) - at(v, law->to[j]));
-            if (reach > 0 && law->limit == 0)
+            double reach = cabs(at(v, law->dof[j]) - at(v, law->to[j]));  /* |v^H a_l| */
+            if (reach > 0 && law->limit == 0)           /* no bound on its force */
                 return HUGE_VAL;
-            most += (k > 0 ? 4 / M_PI : 1) * reach * law->limit;
+            most += (k > 0 ? 4 / M_PI : 1) * reach * law->limit;  /* 4 b / pi, or b */
         }
     }
     return most;
@@ -62,12 +64,14 @@ static bool exceeds(const struct program *p, int k, const double complex *v)
     for (int i = 0; i < p->loads; i++)
         if (p->load[i].type == LOAD_HARMONIC && p->load[i].k == k) {
             double complex P = CMPLX(p->load[i].cosine, k > 0 ? -p->load[i].sine : 0);
-            work += conj(v[p->load[i].dof]) * P;
+            work += conj(v[p->load[i].dof]) * P;        /* v^H P_k */
             size += cabs(P);
         }
     return cabs(work) > held(p, k, v) + p->n * sqrt(DBL_EPSILON) * size;
 }
 
+/* (1) for every v of Lambda_k's null space, its left singular vectors of values that are
+ * rounding. */
 static bool unheld_at(const struct program *p, double omega, int k)
 {
     int n = p->n;
@@ -84,7 +88,10 @@ static bool unheld_at(const struct program *p, double omega, int k)
             for (int i = n - 1; i >= 0 && s[i] <= rounding && !found; i--)
                 found = exceeds(p, k, U + (size_t)i * (size_t)n);
     }
-    free(Lambda), free(U), free(s), free(rest);
+    free(Lambda);
+    free(U);
+    free(s);
+    free(rest);
     return found;
 }
 

@@ -4,12 +4,14 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/point.h"
 
+/* Orders whose balances are kept: H doubles, and a way or a search asks for a few in between. */
 enum { BALANCES = 24 };
 
+/* A session: one program, its linear part, and a balance for each order tried. */
 struct steady {
     const struct program *p;
-    struct steady_options opt;
-    struct condense *c;
+    struct steady_options opt;  /* as given: 0 is resolved where it is used */
+    struct condense *c;         /* of the laws' dofs, or of all where these resonate */
     bool exact, linear;         /* every law has pieces; there is none */
     int degree;                 /* the largest of polynomial laws; 0: none */
     bool sampled;               /* some law is neither */
@@ -20,7 +22,7 @@ struct steady {
     double slope;               /* the laws' largest, as the last rough start showed it; 0: not
                                  * yet */
     struct balance *balance[BALANCES];
-    int balances;
+    int balances;               /* of them */
     struct budget budget;       /* of the solution under way */
 };
 

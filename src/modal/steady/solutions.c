@@ -1,4 +1,20 @@
-/* solutions.c - see solutions.h */
+/*
+ * solutions.c - see solutions.h
+ *
+ * Three ways, none of which promises all.  The branch over the level of the loads, from one near 0,
+ * passes 1 at every solution that is connected to rest.  Random starts,
+ *
+ *     X_k = size e^{i 2 pi u},   size = scale 10^s, s from -2 to 1.2 in equal steps,            (1)
+ *
+ * at one harmonic of those excited, a tenth of it at the others, find isolated ones.  Of each
+ * found, those beside it along the direction v that its derivative J holds least (J^-1 repeated),
+ * at distances 10^-4 .. 10^-0.5 of it; and its images
+ *
+ *     +-X_k e^{i k pi j / m},   j = 0 .. 2 m - 1,                                               (2)
+ *
+ * m what divides the harmonic of every load: a shift by 2 pi / m maps solutions on solutions, and
+ * half of one with the sign turned does where laws and loads are odd.
+ */
 #include "modal/steady/solutions.h"
 #include <math.h>
 #include <stdlib.h>
@@ -6,11 +22,44 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/path.h"
 
-static const double SAME = 1e-6, LEVEL_START = 1e-3, LEVEL_HIGH = 4, NOTHING = 1e-150;
-enum { STARTS = 240, STEPS = 30, LEVEL_POINTS = 600, DISTANCES = 15, SHIFTS = 6 };
+/* Two motions nearer than this, relative, are one: Newton's method leaves 1e-9 (iterate.c). */
+static const double SAME = 1e-6;
+/* Motions smaller than this are 0: their squares are near the least of doubles. */
+static const double NOTHING = 1e-150;
+/* Levels of the loads: where the branch sets out, its laws still linear; in place of 0, which has
+ * no loads to be relative to; and the range in which the branch is followed, past the folds that a
+ * level of 1 has near it. */
+static const double LEVEL_START = 1e-3;
+static const double LEVEL_ZERO = 1e-12;
+static const double LEVEL_LOW = -0.5;
+static const double LEVEL_HIGH = 4;
+/* Of arc length, where path.h has a fiftieth and a tenth: the range is four times its span. */
+static const double STEP_FIRST = 0.01;
+static const double STEP_MOST = 0.15;
+/* (1): the exponent of the smallest start and the range of it; and the share of the others. */
+static const double SIZE_LEAST = -2;
+static const double SIZE_RANGE = 3.2;
+static const double OTHERS = 0.1;
+/* Distances beside a solution: the exponent of the least and the range. */
+static const double BESIDE_LEAST = -4;
+static const double BESIDE_RANGE = 3.5;
+/* Entries of the vector that inverse iteration begins with differ by this, so that no symmetry of
+ * the balance makes it orthogonal to the answer. */
+static const double UNEVEN = 0.37;
+enum {
+    STARTS = 240,
+    STEPS = 30,          /* of Newton's method from one: what takes more is chance */
+    LEVEL_POINTS = 600,
+    DISTANCES = 15,
+    SHIFTS = 6,
+    INVERSES = 3,        /* each gains the ratio of the two least singular values */
+    SEED = 20240611      /* the same starts in every run */
+};
 
+/* Harmonics of a motion. */
 static size_t size_of(const struct balance *b) { return (size_t)b->q * ((size_t)b->H + 1); }
 
+/* max |X_e|. */
 static double largest(const double complex *X, size_t n)
 {
     double most = 0;
@@ -32,7 +81,8 @@ bool solutions_add(struct solutions *s, const struct balance *b, const double co
 
         for (size_t e = 0; e < n; e++)
             far = fmax(far, cabs(X[e] - s->X[i][e]));
-        if (far <= fmax(NOTHING, SAME * fmax(size, largest(s->X[i], n))))
+        /* known */
+        if (far <= fmax(NOTHING, SAME * fmax(size, largest(s->X[i], n))))  /* known already */
             return false;
     }
     if (s->count == SOLUTIONS_MOST || (copy = malloc((n + 1) * sizeof *copy)) == NULL)
@@ -50,12 +100,14 @@ void solutions_done(struct solutions *s)
     s->count = 0;
 }
 
+/* What the walk over levels carries. */
 struct climb {
     struct balance *b;
     const struct solutions_options *opt;
-    struct solutions *out;
+    struct solutions *out;            /* crossings of level 1 */
 };
 
+/* path.h: the balance at a level. */
 static enum modal_status at_level(void *context, double level, struct balance **b,
                                   struct modal_error *err)
 {
@@ -63,12 +115,13 @@ static enum modal_status at_level(void *context, double level, struct balance **
 
     (void)err;
     if (level == 0)
-        level = 1e-12;
+        level = LEVEL_ZERO;
     balance_set_level(c->b, level);
     *b = c->b;
     return MODAL_OK;
 }
 
+/* path.h: a crossing of level 1 is a solution. */
 static enum modal_status point_on_level(void *context, const struct path_point *p,
                                         struct balance *b, bool *stop, struct modal_error *err)
 {
@@ -82,6 +135,7 @@ static enum modal_status point_on_level(void *context, const struct path_point *
     return MODAL_OK;
 }
 
+/* path.h: the caller's. */
 static bool climb_cancelled(void *context)
 {
     const struct climb *c = context;
@@ -102,10 +156,10 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
                                     .span = 1,
                                     .past = true,
                                     .points_most = LEVEL_POINTS,
-                                    .low = -0.5,
+                                    .low = LEVEL_LOW,
                                     .high = LEVEL_HIGH,
-                                    .step_first = 0.01,
-                                    .step_most = 0.15,
+                                    .step_first = STEP_FIRST,
+                                    .step_most = STEP_MOST,
                                     .budget = b->budget };
     struct iterate_options newton = { .cancelled = opt->cancelled, .context = opt->context };
     struct iterate_report r;
@@ -115,6 +169,7 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
 
     if (X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory");
+    /* Without loads there is no branch over their level. */
     if (largest(b->load, size_of(b)) > 0) {
         balance_set_level(b, LEVEL_START);
         rc = iterate_newton(b, &newton, X, &r, err);
@@ -126,12 +181,14 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
     return rc;
 }
 
+/* In [0, 1): 53 bits of a linear congruence, the same on every machine. */
 static double uniform(uint64_t *seed)
 {
     *seed = *seed * 6364136223846793005u + 1442695040888963407u;
     return (double)(*seed >> 11) / 9007199254740992.0;
 }
 
+/* Newton's method from X, which becomes its end; what converged is added. */
 static enum modal_status try(struct balance *b, const struct solutions_options *opt,
                              double complex *X, struct solutions *out, struct modal_error *err)
 {
@@ -146,6 +203,7 @@ static enum modal_status try(struct balance *b, const struct solutions_options *
     return rc;
 }
 
+/* The greatest common divisor. */
 static int divisor(int a, int b) { return b == 0 ? a : divisor(b, a % b); }
 
 /* What divides the harmonic of every load: a shift by the period over it maps solutions on
@@ -163,6 +221,7 @@ static int symmetry(const struct balance *b)
     return m > 0 ? m : 1;
 }
 
+/* From every image of every solution; out->count grows on the way. */
 static enum modal_status images(struct balance *b, const struct solutions_options *opt,
                                 struct solutions *out, double complex *X, struct modal_error *err)
 {
@@ -199,26 +258,28 @@ static enum modal_status beside(struct balance *b, const struct solutions_option
     for (int i = 0; rc == MODAL_OK && i < out->count; i++) {
         double size = largest(out->X[i], size_of(b));
 
+        /* Its derivative, for J^-1; one that is singular has no least direction to give. */
         rc = balance_residual(b, out->X[i], true, err);
         if (rc != MODAL_OK || !balance_factor(b, NULL))
             continue;
         for (int e = 0; e < b->order; e++)
-            v[e] = 1 + 0.37 * (e % 3);
-        for (int round = 0; round < 3; round++) {               /* inverse iteration */
+            v[e] = 1 + UNEVEN * (e % 3);
+        for (int round = 0; round < INVERSES; round++) {               /* inverse iteration */
             double most = 0;
 
-            balance_solve(b, v, 1);
+            balance_solve(b, v, 1);                     /* J^-1 v, to size 1 below */
             for (int e = 0; e < b->order; e++)
                 most = fmax(most, fabs(v[e]));
             for (int e = 0; e < b->order; e++)
                 v[e] = most > 0 && isfinite(most) ? v[e] / most : 0;
         }
         for (int n = 0; rc == MODAL_OK && n < 2 * DISTANCES; n++) {
-            double far = (n % 2 ? -1 : 1) * size * pow(10, -4 + 3.5 * (n / 2) / (DISTANCES - 1));
+            double far = (n % 2 ? -1 : 1) * size
+                         * pow(10, BESIDE_LEAST + BESIDE_RANGE * (n / 2) / (DISTANCES - 1));
 
             balance_pack(b, out->X[i], u);
             for (int e = 0; e < b->order; e++)
-                u[e] += far * v[e];
+                u[e] += far * v[e];                     /* to either side */
             balance_unpack(b, u, X);
             rc = try(b, opt, X, out, err);
         }
@@ -234,7 +295,7 @@ enum modal_status solutions_from_starts(struct balance *b, const struct solution
     int starts = opt->starts > 0 ? opt->starts : STARTS, K = b->H + 1, low = 1;
     double complex *X = calloc(size_of(b) + 1, sizeof *X);
     double scale = 0;
-    uint64_t seed = 20240611;
+    uint64_t seed = SEED;
     enum modal_status rc =
         X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory") : MODAL_OK;
 
@@ -245,7 +306,7 @@ enum modal_status solutions_from_starts(struct balance *b, const struct solution
         scale = fmax(scale, largest(out->X[i], size_of(b)));
     scale = scale > 0 ? scale : 1;
     for (int n = 0; rc == MODAL_OK && n < starts; n++) {
-        double size = scale * pow(10, -2 + 3.2 * ((n + 0.5) / starts));
+        double size = scale * pow(10, SIZE_LEAST + SIZE_RANGE * ((n + 0.5) / starts));
         int only = 1 + (int)(uniform(&seed) * low) % low;
 
         if (opt->cancelled != NULL && opt->cancelled(opt->context)) {
@@ -255,8 +316,10 @@ enum modal_status solutions_from_starts(struct balance *b, const struct solution
         memset(X, 0, size_of(b) * sizeof *X);
         for (int i = 0; i < b->q; i++) {
             for (int k = 1; k <= low; k++)
-                X[i * K + k] = 0.1 * size * uniform(&seed) * cexp(2 * M_PI * I * uniform(&seed));
-            X[i * K + only] = size * cexp(2 * M_PI * I * uniform(&seed));
+                /* others beside the one of (1) */
+                X[i * K + k] = OTHERS * size * uniform(&seed) * cexp(2 * M_PI * I * uniform(&seed));
+            X[i * K + only] = size * cexp(2 * M_PI * I * uniform(&seed));  /* (1) */
+            /* every third with a mean */
             X[i * K] = n % 3 == 0 ? size * (uniform(&seed) - 0.5) : 0;
         }
         rc = try(b, opt, X, out, err);

@@ -31,5 +31,6 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
  * shifts by the loads' own symmetry. */
 enum modal_status solutions_from_starts(struct balance *b, const struct solutions_options *opt,
                                         struct solutions *out, struct modal_error *err);
+/* Frees every X and empties S. */
 void solutions_done(struct solutions *s);
 #endif

@@ -1,9 +1,16 @@
 /*
  * solve.c - see solve.h
  *
- * From a program to one steady state.  No laws: one linear solve.  Rigid friction, alone or nearly:
- * followed in time (by_cycle.h).  All else: a balance at H harmonics, found by the ways of ways.h,
- * H doubled until its errors (estimate.h) meet the target.
+ * From a program to one steady state.  No laws: with constant matrices a linear system a harmonic,
+ * with periodic ones a single system, J X = -R(0), (1) of balance.h.  Rigid friction, alone or
+ * beside laws without restart: followed in time (by_cycle.h).  All else: a balance at H harmonics,
+ * found by the ways of ways.h, whose order is
+ *
+ *     H, 2 H, 4 H, ..   until   error(H) <= target max |x|,                                     (1)
+ *
+ * error of estimate.h, each begun from the last.  An order costs up to eight times the one before
+ * (a full matrix of q (2 H + 1) unknowns is factored in its cube), so that all before cost a
+ * seventh of the last.  Where linear dofs taken out resonate with the kept ones held, all are kept.
  */
 #include "modal/steady/solve.h"
 #include <math.h>
@@ -16,9 +23,30 @@
 #include "modal/steady/solutions.h"
 #include "modal/steady/ways.h"
 
-enum { H_AUTO_MOST = 256, H_LINEAR_MOST = 4096, FEW = 4, SPARSE_LEAST = 10, SPARSE_LINEAR = 100,
-       FAILED_MOST = 2, ORDER_FAILED = 600, ORDER_AUTO_MOST = 3000, H_SEARCH = 8, SEARCHES = 3600 };
+/* Time integration that is compared ends a tenth nearer than the target asks, and takes a tolerance
+ * that is meant for steps, not the balance's. */
+static const double PERIODIC = 10;
+static const double TOLERANCE_OF_STEPS = 1e-11;
+enum {
+    H_LEAST = 8,             /* the first H where the loads are low */
+    H_AUTO_MOST = 256,       /* the last one that is tried unasked */
+    H_LINEAR_MOST = 4096,
+    H_PERIODIC = 24,         /* past the loads: what periodic matrices reach falls geometrically */
+    STEPS_NEXT = 4,          /* Newton's steps that an order from near takes, at least */
+    COST_NEXT = 4,           /* times this order's, of a sparse one: twice the blocks, more fill */
+    SPARSE_LEAST = 10,       /* kept dofs from which sparse factors pay, */
+    SPARSE_LINEAR = 100,     /* and the dofs beside each that are cheaper kept than taken out */
+    FAILED_MOST = 2,         /* orders in a row that failed from near, after which no more is
+                              * tried */
+    ORDER_FAILED = 600,      /* unknowns of which a failure is costly */
+    ORDER_AUTO_MOST = 3000,  /* unknowns of a full matrix that are tried unasked: 72 MB */
+    H_SEARCH = 8,            /* the fewest harmonics that all solutions are sought with */
+    SEARCHES = 3600,         /* factorizations of such a search: starts times their steps, halved */
+    MARCH_SAMPLES = 512,     /* of time integration, unasked; and the harmonics taken from them */
+    MARCH_HARMONICS = 256
+};
 
+/* What the session's laws are, for the choice of method and of samples. */
 static void classify(struct steady *s)
 {
     s->exact = true;
@@ -34,6 +62,7 @@ static void classify(struct steady *s)
     }
 }
 
+/* Options that contradict each other or the loads, by their fields. */
 static enum modal_status check_options(const struct steady *s, struct modal_error *err)
 {
     const struct steady_options *o = &s->opt;
@@ -65,6 +94,7 @@ static bool sparse_pays(const struct program *p, const struct steady_options *op
         && p->n <= SPARSE_LINEAR * kept;
 }
 
+/* Which dofs iterate, and whether their pattern is kept. */
 static enum condense_keep structure(const struct program *p, const struct steady_options *opt)
 {
     int kept = condense_nonlinear(p);
@@ -132,6 +162,7 @@ static enum modal_status solve_at(struct steady *s, int H, double omega,
         before[l] = aft_evaluations(b->aft, l);
     ffts = aft_transforms(b->aft);
     s->current = false;
+    /* Counts of the balance run over all solutions: this one's are the difference. */
     rc = ways_try(s, b, start, X, point, err);
     if (rc == MODAL_OK && point->converged && !s->current)
         rc = balance_residual(b, point->X, false, err);
@@ -141,6 +172,7 @@ static enum modal_status solve_at(struct steady *s, int H, double omega,
     if (!point->converged && s->jumps)
         point->reason = "no motion without stops closes under rigid friction; where the body "
                         "stops, give the friction a stiffness (type friction)";
+    /* Rigid friction has estimates of its own: its series falls slowly. */
     if (point->converged && s->jumps)
         rc = estimate_sharpen(s, b, point, err);
     else if (point->converged && !(s->opt.estimate_later && s->opt.harmonics > 0)) {
@@ -162,6 +194,7 @@ static enum modal_status linear_residual(struct steady *s, struct steady_point *
     struct condense_residual left;
     enum modal_status rc = condense_residual(s->c, point->X, &left, err);
 
+    /* Nothing is truncated or sampled: rounding is the only error. */
     point->residual = left.relative;
     point->tail_rms = left.rms;
     point->tail_max = left.most;
@@ -175,7 +208,7 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
                                       struct modal_error *err)
 {
     int load = condense_highest_load(s->c), H = s->opt.harmonics > 0  ? s->opt.harmonics
-                                                : s->p->harmonics > 0 ? load + 24
+                                                : s->p->harmonics > 0 ? load + H_PERIODIC
                                                 : load > 0            ? load
                                                                       : 1;
     int q = condense_kept(s->c);
@@ -204,9 +237,9 @@ static enum modal_status solve_linear(struct steady *s, double omega, struct ste
         return MODAL_OK;
     }
     for (int i = 0; i < b->order; i++)
-        b->R[i] = -b->R[i];
+        b->R[i] = -b->R[i];                             /* J X = -R(0) */
     balance_solve(b, b->R, 1);
-    balance_unpack(b, b->R, point->X);
+    balance_unpack(b, b->R, point->X);                 /* from X = 0 the first step is the answer */
     rc = balance_residual(b, point->X, false, err);
     point->residual = balance_relative_residual(b, point->X);
     if (rc == MODAL_OK && s->p->harmonics > 0) {
@@ -227,13 +260,13 @@ static enum modal_status points_of_all(struct steady *s, struct balance *b,
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < found->count; i++) {
-        rc = balance_set(b, b->omega, 1, err);
+        rc = balance_set(b, b->omega, 1, err);          /* the search left another level */
         if (rc == MODAL_OK)
-            rc = steady_point_take(s, b, found->X[i], &points[*count], err);
+            rc = steady_point_of(s, b, found->X[i], &points[*count], err);
         if (rc != MODAL_OK)
             break;
         points[*count].method = method;
-        points[*count].attempts = 1;
+        points[*count].attempts = 1;                    /* of each, from a start of its own */
         rc = estimate_errors(s, b, &points[(*count)++], err);
     }
     return rc;
@@ -278,7 +311,7 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
     steady_allow_work(s);
     while (H / 2 >= H_SEARCH && H / 2 > 2 * load
            && SEARCHES * steady_factor_work(s, H) > s->budget.most)
-        H /= 2;
+        H /= 2;                                      /* cheaper by eight where the matrix is full */
     same = H == b->H || s->opt.samples > 0;
     if (X != NULL)
         solutions_add(found, b, X);
@@ -292,6 +325,7 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
         rc = solutions_from_starts(few, &opt, same ? found : &coarse, err);
     if (rc == MODAL_OK && !same)
         rc = widen_all(s, few, &coarse, b, found, err);
+    /* A search at the balance's own order has nothing to carry on. */
     solutions_done(&coarse);
     return rc;
 }
@@ -318,6 +352,7 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     if (rc == MODAL_OK)
         rc = search(s, b, list[0].converged ? list[0].X : NULL, &found, err);
     if (rc == MODAL_OK && found.count > 0) {
+        /* The first way that led to any of them names all. */
         const char *method = list[0].converged ? list[0].method : "multi-start";
 
         struct budget work = list[0].work;
@@ -353,30 +388,30 @@ static enum modal_status give_best(struct steady *s, struct steady_point *best,
     struct balance *b;
     enum modal_status rc = steady_balance(s, best->H, &b, err);
 
-    *point = *best;
+    *point = *best;                                     /* motion, flags and errors */
     point->converged = false;
-    point->fewer = true;
+    point->fewer = true;                  /* its errors are known, though there is no proof of it */
     point->reason = "it closes with the harmonics given, but not with more";
     point->iterations = last.iterations;
     point->attempts = last.attempts;
     point->ffts = last.ffts;
     point->evaluations = last.evaluations;
     *best = last;
-    best->evaluations = NULL;
+    best->evaluations = NULL;                           /* the point's, as its counts are */
     return rc == MODAL_OK ? balance_set(b, point->omega, 1, err)
         : rc;         /* recovery at this H */
 }
 
-/* Whether H is the last order that is tried, and if work is what stops it, *SHORT. */
+/* Whether H is the last order that is tried, and if work is what stops it, *WANTING. */
 static bool last_order(const struct steady *s, int H, int most, double spent, bool *wanting)
 {
     double order = (double)condense_kept(s->c) * (4.0 * H + 1);
     bool full = condense_pattern(s->c)->full;
 
     /* Some steps, or what it cost and more. */
-    double next = full ? FEW * steady_factor_work(s, 2 * H) : 4 * spent;
+    double next = full ? STEPS_NEXT * steady_factor_work(s, 2 * H) : COST_NEXT * spent;
 
-    *wanting = s->budget.spent + next > s->budget.most
+    *wanting = s->budget.spent + next > s->budget.most  /* what the target still asks for */
         || (full && order > ORDER_AUTO_MOST);
     return H >= most || *wanting || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
 }
@@ -390,26 +425,28 @@ static enum modal_status solve_to_target(struct steady *s, double omega,
                                          struct steady_point *point, struct modal_error *err)
 {
     double target = steady_target(s);
-    int load = condense_highest_load(s->c), H = 2 * load + 1 > 8 ? 2 * load + 1 : 8,
+    int load = condense_highest_load(s->c), H = 2 * load + 1 > H_LEAST ? 2 * load + 1 : H_LEAST,
         most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
     struct steady_point best = { 0 };
     int failed = 0;
     enum modal_status rc = MODAL_OK;
 
     for (bool last = false; rc == MODAL_OK && !last; H = 2 * H < most ? 2 * H : most) {
+        /* from the best so far, not the start given */
         struct steady_start next = { best.q, best.H, best.X };
         double before = s->budget.spent;
 
+        /* no ways round from a motion that is near */
         s->brief = best.attempts > 0 && condense_kept(s->c) * (2 * H + 1) > ORDER_FAILED;
         rc = solve_at(s, H, omega, best.converged ? &next : start, point, err);
         s->brief = false;
         if (rc != MODAL_OK)
             break;
-        failed = point->converged ? 0 : failed + 1;
-        last = (point->converged && point->error <= target * point->amplitude)
+        failed = point->converged ? 0 : failed + 1;     /* in a row */
+        last = (point->converged && point->error <= target * point->amplitude)  /* (1) */
             || (failed >= FAILED_MOST && condense_kept(s->c) * (4 * H + 1) > ORDER_FAILED)
             || last_order(s, H, most, s->budget.spent - before, &point->wanting);
-        best.attempts = point->attempts;
+        best.attempts = point->attempts;                /* counted over all orders */
         if (point->converged && !last)
             rc = point_copy(point, &best, err);
         if (rc == MODAL_OK && last && !point->converged && best.converged)
@@ -424,18 +461,21 @@ static enum modal_status solve_to_target(struct steady *s, double omega,
 static enum modal_status solve_by_marching(struct steady *s, double omega,
                                            struct steady_point *point, struct modal_error *err)
 {
+    /* In the order of enum steady_method, from STEADY_RK4 on. */
     static const char *const names[] = { "rk4", "adaptive", "shooting" };
-    int which = s->opt.method - STEADY_RK4, N = s->opt.samples > 0 ? s->opt.samples : 512;
+    int which = s->opt.method - STEADY_RK4, N = s->opt.samples > 0 ? s->opt.samples : MARCH_SAMPLES;
     int H = s->opt.harmonics > 0 ? s->opt.harmonics
-            : (N - 1) / 2 < 256  ? (N - 1) / 2
-                                 : 256,
+            : (N - 1) / 2 < MARCH_HARMONICS ? (N - 1) / 2
+                                            : MARCH_HARMONICS,
         q = condense_kept(s->c);
     double target = steady_target(s);
     struct march_options opt = { .method = (enum march_method)which,
                                  .samples = N,
-                                 .periodic = target / 10,
+                                 .periodic = target / PERIODIC,
                                  .cancelled = s->opt.cancelled,
-                                 .tolerance = s->opt.tolerance > 1e-11 ? s->opt.tolerance : target,
+                                 .tolerance = s->opt.tolerance > TOLERANCE_OF_STEPS
+                                                  ? s->opt.tolerance
+                                                  : target,
                                  .context = s->opt.context };
     struct march_report report;
     struct orbit_grid *g = NULL;
@@ -471,7 +511,7 @@ static enum modal_status solve_by_marching(struct steady *s, double omega,
         point->error = point->truncation = point->sampling = point->solver = NAN;
         for (int l = 0; l < point->laws; l++) {
             point->evaluations[l] = report.evaluations;
-            point->acts[l] = true;
+            point->acts[l] = true;                      /* not told apart in time */
         }
     }
     free(x);
@@ -479,6 +519,7 @@ static enum modal_status solve_by_marching(struct steady *s, double omega,
     return rc;
 }
 
+/* The method that options and laws choose. */
 static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start,
                                    struct steady_point *point, struct modal_error *err)
 {
@@ -488,6 +529,7 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
         return solve_linear(s, omega, point, err);
     if (s->opt.method >= STEADY_RK4)
         return solve_by_marching(s, omega, point, err);
+    /* More harmonics than a quarter of the cycle's samples are not in them. */
     if (s->jumps && s->opt.method == STEADY_AUTO && cycle_takes(s->p)
         && s->opt.harmonics < CYCLE_SAMPLES / 4)
         rc = solve_by_cycle(s, omega, start, point, err);
@@ -498,7 +540,7 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
 }
 
 /* Every dof kept: the linear ones, held at the kept, resonate. */
-static enum modal_status keep_all(struct steady *s, struct modal_error *err)
+static enum modal_status condense_nothing(struct steady *s, struct modal_error *err)
 {
     struct condense *all;
     bool sparse = sparse_pays(s->p, &s->opt, s->p->n);
@@ -508,7 +550,7 @@ static enum modal_status keep_all(struct steady *s, struct modal_error *err)
         return rc;
     for (int i = 0; i < s->balances; i++)
         balance_free(s->balance[i]);
-    s->balances = 0;
+    s->balances = 0;                                    /* they were of the other kept dofs */
     condense_free(s->c);
     s->c = all;
     return MODAL_OK;
@@ -541,10 +583,11 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
         return modal_fail_field(err, MODAL_BAD_INPUT, "omega",
                                 "omega is %g; accepted: finite and > 0", omega);
     rc = solve_any(s, omega, start, point, &singular);
+    /* Condensation failed: L_rr of condense.h, (2), is singular at some harmonic. */
     if (rc == MODAL_NO_CONVERGENCE && s->linear && s->p->harmonics == 0)
         rc = no_linear_answer(s, point, err);
     else if (rc == MODAL_NO_CONVERGENCE && condense_kept(s->c) < s->p->n) {
-        rc = keep_all(s, err);
+        rc = condense_nothing(s, err);
         if (rc == MODAL_OK)
             rc = solve_any(s, omega, NULL, point, err);
     } else if (rc != MODAL_OK && err != NULL)

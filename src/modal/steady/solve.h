@@ -1,4 +1,15 @@
-/* solve.h - one steady state of a program: the method chosen, tried, and its errors estimated */
+/* solve.h - one steady state of a program: the method chosen, tried, and its errors estimated
+ *
+ * Of a program (program.h), M x'' + C x' + K x + sum_l B_l f_l = p(t), p of period 2 pi / omega,
+ * the motion
+ *
+ *     x(t) = Re sum_{k=0..H} X_k e^{i k omega t},   X_0 real,                                   (1)
+ *
+ * that balances harmonics 0 .. H of it, [CG89] (4).  A session serves many frequencies and starts
+ * of one program: it keeps what they share, the linear part (condense.h) and a balance for each
+ * order.  What it answers at a frequency is a point (point.h), with errors (estimate.h).
+ *
+ * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154. */
 #ifndef MODAL_SOLVE_H
 #define MODAL_SOLVE_H
 #include "modal/steady/point.h"
@@ -7,6 +18,7 @@
  * excitation), MODAL_TOO_LARGE, MODAL_NO_MEMORY. */
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt,
                              struct steady **out, struct modal_error *err);
+/* Frees S and all that it made; points are done with before.  NULL is none. */
 void steady_free(struct steady *s);
 
 /*

@@ -4,6 +4,14 @@
  * The multipliers are the eigenvalues of the monodromy matrix (monodromy.h), its steps doubled
  * until they settle.  A linear scene has its own whatever the motion, and a motion followed from
  * event to event comes with them.
+ *
+ * A multiplier rho is of modulus 1 where ||rho| - 1| is below its error.  With error e_m the change
+ * of the multipliers at the m-th doubling of the steps, doubling ends when
+ *
+ *     e_m <= max(SETTLED, 16 eps steps) max(1, |rho_1|)   or   e_m > e_{m-1} / 2,               (1)
+ *
+ * settled, or rounding.  Work is 30 order^3 a step, bounded: a scene whose map costs more has no
+ * verdict, one whose second map does has a verdict without its error.
  */
 #include "modal/steady/stability.h"
 #include <float.h>
@@ -14,11 +22,33 @@
 #include "modal/scene/floquet.h"
 #include "modal/steady/monodromy.h"
 
-static const double TWO_PI = 6.283185307179586477, ON_CIRCLE = 1e-8, SETTLED = 2e-11,
-    WORK_MOST = 6e10, WORK_AGAIN = 1e10;
-enum { STEPS_FIRST = 32, STEPS_MOST = 16384,
-       STATES_STIFF = 100 };   /* STIFF: the most that may take many steps */
+static const double TWO_PI = 6.283185307179586477;
+/* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */
+static const double ON_CIRCLE = 1e-8;
+/* So many estimated errors of the multipliers count as one: the estimate is of the last
+ * doubling. */
+static const double ERRORS = 10;
+/* The change at a doubling that says the multipliers have settled, for one near 1. */
+static const double SETTLED = 2e-11;
+/* Rounding of a product of maps, in units of the last place a step. */
+static const double ROUNDING = 16;
+/* A doubling that does not halve the change has met rounding: the method is of the sixth order. */
+static const double STALLS = 0.5;
+/* Operations of the first map, without which there is no answer, and of those that only tell its
+ * error: a minute and ten seconds at 1e9 a second. */
+static const double WORK_MOST = 6e10;
+static const double WORK_AGAIN = 1e10;
+/* Products of order^3 in a step: its exponential, its commutators. */
+static const double PRODUCTS = 30;
+enum {
+    STEPS_FIRST = 32,
+    STEPS_RESOLVE = 512,    /* up to which steps resolve the motion's harmonics, two each */
+    STEPS_MOST = 16384,
+    ROOM_TO_DOUBLE = 4,     /* of the steps, left for the errors' sake */
+    STATES_STIFF = 100      /* the most that may take many steps */
+};
 
+/* qsort: |.| descending. */
 static int by_size(const void *a, const void *b)
 {
     double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
@@ -26,6 +56,7 @@ static int by_size(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
+/* The multipliers: eigenvalues of the map. */
 static enum modal_status eigenvalues(struct monodromy *m, double complex *out,
                                      struct modal_error *err)
 {
@@ -52,9 +83,10 @@ static enum modal_status eigenvalues(struct monodromy *m, double complex *out,
 /* Whether more steps are of no use: the multipliers are as exact as they get. */
 static bool has_settled(const struct stability *out, int steps, double last)
 {
-    double rounding = fmax(SETTLED, 16 * DBL_EPSILON * steps) * fmax(1, cabs(out->multiplier[0]));
+    double rounding =
+        fmax(SETTLED, ROUNDING * DBL_EPSILON * steps) * fmax(1, cabs(out->multiplier[0]));
 
-    return out->error <= rounding || out->error > 0.5 * last;
+    return out->error <= rounding || out->error > STALLS * last;
 }
 
 /* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A
@@ -62,17 +94,19 @@ static bool has_settled(const struct stability *out, int steps, double last)
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
     double complex *before = calloc((size_t)m->order + 1, sizeof *before);
-    double each = 30 * pow(m->order, 3), last = HUGE_VAL;
+    double each = PRODUCTS * pow(m->order, 3), last = HUGE_VAL;
     int steps = STEPS_FIRST, passes = 0;             /* one alone says nothing of its error */
     enum modal_status rc =
         before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
 
-    while ((steps < 2 * m->point->H && steps < 512)
-           || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / 4))
+    while ((steps < 2 * m->point->H && steps < STEPS_RESOLVE)
+           || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / ROOM_TO_DOUBLE))
         steps *= 2;
     for (; rc == MODAL_OK; steps *= 2) {
         double most = passes > 0 || m->order > STATES_STIFF ? WORK_AGAIN : WORK_MOST;
 
+        /* A cut of constant A costs one exponential; a step of a varying one three matrices
+         * more. */
         if (each * (m->cuts + (m->varies ? 3.0 * steps : 0)) > most) {
             m->reason = passes == 0 ? "too many states and steps for the monodromy matrix"
                 : m->reason;
@@ -81,6 +115,7 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
         rc = monodromy_around(m, steps, err);
         /* steps too long for a stiff dof */
         if (rc == MODAL_OK && m->reason == NULL && !monodromy_is_finite(m)) {
+            /* a stiff dof wants shorter ones */
             m->reason = m->varies && steps < STEPS_MOST ? NULL : "the disturbances overflow";
             passes = 0;
             if (m->reason == NULL)
@@ -89,9 +124,11 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
         if (rc != MODAL_OK || m->reason != NULL
             || (rc = eigenvalues(m, out->multiplier, err)) != MODAL_OK)
             break;
-        out->error = passes++ > 0 || !m->varies ? 0 : NAN;
+        out->error = passes++ > 0 || !m->varies ? 0 : NAN;  /* one pass says nothing of its error */
         for (int i = 0; passes > 1 && i < m->order; i++)
+            /* the change at this doubling */
             out->error = fmax(out->error, cabs(out->multiplier[i] - before[i]));
+        /* both are sorted by size */
         memcpy(before, out->multiplier, (size_t)m->order * sizeof *before);
         if (!m->varies || steps >= STEPS_MOST || (passes > 1 && has_settled(out, steps, last)))
             break;
@@ -104,7 +141,8 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
 /* The verdict from the multipliers found, |.| descending. */
 static void judge(struct stability *out)
 {
-    double margin = fmax(ON_CIRCLE, 10 * out->error);
+    /* A multiplier is told from 1 by no less than its own error. */
+    double margin = fmax(ON_CIRCLE, ERRORS * out->error);
 
     out->largest = cabs(out->multiplier[0]);
     out->verdict = fabs(out->largest - 1) <= margin ? STABILITY_UNDECIDED
@@ -122,7 +160,7 @@ static enum modal_status linear_stability(const struct program *p, double omega,
     enum modal_status rc;
 
     linear.omega = omega;
-    linear.period = TWO_PI / omega;
+    linear.period = TWO_PI / omega;           /* of the loads: multipliers are over one of theirs */
     rc = floquet(&linear, NULL, &f, &why);
     if (rc != MODAL_OK) {
         out->reason = rc == MODAL_OVERFLOW ? "the disturbances overflow"

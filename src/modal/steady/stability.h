@@ -29,13 +29,16 @@ struct stability {
     const char *reason;               /* STABILITY_UNKNOWN: why */
 };
 
+/* States of which a dense map is made and its eigenvalues found: some seconds. */
+enum { STABILITY_STATES_MOST = 400 };
+
 /*
  * Of POINT, converged, of session S.  UNDECIDED: a multiplier on the unit circle to within 1e-8 or
  * the error.  UNKNOWN is an answer: more than STATES_MOST states, a singular mass, a motion with
  * jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law does.
  */
-enum { STABILITY_STATES_MOST = 400 };
 enum modal_status stability_of(struct steady *s, const struct steady_point *point,
                                struct stability *out, struct modal_error *err);
+/* Frees what S holds, and makes it 0. */
 void stability_done(struct stability *s);
 #endif

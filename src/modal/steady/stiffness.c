@@ -1,4 +1,14 @@
-/* stiffness.c - see stiffness.h: LAPACK where every dof acts on every other, sparse factors else */
+/*
+ * stiffness.c - see stiffness.h
+ *
+ * S_k of (2) of condense.h, k = 0 .. H, each factored when it is first asked for: direct iteration
+ * asks for all, a short matrix of Newton's method for those past HJ, Newton's whole one for none.
+ * LAPACK's LU where every dof acts on every other, sparse factors (sparse_lu.h) else, of one
+ * pattern for all k.  |S_k^-1| is bounded by Gershgorin's circles: with d_i = |S_ii| - sum_j
+ * |S_ij|,
+ *
+ *     |S_k^-1| <= 1 / min_i d_i   in the norm of rows,   where every d_i > 0.                   (1)
+ */
 #include "modal/steady/stiffness.h"
 #include <float.h>
 #include <lapacke.h>
@@ -7,14 +17,19 @@
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
 
+/* A pivot below so many roundings of the largest entry may be 0. */
+static const double PIVOT = 16;
+
+/* What is known of one harmonic's factors. */
 enum made { NOT_YET, SINGULAR, FACTORED };
 
+/* The matrices of one frequency, and their factors as far as they were asked for. */
 struct stiffness {
     const struct pattern *pattern;
-    const double complex *S;
+    const double complex *S;                            /* borrowed: the balance's */
     int q, H;
     double complex *LU, *scratch;     /* full: q x q for each k; q */
-    int *pivot;
+    int *pivot;                       /* full: q for each k */
     struct sparse_lu **factors;       /* sparse: for each k */
     enum made *made;
 };
@@ -61,9 +76,10 @@ void stiffness_free(struct stiffness *s)
 void stiffness_set(struct stiffness *s, const double complex *S)
 {
     s->S = S;
-    memset(s->made, 0, ((size_t)s->H + 1) * sizeof *s->made);
+    memset(s->made, 0, ((size_t)s->H + 1) * sizeof *s->made);  /* NOT_YET */
 }
 
+/* LU of S_k; false where its least pivot is rounding of its largest entry. */
 static bool factor_full(struct stiffness *s, int k)
 {
     int q = s->q;
@@ -71,16 +87,17 @@ static bool factor_full(struct stiffness *s, int k)
     double complex *A = s->LU + (size_t)k * size;
     double scale = 0, least = HUGE_VAL;
 
-    memcpy(A, s->S + (size_t)k * size, size * sizeof *A);
+    memcpy(A, s->S + (size_t)k * size, size * sizeof *A);  /* S itself is multiplied by later */
     for (size_t i = 0; i < size; i++)
         scale = fmax(scale, cabs(A[i]));
     if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, q, q, A, q, s->pivot + (size_t)k * (size_t)q) != 0)
         return false;
     for (int i = 0; i < q; i++)
         least = fmin(least, cabs(A[(size_t)i * ((size_t)q + 1)]));
-    return least > 16 * DBL_EPSILON * scale;
+    return least > PIVOT * DBL_EPSILON * scale;
 }
 
+/* The same of a sparse S_k; the order of elimination is that of its pattern. */
 static bool factor_sparse(struct stiffness *s, int k)
 {
     const struct pattern *p = s->pattern;
@@ -95,11 +112,12 @@ bool stiffness_solve(struct stiffness *s, int k, double complex *y)
 {
     int q = s->q;
 
-    if (q == 1 && s->S[k] != 0) {
+    if (q == 1 && s->S[k] != 0) {                       /* a number: nothing to factor */
         *y /= s->S[k];
         return true;
     }
     if (s->made[k] == NOT_YET)
+        /* kept until another S is set */
         s->made[k] = (s->pattern->full ? factor_full : factor_sparse)(s, k) ? FACTORED : SINGULAR;
     if (s->made[k] == SINGULAR)
         return false;
@@ -107,7 +125,7 @@ bool stiffness_solve(struct stiffness *s, int k, double complex *y)
         LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', q, 1, s->LU + (size_t)k * (size_t)q * (size_t)q,
                             q, s->pivot + (size_t)k * (size_t)q, y, q);
     else {
-        memcpy(s->scratch, y, (size_t)q * sizeof *y);
+        memcpy(s->scratch, y, (size_t)q * sizeof *y);   /* sparse_lu_solve wants two places */
         sparse_lu_solve(s->factors[k], s->scratch, y);
     }
     return true;
@@ -119,7 +137,7 @@ void stiffness_multiply_add(const struct pattern *p, const double complex *S, in
     const double complex *value = S + (size_t)k * (size_t)pattern_entries(p);
 
     if (p->q == 1) {
-        y[0] += value[0] * x[0];
+        y[0] += value[0] * x[0];                        /* one dof: its index is not looked up */
         return;
     }
     for (int j = 0; j < p->q; j++)
@@ -136,9 +154,10 @@ double stiffness_least(const struct pattern *p, const double complex *S, int k)
         return p->q == 1 ? cabs(value[0]) : 0;
     for (int j = 0; j < p->q; j++)
         for (int e = p->start[j]; e < p->start[j + 1]; e++)
+            /* Gershgorin: the diagonal over the row's rest */
             exceeds[p->index[e]] += p->index[e] == j ? cabs(value[e]) : -cabs(value[e]);
     for (int i = 0; i < p->q; i++)
-        least = fmin(least, exceeds[i]);
+        least = fmin(least, exceeds[i]);                /* (1) */
     free(exceeds);
     return least;
 }

@@ -9,6 +9,7 @@ struct stiffness;
 /* For S as condense_at gives it: S[k entries + e] at entry e of PATTERN (borrowed), k = 0 .. H. */
 enum modal_status stiffness_new(const struct pattern *pattern, int H, struct stiffness **out,
                                 struct modal_error *err);
+/* Frees S and its factors; NULL is none. */
 void stiffness_free(struct stiffness *s);
 /* S (borrowed until the next) is another: its factors are made anew. */
 void stiffness_set(struct stiffness *s, const double complex *S);

@@ -12,6 +12,15 @@
  * that of rest and near (1): either is followed to level 1, each from the last.  Direct iteration
  * goes first only where its gain, slope max |S_k^-1|, is below GAIN_DIRECT.
  *
+ * A ramp scales p by a level e^a, a from log LEVEL_LOW or log LEVEL_HIGH to 0, and begins each
+ * level at the last one's X.  With a changed by s a motion in proportion to its load changes by e^s
+ * - 1 of itself; one that changes by LEAP times that is on another branch, and the step is taken
+ * again, shorter.
+ *
+ * To many harmonics the way is gone with few first: H_ROUGH, three times as many, and so on,
+ * roughly, each the start of the next.  A short matrix is small in the cube, and what it leaves out
+ * is small.
+ *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
 #include "modal/steady/ways.h"
@@ -21,9 +30,41 @@
 #include "modal/steady/iterate.h"
 #include "modal/steady/solutions.h"
 
-enum { LEVELS_MOST = 60, ITERATIONS_NEAR = 4, H_ROUGH = 5, ORDER_SMALL = 60, H_FEW = 12 };
-static const double GAIN_DIRECT = 0.3, LEVEL_LOW = 1e-3, LEVEL_HIGH = 1e3, ROUGH = 1e-2, HALF = 0.5,
-                    ROUGHER = 5, ON_THE_WAY = 1e-3;
+enum {
+    LEVELS_MOST = 60,       /* of a ramp, those that failed included */
+    ITERATIONS_NEAR = 4,    /* that Newton's method takes from rest where laws are weak */
+    H_ROUGH = 5,            /* the fewest harmonics that a start is sought with */
+    H_TIMES = 3,            /* from one order of these to the next */
+    ORDER_SMALL = 60,       /* unknowns up to which Newton's method costs less than a gain */
+    H_FEW = 12,             /* up to which fewer harmonics are too few to be a way */
+    QUICK = 6,              /* iterations below which the step of a ramp grows */
+    DIRECT_MOST = 1000,     /* iterations of the direct method, asked for; by its gain it needs
+                             * fewer */
+    DIRECT_BY_GAIN = 60,
+    STEPS_OF_RAMP = 8       /* the first, of log(level) */
+};
+/* The gain below which direct iteration gains half a digit a step: no slower than factoring. */
+static const double GAIN_DIRECT = 0.3;
+/* Levels of the loads at which a ramp sets out: laws that are nearly linear about rest, or nearly
+ * lost beside the loads. */
+static const double LEVEL_LOW = 1e-3;
+static const double LEVEL_HIGH = 1e3;
+/* The relative tolerance of a level on the way: the next begins further from its own solution. */
+static const double ON_THE_WAY = 1e-3;
+/* What the step of log(level) is multiplied by after a quick solution and after a failure. */
+static const double GROW = 1.6;
+static const double SHRINK = 0.4;
+/* A step of log(level) this short has met a fold; a level this near 1, in its logarithm, is 1. */
+static const double STEP_LEAST = 1e-4;
+static const double ARRIVED = 1e-9;
+/* A motion changes with its load in proportion; several times as much is another branch. */
+static const double LEAP = 3;
+/* The relative tolerance of the first, fewest harmonics; each order later is solved so many times
+ * better, as harmonics fall that left out of it matter less. */
+static const double ROUGH = 1e-2;
+static const double ROUGHER = 5;
+/* Laws left out are a start where they leave less than half of the residual of rest. */
+static const double HALF_LEFT = 0.5;
 
 /* One attempt's best iterate, kept if it is better than what POINT has. */
 static void record(const struct balance *b, const double complex *X, const struct iterate_report *r,
@@ -41,6 +82,7 @@ static void record(const struct balance *b, const double complex *X, const struc
     memcpy(point->X, X, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
 }
 
+/* Newton's method from X, which becomes its last iterate. */
 static enum modal_status try_newton(struct steady *s, struct balance *b, const char *method,
                                     double complex *X, struct steady_point *point,
                                     struct modal_error *err)
@@ -54,6 +96,7 @@ static enum modal_status try_newton(struct steady *s, struct balance *b, const c
     return rc;
 }
 
+/* Direct iteration, [CG89] (7), from X. */
 static enum modal_status try_direct(struct steady *s, struct balance *b, double complex *X,
                                     struct steady_point *point, struct modal_error *err)
 {
@@ -62,7 +105,7 @@ static enum modal_status try_direct(struct steady *s, struct balance *b, double 
     enum modal_status rc;
 
     opt.most = s->opt.max_iterations > 0        ? s->opt.max_iterations
-               : s->opt.method == STEADY_DIRECT ? 1000
+               : s->opt.method == STEADY_DIRECT ? DIRECT_MOST
                                                 : 60;
     rc = iterate_direct(b, &opt, X, &r, err);
     if (rc == MODAL_OK)
@@ -95,7 +138,7 @@ static bool leaps(const double complex *X, const double complex *good, size_t si
         far = fmax(far, cabs(X[i] - good[i]));
         scale = fmax(scale, cabs(good[i]));
     }
-    return far > 3 * expm1(fabs(step)) * scale;
+    return far > LEAP * expm1(fabs(step)) * scale;
 }
 
 /* From level FROM to 1, each from the last; the step of log(level) halves on failure and grows on
@@ -106,7 +149,7 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
     struct iterate_options opt = steady_iterate_options(s);
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
     double complex *good = calloc(size + 1, sizeof *good);
-    double at = log(from), step = -at / 8, level_done = NAN;
+    double at = log(from), step = -at / STEPS_OF_RAMP, level_done = NAN;
     struct iterate_report r;
     enum modal_status rc = MODAL_OK;
 
@@ -119,28 +162,29 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
             laws_left_out(b, X);
     }
     for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
-        balance_set_level(b, exp(at));
-        opt.rough = at != 0 && !b->pattern->full;
+        balance_set_level(b, exp(at));                  /* p scaled */
+        opt.rough = at != 0 && !b->pattern->full;       /* on the way nothing is an answer */
         opt.tolerance = opt.rough ? ON_THE_WAY : s->opt.tolerance;
         if ((rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
             break;
         point->iterations += r.iterations;
         if (r.converged && !isnan(level_done) && leaps(X, good, size, at - level_done))
-            r.converged = false;
+            r.converged = false;                        /* the branch followed lies nearer */
         if (r.converged) {
             level_done = at;
             if (at == 0)
                 break;
             memcpy(good, X, size * sizeof *X);
-            step *= r.iterations < 6 ? 1.6 : 1;
+            step *= r.iterations < QUICK ? GROW : 1;
         } else {
-            if (isnan(level_done) || fabs(step) < 1e-4)
+            /* the first level failed: no branch to follow */
+            if (isnan(level_done) || fabs(step) < STEP_LEAST)
                 break;
-            step *= 0.4;
+            step *= SHRINK;
             memcpy(X, good, size * sizeof *X);
         }
-        at = isnan(level_done) ? at : level_done + step;
-        if ((from < 1 ? at > 0 : at < 0) || fabs(at) < 1e-9)
+        at = isnan(level_done) ? at : level_done + step;  /* in the logarithm */
+        if ((from < 1 ? at > 0 : at < 0) || fabs(at) < ARRIVED)  /* past level 1 */
             at = 0;
     }
     if (rc == MODAL_OK)
@@ -184,7 +228,7 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
     if (low.X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     low.converged = false;
-    low.residual = -1;
+    low.residual = -1;                                  /* no iterate yet */
     rc = b->pattern->full ? MODAL_OK : ramp(s, b, LEVEL_LOW, X, &low, err);
     if (rc == MODAL_OK && !low.converged)
         rc = along_levels(s, b, X, &low, err);
@@ -213,7 +257,7 @@ static enum modal_status rough_guess(struct balance *b, const struct steady_star
         return MODAL_OK;
     laws_left_out(b, Y);
     rc = balance_residual(b, Y, false, err);
-    *known = rc == MODAL_OK && balance_relative_residual(b, Y) < HALF;
+    *known = rc == MODAL_OK && balance_relative_residual(b, Y) < HALF_LEFT;
     if (!*known)
         start_write(b, NULL, Y);
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
@@ -248,7 +292,7 @@ static enum modal_status rough_level(struct steady *s, const struct balance *b, 
         start = (struct steady_start) { few->q, H, Y };
         start_write(b, &start, X);
         point->iterations += r.iterations;
-        s->slope = aft_slope(few->aft);
+        s->slope = aft_slope(few->aft);               /* as good for the order of the next matrix */
         *ok = true;
     }
     free(Y);
@@ -270,7 +314,8 @@ enum modal_status ways_begin(struct steady *s, const struct balance *b, double o
     if (start != NULL || s->opt.method == STEADY_DIRECT || !s->exact || s->opt.by_differences
         || s->opt.cutoff > 0)
         return MODAL_OK;
-    for (; rc == MODAL_OK && ok && 2 * H <= b->H; H *= 3, tolerance /= ROUGHER, nothing = false)
+    for (; rc == MODAL_OK && ok && 2 * H <= b->H;
+         H *= H_TIMES, tolerance /= ROUGHER, nothing = false)
         rc = rough_level(s, b, H, omega, tolerance, nothing, X, point, &ok, err);
     return rc;
 }
@@ -303,19 +348,20 @@ static enum modal_status try_again(struct steady *s, struct balance *b, bool lef
 static enum modal_status fewer_harmonics(struct steady *s, struct balance *b, double complex *X,
                                          struct steady_point *point, struct modal_error *err)
 {
-    int H = b->H / 3 > condense_highest_load(s->c) ? b->H / 3 : condense_highest_load(s->c);
+    int H = b->H / H_TIMES > condense_highest_load(s->c) ? b->H / H_TIMES
+                                                         : condense_highest_load(s->c);
     struct balance *few;
     struct steady_point sub = { .residual = -1 };
     struct steady_start start;
     enum modal_status rc;
 
-    H = H < 5 ? 5 : H;
+    H = H < H_ROUGH ? H_ROUGH : H;
     if (H >= b->H || s->opt.samples > 0)
         return MODAL_OK;
     rc = steady_balance(s, H, &few, err);
     if (rc != MODAL_OK)
         return rc;
-    sub.X = calloc((size_t)few->q * ((size_t)H + 1) + 1, sizeof *sub.X);
+    sub.X = calloc((size_t)few->q * ((size_t)H + 1) + 1, sizeof *sub.X);  /* its best iterate */
     if (sub.X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     rc = ways_begin(s, few, b->omega, NULL, X, &sub, err);
@@ -346,10 +392,13 @@ struct attempt {
     bool ended;                         /* nothing is tried after this way */
 };
 
+/* The ways that are gone until one has converged. */
 static bool unsolved(const struct attempt *a) { return !a->point->converged; }
 
+/* Direct iteration is what was asked for. */
 static bool is_direct(const struct attempt *a) { return a->s->opt.method == STEADY_DIRECT; }
 
+/* From (1), or the start given. */
 static enum modal_status direct_alone(struct attempt *a, struct modal_error *err)
 {
     if (a->start == NULL)
@@ -365,6 +414,7 @@ static bool is_large(const struct attempt *a)
            && !a->s->opt.by_differences;
 }
 
+/* An overflow on the way is no failure of the job, but nothing else is tried. */
 static enum modal_status direct_by_gain(struct attempt *a, struct modal_error *err)
 {
     enum modal_status rc = try_gain(a->s, a->b, a->X, a->point, err);
@@ -373,6 +423,7 @@ static enum modal_status direct_by_gain(struct attempt *a, struct modal_error *e
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
+/* Its last residual is that of the answer, which need not be evaluated again. */
 static enum modal_status newton_near(struct attempt *a, struct modal_error *err)
 {
     enum modal_status rc = try_newton(a->s, a->b, "newton", a->X, a->point, err);
@@ -388,19 +439,23 @@ static bool may_have_leapt(const struct attempt *a)
         && a->point->iterations > ITERATIONS_NEAR;
 }
 
+/* Whatever converged, the branch of small loads is preferred. */
 static enum modal_status branch_from_low(struct attempt *a, struct modal_error *err)
 {
     a->s->current = false;
     return from_low(a->s, a->b, a->X, a->point, err);
 }
 
+/* Rest has been tried already where no start was given. */
 static bool had_start(const struct attempt *a) { return unsolved(a) && a->start != NULL; }
 
+/* X = 0: what was near led nowhere. */
 static enum modal_status newton_from_rest(struct attempt *a, struct modal_error *err)
 {
     return try_again(a->s, a->b, false, a->X, a->point, err);
 }
 
+/* From (1). */
 static enum modal_status newton_without_laws(struct attempt *a, struct modal_error *err)
 {
     return try_again(a->s, a->b, true, a->X, a->point, err);
@@ -412,26 +467,31 @@ static bool goes_round(const struct attempt *a)
     return unsolved(a) && !a->s->jumps && !a->s->brief;
 }
 
+/* Enough harmonics for a third of them to be a problem of its own. */
 static bool has_many_harmonics(const struct attempt *a)
 {
     return goes_round(a) && a->b->H > H_FEW;
 }
 
+/* A third of the harmonics, by all ways; then the rest from it. */
 static enum modal_status from_fewer(struct attempt *a, struct modal_error *err)
 {
     return fewer_harmonics(a->s, a->b, a->X, a->point, err);
 }
 
+/* Level by level from loads that leave the laws linear, */
 static enum modal_status ramp_up(struct attempt *a, struct modal_error *err)
 {
     return ramp(a->s, a->b, LEVEL_LOW, a->X, a->point, err);
 }
 
+/* from loads beside which the laws are lost, */
 static enum modal_status ramp_down(struct attempt *a, struct modal_error *err)
 {
     return ramp(a->s, a->b, LEVEL_HIGH, a->X, a->point, err);
 }
 
+/* and along the branch, around its folds (path.h). */
 static enum modal_status over_levels(struct attempt *a, struct modal_error *err)
 {
     return along_levels(a->s, a->b, a->X, a->point, err);

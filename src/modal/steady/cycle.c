@@ -64,7 +64,7 @@ enum {
     FIRST = 4,             /* periods before closures count: transients */
     LAWS_MOST = OFFSET_LAWS_MOST,
     NONE = -2,             /* no law is held so */
-    TRIES_MOST = 60000     /* steps; 600 periods of 100, the shortest that are followed */
+    TRIES_MOST = 60000     /* steps: CYCLE_PERIODS_MOST periods of 100 */
 };
 
 /* What budget.h counts.  An exponential is six products, a solve worth 4/3 of one and as a rule
@@ -521,7 +521,7 @@ static enum modal_status difference_multipliers(struct follow *f, struct cycle *
             rc = eigenvalues(f, out->multiplier, err);
         *known = rc == MODAL_OK;
         rc = rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
-        /* the map is asked from the motion itself each time */
+        /* the motion, and what acted on it, as before they were disturbed */
         memcpy(f->y, y, (size_t)f->N * sizeof *y);
         memcpy(f->acts, acts, (size_t)f->laws * sizeof *acts);
     }

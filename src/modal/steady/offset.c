@@ -136,7 +136,7 @@ static void descend(const struct ports *p, struct held *h, int N)
         for (int i = 0; i < h->count; i++) {
             double step = allowed(p, h, N, i, -h->d[i]);  /* all the way to zero, or less */
 
-            h->d[i] += step;
+            h->d[i] += step;                             /* nearer to zero */
             h->moved[i] += step;
             for (int k = 0; k < h->count; k++) {
                 double change =

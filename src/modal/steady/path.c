@@ -275,6 +275,7 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
         }
         last = step;
     }
+    /* The factors are those of the last correction, nearer the branch than the tangent needs. */
     if (rc == MODAL_OK && *ok) {
         memset(p->x, 0, (size_t)m * sizeof *p->x);
         p->x[n] = 1;                                    /* (1) with e_last: the tangent */

@@ -88,7 +88,6 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
             *out = s->balance[i];
             return MODAL_OK;
         }
-    /* Room for a new one. */
     if (s->balances == BALANCES) {
         /* the oldest; orders grow, and are asked for again from the last */
         balance_free(s->balance[0]);

@@ -81,7 +81,6 @@ bool solutions_add(struct solutions *s, const struct balance *b, const double co
 
         for (size_t e = 0; e < n; e++)
             far = fmax(far, cabs(X[e] - s->X[i][e]));
-        /* known */
         if (far <= fmax(NOTHING, SAME * fmax(size, largest(s->X[i], n))))  /* known already */
             return false;
     }

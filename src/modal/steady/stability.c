@@ -105,8 +105,8 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
     for (; rc == MODAL_OK; steps *= 2) {
         double most = passes > 0 || m->order > STATES_STIFF ? WORK_AGAIN : WORK_MOST;
 
-        /* A cut of constant A costs one exponential; a step of a varying one three matrices
-         * more. */
+        /* One exponential a cut, and of a varying A three matrices a step; the first map alone may
+         * cost WORK_MOST, as without it there is no verdict. */
         if (each * (m->cuts + (m->varies ? 3.0 * steps : 0)) > most) {
             m->reason = passes == 0 ? "too many states and steps for the monodromy matrix"
                 : m->reason;

@@ -86,7 +86,8 @@ uint32_t crc32c_join(uint32_t first, uint32_t second, uint64_t length)
 #if defined(__x86_64__)
 #include <nmmintrin.h>
 
-enum { LANE = 4096 };                          /* bytes */
+/* Bytes: a page, over which the two products that join the lanes are paid for many times. */
+enum { LANE = 4096 };
 /* x^(8 LANE): what crc32c_join multiplies by; a test joins lanes */
 #define LANE_POWER 0x35d73a62u
 

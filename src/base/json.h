@@ -7,14 +7,17 @@
 #include <cjson/cJSON.h>
 #include "base/error.h"
 
-enum { JSON_DEPTH_MOST = 32 };
+enum {
+    JSON_DEPTH_MOST  = 32,    /* more than any document of ours; reading and deleting recurse */
+    JSON_NUMBER_MOST = 511,   /* characters; the largest double written out has 309 digits */
+};
 
 /*
  * Parse TEXT (LENGTH bytes, need not end in 0) into *OUT; the caller frees it with cJSON_Delete.
  * Refused with MODAL_BAD_INPUT, naming line and column: anything that is not one JSON value,
  * nesting past JSON_DEPTH_MOST, duplicate keys (err->field is the key's path), escapes in keys, NaN
- * and Infinity, numbers that overflow a double or have more than 511 characters, bytes that are not
- * UTF-8, half a surrogate pair, a zero byte or the escape of one.
+ * and Infinity, numbers that overflow a double or have more than JSON_NUMBER_MOST characters, bytes
+ * that are not UTF-8, half a surrogate pair, a zero byte or the escape of one.
  */
 enum modal_status json_read(const char *text, size_t length, cJSON **out, struct modal_error *err);
 
@@ -35,14 +38,19 @@ char *json_print(const cJSON *value);
 
 /*
  * A text written member by member, without a tree: for short documents of known members that are
- * written often. Starts as zeros; at the end `x` is the text (the caller's to free), or `failed`
+ * written often.  Starts as zeros; at the end `x` is the text (the caller's to free), or `failed`
  * says that memory ran out.  Commas are put where they belong; a KEY is written as it is, so it
- * must need no escape.  `open` begins an object, as the member KEY or, where that is NULL, as the
- * document or an element; `close` ends it.  A string of NULL is null.
+ * must need no escape.
  */
 struct json_text { char *x; size_t length, room; bool failed; };
+
+/* Begin an object, as the member KEY or, where that is NULL, as the document or an element; and
+ * end it. */
 void json_text_open(struct json_text *text, const char *key);
 void json_text_close(struct json_text *text);
+
+/* A member of the open object; of `key` the value follows by one of the calls below.  A string of
+ * NULL is null. */
 void json_text_key(struct json_text *text, const char *key);
 void json_text_string(struct json_text *text, const char *key, const char *value);
 void json_text_number(struct json_text *text, const char *key, double value);
@@ -67,7 +75,7 @@ enum modal_status json_keys(const cJSON *object, const char *base, const char *c
                             struct modal_error *err);
 
 /* Checked access: the member KEY of OBJECT into *OUT, which keeps its value (the default) where KEY
- * is absent. A wrong type or a value outside [low, high] is MODAL_BAD_INPUT with the path, the
+ * is absent.  A wrong type or a value outside [low, high] is MODAL_BAD_INPUT with the path, the
  * value and what is accepted. */
 enum modal_status json_get_number(const cJSON *object, const char *base, const char *key,
                                   double low, double high, double *out, struct modal_error *err);
@@ -91,8 +99,11 @@ enum modal_status json_get_numbers(const cJSON *object, const char *base, const 
                                    double low, double high, double **out, size_t *count,
                                    struct modal_error *err);
 
-/* Building results. */
-cJSON *json_complex(double re, double im);                 /* [re, im] */
+/* Building results, the caller's to delete: [re, im], and a list of COUNT numbers; one that is not
+ * finite is null. */
+cJSON *json_complex(double re, double im);
 cJSON *json_numbers(const double *x, size_t count);
-void json_set_number(cJSON *object, const char *key, double value);   /* non-finite: null */
+
+/* Add the member KEY to OBJECT: VALUE, or null where it is not finite. */
+void json_set_number(cJSON *object, const char *key, double value);
 #endif

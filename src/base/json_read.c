@@ -82,7 +82,7 @@ static enum modal_status no_memory(const struct scan *s)
 
 /* As malloc.  A header of the wire has an item for some 12 bytes, so that a block of eight times
  * its length mostly holds its tree. */
-static void *take(const struct scan *s, size_t size)
+static void *allocate(const struct scan *s, size_t size)
 {
     struct json_pool *pool;
     void *out;
@@ -116,7 +116,7 @@ void json_pool_free(struct json_pool *pool)
 /* A bare item of a cJSON type; NULL: no memory. */
 static cJSON *item_of(const struct scan *s, int type)
 {
-    cJSON *item = take(s, sizeof *item);
+    cJSON *item = allocate(s, sizeof *item);
 
     if (item != NULL) {
         memset(item, 0, sizeof *item);
@@ -127,7 +127,7 @@ static cJSON *item_of(const struct scan *s, int type)
 
 static char *text_of(const struct scan *s, const char *bytes, size_t length)
 {
-    char *text = take(s, length + 1);
+    char *text = allocate(s, length + 1);
 
     if (text != NULL) {
         memcpy(text, bytes, length);
@@ -310,7 +310,10 @@ static enum modal_status scan_number(struct scan *s, const char **end, bool *who
     return MODAL_OK;
 }
 
-/* Digits, at most 15 of them, with or without a sign: exact. */
+/* A whole number below 10^15 is below 2^53, so a double has it exactly. */
+enum { EXACT_DIGITS = 15 };
+
+/* Digits, at most EXACT_DIGITS with the sign: exact. */
 static double whole_number(const char *p, const char *end)
 {
     bool negative = *p == '-';
@@ -322,7 +325,7 @@ static double whole_number(const char *p, const char *end)
 }
 
 /* By strtod, which wants the point of the locale. */
-static double other_number(const char *p, size_t length, char text[512])
+static double other_number(const char *p, size_t length, char text[JSON_NUMBER_MOST + 1])
 {
     char *point;
 
@@ -337,7 +340,7 @@ static double other_number(const char *p, size_t length, char text[512])
 static enum modal_status read_number(struct scan *s, cJSON **out)
 {
     const char *end = s->at;
-    char text[512];
+    char text[JSON_NUMBER_MOST + 1];
     bool whole;
     double x;
     enum modal_status rc = scan_number(s, &end, &whole);
@@ -346,7 +349,7 @@ static enum modal_status read_number(struct scan *s, cJSON **out)
         return rc;
     if ((size_t)(end - s->at) >= sizeof text)
         return scan_fail(s, "a number of more than 511 characters");
-    x = whole && end - s->at <= 15 ? whole_number(s->at, end)
+    x = whole && end - s->at <= EXACT_DIGITS ? whole_number(s->at, end)
                                    : other_number(s->at, (size_t)(end - s->at), text);
     if (!isfinite(x))
         return scan_fail(s, "a number that overflows a double");
@@ -368,7 +371,7 @@ static int compare_keys(const void *a, const void *b)
     return order != 0 ? order : (x->length > y->length) - (x->length < y->length);
 }
 
-enum { FEW_KEYS = 16 };
+enum { FEW_KEYS = 16 };       /* nearly every object has no more; 120 comparisons at most */
 
 /* Whether two of a few keys are one; without sorting them, as nearly every object has few. */
 static bool any_twice(const struct key *keys, size_t count)
@@ -402,7 +405,7 @@ static enum modal_status check_duplicates(struct scan *s, struct key *keys, size
 /* The keys of one object; a few need no memory. */
 struct keys { struct key few[FEW_KEYS], *list; size_t count, room; };
 
-static enum modal_status keep_key(struct scan *s, struct keys *keys, struct key key)
+static enum modal_status add_key(struct scan *s, struct keys *keys, struct key key)
 {
     if (keys->count == keys->room) {
         bool first = keys->list == keys->few;
@@ -433,7 +436,7 @@ static enum modal_status scan_member(struct scan *s, struct keys *keys, cJSON *o
         return rc;
     if (escapes)                                   /* so that duplicates cannot hide */
         return scan_fail(s, "an escape in a key");
-    if ((rc = keep_key(s, keys, here.key)) != MODAL_OK)
+    if ((rc = add_key(s, keys, here.key)) != MODAL_OK)
         return rc;
     skip_space(s);
     if (s->at >= s->end || *s->at != ':')

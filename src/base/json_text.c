@@ -16,6 +16,10 @@
 
 enum { FIRST_ROOM = 448 };        /* most documents that are written often are smaller */
 
+/* Digits that a double always keeps, and that always tell it from its neighbours (DBL_DIG,
+ * DBL_DECIMAL_DIG). */
+enum { DIGITS_LEAST = 15, DIGITS_MOST = 17 };
+
 /* Where N bytes more and a zero byte may be written; NULL: no memory. */
 static char *room_for(struct json_text *t, size_t n)
 {
@@ -154,7 +158,7 @@ static void put_number(struct json_text *t, double x)
         put_thousandths(t, (int64_t)rint(1000 * x));
         return;
     }
-    for (int precision = 15; precision <= 17; precision++) {
+    for (int precision = DIGITS_LEAST; precision <= DIGITS_MOST; precision++) {
         n = snprintf(s, sizeof s, "%.*g", precision, x);
         if (strtod(s, NULL) == x)
             break;

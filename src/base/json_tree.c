@@ -25,8 +25,10 @@ const cJSON *json_member(const cJSON *object, const char *key)
     return child;
 }
 
-/* Of a table of keys that is told; letters of one that is compared. */
-enum { KEYS_MOST = 64, KEY_MOST = 64 };
+enum {
+    KEYS_MOST = 64,      /* of a table that is listed: twice the longest there is */
+    KEY_MOST  = 64,      /* letters of a key that is compared: no name of ours has more */
+};
 
 /* "a, b, c" of a NULL-terminated list. */
 static void list_words(char *out, size_t room, const char *const *words)

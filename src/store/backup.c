@@ -129,7 +129,7 @@ out:
     return rc;
 }
 
-static enum modal_status look_for_file(void *context, const struct input_record *input)
+static enum modal_status find_file(void *context, const struct input_record *input)
 {
     struct backup *backup = context;
     char path[PATH];
@@ -145,7 +145,7 @@ static enum modal_status look_for_file(void *context, const struct input_record 
 
 /* A stream's file grows: the copy has at least what it had when the ledger's was made, unless the
  * stream ended between. */
-static enum modal_status look_for_samples(void *context, const struct segment_record *segment)
+static enum modal_status find_samples(void *context, const struct segment_record *segment)
 {
     struct backup *backup = context;
     struct stat known;
@@ -160,8 +160,8 @@ static enum modal_status look_for_samples(void *context, const struct segment_re
 static enum modal_status find_missing(struct backup *backup)
 {
     struct ledger_visitor visitor = { .context = backup,
-                                      .input = look_for_file,
-                                      .segment = look_for_samples };
+                                      .input = find_file,
+                                      .segment = find_samples };
     struct ledger_reader *reader = NULL;
     enum modal_status rc = ledger_reader_open(backup->to, &reader, backup->err);
 

@@ -16,7 +16,11 @@
 #include "store/batch_h5.h"
 #include "store/file.h"
 
-enum { ATTRIBUTE_BYTES_MOST = 256 * 1024, ATTRIBUTES_MOST = 1000 };
+/* Of a file that states its own sizes: more than provenance needs, too little to harm. */
+enum {
+    ATTRIBUTE_BYTES_MOST = 256 * 1024,
+    ATTRIBUTES_MOST      = 1000,
+};
 
 /* --- attributes --- */
 

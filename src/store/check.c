@@ -40,8 +40,9 @@ struct check {
     unsigned char *block;
 };
 
-static void say(struct check *check, const char *format, ...) __attribute__((format(printf, 2, 3)));
-static void say(struct check *check, const char *format, ...)
+static void add_problem(struct check *check, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
+static void add_problem(struct check *check, const char *format, ...)
 {
     char line[5000];
     va_list arguments;
@@ -77,13 +78,14 @@ static bool sum(struct check *check, uint64_t offset, uint64_t length, uint32_t 
     for (uint64_t done = 0; done < length;) {
         size_t want = length - done < BLOCK ? (size_t)(length - done) : BLOCK, got = 0;
         if (file_read(check->fd, check->block, want, offset + done, &got, &err) != MODAL_OK) {
-            say(check, "input %" PRId64 ": %s", check->input->id, err.message);
+            add_problem(check, "input %" PRId64 ": %s", check->input->id, err.message);
             return false;
         }
         if (got == 0) {
-            say(check,
-                "input %" PRId64 ": its file ends at offset %" PRIu64 ", %" PRIu64 " bytes early",
-                check->input->id, offset + done, length - done);
+            add_problem(check,
+                        "input %" PRId64 ": its file ends at offset %" PRIu64 ", %" PRIu64
+                        " bytes early",
+                        check->input->id, offset + done, length - done);
             return false;
         }
         *crc = crc32c(*crc, check->block, got);
@@ -101,10 +103,10 @@ static enum modal_status check_chunk(void *context, const struct chunk_record *c
 
     check->report->chunks++;
     if (sum(check, at, chunk->length, &crc) && crc != chunk->crc)
-        say(check,
-            "input %" PRId64 ": the chunk at %" PRIu64 " (offset %" PRIu64 " of its file, %" PRIu64
-            " bytes) has the checksum %08x, not %08x",
-            check->input->id, chunk->offset, at, chunk->length, crc, chunk->crc);
+        add_problem(check,
+                    "input %" PRId64 ": the chunk at %" PRIu64 " (offset %" PRIu64
+                    " of its file, %" PRIu64 " bytes) has the checksum %08x, not %08x",
+                    check->input->id, chunk->offset, at, chunk->length, crc, chunk->crc);
     return MODAL_OK;
 }
 
@@ -123,23 +125,23 @@ static void check_file(struct check *check, const struct input_record *input)
         snprintf(path, sizeof path, "%s/spool/%" PRId64 ".h5", check->dir, input->id);
         if (input->state == INPUT_SEALED
             || file_open(path, O_RDONLY, 0, &check->fd, NULL) != MODAL_OK) {
-            say(check, "input %" PRId64 ": %s", input->id, err.message);
+            add_problem(check, "input %" PRId64 ": %s", input->id, err.message);
             return;
         }
     }
     check->place = input->offset;
     if (check->place == 0 && spool_offset(path, &input->shape, &check->place, &err) != MODAL_OK)
         /* of an upload that earlier versions began */
-        say(check, "input %" PRId64 ": %s", input->id, err.message);
+        add_problem(check, "input %" PRId64 ": %s", input->id, err.message);
     else if (ledger_read_chunks(check->reader, input->id, 0, UINT64_MAX, check_chunk, check,
                                 &err) != MODAL_OK)
-        say(check, "input %" PRId64 ": its chunks: %s", input->id, err.message);
+        add_problem(check, "input %" PRId64 ": its chunks: %s", input->id, err.message);
     if (input->state == INPUT_SEALED && check->report->problems == before
         && sum(check, input->offset, input_bytes(&input->shape), &crc) && crc != input->crc)
-        say(check,
-            "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64
-            " bytes) is %08x, not %08x",
-            input->id, path, input->offset, input_bytes(&input->shape), crc, input->crc);
+        add_problem(check,
+                    "input %" PRId64 ": %s: the checksum of its data (offset %" PRIu64 ", %" PRIu64
+                    " bytes) is %08x, not %08x",
+                    input->id, path, input->offset, input_bytes(&input->shape), crc, input->crc);
     close(check->fd);
 }
 
@@ -163,7 +165,7 @@ static enum modal_status check_input(void *context, const struct input_record *i
     if (!input->inline_data) {
         check_file(check, input);
     } else if (ledger_read_input(check->reader, input->id, &data, &length, &err) != MODAL_OK) {
-        say(check, "input %" PRId64 ": %s", input->id, err.message);
+        add_problem(check, "input %" PRId64 ": %s", input->id, err.message);
     } else {
         check->report->bytes += (int64_t)length;
         free(data);
@@ -196,12 +198,12 @@ static enum modal_status check_job(void *context, const struct job_record *job)
 
     check->report->jobs++;
     if (job->input != 0 && !job_state_final(job->state) && !known_input(check, job->input))
-        say(check, "job %" PRId64 " is %s, its input %" PRId64 " is not there", job->id,
-            job_states[job->state], job->input);
+        add_problem(check, "job %" PRId64 " is %s, its input %" PRId64 " is not there", job->id,
+                    job_states[job->state], job->input);
     if (job->result_bytes == 0)
         return MODAL_OK;
     if (ledger_read_result(check->reader, result_of(job), &data, &length, &err) != MODAL_OK) {
-        say(check, "job %" PRId64 ": %s", job->id, err.message);
+        add_problem(check, "job %" PRId64 ": %s", job->id, err.message);
         return MODAL_OK;
     }
     check->report->results++;
@@ -244,7 +246,7 @@ static enum modal_status check_segment(void *context, const struct segment_recor
 
     check->report->chunks++;
     if (!known_stream(check, segment->stream)) {
-        say(check, "stream %" PRId64 " has samples but is not there", segment->stream);
+        add_problem(check, "stream %" PRId64 " has samples but is not there", segment->stream);
         if (add_stream(check, segment->stream) != MODAL_OK)
             return MODAL_NO_MEMORY;
     }
@@ -255,13 +257,13 @@ static enum modal_status check_segment(void *context, const struct segment_recor
     samples_path(path, check->dir, segment->stream);
     check->of = segment->stream;
     if (segment->length > BLOCK)
-        say(check,
-            "stream %" PRId64 ": the samples at offset %" PRIu64 " are %" PRIu64
-            " bytes; at most %d were taken",
-            segment->stream, segment->offset, segment->length, BLOCK);
+        add_problem(check,
+                    "stream %" PRId64 ": the samples at offset %" PRIu64 " are %" PRIu64
+                    " bytes; at most %d were taken",
+                    segment->stream, segment->offset, segment->length, BLOCK);
     else if ((check->samples < 0 && file_open(path, O_RDONLY, 0, &check->samples, &err) != MODAL_OK)
              || samples_get(check->samples, segment, check->block, &err) != MODAL_OK)
-        say(check, "%s", err.message);
+        add_problem(check, "%s", err.message);
     else
         check->report->bytes += (int64_t)segment->length;
     return MODAL_OK;
@@ -291,7 +293,7 @@ static int integrity_row(void *context, int columns, char **values, char **title
 {
     (void)titles;
     if (columns > 0 && values[0] != NULL && strcmp(values[0], "ok") != 0)
-        say(context, "ledger.db: %s", values[0]);
+        add_problem(context, "ledger.db: %s", values[0]);
     return 0;
 }
 
@@ -301,12 +303,12 @@ static void check_structure(struct check *check)
     struct modal_error err;
 
     if (ledger_db_open(check->dir, false, &db, &err) != MODAL_OK) {
-        say(check, "%s", err.message);
+        add_problem(check, "%s", err.message);
         return;
     }
     if (sqlite3_exec(db, "PRAGMA integrity_check(100)", integrity_row, check, NULL) != SQLITE_OK) {
         ledger_db_fail(db, sqlite3_errcode(db), "integrity_check", &err);
-        say(check, "%s", err.message);
+        add_problem(check, "%s", err.message);
     }
     sqlite3_close(db);
 }
@@ -329,9 +331,11 @@ static enum modal_status check_pages(struct check *check, struct modal_error *er
          at += PAGE) {
         check->report->bytes += (int64_t)got;
         if (got < PAGE)
-            say(check, "ledger.db: the page at offset %" PRId64 " has only %zu bytes", at, got);
+            add_problem(check, "ledger.db: the page at offset %" PRId64 " has only %zu bytes", at,
+                        got);
         else if (!file_vfs_page_good(check->block, at))
-            say(check, "ledger.db: the page at offset %" PRId64 " has a wrong checksum", at);
+            add_problem(check, "ledger.db: the page at offset %" PRId64 " has a wrong checksum",
+                        at);
     }
     close(fd);
     return rc;
@@ -366,15 +370,15 @@ enum modal_status check_folder(const char *dir, void (*problem)(void *context, c
         goto out;
     }
     if (rc != MODAL_OK) {
-        say(&check, "%s", why.message);
+        add_problem(&check, "%s", why.message);
         rc = MODAL_OK;
         goto out;
     }
     check_structure(&check);
     if (ledger_reader_load(check.reader, &visitor, &why) != MODAL_OK)
-        say(&check, "%s", why.message);
+        add_problem(&check, "%s", why.message);
     if (spool_list(dir, check_found, &check, &why) != MODAL_OK)
-        say(&check, "%s", why.message);
+        add_problem(&check, "%s", why.message);
 out:
     ledger_reader_close(check.reader);
     if (check.samples >= 0)

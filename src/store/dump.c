@@ -42,7 +42,7 @@ static void add_digest(cJSON *object, const char *name, const uint8_t digest[32]
     cJSON_AddStringToObject(object, name, hex);
 }
 
-static enum modal_status give(struct dump *dump, cJSON *object)
+static enum modal_status put_row(struct dump *dump, cJSON *object)
 {
     char *text = json_print(object);
 
@@ -81,7 +81,7 @@ static enum modal_status dump_input(void *context, const struct input_record *in
     add_int(row, "offset", (int64_t)input->offset);
     add_int(row, "created_ns", input->created_ns);
     add_int(row, "used_ns", input->used_ns);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 static enum modal_status dump_job(void *context, const struct job_record *job)
@@ -114,7 +114,7 @@ static enum modal_status dump_job(void *context, const struct job_record *job)
     add_int(row, "result_bytes", (int64_t)job->result_bytes);
     add_int(row, "output", job->output);
     cJSON_AddBoolToObject(row, "cached", job->cached);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 static enum modal_status dump_result(void *context, const struct result_record *result)
@@ -126,7 +126,7 @@ static enum modal_status dump_result(void *context, const struct result_record *
     cJSON_AddNumberToObject(row, "crc32c", result->crc);
     add_digest(row, "input", result->input);
     add_digest(row, "settings", result->settings);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 static enum modal_status dump_tombstone(void *context, const struct tombstone_record *tombstone)
@@ -138,7 +138,7 @@ static enum modal_status dump_tombstone(void *context, const struct tombstone_re
     add_int(row, "job", tombstone->job);
     add_digest(row, "fingerprint", tombstone->fingerprint);
     add_int(row, "expired_ns", tombstone->expired_ns);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 static enum modal_status dump_note(void *context, const struct note_record *note)
@@ -148,7 +148,7 @@ static enum modal_status dump_note(void *context, const struct note_record *note
     add_text(row, "topic", note->topic);
     add_text(row, "name", note->name);
     add_text(row, "text", note->text);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 static enum modal_status dump_segment(void *context, const struct segment_record *segment)
@@ -162,7 +162,7 @@ static enum modal_status dump_segment(void *context, const struct segment_record
     add_int(row, "offset", (int64_t)segment->offset);
     add_int(row, "bytes", (int64_t)segment->length);
     cJSON_AddNumberToObject(row, "crc32c", segment->crc);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 static enum modal_status dump_event(void *context, const struct event_record *event)
@@ -175,7 +175,7 @@ static enum modal_status dump_event(void *context, const struct event_record *ev
     add_text(row, "user", event->user);
     add_text(row, "topic", event->topic);
     add_text(row, "text", event->text);
-    return give(context, row);
+    return put_row(context, row);
 }
 
 enum modal_status dump_folder(const char *dir, void (*line)(void *context, const char *json),

@@ -2,8 +2,8 @@
  *
  * Each call is one system call, repeated after EINTR and completed after a short transfer, with an
  * error that names the path.  ENOSPC, EDQUOT and EFBIG are MODAL_STORAGE_FULL, ENOENT is
- * MODAL_NOT_FOUND, EMFILE and ENFILE are MODAL_BUSY, everything else MODAL_IO. SQLite comes through
- * here too, by the VFS of file_vfs.c, and HDF5's writer by the driver of file_h5.c.
+ * MODAL_NOT_FOUND, EMFILE and ENFILE are MODAL_BUSY, everything else MODAL_IO.  SQLite comes
+ * through here too, by the VFS of file_vfs.c, and HDF5's writer by the driver of file_h5.c.
  *
  * In builds with MODALD_FAULTS the n-th call of a kind can be made to fail, by the environment or
  * by file_fault:
@@ -52,6 +52,7 @@ enum modal_status file_sync_begin(int fd, uint64_t offset, uint64_t length,
 /* The directory's entries on stable storage: after a file is made, renamed or unlinked in it. */
 enum modal_status file_sync_dir(const char *path, struct modal_error *err);
 
+/* Make the file LENGTH bytes long, shorter or longer with zeros. */
 enum modal_status file_truncate(int fd, uint64_t length, struct modal_error *err);
 /* Reserve blocks for the first LENGTH bytes, extending the file: later writes there cannot meet a
  * full disk. */

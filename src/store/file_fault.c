@@ -9,7 +9,10 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { RULES_MOST = 8, ANY = FILE_CALL_COUNT };
+enum {
+    RULES_MOST = 8,                  /* of one text */
+    ANY        = FILE_CALL_COUNT,    /* a rule of every call */
+};
 
 struct rule {
     int call;              /* enum file_call or ANY */

@@ -30,7 +30,7 @@ struct h5_file {
 /* the first since file_h5_access; under batch_h5_lock, as all of HDF5 */
 static struct modal_error failed;
 
-static enum modal_status keep(enum modal_status rc, const struct modal_error *err)
+static enum modal_status note_failure(enum modal_status rc, const struct modal_error *err)
 {
     /* H5Fcreate tries what is there first */
     if (rc != MODAL_OK && rc != MODAL_NOT_FOUND && failed.status == MODAL_OK)
@@ -48,7 +48,8 @@ static H5FD_t *h5_open(const char *name, unsigned flags, hid_t access, haddr_t m
 
     (void)access;
     (void)most;
-    if (file == NULL || keep(file_open(name, how, 0640, &file->fd, &err), &err) != MODAL_OK) {
+    if (file == NULL
+        || note_failure(file_open(name, how, 0640, &file->fd, &err), &err) != MODAL_OK) {
         free(file);
         return NULL;
     }
@@ -114,7 +115,8 @@ static herr_t h5_read(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t address
 
     (void)type;
     (void)plan;
-    if (keep(file_read(((struct h5_file *)base)->fd, buffer, size, address, &got, &err), &err)
+    if (note_failure(file_read(((struct h5_file *)base)->fd, buffer, size, address, &got, &err),
+                     &err)
         != MODAL_OK)
         return -1;
     memset((char *)buffer + got, 0, size - got);
@@ -129,7 +131,7 @@ static herr_t h5_write(H5FD_t *base, H5FD_mem_t type, hid_t plan, haddr_t addres
 
     (void)type;
     (void)plan;
-    keep(file_write(file->fd, buffer, size, address, &err), &err);
+    note_failure(file_write(file->fd, buffer, size, address, &err), &err);
     if (address + size > file->eof)
         file->eof = address + size;
     return 0;
@@ -144,7 +146,7 @@ static herr_t h5_truncate(H5FD_t *base, hid_t plan, hbool_t closing)
     (void)closing;
     if (file->eoa == file->eof)
         return 0;
-    keep(file_truncate(file->fd, file->eoa, &err), &err);
+    note_failure(file_truncate(file->fd, file->eoa, &err), &err);
     file->eof = file->eoa;
     return 0;
 }

@@ -19,7 +19,10 @@
 #include "base/crc32c.h"
 #include "store/file_fault.h"
 
-enum { PAGE = 4096, RESERVED = 8 };
+enum {
+    PAGE     = 4096,     /* SQLite's default, which ledgers are made with */
+    RESERVED = 8,        /* bytes at its end: the checksum and "mdlc" */
+};
 
 struct vfs_file {
     sqlite3_file base;

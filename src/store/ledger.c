@@ -284,7 +284,12 @@ static enum modal_status bind_note(struct binder *to, const struct ledger_change
     return MODAL_OK;
 }
 
-enum { SQL_MOST = 2, VACUUM_PAGES = 512 };
+enum {
+    SQL_MOST     = 2,        /* statements of a verb */
+    VACUUM_PAGES = 512,      /* 2 MB moved at once, which is what a commit may have to wait for */
+    UNUSED_LEAST = 64,       /* pages: fewer are not worth a commit, and are soon used again */
+    UNUSED_PART  = 10,       /* nor is less than one in so many of the database */
+};
 
 /* Each verb's statements; each is bound alike.  `must`: the last one must change a row; `frees`: it
  * makes free pages. */
@@ -350,7 +355,10 @@ struct ledger {
 /* A daemon that was killed holds its locks until its threads' writes have ended and a process that
  * it was starting has come to its exec, which closes them: who starts again at once waits for that,
  * a loaded disk's fsync, instead of being refused. */
-enum { LOCK_TRIES = 100, LOCK_PAUSE_NS = 20000000 };
+enum {
+    LOCK_TRIES    = 100,         /* 2 s in all */
+    LOCK_PAUSE_NS = 20000000,
+};
 
 static bool lock_file(int fd)
 {
@@ -362,7 +370,7 @@ static bool lock_file(int fd)
     return true;
 }
 
-static enum modal_status take_lock(struct ledger *ledger, struct modal_error *err)
+static enum modal_status lock_folder(struct ledger *ledger, struct modal_error *err)
 {
     char path[4200], pid[32];
     enum modal_status rc;
@@ -387,7 +395,7 @@ static enum modal_status take_lock(struct ledger *ledger, struct modal_error *er
 
 /* A copy of the folder has the same store id: of all on this host, one may run.  All users of the
  * host can read the name, so it does not tell the id. */
-static enum modal_status take_name(struct ledger *ledger, struct modal_error *err)
+static enum modal_status bind_name(struct ledger *ledger, struct modal_error *err)
 {
     struct sockaddr_un name = { .sun_family = AF_UNIX };
     uint8_t digest[32];
@@ -496,9 +504,9 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         goto out;
     }
     strcpy(ledger->dir, dir);
-    if ((rc = make_folders(dir, err)) != MODAL_OK || (rc = take_lock(ledger, err)) != MODAL_OK
+    if ((rc = make_folders(dir, err)) != MODAL_OK || (rc = lock_folder(ledger, err)) != MODAL_OK
         || (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK
-        || (rc = read_store(ledger, err)) != MODAL_OK || (rc = take_name(ledger, err)) != MODAL_OK
+        || (rc = read_store(ledger, err)) != MODAL_OK || (rc = bind_name(ledger, err)) != MODAL_OK
         || (rc = prepare(ledger, err)) != MODAL_OK)
         goto out;
     ledger->mark = ledger_mark_open(dir);
@@ -602,9 +610,9 @@ static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *
 }
 
 /* The samples of a group, on stable storage before any row that speaks of them. */
-static enum modal_status keep_samples(struct samples_files *files,
-                                      const struct ledger_change *changes, size_t count,
-                                      struct modal_error *err)
+static enum modal_status put_samples(struct samples_files *files,
+                                     const struct ledger_change *changes, size_t count,
+                                     struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -666,11 +674,11 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
             return rc;
     }
     ledger->group_pages = 0;
-    rc = keep_samples(&files, changes, count, err);
+    rc = put_samples(&files, changes, count, err);
     if (rc == MODAL_OK)
         rc = apply_all(ledger, changes, count, err);
     if (rc == MODAL_STORAGE_FULL)
-        samples_take_back(&files);
+        samples_revert(&files);
     samples_close(&files);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= verbs[changes[i].verb].frees;
@@ -744,7 +752,7 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
     rc = count_pages(ledger, "PRAGMA freelist_count", &unused, err);
     if (rc == MODAL_OK)
         rc = count_pages(ledger, "PRAGMA page_count", &pages, err);
-    ledger->deleted = rc == MODAL_OK && unused > 64 && unused > pages / 10;
+    ledger->deleted = rc == MODAL_OK && unused > UNUSED_LEAST && unused > pages / UNUSED_PART;
     if (ledger->deleted)
         rc = ledger_vacuum(ledger, VACUUM_PAGES, &unused, err);
     if (rc != MODAL_OK)
@@ -754,7 +762,7 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;
 }
 
-enum modal_status ledger_rest(struct ledger *ledger, bool *more, struct modal_error *err)
+enum modal_status ledger_idle(struct ledger *ledger, bool *more, struct modal_error *err)
 {
     int64_t unused = 0, left = 0;
     bool done = true;

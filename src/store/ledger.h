@@ -32,7 +32,7 @@ enum {
     LEDGER_INLINE_MOST = 64 * 1024,           /* an input's data up to this lives in its row */
     LEDGER_CHUNK_MOST = 1024 * 1024,          /* bytes of a chunk_record */
     LEDGER_RESULT_INLINE_MOST = 256 * 1024,   /* a result's text up to this lives in its row */
-    LEDGER_RESULT_MOST = 256 * 1024 * 1024,
+    LEDGER_RESULT_MOST = 256 * 1024 * 1024,   /* four times the longest document of the wire */
 };
 
 /* A job's states.  The moves between them are one table, ledger_moves; done and cancelled never
@@ -213,7 +213,7 @@ const char *ledger_store_id(const struct ledger *ledger);
 
 /*
  * Apply CHANGES in order in one transaction.  MODAL_OK: all with status MODAL_OK are on stable
- * storage. MODAL_STORAGE_FULL: nothing was applied, the ledger lives on (deletes may yet pass: see
+ * storage.  MODAL_STORAGE_FULL: nothing was applied, the ledger lives on (deletes may yet pass: see
  * reserve in spool.h). MODAL_IO, MODAL_CORRUPT: nothing may be acknowledged and the ledger takes
  * nothing more; end the process.
  */
@@ -229,12 +229,13 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
 /* For the time when nothing is asked of it: gives back pages of deleted rows, some a call, then
  * moves the log to the database and gives its space, and the memory of the pages read, back. *MORE:
  * there is more to do (or a reader was in the way) in a next call.  Fails as ledger_commit does. */
-enum modal_status ledger_rest(struct ledger *ledger, bool *more, struct modal_error *err);
+enum modal_status ledger_idle(struct ledger *ledger, bool *more, struct modal_error *err);
 
 /* Move the whole log to the database now, so that its space is used again.  A full disk is no
  * error: the log stays. */
 enum modal_status ledger_checkpoint(struct ledger *ledger, struct modal_error *err);
 
+/* All rows to VISITOR, at the start, before the first commit. */
 enum modal_status ledger_load(struct ledger *ledger, const struct ledger_visitor *visitor,
                               struct modal_error *err);
 

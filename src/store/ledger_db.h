@@ -9,8 +9,8 @@ enum {
     LEDGER_APPLICATION = 0x6d646c64,     /* "mdld" */
     LEDGER_MODE = 0640,                  /* of its files at most, whatever the umask */
     LEDGER_BUSY_MS = 5000,               /* for which a lock of another process is waited for */
-    /* of the log, before ledger_settle moves it to the database */
-    LEDGER_CHECKPOINT_PAGES = 1000,
+    LEDGER_CHECKPOINT_PAGES = 1000,      /* of the log, before ledger_settle moves it to the
+                                            database: SQLite's own default */
 };
 
 /* SQLite's error as ours, its text with WHAT. */

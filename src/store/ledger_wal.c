@@ -30,12 +30,13 @@
 #include "store/file.h"
 
 enum {
-    HEADER = 32,
+    HEADER = 32,             /* bytes of the log's, of a frame's: the format */
     FRAME_HEADER = 24,
-    LEDGER_PAGE = 4096,
+    LEDGER_PAGE = 4096,      /* a page of our databases */
+    PAGE_LEAST = 512,        /* and of any: the format */
     PAGE_MOST = 65536,
-    MARK = 24,
-    LOOKS = 4
+    MARK = 24,               /* bytes of the mark: see above */
+    LOOKS = 4                /* a writer is in the way of one, rarely of two in a row */
 };
 #define MAGIC 0x377f0682u
 #define VERSION 3007000u
@@ -191,7 +192,7 @@ static bool header_good(struct wal *wal)
     uint32_t magic = big_word(wal->header), page = big_word(wal->header + 8);
 
     wal->big = magic & 1;
-    if ((magic & ~1u) != MAGIC || big_word(wal->header + 4) != VERSION || page < 512
+    if ((magic & ~1u) != MAGIC || big_word(wal->header + 4) != VERSION || page < PAGE_LEAST
         || page > PAGE_MOST || (page & (page - 1)) != 0)
         return false;
     wal->page = page;

@@ -92,7 +92,7 @@ enum modal_status samples_sync(struct samples_files *files, struct modal_error *
     return rc;
 }
 
-void samples_take_back(struct samples_files *files)
+void samples_revert(struct samples_files *files)
 {
     for (int i = 0; i < files->count; i++)
         file_truncate(files->file[i].fd, files->file[i].first, NULL);

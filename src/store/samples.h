@@ -35,7 +35,7 @@ enum modal_status samples_put(struct samples_files *files, const struct segment_
 enum modal_status samples_sync(struct samples_files *files, struct modal_error *err);
 /* The group is refused for want of space: that of its segments is given back, as far as the files
  * are still open. */
-void samples_take_back(struct samples_files *files);
+void samples_revert(struct samples_files *files);
 void samples_close(struct samples_files *files);
 
 /* The bytes of SEGMENT from the open file FD into DATA, which has room for its length.

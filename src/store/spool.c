@@ -26,7 +26,11 @@
 #include "store/file_h5.h"
 #include "store/ledger.h"
 
-enum { PAGE = 4096, READ_BACK = 1 << 20 };
+enum {
+    PAGE       = 4096,       /* to which data are aligned: a mapping begins with them */
+    READ_BACK  = 1 << 20,    /* bytes read at once after a restart: a chunk at least */
+    CHECK_PART = 4 << 20,    /* bytes of a mapping checked before its pages may be given back */
+};
 
 struct upload {
     char dir[4096], part[4200], sealed[4200];
@@ -508,7 +512,7 @@ enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *availab
 /* The checksum of what is mapped; pages beyond the memory limit are not kept. */
 static uint32_t check_of(const struct mapping *map)
 {
-    const size_t part = (size_t)4 << 20;
+    const size_t part = CHECK_PART;
     bool keep = map->length <= mapping_resident_most();
     uint32_t crc = 0;
 

@@ -17,12 +17,13 @@
 #include "store/identity.h"
 #include "store/mapping.h"
 
+/* The wire's limits or more: what it let through is not refused here. */
 enum {
     SPOOL_CHANNELS_MOST = 65536,
     SPOOL_NAME_MOST = 256,                  /* bytes of a channel's name, or of `units` */
     SPOOL_ATTRIBUTES_MOST = 256 * 1024,     /* bytes of the attributes' text */
 };
-#define SPOOL_BYTES_MOST ((uint64_t)1 << 40)
+#define SPOOL_BYTES_MOST ((uint64_t)1 << 40)   /* a TB: posix_fallocate asks the disk before that */
 
 struct upload;
 
@@ -39,21 +40,25 @@ enum modal_status upload_resume(const char *dir, int64_t id, const struct input_
                                 const struct chunk_record *chunks, size_t count,
                                 struct upload **out, struct modal_error *err);
 
-/* bytes written so far: the offset of the next chunk */
+/* Bytes written so far, which is the offset of the next chunk; the offset of the data in the file;
+ * CRC-32C of the bytes written so far. */
 uint64_t upload_received(const struct upload *upload);
-uint64_t upload_offset(const struct upload *upload);     /* of the data in the file */
-uint32_t upload_crc(const struct upload *upload);        /* CRC-32C of the bytes written so far */
+uint64_t upload_offset(const struct upload *upload);
+uint32_t upload_crc(const struct upload *upload);
 
-/* Write COUNT chunks that follow each other from OFFSET, which must be upload_received.  Each comes
- * with its CRC-32C, which is taken as given.  They are durable, and may be put in the ledger, after
- * the next upload_sync; the disk writes already. MODAL_BAD_FRAME: out of order, or past the end. */
+/* A chunk, borrowed, and its CRC-32C. */
 struct upload_part { const void *data; size_t length; uint32_t crc; };
+
+/* Write COUNT chunks that follow each other from OFFSET, which must be upload_received.  Their
+ * CRC-32C is taken as given.  They are durable, and may be put in the ledger, after
+ * the next upload_sync; the disk writes already. MODAL_BAD_FRAME: out of order, or past the end. */
 enum modal_status upload_write(struct upload *upload, uint64_t offset,
                                const struct upload_part *parts, size_t count,
                                struct modal_error *err);
 /* The same chunks into the identity, in the same order; another thread may do it while they are
  * written and synced. */
 void upload_hash(struct upload *upload, const struct upload_part *parts, size_t count);
+/* All that was written is on stable storage.  MODAL_IO: its state is unknown, end the process. */
 enum modal_status upload_sync(struct upload *upload, struct modal_error *err);
 /* Seal it; its identity into SHA256.  MODAL_BAD_FRAME where bytes are missing.  The handle remains,
  * to be closed. */
@@ -70,9 +75,10 @@ enum modal_status spool_offset(const char *path, const struct input_shape *shape
 enum modal_status spool_remove(const char *dir, int64_t id, struct modal_error *err);
 /* The path of sealed input ID. */
 void spool_path(char path[4096], const char *dir, int64_t id);
-/* Each file of the spool and the results: what recovery compares with the ledger, to remove orphans
- * and report the missing. */
 enum spool_file { SPOOL_PART, SPOOL_SEALED, SPOOL_SAMPLES, SPOOL_RESULT, SPOOL_OTHER };
+
+/* Call FOUND for each file of the spool and the results: what recovery compares with the ledger, to
+ * remove orphans and report the missing. */
 enum modal_status spool_list(const char *dir,
                              void (*found)(void *context, enum spool_file what, int64_t id,
                                            uint64_t bytes, const char *path),

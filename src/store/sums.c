@@ -65,7 +65,7 @@ static enum modal_status get_part(const struct reading *r, const struct chunk_re
     return rc;
 }
 
-static enum modal_status keep_part(void *context, const struct chunk_record *part)
+static enum modal_status add_part(void *context, const struct chunk_record *part)
 {
     struct reading *r = context;
 
@@ -109,7 +109,7 @@ static enum modal_status sum_all(struct reading *r, struct sums *out)
 static enum modal_status find_parts(struct reading *r, struct ledger_reader *reader, uint64_t from,
                                     uint64_t to, struct sums *out)
 {
-    enum modal_status rc = ledger_read_chunks(reader, r->input->id, from, to, keep_part, r, r->err);
+    enum modal_status rc = ledger_read_chunks(reader, r->input->id, from, to, add_part, r, r->err);
 
     if (rc != MODAL_OK || r->parts.count > 0)
         return rc;

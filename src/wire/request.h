@@ -109,9 +109,11 @@ enum modal_status wire_request_read(const struct wire_message *message, struct w
  */
 void wire_part(const cJSON *job, const char **body, struct wire_message *part);
 
+/* A verb's name on the wire; the verb of a name, -1 where there is none; the least role that may
+ * ask it. */
 const char *wire_verb_name(enum wire_verb verb);
-int wire_verb_find(const char *name);             /* -1: no such verb */
-enum wire_role wire_verb_role(enum wire_verb verb);   /* the least role that may ask */
+int wire_verb_find(const char *name);
+enum wire_role wire_verb_role(enum wire_verb verb);
 
 /* The description of an input as members of OBJECT, the reverse of reading it; what is absent is
  * left out. */

@@ -49,7 +49,10 @@ enum { MEMORY_LIMITED = false };        /* its shadow is larger than any limit *
 enum { MEMORY_LIMITED = true };
 #endif
 
-enum { NICE = 10, FILES_MOST = 256 };
+enum {
+    NICE       = 10,     /* the daemon and a simulation beside it come first */
+    FILES_MOST = 256,    /* libzmq's few, the libraries' while they are loaded, the inputs' one */
+};
 
 /* --- limits --- */
 
@@ -228,7 +231,10 @@ struct rule { struct call call; struct check checks[3]; const char *where; };
 #define A_THREAD (CLONE_VM | CLONE_FS | CLONE_FILES | CLONE_SIGHAND | CLONE_THREAD \
                   | CLONE_SYSVSEM | CLONE_SETTLS | CLONE_PARENT_SETTID | CLONE_CHILD_CLEARTID)
 
-enum { RULES_MOST = 20, OWN = 0 };
+enum {
+    RULES_MOST = 20,     /* of list_rules, with room for a few more */
+    OWN        = 0,      /* this process, as pid of a call */
+};
 
 /* The rules for process PID into OUT; their number. */
 static int list_rules(struct rule out[RULES_MOST], uint32_t pid)

@@ -44,7 +44,7 @@ static bool receive(char *text, size_t room, int *out)
 }
 
 /* It was sent before RUN was, and is here. */
-enum modal_status inputs_take(const char *job, int attempt, int *out, struct modal_error *err)
+enum modal_status inputs_receive(const char *job, int attempt, int *out, struct modal_error *err)
 {
     char wanted[WIRE_ID_MOST + 16], text[sizeof wanted];
 

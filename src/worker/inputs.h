@@ -15,6 +15,6 @@ enum modal_status inputs_open(struct modal_error *err);
 
 /* The descriptor for this attempt of JOB, to be closed by the caller; those for others that came
  * before are closed. MODAL_IO: none came. */
-enum modal_status inputs_take(const char *job, int attempt, int *out, struct modal_error *err);
+enum modal_status inputs_receive(const char *job, int attempt, int *out, struct modal_error *err);
 
 #endif

@@ -19,7 +19,10 @@
 #include <unistd.h>
 #include <zmq.h>
 
-enum { LINGER_MS = 1000, MESSAGE_MOST = 2 * WIRE_BODY_MOST };
+enum {
+    LINGER_MS    = 1000,                 /* for the last answer, on a loaded host */
+    MESSAGE_MOST = 2 * WIRE_BODY_MOST,   /* a body, and a header of WIRE_WORKER_HEADER_MOST */
+};
 
 struct link {
     void *context, *dealer;       /* the dealer is the thread's */

@@ -21,7 +21,7 @@
 #include "worker/inputs.h"
 #include "worker/windows.h"
 
-enum { PROGRESS_MS = 100 };
+enum { PROGRESS_MS = 100 };      /* between two PROGRESS: as often as a person can read them */
 
 /* One RUN. */
 struct run {
@@ -73,8 +73,8 @@ static cJSON *header_of(const struct run *run)
 
 /* --- the input --- */
 
-static enum modal_status take_mapped(struct run *run, const char *file, const void **data,
-                                     struct modal_error *err)
+static enum modal_status map_input(struct run *run, const char *file, const void **data,
+                                   struct modal_error *err)
 {
     double offset = 0, crc = 0;
     int fd = -1;
@@ -84,7 +84,7 @@ static enum modal_status take_mapped(struct run *run, const char *file, const vo
     if (rc == MODAL_OK)
         rc = json_need_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc, err);
     if (rc == MODAL_OK)
-        rc = inputs_take(run->job, run->attempt, &fd, err);
+        rc = inputs_receive(run->job, run->attempt, &fd, err);
     if (rc == MODAL_OK)
         rc = spool_map_open(fd, file, (uint64_t)offset, run->shape.bytes, (uint32_t)crc, &run->map,
                             err);
@@ -94,8 +94,8 @@ static enum modal_status take_mapped(struct run *run, const char *file, const vo
     return rc;
 }
 
-static enum modal_status take_inline(struct run *run, const struct wire_message *message,
-                                     const void **data, struct modal_error *err)
+static enum modal_status copy_input(struct run *run, const struct wire_message *message,
+                                    const void **data, struct modal_error *err)
 {
     double crc = -1;
     enum modal_status rc = json_get_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc,
@@ -147,7 +147,7 @@ static enum modal_status make_batch(struct run *run, const void *data, struct mo
     return MODAL_OK;
 }
 
-static enum modal_status take_input(struct run *run, const struct wire_message *message,
+static enum modal_status read_input(struct run *run, const struct wire_message *message,
                                     struct modal_error *err)
 {
     static const char *const contents[] = { "batch", "scene", NULL };
@@ -165,8 +165,8 @@ static enum modal_status take_input(struct run *run, const struct wire_message *
     if (rc == MODAL_OK)
         rc = json_get_string(run->input, "input", "file", &file, err);
     if (rc == MODAL_OK)
-        rc = file != NULL ? take_mapped(run, file, &data, err)
-                          : take_inline(run, message, &data, err);
+        rc = file != NULL ? map_input(run, file, &data, err)
+                          : copy_input(run, message, &data, err);
     if (rc == MODAL_OK && content == 0)
         rc = make_batch(run, data, err);
     else if (rc == MODAL_OK)
@@ -214,7 +214,7 @@ static enum modal_status run_read(struct run *run, const struct wire_message *me
     if (rc == MODAL_OK)
         rc = json_get_string(run->input, "input", "sha256", &sha256, err);
     if (rc == MODAL_OK)
-        rc = take_input(run, message, err);
+        rc = read_input(run, message, err);
     run->kind = (char *)(uintptr_t)kind;
     run->sha256 = (char *)(uintptr_t)sha256;
     return rc;
@@ -230,7 +230,7 @@ static void run_done(struct run *run)
     cJSON_Delete(run->header);
 }
 
-static void say_progress(void *context, const cJSON *event)
+static void send_progress(void *context, const cJSON *event)
 {
     struct run *run = context;
     int64_t now = now_ms();
@@ -389,7 +389,7 @@ static enum modal_status run_job(struct run *run, struct windows *windows,
             .scene = run->scene,
             .input_sha256 = run->sha256,
             .attributes = run->shape.attributes,
-            .progress = say_progress,
+            .progress = send_progress,
             .context = run,
         };
         rc = job_run(&request, &result, &why);
@@ -403,7 +403,7 @@ static enum modal_status run_job(struct run *run, struct windows *windows,
     return rc;
 }
 
-static enum modal_status say_ready(struct link *link, struct modal_error *err)
+static enum modal_status send_ready(struct link *link, struct modal_error *err)
 {
     cJSON *header = cJSON_CreateObject();
 
@@ -416,7 +416,7 @@ static enum modal_status say_ready(struct link *link, struct modal_error *err)
 static enum modal_status serve_all(struct link *link, const struct serve_options *options,
                                    struct windows *windows, struct modal_error *err)
 {
-    enum modal_status rc = say_ready(link, err);
+    enum modal_status rc = send_ready(link, err);
 
     for (int jobs = 0; rc == MODAL_OK;) {
         const struct wire_message *message;
@@ -439,7 +439,7 @@ static enum modal_status serve_all(struct link *link, const struct serve_options
         if (rc == MODAL_OK && options->jobs_most > 0 && !live && ++jobs >= options->jobs_most)
             return MODAL_OK;
         if (rc == MODAL_OK)
-            rc = say_ready(link, err);
+            rc = send_ready(link, err);
     }
     return rc;
 }

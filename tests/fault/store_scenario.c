@@ -318,7 +318,7 @@ static void rest(void)
     struct modal_error err;
     bool more = true;
 
-    while (more && went(ledger_rest(ledger, &more, &err), "rest", &err))
+    while (more && went(ledger_idle(ledger, &more, &err), "rest", &err))
         ;
 }
 

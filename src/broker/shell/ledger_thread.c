@@ -236,7 +236,7 @@ static enum modal_status rest_or_work(struct ledger_thread *l, bool worked, stru
     if (!worked && (l->rest_ns == 0 || now < l->rest_ns))
         return MODAL_OK;
     if (!worked)
-        rc = ledger_rest(l->ledger, &more, err);
+        rc = ledger_idle(l->ledger, &more, err);
     l->rest_ns = worked || more ? now + REST_AFTER_NS / (more ? 20 : 1) : 0;
     return rc;
 }

@@ -438,7 +438,7 @@ TEST(the_space_of_samples_that_were_refused_is_given_back)
     CHECK(samples_put(&files, &more.segment, NULL) == MODAL_OK);
     samples_path(path, dir, 5);
     CHECK(stat(path, &known) == 0 && known.st_size == 16 + sizeof zeros);
-    samples_take_back(&files);
+    samples_revert(&files);
     samples_close(&files);
     CHECK(stat(path, &known) == 0 && known.st_size == 16);
     stop(ledger);

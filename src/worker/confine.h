@@ -13,7 +13,7 @@
 #include <stdio.h>
 #include "base/error.h"
 
-enum { CONFINE_INPUTS = 3 };   /* the descriptor by which others may come in; see inputs.h */
+enum { CONFINE_INPUTS = 3 }; /* the descriptor by which others may come in; see descriptors.h */
 
 struct confine_options {
     uint64_t memory;       /* bytes of its own: the input, which is mapped, is none; 0: no limit.
@@ -25,7 +25,7 @@ struct confine_options {
 };
 
 /* The end of the parent is this process's; asked again by what clears it.  The parent may have
- * ended before: see inputs_open. */
+ * ended before: see descriptors_open. */
 enum modal_status confine_death(struct modal_error *err);
 
 /* Niceness 10, no core files, 256 descriptors, no file growth, the memory limit, half of the user's

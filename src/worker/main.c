@@ -12,7 +12,7 @@
 #include <unistd.h>
 #include "job/blas_core.h"
 #include "worker/confine.h"
-#include "worker/inputs.h"
+#include "worker/descriptors.h"
 #include "worker/link.h"
 #include "worker/serve.h"
 
@@ -113,7 +113,7 @@ static enum modal_status work(const struct arguments *arguments, struct modal_er
     enum modal_status rc = confine_limits(confine, err);
 
     if (rc == MODAL_OK && arguments->inputs)
-        rc = inputs_open(err);
+        rc = descriptors_open(err);
     if (rc == MODAL_OK && confine->calls && confine->user == NULL)
         rc = confine_files(confine, &walled, err);
     if (rc == MODAL_OK)

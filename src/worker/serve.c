@@ -18,8 +18,8 @@
 #include "base/crc32c.h"
 #include "store/spool.h"
 #include "wire/request.h"
-#include "worker/inputs.h"
-#include "worker/windows.h"
+#include "worker/descriptors.h"
+#include "worker/live_windows.h"
 
 enum { PROGRESS_MS = 100 };      /* between two PROGRESS: as often as a person can read them */
 
@@ -84,7 +84,7 @@ static enum modal_status map_input(struct run *run, const char *file, const void
     if (rc == MODAL_OK)
         rc = json_need_number(run->input, "input", "crc32c", 0, 4294967295.0, &crc, err);
     if (rc == MODAL_OK)
-        rc = inputs_receive(run->job, run->attempt, &fd, err);
+        rc = descriptors_receive(run->job, run->attempt, &fd, err);
     if (rc == MODAL_OK)
         rc = spool_map_open(fd, file, (uint64_t)offset, run->shape.bytes, (uint32_t)crc, &run->map,
                             err);
@@ -370,7 +370,7 @@ static void name_limit(struct modal_error *why, uint64_t memory)
                  "; a worker has at most %llu bytes (worker_memory)", (unsigned long long)memory);
 }
 
-static enum modal_status run_job(struct run *run, struct windows *windows,
+static enum modal_status run_job(struct run *run, struct live_windows *windows,
                                  const struct wire_message *message, struct modal_error *err)
 {
     struct job_result result = { 0 };
@@ -380,7 +380,7 @@ static enum modal_status run_job(struct run *run, struct windows *windows,
 
     live = cJSON_GetObjectItemCaseSensitive(run->header, "live");
     if (rc == MODAL_OK && live != NULL && run->scene == NULL) {
-        rc = windows_run(windows, live, run->options, &run->batch, &result.result, &why);
+        rc = live_windows_run(windows, live, run->options, &run->batch, &result.result, &why);
     } else if (rc == MODAL_OK) {
         struct job_request request = {
             .kind = run->kind,
@@ -414,7 +414,7 @@ static enum modal_status send_ready(struct link *link, struct modal_error *err)
 }
 
 static enum modal_status serve_all(struct link *link, const struct serve_options *options,
-                                   struct windows *windows, struct modal_error *err)
+                                   struct live_windows *windows, struct modal_error *err)
 {
     enum modal_status rc = send_ready(link, err);
 
@@ -447,11 +447,11 @@ static enum modal_status serve_all(struct link *link, const struct serve_options
 enum modal_status serve(struct link *link, const struct serve_options *options,
                         struct modal_error *err)
 {
-    struct windows *windows = windows_new();
+    struct live_windows *windows = live_windows_new();
     enum modal_status rc = windows != NULL
                                ? serve_all(link, options, windows, err)
                                : modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for windows");
 
-    windows_free(windows);
+    live_windows_free(windows);
     return rc;
 }

@@ -11,7 +11,7 @@ struct serve_options {
 
 /*
  * Say READY, run what comes, until STOP (MODAL_OK) or the link breaks.  An input is mapped from the
- * descriptor that came for it (inputs.h), or taken from the message, and checked against its
+ * descriptor that came for it (descriptors.h), or taken from the message, and checked against its
  * CRC-32C.  Every failure of a job, MODAL_CORRUPT of its input among them, is FAILED's error; what
  * is returned is the link's.
  */

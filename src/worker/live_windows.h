@@ -1,6 +1,6 @@
-/* windows.h - the live windows that a worker keeps between one RUN and the next */
-#ifndef WORKER_WINDOWS_H
-#define WORKER_WINDOWS_H
+/* live_windows.h - the live windows that a worker keeps between one RUN and the next */
+#ifndef WORKER_LIVE_WINDOWS_H
+#define WORKER_LIVE_WINDOWS_H
 #include "modal/batch.h"
 #include "base/error.h"
 #include "base/json.h"
@@ -9,10 +9,10 @@
  * comes again */
 enum { WINDOWS_MOST = 16 };
 
-struct windows;
+struct live_windows;
 
-struct windows *windows_new(void);       /* NULL: no memory */
-void windows_free(struct windows *windows);
+struct live_windows *live_windows_new(void);       /* NULL: no memory */
+void live_windows_free(struct live_windows *windows);
 
 /*
  * One RUN with the member "live": {"stream":text,"epoch":e,"to":i,"window":n,"hop":n}.  BATCH holds
@@ -21,6 +21,7 @@ void windows_free(struct windows *windows);
  * where samples before BATCH are not here any more: the whole window is wanted; and as live_next
  * does.  After a failure the stream's window is forgotten.
  */
-enum modal_status windows_run(struct windows *windows, const cJSON *live, const cJSON *options,
-                              const struct batch *batch, cJSON **document, struct modal_error *err);
+enum modal_status live_windows_run(struct live_windows *windows, const cJSON *live,
+                                   const cJSON *options, const struct batch *batch,
+                                   cJSON **document, struct modal_error *err);
 #endif

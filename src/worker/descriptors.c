@@ -1,5 +1,5 @@
-/* inputs.c - see inputs.h */
-#include "worker/inputs.h"
+/* descriptors.c - see descriptors.h */
+#include "worker/descriptors.h"
 #include <errno.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -9,7 +9,7 @@
 #include "wire/protocol.h"
 #include "worker/confine.h"
 
-enum modal_status inputs_open(struct modal_error *err)
+enum modal_status descriptors_open(struct modal_error *err)
 {
     struct ucred maker;
     socklen_t size = sizeof maker;
@@ -44,7 +44,8 @@ static bool receive(char *text, size_t room, int *out)
 }
 
 /* It was sent before RUN was, and is here. */
-enum modal_status inputs_receive(const char *job, int attempt, int *out, struct modal_error *err)
+enum modal_status descriptors_receive(const char *job, int attempt, int *out,
+                                      struct modal_error *err)
 {
     char wanted[WIRE_ID_MOST + 16], text[sizeof wanted];
 

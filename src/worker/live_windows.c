@@ -1,5 +1,5 @@
-/* windows.c - a small table, the oldest out; see windows.h */
-#include "worker/windows.h"
+/* live_windows.c - a small table, the oldest out; see live_windows.h */
+#include "worker/live_windows.h"
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,13 +13,13 @@ struct window {
     uint64_t used;
 };
 
-struct windows { struct window all[WINDOWS_MOST]; uint64_t runs; };
+struct live_windows { struct window all[WINDOWS_MOST]; uint64_t runs; };
 
 struct asked { const char *stream; double epoch, to; int window, hop; };
 
-struct windows *windows_new(void)
+struct live_windows *live_windows_new(void)
 {
-    return calloc(1, sizeof(struct windows));
+    return calloc(1, sizeof(struct live_windows));
 }
 
 static void forget(struct window *w)
@@ -29,7 +29,7 @@ static void forget(struct window *w)
     *w = (struct window) { 0 };
 }
 
-void windows_free(struct windows *windows)
+void live_windows_free(struct live_windows *windows)
 {
     for (int i = 0; windows != NULL && i < WINDOWS_MOST; i++)
         forget(&windows->all[i]);
@@ -52,7 +52,7 @@ static enum modal_status read_asked(const cJSON *live, struct asked *a, struct m
 }
 
 /* The stream's place, or the one to be used for it. */
-static struct window *place_of(struct windows *windows, const char *stream)
+static struct window *place_of(struct live_windows *windows, const char *stream)
 {
     struct window *oldest = &windows->all[0];
 
@@ -85,8 +85,9 @@ static enum modal_status begin(struct window *w, const struct asked *a, const cJ
     return rc;
 }
 
-enum modal_status windows_run(struct windows *windows, const cJSON *live, const cJSON *options,
-                              const struct batch *batch, cJSON **document, struct modal_error *err)
+enum modal_status live_windows_run(struct live_windows *windows, const cJSON *live,
+                                   const cJSON *options, const struct batch *batch,
+                                   cJSON **document, struct modal_error *err)
 {
     struct asked a = { 0 };
     struct window *w = NULL;

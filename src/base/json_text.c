@@ -20,6 +20,9 @@ enum { FIRST_ROOM = 448 };        /* most documents that are written often are s
  * DBL_DECIMAL_DIG). */
 enum { DIGITS_LEAST = 15, DIGITS_MOST = 17 };
 
+/* %.15g writes a whole number below this with all its digits and without an exponent. */
+static const double WHOLE_MOST = 1e15;
+
 /* Where N bytes more and a zero byte may be written; NULL: no memory. */
 static char *room_for(struct json_text *t, size_t n)
 {
@@ -148,13 +151,13 @@ static void put_number(struct json_text *t, double x)
         json_text_bytes(t, "null", 4);
         return;
     }
-    if (fabs(x) < 1e15 && x == floor(x) && !(x == 0 && signbit(x))) {
+    if (fabs(x) < WHOLE_MOST && x == floor(x) && !(x == 0 && signbit(x))) {
         put_whole(t, (int64_t)x);
         return;
     }
-    /* a quotient of whole numbers below 1e15 is the double next to the decimal, and has no other
-     * decimal of 15 digits */
-    if (fabs(x) < 1e12 && fabs(x) >= 1e-3 && rint(1000 * x) / 1000 == x) {
+    /* a quotient of whole numbers below WHOLE_MOST is the double next to the decimal, and has no
+     * other decimal of 15 digits; below a thousandth there is none */
+    if (fabs(x) < WHOLE_MOST / 1000 && fabs(x) >= 1e-3 && rint(1000 * x) / 1000 == x) {
         put_thousandths(t, (int64_t)rint(1000 * x));
         return;
     }

@@ -30,6 +30,9 @@ enum {
     KEY_MOST  = 64,      /* letters of a key that is compared: no name of ours has more */
 };
 
+/* Limits beyond these keep computations within the doubles; a user need not be told of them. */
+static const double TINY = 1e-290, HUGE_NUMBER = 1e290;
+
 /* "a, b, c" of a NULL-terminated list. */
 static void list_words(char *out, size_t room, const char *const *words)
 {
@@ -149,11 +152,11 @@ enum modal_status json_get_number(const cJSON *object, const char *base, const c
     if (!cJSON_IsNumber(item) || !(item->valuedouble >= low && item->valuedouble <= high)) {
         if (isinf(low) && isinf(high))
             snprintf(accepted, sizeof accepted, "a number");
-        else if (low > 0 && low < 1e-290 && high > 1e290)
+        else if (low > 0 && low < TINY && high > HUGE_NUMBER)
             snprintf(accepted, sizeof accepted, "a positive number");
-        else if (isinf(high) || high > 1e290)
+        else if (isinf(high) || high > HUGE_NUMBER)
             snprintf(accepted, sizeof accepted,
-                     low < -1e290 ? "a finite number" : "a number of at least %g", low);
+                     low < -HUGE_NUMBER ? "a finite number" : "a number of at least %g", low);
         else
             snprintf(accepted, sizeof accepted, "a number from %g to %g", low, high);
         return wrong_type(item, base, key, accepted, err);

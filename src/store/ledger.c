@@ -286,6 +286,7 @@ static enum modal_status bind_note(struct binder *to, const struct ledger_change
 
 enum {
     SQL_MOST     = 2,        /* statements of a verb */
+    LOG_PAGES_MOST = 4 * LEDGER_CHECKPOINT_PAGES,   /* 16 MB, which ledger_settle had not come to */
     VACUUM_PAGES = 512,      /* 2 MB moved at once, which is what a commit may have to wait for */
     UNUSED_LEAST = 64,       /* pages: fewer are not worth a commit, and are soon used again */
     UNUSED_PART  = 10,       /* nor is less than one in so many of the database */
@@ -668,7 +669,7 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
 
     if (ledger->broken)
         return refuse_broken(err);
-    if (ledger->log_pages > 4 * LEDGER_CHECKPOINT_PAGES) {
+    if (ledger->log_pages > LOG_PAGES_MOST) {
         rc = checkpoint(ledger, err);
         if (rc != MODAL_OK)
             return rc;

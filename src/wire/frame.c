@@ -94,9 +94,9 @@ enum modal_status wire_open(const struct wire_frame *frames, int count, const ch
     if (count < 1 || frames[0].size != strlen(version)
         || memcmp(frames[0].data, version, frames[0].size) != 0)
         return modal_fail(err, MODAL_BAD_VERSION, "frame 0 is not %s", version);
-    if (count < 3 || count > WIRE_FRAMES_MOST)
-        return modal_fail(err, MODAL_BAD_FRAME, "message of %d frames; accepted: 3 to %d", count,
-                          WIRE_FRAMES_MOST);
+    if (count < WIRE_FRAMES_LEAST || count > WIRE_FRAMES_MOST)
+        return modal_fail(err, MODAL_BAD_FRAME, "message of %d frames; accepted: %d to %d", count,
+                          WIRE_FRAMES_LEAST, WIRE_FRAMES_MOST);
     rc = read_verb(&frames[1], out, err);
     if (rc == MODAL_OK)
         rc = read_header(&frames[2], needs_id, out, err);

@@ -7,11 +7,12 @@
 #define WIRE_WORKER    "MODALW1"     /* frame 0 between workers and daemon */
 
 enum {
+    WIRE_FRAMES_LEAST    = 3,                 /* version, verb, header */
     WIRE_FRAMES_MOST     = 8,
     WIRE_VERB_MOST       = 16,
     WIRE_HEADER_MOST     = 65536,
-    /* between daemon and worker: RUN joins the headers of UPLOAD and SUBMIT */
-    WIRE_WORKER_HEADER_MOST = 1048576,
+    WIRE_WORKER_HEADER_MOST = 1048576,        /* between daemon and worker: RUN joins the headers
+                                                 of UPLOAD and SUBMIT */
     WIRE_BODY_MOST       = 1048576,           /* one body frame */
     WIRE_ID_MOST         = 64,
     WIRE_PARTS_MOST      = 4,                 /* of a worker, without their GO */

@@ -6,6 +6,9 @@
 #include "job/live.h"
 #include "wire/protocol.h"
 
+/* Of a window: an int holds it; the daemon allows far less. */
+enum { SAMPLES_MOST = 1000000000 };
+
 struct window {
     char *stream;                 /* NULL: free */
     double epoch, next;           /* next: the index of the first sample that is not here */
@@ -45,9 +48,9 @@ static enum modal_status read_asked(const cJSON *live, struct asked *a, struct m
     if (rc == MODAL_OK)
         rc = json_need_number(live, "live", "to", 0, WIRE_INTEGER_MOST, &a->to, err);
     if (rc == MODAL_OK)
-        rc = json_get_int(live, "live", "window", 1, 1000000000, &a->window, err);
+        rc = json_get_int(live, "live", "window", 1, SAMPLES_MOST, &a->window, err);
     if (rc == MODAL_OK)
-        rc = json_get_int(live, "live", "hop", 0, 1000000000, &a->hop, err);
+        rc = json_get_int(live, "live", "hop", 0, SAMPLES_MOST, &a->hop, err);
     return rc;
 }
 

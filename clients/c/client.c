@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include "base/sha256.h"
 #include "store/identity.h"
 #include "wire/request.h"
 #include "base/crc32c.h"

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <sys/random.h>
 #include "client.h"
+#include "base/sha256.h"
 #include "store/identity.h"
 
 struct modald { struct link *link; };

@@ -4,6 +4,7 @@
 #include <string.h>
 #include "option.h"
 #include "scene_file.h"
+#include "base/sha256.h"
 #include "store/identity.h"
 
 static const char suffix[] = ".json";        /* of a scene */

@@ -12,6 +12,7 @@
  *
  * Tested by tests/system/test_curve.py.
  */
+#include "job/cost.h"
 #include "job/curve.h"
 #include <math.h>
 #include <stdio.h>
@@ -20,10 +21,14 @@
 #include "job/plan.h"
 #include "job/scene_path.h"
 #include "job/steady_print.h"
+#include "job/steady_settings.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/estimate.h"
 #include "modal/steady/path.h"
+#include "modal/steady/solve.h"
+#include "modal/steady/stability.h"
 
 enum {
     POINTS_MOST = 20000,         /* of a sweep: a document of some 100 MB */

@@ -1,5 +1,8 @@
 /* steady_settings.c - see steady_settings.h; tested by tests/system/test_curve.py */
 #include "job/steady_settings.h"
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/condense.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

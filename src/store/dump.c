@@ -1,4 +1,5 @@
 /* dump.c - see dump.h */
+#include "base/sha256.h"
 #include "store/dump.h"
 #include <inttypes.h>
 #include <stdio.h>

@@ -1,5 +1,6 @@
 /* identity.c - the canonical header and the hash; see identity.h.  The host is little-endian, as
  * the wire is. */
+#include "base/sha256.h"
 #include "store/identity.h"
 #include <stdio.h>
 #include <string.h>

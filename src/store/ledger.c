@@ -7,6 +7,7 @@
  * ledger is broken: it refuses everything, so that nothing is acknowledged that a later sync only
  * seems to cover.
  */
+#include "base/sha256.h"
 #include "store/ledger.h"
 #include <errno.h>
 #include <fcntl.h>

@@ -6,6 +6,7 @@
  * dataset's offset by plain writes.  What is durable is what the ledger has chunks of; a file
  * without a row in the ledger is left over from a crash before the acknowledgement.
  */
+#include "base/sha256.h"
 #include "store/spool.h"
 #include <assert.h>
 #include <dirent.h>

@@ -1,4 +1,5 @@
 /* sums.c - see sums.h */
+#include "store/ledger.h"
 #include "store/sums.h"
 #include <fcntl.h>
 #include <stdlib.h>

@@ -1,4 +1,5 @@
 /* inputs.c - sealed inputs: one record for each user and content, kept while a job names it */
+#include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include <stdio.h>
 #include <stdlib.h>

@@ -11,6 +11,7 @@
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
+#include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include <math.h>
 #include <stdlib.h>

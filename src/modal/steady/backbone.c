@@ -20,6 +20,7 @@
  *
  * [K15] Krack, Computers and Structures 154 (2015) 59-71: the extended periodic motion concept.
  */
+#include "modal/scene/program.h"
 #include "modal/steady/backbone.h"
 #include <float.h>
 #include <lapacke.h>
@@ -28,6 +29,7 @@
 #include <string.h>
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
 
 static const double TWO_PI = 6.283185307179586477;
 /* A relative step this short ends Newton's method; below CLOSE one that did not shrink to a

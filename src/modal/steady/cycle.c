@@ -24,6 +24,7 @@
  * [LN04] Leine, Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer
  * 2004.
  */
+#include "modal/steady/budget.h"
 #include "modal/steady/cycle.h"
 #include <cblas.h>
 #include <float.h>

@@ -20,6 +20,7 @@
  *
  * [DP80] Dormand, Prince, J. Comp. Appl. Math. 6 (1980) 19-26.
  */
+#include "modal/scene/program.h"
 #include "modal/steady/march.h"
 #include <float.h>
 #include <lapacke.h>

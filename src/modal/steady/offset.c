@@ -10,6 +10,7 @@
  * a cyclic descent of sum d_l^2 in a box of forces, whose end is the least such sum where one
  * slider alone is still.
  */
+#include "modal/scene/ports.h"
 #include "modal/steady/offset.h"
 #include <lapacke.h>
 #include <math.h>

@@ -23,7 +23,11 @@
  * and an end that stays twice in a row has its f halved.  A branch point has no such f: the sign of
  * the determinant is bisected.
  */
+#include "modal/steady/balance.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
 #include "modal/steady/path.h"
+#include "modal/steady/pattern.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>

@@ -8,6 +8,7 @@
  * the order of columns and rows, and of a place that is listed as both the one that mixes comes
  * first.
  */
+#include "modal/scene/program.h"
 #include "modal/steady/pattern.h"
 #include <stdint.h>
 #include <stdlib.h>

@@ -12,6 +12,12 @@
  *
  * counted in operations (budget.h), so that it ends at the same place on every machine.
  */
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/iterate.h"
+#include "modal/steady/pattern.h"
 #include "modal/steady/session.h"
 #include <math.h>
 #include <stdlib.h>

@@ -10,6 +10,7 @@
  * so that (1) cannot be met where |v^H P_k| exceeds the sum of |v^H a_l| times that, whatever the
  * motion.
  */
+#include "modal/scene/program.h"
 #include "modal/steady/resonance.h"
 #include <complex.h>
 #include <float.h>

@@ -15,6 +15,8 @@
  * m what divides the harmonic of every load: a shift by 2 pi / m maps solutions on solutions, and
  * half of one with the sign turned does where laws and loads are odd.
  */
+#include "modal/scene/program.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/solutions.h"
 #include <math.h>
 #include <stdlib.h>

@@ -12,6 +12,14 @@
  * (a full matrix of q (2 H + 1) unknowns is factored in its cube), so that all before cost a
  * seventh of the last.  Where linear dofs taken out resonate with the kept ones held, all are kept.
  */
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/iterate.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/session.h"
 #include "modal/steady/solve.h"
 #include <math.h>
 #include <stdlib.h>

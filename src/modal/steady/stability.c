@@ -13,6 +13,7 @@
  * settled, or rounding.  Work is 30 order^3 a step, bounded: a scene whose map costs more has no
  * verdict, one whose second map does has a verdict without its error.
  */
+#include "modal/steady/point.h"
 #include "modal/steady/stability.h"
 #include <float.h>
 #include <lapacke.h>

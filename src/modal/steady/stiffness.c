@@ -9,6 +9,7 @@
  *
  *     |S_k^-1| <= 1 / min_i d_i   in the norm of rows,   where every d_i > 0.                   (1)
  */
+#include "modal/steady/pattern.h"
 #include "modal/steady/stiffness.h"
 #include <float.h>
 #include <lapacke.h>

@@ -23,6 +23,12 @@
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/session.h"
+#include "modal/steady/stiffness.h"
 #include "modal/steady/ways.h"
 #include <math.h>
 #include <stdlib.h>

@@ -17,6 +17,7 @@
  * submit.c transaction.c uploads.c waits.c windows.c workers.c */
 #include "check.h"
 #include <stdlib.h>
+#include "base/sha256.h"
 #include "broker/core/core.h"
 #include "broker/kit/map.h"
 #include "broker/core/inputs.h"

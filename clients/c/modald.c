@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
-#include "client.h"
 #include "base/sha256.h"
+#include "client.h"
 #include "store/identity.h"
 
 struct modald { struct link *link; };

@@ -2,9 +2,9 @@
 #include "input.h"
 #include <stdlib.h>
 #include <string.h>
+#include "base/sha256.h"
 #include "option.h"
 #include "scene_file.h"
-#include "base/sha256.h"
 #include "store/identity.h"
 
 static const char suffix[] = ".json";        /* of a scene */

@@ -12,12 +12,12 @@
  *
  * Tested by tests/system/test_curve.py.
  */
-#include "job/cost.h"
 #include "job/curve.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "job/cost.h"
 #include "job/plan.h"
 #include "job/scene_path.h"
 #include "job/steady_print.h"

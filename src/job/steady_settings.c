@@ -1,12 +1,12 @@
 /* steady_settings.c - see steady_settings.h; tested by tests/system/test_curve.py */
 #include "job/steady_settings.h"
-#include "modal/scene/orbit.h"
-#include "modal/scene/program.h"
-#include "modal/steady/condense.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/condense.h"
 
 static const char *const methods[] = { "auto", "direct", "newton", "rk4",
                                        "adaptive", "shooting", NULL };

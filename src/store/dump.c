@@ -1,10 +1,10 @@
 /* dump.c - see dump.h */
-#include "base/sha256.h"
 #include "store/dump.h"
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include "base/json.h"
+#include "base/sha256.h"
 #include "store/ledger_db.h"
 
 struct dump {

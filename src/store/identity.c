@@ -1,9 +1,9 @@
 /* identity.c - the canonical header and the hash; see identity.h.  The host is little-endian, as
  * the wire is. */
-#include "base/sha256.h"
 #include "store/identity.h"
 #include <stdio.h>
 #include <string.h>
+#include "base/sha256.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are hashed as they lie");
 

@@ -7,7 +7,6 @@
  * ledger is broken: it refuses everything, so that nothing is acknowledged that a later sync only
  * seems to cover.
  */
-#include "base/sha256.h"
 #include "store/ledger.h"
 #include <errno.h>
 #include <fcntl.h>
@@ -20,6 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "base/crc32c.h"
+#include "base/sha256.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"

@@ -6,7 +6,6 @@
  * dataset's offset by plain writes.  What is durable is what the ledger has chunks of; a file
  * without a row in the ledger is left over from a crash before the acknowledgement.
  */
-#include "base/sha256.h"
 #include "store/spool.h"
 #include <assert.h>
 #include <dirent.h>
@@ -20,12 +19,14 @@
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
-#include "base/json.h"
-#include "store/batch_h5.h"
 #include "base/crc32c.h"
+#include "base/json.h"
+#include "base/sha256.h"
+#include "store/batch_h5.h"
 #include "store/file.h"
 #include "store/file_h5.h"
 #include "store/ledger.h"
+#include "store/mapping.h"
 
 enum {
     PAGE       = 4096,       /* to which data are aligned: a mapping begins with them */

@@ -1,5 +1,4 @@
 /* sums.c - see sums.h */
-#include "store/ledger.h"
 #include "store/sums.h"
 #include <fcntl.h>
 #include <stdlib.h>
@@ -7,6 +6,7 @@
 #include <unistd.h>
 #include "base/crc32c.h"
 #include "store/file.h"
+#include "store/ledger.h"
 #include "store/spool.h"
 
 static enum modal_status put(struct sums *sums, const struct chunk_record *part,

@@ -1,9 +1,9 @@
 /* inputs.c - sealed inputs: one record for each user and content, kept while a job names it */
-#include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sha256.h"
 
 enum { CACHE_BYTES = 4 << 20 };    /* inline inputs in memory: 64 of the largest */
 

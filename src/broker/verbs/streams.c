@@ -12,6 +12,7 @@
 #include "broker/core/inputs.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
+#include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

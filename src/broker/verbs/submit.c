@@ -5,6 +5,7 @@
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"
 #include "job/job.h"
+#include "wire/frame.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

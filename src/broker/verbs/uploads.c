@@ -9,6 +9,7 @@
 #include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include "broker/verbs/verbs.h"
+#include "wire/frame.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

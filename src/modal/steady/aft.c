@@ -11,11 +11,11 @@
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
-#include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 #include "modal/steady/aft_events.h"
 
 enum { SWEEPS_MOST = 12 };   /* periods that a memory is given to repeat */

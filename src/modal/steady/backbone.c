@@ -20,13 +20,13 @@
  *
  * [K15] Krack, Computers and Structures 154 (2015) 59-71: the extended periodic motion concept.
  */
-#include "modal/scene/program.h"
 #include "modal/steady/backbone.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/condense.h"

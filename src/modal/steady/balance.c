@@ -21,19 +21,19 @@
  *
  * its first row alone for k = 0 and its first column alone for l = 0.
  */
-#include "modal/scene/program.h"
-#include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
-#include "modal/steady/blocks.h"
-#include "modal/steady/budget.h"
-#include "modal/steady/condense.h"
-#include "modal/steady/pattern.h"
-#include "modal/steady/stiffness.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/stiffness.h"
 
 /* The least pivot over the largest below which some direction is held by nothing: hundreds of
  * roundings. */

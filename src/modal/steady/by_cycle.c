@@ -16,13 +16,13 @@
  * where harmonics fall as k^-3; faster, it is less.  The truncation is looked at in time, against
  * the samples themselves, which are the motion to the stepper's tolerance.
  */
-#include "modal/scene/orbit.h"
-#include "modal/scene/program.h"
-#include "modal/steady/balance.h"
 #include "modal/steady/by_cycle.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/session.h"

@@ -21,15 +21,15 @@
  *
  * takes out both terms; |X - c| is what the second one was.
  */
+#include "modal/steady/estimate.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
 #include "modal/scene/orbit.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/condense.h"
-#include "modal/steady/estimate.h"
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include "modal/steady/iterate.h"
 #include "modal/steady/pattern.h"
 #include "modal/steady/session.h"

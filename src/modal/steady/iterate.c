@@ -26,19 +26,19 @@
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  * [D04]  Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004.
  */
-#include "modal/scene/program.h"
-#include "modal/steady/aft.h"
-#include "modal/steady/balance.h"
-#include "modal/steady/blocks.h"
-#include "modal/steady/budget.h"
 #include "modal/steady/iterate.h"
-#include "modal/steady/pattern.h"
-#include "modal/steady/stiffness.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/stiffness.h"
 
 /* The relative step that ends an iteration where the options name none. */
 static const double TOLERANCE = 1e-12;

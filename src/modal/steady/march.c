@@ -20,13 +20,13 @@
  *
  * [DP80] Dormand, Prince, J. Comp. Appl. Math. 6 (1980) 19-26.
  */
-#include "modal/scene/program.h"
 #include "modal/steady/march.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 
 /* What a step needs; STAGES of the larger pair, of which rk4 uses four. */
 enum { STAGES = 7 };

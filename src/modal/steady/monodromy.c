@@ -19,16 +19,16 @@
  * [BCOR09] Blanes, Casas, Oteo, Ros, Physics Reports 470 (2009) 151-238.
  * [ML03]   Moler, Van Loan, SIAM Review 45 (2003) 3-49.
  */
-#include "modal/scene/orbit.h"
-#include "modal/scene/pieces.h"
-#include "modal/scene/program.h"
-#include "modal/steady/condense.h"
 #include "modal/steady/monodromy.h"
 #include <cblas.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
+#include "modal/scene/program.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/estimate.h"
 #include "modal/steady/point.h"
 #include "modal/steady/stability.h"

@@ -10,12 +10,12 @@
  * a cyclic descent of sum d_l^2 in a box of forces, whose end is the least such sum where one
  * slider alone is still.
  */
-#include "modal/scene/ports.h"
 #include "modal/steady/offset.h"
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/ports.h"
 
 enum {
     ROUNDS = 40,             /* of the descent: one slider alone needs one */

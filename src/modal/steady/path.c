@@ -23,16 +23,16 @@
  * and an end that stays twice in a row has its f halved.  A branch point has no such f: the sign of
  * the determinant is bisected.
  */
-#include "modal/steady/balance.h"
-#include "modal/steady/blocks.h"
-#include "modal/steady/budget.h"
 #include "modal/steady/path.h"
-#include "modal/steady/pattern.h"
 #include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/balance.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/pattern.h"
 
 /* A correction this short, in units of u's size and of `span`, is the last one. */
 static const double TOLERANCE = 1e-12;

@@ -8,11 +8,11 @@
  * the order of columns and rows, and of a place that is listed as both the one that mixes comes
  * first.
  */
-#include "modal/scene/program.h"
 #include "modal/steady/pattern.h"
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 
 /* The list; NULL while they are counted. */
 struct pairs {

@@ -10,13 +10,13 @@
  * so that (1) cannot be met where |v^H P_k| exceeds the sum of |v^H a_l| times that, whatever the
  * motion.
  */
-#include "modal/scene/program.h"
 #include "modal/steady/resonance.h"
 #include <complex.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <lapacke.h>
+#include "modal/scene/program.h"
 
 /* Lambda at frequency w; returns the largest term of an entry, the scale of its rounding. */
 static double fill(const struct program *p, double w, double complex *Lambda)

@@ -15,12 +15,12 @@
  * m what divides the harmonic of every load: a shift by 2 pi / m maps solutions on solutions, and
  * half of one with the sign turned does where laws and loads are odd.
  */
-#include "modal/scene/program.h"
-#include "modal/steady/balance.h"
 #include "modal/steady/solutions.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/path.h"
 

@@ -13,7 +13,6 @@
  * settled, or rounding.  Work is 30 order^3 a step, bounded: a scene whose map costs more has no
  * verdict, one whose second map does has a verdict without its error.
  */
-#include "modal/steady/point.h"
 #include "modal/steady/stability.h"
 #include <float.h>
 #include <lapacke.h>
@@ -22,6 +21,7 @@
 #include <string.h>
 #include "modal/scene/floquet.h"
 #include "modal/steady/monodromy.h"
+#include "modal/steady/point.h"
 
 static const double TWO_PI = 6.283185307179586477;
 /* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */

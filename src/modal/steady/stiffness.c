@@ -9,7 +9,6 @@
  *
  *     |S_k^-1| <= 1 / min_i d_i   in the norm of rows,   where every d_i > 0.                   (1)
  */
-#include "modal/steady/pattern.h"
 #include "modal/steady/stiffness.h"
 #include <float.h>
 #include <lapacke.h>
@@ -17,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/steady/pattern.h"
 
 /* A pivot below so many roundings of the largest entry may be 0. */
 static const double PIVOT = 16;

@@ -23,18 +23,18 @@
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
-#include "modal/steady/aft.h"
-#include "modal/steady/balance.h"
-#include "modal/steady/condense.h"
-#include "modal/steady/pattern.h"
-#include "modal/steady/session.h"
-#include "modal/steady/stiffness.h"
 #include "modal/steady/ways.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/iterate.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/session.h"
 #include "modal/steady/solutions.h"
+#include "modal/steady/stiffness.h"
 
 enum {
     LEVELS_MOST = 60,       /* of a ramp, those that failed included */

@@ -258,10 +258,9 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
     rank->fixed = rank->rule == RANK_AUTO ? 0 : rank->fixed;
     rank->energy = !by_energy ? 0 : rank->energy > 0 ? rank->energy : ENERGY_KEPT;
     rank->threshold = rank->rule == RANK_THRESHOLD ? rank->threshold : 0;
-    key_table_write(identify_option_rows, &s, o);
     cJSON_AddItemToObject(o, "signals",
                           signals != NULL ? cJSON_Duplicate(signals, true)
                                           : cJSON_CreateString("pod"));
-    cJSON_InsertItemInArray(o, 1, cJSON_DetachItemFromObject(o, "signals")); /* after the method */
+    key_table_write(identify_option_rows, &s, o);
     return o;
 }

@@ -16,7 +16,7 @@
  *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors): `thorough` refines all.
  * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds one.  A pole lambda
  *    stands for a pair of neighbours where lambda +- i / (2 record), which span e^{lambda t} and, nearly, t e^{lambda t}, fit
- *    well enough to be worth refining.
+ *    well enough to be worth refining. A real pole stands for a pair that decays faster than it turns.
  * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
  *    zero within its error becomes a constant, with one parameter less, if BIC falls.
  *
@@ -450,6 +450,34 @@ static enum modal_status descend(struct climb *c, int *best, struct modal_error 
     return rc == MODAL_OK ? search_remainder(c, best, err) : rc;
 }
 
+/* Pass 3: real pole J of the best as a pair. It is told from two real ones, and from t e^{at}, once
+ * it turns by a radian in its life 1 / |a|: it starts there. */
+static enum modal_status turn_pole(struct climb *c, int j, int *best, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    double rate = fabs(creal(fit->lambda[j])), record = c->data->tau * c->data->Y->m;
+    struct refined looked;
+    int n = fit->poles, at;
+    bool worth;
+    enum modal_status rc;
+
+    if (rate * record < M_PI || rate * c->data->tau > M_PI_2 || fit->order + 1 > order_most(c))
+        return MODAL_OK;
+    memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
+    c->lambda[j] += I * rate;
+    rc = fit_poles(c, c->lambda, n, NULL, false, 0, &looked, err);
+    if (rc != MODAL_OK)
+        return rc;
+    worth = looked.bic < bic_of(c, *best) + ORDER_SPLIT_REACH;
+    refined_done(&looked);
+    if (!worth)
+        return MODAL_OK;
+    rc = try_poles(c, 0, c->lambda, n, NULL, true, bic_of(c, *best), &at, err);
+    if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *best))
+        *best = at;
+    return rc;
+}
+
 /* Pass 3, for pole J of the best. */
 static enum modal_status split_pole(struct climb *c, const struct matrix *E, int j, int *best,
                                     struct modal_error *err)
@@ -463,6 +491,8 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
     bool worth;
     enum modal_status rc = MODAL_OK;
 
+    if (pole_kind(lambda, c->data->tau) == POLE_REAL)
+        return turn_pole(c, j, best, err);
     if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart
         || fit->order + 2 > order_most(c) || n + 1 > c->poles_most)
         return MODAL_OK;

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
-#include "base/sha256.h"
 #include "client.h"
 #include "store/identity.h"
 

@@ -2,11 +2,8 @@
  * `steady` */
 #ifndef JOB_BACKBONE_JOB_H
 #define JOB_BACKBONE_JOB_H
-#include "job/job.h"
-
-struct cost;
-struct program;
-struct steady_settings;
+#include "job/cost.h"
+#include "job/steady_settings.h"
 
 /*
  * {"kind":"backbone", "mode", "linear":{"omega", "frequency_hz", "damping_ratio"},

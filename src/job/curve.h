@@ -1,11 +1,8 @@
 /* curve.h - steady states over a parameter: swept in steps, or followed around folds */
 #ifndef JOB_CURVE_H
 #define JOB_CURVE_H
-#include "job/job.h"
-
-struct cost;
-struct program;
-struct steady_settings;
+#include "job/cost.h"
+#include "job/steady_settings.h"
 
 /* The document {"kind":"curve", "parameter", "points", "folds", "bifurcations"} for
  * settings->sweep or ->follow; P is the scene lowered, and gets the effects' counts. */

@@ -4,9 +4,7 @@
 #define JOB_STEADY_SETTINGS_H
 #include "base/key_table.h"
 #include "job/job.h"
-#include "modal/steady/point.h"
-
-struct program;
+#include "modal/steady/solve.h"
 
 /* What the scene's `steady` may hold, and the options too; what the options alone may, of which one
  * at most. */

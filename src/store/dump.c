@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include "base/json.h"
-#include "base/sha256.h"
 #include "store/ledger_db.h"
 
 struct dump {

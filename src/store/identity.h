@@ -12,8 +12,7 @@
 #define STORE_IDENTITY_H
 #include <stddef.h>
 #include <stdint.h>
-
-struct sha256;
+#include "base/sha256.h"
 
 enum input_type { INPUT_BATCH, INPUT_SCENE };
 

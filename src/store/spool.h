@@ -11,13 +11,11 @@
  */
 #ifndef STORE_SPOOL_H
 #define STORE_SPOOL_H
-#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/error.h"
 #include "store/identity.h"
-
-struct mapping;
+#include "store/mapping.h"
 
 /* The wire's limits or more: what it let through is not refused here. */
 enum {

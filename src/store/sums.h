@@ -6,12 +6,7 @@
  */
 #ifndef STORE_SUMS_H
 #define STORE_SUMS_H
-#include <stddef.h>
-#include <stdint.h>
-#include "base/error.h"
-
-struct chunk_record;
-struct ledger_reader;
+#include "store/ledger.h"
 
 /* Parts that follow each other from offset 0; zero it, free `items`. */
 struct sums {

@@ -2,12 +2,7 @@
  * default filled in */
 #ifndef WIRE_REQUEST_H
 #define WIRE_REQUEST_H
-#include <cjson/cJSON.h>
-#include <stdbool.h>
-#include <stdint.h>
-#include "base/error.h"
-
-struct wire_message;
+#include "wire/frame.h"
 
 enum wire_verb {
     WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_SUBMITS, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT,

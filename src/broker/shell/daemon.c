@@ -1,9 +1,8 @@
 /* daemon.c - the daemon's beginning, in its order, and its end: signals, store, sockets, workers,
  * threads, replay */
-#include "base/sha256.h"
+#include "broker/shell/loop.h"
 #include "broker/shell/accept.h"
 #include "broker/shell/intake.h"
-#include "broker/shell/loop.h"
 #include "broker/shell/notify.h"
 #include "store/file.h"
 #include <errno.h>

@@ -2,7 +2,6 @@
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"
-#include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

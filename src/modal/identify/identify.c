@@ -1385,21 +1385,28 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
     return rc;
 }
 
-/* Is the fit that shows growth one that may be drawing something else: not at its least, not leaving noise, in need of many growing modes? */
-static bool growth_is_doubtful(const struct work *w, const struct identify_result *r)
+/* Is the fit that shows growth one that may be drawing something else: not at its least, leaving
+ * noise, in need of many growing modes, or of a crowd where one line that drifts may be? Of that,
+ * shapes tell more than one signal does. */
+static bool growth_is_doubtful(const struct work *w, const struct trend_input *in,
+                               const struct identify_result *r)
 {
-    return !w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1 || w->facts.doubt.rivals || verdict_crowd_grows(r);
+    return !w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1
+        || w->facts.doubt.rivals || verdict_crowd_grows(r)
+        || (w->X->n < 2 && trend_crowds(in, r->modes[r->decides].exponent));
 }
 
 /* Where it is, parts of the record must show growth for themselves. */
 static enum modal_status confirm_growth(struct work *w, struct identify_result *out, struct modal_error *err)
 {
-    struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count, 0, w->opt.cancelled, w->opt.context };
+    struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count,
+                              w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
     bool shown = true;
     enum modal_status rc = MODAL_OK;
 
-    if (out->verdict == VERDICT_UNSTABLE && w->refine && w->shift == 1 && w->rec.period <= 0 && growth_is_doubtful(w, out))
-        rc = trend_growth(&in, &shown, err);
+    if (out->verdict == VERDICT_UNSTABLE && w->refine && w->shift == 1 && w->rec.period <= 0
+        && growth_is_doubtful(w, &in, out))
+        rc = trend_growth(&in, out, &shown, err);
     if (rc != MODAL_OK || shown)
         return rc;
     out->verdict = VERDICT_UNDECIDED;

@@ -56,17 +56,30 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
     return rc;
 }
 
-/* Three or more vibrations within CLOSE of one another: what a mode that drifts is made of, to any accuracy. */
+/* Three or more vibrations within CLOSE of LAMBDA: what a mode that drifts is made of, to any
+ * accuracy. */
+static bool crowd_about(const struct trend_input *in, double complex lambda)
+{
+    int near = 0;
+
+    for (int j = 0; j < in->count; j++)
+        near += cimag(in->lambda[j]) > 0
+            && fabs(cimag(in->lambda[j]) - cimag(lambda)) < CLOSE * cimag(lambda);
+    return near >= 3;
+}
+
 static bool crowded(const struct trend_input *in)
 {
-    for (int i = 0; i < in->count; i++) {
-        int near = 0;
-        for (int j = 0; j < in->count; j++)
-            near += cimag(in->lambda[j]) > 0 && fabs(cimag(in->lambda[j]) - cimag(in->lambda[i])) < CLOSE * cimag(in->lambda[i]);
-        if (near >= 3)
-            return true;
-    }
-    return false;
+    bool yes = false;
+
+    for (int i = 0; i < in->count; i++)
+        yes |= crowd_about(in, in->lambda[i]);
+    return yes;
+}
+
+bool trend_crowds(const struct trend_input *in, double complex exponent)
+{
+    return crowd_about(in, exponent - I * 2 * M_PI * in->hertz);
 }
 
 /* ---- windows ---- */
@@ -207,24 +220,33 @@ static bool may_be_harmonic(const struct refined *fit, const double *energy, int
 }
 
 /* Poles of FIT that grow beyond GROWS of their errors, are more than WEAK, no harmonics,
- * no drift. */
-static int growing(const struct refined *fit, const struct synthesis *f, double tau)
+ * no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it, -1 where
+ * all that lies there decays as clearly, else 0. */
+static int growing(const struct refined *fit, const struct synthesis *f, double tau,
+                   double frequency, int *sign)
 {
-    double total = 0, energy[IDENTIFY_ORDER_MOST];
-    int count = 0;
+    double total = 0, energy[IDENTIFY_ORDER_MOST], beat = 2 * M_PI / (tau * f->rows);
+    int count = 0, here = 0, up = 0, down = 0;
 
     for (int j = 0; j < fit->poles; j++)
         total += energy[j] = energy_of(f, j, fit->lambda[j], tau);
     for (int j = 0; j < fit->poles; j++) {
         double complex z = fit->lambda[j];
-        bool grows = creal(z) > GROWS * fit->std_re[j] && !verdict_slow(z, tau * f->rows);
-        count += grows && energy[j] > WEAK * total && !may_be_harmonic(fit, energy, j);
+        bool strong = energy[j] > WEAK * total, at = fabs(cimag(z) - frequency) < beat;
+        bool grows = strong && creal(z) > GROWS * fit->std_re[j] && !may_be_harmonic(fit, energy, j)
+            && !verdict_slow(z, tau * f->rows);
+        count += grows;
+        here += strong && at, up += grows && at;
+        down += strong && at && creal(z) < -GROWS * fit->std_re[j];
     }
+    *sign = up > 0 ? 1 : here > 0 && down == here ? -1 : 0;
     return count;
 }
 
-/* What the fit to a part leaves is white, and few of its poles grow. */
-static enum modal_status part_grows(const struct trend_input *in, const struct matrix *Y, const struct refined *fit, bool *grows, struct modal_error *err)
+/* What the fit to a part leaves is white, and few of its poles grow: *sign as above. */
+static enum modal_status part_grows(const struct trend_input *in, const struct matrix *Y,
+                                    const struct refined *fit, double frequency, int *sign,
+                                    struct modal_error *err)
 {
     struct trend_input part = { .X = Y, .tau = in->tau, .lambda = fit->lambda, .count = fit->poles };
     struct synthesis f = { 0 };
@@ -232,44 +254,61 @@ static enum modal_status part_grows(const struct trend_input *in, const struct m
     double left;
     enum modal_status rc = adequate(&part, &good, &left, err);
 
-    if (rc == MODAL_OK && good && (rc = synthesis_fit(fit->lambda, fit->poles, in->tau, Y, NULL, &f, err)) == MODAL_OK) {
-        int count = growing(fit, &f, in->tau);
-        *grows = count > 0 && count <= GROWING_MOST;
-        synthesis_done(&f);
-    }
+    if (rc == MODAL_OK && good)
+        rc = synthesis_fit(fit->lambda, fit->poles, in->tau, Y, NULL, &f, err);
+    if (rc == MODAL_OK && good && growing(fit, &f, in->tau, frequency, sign) > GROWING_MOST)
+        *sign = 0;
+    synthesis_done(&f);
     return rc;
 }
 
-/* How many of PARTS equal parts grow; counting ends at ENOUGH. */
-static enum modal_status parts_that_grow(const struct trend_input *in, int parts, int enough, int *count, struct modal_error *err)
+/* How many of PARTS equal parts grow at FREQUENCY, since the last that decays there. */
+static enum modal_status parts_that_grow(const struct trend_input *in, int parts, double frequency,
+                                         int *count, struct modal_error *err)
 {
     int rows = in->X->m / parts;
 
     *count = 0;
-    for (int i = 0; i < parts && rows >= ROWS_LEAST && *count < enough; i++) {
+    for (int i = 0; i < parts && rows >= ROWS_LEAST; i++) {
         struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + (size_t)i * (size_t)rows };
         struct order_choice choice = { .chosen = -1 };
-        bool grows = false;
+        int sign = 0;
         enum modal_status rc = fit_part(in, &Y, &choice, err);
         if (rc == MODAL_OK && choice.chosen >= 0)
-            rc = part_grows(in, &Y, &choice.candidates[choice.chosen].fit, &grows, err);
+            rc = part_grows(in, &Y, &choice.candidates[choice.chosen].fit, frequency, &sign, err);
         order_done(&choice);
-        *count += grows;
+        *count = sign < 0 ? 0 : *count + sign;
         if (rc != MODAL_OK && rc != MODAL_NO_CONVERGENCE)
             return rc;
     }
     return MODAL_OK;
 }
 
-enum modal_status trend_growth(const struct trend_input *in, bool *shown, struct modal_error *err)
+/* Does a part of SECONDS not resolve the mode that decides from a stronger one? */
+static bool hidden(const struct identify_result *r, double seconds)
+{
+    const struct identify_mode *m = &r->modes[r->decides];
+    bool yes = false;
+
+    for (int i = 0; i < r->mode_count; i++)
+        yes |= r->modes[i].energy > m->energy
+            && fabs(cimag(r->modes[i].exponent) - cimag(m->exponent)) * seconds < 2 * M_PI;
+    return yes;
+}
+
+enum modal_status trend_growth(const struct trend_input *in, const struct identify_result *result,
+                               bool *shown, struct modal_error *err)
 {
     enum { TWO = 2 };                  /* the blow may fall just before the end of one */
+    double frequency = cimag(result->modes[result->decides].exponent) - 2 * M_PI * in->hertz;
     enum modal_status rc = MODAL_OK;
     int count = 0;
 
     *shown = in->X->m < 2 * ROWS_LEAST;
     for (int parts = 8; parts >= 2 && !*shown && rc == MODAL_OK; parts /= 2) {
-        rc = parts_that_grow(in, parts, TWO, &count, err);
+        if (hidden(result, in->tau * (in->X->m / parts)))
+            continue;
+        rc = parts_that_grow(in, parts, frequency, &count, err);
         *shown = count >= TWO;
     }
     return rc;

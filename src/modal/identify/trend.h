@@ -31,16 +31,26 @@ struct trend_input {
  */
 enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err);
 
+/* Do three or more vibrations stand about EXPONENT, a mode's, which one that drifts is made of, to
+ * any accuracy? */
+bool trend_crowds(const struct trend_input *in, double complex exponent);
+
 /*
- * Do parts of the record show growth for themselves?  Eighths, quarters and halves are identified
- * on their own; a part says so where what its fit leaves is white, and one or two of its poles grow
- * by three of their own standard errors; two parts of a size must say so.  What may be a harmonic
+ * Do parts of the record show for themselves that the mode that decides grows?
+ * Eighths, quarters and halves are identified on their own; a part says so where what its fit
+ * leaves is white, and one or two of its poles grow by three of their own standard errors, one of
+ * them at its frequency; two parts of a size must say so. A part that does not resolve it from a
+ * stronger mode shows that one, and says nothing. An exponent that is constant and grows does so in
+ * every part: what a later part shows to decay, as clearly, takes back what earlier ones said. So
+ * a line whose frequency or amplitude wanders, which exponents that grow and decay make up for, is
+ * no instability; one that sets in within the record is. What may be a harmonic
  * of a stronger pole does not count: it grows where that one does.  A motion set off anew within
  * the record (an impact, a load that changes) grows in the fit to the whole, and in a part at most
  * where it falls into the end of it.  *SHOWN is true, too, where the record is too short to be
  * parted.  Fails as trend_watch.
  */
-enum modal_status trend_growth(const struct trend_input *in, bool *shown, struct modal_error *err);
+enum modal_status trend_growth(const struct trend_input *in, const struct identify_result *result,
+                               bool *shown, struct modal_error *err);
 
 /* Mark the modes that are harmonics of others, before a verdict; not for periodic systems. */
 void trend_mark_harmonics(struct identify_result *result);

@@ -9,10 +9,7 @@
 #ifndef MODAL_BACKBONE_H
 #define MODAL_BACKBONE_H
 #include <complex.h>
-#include <stdbool.h>
-#include "base/error.h"
-
-struct program;
+#include "modal/scene/program.h"
 
 enum { BACKBONE_UNKNOWNS_MOST = 3000 };
 

@@ -6,10 +6,7 @@
  */
 #ifndef MODAL_BLOCKS_H
 #define MODAL_BLOCKS_H
-#include <stdbool.h>
-#include "base/error.h"
-
-struct pattern;
+#include "modal/steady/pattern.h"
 
 struct blocks;
 

@@ -16,10 +16,8 @@
 #define MODAL_STEADY_CONDENSE_H
 #include <complex.h>
 #include <stdbool.h>
-#include "base/error.h"
-
-struct pattern;
-struct program;
+#include "modal/scene/program.h"
+#include "modal/steady/pattern.h"
 
 struct condense;
 

@@ -8,10 +8,8 @@
 #define MODAL_CYCLE_H
 #include <complex.h>
 #include <stdbool.h>
-#include "base/error.h"
-
-struct budget;
-struct program;
+#include "modal/scene/program.h"
+#include "modal/steady/budget.h"
 
 enum {
     CYCLE_STATES_MOST = 120,

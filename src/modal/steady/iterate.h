@@ -5,11 +5,7 @@
  * motion, so that neither depends on units. */
 #ifndef MODAL_ITERATE_H
 #define MODAL_ITERATE_H
-#include <complex.h>
-#include <stdbool.h>
-#include "base/error.h"
-
-struct balance;
+#include "modal/steady/balance.h"
 
 struct iterate_options {
     double tolerance;         /* of the relative step; 0: 1e-12 */

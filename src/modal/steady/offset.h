@@ -7,11 +7,7 @@
  * system; the one with its slider at zero is the one to give. */
 #ifndef MODAL_OFFSET_H
 #define MODAL_OFFSET_H
-#include <stdbool.h>
-#include "base/error.h"
-
-struct ports;
-struct statespace;
+#include "modal/scene/ports.h"
 
 enum { OFFSET_LAWS_MOST = 16 };
 

@@ -4,12 +4,7 @@
  * of `span`, so that the branch is traced around folds, where lambda turns back. */
 #ifndef MODAL_PATH_H
 #define MODAL_PATH_H
-#include <complex.h>
-#include <stdbool.h>
-#include "base/error.h"
-
-struct balance;
-struct budget;
+#include "modal/steady/balance.h"
 
 struct path_point {
     double lambda;

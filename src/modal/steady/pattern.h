@@ -3,9 +3,7 @@
 #ifndef MODAL_PATTERN_H
 #define MODAL_PATTERN_H
 #include <stdbool.h>
-#include "base/error.h"
-
-struct program;
+#include "modal/scene/program.h"
 
 /* Column j has rows index[start[j]] .. index[start[j+1] - 1], the diagonal among them, ascending.
  * */

@@ -2,14 +2,7 @@
  * it answers with */
 #ifndef MODAL_POINT_H
 #define MODAL_POINT_H
-#include <complex.h>
-#include <stdbool.h>
-#include "base/error.h"
-#include "modal/steady/budget.h"
-
-struct balance;
-struct condense;
-struct program;
+#include "modal/steady/balance.h"
 
 /* the last three: march.h */
 enum steady_method {

@@ -2,8 +2,7 @@
 #ifndef MODAL_STEADY_RESONANCE_H
 #define MODAL_STEADY_RESONANCE_H
 #include <stdbool.h>
-
-struct program;
+#include "modal/scene/program.h"
 
 /* Dofs up to which the proof is sought: O(dofs^3) a harmonic of the loads, where none was found. */
 enum { RESONANCE_DOFS_MOST = 64 };

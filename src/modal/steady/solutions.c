@@ -19,8 +19,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/scene/program.h"
-#include "modal/steady/balance.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/path.h"
 

@@ -2,12 +2,8 @@
  * starts */
 #ifndef MODAL_SOLUTIONS_H
 #define MODAL_SOLUTIONS_H
-#include <complex.h>
-#include <stdbool.h>
 #include <stdint.h>
-#include "base/error.h"
-
-struct balance;
+#include "modal/steady/balance.h"
 
 enum { SOLUTIONS_MOST = 64 };
 

@@ -11,12 +11,7 @@
  * map over a period has the multipliers. */
 #ifndef MODAL_STABILITY_H
 #define MODAL_STABILITY_H
-#include <complex.h>
-#include <stdbool.h>
-#include "base/error.h"
-
-struct steady;
-struct steady_point;
+#include "modal/steady/solve.h"
 
 enum stability_verdict {
     STABILITY_UNKNOWN,

@@ -2,10 +2,7 @@
 #ifndef MODAL_STIFFNESS_H
 #define MODAL_STIFFNESS_H
 #include <complex.h>
-#include <stdbool.h>
-#include "base/error.h"
-
-struct pattern;
+#include "modal/steady/pattern.h"
 
 struct stiffness;
 

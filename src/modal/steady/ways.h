@@ -2,13 +2,7 @@
  * one converges */
 #ifndef MODAL_WAYS_H
 #define MODAL_WAYS_H
-#include <complex.h>
-#include "base/error.h"
-
-struct balance;
-struct steady;
-struct steady_point;
-struct steady_start;
+#include "modal/steady/session.h"
 
 /*
  * X of balance B, not yet set to OMEGA, from START, or from rest (NULL): to many harmonics the way

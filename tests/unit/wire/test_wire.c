@@ -4,10 +4,8 @@
 #include "check.h"
 #include <dirent.h>
 #include <stdlib.h>
-#include "base/crc32c.h"
-#include "wire/frame.h"
-#include "wire/protocol.h"
 #include "wire/request.h"
+#include "base/crc32c.h"
 
 #ifndef PROTO_VECTORS
 #define PROTO_VECTORS TEST_DATA "/../../proto/vectors"

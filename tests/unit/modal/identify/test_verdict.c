@@ -210,6 +210,35 @@ TEST(what_settles_on_a_limit_cycle_is_not_stable)
     }
 }
 
+/* One line of one signal that decays, whose phase wanders by 0.5 to 3 rad some times a second, and
+ * its third harmonic: exponents that grow and decay make up for that, to any accuracy. */
+TEST(of_lines_that_wander_and_decay_hardly_one_in_ten_is_called_unstable)
+{
+    enum { LINES = 40 };
+    const double step = 1 / 1280.0;
+    int unstable = 0;
+
+    for (int i = 0; i < LINES; i++) {
+        struct random rng = { (uint64_t)i };
+        int n = (int)uniform(&rng, 250, 700);
+        double f = 2 * M_PI * uniform(&rng, 150, 250), decay = uniform(&rng, 0.02, 0.3),
+               far = uniform(&rng, 0.5, 3), w = 2 * M_PI * uniform(&rng, 1, 4),
+               p = uniform(&rng, 0, 6), q = uniform(&rng, 0, 6), beat = uniform(&rng, 0, 0.1),
+               noise = pow(10, uniform(&rng, -3, -1.5)), third = uniform(&rng, 0, 0.05);
+        struct batch b = { .samples = (size_t)n, .channels = 1, .signals = x, .dt = step };
+        struct identify_result r;
+        for (int k = 0; k < n; k++) {
+            double t = k * step, phase = f * t + far * sin(w * t + q) + p,
+                   size = exp(-decay * t) * (1 + beat * sin(1.3 * w * t));
+            x[k] = size * (cos(phase) + third * cos(3 * phase)) + noise * random_normal(&rng);
+        }
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        unstable += r.verdict == VERDICT_UNSTABLE;
+        identify_result_done(&r);
+    }
+    CHECK(unstable <= LINES / 10);
+}
+
 /* e^{0.009 k} sin(w k) / w nearly meets its conjugate: a cluster within a small radius, but with
  * error bars of rounding.  |rho| - 1 = 0.00904. */
 TEST(a_close_cluster_that_rounding_resolves_is_decided)

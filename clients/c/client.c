@@ -5,9 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include "store/identity.h"
-#include "wire/request.h"
 #include "base/crc32c.h"
+#include "base/sha256.h"
+#include "store/identity.h"
+#include "wire/protocol.h"
+#include "wire/request.h"
 
 static const double wait_slice = 20, watched_slice = 0.5;    /* s of one WAIT */
 static const double chunk_patience = 10;                     /* s without an answer to any chunk */

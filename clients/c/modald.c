@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
+#include "base/sha256.h"
 #include "client.h"
 #include "store/identity.h"
 

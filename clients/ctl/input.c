@@ -2,6 +2,7 @@
 #include "input.h"
 #include <stdlib.h>
 #include <string.h>
+#include "base/sha256.h"
 #include "option.h"
 #include "scene_file.h"
 #include "store/identity.h"

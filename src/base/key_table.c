@@ -166,7 +166,11 @@ void key_table_write(const struct key_row *rows, const void *from, cJSON *out)
 {
     for (const struct key_row *r = rows; r->name != NULL; r++) {
         const void *at = (const char *)from + r->at;
+        cJSON *own = r->type == KEY_OWN ? cJSON_DetachItemFromObjectCaseSensitive(out, r->name)
+                                        : NULL;
 
+        if (own != NULL) /* to its place among the rows */
+            cJSON_AddItemToObject(out, r->name, own);
         if (r->type != KEY_OWN && r->shown != KEY_SILENT
             && (r->shown != KEY_SHOWN_IF_SET || is_set(r, at)))
             cJSON_AddItemToObject(out, r->name, write_value(r, at));

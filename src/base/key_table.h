@@ -60,8 +60,8 @@ enum modal_status key_table_read(const struct key_row *rows, const cJSON *object
 enum modal_status key_table_options(const struct key_row *rows, const cJSON *options, void *into,
                                     struct modal_error *err);
 
-/* The values in FROM as members of OUT, in the rows' order, as their `shown` says; KEY_OWN is its
- * owner's. */
+/* The values in FROM as members of OUT, in the rows' order, as their `shown` says; what its owner
+ * wrote of KEY_OWN before goes to its place among them. */
 void key_table_write(const struct key_row *rows, const void *from, cJSON *out);
 
 /* "KEY=FORM" of a row, and "meaning, unit (range; default)", for the help. */

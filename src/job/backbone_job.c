@@ -2,8 +2,10 @@
 #include "job/backbone_job.h"
 #include <math.h>
 #include <stdlib.h>
+#include "job/cost.h"
 #include "job/plan.h"
 #include "job/steady_print.h"
+#include "job/steady_settings.h"
 #include "modal/steady/backbone.h"
 
 enum {

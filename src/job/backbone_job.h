@@ -2,8 +2,11 @@
  * `steady` */
 #ifndef JOB_BACKBONE_JOB_H
 #define JOB_BACKBONE_JOB_H
-#include "job/cost.h"
-#include "job/steady_settings.h"
+#include "job/job.h"
+
+struct cost;
+struct program;
+struct steady_settings;
 
 /*
  * {"kind":"backbone", "mode", "linear":{"omega", "frequency_hz", "damping_ratio"},

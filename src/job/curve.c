@@ -17,13 +17,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "job/cost.h"
 #include "job/plan.h"
 #include "job/scene_path.h"
 #include "job/steady_print.h"
+#include "job/steady_settings.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/estimate.h"
 #include "modal/steady/path.h"
+#include "modal/steady/solve.h"
+#include "modal/steady/stability.h"
 
 enum {
     POINTS_MOST = 20000,         /* of a sweep: a document of some 100 MB */

@@ -1,8 +1,11 @@
 /* curve.h - steady states over a parameter: swept in steps, or followed around folds */
 #ifndef JOB_CURVE_H
 #define JOB_CURVE_H
-#include "job/cost.h"
-#include "job/steady_settings.h"
+#include "job/job.h"
+
+struct cost;
+struct program;
+struct steady_settings;
 
 /* The document {"kind":"curve", "parameter", "points", "folds", "bifurcations"} for
  * settings->sweep or ->follow; P is the scene lowered, and gets the effects' counts. */

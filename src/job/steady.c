@@ -9,7 +9,10 @@
 #include "job/curve.h"
 #include "job/plan.h"
 #include "job/steady_print.h"
+#include "job/steady_settings.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/solve.h"
+#include "modal/steady/stability.h"
 
 /* A motion found from rest that is unstable is not what a machine does: a stable one is sought
  * among all, and given if there is.  *KNOWN is the stability of the one given. */

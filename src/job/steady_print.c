@@ -4,7 +4,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "job/steady_settings.h"
+#include "modal/scene/program.h"
 #include "modal/steady/resonance.h"
+#include "modal/steady/stability.h"
 
 static enum modal_status print_harmonics(struct steady *s, const struct program *p,
                                          const struct steady_settings *settings,

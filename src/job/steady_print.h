@@ -1,8 +1,14 @@
 /* steady_print.h - one steady state as the document of contracts.md */
 #ifndef JOB_STEADY_PRINT_H
 #define JOB_STEADY_PRINT_H
-#include "job/steady_settings.h"
-#include "modal/steady/stability.h"
+#include "base/error.h"
+#include "base/json.h"
+
+struct program;
+struct stability;
+struct steady;
+struct steady_point;
+struct steady_settings;
 
 /* The document of POINT of session S; SETTINGS says which dofs and how many samples.  STABILITY
  * may be NULL (not looked at): its verdict and its largest multiplier are null then. */

@@ -4,6 +4,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/condense.h"
 
 static const char *const methods[] = { "auto", "direct", "newton", "rk4",
                                        "adaptive", "shooting", NULL };

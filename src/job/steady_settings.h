@@ -4,7 +4,9 @@
 #define JOB_STEADY_SETTINGS_H
 #include "base/key_table.h"
 #include "job/job.h"
-#include "modal/steady/solve.h"
+#include "modal/steady/point.h"
+
+struct program;
 
 /* What the scene's `steady` may hold, and the options too; what the options alone may, of which one
  * at most. */

@@ -14,7 +14,9 @@
 #include "job/steady_print.h"
 #include "job/steady_settings.h"
 #include "job/tradeoff_print.h"
+#include "modal/scene/orbit.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/solve.h"
 
 enum {
     REFERENCE_H = 384,               /* harmonics: three times the finest rung's */

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include "base/json.h"
+#include "base/sha256.h"
 #include "store/ledger_db.h"
 
 struct dump {

@@ -15,11 +15,6 @@
 #include <unistd.h>
 #include "store/file_fault.h"
 
-const char *const file_calls[FILE_CALL_COUNT] = {
-    "open",      "pread",     "pwrite", "fsync",  "fdatasync",
-    "ftruncate", "fallocate", "rename", "unlink", "mkdir",
-};
-
 static enum modal_status fail(struct modal_error *err, enum file_call call, const char *path,
                               int error)
 {

@@ -1,6 +1,5 @@
 /* file_fault.c - making the n-th call of a kind fail; see file.h for the rules' text */
 #include "store/file_fault.h"
-#ifdef MODALD_FAULTS
 #include <errno.h>
 #include <pthread.h>
 #include <signal.h>
@@ -9,6 +8,12 @@
 #include <string.h>
 #include <unistd.h>
 
+const char *const file_calls[FILE_CALL_COUNT] = {
+    "open",      "pread",     "pwrite", "fsync",  "fdatasync",
+    "ftruncate", "fallocate", "rename", "unlink", "mkdir",
+};
+
+#ifdef MODALD_FAULTS
 enum {
     RULES_MOST = 8,                  /* of one text */
     ANY        = FILE_CALL_COUNT,    /* a rule of every call */

@@ -3,6 +3,7 @@
 #include "store/identity.h"
 #include <stdio.h>
 #include <string.h>
+#include "base/sha256.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are hashed as they lie");
 

@@ -12,7 +12,8 @@
 #define STORE_IDENTITY_H
 #include <stddef.h>
 #include <stdint.h>
-#include "base/sha256.h"
+
+struct sha256;
 
 enum input_type { INPUT_BATCH, INPUT_SCENE };
 

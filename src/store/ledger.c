@@ -19,6 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "base/crc32c.h"
+#include "base/sha256.h"
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"

@@ -19,12 +19,14 @@
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
-#include "base/json.h"
-#include "store/batch_h5.h"
 #include "base/crc32c.h"
+#include "base/json.h"
+#include "base/sha256.h"
+#include "store/batch_h5.h"
 #include "store/file.h"
 #include "store/file_h5.h"
 #include "store/ledger.h"
+#include "store/mapping.h"
 
 enum {
     PAGE       = 4096,       /* to which data are aligned: a mapping begins with them */

@@ -11,11 +11,13 @@
  */
 #ifndef STORE_SPOOL_H
 #define STORE_SPOOL_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/error.h"
 #include "store/identity.h"
-#include "store/mapping.h"
+
+struct mapping;
 
 /* The wire's limits or more: what it let through is not refused here. */
 enum {

@@ -6,6 +6,7 @@
 #include <unistd.h>
 #include "base/crc32c.h"
 #include "store/file.h"
+#include "store/ledger.h"
 #include "store/spool.h"
 
 static enum modal_status put(struct sums *sums, const struct chunk_record *part,

@@ -6,7 +6,12 @@
  */
 #ifndef STORE_SUMS_H
 #define STORE_SUMS_H
-#include "store/ledger.h"
+#include <stddef.h>
+#include <stdint.h>
+#include "base/error.h"
+
+struct chunk_record;
+struct ledger_reader;
 
 /* Parts that follow each other from offset 0; zero it, free `items`. */
 struct sums {

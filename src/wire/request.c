@@ -5,6 +5,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/json.h"
+#include "wire/frame.h"
+#include "wire/protocol.h"
 
 const char *const wire_contents[] = { "batch", "scene", NULL };
 const char *const wire_parts[] = { "document", "batch", "input", "stderr", NULL };

@@ -2,7 +2,12 @@
  * default filled in */
 #ifndef WIRE_REQUEST_H
 #define WIRE_REQUEST_H
-#include "wire/frame.h"
+#include <cjson/cJSON.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include "base/error.h"
+
+struct wire_message;
 
 enum wire_verb {
     WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_SUBMITS, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT,

@@ -13,9 +13,10 @@
 #include <sys/resource.h>
 #include <time.h>
 #include <unistd.h>
+#include "base/crc32c.h"
 #include "job/blas_core.h"
 #include "job/job.h"
-#include "base/crc32c.h"
+#include "store/mapping.h"
 #include "store/spool.h"
 #include "wire/request.h"
 #include "worker/descriptors.h"

@@ -41,9 +41,10 @@
 #include <unistd.h>
 #include <openssl/sha.h>
 #include <zmq.h>
-#include "job/job.h"
-#include "base/json.h"
 #include "base/crc32c.h"
+#include "base/json.h"
+#include "base/sha256.h"
+#include "job/job.h"
 #include "store/identity.h"
 
 extern char **environ;

@@ -27,6 +27,7 @@
 #include "base/crc32c.h"
 #include "store/file.h"
 #include "store/ledger.h"
+#include "store/mapping.h"
 #include "store/samples.h"
 #include "store/spool.h"
 

@@ -1,6 +1,7 @@
 /* answer.c - actions, replies, errors and queue documents, as proto/PROTOCOL.md sections 3 and 5 */
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
+#include "wire/frame.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sha256.h"
 
 enum { CACHE_BYTES = 4 << 20 };    /* inline inputs in memory: 64 of the largest */
 

@@ -1,6 +1,7 @@
 /* slots.c - worker processes from outside: what is sent to them, and their end */
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
+#include "wire/frame.h"
 #include <stdlib.h>
 
 void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)

@@ -9,6 +9,7 @@
 #include "broker/kit/ident.h"
 #include "broker/kit/map.h"
 #include "broker/kit/memory.h"
+#include "wire/protocol.h"
 
 #define SECOND INT64_C(1000000000)
 #define DAY (86400 * SECOND)             /* of UTC, as limits of CPU-seconds count them */

@@ -1,8 +1,9 @@
 /* daemon.c - the daemon's beginning, in its order, and its end: signals, store, sockets, workers,
  * threads, replay */
-#include "broker/shell/loop.h"
+#include "base/sha256.h"
 #include "broker/shell/accept.h"
 #include "broker/shell/intake.h"
+#include "broker/shell/loop.h"
 #include "broker/shell/notify.h"
 #include "store/file.h"
 #include <errno.h>

@@ -1,7 +1,9 @@
 /* daemon.h - the loop around the core: sockets, signals, threads, workers, the service manager */
 #ifndef BROKER_DAEMON_H
 #define BROKER_DAEMON_H
-#include "broker/shell/config.h"
+#include "base/error.h"
+
+struct config;
 
 /* The configuration once more, into OUT, which config_done frees; CONTEXT is daemon_run's. */
 typedef enum modal_status config_again(struct config *out, void *context, struct modal_error *err);

@@ -13,6 +13,7 @@
 #include "broker/shell/notify.h"
 #include "broker/verbs/verbs.h"
 #include "store/file.h"
+#include "wire/frame.h"
 #include <errno.h>
 #include <malloc.h>
 #include <signal.h>

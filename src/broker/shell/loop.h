@@ -1,6 +1,7 @@
 /* loop.h - the daemon's one loop, and what it holds; for the files that begin and end it */
 #ifndef BROKER_LOOP_H
 #define BROKER_LOOP_H
+#include "broker/shell/config.h"
 #include "broker/shell/daemon.h"
 #include "broker/shell/peers.h"
 #include "broker/shell/pool.h"

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "broker/shell/daemon.h"
+#include "broker/shell/config.h"
 
 static const char usage[] =
     "usage: modald --data DIR [--bind ENDPOINT...]... [--workers N] [--config FILE] "

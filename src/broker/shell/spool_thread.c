@@ -9,10 +9,11 @@
  * writes as much as a stream may be long, and neither another's chunk nor another's short stream
  * waits for the end of that.
  */
-#include "broker/shell/queue.h"
 #include "base/crc32c.h"
+#include "broker/shell/queue.h"
 #include "store/file.h"
 #include "store/samples.h"
+#include "wire/protocol.h"
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>

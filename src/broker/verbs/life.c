@@ -1,4 +1,5 @@
 /* life.c - the beginning of a core, the taking over of a ledger's rows, and the end */
+#include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"

@@ -2,6 +2,7 @@
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"
+#include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

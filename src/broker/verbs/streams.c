@@ -7,10 +7,12 @@
  * checksum is in memory (segments.c) are compared with the file, while the push and those behind
  * it wait.
  */
+#include "base/crc32c.h"
+#include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
-#include "base/crc32c.h"
+#include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

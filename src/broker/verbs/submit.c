@@ -1,9 +1,11 @@
 /* submit.c - SUBMIT: the same key again, a cached answer, or a new job */
+#include "base/crc32c.h"
+#include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"
 #include "job/job.h"
-#include "base/crc32c.h"
+#include "wire/frame.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -5,9 +5,11 @@
  * next task with one sync, and committed together; then each is acknowledged.  So a slow disk
  * makes the groups larger, not the queue.
  */
+#include "base/crc32c.h"
+#include "base/sha256.h"
 #include "broker/core/inputs.h"
 #include "broker/verbs/verbs.h"
-#include "base/crc32c.h"
+#include "wire/frame.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -10,6 +10,7 @@
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
+#include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -5,10 +5,11 @@
  * the job and attempt its slot has now.  To end an attempt early its process group is killed; the
  * job moves when the exit is seen.
  */
+#include "base/crc32c.h"
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/verbs.h"
-#include "base/crc32c.h"
+#include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 #include "modal/steady/aft_events.h"
 
 enum { SWEEPS_MOST = 12 };   /* periods that a memory is given to repeat */

@@ -6,9 +6,9 @@
 #define MODAL_AFT_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/scene/orbit.h"
-#include "modal/scene/pieces.h"
-#include "modal/scene/program.h"
+#include "base/error.h"
+
+struct program;
 
 struct aft;
 

@@ -1,6 +1,9 @@
 /* aft_state.h - what aft.c, aft_events.c and aft_derivative.c share */
 #ifndef MODAL_AFT_STATE_H
 #define MODAL_AFT_STATE_H
+#include "modal/scene/law.h"
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
 #include "modal/steady/aft.h"
 
 static const double TWO_PI = 6.283185307179586477;

@@ -26,8 +26,10 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
 
 static const double TWO_PI = 6.283185307179586477;
 /* A relative step this short ends Newton's method; below CLOSE one that did not shrink to a

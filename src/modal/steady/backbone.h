@@ -9,7 +9,10 @@
 #ifndef MODAL_BACKBONE_H
 #define MODAL_BACKBONE_H
 #include <complex.h>
-#include "modal/scene/program.h"
+#include <stdbool.h>
+#include "base/error.h"
+
+struct program;
 
 enum { BACKBONE_UNKNOWNS_MOST = 3000 };
 

@@ -27,6 +27,13 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/stiffness.h"
 
 /* The least pivot over the largest below which some direction is held by nothing: hundreds of
  * roundings. */

@@ -6,11 +6,17 @@
  * convolution. */
 #ifndef MODAL_BALANCE_H
 #define MODAL_BALANCE_H
-#include "modal/steady/aft.h"
-#include "modal/steady/blocks.h"
-#include "modal/steady/budget.h"
-#include "modal/steady/condense.h"
-#include "modal/steady/stiffness.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+
+struct aft;
+struct blocks;
+struct budget;
+struct condense;
+struct pattern;
+struct program;
+struct stiffness;
 
 /* One order's balance; what is not `borrowed` it owns.  Its fields are read by the solvers, set
  * here. */

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/steady/pattern.h"
 
 struct blocks {
     const struct pattern *pattern;

@@ -6,7 +6,10 @@
  */
 #ifndef MODAL_BLOCKS_H
 #define MODAL_BLOCKS_H
-#include "modal/steady/pattern.h"
+#include <stdbool.h>
+#include "base/error.h"
+
+struct pattern;
 
 struct blocks;
 

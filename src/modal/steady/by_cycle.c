@@ -20,7 +20,13 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
+#include "modal/steady/session.h"
+#include "modal/steady/stiffness.h"
 
 /* Harmonics fall as k^-3 and faster, so that half the samples fold eight times as much: their
  * difference is seven times what the whole folds. */

@@ -2,7 +2,11 @@
  * point of H harmonics */
 #ifndef MODAL_BY_CYCLE_H
 #define MODAL_BY_CYCLE_H
-#include "modal/steady/session.h"
+#include "base/error.h"
+
+struct steady;
+struct steady_point;
+struct steady_start;
 
 /*
  * Follow the program of S (cycle_takes) at OMEGA from START, or from rest (NULL), until it repeats,

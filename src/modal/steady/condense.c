@@ -23,6 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/steady/condense_state.h"
+#include "modal/steady/pattern.h"
 
 enum {
     DOFS_MOST = 20000,           /* a band of half of them is 9.6 GB: what fits is sparse or

@@ -16,8 +16,10 @@
 #define MODAL_STEADY_CONDENSE_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/scene/program.h"
-#include "modal/steady/pattern.h"
+#include "base/error.h"
+
+struct pattern;
+struct program;
 
 struct condense;
 

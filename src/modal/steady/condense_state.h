@@ -1,6 +1,7 @@
 /* condense_state.h - what condense.c and condense_modes.c share */
 #ifndef MODAL_CONDENSE_STATE_H
 #define MODAL_CONDENSE_STATE_H
+#include "modal/scene/program.h"
 #include "modal/steady/condense.h"
 
 /* The program's linear part, where each dof is in it, and what the last condense_at left. */

@@ -37,6 +37,7 @@
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 #include "modal/scene/stepper.h"
+#include "modal/steady/budget.h"
 #include "modal/steady/offset.h"
 
 static const double TWO_PI = 6.283185307179586477;

@@ -8,8 +8,10 @@
 #define MODAL_CYCLE_H
 #include <complex.h>
 #include <stdbool.h>
-#include "modal/scene/program.h"
-#include "modal/steady/budget.h"
+#include "base/error.h"
+
+struct budget;
+struct program;
 
 enum {
     CYCLE_STATES_MOST = 120,

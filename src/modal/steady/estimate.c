@@ -25,7 +25,15 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/iterate.h"
+#include "modal/steady/pattern.h"
 #include "modal/steady/session.h"
+#include "modal/steady/stiffness.h"
 
 enum {
     EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are

@@ -1,7 +1,13 @@
 /* estimate.h - the errors of a point: of its truncation, its sampling and its solver */
 #ifndef MODAL_ESTIMATE_H
 #define MODAL_ESTIMATE_H
-#include "modal/steady/point.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+
+struct balance;
+struct steady;
+struct steady_point;
 
 /* Fill a converged point's estimates of error (done by steady_solve unless estimate_later). */
 enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point,

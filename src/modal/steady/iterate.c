@@ -32,6 +32,13 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/stiffness.h"
 
 /* The relative step that ends an iteration where the options name none. */
 static const double TOLERANCE = 1e-12;

@@ -5,7 +5,11 @@
  * motion, so that neither depends on units. */
 #ifndef MODAL_ITERATE_H
 #define MODAL_ITERATE_H
-#include "modal/steady/balance.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+
+struct balance;
 
 struct iterate_options {
     double tolerance;         /* of the relative step; 0: 1e-12 */

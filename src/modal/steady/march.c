@@ -26,6 +26,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 
 /* What a step needs; STAGES of the larger pair, of which rk4 uses four. */
 enum { STAGES = 7 };

@@ -3,7 +3,9 @@
 #ifndef MODAL_MARCH_H
 #define MODAL_MARCH_H
 #include <stdbool.h>
-#include "modal/scene/program.h"
+#include "base/error.h"
+
+struct program;
 
 enum march_method { MARCH_RK4, MARCH_ADAPTIVE, MARCH_SHOOTING };
 enum { MARCH_DOFS_MOST = 400, MARCH_PERIODS_MOST = 4000 };

@@ -25,7 +25,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/pieces.h"
+#include "modal/scene/program.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/estimate.h"
+#include "modal/steady/point.h"
 #include "modal/steady/stability.h"
 
 static const double TWO_PI = 6.283185307179586477;

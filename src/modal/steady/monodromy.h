@@ -1,9 +1,15 @@
 /* monodromy.h - the map of a steady state's disturbances over one period, (1) of stability.h */
 #ifndef MODAL_MONODROMY_H
 #define MODAL_MONODROMY_H
-#include "modal/scene/orbit.h"
-#include "modal/scene/pieces.h"
-#include "modal/steady/point.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+
+struct law_pieces;
+struct orbit;
+struct program;
+struct steady;
+struct steady_point;
 
 /* A motion, its laws' pieces along it, and the map under way. */
 struct monodromy {

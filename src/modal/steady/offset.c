@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/ports.h"
 
 enum {
     ROUNDS = 40,             /* of the descent: one slider alone needs one */

@@ -7,7 +7,11 @@
  * system; the one with its slider at zero is the one to give. */
 #ifndef MODAL_OFFSET_H
 #define MODAL_OFFSET_H
-#include "modal/scene/ports.h"
+#include <stdbool.h>
+#include "base/error.h"
+
+struct ports;
+struct statespace;
 
 enum { OFFSET_LAWS_MOST = 16 };
 

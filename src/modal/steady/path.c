@@ -29,6 +29,10 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/balance.h"
+#include "modal/steady/blocks.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/pattern.h"
 
 /* A correction this short, in units of u's size and of `span`, is the last one. */
 static const double TOLERANCE = 1e-12;

@@ -4,7 +4,12 @@
  * of `span`, so that the branch is traced around folds, where lambda turns back. */
 #ifndef MODAL_PATH_H
 #define MODAL_PATH_H
-#include "modal/steady/balance.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+
+struct balance;
+struct budget;
 
 struct path_point {
     double lambda;

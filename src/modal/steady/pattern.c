@@ -12,6 +12,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
 
 /* The list; NULL while they are counted. */
 struct pairs {

@@ -3,7 +3,9 @@
 #ifndef MODAL_PATTERN_H
 #define MODAL_PATTERN_H
 #include <stdbool.h>
-#include "modal/scene/program.h"
+#include "base/error.h"
+
+struct program;
 
 /* Column j has rows index[start[j]] .. index[start[j+1] - 1], the diagonal among them, ascending.
  * */

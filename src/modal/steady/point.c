@@ -16,6 +16,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/iterate.h"
+#include "modal/steady/pattern.h"
 
 /* The error of a solution whose options name none: a millionth of the largest displacement. */
 static const double TARGET = 1e-6;

@@ -2,7 +2,14 @@
  * it answers with */
 #ifndef MODAL_POINT_H
 #define MODAL_POINT_H
-#include "modal/steady/balance.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+#include "modal/steady/budget.h"
+
+struct balance;
+struct condense;
+struct program;
 
 /* the last three: march.h */
 enum steady_method {

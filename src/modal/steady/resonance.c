@@ -16,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <lapacke.h>
+#include "modal/scene/program.h"
 
 /* Lambda at frequency w; returns the largest term of an entry, the scale of its rounding. */
 static double fill(const struct program *p, double w, double complex *Lambda)

@@ -2,7 +2,8 @@
 #ifndef MODAL_STEADY_RESONANCE_H
 #define MODAL_STEADY_RESONANCE_H
 #include <stdbool.h>
-#include "modal/scene/program.h"
+
+struct program;
 
 /* Dofs up to which the proof is sought: O(dofs^3) a harmonic of the loads, where none was found. */
 enum { RESONANCE_DOFS_MOST = 64 };

@@ -1,8 +1,9 @@
 /* session.h - what the files of one solution share: the session and its helpers (point.c) */
 #ifndef MODAL_SESSION_H
 #define MODAL_SESSION_H
-#include "modal/steady/iterate.h"
 #include "modal/steady/point.h"
+
+struct iterate_options;
 
 /* Orders whose balances are kept: H doubles, and a way or a search asks for a few in between. */
 enum { BALANCES = 24 };

@@ -19,6 +19,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/path.h"
 

@@ -2,8 +2,12 @@
  * starts */
 #ifndef MODAL_SOLUTIONS_H
 #define MODAL_SOLUTIONS_H
+#include <complex.h>
+#include <stdbool.h>
 #include <stdint.h>
-#include "modal/steady/balance.h"
+#include "base/error.h"
+
+struct balance;
 
 enum { SOLUTIONS_MOST = 64 };
 

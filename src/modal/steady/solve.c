@@ -16,10 +16,18 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/orbit.h"
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
 #include "modal/steady/by_cycle.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/estimate.h"
+#include "modal/steady/iterate.h"
 #include "modal/steady/march.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/session.h"
 #include "modal/steady/solutions.h"
 #include "modal/steady/ways.h"
 

@@ -21,6 +21,7 @@
 #include <string.h>
 #include "modal/scene/floquet.h"
 #include "modal/steady/monodromy.h"
+#include "modal/steady/point.h"
 
 static const double TWO_PI = 6.283185307179586477;
 /* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */

@@ -11,7 +11,12 @@
  * map over a period has the multipliers. */
 #ifndef MODAL_STABILITY_H
 #define MODAL_STABILITY_H
-#include "modal/steady/solve.h"
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+
+struct steady;
+struct steady_point;
 
 enum stability_verdict {
     STABILITY_UNKNOWN,

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/steady/pattern.h"
 
 /* A pivot below so many roundings of the largest entry may be 0. */
 static const double PIVOT = 16;

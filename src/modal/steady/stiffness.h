@@ -2,7 +2,10 @@
 #ifndef MODAL_STIFFNESS_H
 #define MODAL_STIFFNESS_H
 #include <complex.h>
-#include "modal/steady/pattern.h"
+#include <stdbool.h>
+#include "base/error.h"
+
+struct pattern;
 
 struct stiffness;
 

@@ -27,8 +27,14 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/iterate.h"
+#include "modal/steady/pattern.h"
+#include "modal/steady/session.h"
 #include "modal/steady/solutions.h"
+#include "modal/steady/stiffness.h"
 
 enum {
     LEVELS_MOST = 60,       /* of a ramp, those that failed included */

@@ -2,7 +2,13 @@
  * one converges */
 #ifndef MODAL_WAYS_H
 #define MODAL_WAYS_H
-#include "modal/steady/session.h"
+#include <complex.h>
+#include "base/error.h"
+
+struct balance;
+struct steady;
+struct steady_point;
+struct steady_start;
 
 /*
  * X of balance B, not yet set to OMEGA, from START, or from rest (NULL): to many harmonics the way

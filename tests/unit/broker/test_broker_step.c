@@ -17,11 +17,13 @@
  * submit.c transaction.c uploads.c waits.c windows.c workers.c */
 #include "check.h"
 #include <stdlib.h>
+#include "base/crc32c.h"
+#include "base/sha256.h"
 #include "broker/core/core.h"
-#include "broker/kit/map.h"
 #include "broker/core/inputs.h"
 #include "broker/core/state.h"
-#include "base/crc32c.h"
+#include "broker/kit/map.h"
+#include "wire/frame.h"
 
 enum {
     KEYS = 24,

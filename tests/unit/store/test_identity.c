@@ -1,5 +1,6 @@
 /* test_identity.c - the identity of an input; expected digests were computed by Python's struct and
  * hashlib from identity.h */
+#include "base/sha256.h"
 #include "check.h"
 #include "store/identity.h"
 

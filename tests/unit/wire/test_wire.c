@@ -4,8 +4,10 @@
 #include "check.h"
 #include <dirent.h>
 #include <stdlib.h>
-#include "wire/request.h"
 #include "base/crc32c.h"
+#include "wire/frame.h"
+#include "wire/protocol.h"
+#include "wire/request.h"
 
 #ifndef PROTO_VECTORS
 #define PROTO_VECTORS TEST_DATA "/../../proto/vectors"

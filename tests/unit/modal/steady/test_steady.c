@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include "modal/scene/collocation.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/solve.h"

@@ -6,7 +6,8 @@
 !        call modald_push(s, y)               ! in it; real32 and real64
 !     call modald_close(s)                    ! after it
 !
-! Without MODALD_URL in the environment every call does nothing.  Blanks at the end of a name are trimmed.
+! Without MODALD_URL in the environment every call does nothing.  Blanks at the end of a name are
+! trimmed.
 module modald
     use, intrinsic :: iso_c_binding
     use, intrinsic :: iso_fortran_env, only: real32, real64
@@ -16,7 +17,8 @@ module modald
     public :: modald_verdict, modald_estimate, modald_get_estimate, modald_close, modald_abandon
     public :: modald_unknown, modald_stable, modald_unstable, modald_undecided
 
-    integer, parameter :: modald_unknown = 0, modald_stable = 1, modald_unstable = 2, modald_undecided = 3
+    integer, parameter :: modald_unknown = 0, modald_stable = 1, modald_unstable = 2, &
+                          modald_undecided = 3
 
     type :: modald_stream
         private

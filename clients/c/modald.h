@@ -16,9 +16,14 @@
 extern "C" {
 #endif
 
+/* As the exit status of modalctl. */
 enum modald_outcome {
-    MODALD_DONE = 0, MODALD_FAILED = 1, MODALD_BAD_INPUT = 2, MODALD_NO_SERVER = 3,
-    MODALD_REFUSED = 4, MODALD_NOT_YET = 5
+    MODALD_DONE = 0,
+    MODALD_FAILED = 1,       /* the job: see its error */
+    MODALD_BAD_INPUT = 2,    /* this side refuses it, or the daemon does */
+    MODALD_NO_SERVER = 3,    /* nobody answers there */
+    MODALD_REFUSED = 4,      /* a limit, or no permission */
+    MODALD_NOT_YET = 5       /* the time to wait is over, the job is not */
 };
 
 struct modald_error {

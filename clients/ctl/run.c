@@ -17,6 +17,8 @@
 #include "sweep_shares.h"
 #include "verbs.h"
 
+enum { SECOND_NS = 1000000000 };    /* of struct timespec */
+
 /*
  * The limit of a job in this process.  A stage of LAPACK's can be long and asks nobody whether to
  * stop: so a thread waits, and at the limit it says so and ends the process, as the daemon ends a
@@ -41,8 +43,8 @@ static void *watch_limit(void *context)
     clock_gettime(CLOCK_MONOTONIC, &end);
     end.tv_sec += (time_t)limit->seconds;
     end.tv_nsec += (long)(1e9 * (limit->seconds - floor(limit->seconds)));
-    if (end.tv_nsec >= 1000000000)
-        end.tv_sec++, end.tv_nsec -= 1000000000;
+    if (end.tv_nsec >= SECOND_NS)
+        end.tv_sec++, end.tv_nsec -= SECOND_NS;
     pthread_mutex_lock(&limit->lock);
     while (!limit->over && rc != ETIMEDOUT)
         rc = pthread_cond_timedwait(&limit->ended, &limit->lock, &end);

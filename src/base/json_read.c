@@ -36,9 +36,17 @@ struct scan {
 /* Memory given out from the front, and freed as a whole. */
 struct json_pool { struct json_pool *next; size_t used, room; max_align_t bytes[]; };
 
-static void key_name(char name[64], const struct key *key)
+enum {
+    NAME_ROOM = 64,      /* of a key in a message, cut there, with its end */
+    HEX_DIGITS = 4,      /* of an escaped character */
+    PAIR_SECOND = 6,     /* bytes of the second of a surrogate pair, "\\udc00" */
+};
+
+static void key_name(char name[NAME_ROOM], const struct key *key)
 {
-    snprintf(name, 64, "%.*s", (int)(key->length < 63 ? key->length : 63), key->text);
+    size_t most = NAME_ROOM - 1;
+
+    snprintf(name, NAME_ROOM, "%.*s", (int)(key->length < most ? key->length : most), key->text);
 }
 
 static void place_path(char path[128], const struct place *place)
@@ -155,9 +163,9 @@ static enum modal_status scan_value(struct scan *s, cJSON **out);
 /* Four hex digits, not all 0. */
 static bool is_escape_of_a_character(const char *p, const char *end)
 {
-    if (end - p < 4 || memcmp(p, "0000", 4) == 0)
+    if (end - p < HEX_DIGITS || memcmp(p, "0000", 4) == 0)
         return false;
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < HEX_DIGITS; i++)
         if (!isxdigit((unsigned char)p[i]))
             return false;
     return true;
@@ -209,7 +217,7 @@ static uint32_t escaped_character(const char *p, const char *end, int *more)
     *more = 0;
     if (first < 0xd800 || first > 0xdfff)
         return first;
-    if (first > 0xdbff || end - p < 10 || p[4] != '\\' || p[5] != 'u')
+    if (first > 0xdbff || end - p < HEX_DIGITS + PAIR_SECOND || p[4] != '\\' || p[5] != 'u')
         return 0;
     second = hex4(p + 6);
     if (second < 0xdc00 || second > 0xdfff)

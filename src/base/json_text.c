@@ -18,10 +18,16 @@ enum { FIRST_ROOM = 448 };        /* most documents that are written often are s
 
 /* Digits that a double always keeps, and that always tell it from its neighbours (DBL_DIG,
  * DBL_DECIMAL_DIG). */
-enum { DIGITS_LEAST = 15, DIGITS_MOST = 17 };
+enum {
+    DIGITS_LEAST = 15,    /* DBL_DIG: a decimal of so many comes back from its double */
+    DIGITS_MOST = 17,     /* DBL_DECIMAL_DIG: a double comes back from so many */
+};
 
 /* %.15g writes a whole number below this with all its digits and without an exponent. */
 static const double WHOLE_MOST = 1e15;
+/* Numbers whose thousandths are whole numbers below WHOLE_MOST, and the least of these. */
+static const double THOUSANDTHS_MOST = 1e12;
+static const double THOUSANDTH = 1e-3;
 
 /* Where N bytes more and a zero byte may be written; NULL: no memory. */
 static char *room_for(struct json_text *t, size_t n)
@@ -136,7 +142,7 @@ static void put_thousandths(struct json_text *t, int64_t thousandths)
     const char digits[] = { '.', (char)('0' + part / 100), (char)('0' + part / 10 % 10),
                             (char)('0' + part % 10) };
 
-    if (thousandths < 0 && thousandths > -1000)
+    if (thousandths < 0 && thousandths / 1000 == 0)
         json_text_bytes(t, "-", 1);
     put_whole(t, thousandths / 1000);
     json_text_bytes(t, digits, n + 1);
@@ -157,7 +163,7 @@ static void put_number(struct json_text *t, double x)
     }
     /* a quotient of whole numbers below WHOLE_MOST is the double next to the decimal, and has no
      * other decimal of 15 digits; below a thousandth there is none */
-    if (fabs(x) < WHOLE_MOST / 1000 && fabs(x) >= 1e-3 && rint(1000 * x) / 1000 == x) {
+    if (fabs(x) < THOUSANDTHS_MOST && fabs(x) >= THOUSANDTH && rint(1000 * x) / 1000 == x) {
         put_thousandths(t, (int64_t)rint(1000 * x));
         return;
     }

@@ -31,7 +31,8 @@ enum {
 };
 
 /* Limits beyond these keep computations within the doubles; a user need not be told of them. */
-static const double TINY = 1e-290, HUGE_NUMBER = 1e290;
+static const double TINY = 1e-290;
+static const double HUGE_NUMBER = 1e290;
 
 /* "a, b, c" of a NULL-terminated list. */
 static void list_words(char *out, size_t room, const char *const *words)
@@ -80,7 +81,7 @@ static int distance(const char *a, const char *b, int most)
 static bool may_mean(const char *key, const char *name)
 {
     size_t length = strlen(key);
-    int most = length < 3 ? 0 : (int)length / 3;
+    int most = (int)(length / 3);
 
     return length > 1 && (strncmp(key, name, length) == 0 || distance(key, name, most) <= most);
 }

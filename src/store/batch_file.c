@@ -18,8 +18,8 @@
 
 /* Of a file that states its own sizes: more than provenance needs, too little to harm. */
 enum {
-    ATTRIBUTE_BYTES_MOST = 256 * 1024,
-    ATTRIBUTES_MOST      = 1000,
+    ATTRIBUTE_BYTES_MOST = 256 * 1024,    /* as SPOOL_ATTRIBUTES_MOST, of one */
+    ATTRIBUTES_MOST      = 1000,          /* each is opened by itself */
 };
 
 /* --- attributes --- */

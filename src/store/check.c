@@ -316,7 +316,7 @@ static void check_structure(struct check *check)
 /* Each page by itself, for the offset of what is wrong: SQLite says which table, not where. */
 static enum modal_status check_pages(struct check *check, struct modal_error *err)
 {
-    enum { PAGE = 4096 };
+    enum { PAGE = 4096 };   /* as ledger.c makes them */
     char path[PATH];
     size_t got = 0;
     int fd;

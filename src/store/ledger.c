@@ -359,7 +359,7 @@ struct ledger {
  * a loaded disk's fsync, instead of being refused. */
 enum {
     LOCK_TRIES    = 100,         /* 2 s in all */
-    LOCK_PAUSE_NS = 20000000,
+    LOCK_PAUSE_NS = 20000000,   /* 20 ms: a start is not held up by more */
 };
 
 static bool lock_file(int fd)

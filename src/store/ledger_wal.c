@@ -31,15 +31,15 @@
 
 enum {
     HEADER = 32,             /* bytes of the log's, of a frame's: the format */
-    FRAME_HEADER = 24,
+    FRAME_HEADER = 24,   /* the format */
     LEDGER_PAGE = 4096,      /* a page of our databases */
     PAGE_LEAST = 512,        /* and of any: the format */
-    PAGE_MOST = 65536,
+    PAGE_MOST = 65536,   /* the format */
     MARK = 24,               /* bytes of the mark: see above */
     LOOKS = 4                /* a writer is in the way of one, rarely of two in a row */
 };
-#define MAGIC 0x377f0682u
-#define VERSION 3007000u
+#define MAGIC 0x377f0682u        /* the format; with bit 0 sums are big-endian */
+#define VERSION 3007000u         /* the format, since SQLite 3.7.0 */
 
 struct sums { uint32_t a, b; };
 

@@ -21,7 +21,7 @@ struct mapping;
 
 /* The wire's limits or more: what it let through is not refused here. */
 enum {
-    SPOOL_CHANNELS_MOST = 65536,
+    SPOOL_CHANNELS_MOST = 65536,   /* as WIRE_CHANNELS_MOST */
     SPOOL_NAME_MOST = 256,                  /* bytes of a channel's name, or of `units` */
     SPOOL_ATTRIBUTES_MOST = 256 * 1024,     /* bytes of the attributes' text */
 };

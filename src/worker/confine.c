@@ -35,11 +35,11 @@
 #include <unistd.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
+#define SANITIZED 1    /* sanitizers make calls of their own */
 #elif defined(__has_feature)
 #if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) \
     || __has_feature(memory_sanitizer)
-#define SANITIZED 1
+#define SANITIZED 1    /* sanitizers make calls of their own */
 #endif
 #endif
 
@@ -284,6 +284,7 @@ void confine_print(FILE *out)
 
 #if defined(ARCHITECTURE) && !defined(SANITIZED)
 
+/* Instructions: the frame, two for each free call, twelve for each rule at most. */
 enum { PROGRAM_MOST = 16 + 2 * (int)(sizeof free_calls / sizeof *free_calls) + 12 * RULES_MOST };
 
 struct program { struct sock_filter code[PROGRAM_MOST]; unsigned short length; };

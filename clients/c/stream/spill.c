@@ -25,7 +25,7 @@ static bool write_all(int fd, const void *data, size_t length, uint64_t at)
     return true;
 }
 
-enum { SPILL_NAMES = 10000 };
+enum { SPILL_NAMES = 10000 };    /* of one process: past it nobody replays them */
 
 /* A file that was not there: FOLDER/modald-NAME-PID.spill, or PID-2, -3, ...  What is there may
  * hold samples that were never sent: of an earlier stream of that name, or of another life of that

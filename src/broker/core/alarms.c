@@ -24,7 +24,9 @@
 #include <string.h>
 
 enum { KNOWN_MOST = 256 };    /* modes followed: more than any window of 1 MiB tells */
-static const double SIGMAS = 4, ALIKE = 5;
+/* Standard errors: one window in 30,000 is as far off by chance, one in two million. */
+static const double SIGMAS = 4;
+static const double ALIKE = 5;
 
 struct known { double hz, std; uint64_t since, last; bool counts, native, low, seen; };
 

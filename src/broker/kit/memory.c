@@ -20,7 +20,7 @@ static void *checked(void *p)
 /* calloc passes the thread's own cache by, which is where small blocks come from. */
 void *grab(size_t size)
 {
-    enum { SMALL = 1024 };
+    enum { SMALL = 1024 };   /* blocks that glibc keeps for a thread, rounded down */
 
     if (size > SMALL)
         return checked(calloc(1, size));
@@ -111,6 +111,7 @@ void region_drop(void *out)
 
 /* Texts of one life, freed together: blocks of nearly 1 kB, larger texts in a block of
  * their own. */
+enum { ARENA_ROOM = 960 };      /* with its head within what glibc keeps for a thread */
 struct arena { struct arena *next; size_t used, room; char bytes[]; };
 
 const char *arena_text(struct arena **arena, const char *text)
@@ -123,7 +124,7 @@ const char *arena_text(struct arena **arena, const char *text)
         return NULL;
     size = strlen(text) + 1;
     if (block == NULL || block->room - block->used < size) {
-        size_t room = size > 960 ? size : 960;
+        size_t room = size > ARENA_ROOM ? size : ARENA_ROOM;
         block = checked(malloc(sizeof *block + room));
         *block = (struct arena) { .next = *arena, .room = room };
         *arena = block;

@@ -32,7 +32,7 @@
 
 enum { OWN = 128 };           /* descriptors kept for ourselves: files, pipes, libzmq's own */
 enum { LEFT_MOST = 64 };    /* turns of the loop, of a microsecond each: a question takes as long */
-enum { NONE = -1 };
+enum { NONE = -1 };   /* no descriptor: these begin at 0 */
 
 /* What a descriptor is.  ENDED: its connection is shut down,
  * and its number held until the loop is done with it. */

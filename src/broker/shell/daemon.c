@@ -109,7 +109,10 @@ static enum modal_status bind_one(void *socket, const char *endpoint, int mode,
 
 /* A socket's path has 107 bytes (unix(7)): room for "/workers.ipc" behind the data folder, and for
  * "/modald-XXXXXX" too behind the other. */
-enum { DATA_MOST = 90, RUNTIME_MOST = 60 };
+enum {
+    DATA_MOST = 90,       /* and 12 */
+    RUNTIME_MOST = 60,    /* and 14 and 12 */
+};
 
 /* Where workers connect: in the data folder; where its path is too long for a socket, in a folder
  * of our own. */

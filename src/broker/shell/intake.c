@@ -31,7 +31,15 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { GREETING_SIZE = 64, MECHANISM = 12, REVISION = 10, SIGNATURE_END = 9, READY_NAME = 6 };
+/* Bytes of ZMTP 3.1 (RFC 37): the greeting, and where in it is what. */
+enum {
+    GREETING_SIZE = 64,  /* signature, version, mechanism, as-server, filler */
+    MECHANISM = 12,      /* behind the version, two bytes */
+    REVISION = 10,       /* the version's first byte */
+    SIGNATURE_END = 9,   /* 0xff, eight bytes, 0x7f */
+    READY_NAME = 6,      /* "READY" behind its length */
+    REVISION_LEAST = 3,  /* before it there were no mechanisms */
+};
 enum { FRAME_COST = 64 };                       /* of zmq_msg_t, which the smallest frame takes */
 enum { FORGIVEN = 256 };                        /* bytes a second */
 enum {
@@ -142,7 +150,7 @@ static bool greeted(struct intake *in, unsigned char byte)
     }
     return at == 0 ? byte == 0xff
          : at == SIGNATURE_END ? (byte & 1) != 0
-         : at == REVISION ? byte >= 3 : true;
+         : at == REVISION ? byte >= REVISION_LEAST : true;
 }
 
 static void end_frame(struct intake *in)
@@ -236,7 +244,10 @@ ssize_t recv(int fd, void *buffer, size_t size, int flags)
 
 /* INITIATE's box alone is so long; in it are a key, a voucher, and the properties (ZMTP-CURVE,
  * RFC 26). */
-enum { BOX_ZEROS = 32, VOUCHED = 128 };
+enum {
+    BOX_ZEROS = 32,      /* crypto_box_ZEROBYTES, before each plain text */
+    VOUCHED = 128,       /* the key, 32, and the voucher, 16 of its nonce and 80 */
+};
 
 typedef int box_open(unsigned char *plain, const unsigned char *box, unsigned long long size,
                      const unsigned char *nonce, const unsigned char *public_key,

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #define GROUPS "/sys/fs/cgroup"
-enum { PATH_MOST = 4096 };
+enum { PATH_MOST = 4096 };   /* PATH_MAX of Linux */
 
 /* The path below GROUPS of the group that this process is in, of version 2; false: none. */
 static bool own_group(char path[PATH_MOST])

@@ -13,7 +13,10 @@
 
 /* Messages that wait while a peer is told full, and under which it is ready again: apart, so that
  * events neither stop nor go on with each message. */
-enum { FULL_FROM = 16, READY_BELOW = 4 };
+enum {
+    FULL_FROM = 16,      /* of 1 MiB at most: 16 MiB a peer that reads nothing */
+    READY_BELOW = 4,     /* not 0: there is something to send meanwhile */
+};
 
 struct routing { const void *data; size_t size; };
 

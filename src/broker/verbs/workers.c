@@ -20,6 +20,7 @@ enum {
     DETAIL_MOST = 4096,       /* of an error's detail: it is kept with the job's row, a page */
     PROGRESS_MOST = 4096,     /* of a progress: each subscriber is sent it */
     THREADS_MOST = 1024,      /* of the option: the machine's cores limit it further */
+    DOUBLINGS_MOST = 6,       /* of a tenth of a second: 6.4 s between two starts */
 };
 
 /* ---- starting a job -------------------------------------------------------------------------- */
@@ -320,8 +321,8 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
         part(c, s);
         if (status != 0)
             s->quick_deaths++;
-        again_ns =
-            s->quick_deaths == 0 ? 0 : SECOND / 10 << (s->quick_deaths < 6 ? s->quick_deaths : 6);
+        int doublings = s->quick_deaths < DOUBLINGS_MOST ? s->quick_deaths : DOUBLINGS_MOST;
+        again_ns = s->quick_deaths == 0 ? 0 : SECOND / 10 << doublings;
         if (s->quick_deaths > 0)
             log_exit(c, slot, status, stderr_text);
     }

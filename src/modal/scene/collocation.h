@@ -18,7 +18,7 @@
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 
-enum { COLLOCATION_STAGES = 4 };
+enum { COLLOCATION_STAGES = 4 };   /* of order 7: five digits more as steps are a fifth */
 
 struct collocation;      /* the problem: A, S, U, R, nodes; makes maps and keeps the last ones */
 

@@ -5,6 +5,7 @@
 #include <complex.h>
 #include "modal/scene/program.h"
 
+/* of a dense matrix whose eigenvalues take seconds: 10 n^3 complex */
 enum { HILL_SIZE_MOST = 1000 };
 
 struct hill {

@@ -21,7 +21,8 @@
 
 /* Relative, of maps over a period: two digits above rounding for what is compared, one less for
  * what is only a first-order estimate. */
-static const double MAP_TOLERANCE = 1e-12, CHANGE_TOLERANCE = 1e-11;
+static const double MAP_TOLERANCE = 1e-12;
+static const double CHANGE_TOLERANCE = 1e-11;
 static const double NO_EXPONENT = 1e-13;   /* |rho|: below it a multiplier is the map's rounding */
 
 struct side {

@@ -15,7 +15,7 @@
 #include "modal/linalg/expm.h"
 #include "modal/scene/stepper.h"
 
-enum { MAPS_KEPT = 4 };
+enum { MAPS_KEPT = 4 };   /* the sample step's, to a corner and from it, and one more */
 
 struct map {
     double h;  /* s */

@@ -14,7 +14,7 @@ static bool grow(struct lowering *l, void **x, int count, int *room, size_t size
 {
     if (count < *room)  /* room is left */
         return true;
-    int more = *room < 16 ? 16 : 2 * *room;  /* doubled: N entries cost N copies in all */
+    int more = *room == 0 ? 16 : 2 * *room;  /* doubled: N entries cost N copies in all */
     void *bigger = realloc(*x, (size_t)more * size);
     if (bigger == NULL) {
         l->no_memory = true;  /* told once, at the end */

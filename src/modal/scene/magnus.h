@@ -5,7 +5,7 @@
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 
-enum { MAGNUS_SUBSTEPS_MOST = 1 << 17 };
+enum { MAGNUS_SUBSTEPS_MOST = 1 << 17 };   /* past it rounding of the product is 1e-11 */
 
 struct magnus {
     const struct statespace *ss;  /* borrowed */

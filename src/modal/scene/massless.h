@@ -12,6 +12,7 @@
 #define MODAL_MASSLESS_H
 #include "base/error.h"
 
+/* of two nodes of a shaft, four each */
 enum { CONDENSE_MOST = 8, CONDENSE_ROOM = CONDENSE_MOST * CONDENSE_MOST };
 
 struct condensed {

@@ -11,7 +11,10 @@
 #include <complex.h>
 #include "base/error.h"
 
-enum { ORBIT_HARMONICS_MOST = 8192, ORBIT_SAMPLES_MOST = 1 << 20 };
+enum {
+    ORBIT_HARMONICS_MOST = 8192,     /* impacts fall as k^-2: to 1e-8 there */
+    ORBIT_SAMPLES_MOST = 1 << 20,    /* of one signal: 8 MB */
+};
 
 /* Transforms between H harmonics and N samples, N > 2 H; made once for a size. */
 struct orbit_grid;

@@ -6,7 +6,7 @@
 #include "modal/scene/pieces.h"
 #include <stdlib.h>
 
-enum { PIECES_MOST = 1 << 20 };
+enum { PIECES_MOST = 1 << 20 };   /* of a law that turns at each sample of the finest grid */
 
 void pieces_clear(struct law_pieces *p)
 {

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LAW_MEMORY_MOST = 1024 };
+enum { LAW_MEMORY_MOST = 1024 };   /* doubles on the stack of each evaluation: 8 kB */
 
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
@@ -26,7 +26,7 @@ static int touched(const struct program *p, int *index)
     for (int h = 0; h < p->harmonics; h++)
         for (int part = 0; part < 6; part++) {
             const struct sparse *a =
-                part < 3 ? &p->harmonic[h].cosine[part] : &p->harmonic[h].sine[part - 3];
+                part <= PROGRAM_K ? &p->harmonic[h].cosine[part] : &p->harmonic[h].sine[part - 3];
             for (int i = 0; i < a->m; i++)
                 for (int k = a->start[i]; k < a->start[i + 1]; k++)
                     /* row and column: it is looked at and pushed */

@@ -19,7 +19,7 @@ struct scene_effect_kind;
 struct scene_structure_kind;
 struct scene_table;
 
-enum { SCENE_EFFECTS_MOST = 4096 };
+enum { SCENE_EFFECTS_MOST = 4096 };   /* WIRE_SCENE_MOST leaves 4 KiB to each */
 
 struct scene_options {
     /* The effects' table, NULL-terminated; NULL: all of them (tests remove rows to show that
@@ -44,7 +44,7 @@ struct scene_time {
     long samples;             /* duration / dt + 1 */
     double duration;          /* s, of the record */
 };
-enum { SCENE_SAMPLES_MOST = 100000000 };
+enum { SCENE_SAMPLES_MOST = 100000000 };   /* 0.8 GB a channel, in memory */
 /* Fails with MODAL_BAD_INPUT where `time` is absent or does not say a length, MODAL_TOO_LARGE
  * past SCENE_SAMPLES_MOST; *OUT is then left alone. */
 enum modal_status scene_time(const cJSON *scene, const struct program *p, struct scene_time *out,

@@ -15,7 +15,10 @@
 #include "modal/scene/stepper.h"
 #include "modal/scene/turning.h"
 
-enum { ASK_EVERY = 4096, START_MOST = 100000 };
+enum {
+    ASK_EVERY = 4096,       /* samples: milliseconds */
+    START_MOST = 100000,    /* steps before the first sample, a second or so */
+};
 static const double LIMIT = 1e300;             /* on the state: past it sums of squares overflow */
 
 /* of dt: a corner so near a sample is the sample's */

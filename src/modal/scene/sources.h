@@ -15,6 +15,7 @@
 #include <stdbool.h>
 #include "modal/scene/program.h"
 
+/* three states of a load, twice on turning axes */
 enum { SOURCES_BLOCK_MOST = 6 };
 
 struct source_block { int first, count; };       /* rows of w that S couples with each other only */

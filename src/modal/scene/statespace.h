@@ -14,7 +14,10 @@
 #include <stdbool.h>
 #include "modal/scene/program.h"
 
-enum { STATESPACE_DOFS_MOST = 1500, STATESPACE_STATES_MOST = 4000 };
+enum {
+    STATESPACE_DOFS_MOST = 1500,      /* modes of the pair, 9 n^3: some seconds */
+    STATESPACE_STATES_MOST = 4000,    /* a dense matrix of 128 MB */
+};
 
 /* Scale of a mode without stiffness, as a share of the largest: w^2 of 1e-14 is rounding of the
  * pair. */

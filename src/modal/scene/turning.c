@@ -28,7 +28,7 @@ struct entries { struct triplet *x; int count, room; bool no_memory; };
 static void append(struct entries *e, int i, int j, double value)
 {
     if (e->count == e->room) {
-        int room = e->room < 64 ? 64 : 2 * e->room;
+        int room = e->room == 0 ? 64 : 2 * e->room;
         struct triplet *more = realloc(e->x, (size_t)room * sizeof *more);
         if (more == NULL) {
             e->no_memory = true;

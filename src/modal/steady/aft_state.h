@@ -6,7 +6,7 @@
 #include "modal/scene/pieces.h"
 #include "modal/steady/aft.h"
 
-static const double TWO_PI = 6.283185307179586477;
+static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 
 /* One law: its motion, its force, and what its derivative is made of. */
 struct aft_law {

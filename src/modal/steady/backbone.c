@@ -31,7 +31,7 @@
 #include "modal/steady/balance.h"
 #include "modal/steady/condense.h"
 
-static const double TWO_PI = 6.283185307179586477;
+static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* A relative step this short ends Newton's method; below CLOSE one that did not shrink to a
  * STALLS-th does too: rounding. */
 static const double TOLERANCE = 1e-12;
@@ -42,9 +42,9 @@ static const double ASTRAY = 10;
 /* Of omega, its central difference: near the cube root of rounding. */
 static const double DIFFERENCE = 1e-6;
 enum {
-    ITERATIONS_MOST = 30,
+    ITERATIONS_MOST = 30,   /* a rate of 0.4 meets TOLERANCE */
     HALVINGS_MOST = 12,      /* of the way to an amplitude, in its logarithm: steps of 1/4096 */
-    SAMPLES_LEAST = 64,
+    SAMPLES_LEAST = 64,   /* where 4 H + 2 are fewer: a law has kinks */
     SAMPLES_SMOOTH = 32,     /* a harmonic, of laws that are neither polynomials nor of pieces */
     /* a harmonic: eight a cycle of the energy's highest, 2 H */
     SAMPLES_ENERGY = 16

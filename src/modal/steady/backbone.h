@@ -14,7 +14,7 @@
 
 struct program;
 
-enum { BACKBONE_UNKNOWNS_MOST = 3000 };
+enum { BACKBONE_UNKNOWNS_MOST = 3000 };   /* a full matrix of 72 MB, factored in seconds */
 
 struct backbone;
 

@@ -17,8 +17,10 @@
 
 struct budget { double spent, most; };     /* most 0: no limit */
 
-/* SAMPLE: of a law at one instant, its transforms included. */
-enum { BUDGET_DENSE = 4, BUDGET_SAMPLE = 60 };
+enum {
+    BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */
+    BUDGET_SAMPLE = 60,    /* of a law at one instant, its transforms included */
+};
 
 /* BUDGET may be NULL: nothing is counted, nothing spent. */
 static inline void budget_add(struct budget *budget, double operations)

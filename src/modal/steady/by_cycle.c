@@ -33,7 +33,7 @@
 static const double FOLDS = 7;
 enum {
     H_CYCLE_MOST = 1024,    /* an eighth of the samples: what folds onto them is small */
-    H_LEAST = 8,
+    H_LEAST = 8,   /* as solve.c begins */
     LOAD_FEW = 4            /* highest load past which the search begins at twice that */
 };
 

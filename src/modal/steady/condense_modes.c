@@ -35,7 +35,7 @@ enum { MODES_MOST = 3000 };
 
 /* Eight harmonics at a time: a register of the widest machines. */
 typedef double lanes __attribute__((vector_size(8 * sizeof(double))));
-enum { LANES = 8 };
+enum { LANES = 8 };   /* doubles of 512 bits */
 
 /* sum_j weight_j / (lambda_j - s^2 + i s c_j) at eight s */
 static void modal_sums(const struct condense *c, const double *weight, const double s[LANES],

@@ -40,7 +40,7 @@
 #include "modal/steady/budget.h"
 #include "modal/steady/offset.h"
 
-static const double TWO_PI = 6.283185307179586477;
+static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* Of a step of the stepper: its default for laws is 1e-10, and the closure adds up hundreds. */
 static const double TOLERANCE = 1e-12;
 /* The closure that ends Newton's steps: a few hundred roundings. */
@@ -72,9 +72,9 @@ enum {
  * some squarings ([H05] of expm.c); Newton's method starts a step from the last force and ends in
  * three iterations; a step that an event ends is solved again, cut there. */
 enum {
-    PRODUCTS_OF_EXPONENTIAL = 10,
-    ITERATIONS_OF_STEP = 3,
-    SOLUTIONS_OF_STEP = 2
+    PRODUCTS_OF_EXPONENTIAL = 10,    /* 6 + 4/3 and some squarings */
+    ITERATIONS_OF_STEP = 3,          /* Newton's, from the last force */
+    SOLUTIONS_OF_STEP = 2            /* with an event: up to the end, and up to the event */
 };
 
 /* Of the budget, what finding the motion may spend: as much is left to the balance, tried where

@@ -44,7 +44,7 @@ enum {
     WIDE_FEW = 16,              /* harmonics below which H2 is WIDE_LEAST, past it four times as
                                  * many: */
     WIDE_LEAST = 64,            /* harmonics that fall as k^-3 are 64 times smaller there */
-    WIDEN = 4,
+    WIDEN = 4,   /* k^-3 falls to a 64th */
     WIDE_MORE = 64              /* where four times as many are too many */
 };
 

@@ -33,7 +33,7 @@
 #include "modal/steady/point.h"
 #include "modal/steady/stability.h"
 
-static const double TWO_PI = 6.283185307179586477;
+static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* A pivot of M so far below its scale that its inverse leaves the range of doubles. */
 static const double SINGULAR = 1e300;
 /* The norm at which the approximant of degree PADE is exact to rounding [ML03]. */
@@ -41,8 +41,8 @@ static const double PADE_NORM = 0.5;
 enum {
     EXTENDED = 2048,         /* harmonics at most that a motion with events is carried on to, */
     EXTEND = 16,             /* as many times the point's: H^-3 is then 4096 times smaller */
-    SAMPLES_LEAST = 64,
-    PADE = 6,
+    SAMPLES_LEAST = 64,   /* where the motion has few harmonics: its laws have more */
+    PADE = 6,   /* rounding at PADE_NORM */
     SQUARINGS_MOST = 1000,   /* halvings of a norm that is finite */
     SMALL_ORDER = 8          /* up to which a call of BLAS costs more than its sums */
 };

@@ -13,7 +13,7 @@
 struct ports;
 struct statespace;
 
-enum { OFFSET_LAWS_MOST = 16 };
+enum { OFFSET_LAWS_MOST = 16 };   /* each is moved in turn; (1) is solved anew for each */
 
 struct offset_motion {
     int samples;                  /* of one period, equally spaced */

@@ -67,8 +67,8 @@ static const double ASTRAY = 10;
 enum {
     POINTS_MOST = 5000,       /* a curve drawn from more is no better */
     CORRECTIONS_MOST = 9,     /* quadratic convergence needs five from 0.1 to 1e-12 */
-    QUICK = 3,
-    SLOWLY = 6,
+    QUICK = 3,   /* see GROW */
+    SLOWLY = 6,   /* see GROW */
     LOCATE_MOST = 60          /* bisection alone halves a step to rounding in 53 */
 };
 

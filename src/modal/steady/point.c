@@ -32,8 +32,8 @@ static const double WORK_DOFS = 100;
 enum {
     REDUCE_LEAST = 48,    /* linear dofs below which factoring a band beats summing over their
                            * modes */
-    N_LEAST = 64,
-    N_MOST = 1 << 17,
+    N_LEAST = 64,   /* where laws and H ask for fewer: kinks are seen to a 64th */
+    N_MOST = 1 << 17,   /* 16 samples a harmonic of ORBIT_HARMONICS_MOST */
     N_PER_H = 4,          /* of the motion, */
     N_SAMPLED = 32,       /* and of laws that are neither polynomials nor of pieces */
     /* factorizations at the harmonics asked for: some attempts of twenty steps */

@@ -49,11 +49,11 @@ static const double BESIDE_RANGE = 3.5;
  * the balance makes it orthogonal to the answer. */
 static const double UNEVEN = 0.37;
 enum {
-    STARTS = 240,
+    STARTS = 240,   /* at STEPS each; a motion of one start in fifty is missed once in a hundred */
     STEPS = 30,          /* of Newton's method from one: what takes more is chance */
-    LEVEL_POINTS = 600,
-    DISTANCES = 15,
-    SHIFTS = 6,
+    LEVEL_POINTS = 600,   /* of STEP_MOST: twenty times the range */
+    DISTANCES = 15,   /* four in each decade of BESIDE_RANGE, both ways */
+    SHIFTS = 6,   /* of each sign */
     INVERSES = 3,        /* each gains the ratio of the two least singular values */
     SEED = 20240611      /* the same starts in every run */
 };

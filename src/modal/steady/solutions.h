@@ -9,7 +9,7 @@
 
 struct balance;
 
-enum { SOLUTIONS_MOST = 64 };
+enum { SOLUTIONS_MOST = 64 };   /* three oscillators that jump have 27, and as many unstable */
 
 struct solutions {
     int count;

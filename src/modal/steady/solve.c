@@ -38,7 +38,7 @@ static const double TOLERANCE_OF_STEPS = 1e-11;
 enum {
     H_LEAST = 8,             /* the first H where the loads are low */
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
-    H_LINEAR_MOST = 4096,
+    H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */
     H_PERIODIC = 24,         /* past the loads: what periodic matrices reach falls geometrically */
     STEPS_NEXT = 4,          /* Newton's steps that an order from near takes, at least */
     COST_NEXT = 4,           /* times this order's, of a sparse one: twice the blocks, more fill */
@@ -51,7 +51,7 @@ enum {
     H_SEARCH = 8,            /* the fewest harmonics that all solutions are sought with */
     SEARCHES = 3600,         /* factorizations of such a search: starts times their steps, halved */
     MARCH_SAMPLES = 512,     /* of time integration, unasked; and the harmonics taken from them */
-    MARCH_HARMONICS = 256
+    MARCH_HARMONICS = 256   /* half of the samples */
 };
 
 /* What the session's laws are, for the choice of method and of samples. */

@@ -23,7 +23,7 @@
 #include "modal/steady/monodromy.h"
 #include "modal/steady/point.h"
 
-static const double TWO_PI = 6.283185307179586477;
+static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */
 static const double ON_CIRCLE = 1e-8;
 /* So many estimated errors of the multipliers count as one: the estimate is of the last
@@ -42,9 +42,9 @@ static const double WORK_AGAIN = 1e10;
 /* Products of order^3 in a step: its exponential, its commutators. */
 static const double PRODUCTS = 30;
 enum {
-    STEPS_FIRST = 32,
+    STEPS_FIRST = 32,   /* of sixth order: smooth matrices end at once */
     STEPS_RESOLVE = 512,    /* up to which steps resolve the motion's harmonics, two each */
-    STEPS_MOST = 16384,
+    STEPS_MOST = 16384,   /* nine doublings: 2^54 in the sixth order */
     ROOM_TO_DOUBLE = 4,     /* of the steps, left for the errors' sake */
     STATES_STIFF = 100      /* the most that may take many steps */
 };

@@ -13,7 +13,7 @@
 #include "modal/scene/inflow/inflow.h"
 #include <stddef.h>
 
-enum { STATES_MOST = 10 };
+enum { STATES_MOST = 10 };   /* rounding of (2), see above */
 
 /* inflow_kind.valid: rounding of (2) sets the most. */
 static int few(int states)

@@ -3,7 +3,10 @@
 #ifndef MODAL_PETERS_HE_H
 #define MODAL_PETERS_HE_H
 
-enum { PETERS_HE_ORDER_MOST = 15, PETERS_HE_STATES_MOST = 72 };
+enum {
+    PETERS_HE_ORDER_MOST = 15,     /* rounding of phi is 1e-11 there, and grows */
+    PETERS_HE_STATES_MOST = 72,    /* of that order: (16 + 1)^2 / 4, whole */
+};
 
 struct peters_he_index { int m, n; };
 

@@ -24,7 +24,11 @@
 #include <string.h>
 #include "modal/scene/law.h"
 
-enum { INSTRUCTIONS = 1000000, HOOK_STEP = 10000, MEMORY_DEPTH = 8 };
+enum {
+    INSTRUCTIONS = 1000000,    /* some 10 ms: a law is asked thousands of times a period */
+    HOOK_STEP = 10000,         /* between two counts: a hundredth of that, and no cost */
+    MEMORY_DEPTH = 8,          /* copied by calls that call themselves, on a C stack */
+};
 
 struct lua_law {
     lua_State *L;  /* its own: elements share nothing */

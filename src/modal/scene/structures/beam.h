@@ -2,6 +2,7 @@
 #ifndef MODAL_SCENE_BEAM_H
 #define MODAL_SCENE_BEAM_H
 
+/* (l / h)^4 is 1.6e13 there: of rounding two digits are left */
 enum { BEAM_ELEMENTS_MOST = 2000 };
 
 struct beam_mesh {

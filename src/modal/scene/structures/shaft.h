@@ -11,7 +11,7 @@
 #include "modal/scene/massless.h"
 #include "modal/scene/lowering.h"
 
-enum { SHAFT_ELEMENTS_MOST = 500 };
+enum { SHAFT_ELEMENTS_MOST = 500 };   /* four dofs a node: past what statespace.h takes */
 enum { SHAFT_LEFT, SHAFT_RIGHT };
 extern const char *const shaft_ends[];         /* their names, NULL-terminated */
 

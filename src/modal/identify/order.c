@@ -16,7 +16,8 @@
  *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors): `thorough` refines all.
  * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds one.  A pole lambda
  *    stands for a pair of neighbours where lambda +- i / (2 record), which span e^{lambda t} and, nearly, t e^{lambda t}, fit
- *    well enough to be worth refining. A real pole stands for a pair that decays faster than it turns.
+ *    well enough to be worth refining. A real pole may stand for a pair that decays about as fast as
+ *    it turns.
  * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
  *    zero within its error becomes a constant, with one parameter less, if BIC falls.
  *

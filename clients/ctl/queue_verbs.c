@@ -13,6 +13,8 @@
 #include "store/batch_file.h"
 #include "verbs.h"
 
+enum { SUBMIT_WORDS = 3 };    /* submit KIND FILE */
+
 /* What a verb of the queue works with; queue_end releases it and says how it ended. */
 struct session {
     const struct args *args;
@@ -215,7 +217,8 @@ int run_submit(const struct verb *verb, const struct args *args)
     (void)verb;
     if (args->from != NULL)
         return run_bulk(args);
-    if (args->words < 3 || (args->words == 4 && strcmp(args->word[1], "tradeoff") != 0)) {
+    if (args->words < SUBMIT_WORDS
+        || (args->words == 4 && strcmp(args->word[1], "tradeoff") != 0)) {
         modal_fail_field(&err, MODAL_BAD_INPUT, "arguments",
                          "submit takes KIND FILE, tradeoff OF FILE, or --from LIST.jsonl");
         return outcome_failure(args->json, &err, NULL);

@@ -16,6 +16,8 @@
 #include "store/batch_h5.h"
 #include "store/file.h"
 
+static const double SECONDS_MOST = 1e300;    /* past it sums of squares overflow */
+
 /* Of a file that states its own sizes: more than provenance needs, too little to harm. */
 enum {
     ATTRIBUTE_BYTES_MOST = 256 * 1024,    /* as SPOOL_ATTRIBUTES_MOST, of one */
@@ -178,7 +180,7 @@ static enum modal_status read_time(hid_t set, hid_t root, const char *name, bool
         return modal_fail_field(
             err, MODAL_BAD_INPUT, name,
             "attribute `%s` is not one number; accepted: a positive number of seconds", name);
-    if (!(value > 0 && value <= 1e300))
+    if (!(value > 0 && value <= SECONDS_MOST))
         return modal_fail_field(err, MODAL_BAD_INPUT, name,
                                 "attribute `%s` is %.17g; accepted: a positive number of seconds",
                                 name, value);

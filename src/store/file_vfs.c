@@ -19,6 +19,8 @@
 #include "base/crc32c.h"
 #include "store/file_fault.h"
 
+enum { DATABASE_HEADER = 100 };    /* bytes of page 1: SQLite's format */
+
 enum {
     PAGE     = 4096,     /* SQLite's default, which ledgers are made with */
     RESERVED = 8,        /* bytes at its end: the checksum and "mdlc" */
@@ -72,7 +74,8 @@ static bool is_page(const struct vfs_file *file, int amount, sqlite3_int64 offse
 /* Page 1 says whether this database has room for checksums. */
 static void learn(struct vfs_file *file, const void *page, int amount, sqlite3_int64 offset)
 {
-    if (file->database && offset == 0 && amount >= 100 && memcmp(page, "SQLite format 3", 16) == 0)
+    if (file->database && offset == 0 && amount >= DATABASE_HEADER
+        && memcmp(page, "SQLite format 3", 16) == 0)
         file->checked = ((const unsigned char *)page)[20] == RESERVED;
 }
 

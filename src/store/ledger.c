@@ -24,6 +24,8 @@
 #include "store/ledger_db.h"
 #include "store/samples.h"
 
+enum { BEHIND_DIR = 64 };    /* bytes of the longest name below the data folder, and more */
+
 const char *const job_states[JOB_STATE_COUNT] = { "queued", "running",   "done",
                                                   "failed", "cancelled", "dead" };
 
@@ -499,7 +501,7 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for a ledger");
     ledger->lock = ledger->socket = -1;
     ledger->deleted = true;
-    if (strlen(dir) >= sizeof ledger->dir - 64) {
+    if (strlen(dir) >= sizeof ledger->dir - BEHIND_DIR) {
         rc = modal_fail(err, MODAL_TOO_LARGE,
                         "the path of the data folder is longer than %zu bytes",
                         sizeof ledger->dir - 64);

@@ -14,6 +14,7 @@
 #include <errno.h>
 #include <netinet/in.h>
 #include <signal.h>
+#include <stdint.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,6 +24,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 #include "modald_stream.h"
+
+enum { CHANNELS_MOST = 65536 };    /* the daemon's limit */
 
 static volatile sig_atomic_t ended;
 
@@ -87,8 +90,8 @@ int main(int argc, char **argv)
     int channels = argc == 5 ? atoi(argv[3]) : 0, fd, from;
     double *row;
 
-    if (channels < 1 || channels > 65536 || !(atof(argv[4]) > 0)
-        || (strchr(argv[1], '/') == NULL && (atoi(argv[1]) < 1 || atoi(argv[1]) > 65535))) {
+    if (channels < 1 || channels > CHANNELS_MOST || !(atof(argv[4]) > 0)
+        || (strchr(argv[1], '/') == NULL && (atoi(argv[1]) < 1 || atoi(argv[1]) > UINT16_MAX))) {
         fprintf(stderr, "usage: mbdyn_listener PORT|PATH NAME CHANNELS DT\n");
         return 2;
     }

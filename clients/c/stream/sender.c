@@ -102,7 +102,7 @@ static void unshare_descriptors(modald_stream *s)
     if (syscall(SYS_close_range, keep + 1, ~0u, unshare_too) != 0)
         return;
     s->own_descriptors = true;
-    if (keep > 3)
+    if (keep > STDERR_FILENO + 1)
         syscall(SYS_close_range, 3u, keep - 1, 0u);
     null = open("/dev/null", O_RDWR | O_CLOEXEC);
     for (int fd = 0; fd < 3 && null >= 0; fd++)

@@ -21,6 +21,8 @@
 #include <unistd.h>
 #include <zmq.h>
 
+enum { DESCRIPTORS_MOST = 65536 };    /* no daemon here serves as many clients */
+
 /* Bytes of a frame's box beside its own: name, nonce, flags, authenticator. */
 enum { CURVE_COST = 33 };
 
@@ -199,7 +201,7 @@ static void raise_descriptors(void)
     struct rlimit limit;
 
     if (getrlimit(RLIMIT_NOFILE, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
-        limit.rlim_cur = limit.rlim_max < 65536 ? limit.rlim_max : 65536;
+        limit.rlim_cur = limit.rlim_max < DESCRIPTORS_MOST ? limit.rlim_max : DESCRIPTORS_MOST;
         setrlimit(RLIMIT_NOFILE, &limit);
     }
 }

@@ -255,7 +255,8 @@ bool pool_find_program(char path[4096])
         return false;
     slash[1] = 0;
     for (int i = 0; places[i] != NULL; i++) {
-        if ((size_t)snprintf(path, 4096, "%s%s", self, places[i]) < 4096 && access(path, X_OK) == 0)
+        if ((size_t)snprintf(path, sizeof self, "%s%s", self, places[i]) < sizeof self
+            && access(path, X_OK) == 0)
             return true;
     }
     return false;

@@ -19,6 +19,9 @@
 #include <string.h>
 #include "modal/scene/statespace.h"
 
+static const double ON_EDGE = 1e-9;      /* of the strip: rounding decides no side of it */
+static const double SAME_MODE = 0.9;     /* overlap: translates have 1, others nearly 0 */
+
 /* truncation, of the exponents' strip 2 pi / T, that ends the growth of H */
 static const double ENOUGH = 1e-10;
 
@@ -122,7 +125,7 @@ static double complex principal(double complex lambda, double W)
     double k = round(cimag(lambda) / W);
     double complex value = CMPLX(creal(lambda), cimag(lambda) - k * W);
 
-    return cimag(value) <= -W / 2 * (1 - 1e-9) ? value + I * W : value;
+    return cimag(value) <= -W / 2 * (1 - ON_EDGE) ? value + I * W : value;
 }
 
 /* The N best centred eigenvalues of COUNT, no translates, as principal values. */
@@ -141,7 +144,7 @@ static void choose(struct candidate *c, size_t count, const double complex *V, i
             again = near
                     && overlap(V + (size_t)c[j].index * count, V + (size_t)c[i].index * count, N, H,
                                (int)whole)
-                           > 0.9;
+                           > SAME_MODE;
         }
         if (!again)
             c[found++] = c[i];

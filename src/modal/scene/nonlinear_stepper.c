@@ -36,6 +36,8 @@
 #include "modal/scene/ports.h"
 #include "modal/scene/stepper.h"
 
+enum { UNKNOWNS_MOST = 4000 };    /* of a step: its dense matrix has 128 MB */
+
 enum {
     S = COLLOCATION_STAGES,  /* the opening's STAGES */
     LEVELS = 40,               /* dt / 2^40 is 1e-12 dt: below it t + h is t but for rounding */
@@ -770,7 +772,7 @@ enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struc
     s->opt = *opt;
     s->opt.tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-10;
     rc = ports_new(ss, &s->ports, err);
-    if (rc == MODAL_OK && 2 * s->ports->probes * S > 4000)
+    if (rc == MODAL_OK && 2 * s->ports->probes * S > UNKNOWNS_MOST)
         rc = modal_fail_field(
             err, MODAL_TOO_LARGE, "effects",
             "%d places of nonlinear or pulsating forces are too many to step; at most %d",

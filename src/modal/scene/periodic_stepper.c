@@ -89,7 +89,7 @@ static enum modal_status compute(struct periodic_stepper *s, double t, double h,
     enum modal_status rc;
 
     /* begin low: maps of the next place may need fewer */
-    s->substeps = s->substeps > 3 ? s->substeps / 4 : 1;
+    s->substeps = s->substeps / 4 > 0 ? s->substeps / 4 : 1;
     rc = magnus_converge(s->magnus, t, h, s->tolerance, &s->substeps, s->map, &error, err);
     for (size_t j = 0; rc == MODAL_OK && j < size; j++)
         /* the sources' own rows are known in closed form */

@@ -110,11 +110,11 @@ def test_not_finished_in_time_is_5_and_the_document_says_where_it_is(ctl, daemon
 
 @pytest.mark.parametrize("option,status,code", [("--timeout", 5, "timeout"), ("--run-limit", 1, "run_limit")])
 def test_a_limit_ends_a_local_job_within_a_stage_that_asks_nobody(ctl, tmp_path, option, status, code):
-    """800 eigenvalues in one call of LAPACK's, a second or so: it ends as a daemon's job does."""
-    chain = {"structure": {"type": "chain", "masses": [1] * 400, "springs": [1] * 401, "dampers": [0.01] * 401}}
+    """1600 eigenvalues in one call of LAPACK's, which takes many times the limit: it ends as a daemon's job does."""
+    chain = {"structure": {"type": "chain", "masses": [1] * 800, "springs": [1] * 801, "dampers": [0.01] * 801}}
     (tmp_path / "chain.json").write_text(json.dumps(chain))
-    said = ctl("floquet", tmp_path / "chain.json", option, "0.05")
-    assert said.status == status and said.document["error"]["code"] == code and "0.05 s" in said.document["error"]["message"]
+    said = ctl("floquet", tmp_path / "chain.json", option, "0.02")
+    assert said.status == status and said.document["error"]["code"] == code and "0.02 s" in said.document["error"]["message"]
 
 
 def test_a_local_job_that_ends_in_time_has_its_result(ctl, batch):

@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include "wire/frame.h"
 #include "wire/request.h"
 
 /* The parts of SUBMITS take all of the body, and no part more than an input may have. */

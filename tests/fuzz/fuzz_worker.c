@@ -20,10 +20,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/crc32c.h"
 #include "broker/core/core.h"
 #include "broker/core/inputs.h"
 #include "broker/core/state.h"
-#include "base/crc32c.h"
+#include "wire/frame.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -361,7 +361,7 @@ static int rows_of_many(const struct work *w, int triplets)
     enum { FOLD = 4 };
     int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
 
-    if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST)
+    if (w->opt.rows > 0 || !w->many || triplets <= TRIPLETS_MOST)
         return w->opt.rows;
     rows = rows > least ? rows : least;
     return rows < (L + 2) / 3 ? rows : (L + 2) / 3;

@@ -451,6 +451,17 @@ static enum modal_status descend(struct climb *c, int *best, struct modal_error 
     return rc == MODAL_OK ? search_remainder(c, best, err) : rc;
 }
 
+/* Is candidate AT a better fit than the best, its pole J still what a real pole could stand for? A
+ * pair that turns by a whole circle in its life 1 / |a| shows two columns to a pencil: one that ends
+ * there went to a mode that is in the fit already, and splits it. */
+static bool better_turned(const struct climb *c, int at, int j, int best)
+{
+    const struct refined *fit = &c->choice.candidates[at].fit;
+
+    return bic_of(c, at) < bic_of(c, best) && refined_converged(fit)
+           && cimag(fit->lambda[j]) <= 2 * M_PI * fabs(creal(fit->lambda[j]));
+}
+
 /* Pass 3: real pole J of the best as a pair. It is told from two real ones, and from t e^{at}, once
  * it turns by a radian in its life 1 / |a|: it starts there. */
 static enum modal_status turn_pole(struct climb *c, int j, int *best, struct modal_error *err)
@@ -474,7 +485,7 @@ static enum modal_status turn_pole(struct climb *c, int j, int *best, struct mod
     if (!worth)
         return MODAL_OK;
     rc = try_poles(c, 0, c->lambda, n, NULL, true, bic_of(c, *best), &at, err);
-    if (rc == MODAL_OK && at >= 0 && bic_of(c, at) < bic_of(c, *best))
+    if (rc == MODAL_OK && at >= 0 && better_turned(c, at, j, *best))
         *best = at;
     return rc;
 }

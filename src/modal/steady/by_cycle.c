@@ -238,11 +238,7 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
         point->residual = point->step = c.closure;
         point->solver = c.closure * point->amplitude;   /* what a period leaves open */
         point->error = point->truncation + point->sampling + point->solver;
-        point->followed = true;
-        point->states = c.states;
-        point->multiplier = c.multiplier;
-        point->multiplier_error = c.error;
-        c.multiplier = NULL;                            /* the point's now */  /* the point's now */
+        point->followed = c.closed;
         for (int l = 0; l < point->laws; l++) {
             point->evaluations[l] = c.evaluations;
             const struct law *law = &s->p->law[l];
@@ -251,6 +247,12 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
             /* one that never slips holds what it did at the start */
             point->undetermined[l] = !c.acts[l] && (law->kind->set_valued || law->memory > 0);
         }
+    }
+    if (rc == MODAL_OK && c.closed) {                   /* else they are of no motion */
+        point->states = c.states;
+        point->multiplier = c.multiplier;
+        point->multiplier_error = c.error;
+        c.multiplier = NULL;                            /* the point's now */
     }
     cycle_done(&c);
     free(x);

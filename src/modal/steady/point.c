@@ -188,7 +188,7 @@ enum modal_status point_init(struct steady *s, struct steady_point *point, int q
     return MODAL_OK;
 }
 
-/* BEST is POINT's motion, flags and errors, its arrays its own. */
+/* BEST is POINT's motion, flags, multipliers and errors, its arrays its own. */
 enum modal_status point_copy(const struct steady_point *point, struct steady_point *best,
                                    struct modal_error *err)
 {
@@ -197,17 +197,22 @@ enum modal_status point_copy(const struct steady_point *point, struct steady_poi
     free(best->X);
     free(best->acts);
     free(best->undetermined);
+    free(best->multiplier);
     *best = *point;
     best->evaluations = NULL;
-    best->multiplier = NULL;
     best->X = malloc((size + 1) * sizeof *best->X);
     best->acts = malloc((laws + 1) * sizeof *best->acts);
     best->undetermined = malloc((laws + 1) * sizeof *best->undetermined);
-    if (best->X == NULL || best->acts == NULL || best->undetermined == NULL)
+    best->multiplier = calloc((size_t)point->states + 1, sizeof *best->multiplier);
+    if (best->X == NULL || best->acts == NULL || best->undetermined == NULL
+        || best->multiplier == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a point");
     memcpy(best->X, point->X, size * sizeof *best->X);
     memcpy(best->acts, point->acts, laws * sizeof *best->acts);
     memcpy(best->undetermined, point->undetermined, laws * sizeof *best->undetermined);
+    if (point->states > 0)
+        memcpy(best->multiplier, point->multiplier,
+               (size_t)point->states * sizeof *best->multiplier);
     return MODAL_OK;
 }
 

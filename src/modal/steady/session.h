@@ -46,7 +46,7 @@ void start_write(const struct balance *b, const struct steady_start *start, doub
  * counts stay. */
 enum modal_status point_init(struct steady *s, struct steady_point *point, int q, int H, int N,
                              struct modal_error *err);
-/* OUT is POINT's motion, flags and errors, its arrays its own, without evaluations and multipliers;
+/* OUT is POINT's motion, flags, multipliers and errors, its arrays its own, without evaluations;
  * what it had is freed. */
 enum modal_status point_copy(const struct steady_point *point, struct steady_point *out,
                              struct modal_error *err);

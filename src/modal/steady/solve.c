@@ -351,8 +351,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
                              : steady_solve(s, omega, start, &list[0], err);
 
     *count = rc == MODAL_OK ? 1 : 0;
-    if (rc != MODAL_OK || s->linear || list[0].followed)
-        /* rigid friction followed in time has no balance to search in */
+    if (rc != MODAL_OK || s->linear || list[0].followed || (s->jumps && !list[0].converged))
+        /* rigid friction followed in time, in vain or not, has no balance to search in */
         goto out;
     rc = steady_balance(s, list[0].H, &b, err);
     if (rc == MODAL_OK)

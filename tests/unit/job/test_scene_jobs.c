@@ -279,6 +279,22 @@ static const char *failure(const char *scene)
 
 /* At resonance a slider of 1 N takes at most 4 / pi = 1.273 N of a harmonic load, and 1 N of a mean
  * one.  Off resonance a search that was cut short proves nothing. */
+/* Friction far below the load leaves the linear multipliers: det e^{A T} = e^{-c T / m}, so that
+ * each of the pair has the modulus e^{0.05 T}, T = 2 pi / 3. */
+TEST(an_unstable_motion_under_rigid_friction_is_given_with_its_multipliers)
+{
+    cJSON *r = job("steady",
+                   "{'structure':{'type':'chain','masses':[1],'springs':[4,0],'dampers':[-0.1,0]},"
+                   "'omega':3,'effects':[{'type':'coulomb','dof':'x1','limit':1e-7}],'excitation':"
+                   "[{'dof':'x1','k':1,'cos':1}],'steady':{'harmonics':5,'stability':true}}",
+                   NULL, MODAL_OK, NULL);
+    const cJSON *stability = cJSON_GetObjectItem(r, "stability");
+
+    CHECK(cJSON_IsFalse(cJSON_GetObjectItem(stability, "stable")));
+    CHECK_NEAR(number(stability, "max_multiplier", NULL), exp(0.05 * 2 * acos(-1) / 3), 1e-6);
+    cJSON_Delete(r);
+}
+
 TEST(that_there_is_no_periodic_solution_is_said_only_where_it_is_certain)
 {
     CHECK_STRING(failure("{" AT_RESONANCE "'max_iterations':200},"

@@ -23,13 +23,16 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     struct stability st = { 0 };
     struct steady_point *points = NULL;
     int count = 0, stable = -1;
+    double spent = 0;
     enum modal_status rc = stability_of(s, point, known, err);
 
     if (rc != MODAL_OK || known->verdict != STABILITY_UNSTABLE)
         return rc;
     rc = steady_solve_all(s, p->omega, NULL, point, &points, &count, err);
-    for (int i = 0; rc == MODAL_OK && i < count && stable < 0; i++) {
+    /* Looking for it may cost as much as the one verdict may. */
+    for (int i = 0; rc == MODAL_OK && i < count && stable < 0 && spent <= known->work.most; i++) {
         rc = points[i].converged ? stability_of(s, &points[i], &st, err) : MODAL_OK;
+        spent += st.work.spent;
         if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)
             stable = i;
         if (stable < 0)

@@ -283,6 +283,18 @@ enum modal_status aft_force(struct aft *w, double omega, const double complex *X
 void aft_set_order(struct aft *w, int HJ) { w->HJ = HJ; }
 int aft_samples(const struct aft *w) { return w->N; }
 long aft_transforms(const struct aft *w) { return orbit_grid_transforms(w->grid); }
+long aft_events(const struct aft *w)
+{
+    long count = 0;
+
+    for (int l = 0; l < w->laws; l++) {
+        count += w->law[l].exact ? w->law[l].pieces.count : 0;
+        for (int j = 0; w->law[l].exact && j < w->law[l].law->kind->inputs; j++)
+            count += w->law[l].in[j].turns > 0 ? w->law[l].in[j].turns : 0;
+    }
+    return count;
+}
+
 long aft_evaluations(const struct aft *w, int law) { return w->law[law].evaluations; }
 bool aft_acts(const struct aft *w, int law) { return w->law[law].acts; }
 bool aft_undetermined(const struct aft *w, int law) { return w->law[law].undetermined; }

@@ -5,10 +5,12 @@
  * factorizations and products of matrices run BUDGET_DENSE times as fast.  What is counted:
  *
  *     a law at one instant, its transforms included      BUDGET_SAMPLE        (balance.c, cycle.c)
+ *     an event or a turn of a law's motion               BUDGET_EVENT H       (balance.c)
  *     a residual's products with S_k                     8 an entry           (balance.c)
  *     a law's derivative                                 16 (HJ + 1)^2        (balance.c)
  *     a factorization                                    balance_dense_work or blocks_work
  *     a step through rigid friction and its map          price_steps          (cycle.c)
+ *     a step of disturbances                             step_work            (monodromy.c)
  */
 #ifndef MODAL_BUDGET_H
 #define MODAL_BUDGET_H
@@ -20,6 +22,8 @@ struct budget { double spent, most; };     /* most 0: no limit */
 enum {
     BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */
     BUDGET_SAMPLE = 60,    /* of a law at one instant, its transforms included */
+    BUDGET_SUM = 2,        /* a harmonic of a motion and its rates at one instant */
+    BUDGET_EVENT = 20      /* a harmonic: some five sums to polish it, and its waves to 3 H */
 };
 
 /* BUDGET may be NULL: nothing is counted, nothing spent. */

@@ -22,6 +22,7 @@
  * takes out both terms; |X - c| is what the second one was.
  */
 #include "modal/steady/estimate.h"
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,6 +36,8 @@
 #include "modal/steady/session.h"
 #include "modal/steady/stiffness.h"
 
+/* Of the largest low harmonic, what a round moves them by once it has nothing to add but rounding. */
+static const double STILL = 4 * DBL_EPSILON;
 enum {
     EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are
                                  * smooth */
@@ -165,6 +168,17 @@ static void tail_in_time(const struct balance *wide, int H, struct steady_point 
     point->tail_rms = sqrt(squares);
 }
 
+/* A balance of H2 harmonics that is not kept, its work counted as that of the session's. */
+static enum modal_status wide_balance(struct steady *s, int H2, int N2, bool located,
+                                      struct balance **out, struct modal_error *err)
+{
+    enum modal_status rc = balance_new(s->p, s->c, H2, N2, located, out, err);
+
+    if (rc == MODAL_OK)
+        (*out)->budget = &s->budget;
+    return rc;
+}
+
 struct estimate {
     int H2;
     struct balance *wide;                   /* of H2 harmonics */
@@ -201,7 +215,7 @@ static enum modal_status estimate_init(struct steady *s, const struct balance *b
                             .y = calloc((size_t)b->order + 1, sizeof *e->y) };
     if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
-    return balance_new(s->p, s->c, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
+    return wide_balance(s, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
 }
 
 /* The chord step without the tail into e->sampled: what sampling alone moves. */
@@ -294,11 +308,37 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
     return rc == MODAL_OK ? balance_set(b, point->omega, 1, err) : rc;
 }
 
+/* One round of (1) and (2) on E; how far it moved the first harmonics, relative to the largest of
+ * them, into *MOVED.  LOW has room for them. */
+static enum modal_status extend_once(struct balance *b, struct balance *wide, double complex *low,
+                                     double *y, double complex *E, double *moved,
+                                     struct modal_error *err)
+{
+    int K = b->H + 1, K2 = wide->H + 1;
+    double most = 0, size = 0;
+    enum modal_status rc = balance_residual(wide, E, false, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    for (int i = 0; i < b->q; i++)
+        memcpy(low + i * K, E + i * K2, (size_t)K * sizeof *low);
+    chord(b, wide, low, y, E);                                                     /* (2) */
+    for (int i = 0; i < b->q; i++)
+        for (int k = 0; k < K; k++) {
+            most = fmax(most, cabs(E[i * K2 + k] - low[i * K + k]));
+            size = fmax(size, cabs(low[i * K + k]));
+        }
+    *moved = size > 0 ? most / size : 0;
+    return tail_of(wide, b->H, E, err);                                            /* (1) */
+}
+
 enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2,
                                 double complex *E, bool *done, struct modal_error *err)
 {
     struct balance *wide = NULL, *b;
-    double *y = NULL;
+    double complex *low = NULL;
+    double *y = NULL, moved = HUGE_VAL;
+    int rounds = s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS;
     enum modal_status rc = steady_balance(s, point->H, &b, err);
 
     *done = false;                                      /* until the last round */
@@ -309,30 +349,21 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
     if (rc != MODAL_OK || !balance_factor(b, NULL))
         return rc;
     y = calloc((size_t)b->order + 1, sizeof *y);
-    rc = y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
-                   : balance_new(s->p, s->c, H2, steady_power_of_two(4L * H2), true, &wide, err);
+    low = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *low);
+    rc = y == NULL || low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                                  : wide_balance(s, H2, steady_power_of_two(4L * H2), true, &wide,
+                                                 err);
     if (rc == MODAL_OK)
         rc = balance_set(wide, point->omega, 1, err);
     if (rc == MODAL_OK)
         widen_motion(point->X, b->q, b->H, H2, E);
-    for (int round = 0; rc == MODAL_OK && round < (s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS);
-         round++) {
-        double complex *low = malloc(((size_t)b->q * ((size_t)b->H + 1) + 1) * sizeof *low);
-
-        rc = low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
-                         : balance_residual(wide, E, false, err);
-        for (int i = 0; rc == MODAL_OK && i < b->q; i++)
-            memcpy(low + i * (b->H + 1), E + i * (H2 + 1), ((size_t)b->H + 1) * sizeof *low);
-        if (rc == MODAL_OK) {
-            chord(b, wide, low, y, E);                  /* (2) */
-            rc = tail_of(wide, b->H, E, err);           /* (1) */
-        }
-        free(low);
-    }
-    *done = rc == MODAL_OK;
+    for (; rc == MODAL_OK && rounds > 0 && moved > STILL && !budget_spent(b->budget); rounds--)
+        rc = extend_once(b, wide, low, y, E, &moved, err);
+    *done = rc == MODAL_OK && (rounds == 0 || moved <= STILL);
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);
     free(y);
+    free(low);
     balance_free(wide);
     return rc;
 }
@@ -367,6 +398,8 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
             for (int k = 0; k <= H; k++)
                 R[(size_t)round * part + (size_t)(i * (H + 1) + k)] = E[i * (Hr + 1) + k];
     }
+    if (rc == MODAL_OK && !done && budget_spent(b->budget))
+        rc = estimate_errors(s, b, point, err);         /* the motion as it is, and how far off */
     if (rc != MODAL_OK || !done)
         goto out;
     point->solver = point->sampling = point->amplitude = 0;

@@ -28,6 +28,7 @@
 #include "modal/scene/orbit.h"
 #include "modal/scene/pieces.h"
 #include "modal/scene/program.h"
+#include "modal/steady/budget.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/estimate.h"
 #include "modal/steady/point.h"
@@ -44,6 +45,8 @@ enum {
     SAMPLES_LEAST = 64,   /* where the motion has few harmonics: its laws have more */
     PADE = 6,   /* rounding at PADE_NORM */
     SQUARINGS_MOST = 1000,   /* halvings of a norm that is finite */
+    PRODUCTS_STEP = 8,       /* of matrices of the order: 5 of the approximant, a solve, the map's */
+    PRODUCTS_MAGNUS = 6,     /* of (1) */
     SMALL_ORDER = 8          /* up to which a call of BLAS costs more than its sums */
 };
 
@@ -430,8 +433,32 @@ static void multiply(int n, double alpha, const double *A, const double *B, doub
         }
 }
 
-/* X <- exp(X) = (Q^-1 P)(X / 2^s)^(2^s), P and Q the Pade approximant's; P, Q, T scratch. */
-static bool exponential(int n, double *X, double *P, double *Q, double *T, int *pivot)
+/* Operations (budget.h) of `multiply`; short sums run slower than BLAS. */
+static double product_work(int n)
+{
+    return 2.0 * n * n * n / (n > SMALL_ORDER ? BUDGET_DENSE : 0.5);
+}
+
+/* Of a step, as monodromy_around counts them, but for an exponential's squarings. */
+static double step_work(const struct monodromy *m)
+{
+    int matrices = m->varies ? 3 : 1;
+    double build = 2 * product_work(m->n) + m->order * m->order
+                 + m->p->laws * (BUDGET_SAMPLE + (m->varies ? BUDGET_SUM * m->H : 0.0));
+
+    return matrices * build + (m->varies ? PRODUCTS_MAGNUS + PRODUCTS_STEP : PRODUCTS_STEP)
+                              * product_work(m->order);
+}
+
+double monodromy_work(const struct monodromy *m, int steps)
+{
+    return (m->cuts + (m->varies ? steps : 0.0)) * step_work(m);
+}
+
+/* X <- exp(X) = (Q^-1 P)(X / 2^s)^(2^s), P and Q the Pade approximant's; P, Q, T scratch.  The
+ * squarings are counted in WORK. */
+static bool exponential(int n, double *X, double *P, double *Q, double *T, int *pivot,
+                        struct budget *work)
 {
     static const double c[PADE + 1] = { 1,         0.5,         5.0 / 44,    1.0 / 66,
                                         1.0 / 792, 1.0 / 15840, 1.0 / 665280 };
@@ -474,6 +501,7 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
     free(next);
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, n, Q, n, pivot, P, n) != 0)
         return false;
+    budget_add(work, squarings * product_work(n));
     for (int s = 0; s < squarings; s++) {
         multiply(n, 1, P, P, 0, T);                     /* undoes a halving */
         memcpy(P, T, size * sizeof *P);
@@ -579,8 +607,14 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
         }
         if (rc != MODAL_OK)
             return rc;
-        if (!exponential(n, m->A[0], m->work[0], m->work[1], m->work[2], m->pivot)) {
+        if (!exponential(n, m->A[0], m->work[0], m->work[1], m->work[2], m->pivot,
+                         m->budget)) {
             m->reason = "the disturbances overflow";
+            return MODAL_OK;
+        }
+        budget_add(m->budget, step_work(m));
+        if (budget_spent(m->budget)) {
+            m->reason = "too many states and steps for the monodromy matrix";
             return MODAL_OK;
         }
         multiply(n, 1, m->A[0], m->map, 0, m->work[0]);  /* the later factor from the left */

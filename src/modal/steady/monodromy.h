@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include "base/error.h"
 
+struct budget;
 struct law_pieces;
 struct orbit;
 struct program;
@@ -31,6 +32,7 @@ struct monodromy {
                                         * nz x (nz, n, n, n) */
     int *pivot;                        /* order */
     const char *reason;                /* why there is no map; static text */
+    struct budget *budget;             /* the steps are counted in it; spent, they end */
     int H;                             /* of the motion followed: the point's, or more for laws
                                         * with events */
     double complex *X;                 /* kept dofs, [i (H+1) + k] */
@@ -45,6 +47,8 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
 /* m->map over one period, in STEPS where matrices vary; m->reason where there is none.  Fails as a
  * law does. */
 enum modal_status monodromy_around(struct monodromy *m, int steps, struct modal_error *err);
+/* Operations (budget.h) that it takes, at least. */
+double monodromy_work(const struct monodromy *m, int steps);
 /* Whether every entry of the map is finite. */
 bool monodromy_is_finite(const struct monodromy *m);
 /* The highest frequency of the constant matrices over omega, at most. */

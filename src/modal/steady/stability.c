@@ -10,8 +10,8 @@
  *
  *     e_m <= max(SETTLED, 16 eps steps) max(1, |rho_1|)   or   e_m > e_{m-1} / 2,               (1)
  *
- * settled, or rounding.  Work is 30 order^3 a step, bounded: a scene whose map costs more has no
- * verdict, one whose second map does has a verdict without its error.
+ * settled, or rounding.  The work allowed is that of a solution, point.c (1): a scene whose map costs
+ * more has no verdict, one whose second map does has a verdict without its error.
  */
 #include "modal/steady/stability.h"
 #include <float.h>
@@ -21,7 +21,7 @@
 #include <string.h>
 #include "modal/scene/floquet.h"
 #include "modal/steady/monodromy.h"
-#include "modal/steady/point.h"
+#include "modal/steady/session.h"
 
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */
@@ -35,18 +35,11 @@ static const double SETTLED = 2e-11;
 static const double ROUNDING = 16;
 /* A doubling that does not halve the change has met rounding: the method is of the sixth order. */
 static const double STALLS = 0.5;
-/* Operations of the first map, without which there is no answer, and of those that only tell its
- * error: a minute and ten seconds at 1e9 a second. */
-static const double WORK_MOST = 6e10;
-static const double WORK_AGAIN = 1e10;
-/* Products of order^3 in a step: its exponential, its commutators. */
-static const double PRODUCTS = 30;
 enum {
     STEPS_FIRST = 32,   /* of sixth order: smooth matrices end at once */
     STEPS_RESOLVE = 512,    /* up to which steps resolve the motion's harmonics, two each */
     STEPS_MOST = 16384,   /* nine doublings: 2^54 in the sixth order */
-    ROOM_TO_DOUBLE = 4,     /* of the steps, left for the errors' sake */
-    STATES_STIFF = 100      /* the most that may take many steps */
+    ROOM_TO_DOUBLE = 4      /* of the steps, left for the errors' sake */
 };
 
 /* qsort: |.| descending. */
@@ -95,7 +88,7 @@ static bool has_settled(const struct stability *out, int steps, double last)
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
     double complex *before = calloc((size_t)m->order + 1, sizeof *before);
-    double each = PRODUCTS * pow(m->order, 3), last = HUGE_VAL;
+    double next = 0, last = HUGE_VAL;
     int steps = STEPS_FIRST, passes = 0;             /* one alone says nothing of its error */
     enum modal_status rc =
         before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
@@ -104,16 +97,16 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
            || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / ROOM_TO_DOUBLE))
         steps *= 2;
     for (; rc == MODAL_OK; steps *= 2) {
-        double most = passes > 0 || m->order > STATES_STIFF ? WORK_AGAIN : WORK_MOST;
+        double before_work = m->budget->spent;
 
-        /* One exponential a cut, and of a varying A three matrices a step; the first map alone may
-         * cost WORK_MOST, as without it there is no verdict. */
-        if (each * (m->cuts + (m->varies ? 3.0 * steps : 0)) > most) {
+        /* what the last map cost twice, and the first at least this */
+        if (before_work + fmax(next, monodromy_work(m, steps)) > m->budget->most) {
             m->reason = passes == 0 ? "too many states and steps for the monodromy matrix"
                 : m->reason;
             break;
         }
         rc = monodromy_around(m, steps, err);
+        next = 2 * (m->budget->spent - before_work);
         /* steps too long for a stiff dof */
         if (rc == MODAL_OK && m->reason == NULL && !monodromy_is_finite(m)) {
             /* a stiff dof wants shorter ones */
@@ -205,7 +198,7 @@ static enum modal_status known_stability(const struct steady_point *point, struc
 enum modal_status stability_of(struct steady *s, const struct steady_point *point,
                                struct stability *out, struct modal_error *err)
 {
-    struct monodromy m = { .s = s, .p = steady_program(s), .point = point };
+    struct monodromy m = { .s = s, .p = steady_program(s), .point = point, .budget = &s->budget };
     enum modal_status rc = MODAL_OK;
 
     memset(out, 0, sizeof *out);
@@ -213,6 +206,7 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
         return linear_stability(m.p, point->omega, out, err);
     if (point->states > 0)
         return known_stability(point, out, err);
+    steady_allow_work(s);
     m.n = m.p->n;
     m.nz = m.p->n_linear;
     m.varies = m.p->harmonics > 0;
@@ -235,6 +229,7 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
         out->count = m.order;
         judge(out);
     }
+    out->work = s->budget;
     out->reason = m.reason;
     if (rc != MODAL_OK || m.reason != NULL) {
         free(out->multiplier);

@@ -14,6 +14,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
+#include "modal/steady/budget.h"
 
 struct steady;
 struct steady_point;
@@ -32,6 +33,7 @@ struct stability {
                                        * stability_done */
     double largest, error;            /* max |.|; the estimated error of the integration */
     const char *reason;               /* STABILITY_UNKNOWN: why */
+    struct budget work;               /* of its maps */
 };
 
 /* States of which a dense map is made and its eigenvalues found: some seconds. */
@@ -39,8 +41,8 @@ enum { STABILITY_STATES_MOST = 400 };
 
 /*
  * Of POINT, converged, of session S.  UNDECIDED: a multiplier on the unit circle to within 1e-8 or
- * the error.  UNKNOWN is an answer: more than STATES_MOST states, a singular mass, a motion with
- * jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law does.
+ * the error.  UNKNOWN is an answer: more than STATES_MOST states, the work allowed spent, a singular
+ * mass, a motion with jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law does.
  */
 enum modal_status stability_of(struct steady *s, const struct steady_point *point,
                                struct stability *out, struct modal_error *err);

@@ -13,6 +13,7 @@
 #include "modal/steady/cycle.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/solve.h"
+#include "modal/steady/stability.h"
 
 static struct program *lower(const char *text)
 {
@@ -232,6 +233,45 @@ TEST(steps_through_rigid_friction_count_as_work_and_end_with_it)
         CHECK(point.work.spent >= (double)CYCLE_SAMPLES * COLLOCATION_STAGES * BUDGET_SAMPLE);
         CHECK(r == 0 || point.work.spent >= point.work.most / 2);
         CHECK(point.work.spent <= 1.05 * point.work.most);
+        steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
+}
+
+/*
+ * The map of a verdict is work too: of a cubic spring at least 32 steps, three matrices each, the
+ * law asked once in each.  A damper of 1e30 N s/m on 1e-30 kg takes a hundred squarings and more in
+ * every one of the 16384 steps that it is given: the work allowed ends them.
+ */
+TEST(the_maps_of_a_verdict_count_as_work_and_end_with_it)
+{
+    static const char *const smooth =
+        "{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0],"
+        "\"dampers\":[0.1,0]},\"omega\":0.7,\"effects\":[{\"type\":\"cubic_spring\","
+        "\"dof\":\"x1\",\"coefficient\":0.3}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,"
+        "\"cos\":0.5}]}";
+    static const char *const stiff =
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1e-30,0],[0,1]],\"C\":[[1e30,0],"
+        "[0,0.1]],\"K\":[[0.001,-1],[-1,0]]},\"omega\":3,\"effects\":[{\"type\":"
+        "\"contact_friction\",\"normal\":\"x1\",\"tangential\":\"x2\",\"normal_stiffness\":2,"
+        "\"preload\":1e-30,\"tangential_stiffness\":1,\"mu\":0.3},{\"type\":\"cubic_spring\","
+        "\"dof\":\"x2\",\"coefficient\":1e8}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,"
+        "\"cos\":1},{\"dof\":\"x2\",\"k\":2,\"sin\":0.001}]}";
+    const char *const texts[] = { smooth, stiff };
+
+    for (int r = 0; r < 2; r++) {
+        struct program *p = lower(texts[r]);
+        struct steady_options opt = { .harmonics = 5 };
+        struct steady_point point;
+        struct stability st;
+        struct steady *s;
+
+        solve(p, &opt, &s, &point);
+        CHECK(point.converged && stability_of(s, &point, &st, NULL) == MODAL_OK);
+        CHECK(st.work.spent >= 32 * 3 * BUDGET_SAMPLE && st.work.spent <= 1.05 * st.work.most);
+        CHECK(r == 1 || st.verdict == STABILITY_STABLE);
+        stability_done(&st);
         steady_point_done(&point);
         steady_free(s);
         program_free(p);

@@ -214,65 +214,64 @@ void events_revoke(struct core *c)
         }
 }
 
-static void unsubscribe(struct core *c, const struct reply *reply, const char *number,
-                        struct user *user)
+static void unsubscribe(struct core *c, const struct request *q)
 {
+    const char *number = q->wire.events.subscription;
     uint64_t wanted = strtoull(number, NULL, 10);
     cJSON *header;
 
     for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
-        if (s->number == wanted && s->user == user && !s->gone) {
+        if (s->number == wanted && s->user == q->user && !s->gone) {
             s->gone = true;
-            header = answer_new(reply);
+            header = answer_new(&q->reply);
             cJSON_AddStringToObject(header, "subscription", number);
-            answer_send(c, reply, header, NULL);
+            answer_send(c, &q->reply, header, NULL);
             return;
         }
-    answer_fail(c, reply, MODAL_NOT_FOUND, "subscription", NULL, "no such subscription of yours");
+    answer_fail(c, &q->reply, MODAL_NOT_FOUND, "subscription", NULL,
+                "no such subscription of yours");
 }
 
-void events_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+void events_request(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
     struct subscription *s;
     struct job *job = NULL;
     cJSON *header;
     char number[24];
 
-    if (r->events.op == WIRE_UNSUBSCRIBE) {
-        unsubscribe(c, &reply, r->events.subscription, user);
+    if (q->wire.events.op == WIRE_UNSUBSCRIBE) {
+        unsubscribe(c, q);
         return;
     }
-    if (user->subscriptions >= WIRE_SUBSCRIPTIONS_MOST) {
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
-                    "%d subscriptions are open, at most %d", user->subscriptions,
+    if (q->user->subscriptions >= WIRE_SUBSCRIPTIONS_MOST) {
+        answer_fail(c, &q->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
+                    "%d subscriptions are open, at most %d", q->user->subscriptions,
                     WIRE_SUBSCRIPTIONS_MOST);
         return;
     }
-    if (r->job.id != NULL || r->job.key != NULL) {
-        job = job_find(c, user, &r->job);
+    if (q->wire.job.id != NULL || q->wire.job.key != NULL) {
+        job = job_find(c, q->user, &q->wire.job);
         if (job == NULL || !job->committed) {
-            answer_fail(c, &reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
+            answer_fail(c, &q->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
             return;
         }
     }
     s = grab(sizeof *s);
     *s = (struct subscription) {
         .next = c->events->subscriptions, .number = ++c->events->next_subscription,
-        .peer = e->peer, .user = user, .reply = reply, .job = job == NULL ? 0 : job->id,
-        .stream = grab_text(r->events.stream),
-        .kinds = r->events.kinds };
-    snprintf(s->key, sizeof s->key, "%s", e->key);
-    s->next_event =
-        r->events.replay ? (int64_t)(r->events.from > 0 ? r->events.from : 1) : ring_last(c) + 1;
-    user->subscriptions++;
+        .peer = q->event->peer, .user = q->user, .reply = q->reply,
+        .job = job == NULL ? 0 : job->id, .stream = grab_text(q->wire.events.stream),
+        .kinds = q->wire.events.kinds };
+    snprintf(s->key, sizeof s->key, "%s", q->event->key);
+    s->next_event = !q->wire.events.replay ? ring_last(c) + 1
+                  : q->wire.events.from > 0 ? (int64_t)q->wire.events.from : 1;
+    q->user->subscriptions++;
     c->events->subscriptions = s;
-    header = answer_new(&reply);
+    header = answer_new(&q->reply);
     snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
     cJSON_AddStringToObject(header, "subscription", number);
     cJSON_AddNumberToObject(header, "next", (double)s->next_event);
-    answer_send(c, &reply, header, NULL);
+    answer_send(c, &q->reply, header, NULL);
 }
 
 void events_peer(struct core *c, uint64_t peer, enum event_type type)

@@ -8,42 +8,39 @@
 #include <stdlib.h>
 #include <string.h>
 
-static struct job *need_job(struct core *c, const struct event *e, const struct wire_request *r,
-                            struct user *user)
+static struct job *need_job(struct core *c, const struct request *q)
 {
-    struct job *job = job_find(c, user, &r->job);
-    struct reply reply = reply_to(e, r);
+    struct job *job = job_find(c, q->user, &q->wire.job);
+    const char *key = q->wire.job.key;
 
     if (job != NULL && job->committed)
         return job;
-    if (r->job.key == NULL || !answer_expired(c, &reply, user_tombstone(user, r->job.key)))
-        answer_fail(c, &reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
+    if (key == NULL || !answer_expired(c, &q->reply, user_tombstone(q->user, key)))
+        answer_fail(c, &q->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
     return NULL;
 }
 
-static void on_hello(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct user *user)
+static void on_hello(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
     cJSON *header, *limits, *detail;
 
-    if (!r->hello.speaks_ours) {
+    if (!q->wire.hello.speaks_ours) {
         detail = cJSON_CreateObject();
         cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"),
                              cJSON_CreateString(WIRE_VERSION));
-        answer_fail(c, &reply, MODAL_BAD_VERSION, "versions", detail,
+        answer_fail(c, &q->reply, MODAL_BAD_VERSION, "versions", detail,
                     "none of these versions is spoken here");
         return;
     }
-    header = answer_new(&reply);
+    header = answer_new(&q->reply);
     cJSON_AddStringToObject(header, "version", WIRE_VERSION);
     cJSON_AddItemToArray(cJSON_AddArrayToObject(header, "versions"),
                          cJSON_CreateString(WIRE_VERSION));
     cJSON_AddStringToObject(header, "server", "modald " MODALD_VERSION);
     cJSON_AddStringToObject(header, "store", c->settings.store_id);
     cJSON_AddStringToObject(header, "start", c->settings.start_id);
-    cJSON_AddStringToObject(header, "user", user->name);
-    cJSON_AddStringToObject(header, "role", wire_roles[user->account->role]);
+    cJSON_AddStringToObject(header, "user", q->user->name);
+    cJSON_AddStringToObject(header, "role", wire_roles[q->user->account->role]);
     cJSON_AddBoolToObject(header, "draining", c->draining || c->terminating);
     cJSON_AddNumberToObject(header, "time", (double)(c->now.utc_ns / 1000000) / 1000);
     limits = cJSON_AddObjectToObject(header, "limits");
@@ -56,17 +53,12 @@ static void on_hello(struct core *c, const struct event *e, const struct wire_re
     cJSON_AddNumberToObject(limits, "input_bytes", (double)c->settings.input_bytes);
     cJSON_AddNumberToObject(limits, "queue_jobs", (double)c->settings.queue_jobs);
     cJSON_AddNumberToObject(limits, "timeout_s", WIRE_TIMEOUT_MOST);
-    answer_send(c, &reply, header, NULL);
+    answer_send(c, &q->reply, header, NULL);
 }
 
-static void on_status(struct core *c, const struct event *e, const struct wire_request *r,
-                      struct user *user)
+static void on_status(struct core *c, const struct request *q)
 {
-    struct job *job = need_job(c, e, r, user);
-    struct reply reply = reply_to(e, r);
-
-    if (job != NULL)
-        answer_doc(c, &reply, job, -1, NULL);
+    answer_doc(c, &q->reply, q->job, -1, NULL);
 }
 
 /* ---- ending, again, forgetting --------------------------------------------------------------- */
@@ -90,33 +82,29 @@ static void audit(struct core *c, const struct user *user, const char *what, con
     core_log(c, "level=notice event=audit user=%s what=%s job=%s", user->name, what, ident);
 }
 
-static void on_cancel(struct core *c, const struct event *e, const struct wire_request *r,
-                      struct user *user)
+static void on_cancel(struct core *c, const struct request *q)
 {
-    struct job *job = need_job(c, e, r, user);
-    struct reply reply = reply_to(e, r);
+    struct job *job = q->job;
     struct modal_error err;
 
-    if (job == NULL)
-        return;
-    audit(c, user, "cancel", job);
+    audit(c, q->user, "cancel", job);
     /* ended before: its doc says so, once it is committed */
     if (job_state_final(job->state)) {
         if (job->last != NULL)
-            ask(job, &reply);
+            ask(job, &q->reply);
         else
-            answer_doc(c, &reply, job, -1, NULL);
+            answer_doc(c, &q->reply, job, -1, NULL);
         return;
     }
     if (job->state == JOB_QUEUED) {
         modal_fail(&err, MODAL_CANCELLED, "cancelled while it was queued");
         job_fail(c, job, JOB_CANCELLED, &err, NULL);
-        ask(job, &reply);
+        ask(job, &q->reply);
         return;
     }
     /* running: answered by the edge that its end makes */
     {
-        struct after *after = after_new(AFTER_DOC, &reply);
+        struct after *after = after_new(AFTER_DOC, &q->reply);
         after->job = job;
         after_append(&job->asks, after);
     }
@@ -126,63 +114,51 @@ static void on_cancel(struct core *c, const struct event *e, const struct wire_r
     }
 }
 
-static void on_retry(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct user *user)
+static void on_retry(struct core *c, const struct request *q)
 {
-    struct job *job = need_job(c, e, r, user);
-    struct reply reply = reply_to(e, r);
+    struct job *job = q->job;
 
-    if (job == NULL)
-        return;
     if (job->state != JOB_DEAD || job->shown != JOB_DEAD) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL,
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "job", NULL,
                     "the job is %s; only a dead job can be tried again", job_states[job->shown]);
         return;
     }
-    audit(c, user, "retry", job);
+    audit(c, q->user, "retry", job);
     failure_free(job->failure);
     job->failure = NULL;
     job->crashes = 0;
     job_move(c, job, JOB_QUEUED, NULL);
-    ask(job, &reply);
+    ask(job, &q->reply);
 }
 
-static void on_delete(struct core *c, const struct event *e, const struct wire_request *r,
-                      struct user *user)
+static void on_delete(struct core *c, const struct request *q)
 {
-    struct job *job = need_job(c, e, r, user);
-    struct reply reply = reply_to(e, r);
+    struct job *job = q->job;
 
-    if (job == NULL)
-        return;
     if (!job_state_final(job->shown) || job->last != NULL) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "job", NULL, "the job is %s; cancel it first",
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "job", NULL, "the job is %s; cancel it first",
                     job_states[job->shown]);
         return;
     }
-    audit(c, user, "delete", job);
-    job_remove(c, job, &reply);
+    audit(c, q->user, "delete", job);
+    job_remove(c, job, &q->reply);
 }
 
 /* ---- waiting --------------------------------------------------------------------------------- */
 
-static void on_wait(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+static void on_wait(struct core *c, const struct request *q)
 {
-    struct job *job = need_job(c, e, r, user);
-    struct reply reply = reply_to(e, r);
-    struct wait wait = { .job = job, .reply = reply, .result = r->wait.result, .user = user };
+    struct wait wait = { .job = q->job, .reply = q->reply, .result = q->wire.wait.result,
+                         .user = q->user };
 
-    if (job == NULL)
-        return;
-    snprintf(wait.key, sizeof wait.key, "%s", e->key);
-    if (job_state_final(job->shown) || r->wait.timeout_s <= 0)
+    snprintf(wait.key, sizeof wait.key, "%s", q->event->key);
+    if (job_state_final(q->job->shown) || q->wire.wait.timeout_s <= 0)
         wait_tell(c, &wait);
-    else if (user->waits >= WIRE_WAITS_MOST)
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
-                    "%d waits are open, at most %d", user->waits, WIRE_WAITS_MOST);
+    else if (q->user->waits >= WIRE_WAITS_MOST)
+        answer_fail(c, &q->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
+                    "%d waits are open, at most %d", q->user->waits, WIRE_WAITS_MOST);
     else
-        wait_begin(c, &wait, r->wait.timeout_s);
+        wait_begin(c, &wait, q->wire.wait.timeout_s);
 }
 
 /* ---- reading --------------------------------------------------------------------------------- */
@@ -228,37 +204,35 @@ static struct task *read_signals(struct core *c, const struct reply *reply, cons
     return task;
 }
 
-static void on_result(struct core *c, const struct event *e, const struct wire_request *r,
-                      struct user *user)
+static void on_result(struct core *c, const struct request *q)
 {
-    struct job *job = need_job(c, e, r, user);
-    struct reply reply = reply_to(e, r);
-    const char *part = wire_parts[r->result.part];
+    const struct job *job = q->job;
+    enum wire_part wanted = q->wire.result.part;
+    const char *part = wire_parts[wanted];
     struct task *task = NULL;
 
-    if (job == NULL)
-        return;
-    if (r->result.part == WIRE_STDERR)
-        task = read_for(c, &reply, job, TASK_READ_STDERR, job->id, part);
-    else if (r->result.part != WIRE_INPUT && job->shown != JOB_DONE)
-        answer_unfinished(c, &reply, job);
-    else if (r->result.part == WIRE_DOCUMENT)
-        task = read_for(c, &reply, job, TASK_READ_RESULT, job->source != 0 ? job->source : job->id,
-                        part);
+    if (wanted == WIRE_STDERR)
+        task = read_for(c, &q->reply, job, TASK_READ_STDERR, job->id, part);
+    else if (wanted != WIRE_INPUT && job->shown != JOB_DONE)
+        answer_unfinished(c, &q->reply, job);
+    else if (wanted == WIRE_DOCUMENT)
+        task = read_for(c, &q->reply, job, TASK_READ_RESULT,
+                        job->source != 0 ? job->source : job->id, part);
     else
-        task = read_signals(c, &reply, job, r->result.part == WIRE_INPUT ? job->input : job->output,
+        task = read_signals(c, &q->reply, job, wanted == WIRE_INPUT ? job->input : job->output,
                             part);
     if (task == NULL)
         return;
-    task->offset = r->result.offset;
-    task->length = r->result.length;
+    task->offset = q->wire.result.offset;
+    task->length = q->wire.result.length;
 }
 
-static void on_list(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+static void on_list(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
-    int64_t after = r->list.after == NULL ? 0 : ident_number(c->settings.secret, r->list.after);
+    const struct user *user = q->user;
+    const char *cursor = q->wire.list.after;
+    int64_t after = cursor == NULL ? 0 : ident_number(c->settings.secret, cursor);
+    int most = q->wire.list.limit;
     struct json_text page = { 0 };
     cJSON *header;
     char ident[9] = "", *text;
@@ -266,18 +240,18 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
     int count = 0;
 
     if (after < 0) {
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "after", NULL,
+        answer_fail(c, &q->reply, MODAL_BAD_INPUT, "after", NULL,
                     "after is no cursor of LIST; accepted: `next` of an earlier page");
         return;
     }
     json_text_open(&page, NULL);
     json_text_key(&page, "jobs");
     json_text_raw(&page, "[");
-    for (at = user_seek(user, after); at < user->job_count && count < r->list.limit; at++) {
+    for (at = user_seek(user, after); at < user->job_count && count < most; at++) {
         struct job *job = user->jobs[at];
         if (job == NULL || !job->committed || job->deleting || job->hidden
-            || (r->list.state >= 0 && (int)job->shown != r->list.state)
-            || (r->list.kind != NULL && strcmp(job->kind, r->list.kind) != 0))
+            || (q->wire.list.state >= 0 && (int)job->shown != q->wire.list.state)
+            || (q->wire.list.kind != NULL && strcmp(job->kind, q->wire.list.kind) != 0))
             continue;
         json_text_open(&page, NULL);
         doc_write(c, &page, job, false);
@@ -288,30 +262,26 @@ static void on_list(struct core *c, const struct event *e, const struct wire_req
     while (at < user->job_count && user->jobs[at] == NULL)
         at++;
     json_text_raw(&page, "]");
-    json_text_string(&page, "next", count == r->list.limit && at < user->job_count ? ident : NULL);
+    json_text_string(&page, "next", count == most && at < user->job_count ? ident : NULL);
     text = text_end(&page);
-    header = answer_new(&reply);
+    header = answer_new(&q->reply);
     cJSON_AddNumberToObject(header, "count", count);
-    answer_send(c, &reply, header, blob_take(text, strlen(text)));
+    answer_send(c, &q->reply, header, blob_take(text, strlen(text)));
 }
 
-static void on_stats(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct user *user)
+static void on_stats(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
-    cJSON *header = answer_new(&reply);
+    cJSON *header = answer_new(&q->reply);
 
-    stats_write(c, user, user->account->role == WIRE_ROLE_ADMIN, header);
-    answer_send(c, &reply, header, NULL);
+    stats_write(c, q->user, q->user->account->role == WIRE_ROLE_ADMIN, header);
+    answer_send(c, &q->reply, header, NULL);
 }
 
-static void on_metrics(struct core *c, const struct event *e, const struct wire_request *r,
-                       struct user *user)
+static void on_metrics(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
 
-    answer_send(c, &reply, answer_new(&reply),
-                metrics_text(c, user->account->role == WIRE_ROLE_ADMIN ? NULL : user));
+    answer_send(c, &q->reply, answer_new(&q->reply),
+                metrics_text(c, q->user->account->role == WIRE_ROLE_ADMIN ? NULL : q->user));
 }
 
 static void add_limit(cJSON *object, const char *key, double value)
@@ -322,11 +292,10 @@ static void add_limit(cJSON *object, const char *key, double value)
         cJSON_AddNullToObject(object, key);
 }
 
-static void on_whoami(struct core *c, const struct event *e, const struct wire_request *r,
-                      struct user *user)
+static void on_whoami(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
-    cJSON *header = answer_new(&reply), *limits, *used;
+    const struct user *user = q->user;
+    cJSON *header = answer_new(&q->reply), *limits, *used;
     const struct allowance *most = &user->account->most;
 
     cJSON_AddStringToObject(header, "user", user->name);
@@ -344,53 +313,54 @@ static void on_whoami(struct core *c, const struct event *e, const struct wire_r
     cJSON_AddNumberToObject(used, "bytes", (double)user->bytes);
     cJSON_AddNumberToObject(used, "cpu_s_day",
                             user->cpu_day == c->now.utc_ns / DAY ? user->cpu_s : 0);
-    answer_send(c, &reply, header, NULL);
+    answer_send(c, &q->reply, header, NULL);
 }
 
 /* Drained is remembered over a restart. */
-static void set_drain(struct core *c, const struct event *e, const struct wire_request *r,
-                      struct user *user, bool draining)
+static void set_drain(struct core *c, const struct request *q, bool draining)
 {
     struct transaction *t = transaction_new();
-    struct reply reply = reply_to(e, r);
 
     c->draining = draining;
     transaction_add(t, LEDGER_NOTE_PUT)->note =
         (struct note_record) { "daemon", "draining", draining ? "true" : NULL };
-    transaction_join(t, after_new(AFTER_DRAIN, &reply));
-    core_log(c, "level=notice event=audit user=%s what=%s", user->name,
+    transaction_join(t, after_new(AFTER_DRAIN, &q->reply));
+    core_log(c, "level=notice event=audit user=%s what=%s", q->user->name,
              draining ? "drain" : "undrain");
     core_commit(c, t);
 }
 
-static void on_drain(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct user *user)
+static void on_drain(struct core *c, const struct request *q)
 {
-    set_drain(c, e, r, user, true);
+    set_drain(c, q, true);
 }
 
-static void on_undrain(struct core *c, const struct event *e, const struct wire_request *r,
-                       struct user *user)
+static void on_undrain(struct core *c, const struct request *q)
 {
-    set_drain(c, e, r, user, false);
+    set_drain(c, q, false);
 }
 
-static request_handler *const handlers[WIRE_VERB_COUNT] = {
-    [WIRE_HELLO] = on_hello,        [WIRE_UPLOAD] = upload_request,
-    [WIRE_SUBMIT] = submit_request, [WIRE_SUBMITS] = submits_request,
-    [WIRE_STATUS] = on_status,      [WIRE_WAIT] = on_wait,
-    [WIRE_RESULT] = on_result,      [WIRE_CANCEL] = on_cancel,
-    [WIRE_RETRY] = on_retry,        [WIRE_DELETE] = on_delete,
-    [WIRE_LIST] = on_list,          [WIRE_EVENTS] = events_request,
-    [WIRE_STATS] = on_stats,        [WIRE_METRICS] = on_metrics,
-    [WIRE_WHOAMI] = on_whoami,      [WIRE_DRAIN] = on_drain,
-    [WIRE_UNDRAIN] = on_undrain,    [WIRE_STREAM] = stream_request,
+static const struct {
+    void (*handle)(struct core *c, const struct request *q);
+    bool of_job;                          /* one that there is; else it is answered here */
+} verbs[WIRE_VERB_COUNT] = {
+    [WIRE_HELLO] = { on_hello },          [WIRE_UPLOAD] = { upload_request },
+    [WIRE_SUBMIT] = { submit_request },   [WIRE_SUBMITS] = { submits_request },
+    [WIRE_STATUS] = { on_status, true },  [WIRE_WAIT] = { on_wait, true },
+    [WIRE_RESULT] = { on_result, true },  [WIRE_CANCEL] = { on_cancel, true },
+    [WIRE_RETRY] = { on_retry, true },    [WIRE_DELETE] = { on_delete, true },
+    [WIRE_LIST] = { on_list },            [WIRE_EVENTS] = { events_request },
+    [WIRE_STATS] = { on_stats },          [WIRE_METRICS] = { on_metrics },
+    [WIRE_WHOAMI] = { on_whoami },        [WIRE_DRAIN] = { on_drain },
+    [WIRE_UNDRAIN] = { on_undrain },      [WIRE_STREAM] = { stream_request },
 };
 
-/* An answer to what could not be read as a request; the verb as it came, where it came. */
-static void refuse(struct core *c, const struct event *e, const char *id, const char *verb,
-                   const struct modal_error *err)
+/* An answer to what could not be read as a request, or may not be asked; the verb as it came,
+ * where it came. */
+static void refuse(struct core *c, const struct event *e, const struct modal_error *err)
 {
+    const char *id = e->message != NULL ? e->message->id : e->id;
+    const char *verb = e->message != NULL ? e->message->verb : e->verb;
     cJSON *detail = NULL;
 
     if (err->status == MODAL_BAD_VERSION) {
@@ -406,12 +376,12 @@ static void refuse(struct core *c, const struct event *e, const char *id, const 
 
 void request_handle(struct core *c, const struct event *e)
 {
-    struct user *user = user_of_key(c, e->key);
-    struct wire_request r;
+    struct request q = { .event = e, .user = user_of_key(c, e->key) };
+    const struct user *user = q.user;
     struct modal_error err;
 
     if (e->message == NULL) {
-        refuse(c, e, e->id, e->verb, e->fault);
+        refuse(c, e, e->fault);
         return;
     }
     c->counts.bytes_in += (int64_t)e->message->body_bytes;
@@ -422,20 +392,22 @@ void request_handle(struct core *c, const struct event *e)
                      e->key[0] != 0 ? e->key : "-");
         c->next_denial_ns =
             c->now.mono_ns >= c->next_denial_ns ? c->now.mono_ns + SECOND : c->next_denial_ns;
-        refuse(c, e, e->message->id, e->message->verb, &err);
+        refuse(c, e, &err);
         return;
     }
-    if (wire_request_read(e->message, &r, &err) != MODAL_OK) {
-        refuse(c, e, e->message->id, e->message->verb, &err);
+    if (wire_request_read(e->message, &q.wire, &err) != MODAL_OK) {
+        refuse(c, e, &err);
         return;
     }
-    if (user->account->role < wire_verb_role(r.verb)) {
+    if (user->account->role < wire_verb_role(q.wire.verb)) {
         modal_fail(&err, MODAL_DENIED, "the role %s may not ask %s",
-                   wire_roles[user->account->role], wire_verb_name(r.verb));
+                   wire_roles[user->account->role], wire_verb_name(q.wire.verb));
         core_log(c, "level=notice event=audit user=%s what=denied verb=%s", user->name,
-                 wire_verb_name(r.verb));
-        refuse(c, e, e->message->id, e->message->verb, &err);
+                 wire_verb_name(q.wire.verb));
+        refuse(c, e, &err);
         return;
     }
-    handlers[r.verb](c, e, &r, user);
+    q.reply = reply_to(e, &q.wire);
+    if (!verbs[q.wire.verb].of_job || (q.job = need_job(c, &q)) != NULL)
+        verbs[q.wire.verb].handle(c, &q);
 }

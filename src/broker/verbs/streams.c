@@ -141,26 +141,27 @@ static int open_streams_of(const struct core *c, const struct user *user)
     return open;
 }
 
-/* May USER open what R describes?  Else REPLY is answered. */
-static bool may_open(struct core *c, const struct wire_request *r, const struct user *user,
-                     const struct reply *reply)
+/* May who asks open what he describes?  Else he is answered. */
+static bool may_open(struct core *c, const struct request *q)
 {
+    const struct reply *reply = &q->reply;
+    const struct wire_input *input = &q->wire.stream.input;
     struct modal_error err;
-    int open = open_streams_of(c, user);
+    int open = open_streams_of(c, q->user);
 
     if (open >= STREAMS_MOST)
         answer_fail(c, reply, MODAL_TOO_LARGE, "name", NULL,
                     "%d streams of yours are open; accepted: at most %d", open, STREAMS_MOST);
-    else if (r->stream.input.channels > CHANNELS_MOST)
+    else if (input->channels > CHANNELS_MOST)
         answer_fail(c, reply, MODAL_TOO_LARGE, "channels", NULL,
                     "a stream of %llu channels; accepted: at most %d",
-                    (unsigned long long)r->stream.input.channels, CHANNELS_MOST);
+                    (unsigned long long)input->channels, CHANNELS_MOST);
     else if (c->draining || c->terminating)
         answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5),
                     "the daemon takes no new work");
     else if (room_is_full(c))
         answer_full(c, reply);
-    else if (window_check(r->stream.window, &r->stream.input, &err) != MODAL_OK)
+    else if (window_check(q->wire.stream.window, input, &err) != MODAL_OK)
         answer_error(c, reply, &err, NULL);
     else
         return true;
@@ -168,10 +169,10 @@ static bool may_open(struct core *c, const struct wire_request *r, const struct 
 }
 
 /* A new one, whose note is on its way. */
-static struct stream *open_new(struct core *c, const struct wire_request *r, struct user *user)
+static struct stream *open_new(struct core *c, const struct request *q)
 {
-    struct stream *s =
-        make(c, user, r->stream.name, &r->stream.input, r->stream.window, input_number(c));
+    struct stream *s = make(c, q->user, q->wire.stream.name, &q->wire.stream.input,
+                            q->wire.stream.window, input_number(c));
 
     s->last = transaction_new();
     note(s->last, s);
@@ -179,29 +180,28 @@ static struct stream *open_new(struct core *c, const struct wire_request *r, str
     return s;
 }
 
-static void on_open(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+static void on_open(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
-    struct stream *s = stream_open_named(c, user, r->stream.name);
+    struct stream *s = stream_open_named(c, q->user, q->wire.stream.name);
     struct after *after;
 
-    if (s != NULL && (s->channels != r->stream.input.channels || s->dt != r->stream.input.dt)) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "name", NULL,
+    if (s != NULL && (s->channels != q->wire.stream.input.channels
+                      || s->dt != q->wire.stream.input.dt)) {
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "name", NULL,
                     "the stream is open with %llu channels and dt %.17g",
                     (unsigned long long)s->channels, s->dt);
         return;
     }
-    if (s == NULL && !may_open(c, r, user, &reply))
+    if (s == NULL && !may_open(c, q))
         return;
     if (s == NULL)
-        s = open_new(c, r, user);
+        s = open_new(c, q);
     if (s->last == NULL) {
         s->resumes = false;                        /* its owner sees `next` */
-        answer_state(c, &reply, s);
+        answer_state(c, &q->reply, s);
         return;
     }
-    after = after_new(AFTER_STREAM, &reply);
+    after = after_new(AFTER_STREAM, &q->reply);
     after->stream = s;
     transaction_join(s->last, after);
 }
@@ -445,20 +445,19 @@ static bool gaps_too_large(struct core *c, const struct stream *s, const struct 
     return true;
 }
 
-static void on_push(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct stream *s)
+static void on_push(struct core *c, const struct request *q, struct stream *s)
 {
     struct push push = {
-        .reply = reply_to(e, r), .first = r->stream.first, .count = r->stream.count,
-        .crc = r->stream.crc32c, .body = e->body[0] };
+        .reply = q->reply, .first = q->wire.stream.first, .count = q->wire.stream.count,
+        .crc = q->wire.stream.crc32c, .body = q->event->body[0] };
     uint64_t size = push.count * sample_bytes(s);
-    const char *data = e->message->body[0].data;
+    const char *data = q->event->message->body[0].data;
     const struct reply *reply = &push.reply;
 
-    if (e->message->body_bytes != size)
+    if (q->event->message->body_bytes != size)
         answer_fail(c, reply, MODAL_BAD_INPUT, "body", NULL,
                     "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
-                    e->message->body_bytes, (unsigned long long)push.count,
+                    q->event->message->body_bytes, (unsigned long long)push.count,
                     (unsigned long long)s->channels);
     else if (crc32c(0, data, size) != push.crc)
         answer_fail(c, reply, MODAL_BAD_INPUT, "crc32c", NULL,
@@ -471,7 +470,7 @@ static void on_push(struct core *c, const struct event *e, const struct wire_req
                     (unsigned long long)s->next, (unsigned long long)push.first,
                     (long long)c->settings.input_bytes);
     /* an earlier one was on its way when the present began */
-    else if (r->stream.epoch > s->epoch)
+    else if (q->wire.stream.epoch > s->epoch)
         answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch),
                     "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
@@ -566,21 +565,18 @@ void stream_sealed(struct core *c, struct task *task)
     core_commit(c, t);
 }
 
-static void on_close(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct stream *s)
+static void on_close(struct core *c, const struct request *q, struct stream *s)
 {
-    struct reply reply = reply_to(e, r);
-
     if (s->closed) {
-        answer_state(c, &reply, s);
+        answer_state(c, &q->reply, s);
         return;
     }
     if (atomic_load(&s->fence) || s->resumes) {    /* it would end without what was refused */
-        refuse_behind(c, s, atomic_load(&s->fence), &reply);
+        refuse_behind(c, s, atomic_load(&s->fence), &q->reply);
         return;
     }
-    after_append(&s->askers, after_new(AFTER_STREAM, &reply));
-    s->broken |= r->stream.broken;
+    after_append(&s->askers, after_new(AFTER_STREAM, &q->reply));
+    s->broken |= q->wire.stream.broken;
     if (s->closing)
         return;
     s->closing = true;
@@ -597,25 +593,23 @@ static void on_close(struct core *c, const struct event *e, const struct wire_re
         end_if_quiet(c, s);
 }
 
-void stream_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+void stream_request(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
     struct stream *s;
 
-    if (r->stream.op == WIRE_OPEN) {
-        on_open(c, e, r, user);
+    if (q->wire.stream.op == WIRE_OPEN) {
+        on_open(c, q);
         return;
     }
-    s = stream_by_id(c, ident_number(~c->settings.secret, r->stream.stream));
-    if (s == NULL || s->user != user) {
-        answer_fail(c, &reply, MODAL_NOT_FOUND, "stream", NULL, "no such stream of yours");
+    s = stream_by_id(c, ident_number(~c->settings.secret, q->wire.stream.stream));
+    if (s == NULL || s->user != q->user) {
+        answer_fail(c, &q->reply, MODAL_NOT_FOUND, "stream", NULL, "no such stream of yours");
         return;
     }
-    if (r->stream.op == WIRE_PUSH)
-        on_push(c, e, r, s);
+    if (q->wire.stream.op == WIRE_PUSH)
+        on_push(c, q, s);
     else
-        on_close(c, e, r, s);
+        on_close(c, q, s);
 }
 
 /* ---- a full disk ----------------------------------------------------------------------------- */

@@ -299,33 +299,29 @@ out:
     free(s.options);
 }
 
-void submit_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+void submit_request(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
-
-    submit(c, e->message, r, user, &reply);
+    submit(c, q->event->message, &q->wire, q->user, &q->reply);
 }
 
 /* Each part is a submission of its own, with its own transaction and answer; only the message
  * is shared. */
-void submits_request(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct user *user)
+void submits_request(struct core *c, const struct request *q)
 {
-    struct reply whole = reply_to(e, r), part = { .peer = e->peer, .verb = WIRE_SUBMIT };
-    struct blob *data = gather(e->message);
+    struct reply part = { .peer = q->event->peer, .verb = WIRE_SUBMIT };
+    struct blob *data = gather(q->event->message);
     const char *body = data->data;
     const cJSON *job;
 
-    part.all = answers_new(c, &whole, cJSON_GetArraySize(r->submits.jobs));
-    cJSON_ArrayForEach(job, r->submits.jobs) {
+    part.all = answers_new(c, &q->reply, cJSON_GetArraySize(q->wire.submits.jobs));
+    cJSON_ArrayForEach(job, q->wire.submits.jobs) {
         struct wire_message m;
         struct wire_request one;
         struct modal_error err;
 
         wire_part(job, &body, &m);
         if (wire_request_read(&m, &one, &err) == MODAL_OK)
-            submit(c, &m, &one, user, &part);
+            submit(c, &m, &one, q->user, &part);
         else
             answer_error(c, &part, &err, NULL);
         part.place++;

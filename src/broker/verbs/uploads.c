@@ -471,76 +471,76 @@ static bool same_shape(const struct input *input, const struct wire_input *w)
     return same && same_attributes(input, w->attributes);
 }
 
-static struct input *find_open(struct user *user, const struct wire_request *r,
-                               const uint8_t declared[32])
+static struct input *find_open(const struct request *q, const uint8_t declared[32])
 {
-    for (int i = 0; i < user->open_count; i++) {
-        struct filling *f = user->open[i]->filling;
+    for (int i = 0; i < q->user->open_count; i++) {
+        struct input *input = q->user->open[i];
+        struct filling *f = input->filling;
         if (f->slot >= 0 || f->aborting)
             continue;
-        if (r->upload.key != NULL
-                ? f->key != NULL && strcmp(f->key, r->upload.key) == 0
-                : r->upload.sha256 != NULL && f->key == NULL && f->has_declared
+        if (q->wire.upload.key != NULL
+                ? f->key != NULL && strcmp(f->key, q->wire.upload.key) == 0
+                : q->wire.upload.sha256 != NULL && f->key == NULL && f->has_declared
                       && memcmp(f->declared, declared, 32) == 0
-                      && same_attributes(user->open[i], r->upload.input.attributes))
-            return user->open[i];
+                      && same_attributes(input, q->wire.upload.input.attributes))
+            return input;
     }
     return NULL;
 }
 
-static bool may_begin(struct core *c, const struct wire_request *r, struct user *user,
-                      const struct reply *reply)
+static bool may_begin(struct core *c, const struct request *q)
 {
+    const struct reply *reply = &q->reply;
+    uint64_t bytes = q->wire.upload.input.bytes;
+
     if (c->draining || c->terminating)
         answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5),
                     "the daemon takes no new work");
-    else if ((double)r->upload.input.bytes > (double)c->settings.input_bytes)
+    else if ((double)bytes > (double)c->settings.input_bytes)
         answer_fail(c, reply, MODAL_TOO_LARGE, "samples", NULL,
                     "an input of %llu bytes; accepted: at most %lld",
-                    (unsigned long long)r->upload.input.bytes, (long long)c->settings.input_bytes);
-    else if (user->open_count >= WIRE_UPLOADS_MOST)
+                    (unsigned long long)bytes, (long long)c->settings.input_bytes);
+    else if (q->user->open_count >= WIRE_UPLOADS_MOST)
         answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 5),
-                    "%d uploads are open, at most %d", user->open_count, WIRE_UPLOADS_MOST);
+                    "%d uploads are open, at most %d", q->user->open_count, WIRE_UPLOADS_MOST);
     else
-        return !user_quota(c, user, reply, 0, (int64_t)r->upload.input.bytes);
+        return !user_quota(c, q->user, reply, 0, (int64_t)bytes);
     return false;
 }
 
-static void begin(struct core *c, const struct event *e, const struct wire_request *r,
-                  struct user *user)
+static void begin(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
     uint8_t declared[32] = { 0 }, content[32];
     struct input *input = NULL;
 
-    if (r->upload.sha256 != NULL && sha256_from_hex(r->upload.sha256, declared)) {
-        input_content(declared, r->upload.input.attributes, content);
-        input = input_sealed(user, content);
+    if (q->wire.upload.sha256 != NULL && sha256_from_hex(q->wire.upload.sha256, declared)) {
+        input_content(declared, q->wire.upload.input.attributes, content);
+        input = input_sealed(q->user, content);
     }
     if (input != NULL && input->committed && !input->going) {
         input_use(c, input, 0);
-        answer_state(c, &reply, input, "sealed");
+        answer_state(c, &q->reply, input, "sealed");
         return;
     }
-    input = find_open(user, r, declared);
-    if (input != NULL && !same_shape(input, &r->upload.input)) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "key", NULL,
+    input = find_open(q, declared);
+    if (input != NULL && !same_shape(input, &q->wire.upload.input)) {
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "key", NULL,
                     "the key names an upload of another description");
         return;
     }
     if (input == NULL) {
-        if (!may_begin(c, r, user, &reply))
+        if (!may_begin(c, q))
             return;
-        input = input_new(c, user, &r->upload.input, input_number(c));
+        input = input_new(c, q->user, &q->wire.upload.input, input_number(c));
         input->filling = filling_new(c->now.utc_ns);
-        input->filling->key = grab_text(r->upload.key);
-        input->filling->has_declared = r->upload.sha256 != NULL;
+        input->filling->key = grab_text(q->wire.upload.key);
+        input->filling->has_declared = q->wire.upload.sha256 != NULL;
         memcpy(input->filling->declared, declared, 32);
-        add_open(user, input);
+        add_open(q->user, input);
         run(c, input, TASK_BEGIN);
     }
     input->filling->touched_ns = c->now.utc_ns;
-    after_append(&input->filling->askers, after_new(AFTER_BEGIN, &reply));
+    after_append(&input->filling->askers, after_new(AFTER_BEGIN, &q->reply));
     upload_quiet(c, input);
 }
 
@@ -574,38 +574,36 @@ void upload_owes(struct user *user, uint64_t bytes)
         user->upload_level += (double)bytes;
 }
 
-static void chunk(struct core *c, const struct event *e, const struct wire_request *r,
-                  struct input *input)
+static void chunk(struct core *c, const struct request *q, struct input *input)
 {
-    struct reply reply = reply_to(e, r);
     struct filling *f = input->filling;
-    const struct wire_frame *body = &e->message->body[0];
-    uint64_t end = r->upload.offset + body->size;
+    const struct wire_frame *body = &q->event->message->body[0];
+    uint64_t end = q->wire.upload.offset + body->size;
 
     if (input->state == INPUT_SEALED || f->sealing)
-        answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed");
-    else if (r->upload.offset != f->accepted)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset",
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "upload", NULL, "the upload is sealed");
+    else if (q->wire.upload.offset != f->accepted)
+        answer_fail(c, &q->reply, MODAL_BAD_INPUT, "offset",
                     answer_number("expected", (double)f->accepted),
                     "a chunk at %llu; accepted: %llu, where the one before ends",
-                    (unsigned long long)r->upload.offset, (unsigned long long)f->accepted);
+                    (unsigned long long)q->wire.upload.offset, (unsigned long long)f->accepted);
     else if (end > input->bytes)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "offset", NULL,
+        answer_fail(c, &q->reply, MODAL_BAD_INPUT, "offset", NULL,
                     "the chunk ends at %llu, past the input's %llu bytes", (unsigned long long)end,
                     (unsigned long long)input->bytes);
     else if (f->count == GROUP
              || (f->in_flight > 0 && (int64_t)(f->in_flight + body->size) > CREDIT_MOST)) {
         c->counts.credit_stalls++;
-        answer_fail(c, &reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
+        answer_fail(c, &q->reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
                     "more unacknowledged chunks than the credit allows");
-    } else if (crc32c(0, body->data, body->size) != r->upload.crc32c)
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "crc32c", NULL,
-                    "crc32c is %u; accepted: %u, that of the chunk as it came", r->upload.crc32c,
-                    crc32c(0, body->data, body->size));
-    else if (upload_allows(c, input->user, body->size, &reply)) {
-        f->writers[f->count] = after_new(AFTER_CHUNK, &reply);
-        f->crcs[f->count] = r->upload.crc32c;
-        f->chunks[f->count++] = blob_share(e->body[0]);
+    } else if (crc32c(0, body->data, body->size) != q->wire.upload.crc32c)
+        answer_fail(c, &q->reply, MODAL_BAD_INPUT, "crc32c", NULL,
+                    "crc32c is %u; accepted: %u, that of the chunk as it came",
+                    q->wire.upload.crc32c, crc32c(0, body->data, body->size));
+    else if (upload_allows(c, input->user, body->size, &q->reply)) {
+        f->writers[f->count] = after_new(AFTER_CHUNK, &q->reply);
+        f->crcs[f->count] = q->wire.upload.crc32c;
+        f->chunks[f->count++] = blob_share(q->event->body[0]);
         f->accepted = end;
         f->in_flight += body->size;
         c->inputs->in_flight += (int64_t)body->size;
@@ -614,26 +612,24 @@ static void chunk(struct core *c, const struct event *e, const struct wire_reque
     }
 }
 
-static void seal(struct core *c, const struct event *e, const struct wire_request *r,
-                 struct input *input)
+static void seal(struct core *c, const struct request *q, struct input *input)
 {
-    struct reply reply = reply_to(e, r);
     struct filling *f = input->filling;
     uint8_t wanted[32];
 
-    sha256_from_hex(r->upload.sha256, wanted);
+    sha256_from_hex(q->wire.upload.sha256, wanted);
     if (input->state == INPUT_SEALED) {
         if (memcmp(wanted, input->sha256, 32) == 0 && f == NULL)
-            answer_state(c, &reply, input, "sealed");
+            answer_state(c, &q->reply, input, "sealed");
         else if (memcmp(wanted, input->sha256, 32) == 0)
-            after_append(&f->seal, after_new(AFTER_SEAL, &reply));     /* not committed yet */
+            after_append(&f->seal, after_new(AFTER_SEAL, &q->reply));     /* not committed yet */
         else
-            answer_fail(c, &reply, MODAL_BAD_INPUT, "sha256", NULL,
+            answer_fail(c, &q->reply, MODAL_BAD_INPUT, "sha256", NULL,
                         "the upload is sealed with another SHA-256");
         return;
     }
     if (f == NULL || f->accepted < input->bytes) {
-        answer_fail(c, &reply, MODAL_BAD_INPUT, "present",
+        answer_fail(c, &q->reply, MODAL_BAD_INPUT, "present",
                     answer_number("expected", (double)input->bytes), "%llu of %llu bytes are here",
                     (unsigned long long)(f == NULL ? 0 : f->accepted),
                     (unsigned long long)input->bytes);
@@ -641,48 +637,43 @@ static void seal(struct core *c, const struct event *e, const struct wire_reques
     }
     memcpy(f->wanted, wanted, 32);
     f->sealing = true;
-    after_append(&f->seal, after_new(AFTER_SEAL, &reply));
+    after_append(&f->seal, after_new(AFTER_SEAL, &q->reply));
     upload_quiet(c, input);
 }
 
-static void drop_upload(struct core *c, const struct event *e, const struct wire_request *r,
-                        struct input *input)
+static void drop_upload(struct core *c, const struct request *q, struct input *input)
 {
-    struct reply reply = reply_to(e, r);
-
     if (input->filling == NULL) {
-        answer_fail(c, &reply, MODAL_CONFLICT, "upload", NULL,
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "upload", NULL,
                     "the upload is sealed; it goes when no job names it");
         return;
     }
     shrink(c, input, input->filling->accepted - waiting(input->filling));
     input->filling->aborting = true;
-    after_append(&input->filling->aborters, after_new(AFTER_GONE, &reply));
+    after_append(&input->filling->aborters, after_new(AFTER_GONE, &q->reply));
     upload_quiet(c, input);
 }
 
-void upload_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user)
+void upload_request(struct core *c, const struct request *q)
 {
-    struct reply reply = reply_to(e, r);
     struct input *input;
 
-    if (r->upload.op == WIRE_BEGIN) {
-        begin(c, e, r, user);
+    if (q->wire.upload.op == WIRE_BEGIN) {
+        begin(c, q);
         return;
     }
-    input = input_by_id(c, ident_number(~c->settings.secret, r->upload.upload));
-    if (input == NULL || input->user != user || input->going || !input->committed
+    input = input_by_id(c, ident_number(~c->settings.secret, q->wire.upload.upload));
+    if (input == NULL || input->user != q->user || input->going || !input->committed
         || (input->filling != NULL && (input->filling->aborting || input->filling->slot >= 0))) {
-        answer_fail(c, &reply, MODAL_NOT_FOUND, "upload", NULL, "no such upload of yours");
+        answer_fail(c, &q->reply, MODAL_NOT_FOUND, "upload", NULL, "no such upload of yours");
         return;
     }
-    if (r->upload.op == WIRE_CHUNK)
-        chunk(c, e, r, input);
-    else if (r->upload.op == WIRE_SEAL)
-        seal(c, e, r, input);
+    if (q->wire.upload.op == WIRE_CHUNK)
+        chunk(c, q, input);
+    else if (q->wire.upload.op == WIRE_SEAL)
+        seal(c, q, input);
     else
-        drop_upload(c, e, r, input);
+        drop_upload(c, q, input);
 }
 
 /* ---- signals that a worker makes ------------------------------------------------------------- */

@@ -3,9 +3,14 @@
 #define BROKER_VERBS_H
 #include "broker/core/state.h"
 
-/* A request of a client: answered, now or after a commit or a task. */
-typedef void request_handler(struct core *, const struct event *, const struct wire_request *,
-                             struct user *);
+/* What a client asks: answered, now or after a commit or a task. */
+struct request {
+    const struct event *event;            /* as it came */
+    struct wire_request wire;             /* what it says */
+    struct user *user;                    /* who asks */
+    struct job *job;                      /* committed; NULL where the verb is about no one job */
+    struct reply reply;                   /* to whom it is answered */
+};
 
 /* ---- requests.c ---- */
 
@@ -15,17 +20,14 @@ void request_handle(struct core *c, const struct event *e);
 /* ---- submit.c ---- */
 
 /* SUBMIT */
-void submit_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user);
+void submit_request(struct core *c, const struct request *q);
 /* SUBMITS: each part a submission of its own. */
-void submits_request(struct core *c, const struct event *e, const struct wire_request *r,
-                     struct user *user);
+void submits_request(struct core *c, const struct request *q);
 
 /* ---- uploads.c ---- */
 
 /* UPLOAD */
-void upload_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user);
+void upload_request(struct core *c, const struct request *q);
 /* What one upload or stream may have unacknowledged, bytes: an equal part of all, at least two
  * chunks, at most 16 MiB. */
 int64_t core_window(const struct core *c);
@@ -88,8 +90,7 @@ void events_init(struct core *c);
 /* All of both. */
 void events_done(struct core *c);
 /* EVENTS */
-void events_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user);
+void events_request(struct core *c, const struct request *q);
 /* AFTER_EVENT is committed: it may be told. */
 void events_committed(struct core *c, struct after *after);
 /* JOB's progress, to who subscribes; it has no number. */
@@ -108,8 +109,7 @@ void events_retain(struct core *c);
 /* ---- streams.c ---- */
 
 /* STREAM */
-void stream_request(struct core *c, const struct event *e, const struct wire_request *r,
-                    struct user *user);
+void stream_request(struct core *c, const struct request *q);
 /* TASK_STREAM_SEAL has come back. */
 void stream_sealed(struct core *c, struct task *task);
 /* T with AFTER was refused for want of disk. */

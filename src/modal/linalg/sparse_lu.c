@@ -8,6 +8,7 @@
  * [D04] Davis, Algorithm 832: UMFPACK V4.3, ACM Trans. Math. Softw. 30 (2004) 196-199.
  */
 #include "modal/linalg/sparse_lu.h"
+#include "modal/linalg/workspace.h"
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -22,6 +23,7 @@ struct sparse_lu {
     double control[UMFPACK_CONTROL], work, rcond;
     int *room;                    /* n, of solutions */
     double *scratch;              /* n, or 4 n of complex ones */
+    struct workspace space;       /* of the arrays */
 };
 
 enum modal_status sparse_lu_new(int n, const int *start, const int *index, bool of_complex,
@@ -34,11 +36,12 @@ enum modal_status sparse_lu_new(int n, const int *start, const int *index, bool 
         return modal_fail(err, MODAL_NO_MEMORY, "sparse factors: no memory");
     f->n = n;
     f->of_complex = of_complex;
-    f->start = malloc((order + 1) * sizeof *f->start);
-    f->index = malloc((entries + 1) * sizeof *f->index);
-    f->room = malloc((order + 1) * sizeof *f->room);
-    f->scratch = malloc((4 * order + 1) * sizeof *f->scratch);  /* what umfpack_*_wsolve asks for */
-    if (f->start == NULL || f->index == NULL || f->room == NULL || f->scratch == NULL) {
+    f->start = workspace_zeros(&f->space, order + 1, sizeof *f->start);
+    f->index = workspace_zeros(&f->space, entries + 1, sizeof *f->index);
+    f->room = workspace_zeros(&f->space, order + 1, sizeof *f->room);
+    /* what umfpack_*_wsolve asks for */
+    f->scratch = workspace_zeros(&f->space, 4 * order, sizeof *f->scratch);
+    if (f->space.failed) {
         sparse_lu_free(f);
         return modal_fail(err, MODAL_NO_MEMORY, "sparse factors: no memory for %zu entries",
                           entries);
@@ -69,10 +72,7 @@ void sparse_lu_free(struct sparse_lu *f)
         umfpack_zi_free_symbolic(&f->symbolic);
     else if (f->symbolic != NULL)
         umfpack_di_free_symbolic(&f->symbolic);
-    free(f->start);
-    free(f->index);
-    free(f->room);
-    free(f->scratch);
+    workspace_free(&f->space);
     free(f);
 }
 

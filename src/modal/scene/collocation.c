@@ -33,6 +33,7 @@ struct collocation {
     struct expm *exponential, *two;
     /* (3) and its exponential; N x N; N x (m S) */
     double *X, *Y, *full, *block;
+    struct workspace space;  /* of all these arrays but the maps' */
 };
 
 /* P_n(x) by its three-term recurrence, stable on [-1, 1]. */
@@ -119,10 +120,10 @@ void collocation_lagrange(const struct collocation *c, double theta, double *l)
         l[j] = lagrange(c->node, j, theta);
 }
 
-/* The caller frees; NULL: no memory. */
-static double *copy_of(const double *x, size_t count)
+/* C's own; NULL: no memory. */
+static double *copy_of(const double *x, size_t count, struct collocation *c)
 {
-    double *y = malloc((count + 1) * sizeof *y);
+    double *y = workspace_zeros(&c->space, count, sizeof *y);
 
     if (y != NULL)
         memcpy(y, x, count * sizeof *y);  /* the caller's may go */
@@ -151,20 +152,18 @@ enum modal_status collocation_new(const struct statespace *ss, const struct sour
     }
     /* (3) of one mode, or of all states */
     c->size = ss->modal ? 2 + S + c->nw : c->N + m * S + c->nw;
-    c->U = copy_of(U, (size_t)c->N * (size_t)m);
-    c->R = copy_of(R, (size_t)r * (size_t)c->N);
-    c->BP = stepper_source_matrix(ss, src);  /* hB_s of (3) */
-    c->X = malloc((size_t)c->size * (size_t)c->size * sizeof *c->X);
-    c->Y = malloc((size_t)c->size * (size_t)c->size * sizeof *c->Y);
-    c->full = calloc((size_t)c->N * (size_t)c->N + 1, sizeof *c->full);
-    c->block = calloc((size_t)c->N * (size_t)(2 * m * S + c->nw) + 1, sizeof *c->block);
+    c->U = copy_of(U, (size_t)c->N * (size_t)m, c);
+    c->R = copy_of(R, (size_t)r * (size_t)c->N, c);
+    c->BP = stepper_source_matrix(ss, src, &c->space);  /* hB_s of (3) */
+    c->X = workspace_zeros(&c->space, (size_t)c->size * (size_t)c->size, sizeof *c->X);
+    c->Y = workspace_zeros(&c->space, (size_t)c->size * (size_t)c->size, sizeof *c->Y);
+    c->full = workspace_zeros(&c->space, (size_t)c->N * (size_t)c->N, sizeof *c->full);
+    c->block = workspace_zeros(&c->space, (size_t)c->N * (size_t)(2 * m * S + c->nw), sizeof *c->block);
     rc = expm_new(c->size, &c->exponential, err);  /* one workspace for all maps */
     if (rc == MODAL_OK)
         rc = expm_new(2, &c->two, err);
-    if (rc == MODAL_OK
-        && (c->U == NULL || c->R == NULL || c->BP == NULL || c->X == NULL || c->Y == NULL
-            || c->full == NULL || c->block == NULL))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "collocation: out of memory");
+    if (rc == MODAL_OK)
+        rc = workspace_check(&c->space, "collocation: out of memory", err);
     if (rc == MODAL_OK)
         *out = c;
     else
@@ -175,12 +174,7 @@ enum modal_status collocation_new(const struct statespace *ss, const struct sour
 /* Also of a map half made: what is not there is NULL. */
 static void map_done(struct collocation_map *m)
 {
-    free(m->E);
-    free(m->G);
-    free(m->W);
-    free(m->RE);
-    free(m->RG);
-    free(m->H);
+    workspace_free(&m->space);
     memset(m, 0, sizeof *m);
 }
 
@@ -192,13 +186,7 @@ void collocation_free(struct collocation *c)
         map_done(&c->kept[i]);  /* all that were ever used */
     expm_free(c->exponential);
     expm_free(c->two);
-    free(c->U);
-    free(c->R);
-    free(c->BP);
-    free(c->X);
-    free(c->Y);
-    free(c->full);
-    free(c->block);
+    workspace_free(&c->space);
     free(c);
 }
 
@@ -327,17 +315,16 @@ static enum modal_status allocate(const struct collocation *c, struct collocatio
 
     if (map->E != NULL)
         return MODAL_OK;
-    map->E = malloc((c->ss->modal ? 2 * N : N * N) * sizeof(double) + 1);
-    map->G = malloc(N * nw * sizeof(double) + 1);
-    map->W = malloc(N * m * S * sizeof(double) + 1);
-    map->RE = malloc(S * r * N * sizeof(double) + 1);
-    map->RG = malloc(S * r * nw * sizeof(double) + 1);
-    map->H = malloc(S * S * r * m * sizeof(double) + 1);
-    if (map->E != NULL && map->G != NULL && map->W != NULL && map->RE != NULL && map->RG != NULL
-        && map->H != NULL)
-        return MODAL_OK;
-    map_done(map);
-    return modal_fail(err, MODAL_NO_MEMORY, "collocation: out of memory");
+    map->E = workspace_zeros(&map->space, c->ss->modal ? 2 * N : N * N, sizeof *map->E);
+    map->G = workspace_zeros(&map->space, N * nw, sizeof *map->G);
+    map->W = workspace_zeros(&map->space, N * m * S, sizeof *map->W);
+    map->RE = workspace_zeros(&map->space, S * r * N, sizeof *map->RE);
+    map->RG = workspace_zeros(&map->space, S * r * nw, sizeof *map->RG);
+    map->H = workspace_zeros(&map->space, S * S * r * m, sizeof *map->H);
+    if (map->space.failed)
+        map_done(map);
+    return map->E != NULL ? MODAL_OK
+                          : modal_fail(err, MODAL_NO_MEMORY, "collocation: out of memory");
 }
 
 /* (1) and (2) of one h.  Only the last node's E, W, G are kept whole; the others' are read

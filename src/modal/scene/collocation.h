@@ -28,6 +28,7 @@ struct collocation_map {
     double *E, *G, *W;
     /* node i: r x N at i r N; r x nw; (i, j): r x m at (i STAGES + j) r m */
     double *RE, *RG, *H;
+    struct workspace space;  /* of these six */
 };
 
 /* SS, SRC are borrowed; U is N x m, R is r x N, both copied. */

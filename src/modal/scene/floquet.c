@@ -39,21 +39,16 @@ static enum modal_status no_memory(struct modal_error *err)
 static enum modal_status make(int count, struct floquet *f, struct modal_error *err)
 {
     f->count = count;
-    f->multiplier = calloc((size_t)count + 1, sizeof *f->multiplier);
-    f->exponent = calloc((size_t)count + 1, sizeof *f->exponent);
-    f->bar = calloc((size_t)count + 1, sizeof *f->bar);
-    f->resolved = calloc((size_t)count + 1, sizeof *f->resolved);
-    return f->multiplier != NULL && f->exponent != NULL && f->bar != NULL && f->resolved != NULL
-               ? MODAL_OK
-               : no_memory(err);
+    f->multiplier = workspace_zeros(&f->space, (size_t)count, sizeof *f->multiplier);
+    f->exponent = workspace_zeros(&f->space, (size_t)count, sizeof *f->exponent);
+    f->bar = workspace_zeros(&f->space, (size_t)count, sizeof *f->bar);
+    f->resolved = workspace_zeros(&f->space, (size_t)count, sizeof *f->resolved);
+    return f->space.failed ? no_memory(err) : MODAL_OK;
 }
 
 void floquet_done(struct floquet *f)
 {
-    free(f->multiplier);
-    free(f->exponent);
-    free(f->bar);
-    free(f->resolved);
+    workspace_free(&f->space);
     memset(f, 0, sizeof *f);
 }
 

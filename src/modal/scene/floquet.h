@@ -8,6 +8,7 @@
 #define MODAL_FLOQUET_H
 #include <complex.h>
 #include <stdbool.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
 enum floquet_verdict { FLOQUET_UNSTABLE, FLOQUET_STABLE, FLOQUET_UNDECIDED };
@@ -27,6 +28,7 @@ struct floquet {
     double *bar;
     /* false: the multiplier is below rounding, and its exponent not known */
     bool *resolved;
+    struct workspace space;      /* of the arrays */
     /* undecided: the largest is within its error bar of the boundary */
     enum floquet_verdict stable;
     double max_multiplier;       /* |rho|; 0 where there is no period */

@@ -20,19 +20,14 @@ struct holding {
     double *RA, *RB, *RU;          /* N, nw and channels numbers a slider */
     double *G, *phi;               /* count x count, count */
     int *pivot;  /* of G */
+    struct workspace space;        /* of the arrays */
 };
 
 void holding_free(struct holding *h)
 {
     if (h == NULL)
         return;
-    free(h->law);
-    free(h->RA);
-    free(h->RB);
-    free(h->RU);
-    free(h->G);
-    free(h->phi);
-    free(h->pivot);
+    workspace_free(&h->space);
     free(h);
 }
 
@@ -60,34 +55,34 @@ enum modal_status holding_new(const struct ports *ports, const struct sources *s
                               struct holding **out, struct modal_error *err)
 {
     struct holding *h = calloc(1, sizeof *h);
-    double *BP = stepper_source_matrix(ports->ss, src);
-    size_t most = (size_t)ports->laws + 1;
-    bool made = h != NULL && BP != NULL && (h->law = malloc(most * sizeof *h->law)) != NULL;
+    double *BP;
+    size_t most;
+    enum modal_status rc;
 
-    if (made) {
-        h->ports = ports;
-        h->N = ports->ss->N;
-        h->nw = src->nw;
-        for (int l = 0; l < ports->laws; l++)
-            if (ports->law[l].law->kind->set_valued)
-                h->law[h->count++] = l;  /* rigid sliders alone */
-        most = (size_t)h->count;
-        h->RA = malloc((most * (size_t)h->N + 1) * sizeof *h->RA);
-        h->RB = malloc((most * (size_t)h->nw + 1) * sizeof *h->RB);
-        h->RU = malloc((most * (size_t)ports->channels + 1) * sizeof *h->RU);
-        h->G = malloc((most * most + 1) * sizeof *h->G);
-        h->phi = malloc((most + 1) * sizeof *h->phi);
-        h->pivot = malloc((most + 1) * sizeof *h->pivot);
-        made = h->RA != NULL && h->RB != NULL && h->RU != NULL && h->G != NULL && h->phi != NULL
-               && h->pivot != NULL;
-    }
-    if (made) {
+    if (h == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "holding: out of memory");
+    h->ports = ports;
+    h->N = ports->ss->N;
+    h->nw = src->nw;
+    BP = stepper_source_matrix(ports->ss, src, &h->space);
+    h->law = workspace_zeros(&h->space, (size_t)ports->laws, sizeof *h->law);
+    for (int l = 0; h->law != NULL && l < ports->laws; l++)
+        if (ports->law[l].law->kind->set_valued)
+            h->law[h->count++] = l;  /* rigid sliders alone */
+    most = (size_t)h->count;
+    h->RA = workspace_zeros(&h->space, most * (size_t)h->N, sizeof *h->RA);
+    h->RB = workspace_zeros(&h->space, most * (size_t)h->nw, sizeof *h->RB);
+    h->RU = workspace_zeros(&h->space, most * (size_t)ports->channels, sizeof *h->RU);
+    h->G = workspace_zeros(&h->space, most * most, sizeof *h->G);
+    h->phi = workspace_zeros(&h->space, most, sizeof *h->phi);
+    h->pivot = workspace_zeros(&h->space, most, sizeof *h->pivot);
+    rc = workspace_check(&h->space, "holding: out of memory", err);
+    if (rc == MODAL_OK) {
         fill(h, BP);
         *out = h;
     } else
         holding_free(h);
-    free(BP);
-    return made ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "holding: out of memory");
+    return rc;
 }
 
 /* The right side of (1) for slider I. */

@@ -30,6 +30,7 @@ struct side {
     double *X;                       /* N x N */
     /* eigenvalues, right eigenvectors, and (of `from`) left ones as rows */
     double complex *value, *V, *L;
+    struct workspace space;          /* of the arrays */
 };
 
 /* The one text of it here. */
@@ -49,7 +50,7 @@ static enum modal_status matrix_of(struct side *side, bool periodic, double peri
     double error;
     enum modal_status rc;
 
-    if ((side->X = malloc(bytes + 1)) == NULL)
+    if ((side->X = workspace_zeros(&side->space, bytes, 1)) == NULL)
         return no_memory(err);
     if (!periodic) {
         memcpy(side->X, ss->A, bytes);  /* constant: A itself */
@@ -72,9 +73,9 @@ static enum modal_status solve(struct side *side, bool periodic, double period,
     struct matrix A = { N, N, N, copy };
     enum modal_status rc = matrix_of(side, periodic, period, err);
 
-    side->value = calloc((size_t)N + 1, sizeof *side->value);
-    side->V = calloc(count + 1, sizeof *side->V);
-    if (rc == MODAL_OK && (copy == NULL || side->value == NULL || side->V == NULL))
+    side->value = workspace_zeros(&side->space, (size_t)N, sizeof *side->value);
+    side->V = workspace_zeros(&side->space, count, sizeof *side->V);
+    if (rc == MODAL_OK && (copy == NULL || side->space.failed))
         rc = no_memory(err);
     if (rc == MODAL_OK) {
         memcpy(copy, side->X, count * sizeof *copy);
@@ -93,7 +94,7 @@ static enum modal_status left_vectors(struct side *side, struct modal_error *err
     double complex *copy = malloc(count * sizeof *copy + 1);
     int *pivot = malloc((size_t)N * sizeof *pivot + 1), info = -1;
 
-    side->L = calloc(count + 1, sizeof *side->L);
+    side->L = workspace_zeros(&side->space, count, sizeof *side->L);
     if (copy != NULL && pivot != NULL && side->L != NULL) {
         memcpy(copy, side->V, count * sizeof *copy);
         for (int i = 0; i < N; i++)
@@ -147,11 +148,11 @@ static void carry(int N, const double *D, const double *X, const double *back, d
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, N, N, N, 1, D, N, work, N, 0, out, N);
 }
 
-/* [X dX; 0 X] of 2 N from X (NULL: 0) and MOVED = X + dX. */
-static double *doubled(int N, const double *X, const double *moved)
+/* [X dX; 0 X] of 2 N, OF's, from X (NULL: 0) and MOVED = X + dX. */
+static double *doubled(struct statespace *of, int N, const double *X, const double *moved)
 {
     size_t n = (size_t)N;
-    double *out = calloc(4 * n * n + 1, sizeof *out);
+    double *out = workspace_zeros(&of->space, 4 * n * n, sizeof *out);
 
     for (size_t j = 0; out != NULL && j < n; j++)
         for (size_t i = 0; i < n; i++) {
@@ -182,10 +183,10 @@ static bool add_harmonic(struct statespace *out, const struct side *a, const str
 
     h->k = k;  /* of both sides */
     carry(N, D, to != NULL ? to->cosine : NULL, back, work, work + count);
-    h->cosine = doubled(N, from != NULL ? from->cosine : NULL, work + count);
+    h->cosine = doubled(out, N, from != NULL ? from->cosine : NULL, work + count);
     carry(N, D, to != NULL ? to->sine : NULL, back, work, work + count);
-    h->sine = doubled(N, from != NULL ? from->sine : NULL, work + count);
-    return h->cosine != NULL && h->sine != NULL;
+    h->sine = doubled(out, N, from != NULL ? from->sine : NULL, work + count);
+    return !out->space.failed;
 }
 
 /* The system (2): room for it is OUT's, which statespace_free frees. */
@@ -199,11 +200,11 @@ static enum modal_status doubled_system(const struct side *a, const struct side 
 
     out->p = a->ss->p->harmonics > 0 ? a->ss->p : b->ss->p;
     out->N = 2 * N;  /* twice the states */
-    out->harmonic =
-        calloc((size_t)(a->ss->harmonics + b->ss->harmonics) + 1, sizeof *out->harmonic);
+    out->harmonic = workspace_zeros(
+        &out->space, (size_t)(a->ss->harmonics + b->ss->harmonics), sizeof *out->harmonic);
     carry(N, D, b->ss->A, back, work, work + count);
-    out->A = doubled(N, a->ss->A, work + count);
-    whole = out->harmonic != NULL && out->A != NULL;
+    out->A = doubled(out, N, a->ss->A, work + count);
+    whole = !out->space.failed;
     for (int h = 0; whole && h < a->ss->harmonics; h++)
         whole = add_harmonic(out, a, b, a->ss->harmonic[h].k, D, back, work);
     for (int h = 0; whole && h < b->ss->harmonics; h++)
@@ -355,10 +356,10 @@ static enum modal_status fill(struct influence *f, const struct side *a, const s
     enum modal_status rc;
 
     f->count = N;
-    f->from = calloc((size_t)N + 1, sizeof *f->from);
-    f->to = calloc((size_t)N + 1, sizeof *f->to);
-    f->first_order = calloc((size_t)N + 1, sizeof *f->first_order);
-    rc = match != NULL && f->from != NULL && f->to != NULL && f->first_order != NULL
+    f->from = workspace_zeros(&f->space, (size_t)N, sizeof *f->from);
+    f->to = workspace_zeros(&f->space, (size_t)N, sizeof *f->to);
+    f->first_order = workspace_zeros(&f->space, (size_t)N, sizeof *f->first_order);
+    rc = match != NULL && !f->space.failed
              ? pair_up(a, b, match, err)
              : no_memory(err);
     if (rc == MODAL_OK && alike)
@@ -380,10 +381,7 @@ static enum modal_status fill(struct influence *f, const struct side *a, const s
 static void side_done(struct side *s)
 {
     statespace_free(s->ss);
-    free(s->X);
-    free(s->value);
-    free(s->V);
-    free(s->L);
+    workspace_free(&s->space);
 }
 
 enum modal_status influence(const struct program *from, const struct program *to,
@@ -422,8 +420,6 @@ enum modal_status influence(const struct program *from, const struct program *to
 
 void influence_done(struct influence *f)
 {
-    free(f->from);
-    free(f->to);
-    free(f->first_order);
+    workspace_free(&f->space);
     memset(f, 0, sizeof *f);
 }

@@ -15,6 +15,7 @@
 #define MODAL_INFLUENCE_H
 #include <complex.h>
 #include <stdbool.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
 struct influence {
@@ -25,6 +26,7 @@ struct influence {
     double complex *from, *to;
     /* (1): of to - from; NAN where the numbers of linear states differ */
     double complex *first_order;
+    struct workspace space;          /* of the arrays */
     double margin_from, margin_to;   /* -max Re exponent */
 };
 

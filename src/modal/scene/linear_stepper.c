@@ -33,6 +33,7 @@ struct linear_stepper {
     int64_t clock;  /* counts uses: `used` of the kept */
     struct expm *exponential;     /* dense: N + nw */
     double *augmented, *result;  /* (1), size N + nw */
+    struct workspace space;       /* of these arrays and the maps' */
 };
 
 /* G of mode I for one block of S, by the exponential of the small augmented matrix of (1). */
@@ -132,9 +133,9 @@ static enum modal_status find_map(struct linear_stepper *s, double h, struct map
             oldest = &s->kept[i];
     }
     if (oldest->E == NULL)
-        oldest->E = malloc((s->ss->modal ? 2 * N : N * N) * sizeof *oldest->E + 1);
+        oldest->E = workspace_zeros(&s->space, s->ss->modal ? 2 * N : N * N, sizeof *oldest->E);
     if (oldest->G == NULL)
-        oldest->G = malloc(N * nw * sizeof *oldest->G + 1);
+        oldest->G = workspace_zeros(&s->space, N * nw, sizeof *oldest->G);
     oldest->used = 0;  /* not to be found if what follows fails */
     if (oldest->E == NULL || oldest->G == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
@@ -212,22 +213,15 @@ static void linear_free(struct stepper *face)
 {
     struct linear_stepper *s = (struct linear_stepper *)face;
 
-    for (int i = 0; i < MAPS_KEPT; i++) {
-        free(s->kept[i].E);
-        free(s->kept[i].G);
-    }
     expm_free(s->exponential);
-    free(s->BP);
-    free(s->w);
-    free(s->next);
-    free(s->augmented);
-    free(s->result);
+    workspace_free(&s->space);
     free(s);
 }
 
-double *stepper_source_matrix(const struct statespace *ss, const struct sources *src)
+double *stepper_source_matrix(const struct statespace *ss, const struct sources *src,
+                              struct workspace *space)
 {
-    double *BP = calloc((size_t)ss->N * (size_t)src->nw + 1, sizeof *BP);
+    double *BP = workspace_zeros(space, (size_t)ss->N * (size_t)src->nw, sizeof *BP);
 
     if (BP != NULL && src->nw > 0)
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, src->nw, ss->n, 1, ss->B,
@@ -252,18 +246,16 @@ enum modal_status linear_stepper_new(const struct statespace *ss, const struct s
                                 .free = linear_free };
     s->ss = ss;
     s->src = src;
-    s->BP = stepper_source_matrix(ss, src);
-    s->w = calloc((size_t)src->nw + 1, sizeof *s->w);
-    s->next = calloc((size_t)ss->N + 1, sizeof *s->next);
+    s->BP = stepper_source_matrix(ss, src, &s->space);
+    s->w = workspace_zeros(&s->space, (size_t)src->nw, sizeof *s->w);
+    s->next = workspace_zeros(&s->space, (size_t)ss->N, sizeof *s->next);
     if (!ss->modal) {
-        s->augmented = malloc(size * size * sizeof *s->augmented);
-        s->result = malloc(size * size * sizeof *s->result);
+        s->augmented = workspace_zeros(&s->space, size * size, sizeof *s->augmented);
+        s->result = workspace_zeros(&s->space, size * size, sizeof *s->result);
         rc = expm_new((int)size, &s->exponential, err);
     }
-    if (rc == MODAL_OK
-        && (s->BP == NULL || s->w == NULL || s->next == NULL
-            || (!ss->modal && (s->augmented == NULL || s->result == NULL))))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    if (rc == MODAL_OK)
+        rc = workspace_check(&s->space, "stepping: out of memory", err);
     if (rc == MODAL_OK)
         *out = &s->face;
     else

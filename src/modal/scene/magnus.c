@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/expm.h"
+#include "modal/linalg/workspace.h"
 
 enum {
     ORDER_SIX = 64,              /* 2^6: by what two maps differ more than the finer is off */
@@ -35,13 +36,8 @@ struct magnus_work {
     struct expm *exponential;
     /* as the opening calls them */
     double *A[3], *C1, *C2, *X, *Y, *Omega, *E, *coarse, *product, *small;
+    struct workspace space;      /* of these and BP */
 };
-
-/* A size x size matrix of zeros; the caller frees. */
-static double *square(size_t size)
-{
-    return calloc(size * size + 1, sizeof(double));
-}
 
 enum modal_status magnus_new(const struct statespace *ss, const struct sources *src,
                              struct magnus **out, struct modal_error *err)
@@ -52,19 +48,19 @@ enum modal_status magnus_new(const struct statespace *ss, const struct sources *
         w != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
 
     if (rc == MODAL_OK) {
+        size_t N = (size_t)ss->N, size;
         double **all[] = { &w->A[0], &w->A[1],  &w->A[2], &w->C1,     &w->C2,     &w->X,
                            &w->Y,    &w->Omega, &w->E,    &w->coarse, &w->product };
         m->ss = ss;
         w->nw = src != NULL ? src->nw : 0;
         w->S = src != NULL ? src->S : NULL;
         m->size = ss->N + w->nw;
+        size = (size_t)m->size;
         for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-            if ((*all[i] = square((size_t)m->size)) == NULL)
-                rc = modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
-        w->small = square((size_t)ss->N);
-        w->BP = src != NULL ? calloc((size_t)ss->N * (size_t)w->nw + 1, sizeof *w->BP) : NULL;
-        if (w->small == NULL || (src != NULL && w->BP == NULL))
-            rc = modal_fail(err, MODAL_NO_MEMORY, "magnus: out of memory");
+            *all[i] = workspace_zeros(&w->space, size * size, sizeof **all[i]);
+        w->small = workspace_zeros(&w->space, N * N, sizeof *w->small);
+        w->BP = workspace_zeros(&w->space, N * (size_t)w->nw, sizeof *w->BP);
+        rc = workspace_check(&w->space, "magnus: out of memory", err);
         if (rc == MODAL_OK && w->nw > 0)
             cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, w->nw, ss->n, 1, ss->B,
                         ss->N, src->P, ss->n, 0, w->BP, ss->N);
@@ -83,10 +79,7 @@ void magnus_free(struct magnus *m)
     struct magnus_work *w = m != NULL ? m->work : NULL;
 
     if (w != NULL) {
-        double *all[] = { w->A[0],  w->A[1], w->A[2],   w->C1,      w->C2,    w->X, w->Y,
-                          w->Omega, w->E,    w->coarse, w->product, w->small, w->BP };
-        for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-            free(all[i]);
+        workspace_free(&w->space);
         expm_free(w->exponential);
         free(w);
     }

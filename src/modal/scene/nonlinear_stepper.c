@@ -102,6 +102,7 @@ struct nonlinear_stepper {
         *force1, *y1, *w1, *slope, *J, *residual, *knots, *past;
     int pasts;  /* values known, the newest first in `past` */
     int *pivot;  /* of J */
+    struct workspace space;           /* of the arrays */
 };
 
 /* The largest magnitude. */
@@ -700,14 +701,8 @@ static void report(struct stepper *face, struct program *p)
 static void nonlinear_free(struct stepper *face)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
-    double *all[] = { s->weight, s->quiet,    s->blur,   s->memory, s->after, s->w,
-                      s->y,      s->probe0,   s->base,   s->probes, s->phi,   s->phi_end,
-                      s->force0, s->hold,     s->force1, s->y1,     s->w1,    s->slope,
-                      s->J,      s->residual, s->knots,  s->past };
 
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        free(all[i]);
-    free(s->pivot);
+    workspace_free(&s->space);
     collocation_free(s->collocation);
     holding_free(s->holding);
     ports_free(s->ports);
@@ -744,13 +739,11 @@ static enum modal_status allocate(struct nonlinear_stepper *s, struct modal_erro
                 { &s->past, m * PAST } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-    if ((s->pivot = calloc(size + 1, sizeof *s->pivot)) == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-    for (size_t c = 0; c < m; c++)
+        *all[i].x = workspace_zeros(&s->space, all[i].count, sizeof **all[i].x);
+    s->pivot = workspace_zeros(&s->space, size, sizeof *s->pivot);
+    for (size_t c = 0; !s->space.failed && c < m; c++)
         s->weight[c] = norm(s->ports->U + c * N, (int)N);
-    return MODAL_OK;
+    return workspace_check(&s->space, "stepping: out of memory", err);
 }
 
 enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struct sources *src,

@@ -32,6 +32,7 @@ struct periodic_stepper {
     double **kept;                    /* N x (N + nw) each */
     double origin;                    /* the first full step's time; < 0: none yet */
     double *BP, *w, *next, *map;  /* B P; sources now; y next; with their rows */
+    struct workspace space;           /* of these four */
 };
 
 /* The period of A(t): 2 pi / Omega over the greatest common divisor of its harmonics. */
@@ -156,10 +157,7 @@ static void periodic_free(struct stepper *face)
         free(s->kept[i]);
     free(s->kept);
     magnus_free(s->magnus);
-    free(s->BP);
-    free(s->w);
-    free(s->next);
-    free(s->map);
+    workspace_free(&s->space);
     free(s);
 }
 
@@ -181,16 +179,16 @@ enum modal_status periodic_stepper_new(const struct statespace *ss, const struct
     s->dt = opt->dt;
     s->tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-13;
     s->origin = -1;
-    s->BP = stepper_source_matrix(ss, src);
-    s->w = calloc((size_t)src->nw + 1, sizeof *s->w);
-    s->next = calloc((size_t)ss->N + 1, sizeof *s->next);
+    s->BP = stepper_source_matrix(ss, src, &s->space);
+    s->w = workspace_zeros(&s->space, (size_t)src->nw, sizeof *s->w);
+    s->next = workspace_zeros(&s->space, (size_t)ss->N, sizeof *s->next);
     rc = magnus_new(ss, src, &s->magnus, err);
-    if (rc == MODAL_OK
-        && (s->map = malloc((size_t)s->magnus->size * (size_t)s->magnus->size * sizeof *s->map))
-               == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-    if (rc == MODAL_OK && (s->BP == NULL || s->w == NULL || s->next == NULL))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+    if (rc == MODAL_OK) {
+        size_t size = (size_t)s->magnus->size;
+
+        s->map = workspace_zeros(&s->space, size * size, sizeof *s->map);
+        rc = workspace_check(&s->space, "stepping: out of memory", err);
+    }
     if (rc == MODAL_OK) {
         choose_slots(s);
         *out = &s->face;

@@ -38,14 +38,15 @@ static int touched(const struct program *p, int *index)
     return count;
 }
 
-/* A over the rows that pulsate, dense; the caller frees. */
-static double *spread(const struct sparse *a, const int *index, int rows)
+/* A over the rows that pulsate, dense. */
+static double *spread(struct ports *p, const struct sparse *a, const int *index)
 {
-    double *x = calloc((size_t)rows * (size_t)rows + 1, sizeof *x);
+    size_t rows = (size_t)p->rows;
+    double *x = workspace_zeros(&p->space, rows * rows, sizeof *x);
 
     for (int i = 0; x != NULL && i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++)
-            x[index[i] + (size_t)index[a->index[k]] * (size_t)rows] += a->value[k];
+            x[(size_t)index[i] + (size_t)index[a->index[k]] * rows] += a->value[k];
     return x;
 }
 
@@ -55,23 +56,19 @@ static enum modal_status fill_harmonics(struct ports *p, const int *index, struc
     const struct program *program = p->ss->p;
     static const int matrix[2] = { PROGRAM_C, PROGRAM_K };
 
-    /* one more: calloc(0) may be NULL */
-    if ((p->harmonic = calloc((size_t)program->harmonics + 1, sizeof *p->harmonic)) == NULL)
-        return no_memory(err);
-    for (int h = 0; h < program->harmonics; h++) {
+    p->harmonic = workspace_zeros(&p->space, (size_t)program->harmonics, sizeof *p->harmonic);
+    for (int h = 0; p->harmonic != NULL && h < program->harmonics; h++) {
         p->harmonic[h].k = program->harmonic[h].k;
         for (int i = 0; i < 2; i++) {
             p->harmonic[h].cosine[i] =
-                spread(&program->harmonic[h].cosine[matrix[i]], index, p->rows);
-            p->harmonic[h].sine[i] = spread(&program->harmonic[h].sine[matrix[i]], index, p->rows);
-            if (p->harmonic[h].cosine[i] == NULL || p->harmonic[h].sine[i] == NULL)
-                return no_memory(err);
+                spread(p, &program->harmonic[h].cosine[matrix[i]], index);
+            p->harmonic[h].sine[i] = spread(p, &program->harmonic[h].sine[matrix[i]], index);
         }
     }
     for (int i = 0; i < program->n; i++)
         if (index[i] >= 0)
             p->row_dof[index[i]] = i;
-    return MODAL_OK;
+    return p->space.failed ? no_memory(err) : MODAL_OK;
 }
 
 /* Channel and probe C between dof and to. */
@@ -134,13 +131,11 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out,
             p->inputs += program->law[i].kind->inputs;
         p->rows = touched(program, index);  /* before room is made: channels depend on it */
         p->channels = p->probes = p->inputs + p->rows;  /* a channel looks where it pushes */
-        p->law = calloc((size_t)p->laws + 1, sizeof *p->law);
-        p->U = calloc((size_t)ss->N * (size_t)p->channels + 1, sizeof *p->U);
-        p->R = calloc((size_t)ss->N * 2 * (size_t)p->probes + 1, sizeof *p->R);
-        p->row_dof = calloc((size_t)p->rows + 1, sizeof *p->row_dof);
-        rc = p->law != NULL && p->U != NULL && p->R != NULL && p->row_dof != NULL
-                 ? fill(p, index, err)
-                 : no_memory(err);
+        p->law = workspace_zeros(&p->space, (size_t)p->laws, sizeof *p->law);
+        p->U = workspace_zeros(&p->space, (size_t)ss->N * (size_t)p->channels, sizeof *p->U);
+        p->R = workspace_zeros(&p->space, (size_t)ss->N * 2 * (size_t)p->probes, sizeof *p->R);
+        p->row_dof = workspace_zeros(&p->space, (size_t)p->rows, sizeof *p->row_dof);
+        rc = p->space.failed ? no_memory(err) : fill(p, index, err);
     }
     free(index);  /* row_dof has the other direction */
     if (rc == MODAL_OK)
@@ -154,16 +149,7 @@ void ports_free(struct ports *p)
 {
     if (p == NULL)
         return;
-    for (int h = 0; p->harmonic != NULL && h < p->ss->p->harmonics; h++)
-        for (int i = 0; i < 2; i++) {
-            free(p->harmonic[h].cosine[i]);
-            free(p->harmonic[h].sine[i]);
-        }
-    free(p->harmonic);
-    free(p->law);
-    free(p->U);
-    free(p->R);
-    free(p->row_dof);
+    workspace_free(&p->space);
     free(p);
 }
 

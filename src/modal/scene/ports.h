@@ -7,6 +7,7 @@
 #ifndef MODAL_PORTS_H
 #define MODAL_PORTS_H
 #include <stdbool.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/statespace.h"
 
 struct port_law {
@@ -33,6 +34,7 @@ struct ports {
     int *row_dof;                /* rows */
     /* rows x rows: C and K */
     struct port_harmonic { int k; double *cosine[2], *sine[2]; } *harmonic;
+    struct workspace space;      /* of the arrays */
 };
 
 /* SS is borrowed.  Fails with MODAL_NO_MEMORY, or MODAL_TOO_LARGE where a law remembers too

@@ -11,6 +11,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/workspace.h"
 
 struct readout {
     const struct statespace *ss;  /* borrowed */
@@ -19,6 +20,7 @@ struct readout {
     double *R[3];
     bool accelerations;  /* any row reads q'' */
     double *e, *A;                   /* (y, q''); A(t), where it pulsates and is needed */
+    struct workspace space;          /* of the arrays */
 };
 
 /* Output term of quantity q (0 x, 1 x', 2 x'', 3 z) into its row. */
@@ -50,9 +52,10 @@ static enum modal_status fill(struct readout *r, struct modal_error *err)
         for (int k = 0; k < p->output[row].count; k++) {
             const struct triplet *term = &p->output[row].terms[k];
             int turn = term->i / 4, quantity = term->i % 4;  /* program_output.terms */
-            if (r->R[turn] == NULL
-                && (r->R[turn] = calloc((size_t)r->channels * (size_t)r->width, sizeof *r->R[turn]))
-                       == NULL)
+            if (r->R[turn] == NULL)
+                r->R[turn] = workspace_zeros(&r->space, (size_t)r->channels * (size_t)r->width,
+                                             sizeof *r->R[turn]);
+            if (r->R[turn] == NULL)
                 return modal_fail(err, MODAL_NO_MEMORY, "readout: out of memory");
             add_term(r, row, quantity, term, r->R[turn]);
             r->accelerations = r->accelerations || quantity == 2;
@@ -64,17 +67,17 @@ enum modal_status readout_new(const struct statespace *ss, struct readout **out,
                               struct modal_error *err)
 {
     struct readout *r = calloc(1, sizeof *r);
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc;
 
     if (r == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "readout: out of memory");
     r->ss = ss;
     r->channels = ss->p->outputs;
     r->width = ss->N + ss->n;
-    r->e = calloc((size_t)r->width + 1, sizeof *r->e);
-    r->A = ss->harmonics > 0 ? malloc((size_t)ss->N * (size_t)ss->N * sizeof *r->A) : NULL;
-    if (r->e == NULL || (ss->harmonics > 0 && r->A == NULL))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "readout: out of memory");
+    r->e = workspace_zeros(&r->space, (size_t)r->width, sizeof *r->e);
+    if (ss->harmonics > 0)
+        r->A = workspace_zeros(&r->space, (size_t)ss->N * (size_t)ss->N, sizeof *r->A);
+    rc = workspace_check(&r->space, "readout: out of memory", err);
     if (rc == MODAL_OK)
         rc = fill(r, err);
     if (rc == MODAL_OK)
@@ -88,10 +91,7 @@ void readout_free(struct readout *r)
 {
     if (r == NULL)
         return;
-    for (int i = 0; i < 3; i++)
-        free(r->R[i]);
-    free(r->e);
-    free(r->A);
+    workspace_free(&r->space);
     free(r);
 }
 

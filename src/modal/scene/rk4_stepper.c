@@ -26,6 +26,7 @@ struct rk4_stepper {
     const struct sources *src;  /* borrowed */
     struct ports *ports;
     double step, *BP, *w, *k, *y, *probe, *before, *memory, *after, *force;
+    struct workspace space;  /* of the arrays */
 };
 
 /* U f of the laws at (t, y) added to OUT; AFTER (or NULL) gets their memory. */
@@ -141,10 +142,8 @@ static void report(struct stepper *face, struct program *p)
 static void rk4_free(struct stepper *face)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
-    double *all[] = { s->BP, s->w, s->k, s->y, s->probe, s->before, s->memory, s->after, s->force };
 
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        free(all[i]);
+    workspace_free(&s->space);
     ports_free(s->ports);
     free(s);
 }
@@ -178,12 +177,10 @@ enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sour
         s->ss = ss;
         s->src = src;
         s->step = opt->dt / (opt->substeps > 0 ? opt->substeps : 1);
-        s->BP = stepper_source_matrix(ss, src);
+        s->BP = stepper_source_matrix(ss, src, &s->space);
         for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-            if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
-                rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
-        if (s->BP == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+            *all[i].x = workspace_zeros(&s->space, all[i].count, sizeof **all[i].x);
+        rc = workspace_check(&s->space, "stepping: out of memory", err);
     }
     if (rc == MODAL_OK)
         *out = &s->face;

@@ -142,12 +142,12 @@ enum modal_status sources_new(const struct program *p, struct sources **out,
         s->nw += states_of(&p->load[i]) * (p->load[i].dof_sine >= 0 ? 2 : 1);
         corners += (size_t)corners_of(&p->load[i]);
     }
-    s->S = calloc((size_t)s->nw * (size_t)s->nw + 1, sizeof *s->S);
-    s->P = calloc((size_t)s->n * (size_t)s->nw + 1, sizeof *s->P);
-    s->block = calloc((size_t)p->loads + 1, sizeof *s->block);
-    s->corner = calloc(corners + 1, sizeof *s->corner);
-    s->first = calloc((size_t)p->loads + 1, sizeof *s->first);
-    if (s->S == NULL || s->P == NULL || s->block == NULL || s->corner == NULL || s->first == NULL) {
+    s->S = workspace_zeros(&s->space, (size_t)s->nw * (size_t)s->nw, sizeof *s->S);
+    s->P = workspace_zeros(&s->space, (size_t)s->n * (size_t)s->nw, sizeof *s->P);
+    s->block = workspace_zeros(&s->space, (size_t)p->loads, sizeof *s->block);
+    s->corner = workspace_zeros(&s->space, corners, sizeof *s->corner);
+    s->first = workspace_zeros(&s->space, (size_t)p->loads, sizeof *s->first);
+    if (s->space.failed) {
         sources_free(s);
         return modal_fail(err, MODAL_NO_MEMORY, "sources: out of memory");
     }
@@ -168,11 +168,7 @@ void sources_free(struct sources *s)
 {
     if (s == NULL)
         return;
-    free(s->S);
-    free(s->P);
-    free(s->block);
-    free(s->corner);
-    free(s->first);
+    workspace_free(&s->space);
     free(s);
 }
 

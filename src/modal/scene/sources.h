@@ -13,6 +13,7 @@
 #ifndef MODAL_SOURCES_H
 #define MODAL_SOURCES_H
 #include <stdbool.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
 /* three states of a load, twice on turning axes */
@@ -37,6 +38,7 @@ struct sources {
     struct source_corner *corner;                 /* ascending in t, those at t >= 0 */
     const struct program *p;                      /* borrowed */
     int *first;                                   /* of each load: its first row of w; -1: none */
+    struct workspace space;                       /* of the arrays */
 };
 
 /* P is borrowed until sources_free.  Fails with MODAL_NO_MEMORY. */

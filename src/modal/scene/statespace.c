@@ -23,10 +23,10 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "statespace: out of memory");
 }
 
-/* M x n by columns; the caller frees.  NULL: no memory. */
-static double *dense(const struct sparse *a, int m, int n)
+/* M x n by columns, of SPACE.  NULL: no memory. */
+static double *dense(const struct sparse *a, int m, int n, struct workspace *space)
 {
-    double *x = calloc((size_t)m * (size_t)n + 1, sizeof *x);
+    double *x = workspace_zeros(space, (size_t)m * (size_t)n, sizeof *x);
     struct matrix out = { m, n, m, x };  /* a view of x */
 
     if (x != NULL && a->m > 0)
@@ -34,11 +34,12 @@ static double *dense(const struct sparse *a, int m, int n)
     return x;
 }
 
-/* Phi^T X Phi, n x n; the caller frees.  WORK n x n. */
-static double *congruence(const struct statespace *ss, const struct sparse *X, double *work)
+/* Phi^T X Phi, n x n, of SPACE.  WORK n x n. */
+static double *congruence(const struct statespace *ss, const struct sparse *X, double *work,
+                          struct workspace *space)
 {
     int n = ss->n;
-    double *x = dense(X, n, n);  /* then its own result */
+    double *x = dense(X, n, n, space);  /* then its own result */
 
     if (x == NULL)
         return NULL;
@@ -53,12 +54,13 @@ static double *congruence(const struct statespace *ss, const struct sparse *X, d
 static enum modal_status find_modes(struct statespace *ss, struct modal_error *err)
 {
     int n = ss->n, info;
-    double *M = dense(&ss->p->constant[PROGRAM_M], n, n), largest = 0;
+    struct workspace scratch = { 0 };  /* M: overwritten by its factor */
+    double *M = dense(&ss->p->constant[PROGRAM_M], n, n, &scratch), largest = 0;
 
-    ss->phi = dense(&ss->p->constant[PROGRAM_K], n, n);
-    ss->s = calloc((size_t)n + 1, sizeof *ss->s);
-    if (M == NULL || ss->phi == NULL || ss->s == NULL) {
-        free(M);  /* overwritten by its factor */
+    ss->phi = dense(&ss->p->constant[PROGRAM_K], n, n, &ss->space);
+    ss->s = workspace_zeros(&ss->space, (size_t)n, sizeof *ss->s);
+    if (scratch.failed || ss->space.failed) {
+        workspace_free(&scratch);
         return no_memory(err);
     }
     for (int j = 0; j < n; j++)
@@ -68,7 +70,7 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
                 (ss->phi[i + (size_t)j * (size_t)n] + ss->phi[j + (size_t)i * (size_t)n]) / 2;
     /* Phi^T M Phi = 1, ascending w^2 */
     info = LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'U', n, ss->phi, n, M, n, ss->s);
-    free(M);
+    workspace_free(&scratch);
     if (info != 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure",
                                 "the pair of stiffness and mass has no modes (dsygvd: %d)", info);
@@ -86,18 +88,18 @@ static enum modal_status add_second_order(const struct statespace *ss, const str
 {
     int n = ss->n;
     size_t N = (size_t)ss->N;
-    /* both or neither */
-    double *c = congruence(ss, C, work), *k = c != NULL ? congruence(ss, K, work) : NULL;
+    struct workspace scratch = { 0 };
+    double *c = congruence(ss, C, work, &scratch), *k = congruence(ss, K, work, &scratch);
+    enum modal_status rc = scratch.failed ? no_memory(err) : MODAL_OK;
 
-    for (int j = 0; k != NULL && j < n; j++)
+    for (int j = 0; rc == MODAL_OK && j < n; j++)
         for (int i = 0; i < n; i++) {
             /* (2) */
             A[(size_t)(n + i) + (size_t)j * N] -= k[i + (size_t)j * (size_t)n] / ss->s[j];
             A[(size_t)(n + i) + (size_t)(n + j) * N] -= c[i + (size_t)j * (size_t)n];  /* (2) */
         }
-    free(c);
-    free(k);
-    return k != NULL ? MODAL_OK : no_memory(err);
+    workspace_free(&scratch);
+    return rc;
 }
 
 /* X (m x n sparse) times Phi (and 1/s where SCALED), added into A at ROW, COLUMN. */
@@ -129,13 +131,13 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
 {
     const struct program *p = ss->p;
     int n = ss->n, nz = ss->nz, N = ss->N;
-    double *E = dense(&p->E, nz, nz), *Ba = calloc((size_t)nz * (size_t)n + 1, sizeof *Ba);
-    int *pivot = malloc(((size_t)nz + 1) * sizeof *pivot), info = 0;  /* of E */
+    struct workspace scratch = { 0 };
+    double *E = dense(&p->E, nz, nz, &scratch);  /* then its factors */
+    double *Ba = workspace_zeros(&scratch, (size_t)nz * (size_t)n, sizeof *Ba);
+    int *pivot = workspace_zeros(&scratch, (size_t)nz, sizeof *pivot), info = 0;  /* of E */
 
-    if (E == NULL || Ba == NULL || pivot == NULL) {
-        free(E);  /* its factors */
-        free(Ba);
-        free(pivot);
+    if (scratch.failed) {
+        workspace_free(&scratch);
         return no_memory(err);
     }
     add_force_of_states(ss, ss->A);  /* Phi^T F z of (2) */
@@ -158,9 +160,7 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
         LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, N, E, nz, pivot, ss->A + 2 * n, N);
         LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', nz, n, E, nz, pivot, ss->B + 2 * n, N);
     }
-    free(E);
-    free(Ba);
-    free(pivot);
+    workspace_free(&scratch);
     return info == 0 ? MODAL_OK
                      : modal_fail_field(err, MODAL_BAD_INPUT, "effects",
                                         "the linear states have a singular matrix E");
@@ -196,7 +196,8 @@ static enum modal_status add_harmonics(struct statespace *ss, double *work, stru
 
     if (p->harmonics == 0)
         return MODAL_OK;
-    if ((ss->harmonic = calloc((size_t)p->harmonics, sizeof *ss->harmonic)) == NULL)
+    ss->harmonic = workspace_zeros(&ss->space, (size_t)p->harmonics, sizeof *ss->harmonic);
+    if (ss->harmonic == NULL)
         return no_memory(err);
     ss->harmonics = p->harmonics;
     for (int h = 0; h < p->harmonics; h++) {
@@ -204,9 +205,9 @@ static enum modal_status add_harmonics(struct statespace *ss, double *work, stru
         struct statespace_harmonic *to = &ss->harmonic[h];
         enum modal_status rc;
         to->k = from->k;  /* (3) of program.h */
-        to->cosine = calloc(size, sizeof *to->cosine);
-        to->sine = calloc(size, sizeof *to->sine);
-        if (to->cosine == NULL || to->sine == NULL)
+        to->cosine = workspace_zeros(&ss->space, size, sizeof *to->cosine);
+        to->sine = workspace_zeros(&ss->space, size, sizeof *to->sine);
+        if (ss->space.failed)
             return no_memory(err);
         if (from->cosine[PROGRAM_M].m > 0 || from->sine[PROGRAM_M].m > 0)
             return modal_fail_field(err, MODAL_BAD_INPUT, "effects",
@@ -231,9 +232,9 @@ static enum modal_status fill(struct statespace *ss, struct modal_error *err)
     double *work = malloc((size_t)n * (size_t)n * sizeof *work + 1);  /* of the congruences */
     enum modal_status rc;
 
-    ss->A = calloc(N * N, sizeof *ss->A);
-    ss->B = calloc(N * (size_t)n, sizeof *ss->B);
-    if (work == NULL || ss->A == NULL || ss->B == NULL) {
+    ss->A = workspace_zeros(&ss->space, N * N, sizeof *ss->A);
+    ss->B = workspace_zeros(&ss->space, N * (size_t)n, sizeof *ss->B);
+    if (work == NULL || ss->space.failed) {
         free(work);  /* of the congruences alone */
         return no_memory(err);
     }
@@ -284,15 +285,7 @@ void statespace_free(struct statespace *ss)
 {
     if (ss == NULL)
         return;
-    for (int h = 0; h < ss->harmonics; h++) {
-        free(ss->harmonic[h].cosine);
-        free(ss->harmonic[h].sine);
-    }
-    free(ss->harmonic);
-    free(ss->phi);
-    free(ss->s);
-    free(ss->A);
-    free(ss->B);
+    workspace_free(&ss->space);
     free(ss);
 }
 

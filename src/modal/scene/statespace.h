@@ -12,6 +12,7 @@
 #ifndef MODAL_STATESPACE_H
 #define MODAL_STATESPACE_H
 #include <stdbool.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
 enum {
@@ -33,6 +34,7 @@ struct statespace {
     /* of A(t) = A + sum_h Ac_h cos(k_h Omega t) + As_h sin(k_h Omega t) */
     int harmonics;
     struct statespace_harmonic { int k; double *cosine, *sine; } *harmonic;    /* N x N each */
+    struct workspace space;      /* of the arrays */
     /* A, the constant part, falls into n 2 x 2 blocks: rows and columns i, n + i */
     bool modal;
 };

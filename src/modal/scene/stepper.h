@@ -57,7 +57,8 @@ enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sour
                                   const struct stepper_options *opt, struct stepper **out,
                                   struct modal_error *err);
 
-/* B P: what each row of w does to y', N x nw by columns; the caller frees.  NULL: no memory. */
-double *stepper_source_matrix(const struct statespace *ss, const struct sources *src);
+/* B P: what each row of w does to y', N x nw by columns, of SPACE.  NULL: no memory. */
+double *stepper_source_matrix(const struct statespace *ss, const struct sources *src,
+                              struct workspace *space);
 
 #endif

@@ -28,15 +28,6 @@ static void law_free(struct aft_law *a)
     for (int j = 0; j < LAW_INPUTS_MOST; j++)
         orbit_done(&a->in[j]);
     pieces_done(&a->pieces);
-    free(a->f);
-    free(a->fd);
-    free(a->fv);
-    free(a->z);
-    free(a->F);
-    free(a->gain);
-    free(a->damp);
-    free(a->level);
-    free(a->cross);
     free(a->ends);
 }
 
@@ -46,15 +37,8 @@ void aft_free(struct aft *w)
         return;
     for (int i = 0; w->law != NULL && i < w->laws; i++)
         law_free(&w->law[i]);
-    free(w->law);
-    free(w->mask);
-    free(w->wave);
-    free(w->product);
-    free(w->before);
-    free(w->after);
     free(w->block);
-    free(w->samples);
-    free(w->inverse);
+    workspace_free(&w->space);
     orbit_grid_free(w->grid);
     free(w);
 }
@@ -77,19 +61,18 @@ static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct
     }
     if (rc != MODAL_OK)
         return rc;
-    a->F = calloc(n * (H + 1), sizeof *a->F);
-    a->gain = calloc(n * n * (2 * H + 1), sizeof *a->gain);
-    a->damp = calloc(n * n * (2 * H + 1), sizeof *a->damp);
-    a->level = calloc(n * (2 * H + 1), sizeof *a->level);
-    a->cross = calloc(3 * H + 1, sizeof *a->cross);
-    a->z = calloc(2 * (size_t)a->memory + 1, sizeof *a->z);
+    a->F = workspace_zeros(&w->space, n * (H + 1), sizeof *a->F);
+    a->gain = workspace_zeros(&w->space, n * n * (2 * H + 1), sizeof *a->gain);
+    a->damp = workspace_zeros(&w->space, n * n * (2 * H + 1), sizeof *a->damp);
+    a->level = workspace_zeros(&w->space, n * (2 * H + 1), sizeof *a->level);
+    a->cross = workspace_zeros(&w->space, 3 * H, sizeof *a->cross);
+    a->z = workspace_zeros(&w->space, 2 * (size_t)a->memory, sizeof *a->z);
     if (!a->exact) {
-        a->f = calloc(n * N, sizeof *a->f);
-        a->fd = calloc(n * n * N, sizeof *a->fd);
-        a->fv = calloc(n * n * N, sizeof *a->fv);
+        a->f = workspace_zeros(&w->space, n * N, sizeof *a->f);
+        a->fd = workspace_zeros(&w->space, n * n * N, sizeof *a->fd);
+        a->fv = workspace_zeros(&w->space, n * n * N, sizeof *a->fv);
     }
-    if (a->F == NULL || a->gain == NULL || a->damp == NULL || a->level == NULL || a->cross == NULL
-        || a->z == NULL || (!a->exact && (a->f == NULL || a->fd == NULL || a->fv == NULL)))
+    if (w->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY,
                           "aft: no memory for a law at %d harmonics, %d samples", w->H, w->N);
     return MODAL_OK;
@@ -105,16 +88,15 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
         return modal_fail(err, MODAL_NO_MEMORY, "aft: no memory");
     *w = (struct aft) { .q = q, .H = H, .HJ = H, .N = N, .located = located, .laws = p->laws };
     w->room = 8 * H + 8 > N ? 8 * H + 8 : N;
-    w->law = calloc((size_t)p->laws + 1, sizeof *w->law);
-    w->mask = calloc((size_t)w->room, sizeof *w->mask);
-    w->wave = calloc((size_t)w->room, sizeof *w->wave);
-    w->product = calloc((size_t)w->room, sizeof *w->product);
-    w->before = calloc((size_t)w->room, sizeof *w->before);
-    w->after = calloc((size_t)w->room, sizeof *w->after);
-    w->samples = calloc((size_t)N, sizeof *w->samples);
-    w->inverse = calloc((size_t)w->room, sizeof *w->inverse);
-    if (w->law == NULL || w->mask == NULL || w->wave == NULL || w->product == NULL
-        || w->before == NULL || w->after == NULL || w->samples == NULL || w->inverse == NULL)
+    w->law = workspace_zeros(&w->space, (size_t)p->laws, sizeof *w->law);
+    w->mask = workspace_zeros(&w->space, (size_t)w->room, sizeof *w->mask);
+    w->wave = workspace_zeros(&w->space, (size_t)w->room, sizeof *w->wave);
+    w->product = workspace_zeros(&w->space, (size_t)w->room, sizeof *w->product);
+    w->before = workspace_zeros(&w->space, (size_t)w->room, sizeof *w->before);
+    w->after = workspace_zeros(&w->space, (size_t)w->room, sizeof *w->after);
+    w->samples = workspace_zeros(&w->space, (size_t)N, sizeof *w->samples);
+    w->inverse = workspace_zeros(&w->space, (size_t)w->room, sizeof *w->inverse);
+    if (w->space.failed)
         rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d harmonics", H);
     for (int m = 1; rc == MODAL_OK && m < w->room; m++)
         w->inverse[m] = 1 / (TWO_PI * m);

@@ -1,6 +1,7 @@
 /* aft_state.h - what aft.c, aft_events.c and aft_derivative.c share */
 #ifndef MODAL_AFT_STATE_H
 #define MODAL_AFT_STATE_H
+#include "modal/linalg/workspace.h"
 #include "modal/scene/law.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/pieces.h"
@@ -41,5 +42,6 @@ struct aft {
                                              * `room` each */
     double *block, *samples;                /* (2H+1)^2; N */
     double *inverse;                        /* 1 / (2 pi m) */
+    struct workspace space;                 /* of these arrays and the laws', but `block`, `ends` */
 };
 #endif

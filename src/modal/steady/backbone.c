@@ -26,6 +26,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
@@ -61,6 +62,7 @@ struct backbone {
     double complex *X, *good;
     double *A, *rhs, *side;           /* (order + 2)^2; order + 2; order */
     int *pivot;
+    struct workspace space;           /* of the arrays */
 };
 
 void backbone_free(struct backbone *b)
@@ -69,16 +71,7 @@ void backbone_free(struct backbone *b)
         return;
     balance_free(b->b);
     condense_free(b->c);
-    free(b->M);
-    free(b->C);
-    free(b->K);
-    free(b->shape);
-    free(b->X);
-    free(b->good);
-    free(b->A);
-    free(b->rhs);
-    free(b->side);
-    free(b->pivot);
+    workspace_free(&b->space);
     free(b);
 }
 
@@ -174,19 +167,19 @@ static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_
 static enum modal_status allocate(struct backbone *b, struct modal_error *err)
 {
     size_t n = (size_t)b->n, order = (size_t)b->order, size = n * ((size_t)b->H + 1);
-    struct matrix M = { b->n, b->n, b->n, b->M = calloc(n * n, sizeof(double)) }, C = M, K = M;
+    struct matrix M = { b->n, b->n, b->n, NULL }, C = M, K = M;
 
-    C.x = b->C = calloc(n * n, sizeof(double));
-    K.x = b->K = calloc(n * n, sizeof(double));
-    b->shape = calloc(n, sizeof *b->shape);
-    b->X = calloc(size, sizeof *b->X);
-    b->good = calloc(size, sizeof *b->good);
-    b->A = calloc((order + 2) * (order + 2), sizeof *b->A);
-    b->rhs = calloc(order + 2, sizeof *b->rhs);
-    b->side = calloc(order + 2, sizeof *b->side);
-    b->pivot = calloc(order + 2, sizeof *b->pivot);
-    if (M.x == NULL || C.x == NULL || K.x == NULL || b->shape == NULL || b->X == NULL
-        || b->good == NULL || b->A == NULL || b->rhs == NULL || b->side == NULL || b->pivot == NULL)
+    M.x = b->M = workspace_zeros(&b->space, n * n, sizeof *b->M);
+    C.x = b->C = workspace_zeros(&b->space, n * n, sizeof *b->C);
+    K.x = b->K = workspace_zeros(&b->space, n * n, sizeof *b->K);
+    b->shape = workspace_zeros(&b->space, n, sizeof *b->shape);
+    b->X = workspace_zeros(&b->space, size, sizeof *b->X);
+    b->good = workspace_zeros(&b->space, size, sizeof *b->good);
+    b->A = workspace_zeros(&b->space, (order + 2) * (order + 2), sizeof *b->A);
+    b->rhs = workspace_zeros(&b->space, order + 2, sizeof *b->rhs);
+    b->side = workspace_zeros(&b->space, order + 2, sizeof *b->side);
+    b->pivot = workspace_zeros(&b->space, order + 2, sizeof *b->pivot);
+    if (b->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory for %d unknowns", b->order);
     sparse_add_to_dense(&b->p->constant[PROGRAM_M], 1, &M);
     sparse_add_to_dense(&b->p->constant[PROGRAM_C], 1, &C);
@@ -237,12 +230,11 @@ enum modal_status backbone_new(const struct program *p, int mode, int H, int N,
         rc = condense_new(p, CONDENSE_NONE, &b->c, err);
     if (rc == MODAL_OK)
         rc = balance_new(p, b->c, H, N > 0 ? N : samples(p, H), true, &b->b, err);
-    if (rc != MODAL_OK) {
+    if (rc == MODAL_OK)
+        *out = b;
+    else
         backbone_free(b);
-        return rc;
-    }
-    *out = b;
-    return MODAL_OK;
+    return rc;
 }
 
 double backbone_linear(const struct backbone *b, double *damping_ratio)

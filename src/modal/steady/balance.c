@@ -65,17 +65,15 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
                               "stiffnesses; the most is %d", b->q, H, entries, ENTRIES_MOST);
         goto out;
     }
-    b->S = calloc(entries + 1, sizeof *b->S);
-    b->load = calloc(q * K + 1, sizeof *b->load);
-    b->F = calloc(q * K + 1, sizeof *b->F);
-    b->R = calloc(order + 1, sizeof *b->R);
-    b->row = calloc(order + 1, sizeof *b->row);
-    b->gather = calloc(order + 1, sizeof *b->gather);
-    b->sum = calloc(q + 1, sizeof *b->sum);
-    b->pivot = calloc(order + 1, sizeof *b->pivot);
-    if (b->S == NULL || b->load == NULL || b->F == NULL || b->R == NULL || b->row == NULL
-        || b->gather == NULL || b->sum == NULL
-        || b->pivot == NULL) {
+    b->S = workspace_zeros(&b->space, entries, sizeof *b->S);
+    b->load = workspace_zeros(&b->space, q * K, sizeof *b->load);
+    b->F = workspace_zeros(&b->space, q * K, sizeof *b->F);
+    b->R = workspace_zeros(&b->space, order, sizeof *b->R);
+    b->row = workspace_zeros(&b->space, order, sizeof *b->row);
+    b->gather = workspace_zeros(&b->space, order, sizeof *b->gather);
+    b->sum = workspace_zeros(&b->space, q, sizeof *b->sum);
+    b->pivot = workspace_zeros(&b->space, order, sizeof *b->pivot);
+    if (b->space.failed) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "balance: no memory for %zu unknowns", order);
         goto out;
     }
@@ -83,12 +81,11 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     if (rc == MODAL_OK)
         rc = stiffness_new(pattern, H, &b->stiffness, err);
 out:
-    if (rc != MODAL_OK) {
+    if (rc == MODAL_OK)
+        *out = b;
+    else
         balance_free(b);
-        return rc;
-    }
-    *out = b;
-    return MODAL_OK;
+    return rc;
 }
 
 void balance_free(struct balance *b)
@@ -98,15 +95,8 @@ void balance_free(struct balance *b)
     aft_free(b->aft);
     stiffness_free(b->stiffness);
     blocks_free(b->blocks);
-    free(b->S);
-    free(b->load);
-    free(b->F);
-    free(b->R);
     free(b->J);
-    free(b->row);
-    free(b->sum);
-    free(b->gather);
-    free(b->pivot);
+    workspace_free(&b->space);
     free(b);
 }
 

@@ -9,6 +9,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
+#include "modal/linalg/workspace.h"
 
 struct aft;
 struct blocks;
@@ -39,6 +40,7 @@ struct balance {
     double complex *sum;             /* q */
     bool factored;                   /* J or blocks hold factors */
     double rcond;                  /* of the last factorization: the least pivot over the largest */
+    struct workspace space;          /* of the arrays, but J: there where it is asked for */
     struct budget *budget;           /* where the work is counted, the caller's; NULL: nowhere */
 };
 

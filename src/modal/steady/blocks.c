@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/linalg/workspace.h"
 #include "modal/steady/pattern.h"
 
 struct blocks {
@@ -25,6 +26,7 @@ struct blocks {
     int *start, *index;           /* by columns */
     int *full, *thin;   /* per entry of the pattern: blocks of either kind above it in its column */
     double *value, *stiffened, *scratch;
+    struct workspace space;       /* of the arrays, but `stiffened`: made when it is asked for */
     struct sparse_lu *lu;         /* its symbolic part is made once */
     double work;                  /* operations of all factorizations */
 };
@@ -108,14 +110,13 @@ enum modal_status blocks_new(const struct pattern *pattern, int HJ, bool bordere
     }
     *b = (struct blocks) { .pattern = pattern, .HJ = HJ, .m = m, .order = (int)order,
                            .bordered = bordered };
-    b->start = malloc((order + 1) * sizeof *b->start);
-    b->index = malloc((entries + 1) * sizeof *b->index);
-    b->full = malloc((pairs + 1) * sizeof *b->full);
-    b->thin = malloc((pairs + 1) * sizeof *b->thin);
-    b->value = malloc((entries + 1) * sizeof *b->value);
-    b->scratch = malloc((order + 1) * sizeof *b->scratch);
-    if (b->start == NULL || b->index == NULL || b->full == NULL || b->thin == NULL
-        || b->value == NULL || b->scratch == NULL) {
+    b->start = workspace_zeros(&b->space, order + 1, sizeof *b->start);
+    b->index = workspace_zeros(&b->space, entries + 1, sizeof *b->index);
+    b->full = workspace_zeros(&b->space, pairs + 1, sizeof *b->full);
+    b->thin = workspace_zeros(&b->space, pairs + 1, sizeof *b->thin);
+    b->value = workspace_zeros(&b->space, entries + 1, sizeof *b->value);
+    b->scratch = workspace_zeros(&b->space, order + 1, sizeof *b->scratch);
+    if (b->space.failed) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "blocks: no memory for %zu entries", entries);
         goto out;
     }
@@ -123,25 +124,19 @@ enum modal_status blocks_new(const struct pattern *pattern, int HJ, bool bordere
     fill_structure(b);
     rc = sparse_lu_new(b->order, b->start, b->index, false, &b->lu, err);
 out:
-    if (rc != MODAL_OK) {
+    if (rc == MODAL_OK)
+        *out = b;
+    else
         blocks_free(b);
-        return rc;
-    }
-    *out = b;
-    return MODAL_OK;
+    return rc;
 }
 
 void blocks_free(struct blocks *b)
 {
     if (b == NULL)
         return;
-    free(b->start);
-    free(b->index);
-    free(b->full);
-    free(b->thin);
-    free(b->value);
     free(b->stiffened);
-    free(b->scratch);
+    workspace_free(&b->space);
     sparse_lu_free(b->lu);
     free(b);
 }

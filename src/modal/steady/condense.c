@@ -209,33 +209,31 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory");
     c->p = p;
     c->n = p->n;
-    c->place = calloc((size_t)p->n + 1, sizeof *c->place);
-    c->kept = calloc((size_t)p->n + 1, sizeof *c->kept);
-    c->spot = calloc((size_t)p->n + 1, sizeof *c->spot);
-    if (c->place == NULL || c->kept == NULL || c->spot == NULL) {
+    c->place = workspace_zeros(&c->space, (size_t)p->n, sizeof *c->place);
+    c->kept = workspace_zeros(&c->space, (size_t)p->n, sizeof *c->kept);
+    c->spot = workspace_zeros(&c->space, (size_t)p->n, sizeof *c->spot);
+    if (c->space.failed) {
         condense_free(c);
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", p->n);
     }
     choose_kept(c, keep);
     band_of(c);
-    c->band = calloc((size_t)c->ld * (size_t)c->order + 1, sizeof *c->band);
-    c->right = calloc((size_t)c->order * ((size_t)c->q + 1) + 1, sizeof *c->right);
-    c->pivot = calloc((size_t)c->order + 1, sizeof *c->pivot);
-    c->size = calloc((size_t)c->order + 1, sizeof *c->size);
-    c->load = calloc(4 * (size_t)p->loads + 1, sizeof *c->load);
-    rc = c->load == NULL || c->band == NULL || c->right == NULL || c->pivot == NULL
-                 || c->size == NULL
+    c->band = workspace_zeros(&c->space, (size_t)c->ld * (size_t)c->order, sizeof *c->band);
+    c->right = workspace_zeros(&c->space, (size_t)c->order * ((size_t)c->q + 1), sizeof *c->right);
+    c->pivot = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->pivot);
+    c->size = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->size);
+    c->load = workspace_zeros(&c->space, 4 * (size_t)p->loads, sizeof *c->load);
+    rc = c->space.failed
              ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld,
                           c->order)
              : read_loads(c, err);
     if (rc == MODAL_OK)
         rc = pattern_new(p, c->place, c->q, keep != CONDENSE_SPARSE, &c->pattern, err);
-    if (rc != MODAL_OK) {
+    if (rc == MODAL_OK)
+        *out = c;
+    else
         condense_free(c);
-        return rc;
-    }
-    *out = c;
-    return MODAL_OK;
+    return rc;
 }
 
 void condense_free(struct condense *c)
@@ -243,21 +241,8 @@ void condense_free(struct condense *c)
     if (c == NULL)
         return;
     pattern_free(c->pattern);
-    free(c->place);
-    free(c->kept);
-    free(c->spot);
-    free(c->band);
-    free(c->right);
-    free(c->pivot);
-    free(c->size);
     free(c->kept_right);
-    free(c->phi);
-    free(c->lambda);
-    free(c->damping);
-    free(c->ak);
-    free(c->am);
-    free(c->weight);
-    free(c->load);
+    workspace_free(&c->space);
     free(c);
 }
 

@@ -308,14 +308,13 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
     M = calloc(r * r, sizeof *M);
     Bk = calloc(r * q, sizeof *Bk);
     Bm = calloc(r * q, sizeof *Bm);
-    c->phi = calloc(r * r, sizeof *c->phi);
-    c->lambda = calloc(r, sizeof *c->lambda);
-    c->damping = calloc(r, sizeof *c->damping);
-    c->ak = calloc(r * q, sizeof *c->ak);
-    c->am = calloc(r * q, sizeof *c->am);
-    c->weight = calloc(4 * q * (q + 1) * r, sizeof *c->weight);
-    if (K == NULL || M == NULL || Bk == NULL || Bm == NULL || c->phi == NULL || c->lambda == NULL
-        || c->damping == NULL || c->ak == NULL || c->am == NULL || c->weight == NULL) {
+    c->phi = workspace_zeros(&c->space, r * r, sizeof *c->phi);
+    c->lambda = workspace_zeros(&c->space, r, sizeof *c->lambda);
+    c->damping = workspace_zeros(&c->space, r, sizeof *c->damping);
+    c->ak = workspace_zeros(&c->space, r * q, sizeof *c->ak);
+    c->am = workspace_zeros(&c->space, r * q, sizeof *c->am);
+    c->weight = workspace_zeros(&c->space, 4 * q * (q + 1) * r, sizeof *c->weight);
+    if (K == NULL || M == NULL || Bk == NULL || Bm == NULL || c->space.failed) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d modes", c->r);
         goto out;
     }

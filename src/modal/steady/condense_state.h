@@ -1,6 +1,7 @@
 /* condense_state.h - what condense.c and condense_modes.c share */
 #ifndef MODAL_CONDENSE_STATE_H
 #define MODAL_CONDENSE_STATE_H
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 #include "modal/steady/condense.h"
 
@@ -24,6 +25,7 @@ struct condense {
     double complex *kept_right;      /* (H+1) x order x (q+1): L_rr^-1 [L_rq, P_r]; NULL: not
                                       * kept */
     size_t kept_size;
+    struct workspace space;          /* of the other arrays */
     /* modes */
     bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
     bool solved;                     /* kept_right is that of the last condense_at */

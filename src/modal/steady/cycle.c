@@ -32,6 +32,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/expm.h"
+#include "modal/linalg/workspace.h"
 #include "modal/scene/collocation.h"
 #include "modal/scene/ports.h"
 #include "modal/scene/sources.h"
@@ -97,7 +98,8 @@ struct follow {
     double *singular, *svd;           /* of newton_step: N, its workspace */
     int svd_size;
     int *held, *pivot;                /* of the phase under way, per law */
-    bool *acts;
+    bool *acts;                       /* the result's in the end */
+    struct workspace space;           /* of the other arrays */
     double floor;                     /* of |y|: a thousandth of the rate that friction's
                                        * strength gives within T */
     double phase;                     /* time spent in it that Pi does not know of yet; < 0: a
@@ -557,19 +559,13 @@ static enum modal_status multipliers(struct follow *f, struct cycle *out, struct
 /* Frees what F holds, made or half made. */
 static void follow_done(struct follow *f)
 {
-    double *all[] = { f->y, f->start, f->last,   f->w,     f->load,  f->Pi,       f->Q,
-                      f->E, f->work,  f->before, f->after, f->small, f->singular, f->svd };
-
     if (f->stepper != NULL)
         f->stepper->free(f->stepper);
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        free(all[i]);
     expm_free(f->exponential);
     ports_free(f->ports);
     sources_free(f->src);
     statespace_free(f->ss);
-    free(f->held);
-    free(f->pivot);
+    workspace_free(&f->space);
     free(f->acts);
 }
 
@@ -586,13 +582,12 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
         { &f->singular, N }, { &f->svd, (size_t)f->svd_size } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        if ((*all[i].x = calloc(all[i].count + 1, sizeof **all[i].x)) == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory");
-    f->held = calloc(laws + 1, sizeof *f->held);
-    f->pivot = calloc(N + laws + 1, sizeof *f->pivot);
+        *all[i].x = workspace_zeros(&f->space, all[i].count, sizeof **all[i].x);
+    f->held = workspace_zeros(&f->space, laws, sizeof *f->held);
+    f->pivot = workspace_zeros(&f->space, N + laws, sizeof *f->pivot);
     /* What the phase under way holds, and what acted. */
     f->acts = calloc(laws + 1, sizeof *f->acts);
-    return f->held == NULL || f->pivot == NULL || f->acts == NULL
+    return f->space.failed || f->acts == NULL
                ? modal_fail(err, MODAL_NO_MEMORY, "cycle: out of memory")
                : MODAL_OK;
 }

@@ -32,6 +32,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
@@ -145,28 +146,19 @@ static void direct_step(struct balance *b, double relaxation, double complex *X,
 struct direct_work {
     double complex *rhs, *best;       /* q; the X of the least step */
     double *step;
+    struct workspace space;           /* of the arrays */
 };
 
-/* Frees what W holds. */
-static void direct_done(struct direct_work *w)
-{
-    free(w->rhs);
-    free(w->best);
-    free(w->step);
-}
-
-/* Room for direct iteration on B; direct_done frees it, made or half made. */
+/* Room for direct iteration on B, of w->space. */
 static enum modal_status direct_init(struct direct_work *w, const struct balance *b,
                                      struct modal_error *err)
 {
     size_t q = (size_t)b->q, K = (size_t)b->H + 1;
 
-    w->rhs = malloc((q + 1) * sizeof *w->rhs);
-    w->best = malloc((q * K + 1) * sizeof *w->best);
-    w->step = malloc(((size_t)b->order + 1) * sizeof *w->step);
-    if (w->rhs == NULL || w->best == NULL || w->step == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "direct iteration: no memory");
-    return MODAL_OK;
+    w->rhs = workspace_zeros(&w->space, q + 1, sizeof *w->rhs);
+    w->best = workspace_zeros(&w->space, q * K + 1, sizeof *w->best);
+    w->step = workspace_zeros(&w->space, (size_t)b->order, sizeof *w->step);
+    return workspace_check(&w->space, "direct iteration: no memory", err);
 }
 
 /* (7) until it settles, runs away or has gone on for long; X is the best iterate. */
@@ -220,7 +212,7 @@ enum modal_status iterate_direct(struct balance *b, const struct iterate_options
         rc = repeat_direct(b, opt, &w, X, report, err);
     if (rc == MODAL_OK && (rc = balance_residual(b, X, false, err)) == MODAL_OK)
         report->residual = balance_relative_residual(b, X);
-    direct_done(&w);
+    workspace_free(&w.space);
     return rc;
 }
 
@@ -367,6 +359,7 @@ struct newton_work {
     double *step, *trial_step, *u, *kept, *scratch;
     double complex *trial;
     bool *cut;
+    struct workspace space;           /* of the arrays */
 };
 
 /* X <- u + lambda step. */
@@ -479,34 +472,21 @@ static enum modal_status conclude(struct balance *b, bool doubted, const double 
     return rc;
 }
 
-/* Frees what W holds. */
-static void work_done(struct newton_work *w)
-{
-    free(w->step);
-    free(w->trial_step);
-    free(w->u);
-    free(w->kept);
-    free(w->scratch);
-    free(w->trial);
-    free(w->cut);
-}
-
-/* Room for Newton's method on B; work_done frees it, made or half made. */
+/* Room for Newton's method on B, of w->space. */
 static enum modal_status work_init(struct newton_work *w, const struct balance *b,
                                    struct modal_error *err)
 {
     size_t n = (size_t)b->order, small = b->pattern->full ? (size_t)b->small * (size_t)b->small : 0;
 
-    *w = (struct newton_work){ malloc((n + 1) * sizeof(double)),
-                               malloc((n + 1) * sizeof(double)),
-                               malloc((n + 1) * sizeof(double)),
-                               malloc((small + 1) * sizeof(double)),
-                               malloc((2 * n + 2) * sizeof(double)),
-                               malloc(((size_t)b->q * ((size_t)b->H + 1) + 1)
-                                      * sizeof(double complex)),
-                               malloc(n + 1) };
-    if (w->step == NULL || w->trial_step == NULL || w->u == NULL || w->kept == NULL
-        || w->scratch == NULL || w->trial == NULL || w->cut == NULL)
+    *w = (struct newton_work){ 0 };
+    w->step = workspace_zeros(&w->space, n, sizeof *w->step);
+    w->trial_step = workspace_zeros(&w->space, n, sizeof *w->trial_step);
+    w->u = workspace_zeros(&w->space, n, sizeof *w->u);
+    w->kept = workspace_zeros(&w->space, small, sizeof *w->kept);
+    w->scratch = workspace_zeros(&w->space, 2 * n, sizeof *w->scratch);
+    w->trial = workspace_zeros(&w->space, (size_t)b->q * ((size_t)b->H + 1), sizeof *w->trial);
+    w->cut = workspace_zeros(&w->space, n, sizeof *w->cut);
+    if (w->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "newton: no memory for %d unknowns", b->order);
     return MODAL_OK;
 }
@@ -660,7 +640,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     }
     if (rc == MODAL_OK)
         rc = conclude(b, !opt->rough && !shrinks, X, report, err);
-    work_done(&w);
+    workspace_free(&w.space);
     return pardon(rc, report);
 }
 

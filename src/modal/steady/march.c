@@ -26,6 +26,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
 /* What a step needs; STAGES of the larger pair, of which rk4 uses four. */
@@ -58,24 +59,10 @@ struct march {
     double *y, *k[STAGES], *trial, *trial2;
     double *start_d;                   /* per law and input: where the step began */
     long evaluations;                  /* of all laws together */
+    struct workspace space;            /* of the arrays */
 };
 
-/* Frees what W holds. */
-static void march_done(struct march *w)
-{
-    free(w->Minv);
-    free(w->m);
-    free(w->m_next);
-    free(w->force);
-    free(w->y);
-    free(w->trial);
-    free(w->trial2);
-    free(w->start_d);
-    for (int i = 0; i < STAGES; i++)
-        free(w->k[i]);
-}
-
-/* Room, and the inverse of the mass; march_done frees it, made or half made. */
+/* Room, of w->space, and the inverse of the mass. */
 static enum modal_status march_init(struct march *w, struct modal_error *err)
 {
     size_t n = (size_t)w->n;
@@ -86,28 +73,23 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
     for (int l = 0; l < w->p->laws; l++)
         w->memory += w->p->law[l].memory;
     w->states = 2 * w->n;
-    w->Minv = calloc(n * n + 1, sizeof(double));
-    w->m = calloc((size_t)w->memory + 1, sizeof(double));
-    w->m_next = calloc((size_t)w->memory + 1, sizeof(double));
-    w->force = calloc(n + 1, sizeof(double));
-    w->y = calloc(2 * n + 1, sizeof(double));
-    w->trial = calloc(2 * n + 1, sizeof(double));
-    w->trial2 = calloc(2 * n + 1, sizeof(double));
-    w->start_d = calloc((size_t)w->p->laws * LAW_INPUTS_MOST + 1, sizeof(double));
+    w->Minv = workspace_zeros(&w->space, n * n, sizeof(double));
+    w->m = workspace_zeros(&w->space, (size_t)w->memory, sizeof(double));
+    w->m_next = workspace_zeros(&w->space, (size_t)w->memory, sizeof(double));
+    w->force = workspace_zeros(&w->space, n, sizeof(double));
+    w->y = workspace_zeros(&w->space, 2 * n, sizeof(double));
+    w->trial = workspace_zeros(&w->space, 2 * n, sizeof(double));
+    w->trial2 = workspace_zeros(&w->space, 2 * n, sizeof(double));
+    w->start_d = workspace_zeros(&w->space, (size_t)w->p->laws * LAW_INPUTS_MOST, sizeof(double));
     for (int i = 0; i < STAGES; i++)
-        w->k[i] = calloc(2 * n + 1, sizeof(double));
-    pivot = calloc(n + 1, sizeof *pivot);
-    if (w->Minv == NULL || w->m == NULL || w->m_next == NULL || w->force == NULL || w->y == NULL
-        || w->trial == NULL || w->trial2 == NULL || w->start_d == NULL || w->k[6] == NULL
-        || w->k[0] == NULL || pivot == NULL) {
-        free(pivot);
+        w->k[i] = workspace_zeros(&w->space, 2 * n, sizeof(double));
+    pivot = workspace_zeros(&w->space, n, sizeof *pivot);
+    if (w->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "march: no memory for %d dofs", w->n);
-    }
     M = (struct matrix) { w->n, w->n, w->n, w->Minv };
     sparse_add_to_dense(&w->p->constant[PROGRAM_M], 1, &M);
     singular = LAPACKE_dgetrf(LAPACK_COL_MAJOR, w->n, w->n, w->Minv, w->n, pivot) != 0
             || LAPACKE_dgetri(LAPACK_COL_MAJOR, w->n, w->Minv, w->n, pivot) != 0;
-    free(pivot);
     return singular ? modal_fail_field(err, MODAL_BAD_INPUT, "structure",
                                        "the mass is singular: time integration does not apply")
                     : MODAL_OK;
@@ -374,32 +356,21 @@ struct shooting {
                                        * n, n */
     int *pivot;
     double scale[2], h, size;         /* adapt's; max |s| */
+    struct workspace space;           /* of the arrays */
 };
 
-/* Frees what G holds. */
-static void shooting_done(struct shooting *g)
-{
-    free(g->s);
-    free(g->end);
-    free(g->J);
-    free(g->moved);
-    free(g->pivot);
-}
-
-/* Room for N states and memories; shooting_done frees it. */
+/* Room for N states and memories, of g->space. */
 static enum modal_status shooting_init(struct shooting *g, int n, struct modal_error *err)
 {
     size_t m = (size_t)n;
 
-    *g = (struct shooting){ .n = n,
-                            .s = calloc(m, sizeof *g->s),
-                            .end = calloc(m, sizeof *g->end),
-                            .J = calloc(m * m, sizeof *g->J),
-                            .moved = calloc(m, sizeof *g->moved),
-                            .pivot = calloc(m, sizeof *g->pivot) };
-    if (g->s == NULL || g->end == NULL || g->J == NULL || g->moved == NULL || g->pivot == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "march: no memory");
-    return MODAL_OK;
+    *g = (struct shooting){ .n = n };
+    g->s = workspace_zeros(&g->space, m, sizeof *g->s);
+    g->end = workspace_zeros(&g->space, m, sizeof *g->end);
+    g->J = workspace_zeros(&g->space, m * m, sizeof *g->J);
+    g->moved = workspace_zeros(&g->space, m, sizeof *g->moved);
+    g->pivot = workspace_zeros(&g->space, m, sizeof *g->pivot);
+    return workspace_check(&g->space, "march: no memory", err);
 }
 
 /* A period from FROM, its end into TO. */
@@ -478,7 +449,7 @@ static enum modal_status shoot(struct march *w, const struct march_options *opt,
             report->converged = rc == MODAL_OK;
         }
     }
-    shooting_done(&g);
+    workspace_free(&g.space);
     return rc;
 }
 
@@ -507,6 +478,6 @@ enum modal_status march_run(const struct program *p, double omega, const struct 
         rc = opt->method == MARCH_SHOOTING ? shoot(&w, opt, x, report, err)
                                            : to_periodicity(&w, opt, x, report, err);
     report->evaluations = p->laws > 0 ? w.evaluations / p->laws : 0;
-    march_done(&w);
+    workspace_free(&w.space);
     return rc;
 }

@@ -50,32 +50,13 @@ enum {
     SMALL_ORDER = 8          /* up to which a call of BLAS costs more than its sums */
 };
 
-/* Zeros; of none, a pointer that can be freed. */
-static void *room(size_t count, size_t size) { return calloc(count + 1, size); }
-
 void monodromy_done(struct monodromy *m)
 {
     for (int i = 0; m->in != NULL && i < m->p->laws * LAW_INPUTS_MOST; i++)
         orbit_done(&m->in[i]);
     for (int i = 0; m->pieces != NULL && i < m->p->laws; i++)
         pieces_done(&m->pieces[i]);
-    for (int i = 0; i < 3; i++)
-        free(m->A[i]);
-    for (int i = 0; i < 6; i++)
-        free(m->work[i]);
-    for (int i = 0; i < 4; i++)
-        free(m->z[i]);
-    free(m->X);
-    free(m->first_slider);
-    free(m->in);
-    free(m->pieces);
-    free(m->exact);
-    free(m->Minv);
-    free(m->K);
-    free(m->C);
-    free(m->map);
-    free(m->cut);
-    free(m->pivot);
+    workspace_free(&m->space);
 }
 
 /* Where each law's sliders have their c in the state. */
@@ -122,12 +103,10 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
     /* d/dt = omega d/dtheta */
     double omega = m->point->omega, scale[4] = { 1 / omega, 1 / omega, 1, omega };
     int nz = m->nz, n = m->n;
-    double *E = room((size_t)nz * (size_t)nz, sizeof *E);
-    int *pivot = room((size_t)nz, sizeof *pivot);
+    double *E = workspace_zeros(&m->space, (size_t)nz * (size_t)nz, sizeof *E);
+    int *pivot = workspace_zeros(&m->space, (size_t)nz, sizeof *pivot);
     struct matrix full = { nz, nz, nz, E };
-    enum modal_status rc = E == NULL || pivot == NULL
-                               ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory")
-                               : MODAL_OK;
+    enum modal_status rc = workspace_check(&m->space, "stability: no memory", err);
 
     if (rc == MODAL_OK)
         sparse_add_to_dense(&m->p->E, 1, &full);
@@ -136,7 +115,7 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
     for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < 4; i++) {
         int columns = i == 0 ? nz : n;
         struct matrix out = { nz, columns, nz,
-                              m->z[i] = room((size_t)nz * (size_t)columns, sizeof(double)) };
+                              m->z[i] = workspace_zeros(&m->space, (size_t)nz * (size_t)columns, sizeof(double)) };
 
         if (out.x == NULL) {
             rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d linear states", nz);
@@ -147,8 +126,6 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
         /* E^-1 of each */
         LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', nz, columns, E, nz, pivot, out.x, nz);
     }
-    free(E);
-    free(pivot);
     return rc;
 }
 
@@ -205,7 +182,7 @@ static enum modal_status choose_motion(struct monodromy *m, struct modal_error *
         /* A law that never acts has no events to be off. */
         events |= m->p->law[l].kind->pieces != NULL && point->acts[l];
     m->H = events && H2 > point->H ? H2 : point->H;
-    m->X = room((size_t)point->q * ((size_t)m->H + 1), sizeof *m->X);
+    m->X = workspace_zeros(&m->space, (size_t)point->q * ((size_t)m->H + 1), sizeof *m->X);
     if (m->X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
     if (m->H > point->H)
@@ -236,7 +213,7 @@ static enum modal_status find_cuts(struct monodromy *m, struct modal_error *err)
 
     for (int l = 0; l < m->p->laws; l++)
         most += 2 * m->pieces[l].count;
-    m->cut = room((size_t)most, sizeof *m->cut);
+    m->cut = workspace_zeros(&m->space, (size_t)most, sizeof *m->cut);
     if (m->cut == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d cuts", most);
     m->cut[m->cuts++] = 0;
@@ -669,15 +646,14 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
     struct matrix K, C;
     enum modal_status rc = MODAL_OK;
 
-    m->first_slider = room(laws, sizeof *m->first_slider);
-    m->in = room(laws * LAW_INPUTS_MOST, sizeof *m->in);
-    m->pieces = room(laws, sizeof *m->pieces);
-    m->exact = room(laws, sizeof *m->exact);
-    m->Minv = room(n * n, sizeof *m->Minv);
-    m->K = room(n * n, sizeof *m->K);
-    m->C = room(n * n, sizeof *m->C);
-    if (m->first_slider == NULL || m->in == NULL || m->pieces == NULL || m->exact == NULL
-        || m->Minv == NULL || m->K == NULL || m->C == NULL)
+    m->first_slider = workspace_zeros(&m->space, laws, sizeof *m->first_slider);
+    m->in = workspace_zeros(&m->space, laws * LAW_INPUTS_MOST, sizeof *m->in);
+    m->pieces = workspace_zeros(&m->space, laws, sizeof *m->pieces);
+    m->exact = workspace_zeros(&m->space, laws, sizeof *m->exact);
+    m->Minv = workspace_zeros(&m->space, n * n, sizeof *m->Minv);
+    m->K = workspace_zeros(&m->space, n * n, sizeof *m->K);
+    m->C = workspace_zeros(&m->space, n * n, sizeof *m->C);
+    if (m->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d dofs", m->n);
     count_sliders(m);
     m->order = 2 * m->n + m->nz + m->sliders;
@@ -688,13 +664,12 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
     }
     order = (size_t)m->order;
     for (int i = 0; i < 3; i++)
-        m->A[i] = room(order * order, sizeof(double));
+        m->A[i] = workspace_zeros(&m->space, order * order, sizeof(double));
     for (int i = 0; i < 6; i++)
-        m->work[i] = room(order * order, sizeof(double));
-    m->map = room(order * order, sizeof *m->map);
-    m->pivot = room(order, sizeof *m->pivot);
-    if (m->A[2] == NULL || m->work[5] == NULL || m->map == NULL || m->pivot == NULL
-        || m->A[0] == NULL || m->A[1] == NULL)
+        m->work[i] = workspace_zeros(&m->space, order * order, sizeof(double));
+    m->map = workspace_zeros(&m->space, order * order, sizeof *m->map);
+    m->pivot = workspace_zeros(&m->space, order, sizeof *m->pivot);
+    if (m->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d states", m->order);
     K = (struct matrix) { m->n, m->n, m->n, m->K };
     C = (struct matrix) { m->n, m->n, m->n, m->C };

@@ -4,6 +4,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
+#include "modal/linalg/workspace.h"
 
 struct budget;
 struct law_pieces;
@@ -31,6 +32,7 @@ struct monodromy {
     double *z[4];                      /* linear states: what z, y, y' and y'' do to dz/dtheta,
                                         * nz x (nz, n, n, n) */
     int *pivot;                        /* order */
+    struct workspace space;            /* of the arrays */
     const char *reason;                /* why there is no map; static text */
     struct budget *budget;             /* the steps are counted in it; spent, they end */
     int H;                             /* of the motion followed: the point's, or more for laws

@@ -29,6 +29,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/workspace.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/blocks.h"
 #include "modal/steady/budget.h"
@@ -84,6 +85,7 @@ struct path {
     int *pivot;
     struct blocks *border;           /* (1) in place of B, where the derivative is of blocks */
     double complex *X;               /* of u or w, for whoever asks for harmonics */
+    struct workspace space;          /* of the arrays */
     struct path_report *report;
     int corrections;                 /* of the last correction: the step follows them */
 };
@@ -91,17 +93,8 @@ struct path {
 /* Frees what P holds. */
 static void path_done(struct path *p)
 {
-    free(p->u);
-    free(p->t);
-    free(p->old_t);
-    free(p->w);
-    free(p->R);
-    free(p->Rl);
-    free(p->B);
-    free(p->x);
-    free(p->pivot);
+    workspace_free(&p->space);
     blocks_free(p->border);
-    free(p->X);
 }
 
 /* Room for a balance of p->n unknowns; path_done frees it, made or half made. */
@@ -110,19 +103,17 @@ static enum modal_status path_init(struct path *p, struct modal_error *err)
     size_t n = (size_t)p->n + 2;
     bool full = p->b->pattern->full;
 
-    p->u = calloc(n, sizeof *p->u);
-    p->t = calloc(n, sizeof *p->t);
-    p->old_t = calloc(n, sizeof *p->old_t);
-    p->w = calloc(n, sizeof *p->w);
-    p->R = calloc(n, sizeof *p->R);
-    p->Rl = calloc(n, sizeof *p->Rl);
-    p->B = full ? calloc(n * n, sizeof *p->B) : NULL;
-    p->x = calloc(n, sizeof *p->x);
-    p->pivot = calloc(n, sizeof *p->pivot);
-    p->X = calloc(n, sizeof *p->X);
-    if (p->u == NULL || p->t == NULL || p->old_t == NULL || p->w == NULL || p->R == NULL
-        || p->Rl == NULL || (full && p->B == NULL)
-        || p->x == NULL || p->pivot == NULL || p->X == NULL)
+    p->u = workspace_zeros(&p->space, n, sizeof *p->u);
+    p->t = workspace_zeros(&p->space, n, sizeof *p->t);
+    p->old_t = workspace_zeros(&p->space, n, sizeof *p->old_t);
+    p->w = workspace_zeros(&p->space, n, sizeof *p->w);
+    p->R = workspace_zeros(&p->space, n, sizeof *p->R);
+    p->Rl = workspace_zeros(&p->space, n, sizeof *p->Rl);
+    p->B = full ? workspace_zeros(&p->space, n * n, sizeof *p->B) : NULL;
+    p->x = workspace_zeros(&p->space, n, sizeof *p->x);
+    p->pivot = workspace_zeros(&p->space, n, sizeof *p->pivot);
+    p->X = workspace_zeros(&p->space, n, sizeof *p->X);
+    if (p->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "path: no memory for %d unknowns", p->n);
     return full ? MODAL_OK : blocks_new(p->b->pattern, p->b->H, true, &p->border, err);
 }

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/linalg/workspace.h"
 #include "modal/steady/pattern.h"
 
 /* A pivot below so many roundings of the largest entry may be 0. */
@@ -33,6 +34,7 @@ struct stiffness {
     int *pivot;                       /* full: q for each k */
     struct sparse_lu **factors;       /* sparse: for each k */
     enum made *made;
+    struct workspace space;           /* of the arrays */
 };
 
 enum modal_status stiffness_new(const struct pattern *pattern, int H, struct stiffness **out,
@@ -44,15 +46,14 @@ enum modal_status stiffness_new(const struct pattern *pattern, int H, struct sti
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stiffness: no memory");
     *s = (struct stiffness) { .pattern = pattern, .q = pattern->q, .H = H };
-    s->made = calloc(K, sizeof *s->made);
-    s->scratch = malloc((q + 1) * sizeof *s->scratch);
+    s->made = workspace_zeros(&s->space, K, sizeof *s->made);
+    s->scratch = workspace_zeros(&s->space, q + 1, sizeof *s->scratch);
     if (pattern->full) {
-        s->LU = malloc((q * q * K + 1) * sizeof *s->LU);
-        s->pivot = malloc((q * K + 1) * sizeof *s->pivot);
+        s->LU = workspace_zeros(&s->space, q * q * K + 1, sizeof *s->LU);
+        s->pivot = workspace_zeros(&s->space, q * K + 1, sizeof *s->pivot);
     } else
-        s->factors = calloc(K, sizeof *s->factors);
-    if (s->made == NULL || s->scratch == NULL
-        || (pattern->full ? s->LU == NULL || s->pivot == NULL : s->factors == NULL)) {
+        s->factors = workspace_zeros(&s->space, K, sizeof *s->factors);
+    if (s->space.failed) {
         stiffness_free(s);
         return modal_fail(err, MODAL_NO_MEMORY, "stiffness: no memory for %d harmonics", H);
     }
@@ -66,11 +67,7 @@ void stiffness_free(struct stiffness *s)
         return;
     for (int k = 0; s->factors != NULL && k <= s->H; k++)
         sparse_lu_free(s->factors[k]);
-    free(s->factors);
-    free(s->made);
-    free(s->scratch);
-    free(s->LU);
-    free(s->pivot);
+    workspace_free(&s->space);
     free(s);
 }
 

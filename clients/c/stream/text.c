@@ -159,6 +159,8 @@ static bool is_text(const char *p, const char *text)
     return p != NULL && *p == '"' && strncmp(p + 1, text, length) == 0 && p[1 + length] == '"';
 }
 
+enum { ESCAPE = 5 };         /* of a control character behind its backslash: u00 and two digits */
+
 /* What add_string made of a string of fewer than SIZE bytes, into OUT; false, and OUT is "": it is
  * no such string. */
 static bool read_string(const char *p, char *out, size_t size)
@@ -174,9 +176,9 @@ static bool read_string(const char *p, char *out, size_t size)
             out[used++] = *p;
         else if (p[1] == '"' || p[1] == '\\')
             out[used++] = *++p;
-        else if (strspn(p + 1, "u0123456789abcdefABCDEF") >= 5
+        else if (strspn(p + 1, "u0123456789abcdefABCDEF") >= ESCAPE
                  && sscanf(p + 1, "u00%2x", &code) == 1 && code > 0 && code < 0x20)
-            out[used++] = (char)code, p += 5;
+            out[used++] = (char)code, p += ESCAPE;
         else
             break;
     out[*p == '"' ? used : 0] = 0;

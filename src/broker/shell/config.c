@@ -27,6 +27,7 @@
 #define DAY_NS (86400 * INT64_C(1000000000))   /* of UTC, which has no leap seconds here */
 #define WORKERS_MOST 256         /* as the pool has slots */
 #define SOCKET_PATH_MOST 107     /* bytes of sun_path but its end (unix(7)) */
+#define RUNTIME_ROOM 80          /* of that, chosen: it leaves 18 for "/modald/modald.ipc", and more */
 #define FILE_MOST 1048576        /* bytes of a file: keys of 10,000 users, 100 bytes each */
 #define LIMIT_MOST 1e15          /* a double below has all whole numbers, and bytes of a petabyte */
 #define NOT_SAID (-1)   /* of settings that are 0 or more */
@@ -470,7 +471,7 @@ static enum modal_status default_bind(struct config *c, struct modal_error *err)
     const char *runtime = getenv("XDG_RUNTIME_DIR");
     char folder[PATH_ROOM - 32];
 
-    if (runtime != NULL && runtime[0] == '/' && strlen(runtime) < 80)
+    if (runtime != NULL && runtime[0] == '/' && strlen(runtime) < RUNTIME_ROOM)
         snprintf(folder, sizeof folder, "%s/modald", runtime);
     else
         snprintf(folder, sizeof folder, "/run/modald");

@@ -1,7 +1,6 @@
 /* main.c - modald: the daemon in the foreground */
 #include <getopt.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include "broker/shell/daemon.h"

@@ -4,8 +4,9 @@
 #include <string.h>
 #include <zmq.h>
 
-/* of a CURVE request, the sender's routing id and the delimiter among them */
-enum { FRAMES = 9 };
+/* of a CURVE request, the sender's routing id and the delimiter among them, as RFC 27 has them */
+enum { ROUTING, EMPTY, VERSION, REQUEST, DOMAIN, ADDRESS, IDENTITY, MECHANISM, KEY, FRAMES };
+enum { KEY_BYTES = 32 };     /* a public key of CURVE; 40 characters in Z85 */
 
 void *zap_open(void *context)
 {
@@ -46,8 +47,6 @@ static bool is(zmq_msg_t *frame, const char *text)
         && memcmp(zmq_msg_data(frame), text, strlen(text)) == 0;
 }
 
-/* Frames: routing id, empty, version, request id, domain, address, routing id of the peer,
- * mechanism, [key]. */
 static void answer(void *socket, zmq_msg_t *routing, zmq_msg_t *version, zmq_msg_t *request,
                    const char *user)
 {
@@ -85,15 +84,16 @@ void zap_answer(void *socket, const struct account *accounts, size_t count,
         char key[41] = "";
         const char *user = NULL;
 
-        if (n == FRAMES && is(&frames[7], "CURVE") && zmq_msg_size(&frames[8]) == 32)
-            zmq_z85_encode(key, zmq_msg_data(&frames[8]), 32);
+        if (n == FRAMES && is(&frames[MECHANISM], "CURVE")
+            && zmq_msg_size(&frames[KEY]) == KEY_BYTES)
+            zmq_z85_encode(key, zmq_msg_data(&frames[KEY]), KEY_BYTES);
         for (size_t i = 0; key[0] != 0 && i < count; i++)
             if (strcmp(accounts[i].key, key) == 0)
                 user = accounts[i].key;
-        if (n >= 4)
-            answer(socket, &frames[0], &frames[2], &frames[3], user);
-        if (user == NULL && n > 5)
-            note(refused, key, &frames[5]);
+        if (n > REQUEST)
+            answer(socket, &frames[ROUTING], &frames[VERSION], &frames[REQUEST], user);
+        if (user == NULL && n > ADDRESS)
+            note(refused, key, &frames[ADDRESS]);
         for (int i = 0; i < n; i++)
             zmq_msg_close(&frames[i]);
     }

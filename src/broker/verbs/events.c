@@ -38,7 +38,7 @@ static void send_event(struct core *c, const struct subscription *s, const struc
     cJSON_AddNumberToObject(header, "time", (double)(row->ns / 1000000) / 1000);
     text = json_print(header);
     cJSON_Delete(header);
-    if (text == NULL || strlen(row->text) < 3)
+    if (text == NULL || strlen(row->text) < sizeof "{}")
         abort();
     text[strlen(text) - 1] = ',';                  /* the event's own members follow */
     core_act(c, (struct action) {

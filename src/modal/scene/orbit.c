@@ -24,6 +24,9 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 static const double ROOT_STEP = 1e-6;
 static const double CUBIC_STEP = 2e-5;
 static const double STRAIGHT = 1e-4;    /* a bend below which Halley's method is at home */
+/* What the parabola's vertex may be off by, of its bend: a quarter, chosen, is all that the vertex
+ * of a true parabola lies below the nearer sample (1/8) and as much again for the cubic. */
+static const double BEND_SHARE = 0.25;
 enum { ROOT_STEPS_MOST = 80 };          /* bisection alone takes some 53 */
 
 struct orbit_grid {
@@ -317,7 +320,7 @@ static enum modal_status hidden_turns(struct orbit *o, int j, struct modal_error
     bool positive = q > 0;
 
     if (fabs(q - 0.125 * (p - r) * (p - r) / (bend != 0 ? bend : 1))
-        > 0.5 * fabs(q) + 0.25 * fabs(bend))
+        > 0.5 * fabs(q) + BEND_SHARE * fabs(bend))
         return MODAL_OK;
     orbit_at(o, theta, at);
     slope = bend / (h * h);  /* of the rate's slope, by differences */

@@ -1,7 +1,6 @@
 /* option.c - see option.h */
 #include "option.h"
 #include <ctype.h>
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,7 +1,6 @@
 /* svg.c - see svg.h */
 #include "svg.h"
 #include <math.h>
-#include <stdlib.h>
 
 /* A panel, in pixels. */
 enum {

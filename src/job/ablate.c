@@ -11,7 +11,6 @@
  * Tested by tests/unit/job/test_scene_jobs.c.
  */
 #include <math.h>
-#include <string.h>
 #include "job/cost.h"
 #include "job/kind_run.h"
 #include "job/plan.h"

@@ -14,7 +14,6 @@
  */
 #include "job/curve.h"
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "job/cost.h"

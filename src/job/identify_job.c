@@ -1,11 +1,9 @@
 /* identify_job.c - modal_identify as a job; see identify_job.h;
  * tested by tests/unit/job/test_job_identify.c */
 #include "job/identify_job.h"
-#include <cblas.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 #include <time.h>
 #include <unistd.h>

@@ -10,7 +10,6 @@
  */
 #include "job/scene_mesh.h"
 #include <ctype.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 /* steady.c - kind `steady`: see steady.h; curves are in curve.c;
  * tested by tests/unit/job/test_scene_jobs.c */
 #include "job/steady.h"
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "job/backbone_job.h"

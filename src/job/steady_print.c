@@ -3,7 +3,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include "job/steady_settings.h"
 #include "modal/scene/program.h"
 #include "modal/steady/resonance.h"

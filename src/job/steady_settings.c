@@ -1,6 +1,5 @@
 /* steady_settings.c - see steady_settings.h; tested by tests/system/test_curve.py */
 #include "job/steady_settings.h"
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

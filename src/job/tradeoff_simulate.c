@@ -1,8 +1,6 @@
 /* tradeoff_simulate.c - see tradeoff_simulate.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/tradeoff_simulate.h"
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include "job/cost.h"
 #include "job/kind_run.h"

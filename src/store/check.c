@@ -1,6 +1,5 @@
 /* check.c - everything of a data folder held against its checksums; see check.h */
 #include "store/check.h"
-#include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
 #include <stdarg.h>

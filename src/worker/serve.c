@@ -6,7 +6,6 @@
  */
 #include "worker/serve.h"
 #include <malloc.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -19,9 +19,7 @@
 #include "broker/core/alarms.h"
 #include <math.h>
 #include <stdbool.h>
-#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum { KNOWN_MOST = 256 };    /* modes followed: more than any window of 1 MiB tells */
 /* Standard errors: one window in 30,000 is as far off by chance, one in two million. */

@@ -1,7 +1,6 @@
 /* waits.c - who waits: for the end of a job, and for bytes that are read for it */
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 

@@ -5,7 +5,6 @@
 #include "job/job.h"
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 /* Of a user's ready jobs, a heap whose oldest are near its top but for their priorities. */

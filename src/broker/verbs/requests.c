@@ -3,9 +3,7 @@
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
-#include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 static struct job *need_job(struct core *c, const struct request *q)

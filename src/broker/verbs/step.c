@@ -3,8 +3,6 @@
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
 #include "broker/verbs/verbs.h"
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 

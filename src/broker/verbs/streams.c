@@ -13,7 +13,6 @@
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

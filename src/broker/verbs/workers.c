@@ -11,7 +11,6 @@
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>

@@ -2,7 +2,6 @@
 #include "modal/linalg/qr.h"
 #include <cblas.h>
 #include <lapacke.h>
-#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 /* sparse.c - see sparse.h */
 #include "modal/linalg/sparse.h"
 #include <stdlib.h>
-#include <string.h>
 
 struct ordered { struct triplet t; int rank; };
 

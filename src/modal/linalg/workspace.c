@@ -6,7 +6,6 @@
  */
 #include "modal/linalg/workspace.h"
 #include <stdlib.h>
-#include <string.h>
 
 enum { ROOM_FIRST = 16 };         /* pieces: most owners have fewer, and the list never grows */
 

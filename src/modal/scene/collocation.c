@@ -13,7 +13,6 @@
  */
 #include "modal/scene/collocation.h"
 #include <cblas.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/expm.h"
@@ -158,7 +157,8 @@ enum modal_status collocation_new(const struct statespace *ss, const struct sour
     c->X = workspace_zeros(&c->space, (size_t)c->size * (size_t)c->size, sizeof *c->X);
     c->Y = workspace_zeros(&c->space, (size_t)c->size * (size_t)c->size, sizeof *c->Y);
     c->full = workspace_zeros(&c->space, (size_t)c->N * (size_t)c->N, sizeof *c->full);
-    c->block = workspace_zeros(&c->space, (size_t)c->N * (size_t)(2 * m * S + c->nw), sizeof *c->block);
+    c->block = workspace_zeros(&c->space, (size_t)c->N * (size_t)(2 * m * S + c->nw),
+                               sizeof *c->block);
     rc = expm_new(c->size, &c->exponential, err);  /* one workspace for all maps */
     if (rc == MODAL_OK)
         rc = expm_new(2, &c->two, err);

@@ -9,7 +9,6 @@
  * step's is computed once, those to and from corners as they come.
  */
 #include <cblas.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/expm.h"

@@ -7,7 +7,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum { ABSENT = -1 };              /* a frame that is not given: that of the structure */
 enum { ROTATING, FIXED };

@@ -4,7 +4,6 @@
  * they are compressed, always in that order, so that a scene gives the same bits every time.
  */
 #include "modal/scene/lowering.h"
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/scene.h"

@@ -16,7 +16,6 @@
  */
 #include "modal/scene/regime_events.h"
 #include <math.h>
-#include <string.h>
 
 enum { S = COLLOCATION_STAGES, KNOTS = S + 1, TERMS = 2 * KNOTS, INPUTS = LAW_INPUTS_MOST };
 static const double GRID[] = { 1e-4, 0.04, 0.09, 0.16, 0.25, 0.35, 0.45, 0.55,

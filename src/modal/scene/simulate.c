@@ -8,7 +8,6 @@
 #include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 #include "modal/scene/readout.h"
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"

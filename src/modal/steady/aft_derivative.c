@@ -18,7 +18,6 @@
  */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 #include "modal/steady/aft_events.h"
 
 /* Harmonics of df/dd and df/dv at the samples, period N. */

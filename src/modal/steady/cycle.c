@@ -26,7 +26,6 @@
  */
 #include "modal/steady/cycle.h"
 #include <cblas.h>
-#include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>

@@ -114,9 +114,10 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
         m->reason = "the linear states' equations are singular";
     for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < 4; i++) {
         int columns = i == 0 ? nz : n;
-        struct matrix out = { nz, columns, nz,
-                              m->z[i] = workspace_zeros(&m->space, (size_t)nz * (size_t)columns, sizeof(double)) };
+        struct matrix out = { nz, columns, nz, NULL };
 
+        out.x = m->z[i] =
+            workspace_zeros(&m->space, (size_t)nz * (size_t)columns, sizeof *out.x);
         if (out.x == NULL) {
             rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d linear states", nz);
             break;

@@ -11,7 +11,6 @@
 #include "modal/steady/pattern.h"
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 #include "modal/scene/program.h"
 
 /* The list; NULL while they are counted. */

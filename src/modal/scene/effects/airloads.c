@@ -6,7 +6,6 @@
  * (aft positive from the elastic axis), `stations` (9), `inflow` (none), `inflow_states` (the
  * model's standard: see the rows of inflow/).
  */
-#include <stdio.h>
 #include "modal/scene/lowering.h"
 #include "modal/scene/structures/wing.h"
 

@@ -35,7 +35,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include "modal/scene/hermite.h"
 
 /* A decimal fraction such as 0.3 is off its double by DBL_EPSILON/2, and so is its product with the

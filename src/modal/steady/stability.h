@@ -41,8 +41,9 @@ enum { STABILITY_STATES_MOST = 400 };
 
 /*
  * Of POINT, converged, of session S.  UNDECIDED: a multiplier on the unit circle to within 1e-8 or
- * the error.  UNKNOWN is an answer: more than STATES_MOST states, the work allowed spent, a singular
- * mass, a motion with jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law does.
+ * the error.  UNKNOWN is an answer: more than STATES_MOST states, the work allowed spent, a
+ * singular mass, a motion with jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law
+ * does.
  */
 enum modal_status stability_of(struct steady *s, const struct steady_point *point,
                                struct stability *out, struct modal_error *err);

@@ -39,14 +39,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static const char *const kinds[] = { "REPLY", "ERROR", "EVENT" };
     static modald_stream s;
+    static struct link link = { .streams = { &s }, .slots = 1, .warned = true };
     char *header = size > 0 ? strndup((const char *)data + 1, size - 1) : NULL;
 
     if (header == NULL)
         return 0;
+    link.questions = 4;
     s = (modald_stream) { .spill_fd = -1, .ring_fd = -1, .channels = 1, .warned = true,
-                          .stream = "abcd", .opened = (data[0] & 4) != 0, .next_id = 4,
-                          .opening = (data[0] & 8) != 0, .open_id = 1, .events_id = 2 };
-    on_message(&s, kinds[data[0] % 3], header);
+                          .stream = "abcd", .opened = (data[0] & 4) != 0, .link = &link,
+                          .opening = (data[0] & 8) != 0, .open_id = 1 * LINK_STREAMS,
+                          .events_id = 2 * LINK_STREAMS };
+    on_message(&link, kinds[data[0] % 3], header);
     compare_members(header);
     free(header);
     if (!isfinite(s.estimate.frequency_hz) || !isfinite(s.estimate.damping_ratio)

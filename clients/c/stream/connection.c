@@ -10,47 +10,62 @@
 #include <unistd.h>
 #include <zmq.h>
 
-/* The daemon is there, and does not let us in. */
-static void warn_refused(modald_stream *s, uint16_t event, uint32_t value)
+static void warn_all(struct link *l, const char *what)
 {
-    bool keys = s->keys[0][0] != 0;
+    if (!l->warned)
+        warn(NULL, what);
+    l->warned = true;
+}
+
+/* The daemon is there, and does not let us in. */
+static void warn_refused(struct link *l, uint16_t event, uint32_t value)
+{
+    bool keys = l->keys[0][0] != 0;
 
     if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
-        warn_once(s, "the daemon refused our key; the run goes on without it");
+        warn_all(l, "the daemon refused our key; the run goes on without it");
     else if (value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
-        warn_once(s, keys ? "the daemon takes no keys (MODALD_KEYFILE); the run goes on without it"
-                          : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
+        warn_all(l, keys ? "the daemon takes no keys (MODALD_KEYFILE); the run goes on without it"
+                         : "the daemon wants a key (MODALD_KEYFILE); the run goes on without it");
+}
+
+static void begin_all_anew(struct link *l)
+{
+    for (int i = 0; i < l->slots; i++)
+        if (l->streams[i] != NULL)
+            begin_anew(l->streams[i]);
 }
 
 /* A daemon that hangs up before its reason is read gives none: the failures are counted. */
-static void on_monitor_event(modald_stream *s, uint16_t event, uint32_t value)
+static void on_monitor_event(struct link *l, uint16_t event, uint32_t value)
 {
     if (event == ZMQ_EVENT_HANDSHAKE_SUCCEEDED) {
-        reset_link(s);
-        s->ready = true;
+        begin_all_anew(l);
+        l->ready = true;
+        l->heard_at = now();
     } else if (event == ZMQ_EVENT_DISCONNECTED) {
-        s->lost = true;
-        if (!s->ready && ++s->failures == FAILURES && !s->warned)
-            warn(s->name, "somebody is there, but no handshake succeeds: it may want a key, or "
-                          "another than ours (MODALD_KEYFILE), or be no modald; the run goes on");
+        l->lost = true;
+        if (!l->ready && ++l->failures == FAILURES && !l->warned)
+            warn(NULL, "somebody is there, but no handshake succeeds: it may want a key, or "
+                       "another than ours (MODALD_KEYFILE), or be no modald; the run goes on");
     } else {
-        warn_refused(s, event, value);
+        warn_refused(l, event, value);
     }
 }
 
-static void read_monitor(modald_stream *s)
+static void read_monitor(struct link *l)
 {
     zmq_msg_t part;
     uint16_t event;
     uint32_t value;
 
     zmq_msg_init(&part);
-    while (zmq_msg_recv(&part, s->monitor, ZMQ_DONTWAIT) >= 0) {
+    while (zmq_msg_recv(&part, l->monitor, ZMQ_DONTWAIT) >= 0) {
         if (!zmq_msg_more(&part) || zmq_msg_size(&part) < sizeof event + sizeof value)
             continue;
         memcpy(&event, zmq_msg_data(&part), sizeof event);
         memcpy(&value, (const char *)zmq_msg_data(&part) + sizeof event, sizeof value);
-        on_monitor_event(s, event, value);
+        on_monitor_event(l, event, value);
     }
     zmq_msg_close(&part);
 }
@@ -68,7 +83,7 @@ static bool read_key(char key[KEY_SIGNS + 1], const char *text, const char *name
 }
 
 /* Once, at the start: a host may give up the right to read them. */
-static bool read_keys(modald_stream *s)
+static bool read_keys(struct link *l)
 {
     static const char *const names[KEYS] = { "public-key", "secret-key", "server-key" };
     char text[1024] = "";
@@ -76,13 +91,13 @@ static bool read_keys(modald_stream *s)
     int fd;
     bool good;
 
-    if (s->keyfile == NULL)
+    if (l->keyfile == NULL)
         return true;
-    fd = open(s->keyfile, O_RDONLY | O_CLOEXEC);
+    fd = open(l->keyfile, O_RDONLY | O_CLOEXEC);
     good = fd >= 0 && fstat(fd, &st) == 0 && (st.st_mode & 077) == 0
         && read(fd, text, sizeof text - 1) > 0;
     for (int i = 0; good && i < KEYS; i++)
-        good = read_key(s->keys[i], text, names[i]);
+        good = read_key(l->keys[i], text, names[i]);
     explicit_bzero(text, sizeof text);
     if (fd >= 0)
         close(fd);
@@ -117,12 +132,12 @@ static bool may_begin(void)
     return made == 2 && opened == DESCRIPTORS;
 }
 
-static bool set_options(const modald_stream *s)
+static bool set_options(const struct link *l)
 {
     static const struct { int name, value; } options[] = {
         { ZMQ_LINGER, 0 },
         { ZMQ_RECONNECT_IVL, 50 }, { ZMQ_RECONNECT_IVL_MAX, 1000 },      /* ms */
-        { ZMQ_SNDHWM, 64 }, { ZMQ_RCVHWM, 0 },
+        { ZMQ_SNDHWM, SEND_MOST }, { ZMQ_RCVHWM, 0 },
         /* s: a peer that is gone is found in 15, whether something is under way or not */
         { ZMQ_TCP_KEEPALIVE, 1 }, { ZMQ_TCP_KEEPALIVE_IDLE, 5 },
         { ZMQ_TCP_KEEPALIVE_INTVL, 5 }, { ZMQ_TCP_KEEPALIVE_CNT, 2 }, { ZMQ_TCP_MAXRT, 15000 },
@@ -130,80 +145,80 @@ static bool set_options(const modald_stream *s)
     static const int keys[KEYS] = { ZMQ_CURVE_PUBLICKEY, ZMQ_CURVE_SECRETKEY, ZMQ_CURVE_SERVERKEY };
     const size_t value = sizeof options[0].value;
     int64_t most = HEARD_MOST;
-    bool good = zmq_setsockopt(s->socket, ZMQ_MAXMSGSIZE, &most, sizeof most) == 0;
+    bool good = zmq_setsockopt(l->socket, ZMQ_MAXMSGSIZE, &most, sizeof most) == 0;
 
     for (size_t i = 0; i < sizeof options / sizeof options[0]; i++)
-        good &= zmq_setsockopt(s->socket, options[i].name, &options[i].value, value) == 0;
-    for (int i = 0; i < KEYS && s->keys[i][0] != 0; i++)
-        good &= zmq_setsockopt(s->socket, keys[i], s->keys[i], sizeof s->keys[i]) == 0;
+        good &= zmq_setsockopt(l->socket, options[i].name, &options[i].value, value) == 0;
+    for (int i = 0; i < KEYS && l->keys[i][0] != 0; i++)
+        good &= zmq_setsockopt(l->socket, keys[i], l->keys[i], sizeof l->keys[i]) == 0;
     return good;
 }
 
 /* The socket's own account of its connection; it must never wait for us. */
-static bool open_monitor(modald_stream *s)
+static bool open_monitor(struct link *l)
 {
     static const int events = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED
                             | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH
                             | ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL, none = 0;
     char name[64];
 
-    snprintf(name, sizeof name, "inproc://modald-%u", ++s->links);
-    s->monitor = zmq_socket(s->context, ZMQ_PAIR);
-    return s->monitor != NULL && zmq_socket_monitor(s->socket, name, events) == 0
-        && zmq_setsockopt(s->monitor, ZMQ_LINGER, &none, sizeof none) == 0
-        && zmq_setsockopt(s->monitor, ZMQ_RCVHWM, &none, sizeof none) == 0
-        && zmq_connect(s->monitor, name) == 0;
+    snprintf(name, sizeof name, "inproc://modald-%u", ++l->connections);
+    l->monitor = zmq_socket(l->context, ZMQ_PAIR);
+    return l->monitor != NULL && zmq_socket_monitor(l->socket, name, events) == 0
+        && zmq_setsockopt(l->monitor, ZMQ_LINGER, &none, sizeof none) == 0
+        && zmq_setsockopt(l->monitor, ZMQ_RCVHWM, &none, sizeof none) == 0
+        && zmq_connect(l->monitor, name) == 0;
 }
 
-static void close_link(modald_stream *s)
+static void close_link(struct link *l)
 {
-    if (s->socket != NULL) {
-        zmq_socket_monitor(s->socket, NULL, 0);
-        zmq_close(s->socket);
+    if (l->socket != NULL) {
+        zmq_socket_monitor(l->socket, NULL, 0);
+        zmq_close(l->socket);
     }
-    if (s->monitor != NULL)
-        zmq_close(s->monitor);
-    s->socket = s->monitor = NULL;
-    s->ready = s->lost = false;
+    if (l->monitor != NULL)
+        zmq_close(l->monitor);
+    l->socket = l->monitor = NULL;
+    l->ready = l->lost = false;
 }
 
-static bool open_link(modald_stream *s)
+static bool open_link(struct link *l)
 {
-    s->socket = zmq_socket(s->context, ZMQ_DEALER);
-    if (s->socket != NULL && set_options(s) && open_monitor(s)
-        && zmq_connect(s->socket, s->url) == 0)
+    l->socket = zmq_socket(l->context, ZMQ_DEALER);
+    if (l->socket != NULL && set_options(l) && open_monitor(l)
+        && zmq_connect(l->socket, l->url) == 0)
         return true;
-    close_link(s);
-    s->begin_at = now() + pause_most;
+    close_link(l);
+    l->begin_at = now() + pause_most;
     return false;
 }
 
 /* Nothing more is said or heard on this link; the next begins after a pause. */
-static void drop_link(modald_stream *s)
+static void drop_link(struct link *l)
 {
-    reset_link(s);
-    close_link(s);
-    s->begin_at = now() + s->pause;
-    s->pause = fmin(2 * s->pause, pause_most);
+    begin_all_anew(l);
+    close_link(l);
+    l->begin_at = now() + l->pause;
+    l->pause = fmin(2 * l->pause, pause_most);
 }
 
-static bool connect_socket(modald_stream *s)
+static bool connect_socket(struct link *l)
 {
-    if (!read_keys(s)) {
-        warn_once(s, "the key file is not one of mode 0600 with three keys; "
-               "the run goes on without modald");
+    if (!read_keys(l)) {
+        warn_all(l, "the key file is not one of mode 0600 with three keys; "
+              "the run goes on without modald");
         return false;
     }
-    s->pause = pause_least;
-    s->context = may_begin() ? zmq_ctx_new() : NULL;
-    return s->context != NULL && open_link(s);
+    l->pause = pause_least;
+    l->context = may_begin() ? zmq_ctx_new() : NULL;
+    return l->context != NULL && open_link(l);
 }
 
-static void close_socket(modald_stream *s)
+static void close_socket(struct link *l)
 {
-    close_link(s);
-    if (s->context != NULL)
-        zmq_ctx_term(s->context);
-    s->context = NULL;
-    explicit_bzero(s->keys, sizeof s->keys);
+    close_link(l);
+    if (l->context != NULL)
+        zmq_ctx_term(l->context);
+    l->context = NULL;
+    explicit_bzero(l->keys, sizeof l->keys);
 }

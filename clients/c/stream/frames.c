@@ -6,9 +6,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 /* Of a step: a host's time that is a multiple of dt but for its rounding is on the grid. */
 static const double grid_slack = 1e-9;
+static const double frame_age_most = 0.05;     /* s */
 enum { RMS_LEAST = 8 };          /* samples beyond which their rms is a scale for the error */
 
 static bool frames_new(modald_stream *s)
@@ -16,16 +18,14 @@ static bool frames_new(modald_stream *s)
     size_t sample = bytes_of(s, 1);
 
     s->frame_samples = sample < FRAME_BYTES ? FRAME_BYTES / sample : 1;
-    for (int i = 0; i < WINDOW; i++)
-        if ((s->window[i].data = loan_new(bytes_of(s, s->frame_samples))) == NULL)
-            return false;
+    if (!loans_new(s, bytes_of(s, s->frame_samples)))
+        return false;
     for (int i = 0; i < HISTORY; i++)
         if ((s->history[i].y = malloc(sample)) == NULL)
             return false;
-    s->build.data = loan_new(bytes_of(s, s->frame_samples));
     s->rms = calloc((size_t)s->channels, sizeof *s->rms);
     s->sample = calloc((size_t)s->channels, sizeof *s->sample);
-    return s->build.data && s->rms && s->sample;
+    return s->rms && s->sample;
 }
 
 /* The frame being built into the window, or, while spilling, into the file; false: no room for it
@@ -45,10 +45,8 @@ static bool finish_build(modald_stream *s)
             return false;
         release(s, s->taken);
     } else {
-        struct frame *f = frame_at(s, s->frames++);
-        double *data = f->data;
-        *f = s->build;
-        s->build.data = data;
+        *frame_at(s, s->frames++) = s->build;
+        s->build.data = NULL;
     }
     s->build.count = 0;
     return true;
@@ -61,7 +59,8 @@ static bool add_sample(modald_stream *s, uint64_t index, const double *y)
              && s->build.count < s->frame_samples;
 
     if (!fits) {
-        if (!finish_build(s) || !loan_own(&s->build.data, bytes_of(s, s->frame_samples)))
+        if (!finish_build(s)
+            || (s->build.data == NULL && (s->build.data = loan_take(s)) == NULL))
             return false;
         s->build.first = index;
         s->build_since = now();
@@ -167,15 +166,28 @@ static void end_resampling(modald_stream *s)
     s->points = 0;
 }
 
+static bool is_half_full(const modald_stream *s)
+{
+    return waiting_in(s) >= s->slots / 2;
+}
+
+static bool is_due(const modald_stream *s)
+{
+    return bytes_of(s, s->build.count) >= FRAME_ENOUGH || is_half_full(s)
+        || (s->frames == 0 && now() > s->build_since + frame_age_most);
+}
+
+static bool send_due(modald_stream *s, bool all)
+{
+    return s->build.count > 0 && (all || is_due(s)) && finish_build(s);
+}
+
 /* The ring is half full: the daemon does not keep up, and from now on everything goes through the
  * file. */
 static void spill_if_needed(modald_stream *s, bool all)
 {
-    uint64_t waiting = atomic_load_explicit(&s->page->head, memory_order_acquire)
-                     - atomic_load_explicit(&s->page->tail, memory_order_relaxed);
-
     if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed
-        || (!all && waiting < s->slots / 2))
+        || (!all && !is_half_full(s)))
         return;
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);
@@ -189,8 +201,28 @@ static void spill_if_needed(modald_stream *s, bool all)
 
 static void fill_window(modald_stream *s)
 {
-    while (s->frames < WINDOW && s->spill_fd >= 0 && spill_next(s, frame_at(s, s->frames)))
+    while (s->frames < WINDOW && s->spill_fd >= 0) {
+        struct frame *f = frame_at(s, s->frames);
+        f->data = loan_take(s);
+        if (f->data == NULL || !spill_next(s, f)) {
+            loan_put(s, f->data);
+            return;
+        }
         s->frames++;
+    }
+}
+
+/* Nothing is in flight: what a burst took goes back to the system, but for a few. */
+static void shrink(modald_stream *s)
+{
+    int kept = s->spares < LOANS_KEPT ? s->spares : LOANS_KEPT;
+
+    if (s->spares_least + LOANS_KEPT + 1 >= s->spares)
+        return;
+    for (int i = s->spares_least; i < s->spares - kept; i++)
+        if (atomic_load_explicit(&loan_of(s->spare[i])->holders, memory_order_acquire) == 0)
+            madvise(loan_of(s->spare[i]), s->loans->stride, MADV_DONTNEED);
+    s->spares_least = s->spares;
 }
 
 /* Frames acknowledged from the front on leave the window, their slots or file space with them. */
@@ -203,9 +235,12 @@ static void retire(modald_stream *s)
         if (f->file_end > s->spill_acknowledged)
             s->spill_acknowledged = f->file_end;
         atomic_fetch_add_explicit(&s->acknowledged, f->count, memory_order_relaxed);
-        f->ring_end = f->file_end = 0;
+        loan_put(s, f->data);
+        *f = (struct frame) { 0 };
         s->first_frame = (s->first_frame + 1) % WINDOW;
         s->frames--;
     }
+    if (s->frames == 0)
+        shrink(s);
     spill_drained(s);
 }

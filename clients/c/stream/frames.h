@@ -13,6 +13,9 @@ static void build_frames(modald_stream *s);
 /* The frame being built into the window, or, while spilling, into the file; false: no room now. */
 static bool finish_build(modald_stream *s);
 
+/* The same, where it is due (ALL: in any case); false: it is not, or there is no room now. */
+static bool send_due(modald_stream *s, bool all);
+
 /* The rest of an uneven record: its last point has none beyond. */
 static void end_resampling(modald_stream *s);
 

@@ -10,7 +10,7 @@
 
 static void append_id(modald_stream *s, char *text, size_t size, int64_t *id)
 {
-    *id = ++s->next_id;
+    *id = ++s->link->questions * LINK_STREAMS + s->slot;
     snprintf(text, size, "{\"id\":%lld", (long long)*id);
 }
 
@@ -21,11 +21,12 @@ static bool send_body(modald_stream *s, double *data, size_t length)
     bool sent;
 
     atomic_fetch_add_explicit(&loan_of(data)->holders, 1, memory_order_relaxed);
-    if (zmq_msg_init_data(&message, data, length, give_back, NULL) != 0) {
-        loan_drop(data);
+    atomic_fetch_add_explicit(&s->loans->holders, 1, memory_order_relaxed);
+    if (zmq_msg_init_data(&message, data, length, give_back, s->loans) != 0) {
+        give_back(data, s->loans);
         return false;
     }
-    sent = zmq_msg_send(&message, s->socket, ZMQ_DONTWAIT) >= 0;
+    sent = zmq_msg_send(&message, s->link->socket, ZMQ_DONTWAIT) >= 0;
     if (!sent)
         zmq_msg_close(&message);                        /* which gives it back */
     return sent;
@@ -34,10 +35,12 @@ static bool send_body(modald_stream *s, double *data, size_t length)
 static bool send_message(modald_stream *s, const char *verb, const char *header, double *body,
                          size_t length)
 {
-    if (!s->ready || zmq_send(s->socket, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
+    void *to = s->link->socket;
+
+    if (!s->link->ready || zmq_send(to, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
         return false;
-    return zmq_send(s->socket, verb, strlen(verb), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
-        && zmq_send(s->socket, header, strlen(header), ZMQ_DONTWAIT | (body ? ZMQ_SNDMORE : 0)) >= 0
+    return zmq_send(to, verb, strlen(verb), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
+        && zmq_send(to, header, strlen(header), ZMQ_DONTWAIT | (body ? ZMQ_SNDMORE : 0)) >= 0
         && (body == NULL || send_body(s, body, length));
 }
 
@@ -94,23 +97,26 @@ static void send_close(modald_stream *s)
     s->asked_at = now();
 }
 
-static void send_frames(modald_stream *s)
+static bool send_frames(modald_stream *s)
 {
+    bool sent = false;
+
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);
         size_t length = bytes_of(s, f->count);
         if (f->id != 0)
             continue;
         if ((s->flying > 0 && s->flying + length > s->credit) || !send_frame(s, f))
-            return;
+            return sent;
+        sent = true;
     }
+    return sent;
 }
 
-/* The link is new or gone: nothing that was sent counts. */
-static void reset_link(modald_stream *s)
+static void begin_anew(modald_stream *s)
 {
     s->opened = s->opening = s->closing = false;
-    s->first_id = s->next_id + 1;
+    s->first_id = (s->link->questions + 1) * LINK_STREAMS;
     s->flying = 0;
     s->events_id = 0;
     for (int i = 0; i < s->frames; i++)
@@ -151,7 +157,7 @@ static void on_reply(modald_stream *s, const char *const *members)
         set_epoch(s, count_at(members[EPOCH], 0));
         s->opened = true;
         s->opening = false;
-        s->pause = pause_least;
+        s->link->pause = pause_least;
     } else if (id == s->close_id && s->closing) {
         s->closed = true;
     }
@@ -196,7 +202,7 @@ static void on_error(modald_stream *s, const char *const *members)
     if (passes) {
         double after = number_at(member(member(error, "detail"), "retry_after_s"), quiet_most);
         s->quiet_until = now() + fmin(fmax(after, quiet_least), quiet_most);
-        reset_link(s);                             /* open again: what was taken is known then */
+        begin_anew(s);                             /* open again: what was taken is known then */
         return;
     }
     if (!read_string(member(error, "message"), message, sizeof message))
@@ -211,8 +217,14 @@ static void on_error(modald_stream *s, const char *const *members)
 static bool is_ours(const modald_stream *s, const char *const *members)
 {
     const char *of = members[STREAM_ID];
+    char name[sizeof s->name];
 
-    return (of == NULL || is_text(of, s->stream)) && count_at(members[EPOCH], s->epoch) == s->epoch;
+    if (of != NULL ? !is_text(of, s->stream)
+                   : members[STREAM] != NULL
+                     && (!read_string(members[STREAM], name, sizeof name)
+                         || strcmp(name, s->name) != 0))
+        return false;
+    return count_at(members[EPOCH], s->epoch) == s->epoch;
 }
 
 /* The four numbers of a mode, and no sample yet; a damping of HUGE_VAL: it is none. */
@@ -278,8 +290,9 @@ static void on_event(modald_stream *s, const char *const *members)
 }
 
 /* A message of KIND, its header as text that is ours to read; one that is no whole object, or says
- * what we read twice, is passed over. */
-static void on_message(modald_stream *s, const char *kind, const char *header)
+ * what we read twice, is passed over.  It is for the stream that asked; an event is for those whose
+ * samples it tells of, and what answers no question for all. */
+static void on_message(struct link *l, const char *kind, const char *header)
 {
     static const struct {
         const char *kind;
@@ -289,14 +302,18 @@ static void on_message(modald_stream *s, const char *kind, const char *header)
     };
     const char *members[MEMBERS];
     const char *end = read_object(skip_space(header), member_names, MEMBERS, members);
+    uint64_t id = count_at(members[ID], 0);
+    int first = id > 0 ? (int)(id % LINK_STREAMS) : 0, last = id > 0 ? first + 1 : l->slots;
 
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (end != NULL && *skip_space(end) == 0 && strcmp(kind, kinds[i].kind) == 0)
-            kinds[i].on(s, members);
+            for (int slot = first; slot < last; slot++)
+                if (l->streams[slot] != NULL)
+                    kinds[i].on(l->streams[slot], members);
 }
 
 /* One message: what it cost; 0: there is none. */
-static size_t receive(modald_stream *s)
+static size_t receive(struct link *l)
 {
     char kind[8] = "", *header = NULL;
     size_t cost = 0;
@@ -305,7 +322,7 @@ static size_t receive(modald_stream *s)
 
     zmq_msg_init(&part);
     for (int i = 0; more && cost <= BACKLOG_MOST; i++) {
-        if (zmq_msg_recv(&part, s->socket, ZMQ_DONTWAIT) < 0)
+        if (zmq_msg_recv(&part, l->socket, ZMQ_DONTWAIT) < 0)
             break;
         size_t size = zmq_msg_size(&part);
         more = zmq_msg_more(&part);
@@ -317,7 +334,7 @@ static size_t receive(modald_stream *s)
     }
     zmq_msg_close(&part);
     if (header != NULL)
-        on_message(s, kind, header);
+        on_message(l, kind, header);
     free(header);
     return cost;
 }

@@ -6,15 +6,16 @@
 /* Ask to open the stream, and for its events. */
 static void send_open(modald_stream *s);
 
-/* Send the window's frames that are not sent yet, within the daemon's credit. */
-static void send_frames(modald_stream *s);
+/* Send the window's frames that are not sent yet, within the daemon's credit; false: there was
+ * none, or no room. */
+static bool send_frames(modald_stream *s);
 
 /* Ask to seal the stream. */
 static void send_close(modald_stream *s);
 
-/* The link is new or gone: nothing that was sent counts. */
-static void reset_link(modald_stream *s);
+/* Nothing that was sent counts: the link is new or gone, or the daemon wants S opened again. */
+static void begin_anew(modald_stream *s);
 
 /* Take in one message; its cost in bytes of libzmq's memory; 0: there is none. */
-static size_t receive(modald_stream *s);
+static size_t receive(struct link *l);
 #endif

@@ -54,7 +54,7 @@ void modald_get_report(const modald_stream *s, struct modald_report *out)
     out->pushed = (double)s->head;
     out->dropped = (double)atomic_load(&s->dropped);
     out->acknowledged = (double)atomic_load(&s->acknowledged);
-    out->waiting = (double)(s->head - atomic_load(&s->page->tail));
+    out->waiting = (double)waiting_in(s);
     out->spilled = (double)atomic_load(&s->spilled);
     out->resampling_error = s->resampling_error;
     out->refused = atomic_load(&s->refused);
@@ -124,16 +124,15 @@ static void absolute(char *out, size_t size, const char *path)
 /* A closed stream's handle: what is done to it does nothing, until so many were closed after it. */
 static void free_later(modald_stream *s)
 {
-    static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
     static modald_stream *closed[CLOSED_KEPT];
     static unsigned next;
     modald_stream *oldest;
 
-    pthread_mutex_lock(&lock);
+    pthread_mutex_lock(&process_lock);
     oldest = closed[next];
     closed[next] = s;
     next = (next + 1) % CLOSED_KEPT;
-    pthread_mutex_unlock(&lock);
+    pthread_mutex_unlock(&process_lock);
     free(oldest);
 }
 
@@ -141,11 +140,9 @@ static void stream_free(modald_stream *s)
 {
     if (s->page != NULL)
         munmap(s->page, s->ring_bytes);
-    for (int i = 0; i < WINDOW; i++)
-        loan_drop(s->window[i].data);
+    loans_drop(s->loans);
     for (int i = 0; i < HISTORY; i++)
         free(s->history[i].y);
-    loan_drop(s->build.data);
     free(s->rms);
     free(s->sample);
     free(s->names);
@@ -154,6 +151,7 @@ static void stream_free(modald_stream *s)
     free(s->alarms);
     free(s->url);
     free(s->keyfile);
+    free(s->ring_file);
     free(s->open_text);
     free(s->run);
     sem_destroy(&s->begun);
@@ -173,14 +171,15 @@ static char *copy_url(const char *url)
     return strdup(strlen(path) - 6 <= URL_PATH_MOST ? path : url);
 }
 
-static char *copy_keyfile(void)
+/* The file that the variable NAME names, from the root; NULL: none. */
+static char *copy_path(const char *name)
 {
-    const char *keyfile = getenv("MODALD_KEYFILE");
+    const char *file = getenv(name);
     char path[1024];
 
-    if (keyfile == NULL || *keyfile == 0)
+    if (file == NULL || *file == 0)
         return NULL;
-    absolute(path, sizeof path, keyfile);
+    absolute(path, sizeof path, file);
     return strdup(path);
 }
 
@@ -191,9 +190,7 @@ static char *copy_of(const char *name)
     return text && *text ? strdup(text) : NULL;
 }
 
-/* Everything that the environment says is read here, in the host's thread. */
-static modald_stream *stream_new(const char *name, int channels, double dt, const char *url,
-                                 size_t ring, const char *ring_file)
+static modald_stream *stream_new(const char *name, int channels, double dt, const char *url)
 {
     const char *folder = getenv("MODALD_SPILL"), *tmp = getenv("TMPDIR");
     modald_stream *s = aligned_alloc(LINE, sizeof *s);
@@ -216,22 +213,43 @@ static modald_stream *stream_new(const char *name, int channels, double dt, cons
     s->window_hop = (long)size_from("MODALD_HOP", 0);
     s->credit = FRAME_BYTES;
     s->url = copy_url(url);
-    s->keyfile = copy_keyfile();
+    s->keyfile = copy_path("MODALD_KEYFILE");
     s->options = copy_of("MODALD_OPTIONS");
     s->alarms = copy_of("MODALD_ALARMS");
     s->run = describe_run();
-    if (s->url == NULL || !ring_open(s, ring, ring_file) || !frames_new(s)) {
-        if (s->ring_fd >= 0)
-            close(s->ring_fd);
+    if (s->url == NULL || !frames_new(s)) {
         stream_free(s);
         return NULL;
     }
     return s;
 }
 
+static void link_free(struct link *l)
+{
+    sem_destroy(&l->begun);
+    free(l->url);
+    free(l->keyfile);
+    free(l);
+}
+
+static struct link *link_new(const modald_stream *s)
+{
+    struct link *l = calloc(1, sizeof *l);
+
+    if (l == NULL)
+        return NULL;
+    sem_init(&l->begun, 0, 0);
+    l->url = strdup(s->url);
+    l->keyfile = s->keyfile != NULL ? strdup(s->keyfile) : NULL;
+    if (l->url != NULL && (l->keyfile != NULL || s->keyfile == NULL))
+        return l;
+    link_free(l);
+    return NULL;
+}
+
 /* The sender's thread; no signal is ever its own.  A host with more of its own data a thread than
  * SENDER_STACK gets the usual stack. */
-static bool start(modald_stream *s)
+static bool start(struct link *l)
 {
     pthread_attr_t attr;
     sigset_t all, before;
@@ -241,15 +259,94 @@ static bool start(modald_stream *s)
     pthread_sigmask(SIG_BLOCK, &all, &before);
     pthread_attr_init(&attr);
     pthread_attr_setstacksize(&attr, SENDER_STACK);
-    good = pthread_create(&s->thread, &attr, sender, s) == 0
-        || pthread_create(&s->thread, NULL, sender, s) == 0;
+    good = pthread_create(&l->thread, &attr, sender, l) == 0
+        || pthread_create(&l->thread, NULL, sender, l) == 0;
     pthread_attr_destroy(&attr);
-    while (good && sem_wait(&s->begun) != 0)
+    while (good && sem_wait(&l->begun) != 0)
         ;
-    if (s->ring_fd >= 0 && (!good || s->own_descriptors))
-        close(s->ring_fd);                              /* the sender has its own */
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     return good;
+}
+
+/* The link for S, where the process has it and it goes. */
+static struct link *link_find(const modald_stream *s)
+{
+    for (struct link *l = links; l != NULL; l = l->next)
+        if (strcmp(l->url, s->url) == 0 && l->users < LINK_STREAMS && !atomic_load(&l->refused)
+            && strcmp(l->keyfile ? l->keyfile : "", s->keyfile ? s->keyfile : "") == 0)
+            return l;
+    return NULL;
+}
+
+static struct link *link_begin(const modald_stream *s)
+{
+    struct link *l = link_new(s);
+
+    if (l != NULL && !start(l)) {
+        link_free(l);
+        return NULL;
+    }
+    if (l != NULL) {
+        l->next = links;
+        links = l;
+    }
+    return l;
+}
+
+/* S to its link, begun where there is none.  Its ring is there, or, where it is in a file, the
+ * sender opens it.  False: no thread or no memory. */
+static bool join(modald_stream *s)
+{
+    struct link *l;
+
+    pthread_mutex_lock(&process_lock);
+    l = link_find(s);
+    l = l != NULL ? l : link_begin(s);
+    if (l != NULL) {
+        l->users++;
+        s->link = l;
+        s->next = atomic_load(&l->arrived);
+        while (!atomic_compare_exchange_weak(&l->arrived, &s->next, s))
+            ;
+    }
+    pthread_mutex_unlock(&process_lock);
+    while (l != NULL && s->ring_file != NULL && sem_wait(&s->begun) != 0)
+        ;
+    return l != NULL;
+}
+
+static void unlist(const struct link *l)
+{
+    struct link **at = &links;
+
+    while (*at != NULL && *at != l)
+        at = &(*at)->next;
+    if (*at != NULL)
+        *at = l->next;
+}
+
+/* One stream of L less; the last ends it.  LEFT: its thread hangs in a file system, and no other
+ * stream comes to it, nor does anybody wait for it. */
+static void part(struct link *l, bool left)
+{
+    bool last, wait;
+
+    pthread_mutex_lock(&process_lock);
+    l->left |= left;
+    last = --l->users == 0;
+    wait = last && !l->left;
+    if (last || left)
+        unlist(l);
+    pthread_mutex_unlock(&process_lock);
+    if (!last)
+        return;
+    if (!wait)
+        pthread_detach(l->thread);
+    atomic_store(&l->stop, true);
+    if (wait) {
+        pthread_join(l->thread, NULL);
+        link_free(l);
+    }
 }
 
 modald_stream *modald_open(const char *name, int channels, double dt)
@@ -267,11 +364,18 @@ modald_stream *modald_open(const char *name, int channels, double dt)
     }
     /* numbers have a point */
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);
-    s = stream_new(name, channels, dt, url, size_from("MODALD_RING", ring_usual),
-                   getenv("MODALD_RING_FILE"));
+    s = stream_new(name, channels, dt, url);
+    if (s != NULL) {
+        s->ring_bytes = size_from("MODALD_RING", ring_usual);
+        s->ring_file = copy_path("MODALD_RING_FILE");
+    }
     uselocale(before);
     freelocale(c);
-    if (s != NULL && !start(s)) {
+    if (s != NULL && !((s->ring_file != NULL || ring_open(s, s->ring_bytes, NULL)) && join(s))) {
+        stream_free(s);
+        s = NULL;
+    } else if (s != NULL && s->page == NULL) {
+        part(s->link, false);
         stream_free(s);
         s = NULL;
     }
@@ -313,6 +417,7 @@ void modald_window(modald_stream *s, long samples, long hop, const char *options
 static void end_stream(modald_stream *s, int how)
 {
     double until;
+    bool finished;
 
     if (s == NULL || is_dead(s))
         return;
@@ -320,13 +425,12 @@ static void end_stream(modald_stream *s, int how)
     atomic_store(&s->stop, how);
     while (!atomic_load(&s->finished) && now() < until)
         sleep_for(moment);
-    if (atomic_load(&s->finished)) {
-        pthread_join(s->thread, NULL);
+    finished = atomic_load(&s->finished);
+    part(s->link, !finished);
+    if (finished)
         stream_free(s);
-    } else { /* the thread hangs in a file system: leave it */
-        pthread_detach(s->thread);
+    else
         s->forks = CLOSED;
-    }
 }
 
 void modald_close(modald_stream *s)

@@ -14,6 +14,16 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+/* S, which may be NULL, with its ring; NULL: no memory. */
+static modald_stream *with_ring(modald_stream *s, size_t bytes, const char *file)
+{
+    if (s != NULL && !ring_open(s, bytes, file)) {
+        stream_free(s);
+        return NULL;
+    }
+    return s;
+}
+
 /* A stream whose spill file is FD: its head says what it was. */
 static modald_stream *from_spill(int fd, const char *url, char *message, size_t size)
 {
@@ -36,9 +46,10 @@ static modald_stream *from_spill(int fd, const char *url, char *message, size_t 
         double dt = number_at(member(text, "dt"), 0);
         if (channels >= 1 && channels <= CHANNELS_MOST && dt > 0
             && read_string(member(text, "name"), name, sizeof name) && name[0] != 0)
-            s = stream_new(name, (int)channels, dt, url, RING_HEAD, NULL);
+            s = stream_new(name, (int)channels, dt, url);
         text[0] = ',';
     }
+    s = with_ring(s, RING_HEAD, NULL);
     if (s == NULL) {
         snprintf(message, size, "its head cannot be read");
         free(text);
@@ -66,8 +77,8 @@ static modald_stream *from_ring(int fd, const char *path, const char *url, char 
     if (pread(fd, &page, sizeof page, 0) == (ssize_t)sizeof page && page.channels >= 1
         && page.channels <= CHANNELS_MOST && page.dt > 0 && page.slots >= SLOTS_LEAST
         && page.slots < slots_most && memchr(page.name, 0, sizeof page.name) != NULL)
-        s = stream_new(page.name, (int)page.channels, page.dt, url,
-                       page.slots * (page.channels + 2) * sizeof(double), path);
+        s = with_ring(stream_new(page.name, (int)page.channels, page.dt, url),
+                      page.slots * (page.channels + 2) * sizeof(double), path);
     if (s == NULL)
         snprintf(message, size, "its head cannot be read");
     close(fd);
@@ -91,24 +102,31 @@ static void describe_damage(const modald_stream *s, char *message, size_t size)
                (unsigned long long)s->torn);
 }
 
-/* All of it, in at most TIMEOUT seconds? */
-static bool send_all(modald_stream *s, double timeout, char *message, size_t size)
+/* All of it by L, in at most TIMEOUT seconds? */
+static bool send_all(struct link *l, modald_stream *s, double timeout, char *message, size_t size)
 {
     bool good = false;
 
-    s->seal = true;
-    if (!connect_socket(s)) {
+    if (!connect_socket(l)) {
         snprintf(message, size, "no socket to %s", s->url);
         return false;
     }
-    finish(s, now() + timeout);
+    s->link = l;
+    s->seal = true;
+    s->until = now() + timeout;
+    take_in(l, s);
+    while (!is_over(s)) {
+        bool moved = receive_all(l);
+        if (!serve(s) && !moved)
+            sleep_for(moment);
+    }
     good = drained(s) && s->closed;
     if (good)
         describe_damage(s, message, size);
     else
         snprintf(message, size, "%s",
                  s->refused ? "the daemon refused it"
-                 : s->ready ? "not all of it was acknowledged in time"
+                 : l->ready ? "not all of it was acknowledged in time"
                             : "no server");
     return good;
 }
@@ -120,6 +138,7 @@ int modald_replay(const char *path, double timeout, double *samples, char *messa
     int fd = open(path, O_RDWR | O_CLOEXEC);
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);
     modald_stream *s = NULL;
+    struct link *l;
     bool good = false;
 
     snprintf(message, size, "%s", fd < 0 ? strerror(errno) : "it is no spill or ring file");
@@ -128,10 +147,16 @@ int modald_replay(const char *path, double timeout, double *samples, char *messa
         s = from_spill(fd, url ? url : "", message, size);
     else if (fd >= 0 && memcmp(magic, ring_magic, sizeof magic) == 0)
         s = from_ring(fd, path, url ? url : "", message, size);
+    l = s != NULL ? link_new(s) : NULL;
+    if (s != NULL && l == NULL)
+        snprintf(message, size, "no memory");
+    if (l != NULL) {
+        good = send_all(l, s, timeout, message, size);
+        close_socket(l);
+        link_free(l);
+    }
     if (s != NULL) {
-        good = send_all(s, timeout, message, size);
         *samples = (double)atomic_load(&s->acknowledged);
-        close_socket(s);
         if (s->spill_fd >= 0)
             close(s->spill_fd);
         if (s->ring_fd >= 0)

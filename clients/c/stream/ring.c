@@ -11,6 +11,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#ifndef MADV_POPULATE_WRITE
+#define MADV_POPULATE_WRITE 23      /* of Linux 5.14; one of before says no, and nothing is lost */
+#endif
+
+static const double piece_slow = 0.125;      /* s a piece: a ring of 8 MiB lasts for 8 */
+
 /* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
 static inline double *next_slot(modald_stream *s)
 {
@@ -97,10 +103,68 @@ void modald_seek(modald_stream *s, double index)
         s->index = (uint64_t)index;
 }
 
+/* Whole pages of the ring that the slots from FROM to TO fill alone, to WHAT of madvise(2); they go
+ * round the ring's end once at most. */
+static void advise(const modald_stream *s, uint64_t from, uint64_t to, const int *what, int count)
+{
+    size_t slot = s->stride * sizeof(double), begin = from % s->slots * slot,
+           length = (size_t)(to - from) * slot, end = s->slots * slot;
+
+    for (size_t part; length > 0; length -= part, begin = 0) {
+        part = begin + length > end ? end - begin : length;
+        uintptr_t first = ((uintptr_t)s->ring + begin + PAGE - 1) / PAGE * PAGE,
+                  last = ((uintptr_t)s->ring + begin + part) / PAGE * PAGE;
+        for (int i = 0; i < count && first < last; i++)
+            madvise((char *)s->page + (first - (uintptr_t)s->page), last - first, what[i]);
+    }
+}
+
+/* Slots before TAIL were read.  They are the host's once there is a piece of them, which a slow
+ * stream gives back to the system before. */
 static void release(modald_stream *s, uint64_t tail)
 {
-    if (tail > atomic_load_explicit(&s->page->tail, memory_order_relaxed))
-        atomic_store_explicit(&s->page->tail, tail, memory_order_release);
+    static const int back[] = { MADV_DONTNEED, MADV_HUGEPAGE };
+    uint64_t was = atomic_load_explicit(&s->page->tail, memory_order_relaxed);
+
+    if (tail <= atomic_load_explicit(&s->released, memory_order_relaxed))
+        return;
+    atomic_store_explicit(&s->released, tail, memory_order_relaxed);
+    if (tail - was < s->piece)
+        return;
+    if (s->piece > 0) {
+        double at = now();
+        if (at - s->piece_at > piece_slow)
+            advise(s, was, tail, back, 2);
+        s->piece_at = at;
+    }
+    atomic_store_explicit(&s->page->tail, tail, memory_order_release);
+}
+
+static uint64_t waiting_in(const modald_stream *s)
+{
+    return atomic_load_explicit(&s->page->head, memory_order_acquire)
+         - atomic_load_explicit(&s->released, memory_order_relaxed);
+}
+
+/* Small pages for a slow stream, huge ones for another.  A host that overtook us has its pages by
+ * itself. */
+static void keep_ahead(modald_stream *s)
+{
+    static const int there[] = { MADV_NOHUGEPAGE, MADV_POPULATE_WRITE };
+    uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire),
+             ahead = RING_AHEAD / (s->stride * sizeof(double)),
+             room = atomic_load_explicit(&s->page->tail, memory_order_relaxed) + s->slots;
+
+    if (s->piece == 0 || head + ahead / 2 < s->touched)
+        return;
+    uint64_t from = head > s->touched ? head : s->touched, to = head + ahead;
+    to = to < room ? to : room;
+    double at = now();
+    bool slow = at - s->touched_at > piece_slow * (RING_AHEAD / 2) / RING_PIECE;
+    if (head <= s->touched && from < to)
+        advise(s, from, to, slow ? there : there + 1, slow ? 2 : 1);
+    s->touched = to > from ? to : from;
+    s->touched_at = at;
 }
 
 /* Every page is there, and known to this processor, before the first push. */
@@ -110,30 +174,33 @@ static void touch_pages(void *base, size_t bytes)
         *p = *p;
 }
 
-/* Zeroed, in huge pages where the system gives them and it fills one. */
-static void *map_memory(size_t bytes)
+/* Zeroed, of *BYTES or a little more, its first RING_TOUCHED bytes there, the rest in huge pages
+ * where the system gives them and it fills one: then those begin behind what is there. */
+static void *map_memory(size_t *bytes)
 {
-    size_t spare = bytes >= HUGE_PAGE ? HUGE_PAGE : 0, before;
-    char *base = mmap(NULL, bytes + spare, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1,
+    size_t spare = *bytes >= HUGE_PAGE ? 2 * HUGE_PAGE : 0, before;
+    char *base = mmap(NULL, *bytes + spare, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1,
                       0);
 
     if (base == MAP_FAILED && spare > 0) {
         spare = 0;
-        base = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        base = mmap(NULL, *bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     }
     if (base == MAP_FAILED)
         return NULL;
     if (spare > 0) {
-        size_t end = (bytes + PAGE - 1) / PAGE * PAGE;
-        before = (HUGE_PAGE - (uintptr_t)base % HUGE_PAGE) % HUGE_PAGE;
+        size_t end = RING_TOUCHED
+                   + (*bytes - RING_TOUCHED + HUGE_PAGE - 1) / HUGE_PAGE * HUGE_PAGE;
+        before = (HUGE_PAGE - ((uintptr_t)base + RING_TOUCHED) % HUGE_PAGE) % HUGE_PAGE;
         if (before > 0)
             munmap(base, before);
-        if (before + end < bytes + spare)
-            munmap(base + before + end, bytes + spare - before - end);
+        if (before + end < *bytes + spare)
+            munmap(base + before + end, *bytes + spare - before - end);
         base += before;
-        madvise(base, bytes, MADV_HUGEPAGE);
+        madvise(base + RING_TOUCHED, end - RING_TOUCHED, MADV_HUGEPAGE);
+        *bytes = end;
     }
-    touch_pages(base, bytes);
+    touch_pages(base, *bytes < RING_TOUCHED ? *bytes : RING_TOUCHED);
     return base;
 }
 
@@ -233,15 +300,20 @@ static bool ring_open(modald_stream *s, size_t bytes, const char *file)
         s->slots = bytes < RING_HEAD + SLOTS_LEAST * slot ? SLOTS_LEAST
                  : (bytes - RING_HEAD) / slot;
         s->ring_bytes = RING_HEAD + s->slots * slot;
-        s->page = map_memory(s->ring_bytes);
+        s->page = map_memory(&s->ring_bytes);
+        if (s->slots * slot >= RING_TOUCHED)
+            s->piece = slot < RING_PIECE ? RING_PIECE / slot : 1;
     }
     if (s->page == NULL)
         return false;
+    s->touched = (RING_TOUCHED - RING_HEAD) / slot;
+    s->touched_at = s->piece_at = now();
     s->ring = (double *)((char *)s->page + RING_HEAD);
     if (!is_ring_of(s, s->page))
         fill_head(s, s->page);
     s->head = atomic_load(&s->page->head);
     s->taken = s->tail_seen = atomic_load(&s->page->tail);
+    atomic_store(&s->released, s->taken);
     s->cursor = s->head % s->slots;
     return true;
 }

@@ -8,6 +8,13 @@
  * name); where the file cannot be used, a line on stderr and memory.  False: no memory. */
 static bool ring_open(modald_stream *s, size_t bytes, const char *file);
 
-/* Slots before TAIL are the host's again; a TAIL that is behind it changes nothing. */
+/* Slots before TAIL are read, and the host's again soon; a TAIL that is behind it changes nothing.
+ */
 static void release(modald_stream *s, uint64_t tail);
+
+/* Slots that wait: pushed, and neither acknowledged nor in the spill file. */
+static uint64_t waiting_in(const modald_stream *s);
+
+/* Have the pages ready that a host writes next at its present pace. */
+static void keep_ahead(modald_stream *s);
 #endif

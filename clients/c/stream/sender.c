@@ -12,23 +12,52 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-static const double frame_age_most = 0.02;     /* s: then it goes out, full or not */
 static const double idle_most = 0.005;         /* s between two looks, where nothing comes */
+static const double look_pause = 5e-6;         /* s a stream: a look at it takes some 0.1 us */
+
+static void take_in(struct link *l, modald_stream *s)
+{
+    int slot = 0;
+
+    while (slot < l->slots && l->streams[slot] != NULL)
+        slot++;
+    l->slots += slot == l->slots;
+    l->streams[slot] = s;
+    s->slot = slot;
+    s->refused = l->refused;
+    begin_anew(s);
+}
+
+/* Streams that were opened.  A ring's file is opened here, where its descriptor is none of the
+ * host's. */
+static void greet(struct link *l)
+{
+    modald_stream *s = atomic_exchange(&l->arrived, NULL), *next;
+
+    for (; s != NULL; s = next) {
+        next = s->next;
+        if (s->page != NULL || ring_open(s, s->ring_bytes, s->ring_file))
+            take_in(l, s);
+        sem_post(&s->begun);
+    }
+}
 
 /* What came in.  True: something did. */
-static bool receive_all(modald_stream *s)
+static bool receive_all(struct link *l)
 {
-    size_t taken = 0, cost = 1;
+    size_t most = BACKLOG_MOST + (size_t)l->slots * BACKLOG_EACH, taken = 0, cost = 1;
 
-    if (s->socket == NULL && (now() < s->begin_at || !open_link(s)))
+    if (l->socket == NULL && (l->refused || now() < l->begin_at || !open_link(l)))
         return false;
-    read_monitor(s);
-    for (; cost > 0 && taken <= BACKLOG_MOST; taken += cost)
-        cost = receive(s);
-    if (taken > BACKLOG_MOST)
-        s->pause = pause_most;
-    if (s->lost || taken > BACKLOG_MOST)
-        drop_link(s);
+    read_monitor(l);
+    for (; cost > 0 && taken <= most; taken += cost)
+        cost = receive(l);
+    if (taken > 0)
+        l->heard_at = now();
+    if (taken > most)
+        l->pause = pause_most;
+    if (l->lost || taken > most)
+        drop_link(l);
     return taken > 0;
 }
 
@@ -39,42 +68,46 @@ static bool drained(const modald_stream *s)
         && !spilling(s);
 }
 
-/* One turn: what came in, what was pushed, what goes out.  True: something moved. */
-static bool turn(modald_stream *s, bool flush)
+static bool is_over(const modald_stream *s)
 {
-    uint64_t before = s->taken;
-    bool moved = receive_all(s);
+    return s->refused || now() >= s->until || (drained(s) && (s->closed || !s->seal));
+}
+
+/* A question of S has no answer for too long: it is asked again, by another connection where this
+ * one has said nothing since. */
+static void ask_again(modald_stream *s)
+{
+    if (s->link->heard_at > s->asked_at)
+        begin_anew(s);
+    else
+        drop_link(s->link);
+}
+
+/* What was pushed to S, and what goes out of it.  True: something did. */
+static bool serve(modald_stream *s)
+{
+    bool flush = s->until > 0, sent;
 
     if (s->refused) { /* nobody wants them: the ring stays empty */
         release(s, s->taken = atomic_load(&s->page->head));
         return false;
     }
+    keep_ahead(s);
     build_frames(s);
-    if (s->build.count > 0 && (flush || now() > s->build_since + frame_age_most))
-        finish_build(s);
+    send_due(s, flush);
     spill_if_needed(s, false);
     fill_window(s);
-    if (s->ready && !s->opened && !s->opening && (s->frames > 0 || flush)
+    if (s->link->ready && !s->opened && !s->opening && (s->frames > 0 || flush)
         && now() >= s->quiet_until)
         send_open(s);
-    if (s->opened)
-        send_frames(s);
+    sent = s->opened && send_frames(s);
     if ((s->opening || s->flying > 0) && now() > s->asked_at + answer_patience)
-        drop_link(s);
-    return moved || s->taken != before;
-}
-
-static void finish(modald_stream *s, double until)
-{
-    while (!s->refused && now() < until && !(drained(s) && (s->closed || !s->seal))) {
-        bool moved = turn(s, true);
-        if (s->taken == atomic_load(&s->page->head))
-            end_resampling(s);
-        if (drained(s) && s->opened && !s->closing)
-            send_close(s);
-        if (!moved)
-            sleep_for(moment);
-    }
+        ask_again(s);
+    if (flush && s->taken == atomic_load(&s->page->head))
+        end_resampling(s);
+    if (flush && drained(s) && s->opened && !s->closing)
+        send_close(s);
+    return sent;
 }
 
 /* What could not be sent goes into the spill file. */
@@ -92,18 +125,15 @@ static void spill_unsent(modald_stream *s)
     spill_if_needed(s, true);
 }
 
-/* A table of descriptors of our own: stderr and the ring's lock from the host's, nothing on 0
- * and 1.  A kernel before 5.9 has no such call, and it is shared. */
-static void unshare_descriptors(modald_stream *s)
+/* A table of descriptors of our own: stderr from the host's, nothing on 0 and 1.  A kernel before
+ * 5.9 has no such call, and it is shared. */
+static void unshare_descriptors(void)
 {
-    unsigned keep = s->ring_fd > 2 ? (unsigned)s->ring_fd : 2, unshare_too = 2;
+    unsigned unshare_too = 2;
     int null;
 
-    if (syscall(SYS_close_range, keep + 1, ~0u, unshare_too) != 0)
+    if (syscall(SYS_close_range, STDERR_FILENO + 1u, ~0u, unshare_too) != 0)
         return;
-    s->own_descriptors = true;
-    if (keep > STDERR_FILENO + 1)
-        syscall(SYS_close_range, 3u, keep - 1, 0u);
     null = open("/dev/null", O_RDWR | O_CLOEXEC);
     for (int fd = 0; fd < 3 && null >= 0; fd++)
         if (fd != null && (fd < 2 || fcntl(fd, F_GETFD) < 0))
@@ -134,7 +164,7 @@ static void end_sending(modald_stream *s)
     uint64_t dropped = atomic_load(&s->dropped);
     char text[100];
 
-    close_socket(s);
+    spill_unsent(s);
     snprintf(text, sizeof text, "%llu samples were dropped; the record shows the gap",
              (unsigned long long)dropped);
     if (dropped > 0)
@@ -142,35 +172,65 @@ static void end_sending(modald_stream *s)
     end_spill(s);
     if (s->ring_fd >= 0)
         close(s->ring_fd);
+    s->link->streams[s->slot] = NULL;
+    atomic_store(&s->finished, true);
+}
+
+/* A look at S.  True: something moved. */
+static bool look_at(modald_stream *s)
+{
+    bool sent;
+
+    if (s->until == 0 && atomic_load(&s->stop) != 0) {
+        s->seal = atomic_load(&s->page->head) > 0;
+        s->until = now() + s->close_wait;
+    }
+    if (s->until == 0)
+        return serve(s);
+    sent = !is_over(s) && serve(s);
+    if (is_over(s))
+        end_sending(s);
+    return sent;
+}
+
+/* One turn: what came in, then a look at every stream.  The pause until the next. */
+static double turn(struct link *l, double idle)
+{
+    bool moved = receive_all(l), closing = false;
+    int streams = 0;
+
+    for (int i = 0; i < l->slots; i++)
+        if (l->streams[i] != NULL) {
+            streams++;
+            moved |= look_at(l->streams[i]);
+            closing |= l->streams[i] != NULL && l->streams[i]->until > 0;
+        }
+    while (l->slots > 0 && l->streams[l->slots - 1] == NULL)
+        l->slots--;
+    return closing ? moment
+         : fmax(streams * look_pause, moved ? moment : fmin(2 * idle, idle_most));
 }
 
 static void *sender(void *argument)
 {
-    modald_stream *s = argument;
+    struct link *l = argument;
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     double idle = moment;
 
     uselocale(c);
-    unshare_descriptors(s);
-    sem_post(&s->begun);
-    if (!connect_socket(s)) {
-        s->refused = true;
-        warn_once(s, "no socket to the daemon; the run goes on without it");
+    unshare_descriptors();
+    sem_post(&l->begun);
+    if (!connect_socket(l)) {
+        l->refused = true;
+        warn_all(l, "no socket to the daemon; the run goes on without it");
     }
-    while (atomic_load(&s->stop) == 0) {
-        bool moved = s->refused ? (release(s, s->taken = atomic_load(&s->page->head)), false)
-                                : turn(s, false);
-        idle = moved ? moment : fmin(2 * idle, idle_most);
+    while (!atomic_load(&l->stop) || l->slots > 0) {
+        greet(l);
+        idle = turn(l, idle);
         sleep_for(idle);
     }
-    s->seal = atomic_load(&s->page->head) > 0;
-    if (!s->refused) {
-        finish(s, now() + s->close_wait);
-        spill_unsent(s);
-    }
-    end_sending(s);
+    close_socket(l);
     uselocale(LC_GLOBAL_LOCALE);
     freelocale(c);
-    atomic_store(&s->finished, true);
     return NULL;
 }

@@ -131,8 +131,6 @@ static bool spill_next(modald_stream *s, struct frame *f)
     struct spill_head head;
     size_t length;
 
-    if (!loan_own(&f->data, bytes_of(s, s->frame_samples)))
-        return false;
     for (;;) {
         if (s->spill_read >= s->spill_end)
             return false;

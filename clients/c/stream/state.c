@@ -5,6 +5,8 @@
 #include <signal.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -29,9 +31,15 @@ enum { CLOSED = 0x7fffffff };
 static atomic_uint forks;
 static pthread_once_t fork_once = PTHREAD_ONCE_INIT;
 
+static pthread_mutex_t process_lock = PTHREAD_MUTEX_INITIALIZER;
+
 static void count_fork(void)
 {
+    static const pthread_mutex_t unlocked = PTHREAD_MUTEX_INITIALIZER;
+
     atomic_fetch_add_explicit(&forks, 1, memory_order_relaxed);
+    process_lock = unlocked;
+    links = NULL;
 }
 
 static void watch_forks(void)
@@ -67,19 +75,28 @@ static void warn(const char *name, const char *what)
 /* The same, once a stream. */
 static void warn_once(modald_stream *s, const char *what)
 {
-    if (!s->warned)
+    if (!s->warned && !(s->link != NULL && s->link->warned))
         warn(s->name, what);
     s->warned = true;
 }
 
-static double *loan_new(size_t bytes)
+static bool loans_new(modald_stream *s, size_t size)
 {
-    struct loan *loan = aligned_alloc(LINE, (sizeof *loan + bytes + LINE - 1) / LINE * LINE);
+    size_t stride = (sizeof(struct loan) + size + PAGE - 1) / PAGE * PAGE,
+           bytes = PAGE + LOANS * stride;
+    struct loans *loans = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS,
+                               -1, 0);
 
-    if (loan == NULL)
-        return NULL;
-    atomic_init(&loan->holders, 1);
-    return loan->data;
+    if (loans == MAP_FAILED)
+        return false;
+    atomic_init(&loans->holders, 1);
+    loans->bytes = bytes;
+    loans->stride = stride;
+    s->loans = loans;
+    for (int i = 0; i < LOANS; i++)
+        s->spare[i] = ((struct loan *)((char *)loans + PAGE + (size_t)i * stride))->data;
+    s->spares = s->spares_least = LOANS;
+    return true;
 }
 
 static struct loan *loan_of(double *data)
@@ -87,33 +104,35 @@ static struct loan *loan_of(double *data)
     return (struct loan *)((char *)data - offsetof(struct loan, data));
 }
 
-static void loan_drop(double *data)
+static double *loan_take(modald_stream *s)
 {
-    if (data != NULL
-        && atomic_fetch_sub_explicit(&loan_of(data)->holders, 1, memory_order_acq_rel) == 1)
-        free(loan_of(data));
+    for (int i = s->spares - 1; i >= 0; i--) {
+        double *data = s->spare[i];
+        if (atomic_load_explicit(&loan_of(data)->holders, memory_order_acquire) > 0)
+            continue;
+        memmove(s->spare + i, s->spare + i + 1, (size_t)(--s->spares - i) * sizeof *s->spare);
+        s->spares_least = s->spares < s->spares_least ? s->spares : s->spares_least;
+        return data;
+    }
+    return NULL;
+}
+
+static void loan_put(modald_stream *s, double *data)
+{
+    if (data != NULL)
+        s->spare[s->spares++] = data;
+}
+
+static void loans_drop(struct loans *loans)
+{
+    if (loans != NULL && atomic_fetch_sub(&loans->holders, 1) == 1)
+        munmap(loans, loans->bytes);
 }
 
 static void give_back(void *data, void *hint)
 {
-    (void)hint;
-    loan_drop(data);
-}
-
-/* Room of BYTES that may be written: *DATA, or in its place other room while a message of an old
- * connection still has that.  False: no memory. */
-static bool loan_own(double **data, size_t bytes)
-{
-    double *other;
-
-    if (atomic_load_explicit(&loan_of(*data)->holders, memory_order_acquire) == 1)
-        return true;
-    other = loan_new(bytes);
-    if (other == NULL)
-        return false;
-    loan_drop(*data);
-    *data = other;
-    return true;
+    atomic_fetch_sub_explicit(&loan_of(data)->holders, 1, memory_order_release);
+    loans_drop(hint);
 }
 
 static size_t bytes_of(const modald_stream *s, uint64_t count)

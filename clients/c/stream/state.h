@@ -5,15 +5,23 @@
  * and a host meets no other name of ours.  Each part calls those before it only: state, text, ring,
  * spill, frames, messages, connection, sender, open, replay.
  *
- *   host's thread                     the sender's thread
- *   push -> ring slots -> frames of equal steps -> window -> daemon
+ *   host's threads                    the sender's thread
+ *   push -> ring slots -> frames of equal steps -> window -> link -> daemon
  *                                |                  ^
  *                                +-> spill file ----+     when the daemon does not keep up
+ *
+ * Link: the connection of a process to an endpoint with a key, and the one thread that serves all
+ * streams of it.  It looks at each in turn and waits for none; what was asked is told apart by its
+ * id, which names the stream's slot in the link.  Whoever opens or closes a stream holds the
+ * process's lock for the list of links; who pushes holds none.
  *
  * Ring: one writer, one reader; `head` and `tail` count slots since the start.  A slot is its
  * sample's index, its time, and its channels.  The tail moves only when the slot's samples are
  * acknowledged or in the spill file, so that a ring in a file holds, after a kill, whatever the
  * daemon has not.
+ *
+ * Frames carry what there is: one leaves when FRAME_ENOUGH is there, else when its first sample is
+ * frame_age_most old and all before it is acknowledged.  A slow stream has few, a slow daemon too.
  *
  * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in
  * order, within the daemon's credit; a lost connection makes all of them unsent.  Repeats are
@@ -30,9 +38,13 @@
  * larger than that of (1) where steps are small against the motion.
  *
  * What a push costs beyond its copy is memory that is not at hand: the first touch of a page, the
- * walk through the tables of pages, and the lines themselves.  So every page is touched at open, in
- * huge ones where there are any, and each push asks for the lines of the slot AHEAD bytes on.  (8
- * channels: one push in 51 comes to a new page, so the 99th percentile shows each of the three.)
+ * walk through the tables of pages, and the lines themselves.  (8 channels: one push in 51 comes to
+ * a new page, so the 99th percentile shows each of the three.)  So each push asks for the lines of
+ * the slot AHEAD bytes on, and a ring in memory is address space of which RING_TOUCHED is there at
+ * open.  What lies behind that comes in huge pages, one fault in many thousand pushes, where a host
+ * runs away from its sender; where it does not, the sender has RING_AHEAD of small pages ready
+ * before it, and gives those back that were read, before the tail lets the host write there again.
+ * So a slow stream has about 1 MB, and a fast one its whole ring.
  *
  * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all
  * of libzmq's and the spill file's in it: the host may close every number it finds, run out of
@@ -75,9 +87,16 @@ enum {
 
 /* How much is held, and for how long. */
 enum {
+    LINK_STREAMS = 4096,        /* of a connection: an id is a count of questions times this */
     FRAME_BYTES = 131072,       /* of a push, at least one sample: WINDOW of them are 8 MiB, which
                                  * is the ring's usual size */
+    FRAME_ENOUGH = 65536,       /* bytes with which it leaves: a kernel's socket holds three */
     WINDOW = 64,                /* frames in flight; memory is touched as far as it is used */
+    LOANS = WINDOW + 1,         /* and the one that is built */
+    LOANS_KEPT = 2,             /* of a stream that has nothing in flight: one is built, one sent */
+    RING_TOUCHED = 1048576,     /* bytes of a ring in memory that are there at open */
+    RING_AHEAD = 524288,        /* that its sender has ready: 5 ms at 100 MB/s */
+    RING_PIECE = 131072,        /* that it gives back at once */
     RING_HEAD = PAGE,           /* of a ring in a file: its samples begin on a page */
     SLOTS_LEAST = 8,            /* of a ring, however small it is asked to be */
     HISTORY = 4,                /* points of (1) */
@@ -87,7 +106,10 @@ enum {
                                  * processor for its cache */
     DESCRIPTORS = 32,           /* that libzmq may need: it ends the process where it gets none */
     CLOSED_KEPT = 256,          /* handles of closed streams, for hosts that push once more */
+    SEND_MOST = 1024,           /* messages on their way to libzmq's thread, a turn of streams;
+                                 * their samples lie in windows anyway */
     BACKLOG_MOST = 4194304,     /* bytes in a turn; kernel and daemon keep less: 64 messages */
+    BACKLOG_EACH = 65536,       /* and of each stream: its answers of seconds, or a live result */
     MESSAGE_COST = 64,          /* of a frame in libzmq's pipe, beside its bytes */
     SENDER_STACK = 262144,      /* bytes; its own buffers take a few thousand */
     FAILURES = 4,               /* handshakes until somebody who hangs up is told of: with the
@@ -114,7 +136,7 @@ struct ring_page {
 
 struct frame {
     uint64_t first, count;
-    double *data;               /* of a loan: FRAME_BYTES, or one sample */
+    double *data;               /* of a loan: FRAME_BYTES, or one sample; NULL: not in use */
     uint32_t crc;               /* CRC-32C of the samples, once it is built */
     uint64_t ring_end;          /* the tail once it is acknowledged; 0: it came from the file */
     uint64_t file_end;          /* the spill's offset once it is acknowledged */
@@ -123,10 +145,17 @@ struct frame {
 };
 
 /* Samples of a frame: libzmq is lent them instead of taking a copy, and gives them back from a
- * thread of its own. */
+ * thread of its own.  Those of a stream lie one behind the other, touched as far as they are used.
+ */
 struct loan {
-    atomic_uint holders;        /* the frame, and messages */
+    atomic_uint holders;        /* messages */
     _Alignas(LINE) double data[];
+};
+
+/* Before the loans of a stream: they go with the last of the stream and its messages. */
+struct loans {
+    atomic_uint holders;
+    size_t bytes, stride;       /* of all; of one */
 };
 
 /* Of a record in the spill file; its samples follow. */
@@ -134,6 +163,35 @@ struct spill_head { uint64_t first, count; uint32_t crc, zero; };
 
 /* A sample at a time of its own. */
 struct point { double t; double *y; };
+
+/* The process's connection to an endpoint with a key. */
+struct link {
+    /* under the process's lock */
+    struct link *next;
+    unsigned users;             /* streams that are not closed */
+    bool left;                  /* its thread hung when a stream was closed */
+
+    /* written at the start only */
+    char *url, *keyfile;
+    pthread_t thread;
+    sem_t begun;                /* the sender has a table of its own */
+
+    /* both */
+    _Atomic bool refused, stop;
+    _Atomic(modald_stream *) arrived;        /* the newest first, by their `next` */
+
+    /* the sender's */
+    modald_stream *streams[LINK_STREAMS];
+    int slots;                  /* those in use are before it */
+    void *context, *socket, *monitor;        /* socket NULL: between two connections */
+    char keys[KEYS][KEY_SIGNS + 1];          /* "": none */
+    unsigned connections;       /* begun so far */
+    unsigned failures;          /* of them without a handshake, though connected */
+    bool ready, lost, warned;
+    double begin_at, pause;     /* when the next connection begins; after which pause */
+    double heard_at;            /* when the last message came */
+    int64_t questions;          /* asked so far */
+};
 
 struct modald_stream {
     /* written at open only: both threads have this line */
@@ -155,37 +213,43 @@ struct modald_stream {
     _Atomic bool finished, refused;
     _Atomic uint64_t acknowledged;
     _Atomic uint64_t spilled;
+    _Atomic uint64_t released;  /* slots that are read; the tail follows */
     _Atomic unsigned estimate_version;       /* odd while it is written */
     _Atomic unsigned estimate_past;          /* the version of an epoch before; 0: none was */
     struct modald_estimate estimate;
     double resampling_error;
-    char name[256], *names, *units, *options, *alarms, *url, *keyfile;
+    char name[256], *names, *units, *options, *alarms, *url, *keyfile, *ring_file;
     char *run;                  /* attributes of the run, JSON */
     char spill_folder[400];
     double period, close_wait;
     long window_samples, window_hop;
     size_t ring_bytes;
     int ring_fd;                /* of a ring in a file: holds its lock; else -1 */
-    bool own_descriptors;
-    pthread_t thread;
-    sem_t begun;                /* the sender has a table of its own */
+    struct link *link;
+    modald_stream *next;        /* that arrived before it */
+    sem_t begun;                /* the sender has it; its ring is there, or none can be */
 
-    /* the sender's: its link */
-    void *context, *socket, *monitor;        /* socket NULL: between two links */
-    char keys[KEYS][KEY_SIGNS + 1];          /* "": none */
-    unsigned links;             /* begun so far */
-    unsigned failures;          /* of them without a handshake, though connected */
-    bool ready, lost, opened, opening, closing, closed;
-    double begin_at, pause;     /* when the next link begins; after which pause */
+    /* the sender's: what it asked */
+    int slot;                   /* in its link */
+    bool opened, opening, closing, closed;
+    double until;               /* of a stream that is closed: when it is given up; 0: it is not */
     double quiet_until;         /* nothing is asked before: the daemon said so */
-    int64_t next_id, first_id;  /* first_id: what was asked before counts no more */
+    int64_t first_id;           /* what was asked before counts no more */
     int64_t open_id, close_id, events_id;
     double asked_at;
     char stream[128];
     uint64_t epoch, went_on;    /* went_on: the index behind the last sample acknowledged */
     size_t credit, flying;
 
+    /* the sender's: its ring in memory */
+    uint64_t touched;           /* slots before it are there, or were */
+    uint64_t piece;             /* slots that the tail moves by; 0: by each */
+    double touched_at, piece_at;             /* when either last moved */
+
     /* the sender's: its frames */
+    struct loans *loans;
+    double *spare[LOANS];       /* not in use, the last one used last */
+    int spares, spares_least;   /* least: since the others were given back */
     struct frame window[WINDOW], build;
     int first_frame, frames;    /* the window is a ring of its own */
     uint64_t taken;             /* slots put into frames */
@@ -207,6 +271,11 @@ struct modald_stream {
     char *open_text;            /* of a replay: the members of `open` as they were */
 };
 
+/* What a process has once: whoever reads or changes it holds the lock.  A child of the host begins
+ * with neither a link nor a holder. */
+static pthread_mutex_t process_lock;
+static struct link *links;
+
 /* Seconds of the monotonic clock. */
 static double now(void);
 
@@ -222,27 +291,29 @@ static inline bool is_dead(const modald_stream *s);
 /* WHAT about the stream NAME (NULL: of none) as one line on stderr. */
 static void warn(const char *name, const char *what);
 
-/* The same, once a stream. */
+/* The same, once a stream; not where its link has said what is wrong. */
 static void warn_once(modald_stream *s, const char *what);
 
-/* Room of BYTES with one holder, whose end is loan_drop; NULL: no memory. */
-static double *loan_new(size_t bytes);
+/* The loans of a stream, SIZE bytes each, all of them spare; false: no memory. */
+static bool loans_new(modald_stream *s, size_t size);
+
+/* A spare one that no message of an old connection has still; NULL: there is none now. */
+static double *loan_take(modald_stream *s);
+
+/* It is spare again; NULL is none. */
+static void loan_put(modald_stream *s, double *data);
 
 /* The loan whose samples are at DATA. */
 static struct loan *loan_of(double *data);
 
-/* One holder less; the last frees it.  NULL is none. */
-static void loan_drop(double *data);
+/* One holder less of LOANS; the last frees them.  NULL is none. */
+static void loans_drop(struct loans *loans);
 
-/* The same, as libzmq calls it. */
+/* A message is done with DATA of the loans HINT, as libzmq says it. */
 static void give_back(void *data, void *hint);
 
 /* Bytes of COUNT samples. */
 static size_t bytes_of(const modald_stream *s, uint64_t count);
-
-/* Room of BYTES that may be written: *DATA, or in its place other room while a message of an old
- * connection still has that.  False: no memory, *DATA is as it was. */
-static bool loan_own(double **data, size_t bytes);
 
 /* Frame I of the window, the oldest first. */
 static struct frame *frame_at(modald_stream *s, int i);

@@ -6,12 +6,13 @@
 #include "base/json.h"
 
 static modald_stream s;
+static struct link link_of_s = { .streams = { &s }, .slots = 1, .warned = true };
 
 static void hear_said(const char *kind, const char *text)
 {
     char *exact = strdup(text);          /* of its size: a sanitizer sees a byte too many */
 
-    on_message(&s, kind, exact);
+    on_message(&link_of_s, kind, exact);
     free(exact);
 }
 
@@ -25,9 +26,11 @@ static void begin(void)
                          .stream = "abcd",
                          .epoch = 3,
                          .opened = true,
-                         .open_id = 1,
-                         .next_id = 8,
-                         .first_id = 5 };
+                         .link = &link_of_s,
+                         .name = "rig7",
+                         .open_id = 1 * LINK_STREAMS,
+                         .first_id = 5 * LINK_STREAMS };
+    link_of_s.questions = 8;
 }
 
 static double number_of(const cJSON *vector, const char *key, double otherwise)
@@ -93,13 +96,13 @@ TEST(every_event_vector_of_proto_says_what_it_should_and_cut_anywhere_nothing)
 TEST(a_key_inside_a_string_or_another_object_is_no_key)
 {
     begin();
-    hear_said("REPLY", "{\"id\":9,\"x\":\"\\\",\\\"credit\\\":5\",\"y\":{\"credit\":6},"
+    hear_said("REPLY", "{\"id\":36864,\"x\":\"\\\",\\\"credit\\\":5\",\"y\":{\"credit\":6},"
                        "\"z\":[{\"credit\":7}],\"credit\":8}");
     CHECK(s.credit == 8);
-    hear_said("REPLY", "{\"id\":9,\"x\":\"\\\",\\\"credit\\\":5\",\"y\":{\"credit\":6}}");
+    hear_said("REPLY", "{\"id\":36864,\"x\":\"\\\",\\\"credit\\\":5\",\"y\":{\"credit\":6}}");
     CHECK(s.credit == 8);
-    hear_said("REPLY", "{\"id\":9,\"credit\":5,\"credit\":6}");
-    hear_said("REPLY", "{\"id\":9,\"credit\":5");
+    hear_said("REPLY", "{\"id\":36864,\"credit\":5,\"credit\":6}");
+    hear_said("REPLY", "{\"id\":36864,\"credit\":5");
     CHECK(s.credit == 8);
 }
 
@@ -113,11 +116,11 @@ TEST(a_number_that_is_none_or_no_count_changes_nothing)
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         char text[128];
         begin();
-        snprintf(text, sizeof text, "{\"id\":9,\"credit\":%s}", numbers[i]);
+        snprintf(text, sizeof text, "{\"id\":36864,\"credit\":%s}", numbers[i]);
         hear_said("REPLY", text);
         CHECK(s.credit == 77);
     }
-    hear_said("REPLY", "{\"id\":9,\"credit\":9007199254740992}");
+    hear_said("REPLY", "{\"id\":36864,\"credit\":9007199254740992}");
     CHECK(s.credit == (size_t)1 << 53);
 }
 
@@ -128,7 +131,7 @@ TEST(busy_waits_at_most_half_a_second_without_a_sleep_and_begins_anew)
     for (size_t i = 0; i < sizeof after / sizeof after[0]; i++) {
         char text[256];
         begin();
-        snprintf(text, sizeof text, "{\"id\":7,\"error\":{\"code\":\"busy\",\"message\":\"x\","
+        snprintf(text, sizeof text, "{\"id\":28672,\"error\":{\"code\":\"busy\",\"message\":\"x\","
                  "\"detail\":{\"retry_after_s\":%s}}}", after[i]);
         double before = now();
         hear_said("ERROR", text);
@@ -140,9 +143,9 @@ TEST(busy_waits_at_most_half_a_second_without_a_sleep_and_begins_anew)
 TEST(an_error_that_answers_what_was_asked_before_is_no_news)
 {
     begin();
-    hear_said("ERROR", "{\"id\":4,\"error\":{\"code\":\"denied\",\"message\":\"x\"}}");
+    hear_said("ERROR", "{\"id\":16384,\"error\":{\"code\":\"denied\",\"message\":\"x\"}}");
     CHECK(s.opened && !s.refused);
-    hear_said("ERROR", "{\"id\":6,\"error\":{\"code\":\"denied\",\"message\":\"x\"}}");
+    hear_said("ERROR", "{\"id\":24576,\"error\":{\"code\":\"denied\",\"message\":\"x\"}}");
     CHECK(s.refused);
 }
 

@@ -1,0 +1,155 @@
+"""Many streams of one host: one connection and one sending thread serve them all, none waits for another, and a slow one takes little (tests/fault/many_streams.c)."""
+import json
+import pathlib
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+import modald
+import sanitized
+from conftest import BUILD, PATIENCE, environment
+from stream_peer import Peer
+from wire import Daemon, identity
+
+HOST = BUILD / "fault" / "many_streams"
+STREAMS, CHANNELS, RATE = 40, 8, 100
+
+# Python cannot load a library that needs the sanitizers' runtime first.
+in_python = pytest.mark.skipif(sanitized.SANITIZED, reason="a sanitized library does not load into Python")
+
+
+def begin(*words, **env):
+    return subprocess.Popen([str(HOST), *map(str, words)], stdout=subprocess.PIPE, text=True, env=environment(**env))
+
+
+def end(host):
+    out, _ = host.communicate(timeout=PATIENCE)
+    assert host.returncode == 0
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def until(true):
+    last = time.monotonic() + PATIENCE
+    while not true():
+        assert time.monotonic() < last
+        time.sleep(0.002)
+
+
+def is_sealed(daemon, data, channels, dt):
+    """Is there a batch of exactly these samples?  By its SHA-256, which a job may name."""
+    c = daemon.client()
+    try:
+        return c.ask("SUBMIT", kind="identify", input={"sha256": identity(len(data) // (8 * channels), channels, dt, data)}).ok
+    finally:
+        c.close()
+
+
+def test_forty_streams_cost_their_host_three_threads_and_less_than_2_mb_each(tmp_path):
+    """Two of the threads are libzmq's.  Once 40 had 120 and 9 MB each."""
+    with Daemon(workers=1) as daemon:
+        *_, last, closed = end(begin(STREAMS, CHANNELS, RATE, 3, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+    assert last["streams"] == STREAMS and last["acknowledged"] > 0 and last["dropped"] == 0
+    assert 0 < last["threads"] <= 3 and closed["threads"] == 0
+    if not sanitized.SANITIZED:
+        assert last["rss_kb"] < 2048 * STREAMS
+
+
+def test_a_slow_ring_gives_back_what_was_read(tmp_path):
+    """10 streams of 64 channels at 160 Hz, 85 kB/s each: in 20 s 1.7 MB go through each ring, which would all be there still."""
+    if sanitized.SANITIZED:
+        pytest.skip("sanitizers keep memory of their own")
+    with Daemon(workers=1) as daemon:
+        lines = end(begin(10, 64, 160, 20, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+    assert lines[-2]["dropped"] == 0 and lines[-2]["rss_kb"] < 1600 * 10
+
+
+def test_samples_of_a_slow_stream_travel_more_than_one_to_a_frame(tmp_path):
+    """200 samples at 30 Hz: two in 50 ms.  Once each was a frame, and an entry in the ledger."""
+    class Counting(Peer):
+        pushes = 0
+
+        def push(self, *args):
+            self.pushes += 1
+            super().push(*args)
+    peer = Counting(f"ipc://{tmp_path}/s").start()
+    try:
+        (tmp_path / "logs").mkdir()
+        end(begin(1, 2, 30, 200 / 30, tmp_path / "logs", MODALD_URL=peer.endpoint, MODALD_CLOSE_WAIT="60"))
+        assert np.array_equal(peer.record("many-0"), np.fromfile(tmp_path / "logs" / "many-0").reshape(-1, 2))
+        assert len(peer.record("many-0")) == 200 and 0 < peer.pushes < 200 / 1.5
+    finally:
+        peer.stop()
+
+
+def test_forty_records_are_their_logs_though_the_daemon_is_killed_twice(tmp_path):
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    with Daemon(workers=1) as daemon:
+        host = begin(STREAMS, CHANNELS, RATE, 6, logs, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")
+        for _ in range(2):
+            time.sleep(1.5)
+            assert host.poll() is None
+            daemon.kill()
+            daemon.start()
+        last = end(host)[-2]
+        assert last["dropped"] == last["spilled"] == last["refused"] == 0 and last["pushed"] > STREAMS * 5 * RATE
+        sealed = [is_sealed(daemon, (logs / f"many-{k}").read_bytes(), CHANNELS, 1 / RATE) for k in range(STREAMS)]
+        assert sealed == [True] * STREAMS
+    assert not list(tmp_path.glob("*.spill"))
+
+
+@in_python
+def test_a_stream_that_the_daemon_refuses_or_another_that_is_silent_holds_up_none(tmp_path, monkeypatch):
+    """Three streams of one process: one of a daemon that never answers, one that is refused, and one that goes on."""
+    monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "0.2")
+    peer = Peer(f"ipc://{tmp_path}/silent").start()
+    peer.silent = True
+    rows = np.random.default_rng(3).standard_normal((5000, 2))
+
+    def threads():
+        return len(list(pathlib.Path("/proc/self/task").iterdir()))
+    with Daemon(workers=1) as daemon:
+        c = daemon.client()
+        assert c.ask("STREAM", op="open", name="refused", channels=3, dt=0.01).ok
+        before = threads()
+        monkeypatch.setenv("MODALD_URL", peer.endpoint)
+        waits = modald.stream("waits", 2, 0.01)
+        monkeypatch.setenv("MODALD_URL", daemon.endpoint)
+        refused, goes = modald.stream("refused", 2, 0.01), modald.stream("goes", 2, 0.01)
+        for s in (waits, refused, goes):
+            s.push(rows)
+        until(lambda: refused.report.refused == 1 and goes.report.acknowledged == 5000)
+        assert waits.report.acknowledged == 0 and goes.report.refused == 0
+        assert threads() - before <= 6                   # three a connection
+        waits.close()
+        refused.close()
+        goes.push(rows)
+        until(lambda: goes.report.acknowledged == 10000)
+        monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
+        goes.close()
+        c.close()
+        assert threads() <= before
+        assert len(list(tmp_path.glob("modald-waits-*.spill"))) == 1
+    peer.stop()
+
+
+@in_python
+def test_a_stream_opened_after_others_were_closed_hears_its_own_answers_alone(tmp_path, monkeypatch):
+    """The slot of a closed stream is another's then, on the same connection: no answer of the one is taken for the other's."""
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
+    peer = Peer(f"ipc://{tmp_path}/s").start()
+    monkeypatch.setenv("MODALD_URL", peer.endpoint)
+    rows = np.random.default_rng(4).standard_normal((300, 2))
+    kept = modald.stream("kept", 2, 0.01)
+    for k in range(20):
+        with modald.stream(f"short-{k}", 2, 0.01) as s:
+            s.push(rows[k:])
+        kept.push(rows[10 * k:10 * k + 10])
+    kept.close()
+    peer.stop()
+    assert np.array_equal(peer.record("kept"), rows[:200])
+    assert all(np.array_equal(peer.record(f"short-{k}"), rows[k:]) for k in range(20))
+    assert sorted(peer.closes) == sorted([("kept", False), *((f"short-{k}", False) for k in range(20))])

@@ -32,7 +32,7 @@ enum {
     WIRE_TIMEOUT_DEFAULT = 30,   /* s: half of what routers remember the silent for */
     WIRE_UPLOADS_MOST    = 64,                /* open, a user */
     WIRE_WAITS_MOST      = 4096,              /* a user */
-    WIRE_SUBSCRIPTIONS_MOST = 64,             /* a user */
+    WIRE_SUBSCRIPTIONS_MOST = 4160,           /* a user: one a stream of his, and 64 beside */
     WIRE_PRIORITY_DEFAULT = 100,   /* room on both sides */
     WIRE_ATTEMPTS_MOST   = 10,                /* of a job: a worker may die in each */
     WIRE_ATTEMPTS_DEFAULT = 3,                /* a job that kills three workers is to blame */

@@ -183,6 +183,8 @@ int main(int argc, char **argv)
         if (all[k].log != NULL)
             fclose(all[k].log);
     }
+    for (int i = 0; i < 1000 && status_of("Threads:") > threads; i++)
+        nanosleep(&(struct timespec) { 0, 1000000 }, NULL);     /* it is counted for a moment yet */
     printf("{\"s\":%.1f,\"streams\":%d,\"threads\":%ld,\"rss_kb\":%ld,\"closed\":true}\n",
            now() - begin, streams, status_of("Threads:") - threads, status_of("VmRSS:") - rss);
     return 0;

@@ -177,13 +177,15 @@ def test_a_routing_id_of_a_client_s_own_is_not_used(tmp_path, security, identity
 
 
 def test_subscriptions_and_waits_end_with_their_connections():
-    """64 subscriptions and 4096 waits are a user's; those of connections that are gone are nobody's."""
+    """4160 subscriptions and 4096 waits are a user's; those of connections that are gone are nobody's."""
     with Daemon(workers=0) as d:
         honest = d.client()
         job = submit(honest)["job"]
-        for _ in range(64):
+        for _ in range(65):
             client = d.client()
-            assert client.ask("EVENTS", stream="never").ok
+            for _ in range(64):
+                client.send("EVENTS", stream="never")
+            assert client.ask("WHOAMI").ok
             client.close()
         for _ in range(8):
             client = d.client()
@@ -193,6 +195,16 @@ def test_subscriptions_and_waits_end_with_their_connections():
             client.close()
         until_alone(honest)
         assert honest.ask("EVENTS", stream="never").ok and honest.ask("WAIT", job=job, timeout_s=0.01)["state"] == "queued"
+
+
+def test_a_user_may_have_a_subscription_a_stream_and_64_beside_and_not_one_more():
+    with Daemon(workers=0) as d:
+        client = d.client()
+        for _ in range(65):
+            for number in [client.send("EVENTS", stream="never") for _ in range(64)]:
+                assert client.answer(number).ok
+        refused = client.ask("EVENTS", stream="never")
+        assert refused["error"]["code"] == "busy" and "4160" in refused["error"]["message"]
 
 
 def test_what_a_connection_waited_for_reaches_no_other_of_its_routing_id(tmp_path):

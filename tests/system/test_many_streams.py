@@ -131,7 +131,7 @@ def test_a_stream_that_the_daemon_refuses_or_another_that_is_silent_holds_up_non
         monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
         goes.close()
         c.close()
-        assert threads() <= before
+        until(lambda: threads() <= before)               # one that has ended is counted for a moment
         assert len(list(tmp_path.glob("modald-waits-*.spill"))) == 1
     peer.stop()
 

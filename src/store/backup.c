@@ -20,6 +20,7 @@
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"
+#include "store/tape.h"
 #include "store/spool.h"
 
 enum {
@@ -89,6 +90,18 @@ static enum modal_status copy_files(struct backup *backup)
     backup->rc = MODAL_OK;
     rc = spool_list(backup->dir, copy_found, backup, backup->err);
     return rc == MODAL_OK ? backup->rc : rc;
+}
+
+/* Before the ledger: what leaves it meanwhile has its rows there. */
+static enum modal_status copy_tape(struct backup *backup)
+{
+    char from[PATH], to[PATH];
+    enum modal_status rc;
+
+    tape_path(from, backup->dir);
+    tape_path(to, backup->to);
+    rc = copy_file(from, to, backup->err);
+    return rc == MODAL_NOT_FOUND ? MODAL_OK : rc;
 }
 
 /* An empty database with room for checksums from its first page on, then all pages. */
@@ -183,6 +196,8 @@ static enum modal_status make_copy(struct backup *backup)
                               "files of %s come and go faster than they can be copied: try again",
                               backup->dir);
         rc = copy_files(backup);
+        if (rc == MODAL_OK)
+            rc = copy_tape(backup);
         if (rc == MODAL_OK)
             rc = copy_ledger(backup);
         if (rc == MODAL_OK)

@@ -12,6 +12,7 @@
 #include "store/file.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"
+#include "store/tape.h"
 #include "store/spool.h"
 
 enum {
@@ -340,6 +341,17 @@ static enum modal_status check_pages(struct check *check, struct modal_error *er
     return rc;
 }
 
+/* Of a daemon that runs the last group may be on its way. */
+static void check_tape(struct check *check)
+{
+    struct modal_error err;
+    uint64_t bytes;
+
+    if (tape_check(check->dir, &bytes, &err) != MODAL_OK)
+        add_problem(check, "%s", err.message);
+    check->report->bytes += (int64_t)bytes;
+}
+
 enum modal_status check_folder(const char *dir, void (*problem)(void *context, const char *line),
                                void *context, struct check_report *out, struct modal_error *err)
 {
@@ -376,6 +388,7 @@ enum modal_status check_folder(const char *dir, void (*problem)(void *context, c
     check_structure(&check);
     if (ledger_reader_load(check.reader, &visitor, &why) != MODAL_OK)
         add_problem(&check, "%s", why.message);
+    check_tape(&check);
     if (spool_list(dir, check_found, &check, &why) != MODAL_OK)
         add_problem(&check, "%s", why.message);
 out:

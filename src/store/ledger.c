@@ -13,16 +13,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <time.h>
 #include <unistd.h>
 #include "base/crc32c.h"
-#include "base/sha256.h"
 #include "store/file.h"
+#include "store/folder.h"
 #include "store/ledger_db.h"
 #include "store/samples.h"
+#include "store/spool.h"
+#include "store/tape.h"
 
 enum { BEHIND_DIR = 64 };    /* bytes of the longest name below the data folder, and more */
 
@@ -313,6 +311,11 @@ static const struct {
         { "INSERT OR REPLACE INTO chunks VALUES(?1,?2,?3,?4)" }, bind_chunk, true },
     [LEDGER_SEGMENT_PUT] = {
         { "INSERT INTO segments VALUES(?1,?2,?3,?4,?5,?6,?7)" }, bind_segment, true },
+    [LEDGER_SEGMENT_ROW] = {
+        { "INSERT OR IGNORE INTO segments SELECT ?1,?2,?3,?4,?5,?6,?7 WHERE EXISTS"
+          " (SELECT 1 FROM notes WHERE topic='stream' AND name=CAST(?1 AS TEXT))" },
+        bind_segment, false },
+    [LEDGER_SAMPLES_SETTLE] = { { NULL }, NULL, false },
     [LEDGER_SEGMENTS_DELETE] = { { "DELETE FROM segments WHERE stream=?1" }, bind_id, false, true },
     [LEDGER_JOB_PUT] = {
         { "INSERT INTO jobs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,"
@@ -348,6 +351,7 @@ struct ledger {
     sqlite3_stmt *statements[LEDGER_VERB_COUNT][SQL_MOST];
     sqlite3_stmt *begin, *commit, *known;
     struct ledger_mark *mark;
+    struct tape tape;
     int group_pages;           /* as log_pages, 0 before a group and where it wrote nothing */
     int log_pages;             /* of the write-ahead log after the last commit */
     bool deleted;              /* rows, since free pages were counted */
@@ -355,96 +359,6 @@ struct ledger {
 };
 
 /* --- opening --- */
-
-/* A daemon that was killed holds its locks until its threads' writes have ended and a process that
- * it was starting has come to its exec, which closes them: who starts again at once waits for that,
- * a loaded disk's fsync, instead of being refused. */
-enum {
-    LOCK_TRIES    = 100,         /* 2 s in all */
-    LOCK_PAUSE_NS = 20000000,   /* 20 ms: a start is not held up by more */
-};
-
-static bool lock_file(int fd)
-{
-    for (int tries = 1; flock(fd, LOCK_EX | LOCK_NB) < 0; tries++) {
-        if (errno != EWOULDBLOCK || tries == LOCK_TRIES)
-            return false;
-        nanosleep(&(struct timespec) { .tv_nsec = LOCK_PAUSE_NS }, NULL);
-    }
-    return true;
-}
-
-static enum modal_status lock_folder(struct ledger *ledger, struct modal_error *err)
-{
-    char path[4200], pid[32];
-    enum modal_status rc;
-
-    snprintf(path, sizeof path, "%s/LOCK", ledger->dir);
-    rc = file_open(path, O_RDWR | O_CREAT, 0640, &ledger->lock, err);
-    if (rc != MODAL_OK)
-        return rc;
-    if (!lock_file(ledger->lock)) {
-        size_t got = 0;
-        file_read(ledger->lock, pid, sizeof pid - 1, 0, &got, NULL);
-        pid[got] = 0;
-        return modal_fail(err, MODAL_BUSY, "the data folder %s is in use by the daemon with pid %d",
-                          ledger->dir, atoi(pid));
-    }
-    snprintf(pid, sizeof pid, "%d\n", (int)getpid());
-    rc = file_truncate(ledger->lock, 0, err);
-    if (rc == MODAL_OK)
-        rc = file_write(ledger->lock, pid, strlen(pid), 0, err);
-    return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;     /* the pid is for people only */
-}
-
-/* A copy of the folder has the same store id: of all on this host, one may run.  All users of the
- * host can read the name, so it does not tell the id. */
-static enum modal_status bind_name(struct ledger *ledger, struct modal_error *err)
-{
-    struct sockaddr_un name = { .sun_family = AF_UNIX };
-    uint8_t digest[32];
-    char hex[65];
-    int length;
-
-    snprintf(hex, sizeof hex, "name %s", ledger->store);
-    sha256_of(hex, strlen(hex), digest);
-    sha256_hex(digest, hex);
-    length = snprintf(name.sun_path + 1, sizeof name.sun_path - 1, "modald-store-%.32s", hex);
-
-    ledger->socket = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    if (ledger->socket < 0)
-        return modal_fail(err, MODAL_IO, "socket: %s", strerror(errno));
-    if (bind(ledger->socket, (struct sockaddr *)&name,
-             (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length))
-        == 0)
-        return MODAL_OK;
-    if (errno == EADDRINUSE)
-        return modal_fail(err, MODAL_BUSY,
-                          "the data folder %s is a copy of one whose daemon is running (store %s)",
-                          ledger->dir, ledger->store);
-    return modal_fail(err, MODAL_IO, "bind: %s", strerror(errno));
-}
-
-static enum modal_status read_store(struct ledger *ledger, struct modal_error *err)
-{
-    sqlite3_stmt *row = NULL;
-    int code = sqlite3_prepare_v2(ledger->db, "SELECT value FROM about WHERE name='store'", -1,
-                                  &row, NULL);
-    const char *text = NULL;
-
-    if (code == SQLITE_OK)
-        code = sqlite3_step(row);
-    if (code == SQLITE_ROW)
-        text = (const char *)sqlite3_column_text(row, 0);
-    if (text != NULL)
-        snprintf(ledger->store, sizeof ledger->store, "%s", text);
-    sqlite3_finalize(row);
-    if (code != SQLITE_ROW && code != SQLITE_DONE)
-        return ledger_db_fail(ledger->db, code, "reading the store id", err);
-    return strlen(ledger->store) == 32
-               ? MODAL_OK
-               : modal_fail(err, MODAL_CORRUPT, "ledger: the store id is missing");
-}
 
 static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
 {
@@ -476,21 +390,7 @@ static enum modal_status prepare(struct ledger *ledger, struct modal_error *err)
     return MODAL_OK;
 }
 
-static enum modal_status make_folders(const char *dir, struct modal_error *err)
-{
-    static const char *const inside[] = { "", "/spool", "/results" };
-    char path[4200];
-    enum modal_status rc = MODAL_OK;
-
-    for (size_t i = 0; rc == MODAL_OK && i < sizeof inside / sizeof *inside; i++) {
-        snprintf(path, sizeof path, "%s%s", dir, inside[i]);
-        rc = file_make_dir(path, 0750, err);
-    }
-    if (rc == MODAL_OK)
-        rc = file_sync_dir(dir, err);
-    snprintf(path, sizeof path, "%s/..", dir);
-    return rc == MODAL_OK ? file_sync_dir(path, err) : rc;
-}
+static enum modal_status settle_found(struct ledger *ledger, struct modal_error *err);
 
 enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal_error *err)
 {
@@ -499,7 +399,7 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
 
     if (ledger == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for a ledger");
-    ledger->lock = ledger->socket = -1;
+    ledger->lock = ledger->socket = ledger->tape.fd = -1;
     ledger->deleted = true;
     if (strlen(dir) >= sizeof ledger->dir - BEHIND_DIR) {
         rc = modal_fail(err, MODAL_TOO_LARGE,
@@ -508,10 +408,14 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         goto out;
     }
     strcpy(ledger->dir, dir);
-    if ((rc = make_folders(dir, err)) != MODAL_OK || (rc = lock_folder(ledger, err)) != MODAL_OK
+    if ((rc = folder_make(dir, err)) != MODAL_OK
+        || (rc = folder_lock(dir, &ledger->lock, err)) != MODAL_OK
         || (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK
-        || (rc = read_store(ledger, err)) != MODAL_OK || (rc = bind_name(ledger, err)) != MODAL_OK
-        || (rc = prepare(ledger, err)) != MODAL_OK)
+        || (rc = ledger_db_store(ledger->db, ledger->store, err)) != MODAL_OK
+        || (rc = folder_bind(dir, ledger->store, &ledger->socket, err)) != MODAL_OK
+        || (rc = prepare(ledger, err)) != MODAL_OK
+        || (rc = tape_open(&ledger->tape, dir, err)) != MODAL_OK
+        || (rc = settle_found(ledger, err)) != MODAL_OK)
         goto out;
     ledger->mark = ledger_mark_open(dir);
     *out = ledger;
@@ -533,6 +437,7 @@ void ledger_close(struct ledger *ledger)
     sqlite3_finalize(ledger->known);
     sqlite3_close(ledger->db);
     ledger_mark_close(ledger->mark);
+    tape_close(&ledger->tape);
     if (ledger->socket >= 0)
         close(ledger->socket);
     if (ledger->lock >= 0)
@@ -568,6 +473,12 @@ static enum modal_status refused(struct ledger *ledger, const struct ledger_chan
     return code == SQLITE_ROW ? MODAL_CONFLICT : MODAL_NOT_FOUND;
 }
 
+/* Short samples: they are on the tape, and have no row yet. */
+static bool is_taped(const struct ledger_change *change)
+{
+    return change->verb == LEDGER_SEGMENT_PUT && change->segment.length <= TAPE_SEGMENT_MOST;
+}
+
 /* Apply one change.  What is wrong with it alone goes into its status; what is wrong with the disk
  * is returned. */
 static enum modal_status apply(struct ledger *ledger, struct ledger_change *change,
@@ -598,31 +509,49 @@ static enum modal_status apply(struct ledger *ledger, struct ledger_change *chan
     return MODAL_OK;
 }
 
+static bool has_rows(const struct ledger_change *change)
+{
+    return verbs[change->verb].bind != NULL && !is_taped(change);
+}
+
 static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *changes,
                                    size_t count, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
-    int code = step(ledger->begin);
+    size_t rows = 0;
+    int code;
 
+    for (size_t i = 0; i < count; i++) {
+        changes[i].status = MODAL_OK;
+        rows += has_rows(&changes[i]);
+    }
+    if (rows == 0)
+        return MODAL_OK;
+    code = step(ledger->begin);
     if (code != SQLITE_OK)
         return ledger_db_fail(ledger->db, code, "beginning a group", err);
     for (size_t i = 0; rc == MODAL_OK && i < count; i++)
-        rc = apply(ledger, &changes[i], err);
+        if (has_rows(&changes[i]))
+            rc = apply(ledger, &changes[i], err);
     if (rc == MODAL_OK && (code = step(ledger->commit)) != SQLITE_OK)
         rc = ledger_db_fail(ledger->db, code, "committing a group", err);
     return rc;
 }
 
 /* The samples of a group, on stable storage before any row that speaks of them. */
-static enum modal_status put_samples(struct samples_files *files,
+static enum modal_status put_samples(struct ledger *ledger, struct samples_files *files,
                                      const struct ledger_change *changes, size_t count,
                                      struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     for (size_t i = 0; rc == MODAL_OK && i < count; i++)
-        if (changes[i].verb == LEDGER_SEGMENT_PUT)
+        if (is_taped(&changes[i]))
+            rc = tape_add(&ledger->tape, &changes[i].segment, err);
+        else if (changes[i].verb == LEDGER_SEGMENT_PUT)
             rc = samples_put(files, &changes[i].segment, err);
+    if (rc == MODAL_OK)
+        rc = tape_write(&ledger->tape, err);
     return rc == MODAL_OK ? samples_sync(files, err) : rc;
 }
 
@@ -664,35 +593,93 @@ static enum modal_status refuse_broken(struct modal_error *err)
                       "daemon is started again");
 }
 
-enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count,
-                                struct modal_error *err)
+/* What has failed: the group is taken back. */
+static enum modal_status take_back(struct ledger *ledger, enum modal_status rc, uint64_t tape_end)
+{
+    if (!sqlite3_get_autocommit(ledger->db))
+        sqlite3_exec(ledger->db, "ROLLBACK", NULL, NULL, NULL);
+    ledger->broken = !survivable(rc) || tape_revert(&ledger->tape, tape_end, NULL) != MODAL_OK;
+    return rc;
+}
+
+/* CHANGES, which may have samples, without what follows. */
+static enum modal_status put_group(struct ledger *ledger, struct ledger_change *changes,
+                                   size_t count, struct modal_error *err)
 {
     struct samples_files files = { .dir = ledger->dir };
-    enum modal_status rc;
+    const uint64_t tape_end = ledger->tape.end;
+    enum modal_status rc = put_samples(ledger, &files, changes, count, err);
 
-    if (ledger->broken)
-        return refuse_broken(err);
-    if (ledger->log_pages > LOG_PAGES_MOST) {
-        rc = checkpoint(ledger, err);
-        if (rc != MODAL_OK)
-            return rc;
-    }
-    ledger->group_pages = 0;
-    rc = put_samples(&files, changes, count, err);
     if (rc == MODAL_OK)
         rc = apply_all(ledger, changes, count, err);
     if (rc == MODAL_STORAGE_FULL)
         samples_revert(&files);
     samples_close(&files);
+    return rc == MODAL_OK ? rc : take_back(ledger, rc, tape_end);
+}
+
+/* All that is on the tape to files and rows. */
+static enum modal_status settle_tape(struct ledger *ledger, struct modal_error *err)
+{
+    struct samples_files files = { .dir = ledger->dir };
+    struct tape_pieces pieces = { NULL, 0, NULL };
+    enum modal_status rc;
+
+    if (ledger->tape.end == 0)
+        return MODAL_OK;
+    rc = tape_read(&ledger->tape, &pieces, err);
+    for (size_t i = 0; rc == MODAL_OK && i < pieces.count; i++)
+        rc = samples_put(&files, &pieces.changes[i].segment, err);
+    if (rc == MODAL_OK)
+        rc = samples_sync(&files, err);
+    samples_close(&files);
+    if (rc == MODAL_OK)
+        rc = apply_all(ledger, pieces.changes, pieces.count, err);
+    tape_pieces_done(&pieces);
+    if (rc != MODAL_OK)
+        return take_back(ledger, rc, ledger->tape.end);
+    rc = tape_clear(&ledger->tape, err);
+    ledger->broken = rc != MODAL_OK;
+    return rc;
+}
+
+/* What the last process left on the tape; on a full disk in the room of the reserve. */
+static enum modal_status settle_found(struct ledger *ledger, struct modal_error *err)
+{
+    enum modal_status rc = settle_tape(ledger, err);
+
+    if (rc == MODAL_STORAGE_FULL && (rc = reserve_release(ledger->dir, err)) == MODAL_OK)
+        rc = settle_tape(ledger, err);
+    return rc;
+}
+
+static bool wants_settled(const struct ledger_change *changes, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (changes[i].verb == LEDGER_SAMPLES_SETTLE)
+            return true;
+    return false;
+}
+
+enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count,
+                                struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (ledger->broken)
+        return refuse_broken(err);
+    if (ledger->log_pages > LOG_PAGES_MOST)
+        rc = checkpoint(ledger, err);
+    if (rc == MODAL_OK && wants_settled(changes, count))
+        rc = settle_tape(ledger, err);
+    if (rc != MODAL_OK)
+        return rc;
+    ledger->group_pages = 0;
+    rc = put_group(ledger, changes, count, err);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= verbs[changes[i].verb].frees;
     if (rc == MODAL_OK && ledger->group_pages > 0)
         ledger_mark_put(ledger->mark, ledger->group_pages);
-    if (rc == MODAL_OK)
-        return rc;
-    if (!sqlite3_get_autocommit(ledger->db))
-        sqlite3_exec(ledger->db, "ROLLBACK", NULL, NULL, NULL);
-    ledger->broken = !survivable(rc);
     return rc;
 }
 
@@ -749,7 +736,11 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
         *more = false;
     if (ledger->broken)
         return refuse_broken(err);
-    if (ledger->log_pages > LEDGER_CHECKPOINT_PAGES)
+    if (ledger->tape.end > TAPE_MOST)
+        rc = settle_tape(ledger, err);
+    if (rc == MODAL_STORAGE_FULL)
+        rc = MODAL_OK;                         /* they stay on the tape; tried again later */
+    if (rc == MODAL_OK && ledger->log_pages > LEDGER_CHECKPOINT_PAGES)
         rc = checkpoint(ledger, err);
     if (rc != MODAL_OK || !ledger->deleted)
         return rc;
@@ -775,7 +766,9 @@ enum modal_status ledger_idle(struct ledger *ledger, bool *more, struct modal_er
     *more = false;
     if (ledger->broken)
         return refuse_broken(err);
-    rc = count_pages(ledger, "PRAGMA freelist_count", &unused, err);
+    rc = settle_tape(ledger, err);
+    if (rc == MODAL_OK)
+        rc = count_pages(ledger, "PRAGMA freelist_count", &unused, err);
     if (rc == MODAL_OK && unused > 0)
         rc = ledger_vacuum(ledger, VACUUM_PAGES, &left, err);
     if (rc == MODAL_OK && (*more = left > 0 && left < unused))

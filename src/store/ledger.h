@@ -9,6 +9,7 @@
  *     spool/ID.h5     a sealed input larger than LEDGER_INLINE_MOST bytes; spool/ID.part one being
  *                     uploaded
  *     spool/ID.samples  the samples of open stream ID, as long as it is open; see samples.h
+ *     tape              samples of open streams that are not there yet; see tape.h
  *     results/ID.json a result larger than LEDGER_RESULT_INLINE_MOST
  *     RESERVE         blocks kept for the time when the disk is full
  *
@@ -143,9 +144,12 @@ enum ledger_verb {
     LEDGER_INPUT_DELETE,     /* .id, with its chunks; the caller removes the spool file after the
                               * commit */
     LEDGER_CHUNK_PUT,        /* .id is the input, .chunk; synced before by the spool */
-    LEDGER_SEGMENT_PUT,      /* .segment; its data goes to the stream's file, synced before the
-                              * row is committed */
-    LEDGER_SEGMENTS_DELETE,  /* .id is the stream; the caller removes its file after the commit */
+    LEDGER_SEGMENT_PUT,      /* .segment; its data is on stable storage with the group: on the
+                              * tape (tape.h), from where it goes to its file and row, or there */
+    LEDGER_SEGMENT_ROW,      /* .segment, which was on the tape; none where its stream is gone */
+    LEDGER_SAMPLES_SETTLE,   /* all on the tape goes to files and rows, ahead of the group */
+    LEDGER_SEGMENTS_DELETE,  /* .id is the stream, settled before; the caller removes its file after
+                              * the commit */
     LEDGER_JOB_PUT,          /* insert .job whole; MODAL_CONFLICT: its id, or its user and key,
                               * are taken */
     LEDGER_JOB_MOVE,         /* .job: state and all below it, by id; MODAL_CONFLICT: not a move
@@ -221,14 +225,16 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
                                 struct modal_error *err);
 
 /* To be called after the acknowledgements of a commit are on their way: moves a long log to the
- * database (ledger_commit does so itself once it is four times as long), gives back some of the
- * pages of deleted rows where these are more than a tenth.  *MORE (may be NULL): there is more of
- * that to do in a next call, at leisure.  Fails as ledger_commit does. */
+ * database (ledger_commit does so itself once it is four times as long), and the samples of a long
+ * tape to their files, gives back some of the pages of deleted rows where these are more than a
+ * tenth.  *MORE (may be NULL): there is more of that to do in a next call, at leisure.  Fails as
+ * ledger_commit does. */
 enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_error *err);
 
-/* For the time when nothing is asked of it: gives back pages of deleted rows, some a call, then
- * moves the log to the database and gives its space, and the memory of the pages read, back. *MORE:
- * there is more to do (or a reader was in the way) in a next call.  Fails as ledger_commit does. */
+/* For the time when nothing is asked of it: empties the tape, gives back pages of deleted rows,
+ * some a call, then moves the log to the database and gives its space, and the memory of the pages
+ * read, back. *MORE: there is more to do (or a reader was in the way) in a next call.  Fails as
+ * ledger_commit does. */
 enum modal_status ledger_idle(struct ledger *ledger, bool *more, struct modal_error *err);
 
 /* Move the whole log to the database now, so that its space is used again.  A full disk is no

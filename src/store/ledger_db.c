@@ -103,6 +103,27 @@ static enum modal_status read_number(sqlite3 *db, const char *sql, int64_t *out,
                                                      : ledger_db_fail(db, code, sql, err);
 }
 
+enum modal_status ledger_db_store(sqlite3 *db, char store[33], struct modal_error *err)
+{
+    sqlite3_stmt *row = NULL;
+    int code = sqlite3_prepare_v2(db, "SELECT value FROM about WHERE name='store'", -1,
+                                  &row, NULL);
+    const char *text = NULL;
+
+    if (code == SQLITE_OK)
+        code = sqlite3_step(row);
+    if (code == SQLITE_ROW)
+        text = (const char *)sqlite3_column_text(row, 0);
+    if (text != NULL)
+        snprintf(store, 33, "%s", text);
+    sqlite3_finalize(row);
+    if (code != SQLITE_ROW && code != SQLITE_DONE)
+        return ledger_db_fail(db, code, "reading the store id", err);
+    return strlen(store) == 32
+               ? MODAL_OK
+               : modal_fail(err, MODAL_CORRUPT, "ledger: the store id is missing");
+}
+
 /* --- from schema 1 to 2: a segment was an open input with its data in its row --- */
 
 static enum modal_status number_of(const cJSON *attributes, const char *key, uint64_t *out,

@@ -65,4 +65,6 @@ struct ledger_mark;
 struct ledger_mark *ledger_mark_open(const char *dir);      /* NULL: there will be no mark */
 void ledger_mark_put(struct ledger_mark *mark, int frames);
 void ledger_mark_close(struct ledger_mark *mark);
+/* The store id of DB.  MODAL_CORRUPT: it has none. */
+enum modal_status ledger_db_store(sqlite3 *db, char store[33], struct modal_error *err);
 #endif

@@ -83,6 +83,11 @@ enum modal_status samples_sync(struct samples_files *files, struct modal_error *
     char spool[4200];
     enum modal_status rc = MODAL_OK;
 
+    /* the disk has all of it before the first is waited for */
+    for (int i = 0; rc == MODAL_OK && files->count > 1 && i < files->count; i++) {
+        const struct samples_file *file = &files->file[i];
+        rc = file_sync_begin(file->fd, file->from, file->to - file->from, err);
+    }
     for (int i = 0; rc == MODAL_OK && i < files->count; i++)
         rc = file_sync(files->file[i].fd, err);
     snprintf(spool, sizeof spool, "%s/spool", files->dir);

@@ -1,9 +1,10 @@
 /* samples.h - the samples of an open stream: DIR/spool/ID.samples, segments one behind the other
  *
- * A segment is a run of samples of one epoch, as they were pushed.  The ledger's thread writes
- * those of a group and syncs their files before it commits their rows, so that a row never speaks
- * of bytes that are not on stable storage.  Bytes that no row speaks of (of a refused group, of one
- * cut off by a crash) are written over.  When the stream is sealed, rows and file go.
+ * A segment is a run of samples of one epoch.  The ledger's thread writes long ones, as they were
+ * pushed, and what was on the tape (tape.h), and syncs their files before it commits their rows,
+ * so that a row never speaks of bytes that are not on stable storage.  Bytes that no row speaks of
+ * (of a refused group, of one cut off by a crash) are written over.  When the stream is sealed,
+ * rows and file go.
  */
 #ifndef STORE_SAMPLES_H
 #define STORE_SAMPLES_H
@@ -15,7 +16,10 @@ void samples_path(char path[4200], const char *dir, int64_t id);
 enum modal_status samples_remove(const char *dir, int64_t id, struct modal_error *err);
 
 /* The files of a group being written: zero it, put each segment, sync, close in any case. */
-enum { SAMPLES_FILES = 16 };
+enum {
+    SAMPLES_FILES = 32,            /* open at once: of the 128 that a daemon keeps for itself */
+    SAMPLES_SEGMENT_MOST = 256 << 10,      /* bytes of a segment, as of a push */
+};
 struct samples_files {
     const char *dir;
     struct samples_file {

@@ -284,14 +284,15 @@ static void push(int64_t id)
 /* Its samples are in a batch: rows and file go. */
 static void end_stream(int64_t id)
 {
-    struct ledger_change changes[2] = { { .verb = LEDGER_SEGMENTS_DELETE, .id = id },
+    struct ledger_change changes[3] = { { .verb = LEDGER_SAMPLES_SETTLE },
+                                        { .verb = LEDGER_SEGMENTS_DELETE, .id = id },
                                         { .verb = LEDGER_NOTE_PUT } };
     struct modal_error err;
     char name[24];
 
     snprintf(name, sizeof name, "%" PRId64, id);
-    changes[1].note = (struct note_record) { .topic = "stream", .name = name };
-    if (!commit(changes, 2))
+    changes[2].note = (struct note_record) { .topic = "stream", .name = name };
+    if (!commit(changes, 3))
         return;
     ack("X", id, 0);
     went(samples_remove(dir, id, &err), "remove", &err);

@@ -49,6 +49,7 @@ enum after_type {
     AFTER_OUTPUT,        /* input, its worker's slot (value): sealed, or failed with err */
     AFTER_EVENT,         /* the event becomes visible to subscribers */
     AFTER_STREAM,        /* stream operations; value: which */
+    AFTER_TASK,          /* task: it is for the threads now; refused, it is over */
 };
 
 struct after {
@@ -64,6 +65,7 @@ struct after {
     int64_t ns;                           /* of an event: UTC, as its row has it */
     char *text;
     struct modal_error *err;              /* NULL: none */
+    struct task *task;                    /* its own until then */
 };
 
 /* What is left of a job that went: its key, which nobody may use for another. */
@@ -153,6 +155,7 @@ struct core {
     struct slots *slots;
     struct events *events;
     struct stream *streams;
+    struct map stream_ids;
     /* when a denial of a key that is on no list is told again */
     int64_t next_denial_ns;
 };
@@ -189,6 +192,8 @@ void core_commit(struct core *c, struct transaction *t);
 struct task *task_new(enum task_type type, int64_t id);
 /* TASK is the threads'; it comes back as EVENT_TASK. */
 void core_task(struct core *c, struct task *task);
+/* The same once all samples are in their files and have their rows: for tasks that read them. */
+void core_task_settled(struct core *c, struct task *task);
 /* One of TYPE; REPLY, which is copied, may be NULL.  The caller's until it is joined. */
 struct after *after_new(enum after_type type, const struct reply *reply);
 /* The whole list; accepts NULL. */

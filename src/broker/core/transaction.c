@@ -65,6 +65,7 @@ void after_free(struct after *after)
         struct after *next = after->next;
         free(after->text);
         free(after->err);
+        task_free(after->task);
         free(after);
         after = next;
     }
@@ -111,6 +112,16 @@ void core_task(struct core *c, struct task *task)
 {
     c->tasks++;
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
+}
+
+void core_task_settled(struct core *c, struct task *task)
+{
+    struct transaction *t = transaction_new();
+
+    t->refusable = FIRST_REFUSED;
+    transaction_add(t, LEDGER_SAMPLES_SETTLE);
+    transaction_after(t, AFTER_TASK)->task = task;
+    core_commit(c, t);
 }
 
 void transaction_free(struct transaction *t)

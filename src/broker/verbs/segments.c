@@ -15,6 +15,7 @@ enum {
     SUMS_MOST = 1 << 16,      /* checksums kept: 256 KiB a stream, 65 s of 1 kHz */
     /* samples that are missing, yet their places kept: 256 bytes of zeros */
     GAP_FEW = 64,
+    GAPS_TOLD = 256,          /* a header holds them: 256 pairs of 15 digits are 8 kB */
 };
 
 /* Samples [first, first + count) as DATA has them beside those of the same indices, as far as
@@ -81,6 +82,18 @@ void gaps_add(struct stream *s, uint64_t from, uint64_t to)
     s->gaps[s->gap_count++][1] = to;
     s->missing += bytes;
     s->user->bytes += (int64_t)bytes;
+}
+
+void gaps_write(cJSON *object, const struct stream *s)
+{
+    cJSON *gaps = cJSON_AddArrayToObject(object, "gaps");
+
+    for (size_t i = 0; i < s->gap_count && i < GAPS_TOLD; i++) {
+        double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
+        cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
+    }
+    if (s->gap_count > GAPS_TOLD)
+        cJSON_AddNumberToObject(object, "gap_count", (double)s->gap_count);
 }
 
 void gaps_drop(struct stream *s)

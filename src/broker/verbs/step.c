@@ -35,6 +35,19 @@ static void result_refused(struct core *c, struct transaction *t, struct job *jo
     job_fail(c, job, JOB_FAILED, &err, NULL);
 }
 
+static void task_done(struct core *c, struct task *task);
+
+/* A task that had to wait for room, in vain. */
+static void task_refused(struct core *c, struct after *after)
+{
+    struct task *task = after->task;
+
+    after->task = NULL;
+    task->status = modal_fail(&task->err, MODAL_STORAGE_FULL, "the disk is full");
+    c->tasks++;
+    task_done(c, task);
+}
+
 static void refused(struct core *c, struct transaction *t)
 {
     struct job *job = NULL;
@@ -51,6 +64,8 @@ static void refused(struct core *c, struct transaction *t)
     for (struct after *after = t->after; after != NULL; after = after->next) {
         if (after->type == AFTER_STREAM)
             stream_refused(c, after, t);
+        if (after->type == AFTER_TASK)
+            task_refused(c, after);
         if (after->type != AFTER_SUBMIT && after->type != AFTER_REPEAT)
             continue;
         answer_fail(c, &after->reply, t->status, "", answer_number("retry_after_s", 5),
@@ -141,6 +156,10 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
     case AFTER_GONE:   gone(c, after->input); break;
     case AFTER_DRAIN:  answer_drain(c, &after->reply); break;
     case AFTER_STREAM: stream_after(c, after, t); break;
+    case AFTER_TASK:
+        core_task(c, after->task);
+        after->task = NULL;
+        break;
     default:
         upload_after(c, after);
         follow_outputs(c);

@@ -18,18 +18,19 @@
 #include <string.h>
 
 enum {
-    STREAMS_MOST = 256,       /* open ones of a user, told in PROTOCOL.md, section 8 */
+    STREAMS_MOST = 4096,      /* open ones of a user, told in PROTOCOL.md, section 8 */
     CHANNELS_MOST = 8192,     /* so that a push of 256 KiB has four samples */
-    GAPS_TOLD = 256,          /* a header holds them: 256 pairs of 15 digits are 8 kB */
     FORGOTTEN_S = 600,        /* whoever closes again after a lost answer does so sooner */
 };
 
+static bool has_id(const void *value, const void *key)
+{
+    return ((const struct stream *)value)->id == *(const int64_t *)key;
+}
+
 static struct stream *stream_by_id(const struct core *c, int64_t id)
 {
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->id == id)
-            return s;
-    return NULL;
+    return map_find(&c->stream_ids, map_hash_number((uint64_t)id), has_id, &id);
 }
 
 static struct stream *stream_open_named(const struct core *c, const struct user *user,
@@ -39,20 +40,6 @@ static struct stream *stream_open_named(const struct core *c, const struct user 
         if (s->user == user && !s->closed && strcmp(s->name, name) == 0)
             return s;
     return NULL;
-}
-
-/* Into an answer or attributes, which must fit a header: the first GAPS_TOLD of them, and how many
- * there are where that is not all. */
-static void add_gaps(cJSON *object, const struct stream *s)
-{
-    cJSON *gaps = cJSON_AddArrayToObject(object, "gaps");
-
-    for (size_t i = 0; i < s->gap_count && i < GAPS_TOLD; i++) {
-        double pair[2] = { (double)s->gaps[i][0], (double)s->gaps[i][1] };
-        cJSON_AddItemToArray(gaps, cJSON_CreateDoubleArray(pair, 2));
-    }
-    if (s->gap_count > GAPS_TOLD)
-        cJSON_AddNumberToObject(object, "gap_count", (double)s->gap_count);
 }
 
 static void answer_state(struct core *c, const struct reply *reply, const struct stream *s)
@@ -68,7 +55,7 @@ static void answer_state(struct core *c, const struct reply *reply, const struct
     cJSON_AddNumberToObject(header, "credit", (double)core_window(c) / 2);
     if (s->closed) {
         cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
-        add_gaps(header, s);
+        gaps_write(header, s);
         if (s->has_batch) {
             sha256_hex(s->sha256, hex);
             cJSON_AddStringToObject(header, "sha256", hex);
@@ -119,6 +106,8 @@ static struct stream *make(struct core *c, struct user *user, const char *name,
     window_init(s, window, w);
     s->next_stream = c->streams;
     c->streams = s;
+    if (!map_put(&c->stream_ids, map_hash_number((uint64_t)id), s))
+        abort();
     c->inputs->open_streams++;
     return s;
 }
@@ -372,7 +361,7 @@ static void compare(struct core *c, struct stream *s)
     task->length = s->held->count;
     task->chunks[task->count++] = blob_share(s->held->body);
     s->comparing = true;
-    core_task(c, task);
+    core_task_settled(c, task);
 }
 
 /* Those held that can go on, in their order, up to one that must be compared. */
@@ -494,7 +483,7 @@ static void seal(struct core *c, struct stream *s)
     cJSON_AddStringToObject(attributes, "stream", s->name);
     cJSON_AddNumberToObject(attributes, "first_sample", (double)s->begin);
     cJSON_AddBoolToObject(attributes, "broken_off", s->broken);
-    add_gaps(attributes, s);
+    gaps_write(attributes, s);
     cJSON_DeleteItemFromObject(open, "window");
     cJSON_AddNumberToObject(open, "samples", (double)(s->next - s->begin));
     wire_input_read(open, "", WIRE_BATCH, &w, NULL);
@@ -508,7 +497,7 @@ static void seal(struct core *c, struct stream *s)
     task->epoch = s->epoch;
     task->begin = s->begin;
     task->missing = s->missing;
-    core_task(c, task);
+    core_task_settled(c, task);
 }
 
 /* What was asked to be closed is sealed once all that came before is committed. */
@@ -722,6 +711,11 @@ void stream_load_segment(struct core *c, const struct segment_record *r)
 
     if (s == NULL)
         return;
+    /* an epoch whose samples were on disk before its note was */
+    if (r->epoch > s->epoch) {
+        s->epoch = s->durable_epoch = r->epoch;
+        gaps_drop(s);
+    }
     if (r->epoch == s->epoch) {
         bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
         if (!any)
@@ -764,6 +758,7 @@ void streams_retain(struct core *c)
             continue;
         }
         *link = s->next_stream;
+        map_remove(&c->stream_ids, map_hash_number((uint64_t)s->id), s);
         stream_free(s);
     }
 }
@@ -776,6 +771,7 @@ void streams_done(struct core *c)
         c->streams = s->next_stream;
         stream_free(s);
     }
+    map_done(&c->stream_ids);
 }
 
 const struct user *stream_user(const struct stream *s)

@@ -144,6 +144,9 @@ enum sameness samples_compare(const struct stream *s, uint64_t first, uint64_t c
 void samples_note(struct stream *s, uint64_t first, uint64_t count, const char *data);
 /* Samples [from, to) are missing; their user is charged for them. */
 void gaps_add(struct stream *s, uint64_t from, uint64_t to);
+/* Into an answer or attributes, which must fit a header: the first of them, and how many there are
+ * where that is not all. */
+void gaps_write(cJSON *object, const struct stream *s);
 /* The end of what came, those samples that are held included. */
 uint64_t samples_reach(const struct stream *s);
 /* Bytes of the gap that samples from FIRST on leave. */

@@ -21,19 +21,26 @@ static struct ledger *ledger;
 static void start(void)
 {
     static const double x[2] = { 2.5, -3.75 };
-    struct ledger_change changes[2 * (STREAMS + 1)];
+    static char names[STREAMS + 1][8];
+    struct ledger_change changes[3 * (STREAMS + 1)],
+                         settle = { .verb = LEDGER_SAMPLES_SETTLE };
     int n = 0;
 
     snprintf(dir, sizeof dir, "/tmp/modald-test-XXXXXX");
     CHECK(mkdtemp(dir) != NULL && ledger_open(dir, &ledger, NULL) == MODAL_OK);
-    for (int s = 0; s <= STREAMS; s++)
+    for (int s = 0; s <= STREAMS; s++) {
+        snprintf(names[s], sizeof names[s], "%d", s + 1);
+        changes[n++] = (struct ledger_change) { .verb = LEDGER_NOTE_PUT,
+                                                .note = { "stream", names[s], "{}" } };
         for (int i = 0; i < 2; i++)
             changes[n++] = (struct ledger_change) { .verb = LEDGER_SEGMENT_PUT, .segment = {
                 .stream = s + 1,
                 .first = i == 0 ? 0 : s == SHORT ? 1 : GAP + 1, .count = 1,
                 .offset = 8 * (uint64_t)i, .length = 8,
                 .crc = crc32c(0, &x[i], 8), .data = &x[i] } };
+    }
     CHECK(ledger_commit(ledger, changes, (size_t)n, NULL) == MODAL_OK);
+    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK);
     CHECK(done_open(&done));
     threads = spool_threads_start(dir, 1, &done);
     CHECK(threads != NULL);

@@ -169,7 +169,7 @@ def test_no_file_of_the_daemon_is_open_to_others_whatever_the_umask_and_an_open_
         while not metrics.exists() and time.monotonic() < end:
             time.sleep(0.02)
         assert oct(metrics.stat().st_mode & 0o777) == "0o640"
-        assert {"ledger.db", "ledger.db-wal", "ledger.db-shm", "2.part", "3.samples"} <= {path.name for path in data.rglob("*")}
+        assert {"ledger.db", "ledger.db-wal", "ledger.db-shm", "2.part", "tape"} <= {path.name for path in data.rglob("*")}
         assert open_to_others(data) == {} and open_to_others(tmp_path / "copy") == {}
         assert [line for line in daemon.text().splitlines() if "event=data_open" in line and "mode=0755" in line and str(data) in line]
 

@@ -1,8 +1,10 @@
 #!/usr/bin/python3
-"""What each bad peer of tests/fault/hostile.py costs an honest client: the median time of a question answered from memory, under attack over usual.
+"""What each bad peer of tests/fault/hostile.py costs an honest client: the median time of a
+question answered from memory, under attack over usual.
 
-What a probe's own process takes of the machine is not the daemon's doing, so the usual time is that of a daemon beside which the same
-probe attacks another one.  Rounds alternate; of each the best counts, as what else runs here only adds.
+What a probe's own process takes of the machine is not the daemon's doing, so the usual time is that
+of a daemon beside which the same probe attacks another one.  Rounds alternate; of each the best
+counts, as what else runs here only adds.
 """
 import json
 import pathlib
@@ -29,7 +31,8 @@ def median_ms(client):
 
 
 def main():
-    for probe in ("oversize", "garbage", "taken", "deaf", "malformed", "hangups", "fleeting", "endless", "silent"):
+    for probe in ("oversize", "garbage", "taken", "deaf", "malformed", "hangups", "fleeting",
+                  "endless", "silent"):
         with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as here, Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as there:
             client = Client(here.endpoint, identity=b"honest")
             assert submit(client, key="known").ok
@@ -39,8 +42,11 @@ def main():
                     with attack(probe, daemon):
                         time.sleep(0.5)
                         times.append(median_ms(client))
-            print(json.dumps({"bench": "hostile", "case": f"question under {probe}", "value": round(min(attacked), 4), "unit": "ms", "peer": "the same beside another daemon",
-                              "ratio": round(min(attacked) / min(usual), 3), "n": ROUNDS}), flush=True)
+            print(json.dumps({"bench": "hostile", "case": f"question under {probe}",
+                              "value": round(min(attacked), 4), "unit": "ms",
+                              "peer": "the same beside another daemon",
+                              "ratio": round(min(attacked) / min(usual), 3), "n": ROUNDS}),
+                  flush=True)
     return 0
 
 

@@ -1,12 +1,15 @@
 #!/usr/bin/python3
-"""Random free responses with known truth: order right, modes missed, spurious ones, cover of the errors.
+"""Random free responses with known truth: order right, modes missed, spurious ones, cover of the
+errors.
 
-    MODALCTL=build/bin/modalctl tests/bench/bench_identify_random.py [count] [seed] [least modes] [most modes]
+    MODALCTL=build/bin/modalctl tests/bench/bench_identify_random.py [count] [seed] [least modes]
+    [most modes]
 
-Each record: 1 to 14 modes in 1 to 30 channels, 200 to 4000 samples, 10 to 80 dB of white noise or none, some with a close pair, with
-growth, with an offset, all at scales from 1e-8 to 1e8.  A mode is *detectable* where the chi-squared lost without it, the others refitted in
-the linear model at the true parameters, is three times what a pair costs in the criterion (order.h).  Only records whose modes are
-all detectable count for the order.
+Each record: 1 to 14 modes in 1 to 30 channels, 200 to 4000 samples, 10 to 80 dB of white noise or
+none, some with a close pair, with growth, with an offset, all at scales from 1e-8 to 1e8.  A mode
+is *detectable* where the chi-squared lost without it, the others refitted in the linear model at
+the true parameters, is three times what a pair costs in the criterion (order.h).  Only records
+whose modes are all detectable count for the order.
 """
 import json
 import math
@@ -22,9 +25,12 @@ DETECTABLE = 3
 
 
 def exponents(rng, modes, dt, record):
-    """Frequencies over the Nyquist band, damping log-uniform; sometimes two a fraction of 1/record apart, sometimes one that grows."""
-    w = np.exp(rng.uniform(np.log(4 * np.pi / record), np.log(0.8 * np.pi / dt), modes)) if rng.random() < 0.5 \
-        else rng.uniform(4 * np.pi / record, 0.8 * np.pi / dt, modes)
+    """Frequencies over the Nyquist band, damping log-uniform; sometimes two a fraction of 1/record
+    apart, sometimes one that grows.
+    """
+    w = (np.exp(rng.uniform(np.log(4 * np.pi / record), np.log(0.8 * np.pi / dt), modes))
+         if rng.random() < 0.5 \
+        else rng.uniform(4 * np.pi / record, 0.8 * np.pi / dt, modes))
     zeta = np.exp(rng.uniform(np.log(1e-4), np.log(0.1), modes))
     sigma = np.minimum(zeta * w, 30 / record * rng.uniform(0.05, 1, modes))
     if modes > 1 and rng.random() < 0.2:
@@ -42,7 +48,8 @@ def record(seed, least=1, most=14):
     dt = 10.0 ** rng.uniform(-4, 0)
     t = np.arange(n) * dt
     lam = exponents(rng, modes, dt, n * dt)
-    shape = (rng.normal(size=(modes, S)) + 1j * rng.normal(size=(modes, S))) * np.exp(rng.normal(size=modes) * 0.7)[:, None]
+    shape = (rng.normal(size=(modes, S)) + 1j
+             * rng.normal(size=(modes, S))) * np.exp(rng.normal(size=modes) * 0.7)[:, None]
     if rng.random() < 0.5:
         shape = shape.real * np.exp(1j * rng.uniform(0, 2 * np.pi, modes))[:, None]
     basis = np.exp(np.outer(t, lam))
@@ -53,18 +60,22 @@ def record(seed, least=1, most=14):
     noise = 0 if snr is None else np.sqrt(np.mean(y ** 2)) * 10 ** (-snr / 20)
     y = y + noise * rng.normal(size=y.shape)
     scale = 10.0 ** rng.uniform(-8, 8)
-    return dict(y=y * scale, dt=dt, exponents=lam, basis=basis, shape=shape, noise=noise, offset=offset, snr=snr, t=t)
+    return dict(y=y * scale, dt=dt, exponents=lam, basis=basis, shape=shape, noise=noise,
+                offset=offset, snr=snr, t=t)
 
 
 def losses(r):
-    """Chi-squared lost without each mode, the others refitted: their amplitudes in every channel, their exponents in common."""
+    """Chi-squared lost without each mode, the others refitted: their amplitudes in every channel,
+    their exponents in common.
+    """
     y, t, n = r["y"], r["t"], len(r["t"])
     S, noise = y.shape[1], max(r["noise"], 1e-13)
     real = [np.column_stack([b.real, -b.imag]) for b in r["basis"].T]
     lost = []
     for j in range(len(real)):
         others = [k for k in range(len(real)) if k != j]
-        phi = np.column_stack([real[k] for k in others] + ([np.ones(n)] if r["offset"] else [])) if others or r["offset"] else np.zeros((n, 0))
+        phi = (np.column_stack([real[k] for k in others] + ([np.ones(n)] if r["offset"] else []))
+               if others or r["offset"] else np.zeros((n, 0)))
         q = np.linalg.qr(phi)[0] if phi.shape[1] else phi
         def left(x):
             return x - q @ (q.T @ x)
@@ -93,7 +104,8 @@ def identify(y, dt, options=(), timeout=300):
             h.create_dataset("signals", data=y).attrs["dt"] = dt
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         try:
-            p = subprocess.run([CTL, "--local", "--json", "identify", d + "/r.h5", *options], capture_output=True, text=True, timeout=timeout)
+            p = subprocess.run([CTL, "--local", "--json", "identify", d + "/r.h5", *options],
+                               capture_output=True, text=True, timeout=timeout)
         except subprocess.TimeoutExpired:
             return None, timeout
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -103,7 +115,8 @@ def identify(y, dt, options=(), timeout=300):
 def match(modes, lam, record):
     """Pairs (truth, mode) nearest first, each once, within 2/record or a fifth of the damping."""
     found = [complex(*m["exponent"]) for m in modes]
-    pairs = sorted((abs(f - z), i, k) for i, z in enumerate(lam) for k, f in enumerate(found) if abs(f - z) < 2 / record + 0.3 * abs(z.real))
+    pairs = sorted((abs(f - z), i, k) for i, z in enumerate(lam) for k, f in enumerate(found)
+                   if abs(f - z) < 2 / record + 0.3 * abs(z.real))
     used_i, used_k, out = set(), set(), []
     for d, i, k in pairs:
         if i not in used_i and k not in used_k:
@@ -112,7 +125,8 @@ def match(modes, lam, record):
 
 
 def main():
-    count, seed = (int(x) if len(sys.argv) > i + 1 else v for i, (x, v) in enumerate(zip((sys.argv + [0, 0])[1:3], (100, 1))))
+    count, seed = (int(x) if len(sys.argv) > i + 1 else v
+                   for i, (x, v) in enumerate(zip((sys.argv + [0, 0])[1:3], (100, 1))))
     least, most = (int(sys.argv[3]), int(sys.argv[4])) if len(sys.argv) > 4 else (1, 14)
     judged = right = detectable = missed = spurious = inside = errors = refused = 0
     seconds, wrong = 0.0, []

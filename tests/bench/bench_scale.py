@@ -1,7 +1,9 @@
-"""Steady states of chains with a law at every dof, beside a plain Newton iteration with load steps on scipy's sparse LU.
+"""Steady states of chains with a law at every dof, beside a plain Newton iteration with load steps
+on scipy's sparse LU.
 
-One JSON line a figure; `ratio` is the peer's processor time over ours.  Ours is all of `modalctl --local`, errors included, without
-stability; the peer's the iteration alone, without errors.  Amplitudes at the loaded dof must agree before a figure is told.
+One JSON line a figure; `ratio` is the peer's processor time over ours.  Ours is all of `modalctl
+--local`, errors included, without stability; the peer's the iteration alone, without errors.
+Amplitudes at the loaded dof must agree before a figure is told.
 """
 import json, os, resource, subprocess, sys, tempfile, time
 import numpy as np
@@ -10,23 +12,28 @@ import scipy.sparse.linalg as sl
 
 MODALCTL = os.path.join(os.environ.get("MODALD_BUILD", "build"), "bin", "modalctl")
 OMEGA, LOAD, DAMPING, H = 0.3, 0.5, 0.05, 7
-LAWS = {"cubic": {"type": "cubic_spring", "coefficient": 0.1}, "gap": {"type": "gap", "stiffness": 1.0, "clearance": 0.3},
+LAWS = {"cubic": {"type": "cubic_spring", "coefficient": 0.1},
+        "gap": {"type": "gap", "stiffness": 1.0, "clearance": 0.3},
         "friction": {"type": "friction", "stiffness": 0.3, "limit": 0.05}}
 
 
 def ours(n, law, folder):
-    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1), "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
+    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                           "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
              "effects": [{"type": "rayleigh_damping", "alpha": DAMPING, "beta": 0.0}]
              + [{**LAWS[law], "dof": f"x{i + 1}"} for i in range(n)],
-             "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"harmonics": H, "stability": False}}
+             "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}],
+             "steady": {"harmonics": H, "stability": False}}
     path = os.path.join(folder, "scene.json")
     with open(path, "w") as file:
         json.dump(scene, file)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    answer = json.loads(subprocess.run([MODALCTL, "--local", "--json", "steady", path], capture_output=True, check=True).stdout)
+    answer = json.loads(subprocess.run([MODALCTL, "--local", "--json", "steady", path],
+                                       capture_output=True, check=True).stdout)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     first = next(m for m in answer["harmonics"] if m["dof"] == "x1")
-    return (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, answer["converged"],
+    return (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            answer["converged"],
             abs(complex(first["re"][1], first["im"][1])))
 
 
@@ -42,7 +49,8 @@ def peer(n, law):
     K = sp.diags([2 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1]).tocsc()
     C = 0.03 * K + DAMPING * sp.eye(n)
     t = np.arange(samples) * 2 * np.pi / samples
-    basis = np.hstack([np.ones((samples, 1))] + [f(k * t)[:, None] for k in range(1, H + 1) for f in (np.cos, np.sin)])
+    basis = np.hstack([np.ones((samples, 1))] + [f(k * t)[:, None] for k in range(1, H + 1)
+                                                 for f in (np.cos, np.sin)])
     back = np.linalg.pinv(basis)
     rows = [[None] * m for _ in range(m)]
     rows[0][0] = K
@@ -66,7 +74,8 @@ def peer(n, law):
             if ok or not np.linalg.norm(R) < 1e3:
                 break
             J = np.einsum("rN,iN,Nc->irc", back, slope, basis, optimize=True)
-            Y -= sl.splu(L + sp.csc_matrix((J.ravel(), (i.ravel(), j.ravel())), shape=L.shape)).solve(R)
+            Y -= sl.splu(L + sp.csc_matrix((J.ravel(), (i.ravel(), j.ravel())),
+                                           shape=L.shape)).solve(R)
         X, s, step = (Y, level, 1.5 * step) if ok else (X, s, step / 2)
     return time.process_time() - begun, s == 1, np.hypot(X[1], X[2])
 
@@ -78,10 +87,13 @@ def main():
                 spent, converged, amplitude = ours(n, law, folder)
                 theirs = peer(n, law) if law != "friction" else (0, False, 0)
                 if not converged or (theirs[1] and abs(theirs[2] - amplitude) > 1e-2 * amplitude):
-                    print(f"bench_scale: {law} on {n} dofs is {amplitude} for {theirs[2]}", file=sys.stderr)
+                    print(f"bench_scale: {law} on {n} dofs is {amplitude} for {theirs[2]}",
+                          file=sys.stderr)
                     continue
-                print(json.dumps({"bench": "scale", "case": f"steady, {law} at every dof", "value": round(spent, 4), "unit": "s",
-                                  "peer": "scipy splu" if theirs[1] else "none", "ratio": round(theirs[0] / spent, 3), "n": n}), flush=True)
+                print(json.dumps({"bench": "scale", "case": f"steady, {law} at every dof",
+                                  "value": round(spent, 4), "unit": "s",
+                                  "peer": "scipy splu" if theirs[1] else "none",
+                                  "ratio": round(theirs[0] / spent, 3), "n": n}), flush=True)
 
 
 if __name__ == "__main__":

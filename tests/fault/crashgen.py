@@ -1,8 +1,9 @@
 """The disk states a power cut may leave, from a record of libcrashio.so.
 
-A file is an inode: what was synced, and the changes since.  A folder's entries are durable once the folder is synced.  At a
-cut everything synced is there, and of the rest any subset, the last write of a file torn at any byte.  That is more than
-real file systems do to us (they keep more order), so what survives here survives there.
+A file is an inode: what was synced, and the changes since.  A folder's entries are durable once the
+folder is synced.  At a cut everything synced is there, and of the rest any subset, the last write
+of a file torn at any byte.  That is more than real file systems do to us (they keep more order), so
+what survives here survives there.
 """
 import random
 import struct
@@ -112,7 +113,8 @@ class Disk:
                         apply(content, kept)
                 made[id(file)] = bytes(content)
             out[name] = made[id(file)]
-        return {name: value for name, value in out.items() if "/" not in name or name.rpartition("/")[0] in out}
+        return {name: value for name, value in out.items() if "/" not in name
+                or name.rpartition("/")[0] in out}
 
 
 def torn(change, random_):
@@ -125,7 +127,9 @@ def torn(change, random_):
 
 
 def states(log, seed, variants):
-    """(acks so far, state) for every point of LOG: nothing unsynced, all of it, and VARIANTS random subsets."""
+    """(acks so far, state) for every point of LOG: nothing unsynced, all of it, and VARIANTS random
+    subsets.
+    """
     random_ = random.Random(seed)
     disk = Disk()
     for entry in log:

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Bad peers, each a process of its own: `hostile.py PROBE HOST:PORT` does its worst until it is ended, as the user of $HOSTILE_KEYS where that is set.
+"""Bad peers, each a process of its own: `hostile.py PROBE HOST:PORT` does its worst until it is
+ended, as the user of $HOSTILE_KEYS where that is set.
 
 What libzmq does with each is in README.md.
 """
@@ -22,7 +23,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "system"
 from wire import crc32c, ring_down  # noqa: E402
 
 VERSION = b"MODALD1"
-GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)      # of ZMTP 3.0, without security
+# of ZMTP 3.0, without security
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)
 
 
 def dealer(endpoint, identity=None, **options):
@@ -31,7 +33,8 @@ def dealer(endpoint, identity=None, **options):
     for name, value in options.items():
         setattr(made, name, value)
     if "HOSTILE_KEYS" in os.environ:
-        made.curve_serverkey, made.curve_publickey, made.curve_secretkey = (key.encode() for key in os.environ["HOSTILE_KEYS"].split(","))
+        made.curve_serverkey, made.curve_publickey, made.curve_secretkey = (
+            (key.encode() for key in os.environ["HOSTILE_KEYS"].split(",")))
     if identity:
         made.setsockopt(zmq.IDENTITY, identity)
     made.connect(f"tcp://{endpoint}")
@@ -47,7 +50,9 @@ def bomb(endpoint):
 
 
 def oversize(endpoint):
-    """Frames of 2 MiB, past what the daemon takes; libzmq drops the connection, and the peer is back at once."""
+    """Frames of 2 MiB, past what the daemon takes; libzmq drops the connection, and the peer is
+    back at once.
+    """
     frame, peer = bytes(2 << 20), dealer(endpoint)
     while True:
         with contextlib.suppress(zmq.Again):
@@ -77,7 +82,8 @@ def garbage(endpoint):
         with contextlib.suppress(OSError), socket.socket() as one:
             one.settimeout(1)
             one.connect((host, int(port)))
-            one.sendall((GREETING if dice.randrange(3) == 0 else b"") + dice.randbytes(dice.randrange(1, 2000)))
+            one.sendall((GREETING if dice.randrange(3) == 0 else b"")
+                        + dice.randbytes(dice.randrange(1, 2000)))
         time.sleep(0.01)
 
 
@@ -115,9 +121,12 @@ def deaf(endpoint):
 
 def malformed(endpoint):
     """Each a message that breaks PROTOCOL.md, section 2, as fast as they are taken."""
-    bad = [[b""], [VERSION], [VERSION, b""], [VERSION, b"HELLO", b"{"], [VERSION, b"NOSUCH", b'{"id":1}'], [b"MODALD9", b"HELLO", b'{"id":1}'],
-           [VERSION, b"HELLO", b"[" * 40 + b"]" * 40], [VERSION, b"HELLO", b'{"id":' + b"9" * 400 + b"}"], [VERSION, b"HELLO", b'{"id":NaN}'],
-           [VERSION, b"HELLO", b'{"id":1}'] + [b""] * 9, [bytes(7), bytes(16), bytes(100)], [VERSION, b"SUBMIT", os.urandom(65537)]]
+    bad = [[b""], [VERSION], [VERSION, b""], [VERSION, b"HELLO", b"{"],
+           [VERSION, b"NOSUCH", b'{"id":1}'], [b"MODALD9", b"HELLO", b'{"id":1}'],
+           [VERSION, b"HELLO", b"[" * 40 + b"]" * 40],
+           [VERSION, b"HELLO", b'{"id":' + b"9" * 400 + b"}"], [VERSION, b"HELLO", b'{"id":NaN}'],
+           [VERSION, b"HELLO", b'{"id":1}'] + [b""] * 9, [bytes(7), bytes(16), bytes(100)],
+           [VERSION, b"SUBMIT", os.urandom(65537)]]
     peer = dealer(endpoint)
     while True:
         for message in bad:
@@ -130,31 +139,38 @@ def malformed(endpoint):
 def say(peer, verb, body=(), **header):
     """A request whose answer nobody waits for; False: it was not taken."""
     try:
-        peer.send_multipart([VERSION, verb.encode(), json.dumps({"id": 1, **header}).encode(), *body], zmq.DONTWAIT)
+        peer.send_multipart([VERSION, verb.encode(), json.dumps({"id": 1, **header}).encode(),
+                             *body], zmq.DONTWAIT)
         return True
     except zmq.Again:
         return False
 
 
 def half(endpoint):
-    """Handshakes that stop after the greeting, or in the middle of the next command; 30 at a time, for ever anew."""
+    """Handshakes that stop after the greeting, or in the middle of the next command; 30 at a time,
+    for ever anew.
+    """
     host, port = endpoint.split(":")
     dice, kept = random.Random(7), []
     while True:
         with contextlib.suppress(OSError):
             one = socket.create_connection((host, int(port)), timeout=1)
             kept.append(one)
-            one.sendall(GREETING[:dice.choice([1, 11, 33, len(GREETING)])] + dice.choice([b"", b"\x04", b"\x04\xff\x05READY"]))
+            one.sendall(GREETING[:dice.choice([1, 11, 33, len(GREETING)])]
+                        + dice.choice([b"", b"\x04", b"\x04\xff\x05READY"]))
         if len(kept) > 30:
             kept.pop(dice.randrange(30)).close()
         time.sleep(0.02)
 
 
 def stopped(endpoint):
-    """Peers, half of them under one routing id, that pipeline past all limits with heartbeats between, read nothing and go: libzmq's stopped input."""
+    """Peers, half of them under one routing id, that pipeline past all limits with heartbeats
+    between, read nothing and go: libzmq's stopped input.
+    """
     dice = random.Random(9)
     while True:
-        peers = [dealer(endpoint, identity=b"x" if i % 2 else None, sndhwm=0, rcvhwm=1, heartbeat_ivl=dice.choice([1, 10, 100])) for i in range(8)]
+        peers = [dealer(endpoint, identity=b"x" if i % 2 else None, sndhwm=0, rcvhwm=1,
+                        heartbeat_ivl=dice.choice([1, 10, 100])) for i in range(8)]
         for peer in peers:
             for _ in range(dice.choice([5, 40, 900])):
                 say(peer, dice.choice(["HELLO", "LIST", "METRICS"]))
@@ -187,7 +203,8 @@ def gaps(endpoint):
             say(peer, "STREAM", op="open", name=f"gap{n % 10}", channels=1, dt=0.1)
             opened = json.loads(peer.recv_multipart()[2])
             for first in (0, 1000, 10 ** 5, 10 ** 6, dice.choice([10 ** 7, 10 ** 8, 2 ** 50])):
-                say(peer, "STREAM", [body], op="push", stream=opened["stream"], epoch=0, first=first, count=8, crc32c=crc32c(body))
+                say(peer, "STREAM", [body], op="push", stream=opened["stream"], epoch=0,
+                    first=first, count=8, crc32c=crc32c(body))
                 peer.recv_multipart()
             say(peer, "STREAM", op="close", stream=opened["stream"])
             peer.recv_multipart()
@@ -207,26 +224,38 @@ def flood(endpoint):
             peer.recv_multipart()
 
 
-EVIL = [0, 1, -1, 0.5, 2 ** 31, 2 ** 53, -2 ** 63, 1e308, 1e-320, "", "a", "../../etc/passwd", "x" * 65000, "\0", "key:", None, True, [], {}, [[]], "f" * 64]
+EVIL = [0, 1, -1, 0.5, 2 ** 31, 2 ** 53, -2 ** 63, 1e308, 1e-320, "", "a", "../../etc/passwd",
+        "x" * 65000, "\0", "key:", None, True, [], {}, [[]], "f" * 64]
 
 
 def fuzz(endpoint):
-    """Requests of all verbs but DRAIN, members missing, wrong and evil; one frame in twenty is noise."""
+    """Requests of all verbs but DRAIN, members missing, wrong and evil; one frame in twenty is
+    noise.
+    """
     dice, peer = random.Random(13), dealer(endpoint, sndhwm=100)
     data, described = ring_down(samples=16)
-    known = {"HELLO": {"versions": ["MODALD1"]}, "STATUS": {"job": "key:a"}, "WAIT": {"job": "key:a", "timeout_s": 0.1}, "RESULT": {"job": "key:a", "offset": 0, "length": 9},
-             "CANCEL": {"job": "key:a"}, "RETRY": {"job": "key:a"}, "DELETE": {"job": "key:a"}, "LIST": {"limit": 9, "state": "done"}, "STATS": {}, "METRICS": {}, "WHOAMI": {},
-             "EVENTS": {"from": 1, "job": "key:a"}, "SUBMIT": {"kind": "identify", "options": {"rank.fixed": 2}, "input": described, "key": "a", "run_limit_s": 1},
+    known = {"HELLO": {"versions": ["MODALD1"]}, "STATUS": {"job": "key:a"},
+             "WAIT": {"job": "key:a", "timeout_s": 0.1},
+             "RESULT": {"job": "key:a", "offset": 0, "length": 9},
+             "CANCEL": {"job": "key:a"}, "RETRY": {"job": "key:a"}, "DELETE": {"job": "key:a"},
+             "LIST": {"limit": 9, "state": "done"}, "STATS": {}, "METRICS": {}, "WHOAMI": {},
+             "EVENTS": {"from": 1, "job": "key:a"},
+             "SUBMIT": {"kind": "identify", "options": {"rank.fixed": 2}, "input": described,
+                        "key": "a", "run_limit_s": 1},
              "SUBMITS": {"jobs": [{"kind": "identify", "input": described}]},
-             "UPLOAD": {"op": "begin", "upload": "00000000", "content": "batch", "samples": 16, "channels": 1, "dt": 1.0, "offset": 0, "sha256": "f" * 64, "crc32c": 1},
-             "STREAM": {"op": "open", "name": "f", "channels": 1, "dt": 0.1, "stream": "00000000", "epoch": 0, "first": 0, "count": 16, "crc32c": crc32c(data)}}
+             "UPLOAD": {"op": "begin", "upload": "00000000", "content": "batch", "samples": 16,
+                        "channels": 1, "dt": 1.0, "offset": 0, "sha256": "f" * 64, "crc32c": 1},
+             "STREAM": {"op": "open", "name": "f", "channels": 1, "dt": 0.1, "stream": "00000000",
+                        "epoch": 0, "first": 0, "count": 16, "crc32c": crc32c(data)}}
     ops = {"UPLOAD": ["begin", "chunk", "seal", "abort"], "STREAM": ["open", "push", "close"]}
     while True:
         verb = dice.choice(list(known))
-        header = {key: dice.choice(EVIL) if dice.random() < 0.1 else value for key, value in known[verb].items() if dice.random() > 0.05}
+        header = {key: dice.choice(EVIL) if dice.random() < 0.1 else value
+                  for key, value in known[verb].items() if dice.random() > 0.05}
         if "op" in header and dice.random() < 0.9:
             header["op"] = dice.choice(ops[verb])
-        frames = [VERSION, verb.encode(), json.dumps({"id": 1, **header}).encode(), *([data] if dice.random() < 0.6 else [])]
+        frames = [VERSION, verb.encode(), json.dumps({"id": 1, **header}).encode(),
+                  *([data] if dice.random() < 0.6 else [])]
         if dice.random() < 0.05:
             frames[dice.randrange(len(frames))] = dice.randbytes(dice.randrange(40))
         with contextlib.suppress(zmq.Again):
@@ -254,7 +283,9 @@ def shaken(endpoint):
 
 
 def hangups(endpoint):
-    """More requests than the pipe to the loop holds, a PING among them, and gone: what ended the daemon through libzmq 4.3.4."""
+    """More requests than the pipe to the loop holds, a PING among them, and gone: what ended the
+    daemon through libzmq 4.3.4.
+    """
     asked = b"\x01\x07MODALD1\x01\x04LIST\x00\x08" + b'{"id":1}'
     while True:
         with contextlib.suppress(OSError), shaken(endpoint) as one:
@@ -285,9 +316,13 @@ def endless(endpoint):
 
 @contextlib.contextmanager
 def attack(probe, daemon, keys=None):
-    """The probe, at work on DAEMON while the body runs; with KEYS, of server and user, as that user."""
-    process = subprocess.Popen([sys.executable, __file__, probe, daemon.endpoint.removeprefix("tcp://")], stdout=subprocess.PIPE,
-                               env={**os.environ, **({"HOSTILE_KEYS": ",".join(key.decode() for key in keys)} if keys else {})})
+    """The probe, at work on DAEMON while the body runs; with KEYS, of server and user, as that
+    user.
+    """
+    process = subprocess.Popen([sys.executable, __file__, probe,
+                                daemon.endpoint.removeprefix("tcp://")], stdout=subprocess.PIPE,
+                               env={**os.environ, **(
+        {"HOSTILE_KEYS": ",".join(key.decode() for key in keys)} if keys else {})})
     try:
         process.stdout.readline()
         assert process.poll() is None
@@ -304,16 +339,20 @@ def free_port():
         return s.getsockname()[1]
 
 
-PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, taken, keyless, deaf, malformed, half, stopped, gone, gaps, flood, fuzz,
+PROBES = {probe.__name__: probe for probe in (bomb, oversize, silent, garbage, taken, keyless,
+                                              deaf, malformed, half, stopped, gone, gaps, flood,
+                                              fuzz,
                                                hangups, fleeting, endless)}
 
 if __name__ == "__main__":
     if sys.argv[1] != "silent":                   # which says so once it has all its connections
         print("at work", flush=True)
     parent = os.getpid()
-    while True:                                   # libzmq may end a peer of this kind: another takes its place
+    # libzmq may end a peer of this kind: another takes its place
+    while True:
         if os.fork() == 0:
-            ctypes.CDLL(None).prctl(1, signal.SIGKILL)            # PR_SET_PDEATHSIG; whose parent ended before has no signal to come
+            # PR_SET_PDEATHSIG; whose parent ended before has no signal to come
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)
             if os.getppid() != parent:
                 os._exit(0)
             PROBES[sys.argv[1]](sys.argv[2])

@@ -1,7 +1,8 @@
-"""What was acknowledged survives: kill -9 under load, at the n-th system call, failing syncs, a full disk (PROTOCOL.md, section 6).
+"""What was acknowledged survives: kill -9 under load, at the n-th system call, failing syncs, a
+full disk (PROTOCOL.md, section 6).
 
-The workers are tests/system/fake_worker.py, so that the daemon, not the numerics, is what is under load.  MODALD_KILLS and
-MODALD_JOBS enlarge the runs.
+The workers are tests/system/fake_worker.py, so that the daemon, not the numerics, is what is under
+load.  MODALD_KILLS and MODALD_JOBS enlarge the runs.
 """
 import json
 import os
@@ -30,7 +31,8 @@ needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace
 
 
 def patiently(client, verb, body=(), seconds=120, **header):
-    """Ask until there is an answer that is not `try again`: what section 10 tells a client to do."""
+    """Ask until there is an answer that is not `try again`: what section 10 tells a client to do.
+    """
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         try:
@@ -45,11 +47,14 @@ def patiently(client, verb, body=(), seconds=120, **header):
 
 
 class Submitter(threading.Thread):
-    """Submits keys of its own, one by one or, where its number is odd, five in a message, and writes down what was acknowledged."""
+    """Submits keys of its own, one by one or, where its number is odd, five in a message, and
+    writes down what was acknowledged.
+    """
 
     def __init__(self, daemon, number, count):
         super().__init__(daemon=True)
-        self.endpoint, self.number, self.count, self.acks, self.error = daemon.endpoint, number, count, {}, None
+        self.endpoint, self.number, self.count, self.acks, self.error = (daemon.endpoint, number,
+                                                                         count, {}, None)
 
     def run(self):
         from wire import Client
@@ -66,7 +71,8 @@ class Submitter(threading.Thread):
     def submit(self, client, which):
         keys = [f"c{self.number}-{i}" for i in which]
         inputs = [ring_down(samples=16, phase=self.number + i * 1e-3) for i in which]
-        jobs = [{"kind": "identify", "options": {"n": [self.number, i]}, "input": described, "key": key} for i, key, (_, described) in zip(which, keys, inputs)]
+        jobs = [{"kind": "identify", "options": {"n": [self.number, i]}, "input": described,
+                 "key": key} for i, key, (_, described) in zip(which, keys, inputs)]
         body = b"".join(data for data, _ in inputs)
         if len(jobs) == 1:
             reply = patiently(client, "SUBMIT", [body], **jobs[0])
@@ -74,8 +80,10 @@ class Submitter(threading.Thread):
             answers = [reply]
         else:
             answers = [{}]
-            while not all("job" in answer for answer in answers):     # a part may be refused for now
-                answers = json.loads(patiently(client, "SUBMITS", [body], jobs=jobs).body[0])["jobs"]
+            # a part may be refused for now
+            while not all("job" in answer for answer in answers):
+                answers = json.loads(patiently(client, "SUBMITS", [body],
+                                               jobs=jobs).body[0])["jobs"]
                 refused = {answer["error"]["code"] for answer in answers if "job" not in answer}
                 assert refused <= {"busy", "draining", "storage_full"}, answers
                 time.sleep(0.05 if refused else 0)
@@ -86,7 +94,8 @@ class Submitter(threading.Thread):
 def all_docs(client):
     docs, after = [], None
     while True:
-        page = json.loads(patiently(client, "LIST", limit=1000, **({"after": after} if after else {})).body[0])
+        page = json.loads(patiently(client, "LIST", limit=1000,
+                                    **({"after": after} if after else {})).body[0])
         docs += page["jobs"]
         after = page["next"]
         if after is None:
@@ -94,7 +103,9 @@ def all_docs(client):
 
 
 def check_everything(client, acks, seconds=180):
-    """Each acknowledged key names one job with one result; no key has two jobs; no two edges into an end."""
+    """Each acknowledged key names one job with one result; no key has two jobs; no two edges into
+    an end.
+    """
     end = time.monotonic() + seconds
     while True:
         docs = all_docs(client)
@@ -137,7 +148,8 @@ def test_8_clients_lose_and_double_nothing_while_the_daemon_is_killed_20_times()
         for key in random.Random(1).sample(sorted(acks), 50):
             number, i = key[1:].split("-")
             data, described = ring_down(samples=16, phase=int(number) + int(i) * 1e-3)
-            again = patiently(client, "SUBMIT", [data], kind="identify", options={"n": [int(number), int(i)]}, input=described, key=key)
+            again = patiently(client, "SUBMIT", [data], kind="identify",
+                              options={"n": [int(number), int(i)]}, input=described, key=key)
             assert again["job"] == acks[key] and again["duplicate"] is True
         print(f"\nP1 P2 P3 P4: {KILLS} kills, {len(acks)} acknowledged jobs, 0 violations")
 
@@ -164,8 +176,11 @@ def end_and_start(d, how):
 
 
 def test_restarts_of_every_kind_under_load_lose_and_double_nothing():
-    """F17, F18: reloads, drains, drains cut short, kills, and ends during the replay, while 4 clients do nothing but repeat themselves."""
-    dice, counts = random.Random(17), dict.fromkeys(["reload", "terminate", "terminate twice", "kill", "terminate while starting"], 0)
+    """F17, F18: reloads, drains, drains cut short, kills, and ends during the replay, while 4
+    clients do nothing but repeat themselves.
+    """
+    dice, counts = random.Random(17), dict.fromkeys(["reload", "terminate", "terminate twice",
+                                                     "kill", "terminate while starting"], 0)
     with Daemon(config=FAKE, workers=2) as d:
         submitters = [Submitter(d, n, 400) for n in range(4)]
         for s in submitters:
@@ -184,18 +199,22 @@ def test_restarts_of_every_kind_under_load_lose_and_double_nothing():
 
 
 def load(endpoint, acks, uploads, stop):
-    """Submissions and one upload, until the daemon dies; what was acknowledged goes to ACKS and UPLOADS."""
+    """Submissions and one upload, until the daemon dies; what was acknowledged goes to ACKS and
+    UPLOADS.
+    """
     from wire import Client
     client = Client(endpoint, timeout_s=0.5)
     try:
         data = bytes(800000)
-        begun = client.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1, key="load")
+        begun = client.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1,
+                           key="load")
         at = begun["present"]
         first = i = len(acks)
         while not stop.is_set() and i < first + 30:
             if begun.ok and at < len(data):
                 piece = data[at:at + 65536]
-                if client.ask("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at, crc32c=crc32c(piece)).ok:
+                if client.ask("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at,
+                              crc32c=crc32c(piece)).ok:
                     at += len(piece)
                     uploads["present"] = at
             reply = submit(client, key=f"s{i}", phase=i * 1e-3)
@@ -214,12 +233,14 @@ def test_a_kill_at_the_nth_call_loses_nothing_acknowledged(call, tmp_path):
     points = int(os.environ.get("MODALD_KILL_POINTS", 6))
     acks, uploads, killed = {}, {"present": 0}, 0
     for n in [1 + (i * (i + 1)) // 2 * 2 for i in range(points)]:
-        wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e", f"inject={call}:signal=SIGKILL:when={n}"]
+        wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e",
+                f"inject={call}:signal=SIGKILL:when={n}"]
         stop = threading.Event()
         try:
             d = Daemon(folder=tmp_path, config=FAKE, workers=1, wrap=wrap)
         except RuntimeError:
-            killed += 1                              # at the start: nothing was acknowledged in this life
+            # at the start: nothing was acknowledged in this life
+            killed += 1
             continue
         worker = threading.Thread(target=load, args=(d.endpoint, acks, uploads, stop), daemon=True)
         worker.start()
@@ -230,7 +251,8 @@ def test_a_kill_at_the_nth_call_loses_nothing_acknowledged(call, tmp_path):
         d.__exit__()
     with Daemon(folder=tmp_path, config=FAKE, workers=2) as d:
         c = d.client()
-        present = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1, key="load")
+        present = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1,
+                        key="load")
         assert present.ok and present["present"] >= uploads["present"]
         for key, job in acks.items():
             done = c.ask("WAIT", job=f"key:{key}", timeout_s=250)
@@ -244,7 +266,8 @@ def test_a_failed_sync_ends_the_daemon_and_acknowledges_nothing_more(call, tmp_p
     """P7: EIO from the n-th sync; every acknowledgement before it holds after the restart."""
     ended, acks = 0, {}
     for n in (3, 9):
-        wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e", f"inject={call}:error=EIO:when={n}+"]
+        wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e",
+                f"inject={call}:error=EIO:when={n}+"]
         try:
             d = Daemon(folder=tmp_path, config=FAKE, workers=1, wrap=wrap)
         except RuntimeError:
@@ -300,12 +323,15 @@ def test_a_full_disk_refuses_submits_and_recovers_without_a_hand():
 
 
 def test_deletes_pass_on_a_full_disk_however_many_results_were_tried_there():
-    """P8: submissions and results may use up the reserve but for its last part, which is for deletes and edges."""
+    """P8: submissions and results may use up the reserve but for its last part, which is for
+    deletes and edges.
+    """
     with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=2) as d:
         c = d.client()
         done, refused = [], 0
         for i in range(450):
-            reply = submit(c, key=f"m{i}", options={"document": 200000 if i % 3 else 20000}, phase=i * 1e-3)
+            reply = submit(c, key=f"m{i}", options={"document": 200000 if i % 3 else 20000},
+                           phase=i * 1e-3)
             if reply.code == "storage_full":
                 refused += 1
                 time.sleep(0.02)
@@ -333,11 +359,13 @@ def test_10_clients_uploading_at_once_keep_the_daemon_under_200_mb():
         from wire import Client
         c = Client(d.endpoint)
         try:
-            begun = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1, key=f"u{n}")
+            begun = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1,
+                          dt=1, key=f"u{n}")
             credit, at, acked, waiting = begun["credit"], 0, 0, []
             while acked < size:
                 while at < size and (not waiting or at - acked + len(piece) <= credit):
-                    waiting.append(c.send("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at, crc32c=crc))
+                    waiting.append(c.send("UPLOAD", [piece], op="chunk", upload=begun["upload"],
+                                          offset=at, crc32c=crc))
                     at += len(piece)
                 reply = c.answer(waiting.pop(0))
                 assert reply.ok, reply

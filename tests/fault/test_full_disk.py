@@ -1,4 +1,6 @@
-"""P8 (PROTOCOL.md, section 6) with a stream and an upload open: the disk fills under them, and is made free again."""
+"""P8 (PROTOCOL.md, section 6) with a stream and an upload open: the disk fills under them, and is
+made free again.
+"""
 import contextlib
 import os
 import pathlib
@@ -37,42 +39,54 @@ def chunk(client, upload, at):
 
 def push(client, stream, first, count=2048):
     body = bytes(16) * count
-    return client.ask("STREAM", [body], op="push", stream=stream, epoch=0, first=first, count=count, crc32c=crc32c(body))
+    return client.ask("STREAM", [body], op="push", stream=stream, epoch=0, first=first,
+                      count=count, crc32c=crc32c(body))
 
 
 def host_env(daemon, folder):
     kept = {k: v for k, v in os.environ.items() if not k.startswith("MODALD_")}
-    return {**kept, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(folder), "MODALD_CLOSE_WAIT": "120"}
+    return {**kept, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(folder),
+            "MODALD_CLOSE_WAIT": "120"}
 
 
 def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
-    """The host prints and ends as without a daemon; the record is its log; the upload goes on where it was."""
-    plain = subprocess.run([str(LOOP), "host", str(STEPS), "2"], capture_output=True, check=True, env={"PATH": os.environ["PATH"]}).stdout
+    """The host prints and ends as without a daemon; the record is its log; the upload goes on where
+    it was.
+    """
+    plain = subprocess.run([str(LOOP), "host", str(STEPS), "2"], capture_output=True, check=True,
+                           env={"PATH": os.environ["PATH"]}).stdout
     size = 16 * len(PIECE)
     with small_disk("size=48m") as disk, Daemon(folder=disk, config=FAKE, workers=1) as d:
         c = d.client()
         kept = submit(c, key="kept")
         assert c.ask("WAIT", job=kept["job"], timeout_s=250)["state"] == "done"
-        upload = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1, dt=1.0)["upload"]
+        upload = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1,
+                       dt=1.0)["upload"]
         assert chunk(c, upload, 0)["present"] == len(PIECE)
         mine = c.ask("STREAM", op="open", name="mine", channels=2, dt=DT)["stream"]
-        host = subprocess.Popen([str(LOOP), "host", str(STEPS), "2", "0.0002"], stdout=subprocess.PIPE, env=host_env(d, tmp_path))
+        host = subprocess.Popen([str(LOOP), "host", str(STEPS), "2", "0.0002"],
+                                stdout=subprocess.PIPE, env=host_env(d, tmp_path))
         with contextlib.ExitStack() as stack:
             stack.callback(host.kill)
-            until(lambda: c.ask("STREAM", op="open", name="host", channels=2, dt=DT)["next"] > 0, "the host pushed nothing")
+            until(lambda: c.ask("STREAM", op="open", name="host", channels=2, dt=DT)["next"] > 0,
+                  "the host pushed nothing")
             sent, at, refused_since = 0, len(PIECE), None
             with ballast(disk):
-                until(lambda: submit(c, options={"n": time.monotonic()}).code == "storage_full", "the disk never filled")
-                while refused_since is None or time.monotonic() < refused_since + 3:      # then the reserve is used up but for its last part
+                until(lambda: submit(c, options={"n": time.monotonic()}).code == "storage_full",
+                      "the disk never filled")
+                # then the reserve is used up but for its last part
+                while refused_since is None or time.monotonic() < refused_since + 3:
                     reply = push(c, mine, sent)
                     if reply.ok:
                         sent += 2048
                         refused_since = None
                         assert reply["next"] == sent
                         continue
-                    assert reply.code == "storage_full" and reply["error"]["detail"]["retry_after_s"] > 0, reply
+                    assert (reply.code == "storage_full"
+                            and reply["error"]["detail"]["retry_after_s"] > 0), reply
                     refused_since = refused_since or time.monotonic()
-                    assert push(c, mine, sent + 2048).code == "storage_full", "behind refused samples none is taken"
+                    assert (push(c, mine, sent + 2048).code
+                            == "storage_full"), "behind refused samples none is taken"
                     assert c.ask("STREAM", op="close", stream=mine).code == "storage_full"
                     time.sleep(0.1)
                     assert sent < 40 << 16, "pushes go on on a full disk"
@@ -90,18 +104,22 @@ def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
             out = host.communicate(timeout=PATIENCE)[0]
         assert (host.returncode, out) == (0, plain)
         whole = PIECE * 16
-        assert c.ask("UPLOAD", op="seal", upload=upload, sha256=identity(size // 8, 1, 1.0, whole))["state"] == "sealed"
+        assert (c.ask("UPLOAD", op="seal", upload=upload,
+                      sha256=identity(size // 8, 1, 1.0, whole))["state"] == "sealed")
         closed = c.ask("STREAM", op="close", stream=mine)
-        assert (closed["samples"], closed["gaps"], closed["sha256"]) == (sent, [], identity(sent, 2, DT, bytes(16 * sent)))
+        assert ((closed["samples"], closed["gaps"], closed["sha256"])
+                == (sent, [], identity(sent, 2, DT, bytes(16 * sent))))
         host_sha = identity(STEPS, 2, DT, plain)
-        until(lambda: c.ask("SUBMIT", kind="identify", input={"sha256": host_sha}).ok, "the host's record is not its log")
+        until(lambda: c.ask("SUBMIT", kind="identify", input={"sha256": host_sha}).ok,
+              "the host's record is not its log")
         assert submit(c, key="after").ok
         assert d.stop() == 0
     print(f"\nP8: a stream and an upload over a full disk: {sent} samples and {size} bytes, all there")
 
 
 def gauge(client):
-    return re.search(r"^modald_storage_full ([01])$", client.ask("METRICS").body[0].decode(), re.M)[1] == "1"
+    return re.search(r"^modald_storage_full ([01])$", client.ask("METRICS").body[0].decode(),
+                     re.M)[1] == "1"
 
 
 def told_full(client):
@@ -112,7 +130,8 @@ def told_full(client):
 
 
 def edges(daemon):
-    return [line.split("event=")[1].split()[0] for line in daemon.text().splitlines() if "event=storage_" in line]
+    return [line.split("event=")[1].split()[0] for line in daemon.text().splitlines()
+            if "event=storage_" in line]
 
 
 def begin(client, size):
@@ -120,15 +139,19 @@ def begin(client, size):
 
 
 def test_the_gauge_and_the_log_say_that_uploads_are_refused_for_want_of_disk_and_that_it_is_over():
-    """Disk that uploads have filled; the file's owner takes it away, and nobody needs to ask for anything."""
+    """Disk that uploads have filled; the file's owner takes it away, and nobody needs to ask for
+    anything.
+    """
     with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
         c = d.client()
         assert not told_full(c) and edges(d) == []
         with ballast(disk):
             for _ in range(50):
                 reply = begin(c, 4 << 20)
-                assert reply.code == "storage_full" and reply["error"]["detail"]["retry_after_s"] > 0, reply
-                assert reply["error"]["message"] == "the disk is full: there is no room for 4194304 bytes"
+                assert (reply.code == "storage_full"
+                        and reply["error"]["detail"]["retry_after_s"] > 0), reply
+                assert (reply["error"]["message"]
+                        == "the disk is full: there is no room for 4194304 bytes")
                 assert told_full(c)
             assert edges(d) == ["storage_full"], "one line at the edge, however many are refused"
         until(lambda: not told_full(c), "the gauge stays")
@@ -149,21 +172,27 @@ def test_the_gauge_is_1_while_the_ledger_refuses_submissions():
 
 
 def test_cancels_pass_on_a_full_disk_while_uploads_ask_for_every_block_of_it():
-    """Uploads may have what the reserve gives up first, and nothing of its last part, else cancels wait for room."""
+    """Uploads may have what the reserve gives up first, and nothing of its last part, else cancels
+    wait for room.
+    """
     size = 1 << 18
     with small_disk("size=40m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
         c, waiting = d.client(), []
         asked = [c.send("SUBMIT", [bytes(800)], kind="identify", options={"n": n},
-                        input={"content": "batch", "samples": 100, "channels": 1, "dt": 1.0}) for n in range(600)]
+                        input={"content": "batch", "samples": 100, "channels": 1, "dt": 1.0})
+                 for n in range(600)]
         jobs = [c.answer(number)["job"] for number in asked]
         with ballast(disk):
-            until(lambda: submit(c, options={"n": -1}).code == "storage_full", "the disk never filled")
+            until(lambda: submit(c, options={"n": -1}).code == "storage_full",
+                  "the disk never filled")
             refused = 0
-            while refused < 50:                          # the reserve's first part is given up, and uploads have it
+            # the reserve's first part is given up, and uploads have it
+            while refused < 50:
                 refused += begin(c, size).code == "storage_full"
             for job in jobs:
                 cancel = c.send("CANCEL", job=job)
-                uploads = [c.send("UPLOAD", op="begin", content="batch", samples=size // 16, channels=1, dt=1.0) for _ in range(5)]
+                uploads = [c.send("UPLOAD", op="begin", content="batch", samples=size // 16,
+                                  channels=1, dt=1.0) for _ in range(5)]
                 assert c.answer(cancel)["state"] == "cancelled"
                 waiting += uploads
             codes = {c.answer(number).code for number in waiting}
@@ -173,4 +202,5 @@ def test_cancels_pass_on_a_full_disk_while_uploads_ask_for_every_block_of_it():
 def test_an_input_larger_than_a_disk_with_room_is_refused_without_an_alarm():
     with small_disk("size=64m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
         c = d.client()
-        assert begin(c, 1 << 30).code == "storage_full" and not told_full(c) and edges(d) == [] and begin(c, 1 << 20).ok
+        assert (begin(c, 1 << 30).code == "storage_full" and not told_full(c) and edges(d) == []
+                and begin(c, 1 << 20).ok)

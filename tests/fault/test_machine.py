@@ -1,4 +1,6 @@
-"""The machine under the daemon: a slow disk (F8), no descriptors left (F9), a clock that jumps (F15), no processor to spare (F22)."""
+"""The machine under the daemon: a slow disk (F8), no descriptors left (F9), a clock that jumps
+(F15), no processor to spare (F22).
+"""
 import os
 import pathlib
 import shutil
@@ -20,15 +22,21 @@ CLOCK = BUILD / "fault" / "libclock.so"
 
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
-    """A second a sync: of the questions that memory answers a hundred fit between few syncs, no lease is lost, and each acknowledgement still waits for its sync."""
-    wrap = ["strace", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null", "-e", "trace=fdatasync,fsync", "-e", "inject=fdatasync,fsync:delay_enter=1000000"]
+    """A second a sync: of the questions that memory answers a hundred fit between few syncs, no
+    lease is lost, and each acknowledgement still waits for its sync.
+    """
+    wrap = ["strace", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null", "-e",
+            "trace=fdatasync,fsync", "-e", "inject=fdatasync,fsync:delay_enter=1000000"]
     with Daemon(folder=tmp_path, config=FAKE + "lease_s = 10\n", wrap=wrap) as d:
         writer, reader, acked, stop = d.client(), d.client(), [], threading.Event()
 
         def submits():
             while not stop.is_set():
                 begin = time.perf_counter()
-                numbers = [writer.send("SUBMIT", [bytes(128)], kind="identify", options={"n": [len(acked), i]}, input={"content": "batch", "samples": 16, "channels": 1, "dt": 1})
+                numbers = [writer.send("SUBMIT", [bytes(128)], kind="identify",
+                                       options={"n": [len(acked), i]},
+                                       input={"content": "batch", "samples": 16, "channels": 1,
+                                              "dt": 1})
                            for i in range(20)]
                 assert all(writer.answer(n).ok for n in numbers)
                 acked.append(time.perf_counter() - begin)
@@ -43,7 +51,8 @@ def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
         thread.join(120)
         assert "event=lease" not in d.text()
         print(f"\nF8: 1 s a sync: 100 reads while {meanwhile} times 20 submissions were acknowledged, each time after {min(acked):.2f} s or more")
-        assert meanwhile < 25 and min(acked) > 1     # a read that waited for a sync would see one of these a read
+        # a read that waited for a sync would see one of these a read
+        assert meanwhile < 25 and min(acked) > 1
 
 
 def descriptors(d):
@@ -51,13 +60,18 @@ def descriptors(d):
 
 
 def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
-    """The limit is set to what is open: no connection, no upload, no new worker, but answers, and jobs of the warm worker; a push waits."""
+    """The limit is set to what is open: no connection, no upload, no new worker, but answers, and
+    jobs of the warm worker; a push waits.
+    """
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
         assert c.ask("WAIT", job=submit(c)["job"], timeout_s=250)["state"] == "done"
         begin = dict(content="batch", samples=100000, channels=1, dt=1)
-        stream, rows = c.ask("STREAM", op="open", name="patient", channels=1, dt=1)["stream"], bytes(80)
-        most = int(subprocess.run(["prlimit", "--pid", str(d.pid), "--nofile", "--noheadings", "--raw", "-o", "SOFT"], capture_output=True, text=True, check=True).stdout)
+        stream, rows = c.ask("STREAM", op="open", name="patient", channels=1,
+                             dt=1)["stream"], bytes(80)
+        most = int(subprocess.run(["prlimit", "--pid", str(d.pid), "--nofile", "--noheadings",
+                                   "--raw", "-o", "SOFT"], capture_output=True, text=True,
+                                  check=True).stdout)
         subprocess.run(["prlimit", "--pid", str(d.pid), f"--nofile={descriptors(d)}:"], check=True)
         served = submit(c, phase=0.25)
         assert c.ask("WAIT", job=served["job"], timeout_s=250)["state"] == "done"
@@ -66,7 +80,8 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
         os.kill(d.children()[0], 9)
         queued = submit(c, phase=0.5)
         assert queued.ok and c.ask("STATS").ok
-        pushed = c.send("STREAM", [rows], op="push", stream=stream, epoch=0, first=0, count=10, crc32c=crc32c(rows))
+        pushed = c.send("STREAM", [rows], op="push", stream=stream, epoch=0, first=0, count=10,
+                        crc32c=crc32c(rows))
         newcomer = d.client()
         asked = newcomer.send("HELLO")
         time.sleep(1)
@@ -80,16 +95,20 @@ def test_without_descriptors_the_daemon_serves_who_is_there_and_recovers():
 
 @pytest.mark.skipif(sanitized.SANITIZED, reason="a preloaded library comes before the sanitizer's")
 def test_a_clock_that_jumps_neither_ends_nor_prolongs_a_lease_a_limit_or_a_wait(tmp_path):
-    """P10: a day and an hour back and forwards, while a job runs, two wait for their deadlines, and a client waits."""
+    """P10: a day and an hour back and forwards, while a job runs, two wait for their deadlines, and
+    a client waits.
+    """
     step = tmp_path / "step"
     step.write_text("0")
-    with Daemon(folder=tmp_path, config=FAKE + "lease_s = 10\n", env={"LD_PRELOAD": str(CLOCK), "CLOCK_STEP": str(step)}) as d:
+    with Daemon(folder=tmp_path, config=FAKE + "lease_s = 10\n",
+                env={"LD_PRELOAD": str(CLOCK), "CLOCK_STEP": str(step)}) as d:
         c, gate = d.client(), d.gate()
         began = submit(c, options=gate.options, run_limit_s=3000)["job"]
         until(lambda: c.ask("STATUS", job=began)["state"] == "running")
         patient = submit(c, options={"say": "in time"}, deadline_s=3000)["job"]
         soon = submit(c, options={"say": "too late"}, deadline_s=2)["job"]
-        step.write_text("-86400      ")                  # by this clock the rest of all limits is a day longer
+        # by this clock the rest of all limits is a day longer
+        step.write_text("-86400      ")
         assert c.ask("WAIT", job=soon, timeout_s=250)["error"]["code"] == "deadline"
         assert c.ask("WAIT", job=began, timeout_s=0.5)["state"] == "running"
         for seconds in (3600, -3600, 86400, -86400, 0):
@@ -101,12 +120,15 @@ def test_a_clock_that_jumps_neither_ends_nor_prolongs_a_lease_a_limit_or_a_wait(
         gate.open()
         for job in (began, patient):
             done = c.ask("WAIT", job=job, timeout_s=250)
-            assert done["state"] == "done" and done["attempts"] == 1 and "event=lease" not in d.text()
+            assert (done["state"] == "done" and done["attempts"] == 1
+                    and "event=lease" not in d.text())
         print("\nP10: 6 jumps of the clock, 0 violations")
 
 
 def test_leases_hold_while_four_spinners_have_the_processors():
-    """F22: at nice 0 against workers at nice 10; the daemon answers, and the worker's heartbeats come through: two leases' time and more."""
+    """F22: at nice 0 against workers at nice 10; the daemon answers, and the worker's heartbeats
+    come through: two leases' time and more.
+    """
     lease_s = 8
     with Daemon(config=FAKE + f"lease_s = {lease_s}\n", workers=1) as d:
         c, gate = d.client(), d.gate()

@@ -1,6 +1,8 @@
-"""F10: the n-th allocation of the daemon, or of a worker, fails: an error that says so, or a restart; nothing acknowledged is lost.
+"""F10: the n-th allocation of the daemon, or of a worker, fails: an error that says so, or a
+restart; nothing acknowledged is lost.
 
-n goes up by a stride through everything that the process allocates; MODALD_ALLOCATIONS tries more of them.
+n goes up by a stride through everything that the process allocates; MODALD_ALLOCATIONS tries more
+of them.
 """
 import os
 import pathlib
@@ -28,10 +30,13 @@ def shim(n):
 
 
 def use(client, acks):
-    """A little of everything; what is acknowledged goes to ACKS.  False: the daemon no longer answers."""
+    """A little of everything; what is acknowledged goes to ACKS.  False: the daemon no longer
+    answers.
+    """
     try:
         for i in range(6):
-            reply = submit(client, key=f"k{len(acks)}-{i}", phase=len(acks) + i * 1e-3, options={"note": "x" * 50 * i})
+            reply = submit(client, key=f"k{len(acks)}-{i}", phase=len(acks) + i * 1e-3,
+                           options={"note": "x" * 50 * i})
             if reply.ok:
                 acks[reply["key"]] = reply["job"]
             else:
@@ -47,7 +52,8 @@ def use(client, acks):
 
 def check(daemon, acks):
     client = daemon.client()
-    lost = [key for key, job in acks.items() if client.ask("STATUS", job=f"key:{key}").get("job") != job]
+    lost = [key for key, job in acks.items() if client.ask("STATUS", job=f"key:{key}").get("job")
+            != job]
     client.close()
     assert not lost, f"lost after a failed allocation: {lost}"
 
@@ -71,7 +77,9 @@ class Perhaps:
 
 
 def allocations(tmp_path):
-    """More than a daemon makes that is started, used a little and stopped: n doubled until none fails."""
+    """More than a daemon makes that is started, used a little and stopped: n doubled until none
+    fails.
+    """
     n = 4096
     while True:
         folder = tmp_path / f"count{n}"
@@ -86,7 +94,8 @@ def allocations(tmp_path):
 
 
 def test_the_nth_allocation_of_the_daemon_fails_and_nothing_acknowledged_is_lost(tmp_path, capsys):
-    most, begin, tried, reached, ended, unstarted = allocations(tmp_path), time.monotonic(), 0, 0, 0, 0
+    most, begin, tried, reached, ended, unstarted = allocations(
+        tmp_path), time.monotonic(), 0, 0, 0, 0
     folder, acks = tmp_path / "swept", {}
     folder.mkdir()
     for i in range(TRIES):
@@ -114,7 +123,9 @@ def test_the_nth_allocation_of_the_daemon_fails_and_nothing_acknowledged_is_lost
 
 
 def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, capsys):
-    """A worker that cannot go on says no_memory or dies, and the daemon does not; what did not hurt the job ends it well."""
+    """A worker that cannot go on says no_memory or dies, and the daemon does not; what did not hurt
+    the job ends it well.
+    """
     begin, tried, reached, ends = time.monotonic(), 0, 0, {}
     wrapper = tmp_path / "worker"                # workers get an environment of their own
     for i in range(TRIES):
@@ -127,10 +138,12 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
             client = d.client()
             job = submit(client, key="one", max_attempts=1)["job"]
             doc = client.ask("WAIT", job=job, timeout_s=15)
-            if doc["state"] in ("queued", "running"):            # the worker fails before it is ready, each time anew
+            # the worker fails before it is ready, each time anew
+            if doc["state"] in ("queued", "running"):
                 assert client.ask("CANCEL", job=job)["state"] == "cancelled"
             elif doc["state"] != "done":
-                assert doc["error"]["code"] in ("no_memory", "worker_died", "internal", "io_error"), doc
+                assert (doc["error"]["code"] in ("no_memory", "worker_died", "internal",
+                                                 "io_error")), doc
             state = doc["state"]
             ends[state] = ends.get(state, 0) + 1
             assert d.process.poll() is None

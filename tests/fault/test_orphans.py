@@ -1,4 +1,6 @@
-"""No worker outlives its daemon: kill -9 at any moment of a worker's life, and another daemon on the same folder at once."""
+"""No worker outlives its daemon: kill -9 at any moment of a worker's life, and another daemon on
+the same folder at once.
+"""
 import os
 import pathlib
 import sys
@@ -13,13 +15,17 @@ END_S = 60
 
 
 def workers_of(folder):
-    """Process number and parent of each worker of a daemon of this folder, those that are still a wrapping shell among them."""
+    """Process number and parent of each worker of a daemon of this folder, those that are still a
+    wrapping shell among them.
+    """
     found = {}
     for entry in os.listdir("/proc"):
         try:
-            command = pathlib.Path(f"/proc/{entry}/cmdline").read_bytes() if entry.isdigit() else b""
+            command = (pathlib.Path(f"/proc/{entry}/cmdline").read_bytes() if entry.isdigit()
+                       else b"")
             if str(folder).encode() in command and b"--connect" in command:
-                found[int(entry)] = int(pathlib.Path(f"/proc/{entry}/stat").read_text().rsplit(")", 1)[1].split()[1])
+                found[int(entry)] = int(
+                    pathlib.Path(f"/proc/{entry}/stat").read_text().rsplit(")", 1)[1].split()[1])
         except OSError:
             pass                                     # it has ended meanwhile
     return found
@@ -38,7 +44,9 @@ def test_a_worker_that_had_not_begun_when_its_daemon_was_killed_does_not_serve_t
     script.write_text(f"#!/bin/sh\nuntil [ -e {tmp_path}/go ]; do sleep 0.05; done\nexec {BUILD}/bin/modald-worker \"$@\"\n")
     script.chmod(0o755)
     with Daemon(folder=tmp_path, config=f"worker_path = {script}\n", workers=3) as daemon:
-        while len(orphans := {pid for pid, parent in workers_of(tmp_path).items() if parent == daemon.pid}) < 3:      # not a shell's child of a moment
+        # not a shell's child of a moment
+        while len(orphans := {pid for pid, parent in workers_of(tmp_path).items()
+                              if parent == daemon.pid}) < 3:
             time.sleep(0.01)
         daemon.kill()
         daemon.config.write_text("")                 # the next one's workers begin at once
@@ -60,7 +68,8 @@ def test_kill_9_at_any_moment_leaves_no_worker(tmp_path, busy):
                 client = daemon.client()
                 scene_job(client, key=f"k{i}", max_attempts=1)
                 client.close()
-            time.sleep(0.4 * i / 24 if i % 3 else 0)         # from its first instant to the life of a worker that has begun
+            # from its first instant to the life of a worker that has begun
+            time.sleep(0.4 * i / 24 if i % 3 else 0)
             daemon.kill()
             daemon.start()
             none_left(tmp_path, but_of=daemon.pid)

@@ -17,14 +17,16 @@ def mounted(folder):
 
 def test_a_disk_is_there_and_gone_with_its_test():
     with small_disk("size=64k") as folder:
-        assert mounted(folder) and os.statvfs(folder).f_blocks * os.statvfs(folder).f_frsize == 65536
+        assert (mounted(folder) and os.statvfs(folder).f_blocks
+                * os.statvfs(folder).f_frsize == 65536)
     assert not mounted(folder) and not os.path.exists(folder)
 
 
 def test_a_killed_test_leaves_no_mount():
     with small_disk("size=64k"):
         pass                                            # skips where nobody may mount
-    process = subprocess.Popen([sys.executable, "-c", HOLDS, str(pathlib.Path(__file__).parent)], stdout=subprocess.PIPE, text=True, start_new_session=True)
+    process = subprocess.Popen([sys.executable, "-c", HOLDS, str(pathlib.Path(__file__).parent)],
+                               stdout=subprocess.PIPE, text=True, start_new_session=True)
     folder = process.stdout.readline().strip()
     assert mounted(folder)
     os.killpg(process.pid, signal.SIGKILL)

@@ -1,8 +1,10 @@
-"""F23: everything at once for MODALD_SOAK_SECONDS (60; nightly 3600), on real workers: no job lost or wrong, nothing leaks.
+"""F23: everything at once for MODALD_SOAK_SECONDS (60; nightly 3600), on real workers: no job lost
+or wrong, nothing leaks.
 
-Five kinds of client work beside each other while workers are killed, the daemon drains and undrains and reads its
-configuration again.  Each client checks its own answers; in the end `modalctl fsck` finds nothing.  Retention is of seconds, so that
-what the daemon holds has a steady size: memory and descriptors are compared between two stretches of the run.
+Five kinds of client work beside each other while workers are killed, the daemon drains and undrains
+and reads its configuration again.  Each client checks its own answers; in the end `modalctl fsck`
+finds nothing.  Retention is of seconds, so that what the daemon holds has a steady size: memory and
+descriptors are compared between two stretches of the run.
 """
 import contextlib
 import json
@@ -33,7 +35,8 @@ class Load(threading.Thread):
 
     def __init__(self, daemon, name, work):
         super().__init__(daemon=True, name=name)
-        self.endpoint, self.work, self.done, self.error, self.stop = daemon.endpoint, work, 0, None, threading.Event()
+        self.endpoint, self.work, self.done, self.error, self.stop = (daemon.endpoint, work, 0,
+                                                                      None, threading.Event())
 
     def run(self):
         client = Client(self.endpoint, timeout_s=5)
@@ -48,7 +51,9 @@ class Load(threading.Thread):
 
 
 def finish(client, job):
-    """Wait to the end; one whose workers were killed three times is tried again, as its owner would."""
+    """Wait to the end; one whose workers were killed three times is tried again, as its owner
+    would.
+    """
     while True:
         doc = patiently(client, "WAIT", job=job, timeout_s=4)
         if doc["state"] == "dead":
@@ -63,10 +68,13 @@ def frequency(client, job):
 
 
 def submits(client, i):
-    """A damped cosine of a frequency of its own: its mode must be that one, whoever computes it and however often it is tried."""
+    """A damped cosine of a frequency of its own: its mode must be that one, whoever computes it and
+    however often it is tried.
+    """
     omega = 20 + i % 997 * 0.05
     data, described = ring_down(samples=200, omega=omega)
-    job = patiently(client, "SUBMIT", [data], kind="identify", options=FIXED, input=described, key=f"{threading.current_thread().name} {i}")["job"]
+    job = patiently(client, "SUBMIT", [data], kind="identify", options=FIXED, input=described,
+                    key=f"{threading.current_thread().name} {i}")["job"]
     doc = finish(client, job)
     assert doc["state"] == "done", doc
     expected = (omega ** 2 + 0.8 ** 2) ** 0.5
@@ -95,15 +103,19 @@ def uploads(client, i):
     begun = patiently(client, "UPLOAD", op="begin", key=f"u{i}", **described)
     at = 0
     for piece, crc in [(first, crc32c(first))] + [(BLOCK, BLOCK_CRC)] * (1 if i % 4 == 3 else 4):
-        reply = patiently(client, "UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at, crc32c=crc)
-        assert reply.ok or reply["error"].get("detail", {}).get("expected") == at + len(piece), reply
+        reply = patiently(client, "UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at,
+                          crc32c=crc)
+        assert (reply.ok or reply["error"].get("detail", {}).get("expected") == at
+                + len(piece)), reply
         at += len(piece)
     if i % 4 == 3:
         assert patiently(client, "UPLOAD", op="abort", upload=begun["upload"]).ok
         return
     sha = identity(described["samples"], 32, 0.01, data)
     assert patiently(client, "UPLOAD", op="seal", upload=begun["upload"], sha256=sha).ok
-    job = patiently(client, "SUBMIT", kind="identify", options={"rank.fixed": 2, "rows": 8, "columns": 200}, input={"sha256": sha}, key=f"j{i}")["job"]
+    job = patiently(client, "SUBMIT", kind="identify",
+                    options={"rank.fixed": 2, "rows": 8, "columns": 200}, input={"sha256": sha},
+                    key=f"j{i}")["job"]
     doc = finish(client, job)
     assert doc["state"] == "done", doc
     assert patiently(client, "DELETE", job=job).ok
@@ -112,10 +124,12 @@ def uploads(client, i):
 def streams(client, i):
     """2,000 samples with live windows, sealed into the batch of exactly these samples."""
     data, _ = ring_down(samples=2000, omega=31 + i % 100)
-    opened = patiently(client, "STREAM", op="open", name=f"r{i}", channels=1, dt=0.01, window={"samples": 400, "hop": 400, "options": FIXED})
+    opened = patiently(client, "STREAM", op="open", name=f"r{i}", channels=1, dt=0.01,
+                       window={"samples": 400, "hop": 400, "options": FIXED})
     for at in range(0, 2000, 250):
         piece = data[8 * at:8 * (at + 250)]
-        assert patiently(client, "STREAM", [piece], op="push", stream=opened["stream"], epoch=0, first=at, count=250, crc32c=crc32c(piece))["next"] == at + 250
+        assert (patiently(client, "STREAM", [piece], op="push", stream=opened["stream"], epoch=0,
+                          first=at, count=250, crc32c=crc32c(piece))["next"] == at + 250)
     closed = patiently(client, "STREAM", op="close", stream=opened["stream"])
     assert closed["sha256"] == identity(2000, 1, 0.01, data) and closed["gaps"] == []
     time.sleep(0.1)
@@ -128,8 +142,11 @@ def looks(client, i):
 
 
 def worries(daemon, until):
-    """What an unlucky machine and its administrator do until then: what the daemon took meanwhile, and how often each."""
-    dice, admin, counts = random.Random(23), daemon.client(timeout_s=5), {"kills": 0, "drains": 0, "reloads": 0}
+    """What an unlucky machine and its administrator do until then: what the daemon took meanwhile,
+    and how often each.
+    """
+    dice, admin, counts = random.Random(23), daemon.client(timeout_s=5), {"kills": 0, "drains": 0,
+                                                                          "reloads": 0}
     samples = []
     while time.monotonic() < until:
         time.sleep(0.5)
@@ -137,7 +154,8 @@ def worries(daemon, until):
         what = dice.randrange(12)
         if what < 4:
             workers = daemon.children()
-            with contextlib.suppress(ProcessLookupError, IndexError):       # one that has just gone by itself, or none
+            # one that has just gone by itself, or none
+            with contextlib.suppress(ProcessLookupError, IndexError):
                 os.kill(dice.choice(workers), signal.SIGKILL)
                 counts["kills"] += 1
         elif what == 4:
@@ -155,7 +173,8 @@ def worries(daemon, until):
 def measure(daemon):
     with open(f"/proc/{daemon.pid}/status") as f:
         fields = dict(line.split(":", 1) for line in f)
-    return {"rss_kb": int(fields["VmRSS"].split()[0]), "threads": int(fields["Threads"]), "descriptors": len(os.listdir(f"/proc/{daemon.pid}/fd")),
+    return {"rss_kb": int(fields["VmRSS"].split()[0]), "threads": int(fields["Threads"]),
+            "descriptors": len(os.listdir(f"/proc/{daemon.pid}/fd")),
             "disk_kb": sum(blocks(p) for p in list((daemon.folder / "data").rglob("*"))) // 2}
 
 
@@ -167,12 +186,15 @@ def blocks(path):
 
 
 def typical(samples, what, begin, end):
-    return statistics.median(s[what] for s in samples[int(len(samples) * begin):int(len(samples) * end)])
+    return statistics.median(s[what]
+                             for s in samples[int(len(samples) * begin):int(len(samples) * end)])
 
 
 def test_a_mixed_load_for_a_while_loses_nothing_and_leaks_nothing():
     with Daemon(config=CONFIG, workers=2) as d:
-        loads = [Load(d, name, work) for name, work in (("submits", submits), ("submits too", submits), ("cancels", cancels), ("uploads", uploads),
+        loads = [Load(d, name, work)
+                 for name, work in (("submits", submits), ("submits too", submits),
+                                    ("cancels", cancels), ("uploads", uploads),
                                                         ("streams", streams), ("looks", looks))]
         for load in loads:
             load.start()
@@ -184,7 +206,9 @@ def test_a_mixed_load_for_a_while_loses_nothing_and_leaks_nothing():
             assert not load.is_alive() and load.error is None, (load.name, load.done, load.error)
         states = d.client().ask("STATS")["jobs"]
         assert d.stop() == 0
-        report = json.loads(subprocess.run([BUILD / "bin" / "modalctl", "--json", "fsck", d.folder / "data"], capture_output=True, text=True, timeout=120).stdout)
+        report = json.loads(subprocess.run([BUILD / "bin" / "modalctl", "--json", "fsck",
+                                            d.folder / "data"], capture_output=True, text=True,
+                                           timeout=120).stdout)
         was = {what: typical(samples, what, 0.5, 0.7) for what in samples[0]}
         now = {what: typical(samples, what, 0.8, 1) for what in samples[0]}
         print(f"\nsoak of {SECONDS:.0f} s: " + ", ".join(f"{load.done} {load.name}" for load in loads) + ", " + ", ".join(f"{n} {what}" for what, n in counts.items())
@@ -192,8 +216,10 @@ def test_a_mixed_load_for_a_while_loses_nothing_and_leaks_nothing():
         assert report["problems"] == []
         assert all(load.done > 3 for load in loads) and counts["kills"] > 0
         ended = sum(load.done for load in loads if load.name not in ("streams", "looks"))
-        assert states["done"] + states["cancelled"] < 1000 + ended * 30 / SECONDS      # held for 3 s and one round of retention, not for ever
-        assert now["threads"] == was["threads"] and abs(now["descriptors"] - was["descriptors"]) <= 8
+        # held for 3 s and one round of retention, not for ever
+        assert states["done"] + states["cancelled"] < 1000 + ended * 30 / SECONDS
+        assert (now["threads"] == was["threads"]
+                and abs(now["descriptors"] - was["descriptors"]) <= 8)
         assert now["disk_kb"] < 2 * was["disk_kb"] + 8192
         if not sanitized.SANITIZED:                      # which keeps what was freed
             assert now["rss_kb"] < 1.1 * was["rss_kb"] + 4096

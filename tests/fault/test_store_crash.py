@@ -1,4 +1,5 @@
-"""F1, F3, F4, F5, F6, F7 at the store: a fixed life (store_scenario.c) broken in every way, then recovered and checked.
+"""F1, F3, F4, F5, F6, F7 at the store: a fixed life (store_scenario.c) broken in every way, then
+recovered and checked.
 
 Each test prints a line for each promise: states tried, violations.
 """
@@ -16,12 +17,15 @@ import pytest
 import crashgen
 from small_disk import small_disk
 
-BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
+BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2]
+                                    / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
 CRASHIO = BUILD / "fault" / "libcrashio.so"
 VARIANTS = int(os.environ.get("MODALD_CRASH_VARIANTS", "40"))
-CALLS = ["open", "pread", "pwrite", "fsync", "fdatasync", "ftruncate", "fallocate", "rename", "unlink", "mkdir"]
-PROMISES = {"P1": "acknowledged is durable", "P2": "one key, one job", "P3": "states move by the table", "P5": "data are bit for bit, or reported"}
+CALLS = ["open", "pread", "pwrite", "fsync", "fdatasync", "ftruncate", "fallocate", "rename",
+         "unlink", "mkdir"]
+PROMISES = {"P1": "acknowledged is durable", "P2": "one key, one job",
+            "P3": "states move by the table", "P5": "data are bit for bit, or reported"}
 
 
 @pytest.fixture
@@ -33,12 +37,16 @@ def scratch():
 
 
 def write(folder, acks, *wrapper, preload=None, **environment):
-    """One life of the store in FOLDER; (exit status or -signal, stderr).  Acknowledgements go to the file ACKS."""
+    """One life of the store in FOLDER; (exit status or -signal, stderr).  Acknowledgements go to
+    the file ACKS.
+    """
     os.makedirs(folder, exist_ok=True)
     if preload:       # only the scenario itself is recorded
         wrapper = (*wrapper, "env", f"LD_PRELOAD={preload}")
-    done = subprocess.run(["sh", "-c", 'acks=$1; shift; exec "$@" 9>"$acks"', "sh", acks, *wrapper, SCENARIO, "write", folder],
-                          env={**os.environ, **environment}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=300)
+    done = subprocess.run(["sh", "-c", 'acks=$1; shift; exec "$@" 9>"$acks"', "sh", acks, *wrapper,
+                           SCENARIO, "write", folder],
+                          env={**os.environ, **environment}, stdout=subprocess.DEVNULL,
+                          stderr=subprocess.PIPE, timeout=300)
     return done.returncode, done.stderr.decode()
 
 
@@ -46,7 +54,8 @@ class Checker:
     """A process that recovers folders and says what is wrong; counts for the promises' lines."""
 
     def __init__(self):
-        self.process = subprocess.Popen([SCENARIO, "check"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen([SCENARIO, "check"], stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, text=True)
         self.tried, self.violations = 0, collections.defaultdict(list)
 
     def check(self, folder, acks, what):
@@ -55,7 +64,8 @@ class Checker:
         answer = self.process.stdout.readline().strip()
         self.tried += 1
         if answer != "ok":
-            self.violations[answer[:2] if answer[:2] in PROMISES else "P5"].append(f"{what}: {answer or 'the check died'}")
+            self.violations[answer[:2] if answer[:2] in PROMISES else "P5"].append(
+                f"{what}: {answer or 'the check died'}")
         return answer
 
     def close(self, name):
@@ -99,13 +109,18 @@ def first_acks(scratch, lines, count):
 def test_a_power_cut_anywhere_loses_nothing_that_was_acknowledged(scratch, capsys):
     log, lines = recorded(scratch)
     checker, seen = Checker(), set()
-    for number, (acks, state) in enumerate(crashgen.states(log, int(os.environ.get("MODALD_SEED", "2385")), VARIANTS)):
-        digest = hashlib.sha1(repr(sorted((k, hashlib.sha1(v.encode() if v == "dir" else v).digest()) for k, v in state.items())).encode() + bytes([acks])).digest()
+    for number, (acks, state) in enumerate(crashgen.states(log,
+                                                           int(os.environ.get("MODALD_SEED",
+                                                                              "2385")), VARIANTS)):
+        digest = hashlib.sha1(
+            repr(sorted((k, hashlib.sha1(v.encode() if v == "dir" else v).digest())
+                        for k, v in state.items())).encode() + bytes([acks])).digest()
         if digest in seen:
             continue
         seen.add(digest)
         lay(f"{scratch}/state", state)
-        if checker.check(f"{scratch}/state", first_acks(scratch, lines, acks), f"state {number}") != "ok" and "MODALD_KEEP" in os.environ:
+        if (checker.check(f"{scratch}/state", first_acks(scratch, lines, acks), f"state {number}")
+            != "ok" and "MODALD_KEEP" in os.environ):
             lay(os.environ["MODALD_KEEP"], state)
             shutil.copy(first_acks(scratch, lines, acks), os.environ["MODALD_KEEP"] + ".acks")
             break
@@ -116,7 +131,9 @@ def test_a_power_cut_anywhere_loses_nothing_that_was_acknowledged(scratch, capsy
 
 
 def test_the_generator_finds_a_store_that_does_not_sync(scratch):
-    """The same, with every sync of a file taken out of the record, must fail: else the test above could not."""
+    """The same, with every sync of a file taken out of the record, must fail: else the test above
+    could not.
+    """
     log, lines = recorded(scratch)
     checker = Checker()
     for acks, state in crashgen.states([entry for entry in log if entry[0] != "s"], 1, 1):
@@ -130,13 +147,16 @@ def test_the_generator_finds_a_store_that_does_not_sync(scratch):
 
 
 def calls_of_a_life(scratch):
-    """How often each call of file.h is made, by failing at the n-th until a run passes (a search, not a sweep)."""
+    """How often each call of file.h is made, by failing at the n-th until a run passes (a search,
+    not a sweep).
+    """
     counts = {}
     for call in CALLS + ["any"]:
         low, high = 0, 1 << 14
         while high - low > 1:
             middle = (low + high) // 2
-            status, _ = write(f"{scratch}/count", f"{scratch}/count.acks", MODALD_FAULT=f"{call}:{middle}:kill")
+            status, _ = write(f"{scratch}/count", f"{scratch}/count.acks",
+                              MODALD_FAULT=f"{call}:{middle}:kill")
             shutil.rmtree(f"{scratch}/count")
             low, high = (middle, high) if status == -signal.SIGKILL else (low, middle)
         counts[call] = low
@@ -156,21 +176,32 @@ def sweep(scratch, checker, call, count, what, step, judge):
 
 
 def test_every_call_can_be_the_last_or_fail(scratch, capsys):
-    """kill before and after each call (F1); EIO ends the process (F5, P7); ENOSPC refuses and goes on (F7, P8); EINTR and short transfers change nothing (F6)."""
+    """kill before and after each call (F1); EIO ends the process (F5, P7); ENOSPC refuses and goes
+    on (F7, P8); EINTR and short transfers change nothing (F6).
+    """
     status, _ = write(f"{scratch}/good", f"{scratch}/good.acks")
     good, counts = open(f"{scratch}/good.acks").read(), calls_of_a_life(scratch)
     assert status == 0 and counts["pwrite"] > 100 and counts["fdatasync"] > 20
     step = int(os.environ.get("MODALD_FAULT_STEP", "1"))
-    killed = {"kill": lambda status, acks: None if status == -signal.SIGKILL else f"status {status}, not killed"}
-    ended = lambda status, acks: None if status in (3, 4) else f"status {status}: a failed sync did not end the process"
-    lived = lambda status, acks: None if status in (0, 4) else f"status {status}: a full disk ended the process"
-    same = lambda status, acks: None if status == 0 and acks == good else f"status {status}: not as if nothing had happened"
+    killed = {"kill": lambda status, acks: None if status == -signal.SIGKILL
+              else f"status {status}, not killed"}
+    ended = (lambda status, acks: None if status in (3, 4)
+             else f"status {status}: a failed sync did not end the process")
+    lived = (lambda status, acks: None if status in (0, 4)
+             else f"status {status}: a full disk ended the process")
+    same = (lambda status, acks: None if status == 0 and acks == good
+            else f"status {status}: not as if nothing had happened")
     anyhow = lambda status, acks: None if status in (0, 3, 4) else f"status {status}"
-    plan = [("kill points", [("any", "kill", 1, killed["kill"]), ("any", "kill-after", 7, killed["kill"])]),
-            ("failed syncs", [("fdatasync", "EIO", 1, ended), ("fsync", "EIO", 1, ended), ("fdatasync", "ENOSPC", 5, ended)]),
-            ("failed calls", [(call, "EIO", 1 if call == "pread" else 3, anyhow) for call in CALLS if "sync" not in call]),
+    plan = [("kill points",
+             [("any", "kill", 1, killed["kill"]), ("any", "kill-after", 7, killed["kill"])]),
+            ("failed syncs", [("fdatasync", "EIO", 1, ended), ("fsync", "EIO", 1, ended),
+                              ("fdatasync", "ENOSPC", 5, ended)]),
+            ("failed calls", [(call, "EIO", 1 if call == "pread" else 3, anyhow) for call in CALLS
+                              if "sync" not in call]),
             ("full disk", [("pwrite", "ENOSPC", 1, lived), ("fallocate", "ENOSPC", 1, lived)]),
-            ("interrupted and short calls", [("any", "EINTR", 11, same), ("pwrite", "short", 5, same), ("pread", "short", 9, same)])]
+            ("interrupted and short calls",
+             [("any", "EINTR", 11, same), ("pwrite", "short", 5, same),
+              ("pread", "short", 9, same)])]
     with capsys.disabled():
         print()
         for name, sweeps in plan:
@@ -183,7 +214,8 @@ def test_every_call_can_be_the_last_or_fail(scratch, capsys):
 @pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
 def test_killed_at_the_nth_system_call_of_each_kind(scratch, capsys):
     """F1 without our own fault points: strace ends it."""
-    if subprocess.run(["strace", "-qq", "-o", "/dev/null", "true"], stderr=subprocess.DEVNULL).returncode != 0:
+    if subprocess.run(["strace", "-qq", "-o", "/dev/null", "true"],
+                      stderr=subprocess.DEVNULL).returncode != 0:
         pytest.skip("strace may not trace here")
     if b"__asan_init" in SCENARIO.read_bytes():
         pytest.skip("the leak checker does not run under strace")
@@ -192,7 +224,8 @@ def test_killed_at_the_nth_system_call_of_each_kind(scratch, capsys):
         n, step = 1, 1
         while True:
             folder, acks = f"{scratch}/life", f"{scratch}/acks"
-            status, _ = write(folder, acks, "strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e", f"inject={call}:signal=SIGKILL:when={n}")
+            status, _ = write(folder, acks, "strace", "-f", "-qq", "-o", "/dev/null", "-e",
+                              f"trace={call}", "-e", f"inject={call}:signal=SIGKILL:when={n}")
             checker.check(folder, acks, f"{call} {n}")
             shutil.rmtree(folder)
             if status == 0:
@@ -205,11 +238,14 @@ def test_killed_at_the_nth_system_call_of_each_kind(scratch, capsys):
     assert points > 50
 
 
-SILENT = ("is lost", "is not what", "another identity", "was ", "there twice", "was never submitted", "acknowledged were")
+SILENT = ("is lost", "is not what", "another identity", "was ", "there twice",
+          "was never submitted", "acknowledged were")
 
 
 def damaged(scratch, lines, acks, state, checker, name, content, tolerated, what):
-    """STATE with file NAME holding CONTENT: whatever is wrong must be reported, or be the loss of what TOLERATED says."""
+    """STATE with file NAME holding CONTENT: whatever is wrong must be reported, or be the loss of
+    what TOLERATED says.
+    """
     lay(f"{scratch}/state", {**state, name: content})
     answer = checker.check(f"{scratch}/state", first_acks(scratch, lines, acks), what)
     if answer == "ok" or not any(text in answer for text in SILENT):
@@ -219,7 +255,8 @@ def damaged(scratch, lines, acks, state, checker, name, content, tolerated, what
     for fewer in range(1, tolerated + 1):
         lay(f"{scratch}/state", {**state, name: content})
         forgive(checker)
-        answer = checker.check(f"{scratch}/state", first_acks(scratch, lines, max(acks - fewer, 0)), what)
+        answer = checker.check(f"{scratch}/state",
+                               first_acks(scratch, lines, max(acks - fewer, 0)), what)
         if answer == "ok":
             return
 
@@ -231,7 +268,9 @@ def forgive(checker):
 
 
 def living_state(log):
-    """The disk in the middle of a life: a database, a log of several groups, a sealed and an open upload, a large result, two open streams."""
+    """The disk in the middle of a life: a database, a log of several groups, a sealed and an open
+    upload, a large result, two open streams.
+    """
     prefix, seen = [], 0
     for entry in log:
         seen += entry[0] == "a"
@@ -245,7 +284,8 @@ def test_flipped_bits_and_zeroed_pages_are_reported(scratch, capsys):
     log, lines = recorded(scratch)
     acks, state = living_state(log)
     checker = Checker()
-    assert len(state["ledger.db-wal"]) > 20000 and any(name.endswith(".h5") for name in state) and any(name.startswith("results/") for name in state)
+    assert (len(state["ledger.db-wal"]) > 20000 and any(name.endswith(".h5") for name in state)
+            and any(name.startswith("results/") for name in state))
     assert {"spool/20.samples", "spool/21.samples"} <= set(state)
     for name, content in state.items():
         if content == "dir" or name in ("LOCK", "RESERVE") or not content:
@@ -254,7 +294,8 @@ def test_flipped_bits_and_zeroed_pages_are_reported(scratch, capsys):
         for at in range(0, len(content), step):
             flipped = bytearray(content)
             flipped[at] ^= 1 << at % 8
-            damaged(scratch, lines, acks, state, checker, name, bytes(flipped), 0, f"{name} bit {at % 8} of byte {at}")
+            damaged(scratch, lines, acks, state, checker, name, bytes(flipped), 0,
+                    f"{name} bit {at % 8} of byte {at}")
         for at in range(0, len(content) - 4095, 4096):
             page = content[:at] + bytes(4096) + content[at + 4096:]
             damaged(scratch, lines, acks, state, checker, name, page, 0, f"{name} zeros at {at}")
@@ -272,20 +313,26 @@ def test_truncation_is_reported_or_an_earlier_state(scratch, capsys):
             continue
         tail = range(len(content) - 1, max(len(content) - 9000, 0), -61)
         for length in [*tail, *range(0, len(content), max(len(content) // 40, 1))]:
-            damaged(scratch, lines, acks, state, checker, name, content[:length], acks, f"{name} cut to {length}")
+            damaged(scratch, lines, acks, state, checker, name, content[:length], acks,
+                    f"{name} cut to {length}")
     with capsys.disabled():
         print()
         checker.close("truncations")
 
 
 def test_a_disk_that_is_really_full_refuses_and_recovers(scratch, capsys):
-    """F7 on a small tmpfs: bytes, then inodes; more room afterwards, and everything acknowledged is there."""
+    """F7 on a small tmpfs: bytes, then inodes; more room afterwards, and everything acknowledged is
+    there.
+    """
     checker = Checker()
-    for option in [f"size={kilobytes}k" for kilobytes in range(60, 900, 24)] + [f"size=9m,nr_inodes={count}" for count in range(5, 18)]:
+    for option in [f"size={kilobytes}k" for kilobytes in range(60, 900,
+                                                               24)] + [f"size=9m,nr_inodes={count}"
+                                                                       for count in range(5, 18)]:
         with small_disk(option) as disk:
             status, errors = write(f"{disk}/life", f"{scratch}/acks")
             if status not in (0, 4):
-                checker.violations["P1"].append(f"{option}: status {status}: {errors.strip()[-200:]}")
+                checker.violations["P1"].append(
+                    f"{option}: status {status}: {errors.strip()[-200:]}")
             subprocess.run(["mount", "-o", "remount,size=20m,nr_inodes=1000", disk], check=True)
             checker.check(f"{disk}/life", f"{scratch}/acks", option)
     with capsys.disabled():

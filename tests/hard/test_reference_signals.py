@@ -1,4 +1,6 @@
-"""Every file of reference/signals meets the tolerance of its README, with its order given and with defaults alone."""
+"""Every file of reference/signals meets the tolerance of its README, with its order given and with
+defaults alone.
+"""
 import json
 import os
 import pathlib
@@ -19,7 +21,8 @@ GOOD = [p for p in FILES if not p.name.startswith("bad_")]
 BAD = [p for p in FILES if p.name.startswith("bad_")]
 
 # What a refusal must name, beside the file's own reason.
-BAD_FIELD = {"bad_dt_missing": "dt", "bad_dt_nan": "dt", "bad_dt_negative": "dt", "bad_dt_zero": "dt", "bad_period_long": "period"}
+BAD_FIELD = {"bad_dt_missing": "dt", "bad_dt_nan": "dt", "bad_dt_negative": "dt",
+             "bad_dt_zero": "dt", "bad_period_long": "period"}
 
 
 def run(path, *options):
@@ -48,7 +51,8 @@ def nearest(truth, found):
     """One to one, the closest pairs first; the error of each true value."""
     found, errors = list(found), [None] * len(truth)
     while found and any(e is None for e in errors):
-        d, i, j = min((abs(t - f), i, j) for i, t in enumerate(truth) if errors[i] is None for j, f in enumerate(found))
+        d, i, j = min((abs(t - f), i, j) for i, t in enumerate(truth) if errors[i] is None
+                      for j, f in enumerate(found))
         errors[i] = d
         found.pop(j)
     return [np.inf if e is None else e for e in errors], found
@@ -69,18 +73,25 @@ def check_exponents(truth, result):
             assert e <= tol["lambda_rel"] * scale, f"{z}: off by {e / scale:.2e}"
         if "lambda_crb" in tol:
             d = pairs[i] - z
-            assert abs(d.real) <= tol["lambda_crb"] * m["crb_std_re"], f"{z}: Re off by {d.real / m['crb_std_re']:.2f} bounds"
+            assert (abs(d.real) <= tol["lambda_crb"]
+                    * m["crb_std_re"]), f"{z}: Re off by {d.real / m['crb_std_re']:.2f} bounds"
             if z.imag:
-                assert abs(d.imag) <= tol["lambda_crb"] * m["crb_std_im"], f"{z}: Im off by {d.imag / m['crb_std_im']:.2f} bounds"
+                assert (abs(d.imag) <= tol["lambda_crb"]
+                        * m["crb_std_im"]), f"{z}: Im off by {d.imag / m['crb_std_im']:.2f} bounds"
     if "mean_rel" in tol:
         mean = complex(truth["mean"]["lambda_re"], truth["mean"]["lambda_im"])
-        assert abs(np.mean(found) - mean) <= tol["mean_rel"] * abs(mean), f"mean off by {abs(np.mean(found) - mean) / abs(mean):.2e}"
+        assert (abs(np.mean(found) - mean) <= tol["mean_rel"]
+                * abs(mean)), f"mean off by {abs(np.mean(found) - mean) / abs(mean):.2e}"
     if "damping_abs" in tol:
         for m in modes:
-            nearest_mode = min(result["modes"], key=lambda f: abs(complex(*f["exponent"]) - complex(m["lambda_re"], m["lambda_im"])))
+            nearest_mode = min(result["modes"],
+                               key=lambda f: abs(complex(*f["exponent"])
+                                                 - complex(m["lambda_re"], m["lambda_im"])))
             assert abs(nearest_mode["damping_ratio"] - m["damping_ratio"]) <= tol["damping_abs"]
     for m in modes:     # the sign of damping
-        nearest_mode = min(result["modes"], key=lambda f: abs(complex(*f["exponent"]) - complex(m["lambda_re"], m["lambda_im"])))
+        nearest_mode = min(result["modes"],
+                           key=lambda f: abs(complex(*f["exponent"])
+                                             - complex(m["lambda_re"], m["lambda_im"])))
         if m["damping_ratio"] is not None and abs(m["damping_ratio"]) > 1e-9:
             assert np.sign(nearest_mode["damping_ratio"]) == np.sign(m["damping_ratio"])
 
@@ -111,20 +122,24 @@ def test_with_defaults_alone_the_answer_is_within_tolerance(path):
     check(path)
 
 
-@pytest.mark.parametrize("path", [p for p in GOOD if p.stem != "mathieu_noninteger"], ids=lambda p: getattr(p, "stem", "none"))
+@pytest.mark.parametrize("path", [p for p in GOOD if p.stem != "mathieu_noninteger"],
+                         ids=lambda p: getattr(p, "stem", "none"))
 def test_with_its_order_given_the_answer_is_within_tolerance(path):
     check(path, f"rank.fixed={read(path)[0]['order']}")
 
 
-@pytest.mark.parametrize("path", [p for p in GOOD if p.stem != "mathieu_noninteger"], ids=lambda p: getattr(p, "stem", "none"))
+@pytest.mark.parametrize("path", [p for p in GOOD if p.stem != "mathieu_noninteger"],
+                         ids=lambda p: getattr(p, "stem", "none"))
 def test_the_four_matrices_agree_on_the_multipliers(path):
     """They share one non-zero spectrum; near-defective files: the centroid."""
     order = read(path)[0]["order"]
     spectra = []
-    for method in ("partial-floquet", "partial-floquet-full", "autoregressive", "autoregressive-full"):
+    for method in ("partial-floquet", "partial-floquet-full", "autoregressive",
+                   "autoregressive-full"):
         code, result = run(path, f"rank.fixed={order}", f"method={method}")
         assert code == 0, result
-        spectra.append([complex(*m["multiplier"]) for m in result["modes"]] + ([1 + 0j] if result["offset"] else []))
+        spectra.append([complex(*m["multiplier"]) for m in result["modes"]]
+                       + ([1 + 0j] if result["offset"] else []))
     for other in spectra[1:]:
         if path.stem.startswith("flutter"):
             assert abs(np.mean(other) - np.mean(spectra[0])) < 1e-9

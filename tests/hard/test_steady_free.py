@@ -1,4 +1,6 @@
-"""Bodies that sliders alone hold, and motions of nothing: what is found is an orbit, what runs away is none, and zero counts once."""
+"""Bodies that sliders alone hold, and motions of nothing: what is found is an orbit, what runs away
+is none, and zero counts once.
+"""
 import json
 import os
 import pathlib
@@ -14,13 +16,16 @@ pytestmark = pytest.mark.skipif(not CTL.exists(), reason=f"no {CTL}: build first
 
 
 def run(name, *args):
-    done = subprocess.run([CTL, "--local", "--json", "steady", DATA / f"{name}.json", *args], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([CTL, "--local", "--json", "steady", DATA / f"{name}.json", *args],
+                          capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout[:400] + done.stderr[:400]
     return json.loads(done.stdout)
 
 
 def march(periods, steps):
-    """x'' + 0.1 x' + slider = cos t, of unit mass: the last period's displacements and what the mean drifted over it."""
+    """x'' + 0.1 x' + slider = cos t, of unit mass: the last period's displacements and what the
+    mean drifted over it.
+    """
     h, x, v, z = 2 * numpy.pi / steps, 0.0, 0.0, 0.0
     out = numpy.empty(steps)
     for _ in range(periods):
@@ -39,7 +44,8 @@ def test_a_free_mass_that_a_slider_alone_holds_moves_as_time_marching_says_about
     first = 2 * numpy.mean(samples * numpy.exp(-2j * numpy.pi * numpy.arange(4000) / 4000))
     motion = answer["harmonics"][0]
     assert answer["converged"] and abs(drift) < 1e-6
-    assert abs(complex(motion["re"][1], motion["im"][1]) - first) < 5e-3 * abs(first)          # of marching at first order
+    # of marching at first order
+    assert abs(complex(motion["re"][1], motion["im"][1]) - first) < 5e-3 * abs(first)
     assert "undetermined_mean" in [d["code"] for d in answer["diagnostics"]]
     assert answer["total_error"] < 1e-3 * abs(first)
 
@@ -47,18 +53,25 @@ def test_a_free_mass_that_a_slider_alone_holds_moves_as_time_marching_says_about
 @pytest.mark.parametrize("name", ["free_body_61", "free_body_80"])
 def test_a_structure_that_sliders_alone_hold_has_its_orbit_found(name):
     answer = run(name)
-    assert answer["converged"] and answer["residual"] < 1e-12 and "undetermined_mean" in [d["code"] for d in answer["diagnostics"]]
+    assert (answer["converged"] and answer["residual"] < 1e-12
+            and "undetermined_mean" in [d["code"] for d in answer["diagnostics"]])
 
 
 def test_a_mean_that_runs_away_is_no_convergence():
-    """Two tones make it a ratchet: it drifts, and has no periodic motion, however small a share of its place the drift is.
-    Whether the search runs away first or meets a singular derivative is a matter of rounding, and so of the processor's kernels."""
+    """Two tones make it a ratchet: it drifts, and has no periodic motion, however small a share of
+    its place the drift is. Whether the search runs away first or meets a singular derivative is a
+    matter of rounding, and so of the processor's kernels.
+    """
     answer = run("free_mass_two_tones")
-    assert not answer["converged"] and answer["diagnostics"][0]["code"] == "not_converged", answer["diagnostics"]
+    assert (not answer["converged"]
+            and answer["diagnostics"][0]["code"] == "not_converged"), answer["diagnostics"]
 
 
 def test_of_all_solutions_rest_is_given_once():
-    """Mathieu's equation beyond its threshold, stiffening: rest, and one motion twice, half a period apart."""
+    """Mathieu's equation beyond its threshold, stiffening: rest, and one motion twice, half a
+    period apart.
+    """
     answer = run("mathieu_beyond_threshold")
-    sizes = sorted(max(abs(complex(a, b)) for a, b in zip(m["re"], m["im"])) for s in answer["solutions"] for m in s["harmonics"])
+    sizes = sorted(max(abs(complex(a, b)) for a, b in zip(m["re"], m["im"]))
+                   for s in answer["solutions"] for m in s["harmonics"])
     assert len(sizes) == 3 and sizes[0] == 0 and sizes[1] > 0.1 and abs(sizes[2] - sizes[1]) < 1e-9

@@ -1,4 +1,6 @@
-"""Steady states with a law at each of many dofs: the equations of motion hold, by forces sampled and transformed here, in numpy."""
+"""Steady states with a law at each of many dofs: the equations of motion hold, by forces sampled
+and transformed here, in numpy.
+"""
 import json
 import os
 import pathlib
@@ -20,7 +22,8 @@ LAWS = {"friction": {"type": "friction", "stiffness": 0.3, "limit": 0.05},
 def run(tmp_path, scene, *args):
     path = tmp_path / "scene.json"
     path.write_text(json.dumps(scene))
-    done = subprocess.run([CTL, "--local", "--json", "steady", path, "-o", "stability=false", *args], capture_output=True, text=True,
+    done = subprocess.run([CTL, "--local", "--json", "steady", path, "-o", "stability=false",
+                           *args], capture_output=True, text=True,
                           timeout=300)
     assert done.returncode == 0, done.stdout[:400] + done.stderr[:400]
     return json.loads(done.stdout)
@@ -28,9 +31,11 @@ def run(tmp_path, scene, *args):
 
 def scene_of(K, C, law, harmonics=7, loaded=0):
     n = len(K)
-    return {"structure": {"type": "matrices", "M": numpy.eye(n).tolist(), "C": C.tolist(), "K": K.tolist()}, "omega": OMEGA,
+    return {"structure": {"type": "matrices", "M": numpy.eye(n).tolist(), "C": C.tolist(),
+                          "K": K.tolist()}, "omega": OMEGA,
             "effects": [{**LAWS[law], "dof": f"x{i + 1}"} for i in range(n)],
-            "excitation": [{"dof": f"x{loaded + 1}", "k": 1, "cos": LOAD}], "steady": {"harmonics": harmonics}}
+            "excitation": [{"dof": f"x{loaded + 1}", "k": 1, "cos": LOAD}],
+            "steady": {"harmonics": harmonics}}
 
 
 def chain(n):
@@ -38,7 +43,9 @@ def chain(n):
 
 
 def force(law, x):
-    """Of displacements x, a dof a row, over one period; a slider's place is what two periods leave of it."""
+    """Of displacements x, a dof a row, over one period; a slider's place is what two periods leave
+    of it.
+    """
     if law == "cubic":
         return 0.1 * x**3
     if law == "gap":
@@ -51,7 +58,9 @@ def force(law, x):
 
 
 def residual(answer, K, C, law, loaded=0, samples=1 << 14):
-    """The largest harmonic of what is left of the equation of motion, over the largest of the forces that act."""
+    """The largest harmonic of what is left of the equation of motion, over the largest of the
+    forces that act.
+    """
     n, k = len(K), numpy.array(answer["harmonics"][0]["k"])
     X = numpy.zeros((n, len(k)), complex)
     for motion in answer["harmonics"]:
@@ -66,7 +75,9 @@ def residual(answer, K, C, law, loaded=0, samples=1 << 14):
 
 
 def close(law, samples=1 << 14):
-    """What sampling here leaves: an event between two samples moves a harmonic by the square of a step at most."""
+    """What sampling here leaves: an event between two samples moves a harmonic by the square of a
+    step at most.
+    """
     return 1e-13 if law == "cubic" else (2 * numpy.pi / samples) ** 2
 
 
@@ -96,7 +107,8 @@ def test_a_membrane_with_a_contact_at_every_node_is_in_balance(tmp_path):
 
 
 def test_springs_that_push_back_less_than_they_are_pushed_leave_the_balance_as_good(tmp_path):
-    K = chain(40) + 0.2 * numpy.eye(40, k=1) - 0.1 * numpy.eye(40, k=-2)      # not symmetric, nor is its pattern
+    # not symmetric, nor is its pattern
+    K = chain(40) + 0.2 * numpy.eye(40, k=1) - 0.1 * numpy.eye(40, k=-2)
     C = 0.03 * chain(40) + 0.1 * numpy.eye(40)
     answer = run(tmp_path, scene_of(K, C, "friction"))
     assert answer["converged"] and residual(answer, K, C, "friction") < close("friction")
@@ -104,29 +116,39 @@ def test_springs_that_push_back_less_than_they_are_pushed_leave_the_balance_as_g
 
 def test_a_thousand_sliders_are_in_balance(tmp_path):
     n = 1000
-    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1), "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
+    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                           "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
              "effects": [{**LAWS["friction"], "dof": f"x{i + 1}"} for i in range(n)],
              "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"harmonics": 7}}
     answer = run(tmp_path, scene)
-    assert answer["converged"] and residual(answer, chain(n), 0.03 * chain(n), "friction", samples=1 << 12) < close("friction", 1 << 12)
+    assert (answer["converged"] and residual(answer, chain(n), 0.03 * chain(n), "friction",
+                                             samples=1 << 12) < close("friction", 1 << 12))
     told = [d["message"] for d in answer["diagnostics"] if d["code"] == "undetermined_offset"]
-    assert len(told) == 1 and " sliders of 1000 never slip" in told[0]      # one line, not one a slider
+    # one line, not one a slider
+    assert len(told) == 1 and " sliders of 1000 never slip" in told[0]
 
 
 def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(tmp_path):
     K = chain(20)
     answer = run(tmp_path, scene_of(K, 0.03 * K + 0.05 * numpy.eye(20), "gap"))
-    assert answer["converged"] and answer["method"] == "newton-ramped" and answer["work"]["spent"] < 0.1 * answer["work"]["allowed"]
+    assert (answer["converged"] and answer["method"] == "newton-ramped"
+            and answer["work"]["spent"] < 0.1 * answer["work"]["allowed"])
 
 
-@pytest.mark.parametrize("name,converges", [("47", None), ("73", True), ("74", True), ("75", True), ("109", True)])
+@pytest.mark.parametrize("name,converges", [("47", None), ("73", True), ("74", True), ("75", True),
+                                            ("109", True)])
 def test_a_random_scene_of_few_dofs_is_answered_within_the_work_allowed(tmp_path, name, converges):
-    """They took 6 to 180 s: as much work as is allowed is a second or two, the last step and the error's estimate beyond it."""
-    scene = json.loads((TOP / "tests" / "data" / "steady" / f"random_scene_{name}.json").read_text())
+    """They took 6 to 180 s: as much work as is allowed is a second or two, the last step and the
+    error's estimate beyond it.
+    """
+    scene = json.loads((TOP / "tests" / "data" / "steady"
+                        / f"random_scene_{name}.json").read_text())
     answer = run(tmp_path, scene, "-o", "stability=true")
-    assert answer["work"]["spent"] < 1.5 * answer["work"]["allowed"] and answer["work"]["allowed"] < 1.5e10
+    assert (answer["work"]["spent"] < 1.5 * answer["work"]["allowed"]
+            and answer["work"]["allowed"] < 1.5e10)
     assert converges is None or answer["converged"]
     assert answer["converged"] or answer["diagnostics"]
     if answer["converged"]:
-        largest = max(abs(complex(a, b)) for m in answer["harmonics"] for a, b in zip(m["re"], m["im"]))
+        largest = max(abs(complex(a, b)) for m in answer["harmonics"]
+                      for a, b in zip(m["re"], m["im"]))
         assert answer["residual"] < 1e-9 and answer["total_error"] < 1e-2 * largest

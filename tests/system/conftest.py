@@ -1,4 +1,6 @@
-"""A private daemon on ipc in a temporary folder, ended by its pid; and modalctl to speak to it.  Waits are for events."""
+"""A private daemon on ipc in a temporary folder, ended by its pid; and modalctl to speak to it.
+Waits are for events.
+"""
 import contextlib
 import json
 import os
@@ -22,7 +24,8 @@ sys.path.insert(0, str(TOP / "clients" / "python"))
 import modald  # noqa: E402
 import sanitized  # noqa: E402
 
-PATIENCE = 1200 if sanitized.SANITIZED else 600      # workers are nice: three spinners beside leave them a fifteenth of a processor
+# workers are nice: three spinners beside leave them a fifteenth of a processor
+PATIENCE = 1200 if sanitized.SANITIZED else 600
 
 
 def pytest_configure():
@@ -42,12 +45,14 @@ def pytest_runtest_teardown(item):
     assert not found, f"sanitizers in {item.name}:\n" + "\n".join(found)
 
 
-spills = tempfile.TemporaryDirectory(prefix="spills-")           # of hosts whose daemon is too slow for them; gone with the tests
+# of hosts whose daemon is too slow for them; gone with the tests
+spills = tempfile.TemporaryDirectory(prefix="spills-")
 
 
 def environment(**more):
     """Ours, without what would lead a client to another daemon."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith("MODALD_") or k == "MODALD_BUILD"}
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("MODALD_")
+            or k == "MODALD_BUILD"}
     kept.pop("XDG_RUNTIME_DIR", None)
     return {**kept, "MODALD_SPILL": spills.name, **{k: str(v) for k, v in more.items()}}
 
@@ -61,7 +66,8 @@ class Daemon:
         self.start()
 
     def start(self):
-        arguments = [str(BUILD / "bin" / "modald"), "--data", self.data, "--bind", self.endpoint, "--workers", str(self.workers)]
+        arguments = [str(BUILD / "bin" / "modald"), "--data", self.data, "--bind", self.endpoint,
+                     "--workers", str(self.workers)]
         if self.config:
             path = pathlib.Path(self.folder, "modald.conf")
             path.write_text("".join(f"{line}\n" for line in self.config))
@@ -101,7 +107,9 @@ class Daemon:
                 if pid == self.process.pid:
                     return True
             return False
-        return [pid for pid, (name, _) in parents.items() if name.startswith("modald-worker") and ours(pid)]
+        return [pid for pid, (name,
+                              _) in parents.items() if name.startswith("modald-worker") and ours(
+            pid)]
 
     def kill(self):
         self.process.kill()
@@ -165,18 +173,25 @@ class Said:
 
 @pytest.fixture(scope="session")
 def ctl():
-    """`ctl("identify", path, "-o", "rank.fixed=6", server=daemon)`; without a server --local.  Always --json."""
+    """`ctl("identify", path, "-o", "rank.fixed=6", server=daemon)`; without a server --local.
+    Always --json.
+    """
     def run(*words, server=None, one=True, timeout=PATIENCE, env=None, stdin=None):
-        where = ["--server", server if isinstance(server, str) else server.endpoint] if server else ["--local"]
-        done = subprocess.run([str(BUILD / "bin" / "modalctl"), *where, "--json", *map(str, words)], capture_output=True, text=True,
+        where = (["--server", server if isinstance(server, str) else server.endpoint] if server
+                 else ["--local"])
+        done = subprocess.run([str(BUILD / "bin" / "modalctl"), *where, "--json",
+                               *map(str, words)], capture_output=True, text=True,
                               timeout=timeout, env=environment(**(env or {})), input=stdin)
         return Said(done, one)
     return run
 
 
 def watched(daemon, *words, until):
-    """What `modalctl watch WORDS` has said when UNTIL of its lines is true; it would go on for ever."""
-    run = subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "watch", *map(str, words)], stdout=subprocess.PIPE,
+    """What `modalctl watch WORDS` has said when UNTIL of its lines is true; it would go on for
+    ever.
+    """
+    run = subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json",
+                            "watch", *map(str, words)], stdout=subprocess.PIPE,
                            text=True, env=environment())
     patience = threading.Timer(PATIENCE, run.kill)
     patience.start()
@@ -192,7 +207,9 @@ def watched(daemon, *words, until):
 
 
 def decay(samples=400, dt=0.05, modes=((2.3, 0.005, 1.0), (1.0, 0.01, 0.7)), channels=2):
-    """Sums of damped cosines: frequency [Hz], damping ratio, amplitude, with other phases in other channels."""
+    """Sums of damped cosines: frequency [Hz], damping ratio, amplitude, with other phases in other
+    channels.
+    """
     t = np.arange(samples) * dt
     out = np.zeros((samples, channels))
     for f, z, a in modes:
@@ -222,13 +239,16 @@ def batch(tmp_path_factory):
 @pytest.fixture(scope="session")
 def large_batch(tmp_path_factory):
     """The same, longer: 640 kB, which is uploaded in chunks."""
-    return write_batch(tmp_path_factory.mktemp("batch") / "large.h5", decay(10000, 0.01, channels=8), 0.01, units="m", channels=[f"c{i}" for i in range(8)])
+    return write_batch(tmp_path_factory.mktemp("batch") / "large.h5",
+                       decay(10000, 0.01, channels=8), 0.01, units="m",
+                       channels=[f"c{i}" for i in range(8)])
 
 
 @pytest.fixture(scope="session")
 def slow_batch(tmp_path_factory):
     """Noise, and with SLOW a dense decomposition of tens of seconds."""
-    return write_batch(tmp_path_factory.mktemp("batch") / "slow.h5", np.random.default_rng(7).standard_normal((8000, 1)))
+    return write_batch(tmp_path_factory.mktemp("batch") / "slow.h5",
+                       np.random.default_rng(7).standard_normal((8000, 1)))
 
 
 SLOW = {"rows": 3900, "columns": 4000, "rank.fixed": 300}

@@ -1,9 +1,12 @@
 #!/usr/bin/python3
-"""A worker for tests of the daemon: it speaks section 13 of PROTOCOL.md and does what the job's options say.
+"""A worker for tests of the daemon: it speaks section 13 of PROTOCOL.md and does what the job's
+options say.
 
-{"sleep": s}, {"until": path that is to exist}, {"die": true | signal}, {"say": text on stderr}, {"document": bytes}, {"signals": samples}, {"late": true}: answers for the attempt before.
-{"send": [[verb, members, [bytes of each body frame]], ...]}: just that, of the current job and attempt, in place of an answer; then READY.
-In the members {"text": t, "times": n} stands for a long text.
+{"sleep": s}, {"until": path that is to exist}, {"die": true | signal}, {"say": text on stderr},
+{"document": bytes}, {"signals": samples}, {"late": true}: answers for the attempt before.
+{"send": [[verb, members, [bytes of each body frame]], ...]}: just that, of the current job and
+attempt, in place of an answer; then READY. In the members {"text": t, "times": n} stands for a long
+text.
 """
 import argparse
 import json
@@ -39,7 +42,8 @@ def main():
         parent = os.getppid()
         with open(f"/proc/{parent}/comm") as comm:
             daemon = comm.read() == "modald\n"
-        while daemon and os.getppid() == parent:    # a daemon that was killed leaves no worker behind, not even one that was still starting
+        # a daemon that was killed leaves no worker behind, not even one that was still starting
+        while daemon and os.getppid() == parent:
             time.sleep(1)
             say("BEAT")
         os._exit(0)
@@ -54,7 +58,8 @@ def main():
     def parts(job, part, data, **first):
         out = 0
         for at in range(0, len(data), 1 << 20):
-            say("PART", [data[at:at + (1 << 20)]], part=part, offset=at, total=len(data), **job, **(first if at == 0 else {}))
+            say("PART", [data[at:at + (1 << 20)]], part=part, offset=at, total=len(data), **job,
+                **(first if at == 0 else {}))
             out += 1
             while out >= 4 or (out > 0 and at + (1 << 20) >= len(data)):
                 if receive()[1] == b"GO":
@@ -86,12 +91,16 @@ def main():
             for verb, members, bodies in o["send"]:
                 say(verb, [b"A" * n for n in bodies], **{**job, **grown(members)})
         elif "fail" in o:
-            say("FAILED", cpu_s=0.01, error={"code": o["fail"], "message": "as asked", "field": "options.fail"}, **job)
+            say("FAILED", cpu_s=0.01,
+                error={"code": o["fail"], "message": "as asked", "field": "options.fail"}, **job)
         else:
             if "signals" in o:
                 n = o["signals"]
-                parts(job, "batch", bytes(range(256)) * (n // 32), batch={"content": "batch", "samples": n, "channels": 1, "dt": 0.5})
-            document = json.dumps({"kind": run["kind"], "attempt": run["attempt"], "run_limit_s": run["run_limit_s"], "pad": "x" * o.get("document", 0)}).encode()
+                parts(job, "batch", bytes(range(256)) * (n // 32),
+                      batch={"content": "batch", "samples": n, "channels": 1, "dt": 0.5})
+            document = json.dumps({"kind": run["kind"], "attempt": run["attempt"],
+                                   "run_limit_s": run["run_limit_s"],
+                                   "pad": "x" * o.get("document", 0)}).encode()
             if len(document) > 1 << 20:
                 parts(job, "document", document)
                 say("DONE", cpu_s=0.01, **job)

@@ -10,7 +10,9 @@ FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
 
 class Lab:
-    """USERS: name to `user role limits` as in a keys file; OPTIONS as of Daemon; more CONFIG may replace the stand-in worker's."""
+    """USERS: name to `user role limits` as in a keys file; OPTIONS as of Daemon; more CONFIG may
+    replace the stand-in worker's.
+    """
 
     def __init__(self, folder, users, config=FAKE, **options):
         self.folder, self.pairs = folder, {}
@@ -29,14 +31,17 @@ class Lab:
         path.chmod(mode)
 
     def write_keys(self, leave_out=()):
-        lines = [f"{self.pairs[n][0].decode()} {rest}\n" for n, rest in self.users.items() if n not in leave_out]
+        lines = [f"{self.pairs[n][0].decode()} {rest}\n" for n, rest in self.users.items()
+                 if n not in leave_out]
         self.write(self.folder / "keys", "# public key, user, role, limits\n" + "".join(lines))
 
     def client(self, name, timeout_s=PATIENCE_S, server=None, pair=None):
         public, secret = pair or self.pairs[name]
-        return Client(self.daemon.endpoint, timeout_s=timeout_s, keys=(server or self.server[0], public, secret))
+        return Client(self.daemon.endpoint, timeout_s=timeout_s,
+                      keys=(server or self.server[0], public, secret))
 
     def reload(self):
         before = self.daemon.text().count("event=reload ")
         self.daemon.process.send_signal(signal.SIGHUP)
-        until(lambda: self.daemon.text().count("event=reload ") > before, "the daemon did not reload")
+        until(lambda: self.daemon.text().count("event=reload ") > before,
+              "the daemon did not reload")

@@ -1,7 +1,9 @@
-"""What the sanitizers say, from whichever process: no report may pass because the test that provoked it looked elsewhere.
+"""What the sanitizers say, from whichever process: no report may pass because the test that
+provoked it looked elsewhere.
 
-AddressSanitizer's report of any program goes to a file of ours, UndefinedBehaviorSanitizer's to its stderr; that of a
-worker, which may write no file, to its stderr, whose end the daemon logs with the exit status 99 that only a sanitizer gives.  conftest.py asks after each test's teardown.
+AddressSanitizer's report of any program goes to a file of ours, UndefinedBehaviorSanitizer's to its
+stderr; that of a worker, which may write no file, to its stderr, whose end the daemon logs with the
+exit status 99 that only a sanitizer gives.  conftest.py asks after each test's teardown.
 """
 import os
 import pathlib
@@ -9,10 +11,12 @@ import re
 import shutil
 import tempfile
 
-BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
+BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2]
+                                    / "build"))
 SANITIZED = b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes()
 STATUS = 99
-SPOKEN = re.compile(rf".*(?:ERROR: \w+Sanitizer|: runtime error: |event=worker_exit .*status={STATUS << 8}\b).*")
+SPOKEN = re.compile(
+    rf".*(?:ERROR: \w+Sanitizer|: runtime error: |event=worker_exit .*status={STATUS << 8}\b).*")
 
 folder = None       # of the reports; None on a build without sanitizers
 heard = []          # reports out of logs

@@ -1,4 +1,5 @@
-"""Ziegler's column by Debian's Simbody, streamed through the real daemon: unstable is said where it is, early, and nowhere else.
+"""Ziegler's column by Debian's Simbody, streamed through the real daemon: unstable is said where it
+is, early, and nowhere else.
 
 MODALD_SEEDS: how many noise seeds (100).
 """
@@ -28,7 +29,8 @@ def column(p, steps, folder):
     """The absolute angles of both links at each step."""
     log = folder / f"{p}.log"
     with open(log, "wb") as out:
-        subprocess.run([str(EXAMPLE), "column", str(p), str(steps), str(START)], check=True, capture_output=True, timeout=PATIENCE, env=environment(),
+        subprocess.run([str(EXAMPLE), "column", str(p), str(steps), str(START)], check=True,
+                       capture_output=True, timeout=PATIENCE, env=environment(),
                        preexec_fn=lambda: os.dup2(out.fileno(), 3), close_fds=False)
     return np.frombuffer(log.read_bytes()).reshape(-1, 2)
 
@@ -37,10 +39,12 @@ def verdicts(daemon, name, y):
     """Of each window, in order; every one is waited for."""
     c, said = daemon.client(), []
     subscription = c.ask("EVENTS", stream=name)["subscription"]
-    s = c.ask("STREAM", op="open", name=name, channels=2, dt=DT, window={"samples": WINDOW, "hop": HOP})["stream"]
+    s = c.ask("STREAM", op="open", name=name, channels=2, dt=DT,
+              window={"samples": WINDOW, "hop": HOP})["stream"]
     for at in range(0, len(y), HOP):
         data = y[at:at + HOP].tobytes()
-        assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=len(data) // 16, crc32c=crc32c(data)).ok
+        assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=at,
+                     count=len(data) // 16, crc32c=crc32c(data)).ok
         while at + HOP >= WINDOW and len(said) < (at + HOP - WINDOW) // HOP + 1:
             reply = c.early.pop(0) if c.early else c.receive()
             if reply.verb == "EVENT":
@@ -53,7 +57,9 @@ def verdicts(daemon, name, y):
 
 
 def test_below_the_limit_no_noise_seed_is_ever_said_to_be_unstable(daemon, tmp_path):
-    """p = 1.46, 0.6 % below p_d = 1.46929: noise of 0.1 to 3 % of the motion, so that windows of every doubt come."""
+    """p = 1.46, 0.6 % below p_d = 1.46929: noise of 0.1 to 3 % of the motion, so that windows of
+    every doubt come.
+    """
     y = column(1.46, 3000, tmp_path)
     wrong = []
     for seed in range(SEEDS):

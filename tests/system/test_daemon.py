@@ -1,4 +1,6 @@
-"""The daemon and the machine around it: the service manager, leases, the metrics file, the command line."""
+"""The daemon and the machine around it: the service manager, leases, the metrics file, the command
+line.
+"""
 # Tests as well: daemon.c ledger_thread.c loop.c notify.c peers.c pool.c
 import json
 import math
@@ -21,7 +23,8 @@ MODALD = str(BUILD / "bin" / "modald")
 
 
 def run(*arguments, **more):
-    return subprocess.run([MODALD, *arguments], capture_output=True, text=True, timeout=PATIENCE_S, **more)
+    return subprocess.run([MODALD, *arguments], capture_output=True, text=True, timeout=PATIENCE_S,
+                          **more)
 
 
 def test_the_service_manager_hears_ready_watchdog_reload_and_stopping(tmp_path):
@@ -66,15 +69,20 @@ def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
         child = int((tmp_path / "child").read_text())
         os.kill(child, 0)
         assert c.ask("CANCEL", job=job)["state"] == "cancelled"
-        until(lambda: not pathlib.Path(f"/proc/{child}").exists() or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2])
+        until(lambda: not pathlib.Path(f"/proc/{child}").exists()
+              or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2])
 
 
 def test_a_workers_last_words_are_one_line_of_the_log():
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
-        assert c.ask("WAIT", job=submit(c, options={"say": 'the "end"\nlevel=forged', "die": True})["job"], timeout_s=250)["state"] == "dead"
+        assert (c.ask("WAIT",
+                      job=submit(c, options={"say": 'the "end"\nlevel=forged',
+                                             "die": True})["job"], timeout_s=250)["state"]
+                == "dead")
         lines = [line for line in d.text().splitlines() if "event=worker_exit" in line]
-        assert len(lines) == 3 and all(r'status=9 said="the \"end\"\u000alevel=forged' in line for line in lines)
+        assert (len(lines) == 3 and all(r'status=9 said="the \"end\"\u000alevel=forged' in line
+                                        for line in lines))
 
 
 def test_the_metrics_file_is_written_whole(tmp_path):
@@ -84,7 +92,8 @@ def test_the_metrics_file_is_written_whole(tmp_path):
         c.ask("WAIT", job=submit(c)["job"], timeout_s=250)
         until(lambda: file.exists() and 'modald_jobs{state="done"} 1' in file.read_text())
         for line in file.read_text().splitlines():
-            assert line.startswith("# ") or re.fullmatch(r'[a-z_]+(\{[a-z]+="[^"]*"\})? -?[0-9.e+-]+', line), line
+            assert (line.startswith("# ")
+                    or re.fullmatch(r'[a-z_]+(\{[a-z]+="[^"]*"\})? -?[0-9.e+-]+', line)), line
 
 
 def test_version_and_check_config(tmp_path):
@@ -92,47 +101,61 @@ def test_version_and_check_config(tmp_path):
     good, bad = tmp_path / "good", tmp_path / "bad"
     good.write_text(f"# a comment\ndata = {tmp_path}/d\nbind = \"ipc://{tmp_path}/s\"\nworkers = 3\nresult_bytes = 2G\n")
     assert run("--config", str(good), "--check-config").returncode == 0
-    for line, said in (("workers = many", "workers"), ("wrokers = 3", "wrokers"), ("workers", "key = value"), ("bind = tcp://*:1", "without keys"),
-                       ("keys = /x", "server_key"), ("ipc_mode = 9999", "ipc_mode"), ("sandbox = maybe", "on, off")):
+    for line, said in (("workers = many", "workers"), ("wrokers = 3", "wrokers"),
+                       ("workers", "key = value"), ("bind = tcp://*:1", "without keys"),
+                       ("keys = /x", "server_key"), ("ipc_mode = 9999", "ipc_mode"),
+                       ("sandbox = maybe", "on, off")):
         bad.write_text(f"data = {tmp_path}/d\n{line}\n")
-        out = run("--config", str(bad), "--check-config", env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
+        out = run("--config", str(bad), "--check-config",
+                  env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
         assert out.returncode == 2 and said in out.stderr, (line, out)
 
 
 def in_group(name, gid, tmp_path):
-    """A wrapper under which group GID is called NAME: /etc/group of a mount namespace of its own."""
-    if os.geteuid() != 0 or subprocess.run(["unshare", "-m", "true"], capture_output=True).returncode != 0:
+    """A wrapper under which group GID is called NAME: /etc/group of a mount namespace of its own.
+    """
+    if (os.geteuid() != 0 or subprocess.run(["unshare", "-m", "true"],
+                                            capture_output=True).returncode != 0):
         pytest.skip("needs root and a mount namespace")
-    groups = [line for line in pathlib.Path("/etc/group").read_text().splitlines() if line.split(":")[0] != name]
+    groups = [line for line in pathlib.Path("/etc/group").read_text().splitlines()
+              if line.split(":")[0] != name]
     (tmp_path / "group").write_text("\n".join(groups) + f"\n{name}:x:{gid}:\n")
     script = f'mount --bind {tmp_path}/group /etc/group && exec setpriv --regid={gid} --clear-groups "$@"'
     return ["unshare", "-m", "sh", "-c", script, "sh"]
 
 
-@pytest.mark.parametrize("name, line, mode", [("modald", "", "0o660"), ("staff9", "", "0o600"), ("modald", "ipc_mode = 0600\n", "0o600"),
+@pytest.mark.parametrize("name, line, mode",
+                         [("modald", "", "0o660"), ("staff9", "", "0o600"),
+                          ("modald", "ipc_mode = 0600\n", "0o600"),
                                               ("staff9", "ipc_mode = 0660\n", "0o660")])
-def test_the_group_modald_may_open_the_socket_of_a_daemon_of_that_group_and_no_other_unless_told(tmp_path, name, line, mode):
+def test_the_group_modald_may_open_the_socket_of_a_daemon_of_that_group_and_no_other_unless_told(
+    tmp_path, name, line, mode):
     gid = 61234
-    with Daemon(folder=tmp_path, config=FAKE + line, workers=0, wrap=in_group(name, gid, tmp_path)) as d:
+    with Daemon(folder=tmp_path, config=FAKE + line, workers=0,
+                wrap=in_group(name, gid, tmp_path)) as d:
         known = pathlib.Path(d.endpoint[6:]).stat()
         assert (known.st_gid, oct(known.st_mode & 0o777)) == (gid, mode)
 
 
 def test_the_socket_of_a_daemon_of_ones_own_is_private_and_ready_names_every_endpoint(tmp_path):
     with Daemon(folder=tmp_path, config=FAKE, workers=0, endpoint=f"ipc://{tmp_path}/a.ipc") as d:
-        assert oct((tmp_path / "a.ipc").stat().st_mode & 0o777) == "0o600" and f"endpoint=ipc://{tmp_path}/a.ipc " in d.text()
-    with Daemon(folder=tmp_path, config=FAKE, endpoint=f"ipc://{tmp_path}/a.ipc", wrap=["sh", "-c", f'exec "$@" --bind ipc://{tmp_path}/b.ipc', "sh"]) as d:
+        assert (oct((tmp_path / "a.ipc").stat().st_mode & 0o777) == "0o600"
+                and f"endpoint=ipc://{tmp_path}/a.ipc " in d.text())
+    with Daemon(folder=tmp_path, config=FAKE, endpoint=f"ipc://{tmp_path}/a.ipc",
+                wrap=["sh", "-c", f'exec "$@" --bind ipc://{tmp_path}/b.ipc', "sh"]) as d:
         assert f"endpoint=ipc://{tmp_path}/a.ipc,ipc://{tmp_path}/b.ipc " in d.text()
 
 
-@pytest.mark.parametrize("arguments", [[], ["--data"], ["--data", "x", "y"], ["--speed", "9"], ["--data", "x", "--workers", "-1"]])
+@pytest.mark.parametrize("arguments", [[], ["--data"], ["--data", "x", "y"], ["--speed", "9"],
+                                       ["--data", "x", "--workers", "-1"]])
 def test_wrong_usage_ends_with_2_and_says_why(arguments):
     out = run(*arguments)
     assert out.returncode == 2 and out.stderr
 
 
 def test_the_default_endpoint_works_without_root(tmp_path):
-    process = subprocess.Popen([MODALD, "--data", str(tmp_path / "data"), "--workers", "0"], stderr=subprocess.DEVNULL,
+    process = subprocess.Popen([MODALD, "--data", str(tmp_path / "data"), "--workers", "0"],
+                               stderr=subprocess.DEVNULL,
                                env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
     try:
         endpoint = tmp_path / "modald" / "modald.ipc"
@@ -179,18 +202,24 @@ def resident_mb(pid):
 
 @pytest.mark.skipif("asan" in str(BUILD), reason="the sanitizers' shadow is counted too")
 def test_the_daemon_has_at_most_30_mb_at_rest_and_again_after_load():
-    """Load: 3,000 jobs with inputs of their own and 64 MB of chunks; a moment later all but what must be known of the jobs is given back."""
+    """Load: 3,000 jobs with inputs of their own and 64 MB of chunks; a moment later all but what
+    must be known of the jobs is given back.
+    """
     with Daemon(config=FAKE, workers=0) as d:
         assert resident_mb(d.pid) <= 30
         c, piece = d.client(), os.urandom(262144)
         check = crc32c(piece)
-        upload = c.ask("UPLOAD", op="begin", content="batch", samples=len(piece) * 256 // 8, channels=1, dt=1)["upload"]
+        upload = c.ask("UPLOAD", op="begin", content="batch", samples=len(piece) * 256 // 8,
+                       channels=1, dt=1)["upload"]
         for first in range(0, 256, 16):
-            asked = [c.send("UPLOAD", [piece], op="chunk", upload=upload, offset=i * len(piece), crc32c=check) for i in range(first, first + 16)]
+            asked = [c.send("UPLOAD", [piece], op="chunk", upload=upload, offset=i * len(piece),
+                            crc32c=check) for i in range(first, first + 16)]
             assert all(c.answer(number).ok for number in asked)
-        job = {"kind": "identify", "input": {"content": "batch", "samples": 64, "channels": 1, "dt": 1}}
+        job = {"kind": "identify", "input": {"content": "batch", "samples": 64, "channels": 1,
+                                             "dt": 1}}
         for first in range(0, 3000, 250):
-            answer = c.ask("SUBMITS", [os.urandom(512 * 250)], jobs=[{**job, "key": f"k{i}"} for i in range(first, first + 250)])
+            answer = c.ask("SUBMITS", [os.urandom(512 * 250)],
+                           jobs=[{**job, "key": f"k{i}"} for i in range(first, first + 250)])
             assert all("job" in part for part in json.loads(answer.body[0])["jobs"])
         until(lambda: resident_mb(d.pid) <= 30)
         for first in range(0, 3000, 500):
@@ -200,24 +229,32 @@ def test_the_daemon_has_at_most_30_mb_at_rest_and_again_after_load():
 
 
 def test_files_without_a_row_go_at_the_next_start_and_files_with_one_stay():
-    """A crash between a file and its row leaves the file; one between a row's end and its file's, too."""
+    """A crash between a file and its row leaves the file; one between a row's end and its file's,
+    too.
+    """
     samples = bytes(8 * 1000)
     with Daemon(config=FAKE) as d:
         data = d.folder / "data"
         c = d.client()
-        opened = c.ask("UPLOAD", op="begin", content="batch", samples=1000, channels=1, dt=1)["upload"]
-        assert c.ask("UPLOAD", [samples], op="chunk", upload=opened, offset=0, crc32c=crc32c(samples)).ok
-        sealed = c.ask("UPLOAD", op="begin", content="batch", samples=1000, channels=1, dt=2)["upload"]
-        assert c.ask("UPLOAD", [samples], op="chunk", upload=sealed, offset=0, crc32c=crc32c(samples)).ok
+        opened = c.ask("UPLOAD", op="begin", content="batch", samples=1000, channels=1,
+                       dt=1)["upload"]
+        assert c.ask("UPLOAD", [samples], op="chunk", upload=opened, offset=0,
+                     crc32c=crc32c(samples)).ok
+        sealed = c.ask("UPLOAD", op="begin", content="batch", samples=1000, channels=1,
+                       dt=2)["upload"]
+        assert c.ask("UPLOAD", [samples], op="chunk", upload=sealed, offset=0,
+                     crc32c=crc32c(samples)).ok
         kept = identity(1000, 1, 2.0, samples)
         assert c.ask("UPLOAD", op="seal", upload=sealed, sha256=kept).ok
         assert d.stop() == 0
-        stray = [data / "spool" / "777777.part", data / "spool" / "777778.h5", data / "results" / "777779.json"]
+        stray = [data / "spool" / "777777.part", data / "spool" / "777778.h5",
+                 data / "results" / "777779.json"]
         for path in stray:
             path.write_bytes(b"x" * 4096)
         before = sorted(p.name for p in (data / "spool").iterdir() if p not in stray)
         d.start()
-        assert not any(path.exists() for path in stray) and d.text().count("event=orphan_removed") == 3
+        assert (not any(path.exists() for path in stray)
+                and d.text().count("event=orphan_removed") == 3)
         assert len(before) == 2 and sorted(p.name for p in (data / "spool").iterdir()) == before
         c = d.client()
         assert c.ask("UPLOAD", op="seal", upload=opened, sha256=identity(1000, 1, 1.0, samples)).ok
@@ -225,7 +262,9 @@ def test_files_without_a_row_go_at_the_next_start_and_files_with_one_stay():
 
 
 def test_an_idle_daemon_wakes_for_its_workers_heartbeats_and_little_else():
-    """A beat a second of its worker wakes a thread or two of libzmq's and the loop; at 50 us a wake, 20 a second are a thousandth of a core."""
+    """A beat a second of its worker wakes a thread or two of libzmq's and the loop; at 50 us a
+    wake, 20 a second are a thousandth of a core.
+    """
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
         until(lambda: c.ask("STATS")["workers"]["alive"] == 1)
@@ -238,14 +277,21 @@ def test_an_idle_daemon_wakes_for_its_workers_heartbeats_and_little_else():
 def test_a_job_whose_names_and_options_fill_two_headers_reaches_its_worker():
     """UPLOAD and SUBMIT may each bring 65536 bytes of header; RUN has both."""
     names = ["n" * 50 + str(k) for k in range(1000)]
-    data = struct.pack("<40000d", *[math.exp(-0.01 * i) * math.sin(0.1 * i * (k % 7 + 1)) for i in range(40) for k in range(1000)])
+    data = struct.pack("<40000d",
+                       *[math.exp(-0.01 * i) * math.sin(0.1 * i * (k % 7 + 1)) for i in range(40)
+                         for k in range(1000)])
     with Daemon(workers=1) as d:
         client = d.client()
-        upload = client.ask("UPLOAD", op="begin", content="batch", samples=40, channels=1000, dt=0.1, names=names)["upload"]
+        upload = client.ask("UPLOAD", op="begin", content="batch", samples=40, channels=1000,
+                            dt=0.1, names=names)["upload"]
         for at in range(0, len(data), 262144):
             part = data[at:at + 262144]
-            assert client.ask("UPLOAD", [part], op="chunk", upload=upload, offset=at, crc32c=crc32c(part)).ok
-        assert client.ask("UPLOAD", op="seal", upload=upload, sha256=identity(40, 1000, 0.1, data, names=names)).ok
-        job = client.ask("SUBMIT", kind="identify", options={"misspelt": "x" * 60000}, input={"upload": upload})["job"]
+            assert client.ask("UPLOAD", [part], op="chunk", upload=upload, offset=at,
+                              crc32c=crc32c(part)).ok
+        assert client.ask("UPLOAD", op="seal", upload=upload,
+                          sha256=identity(40, 1000, 0.1, data, names=names)).ok
+        job = client.ask("SUBMIT", kind="identify", options={"misspelt": "x" * 60000},
+                         input={"upload": upload})["job"]
         ended = client.ask("WAIT", job=job, timeout_s=250)
-        assert (ended["state"], ended["error"]["code"], ended["error"]["field"], ended["attempts"]) == ("failed", "bad_input", "misspelt", 1)
+        assert ((ended["state"], ended["error"]["code"], ended["error"]["field"],
+                 ended["attempts"]) == ("failed", "bad_input", "misspelt", 1))

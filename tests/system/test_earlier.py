@@ -1,6 +1,8 @@
-"""What commit 5412946 made, with the present programs: its data folder, its clients' requests, its daemon's answers (tests/data/earlier).
+"""What commit 5412946 made, with the present programs: its data folder, its clients' requests, its
+daemon's answers (tests/data/earlier).
 
-A folder is opened and every answer is as it was then; clients of then speak with the daemon of now, those of now with the daemon of then.
+A folder is opened and every answer is as it was then; clients of then speak with the daemon of now,
+those of now with the daemon of then.
 """
 import base64
 import contextlib
@@ -32,7 +34,8 @@ SCHEMAS = json.loads(lzma.decompress((EARLIER / "schemas.json.xz").read_bytes())
 
 def plain(answers):
     """An answer, or a dict of them, without the numbers of its request."""
-    return {k: {m: v for m, v in a.items() if m not in ("id", "position")} if isinstance(a, dict) else a for k, a in answers.items()}
+    return {k: {m: v for m, v in a.items() if m not in ("id", "position")} if isinstance(a, dict)
+            else a for k, a in answers.items()}
 
 
 @contextlib.contextmanager
@@ -49,15 +52,18 @@ def test_the_folder_is_sound_and_every_answer_about_it_is_as_it_was(tmp_path):
     with opened(tmp_path, 0) as d:
         told = {"jobs": TOLD["jobs"]}
         make.ask_all(d.client(), told)
-        assert plain(told["docs"]) == plain(TOLD["docs"]) and told["by_key"] == TOLD["by_key"] == TOLD["jobs"]
+        assert (plain(told["docs"]) == plain(TOLD["docs"])
+                and told["by_key"] == TOLD["by_key"] == TOLD["jobs"])
         states = {doc["state"] for doc in told["docs"].values()}
         assert states == {"done", "failed", "cancelled", "dead", "queued"}
         assert plain(told["results"]) == plain(TOLD["results"]) and len(told["results"]) == 40
         assert told["list"] == TOLD["list"] and told["events"] == TOLD["events"]
         # a gap of an open stream is charged for now, and nothing else has changed
-        assert told["used"]["bytes"] == TOLD["used"]["bytes"] + 8 * (1100 - 1024) and told["used"]["queued"] == TOLD["used"]["queued"]
+        assert (told["used"]["bytes"] == TOLD["used"]["bytes"] + 8 * (1100 - 1024)
+                and told["used"]["queued"] == TOLD["used"]["queued"])
         assert d.client().ask("STATUS", job="key:" + TOLD["expired"]).code == "expired"
-        checked = subprocess.run([BUILD / "bin" / "modalctl", "fsck", d.folder / "data"], capture_output=True, text=True)
+        checked = subprocess.run([BUILD / "bin" / "modalctl", "fsck", d.folder / "data"],
+                                 capture_output=True, text=True)
         assert checked.returncode == 0, checked.stdout
 
 
@@ -67,19 +73,25 @@ def test_what_was_open_goes_on_where_it_was(tmp_path):
         for key in ("queued1", "queued2"):
             assert c.ask("WAIT", job="key:" + key, timeout_s=60)["state"] == "done"
         whole = make.wave(make.SAMPLES, 5)
-        begun = c.ask("UPLOAD", op="begin", content="batch", samples=make.SAMPLES, channels=1, dt=0.5, key="open")
+        begun = c.ask("UPLOAD", op="begin", content="batch", samples=make.SAMPLES, channels=1,
+                      dt=0.5, key="open")
         assert (begun["state"], begun["present"]) == ("open", 2 * make.CHUNK)
         last = whole[2 * make.CHUNK:]
-        assert c.ask("UPLOAD", [last], op="chunk", upload=begun["upload"], offset=2 * make.CHUNK, crc32c=crc32c(last)).ok
-        assert c.ask("UPLOAD", op="seal", upload=begun["upload"], sha256=identity(make.SAMPLES, 1, 0.5, whole))["state"] == "sealed"
+        assert c.ask("UPLOAD", [last], op="chunk", upload=begun["upload"], offset=2 * make.CHUNK,
+                     crc32c=crc32c(last)).ok
+        assert (c.ask("UPLOAD", op="seal", upload=begun["upload"],
+                      sha256=identity(make.SAMPLES, 1, 0.5, whole))["state"] == "sealed")
         s = c.ask("STREAM", op="open", name="open", channels=1, dt=0.5)
         assert (s["epoch"], s["next"]) == (0, 1164)
         closed = c.ask("STREAM", op="close", stream=s["stream"])
         gap = numpy.full(1100 - 1024, numpy.nan).tobytes()
         assert closed["gaps"] == [[1024, 1100]]
-        assert closed["sha256"] == identity(1164, 1, 0.5, make.wave(1024, 2) + gap + make.wave(64, 7))
-        again = c.ask("SUBMIT", kind="identify", key="again", options={"rank.fixed": 2}, input={"sha256": TOLD["sealed"]})
-        assert again.ok and c.ask("WAIT", job=again["job"], timeout_s=60)["state"] == "failed"      # samples are missing, as then
+        assert (closed["sha256"] == identity(1164, 1, 0.5, make.wave(1024, 2) + gap
+                                             + make.wave(64, 7)))
+        again = c.ask("SUBMIT", kind="identify", key="again", options={"rank.fixed": 2},
+                      input={"sha256": TOLD["sealed"]})
+        # samples are missing, as then
+        assert again.ok and c.ask("WAIT", job=again["job"], timeout_s=60)["state"] == "failed"
         assert c.ask("RETRY", job="key:dead")["state"] in ("queued", "running")
         assert c.ask("CANCEL", job="key:dead")["state"] == "cancelled"
 
@@ -100,27 +112,33 @@ def test_a_damaged_batch_of_then_is_corrupt_though_its_parts_had_no_checksums(tm
                 d.kill()
                 d.start()
                 c = d.client()
-            assert c.ask("RESULT", job="key:stream", part="input", offset=16, length=160).code == "corrupt"
+            assert (c.ask("RESULT", job="key:stream", part="input", offset=16, length=160).code
+                    == "corrupt")
             path.write_bytes(content)
             assert c.ask("RESULT", job="key:stream", part="input").body[0] == good
 
 
-# ---- clients of then, a daemon of now ---------------------------------------------------------------------------------
+# ---- clients of then, a daemon of now ------------------------------------------------------------
 
 
 def decoded(frames):
     return [base64.b64decode(frame) for frame in frames]
 
 
-EXACT = {"id", "verb", "version", "versions", "code", "field", "offset", "present", "samples", "epoch", "next", "count", "sha256", "kind", "part",
+EXACT = {"id", "verb", "version", "versions", "code", "field", "offset", "present", "samples",
+         "epoch", "next", "count", "sha256", "kind", "part",
          "gaps", "role", "duplicate", "name", "channels", "dt"}
 
 
 def same_shape(then, now, path):
-    """All that a client of then could rely on: the members, their types, and the values that are not one run's own."""
+    """All that a client of then could rely on: the members, their types, and the values that are
+    not one run's own.
+    """
     if not isinstance(then, dict):
         numbers = (int, float)
-        assert type(then) is type(now) or (isinstance(then, numbers) and isinstance(now, numbers)), f"{path}: {then} then, {now} now"
+        assert (type(then) is type(now)
+                or (isinstance(then, numbers)
+                    and isinstance(now, numbers))), f"{path}: {then} then, {now} now"
         return
     assert isinstance(now, dict), path
     for key, value in then.items():
@@ -130,7 +148,9 @@ def same_shape(then, now, path):
 
 
 def replay(client, kept):
-    """Every request of KEPT with the identifiers of this run in it; every answer held against that of then."""
+    """Every request of KEPT with the identifiers of this run in it; every answer held against that
+    of then.
+    """
     idents, waiting, compared = {}, {}, 0
     for what, frames in kept:
         frames = decoded(frames)
@@ -154,7 +174,8 @@ def replay(client, kept):
             then, now = json.loads(frames[3])["jobs"], json.loads(reply.body[0])["jobs"]
             idents.update({a["job"]: b["job"] for a, b in zip(then, now)})
             assert len(then) == len(now)
-        idents.update({header[k]: reply[k] for k in ("job", "upload", "stream") if isinstance(header.get(k), str)})
+        idents.update({header[k]: reply[k] for k in ("job", "upload", "stream")
+                       if isinstance(header.get(k), str)})
         compared += 1
     return compared
 
@@ -162,14 +183,17 @@ def replay(client, kept):
 @pytest.mark.parametrize("session", ["day", "simulation"])
 def test_the_clients_of_then_get_from_the_daemon_of_now_what_they_got(session):
     with Daemon(workers=1) as d:
-        assert replay(d.client(), SESSIONS[session]) == sum(what == "answer" for what, _ in SESSIONS[session])
+        assert (replay(d.client(), SESSIONS[session])
+                == sum(what == "answer" for what, _ in SESSIONS[session]))
 
 
-# ---- a daemon of then, clients of now ---------------------------------------------------------------------------------
+# ---- a daemon of then, clients of now ------------------------------------------------------------
 
 
 class DaemonOfThen:
-    """Answers as the daemon of then did to the same verb about the same thing; what it would have refused is noted."""
+    """Answers as the daemon of then did to the same verb about the same thing; what it would have
+    refused is noted.
+    """
 
     def __init__(self, folder, kept):
         self.endpoint, self.refused, self.over = f"ipc://{folder}/then", [], threading.Event()
@@ -196,7 +220,8 @@ class DaemonOfThen:
 
     def find(self, verb, header):
         def likeness(entry):
-            same = sum(entry[1].get(k) == header.get(k) for k in ("op", "job", "part", "upload", "key", "kind"))
+            same = sum(entry[1].get(k) == header.get(k)
+                       for k in ("op", "job", "part", "upload", "key", "kind"))
             return (same, not entry[3])
         entries = [entry for entry in self.answers if entry[0] == verb]
         best = max(entries, key=likeness, default=None)
@@ -218,21 +243,25 @@ class DaemonOfThen:
             found = self.find(verb, header)
             if found is not None:
                 answer = {**json.loads(found[2][2]), "id": header["id"]}
-                self.socket.send_multipart([peer, found[2][0], found[2][1], json.dumps(answer).encode(), *found[2][3:]])
+                self.socket.send_multipart([peer, found[2][0], found[2][1],
+                                            json.dumps(answer).encode(), *found[2][3:]])
 
 
 def test_the_python_client_of_now_has_its_day_with_the_daemon_of_then(tmp_path):
     modald = pytest.importorskip("modald")
-    with DaemonOfThen(tmp_path, SESSIONS["day"]) as then, modald.connect(then.endpoint, timeout=20) as client:
+    with DaemonOfThen(tmp_path, SESSIONS["day"]) as then, modald.connect(then.endpoint,
+                                                                         timeout=20) as client:
         told = make.day(modald, numpy, client)
         assert then.refused == [] and json.loads(json.dumps(told)) == SESSIONS["told"]
 
 
 def test_modalctl_of_now_reads_the_daemon_of_then(tmp_path):
-    job = next(json.loads(decoded(frames)[2])["job"] for what, frames in SESSIONS["day"] if what == "answer" and b'"verb":"WAIT"' in decoded(frames)[2])
+    job = next(json.loads(decoded(frames)[2])["job"] for what, frames in SESSIONS["day"]
+               if what == "answer" and b'"verb":"WAIT"' in decoded(frames)[2])
     with DaemonOfThen(tmp_path, SESSIONS["day"]) as then:
         for arguments in (["whoami"], ["stats"], ["status", "key:again"], ["result", job]):
-            done = subprocess.run([BUILD / "bin" / "modalctl", "--server", then.endpoint, "--json", *arguments], capture_output=True, text=True, timeout=60)
+            done = subprocess.run([BUILD / "bin" / "modalctl", "--server", then.endpoint, "--json",
+                                   *arguments], capture_output=True, text=True, timeout=60)
             document = json.loads(done.stdout)
             assert document.get("error", {}).get("code") in (None, "expired"), done
             assert done.returncode == (0 if "error" not in document else done.returncode)
@@ -242,10 +271,12 @@ def test_modalctl_of_now_reads_the_daemon_of_then(tmp_path):
 def test_the_streaming_client_of_now_speaks_with_the_daemon_of_then(tmp_path):
     loop = BUILD / "examples" / "example_loop"
     with DaemonOfThen(tmp_path, SESSIONS["simulation"]) as then:
-        env = {"PATH": "/usr/bin:/bin", "MODALD_URL": then.endpoint, "MODALD_SPILL": str(tmp_path), "MODALD_CLOSE_WAIT": "20"}
+        env = {"PATH": "/usr/bin:/bin", "MODALD_URL": then.endpoint, "MODALD_SPILL": str(tmp_path),
+               "MODALD_CLOSE_WAIT": "20"}
         done = subprocess.run([loop, "host", "300", "2"], env=env, capture_output=True, timeout=60)
         assert done.returncode == 0 and then.refused == []
-        assert {(entry[0], entry[1].get("op")) for entry in then.answers if entry[3]} >= {("STREAM", "open"), ("STREAM", "push"), ("STREAM", "close")}
+        assert ({(entry[0], entry[1].get("op")) for entry in then.answers if entry[3]}
+                >= {("STREAM", "open"), ("STREAM", "push"), ("STREAM", "close")})
         assert not re.search(rb"refused|kept|lost", done.stderr), done.stderr
 
 
@@ -254,4 +285,5 @@ def test_a_client_of_another_major_version_is_told_which_are_spoken():
         c = d.client()
         c.raw(b"MODALD0", b"HELLO", b'{"id":1}')
         reply = c.receive()
-        assert reply.code == "bad_version" and reply["error"]["detail"]["versions"] == ["MODALD1"] and reply.version == b"MODALD1"
+        assert (reply.code == "bad_version" and reply["error"]["detail"]["versions"] == ["MODALD1"]
+                and reply.version == b"MODALD1")

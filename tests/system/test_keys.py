@@ -1,4 +1,6 @@
-"""Keys, roles, shares and limits (PROTOCOL.md, section 12): who may what, who sees what, who waits how long."""
+"""Keys, roles, shares and limits (PROTOCOL.md, section 12): who may what, who sees what, who waits
+how long.
+"""
 # Tests as well: config.c zap.c
 import json
 import pathlib
@@ -14,7 +16,8 @@ from lab import Lab
 from wire import PATIENCE_S, Client, crc32c, identity, ring_down, submit, until
 
 pytestmark = pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
-FAILED = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+FAILED = (zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+          | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
 
 
 @pytest.fixture()
@@ -72,7 +75,8 @@ def test_no_user_can_tell_whether_anothers_job_exists(lab):
     for verb in ("STATUS", "WAIT", "RESULT", "CANCEL", "RETRY", "DELETE"):
         theirs, nobodys = ben.ask(verb, job=job), ben.ask(verb, job="00000000")
         assert theirs.header["error"] == nobodys.header["error"]
-        assert ben.ask(verb, job="key:mine").header["error"] == ben.ask(verb, job="key:none").header["error"]
+        assert (ben.ask(verb, job="key:mine").header["error"]
+                == ben.ask(verb, job="key:none").header["error"])
     assert json.loads(ben.ask("LIST").body[0])["jobs"] == []
     sha = ann.ask("UPLOAD", op="begin", content="batch", samples=9, channels=1, dt=1)["upload"]
     assert ben.ask("UPLOAD", op="abort", upload=sha).code == "not_found"
@@ -111,16 +115,21 @@ def test_limits_answer_quota_exactly_with_what_is_used(lab):
     codes = [submit(c, options={"say": f"q{i}"}) for i in range(5)]
     assert [r.code for r in codes] == [None, None, None, "quota", "quota"]
     detail = codes[-1]["error"]["detail"]
-    assert (detail["limit"], detail["most"], detail["used"]) == ("queued", 3, 3) and detail["retry_after_s"] > 0
+    assert ((detail["limit"], detail["most"], detail["used"]) == ("queued", 3, 3)
+            and detail["retry_after_s"] > 0)
     data, described = ring_down()
-    reply = c.ask("SUBMITS", [2 * data], jobs=[{"kind": "identify", "input": described, "options": {"say": f"q{i}"}} for i in (7, 8)])
+    reply = c.ask("SUBMITS", [2 * data],
+                  jobs=[{"kind": "identify", "input": described, "options": {"say": f"q{i}"}}
+                        for i in (7, 8)])
     assert [a["error"]["code"] for a in json.loads(reply.body[0])["jobs"]] == ["quota", "quota"]
     big = c.ask("UPLOAD", op="begin", content="batch", samples=12801, channels=1, dt=1)
-    assert big.code == "quota" and big["error"]["detail"]["limit"] == "bytes" and big["error"]["detail"]["most"] == 102400
+    assert (big.code == "quota" and big["error"]["detail"]["limit"] == "bytes"
+            and big["error"]["detail"]["most"] == 102400)
 
 
 def random_input(samples, seed):
-    return np.random.default_rng(seed).bytes(8 * samples), {"content": "batch", "samples": samples, "channels": 1, "dt": 0.1}
+    return np.random.default_rng(seed).bytes(8 * samples), {"content": "batch", "samples": samples,
+                                                            "channels": 1, "dt": 0.1}
 
 
 def test_at_the_limit_there_is_room_and_one_byte_or_job_beyond_it_none(lab):
@@ -140,12 +149,15 @@ def test_at_the_limit_there_is_room_and_one_byte_or_job_beyond_it_none(lab):
 
 
 def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):
-    """At 0.5 MB/s no more than a burst of 1 MiB and half a megabyte a second get in, whichever way; what is refused says when to come again."""
+    """At 0.5 MB/s no more than a burst of 1 MiB and half a megabyte a second get in, whichever way;
+    what is refused says when to come again.
+    """
     it = lab({"ann": "ann submit upload_bytes_s=500000"})
     c = it.client("ann")
     parts = [np.random.default_rng(i).bytes(80000) for i in range(10)]
     checked = [(part, crc32c(part)) for part in parts]
-    upload = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1.0)["upload"]
+    upload = c.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1,
+                   dt=1.0)["upload"]
     stream = c.ask("STREAM", op="open", name="s", channels=1, dt=0.1)["stream"]
     begin, refused = time.monotonic(), 0
 
@@ -157,7 +169,8 @@ def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):
             time.sleep(reply["error"]["detail"]["retry_after_s"])
     for i, (part, check) in enumerate(checked):
         insist("UPLOAD", part, op="chunk", upload=upload, offset=80000 * i, crc32c=check)
-        insist("STREAM", part, op="push", stream=stream, epoch=0, first=10000 * i, count=10000, crc32c=check)
+        insist("STREAM", part, op="push", stream=stream, epoch=0, first=10000 * i, count=10000,
+               crc32c=check)
         for seed in (2 * i, 2 * i + 1):
             small, described = random_input(5000, seed)
             insist("SUBMIT", small, kind="identify", input=described, options={"say": "x"})
@@ -170,14 +183,19 @@ def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):
     it = lab({"ann": "ann submit upload_bytes_s=1500000"})
     public, secret = (key.decode() for key in it.pairs["ann"])
     it.write(tmp_path / "mine", f'public-key = "{public}"\nsecret-key = "{secret}"\nserver-key = "{it.server[0].decode()}"\n')
-    done = subprocess.run([str(BUILD / "examples" / "example_loop"), "fast", "200000"], capture_output=True, timeout=PATIENCE,
-                          env=environment(MODALD_URL=it.daemon.endpoint, MODALD_KEYFILE=tmp_path / "mine", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT=PATIENCE))
+    done = subprocess.run([str(BUILD / "examples" / "example_loop"), "fast", "200000"],
+                          capture_output=True, timeout=PATIENCE,
+                          env=environment(MODALD_URL=it.daemon.endpoint,
+                                          MODALD_KEYFILE=tmp_path / "mine", MODALD_SPILL=tmp_path,
+                                          MODALD_CLOSE_WAIT=PATIENCE))
     assert done.returncode == 0 and done.stderr == b""
     c = it.client("ann")
-    assert c.ask("SUBMIT", kind="identify", input={"sha256": identity(200000, 2, 1e-3, done.stdout)}).ok
+    assert c.ask("SUBMIT", kind="identify",
+                 input={"sha256": identity(200000, 2, 1e-3, done.stdout)}).ok
 
 
-@pytest.mark.parametrize("limit", ["queued=1e300", "weight=inf", "bytes=nan", "running=-1", "bytes=2000000T", "queued=0.5", "weight=1e-300", "weight"])
+@pytest.mark.parametrize("limit", ["queued=1e300", "weight=inf", "bytes=nan", "running=-1",
+                                   "bytes=2000000T", "queued=0.5", "weight=1e-300", "weight"])
 def test_a_limit_that_is_no_number_of_use_is_refused(limit, lab):
     with pytest.raises(RuntimeError, match="up to 1e15"):
         lab({"ann": f"ann submit {limit}"})
@@ -185,18 +203,22 @@ def test_a_limit_that_is_no_number_of_use_is_refused(limit, lab):
 
 def test_the_series_of_users_are_each_user_s_own_and_the_admin_sees_the_greatest_and_the_rest(lab):
     """40 users with 9 to 48 samples each, one who has the rest's name, one with none."""
-    users = {f"u{i}": f"u{i} submit" for i in range(1, 41)} | {"other": "other submit", "eva": "eva admin"}
+    users = {f"u{i}": f"u{i} submit" for i in range(1, 41)} | {"other": "other submit",
+                                                               "eva": "eva admin"}
     it = lab(users)
 
     def series(client):
         lines = client.ask("METRICS").body[0].decode().splitlines()
-        return {line.split('"')[1]: float(line.split()[-1]) for line in lines if line.startswith("modald_user_stored_bytes{")}
+        return {line.split('"')[1]: float(line.split()[-1]) for line in lines
+                if line.startswith("modald_user_stored_bytes{")}
     samples = {name: 8 if name == "other" else 8 + int(name[1:]) for name in users if name != "eva"}
     for name, n in samples.items():
-        assert it.client(name).ask("UPLOAD", op="begin", content="batch", samples=n, channels=1, dt=1.0).ok
+        assert it.client(name).ask("UPLOAD", op="begin", content="batch", samples=n, channels=1,
+                                   dt=1.0).ok
     assert series(it.client("u5")) == {"u5": 8 * 13}
     seen = series(it.client("eva"))
-    assert seen == {f"u{i}": 8 * (8 + i) for i in range(9, 41)} | {"other": 8 * (8 + sum(8 + i for i in range(1, 9)))}
+    assert (seen == {f"u{i}": 8 * (8 + i) for i in range(9, 41)}
+            | {"other": 8 * (8 + sum(8 + i for i in range(1, 9)))})
 
 
 def drained(client):
@@ -221,21 +243,26 @@ def test_a_revoked_key_s_waits_and_subscriptions_end_with_denied_at_the_reload(l
     drained(ben)
     it.write_keys(leave_out=("ben",))
     it.reload()
-    assert eva.ask("WAIT", job=job, timeout_s=250).code == "not_found" and submit(ann)["state"] in ("queued", "running", "done")
+    assert (eva.ask("WAIT", job=job, timeout_s=250).code == "not_found"
+            and submit(ann)["state"] in ("queued", "running", "done"))
     gate.open()
     until(lambda: "to=done" in it.daemon.text())
     assert ann.ask("WHOAMI").ok and ben.ask("WHOAMI").code == "denied"
     got = drained(ben)
-    assert sorted((g.verb, g["id"], g["error"]["code"]) for g in got) == sorted([("ERROR", wait, "denied"), ("ERROR", subscription, "denied")])
+    assert (sorted((g.verb, g["id"], g["error"]["code"]) for g in got)
+            == sorted([("ERROR", wait, "denied"), ("ERROR", subscription, "denied")]))
     assert any(g.verb == "EVENT" for g in drained(ann))
     assert "event=audit user=ben what=revoked role=submit" in it.daemon.text()
     it.write_keys()
     it.reload()
-    assert ben.ask("WHOAMI").ok and "event=audit user=ben what=admitted role=submit" in it.daemon.text()
+    assert (ben.ask("WHOAMI").ok
+            and "event=audit user=ben what=admitted role=submit" in it.daemon.text())
 
 
 def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):
-    """The stand-in worker says that each job took 0.01 s of CPU, of more that it lasts: it is believed no more than that."""
+    """The stand-in worker says that each job took 0.01 s of CPU, of more that it lasts: it is
+    believed no more than that.
+    """
     it = lab({"ann": "ann submit cpu_s_day=0.025"})
     before = time.gmtime().tm_yday
     c = it.client("ann")
@@ -256,20 +283,28 @@ def test_cpu_seconds_of_the_day_are_counted_on_over_a_restart_and_a_delete(lab):
 
 
 def test_a_user_with_10_jobs_waits_no_longer_than_his_fair_share(lab):
-    """One queues 10,000 jobs, then another 10: with equal weights the 10 are done when about 20 of all have run since."""
+    """One queues 10,000 jobs, then another 10: with equal weights the 10 are done when about 20 of
+    all have run since.
+    """
     it = lab({"ann": "ann submit", "ben": "ben submit"})
     ann, ben = it.client("ann"), it.client("ben")
     data, described = ring_down()
-    for first in range(0, 10000, 500):                # pipelined: as many as may wait for an answer on one connection
-        asked = [ann.send("SUBMIT", [data], kind="identify", options={"sleep": 0.01, "say": f"a{i}"}, input=described) for i in range(first, first + 500)]
+    # pipelined: as many as may wait for an answer on one connection
+    for first in range(0, 10000, 500):
+        asked = [ann.send("SUBMIT", [data], kind="identify",
+                          options={"sleep": 0.01, "say": f"a{i}"}, input=described)
+                 for i in range(first, first + 500)]
         assert all(ann.answer(number).ok for number in asked)
     mine = [submit(ben, options={"sleep": 0.01, "say": f"b{i}"})["job"] for i in range(10)]
     ended = [ben.ask("WAIT", job=job, timeout_s=250) for job in mine]
     assert all(doc["state"] == "done" for doc in ended)
     begin, end = max(doc["submitted"] for doc in ended), max(doc["started"] for doc in ended)
-    meanwhile = sum(begin < doc["started"] < end for doc in json.loads(ann.ask("LIST", state="done", limit=1000).body[0])["jobs"])
+    meanwhile = sum(begin < doc["started"] < end
+                    for doc in json.loads(ann.ask("LIST", state="done",
+                                                  limit=1000).body[0])["jobs"])
     print(f"\nfair share: the last of the second user's 10 jobs started {end - begin:.2f} s after it came, while {meanwhile} of the first's 10000 did")
-    assert meanwhile <= 25                            # 10 by the shares, and what one quantum and the waiting let through
+    # 10 by the shares, and what one quantum and the waiting let through
+    assert meanwhile <= 25
 
 
 def test_who_comes_with_a_key_of_no_list_is_in_the_audit_log_once_a_second_at_most(lab):
@@ -287,8 +322,10 @@ def test_who_comes_with_a_key_of_no_list_is_in_the_audit_log_once_a_second_at_mo
     for one in strangers:
         one.close()
     lines, most = it.daemon.text().splitlines(), time.monotonic() - begin + 1
-    refused = [line for line in lines if "event=audit what=refused keys=" in line and f"key={pair[0].decode()} address=" in line]
-    denied = [line for line in lines if f"event=audit user=- what=denied key={it.pairs['ben'][0].decode()}" in line]
+    refused = [line for line in lines if "event=audit what=refused keys=" in line
+               and f"key={pair[0].decode()} address=" in line]
+    denied = [line for line in lines
+              if f"event=audit user=- what=denied key={it.pairs['ben'][0].decode()}" in line]
     assert 1 <= len(refused) <= most and 1 <= len(denied) <= most
 
 
@@ -297,7 +334,9 @@ def test_drain_and_denial_are_in_the_audit_log_and_no_secret_is(lab):
     it.client("eva").ask("DRAIN")
     it.client("ann").ask("DRAIN")
     text = it.daemon.text()
-    assert "event=audit user=eva what=drain" in text and "event=audit user=ann what=denied verb=DRAIN" in text
+    assert ("event=audit user=eva what=drain" in text
+            and "event=audit user=ann what=denied verb=DRAIN" in text)
     secrets = [it.server[1].decode()] + [pair[1].decode() for pair in it.pairs.values()]
-    environment = pathlib.Path(f"/proc/{it.daemon.pid}/environ").read_text() + pathlib.Path(f"/proc/{it.daemon.pid}/cmdline").read_text()
+    environment = pathlib.Path(f"/proc/{it.daemon.pid}/environ").read_text() + pathlib.Path(
+        f"/proc/{it.daemon.pid}/cmdline").read_text()
     assert not any(s in text or s in environment for s in secrets)

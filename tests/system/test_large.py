@@ -1,4 +1,6 @@
-"""A batch larger than the memory limit is identified where it lies in its file: what is resident at a time stays below the limit."""
+"""A batch larger than the memory limit is identified where it lies in its file: what is resident at
+a time stays below the limit.
+"""
 import json
 import resource
 import subprocess
@@ -14,7 +16,8 @@ LIMIT = 160 << 20                # of 208 MB of samples
 FREQUENCY, DAMPING = np.array([0.7, 2.1, 5.2]), np.array([0.002, 0.003, 0.001])
 NOISE = 1e-3
 
-pytestmark = pytest.mark.skipif(sanitized.SANITIZED, reason="a sanitizer's own memory is larger than the limit")
+pytestmark = pytest.mark.skipif(sanitized.SANITIZED,
+                                reason="a sanitizer's own memory is larger than the limit")
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +37,17 @@ def large(tmp_path_factory):
 
 
 def test_a_batch_larger_than_the_memory_limit_stays_below_it(large):
-    run = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", "identify", str(large)], capture_output=True, timeout=300,
-                         env=environment(OPENBLAS_NUM_THREADS=1), preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (LIMIT, LIMIT)))
+    run = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", "identify",
+                          str(large)], capture_output=True, timeout=300,
+                         env=environment(OPENBLAS_NUM_THREADS=1),
+                         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA,
+                                                               (LIMIT, LIMIT)))
     assert run.returncode == 0, run.stderr
     result = json.loads(run.stdout)
     assert result["cost"]["peak_bytes"] < LIMIT
     found = np.array(sorted((m["frequency_hz"], m["damping_ratio"]) for m in result["modes"]))
     assert found.shape == (3, 2)
-    # an undamped line in L S samples is known to sqrt(6) NOISE / (amplitude pi T sqrt(L S)) = 2e-9 Hz; decay and 5 sigma are well within 100 times that
+    # an undamped line in L S samples is known to sqrt(6) NOISE / (amplitude pi T sqrt(L S)) = 2e-9
+    # Hz; decay and 5 sigma are well within 100 times that
     assert np.allclose(found[:, 0], FREQUENCY, rtol=0, atol=2e-7)
     assert np.allclose(found[:, 1], DAMPING, rtol=0, atol=4e-7)

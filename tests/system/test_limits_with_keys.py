@@ -1,4 +1,6 @@
-"""What a job may take where nobody said how much: with keys, one user's jobs hold neither the memory nor the workers for ever."""
+"""What a job may take where nobody said how much: with keys, one user's jobs hold neither the
+memory nor the workers for ever.
+"""
 import json
 import pathlib
 import re
@@ -19,8 +21,11 @@ def data_limit(pid):
 
 def machine_memory():
     """The machine's, or less where a control group of this process has less."""
-    most = int(re.search(r"MemTotal: +(\d+) kB", pathlib.Path("/proc/meminfo").read_text())[1]) * 1024
-    own = [line.split("::", 1)[1] for line in pathlib.Path("/proc/self/cgroup").read_text().splitlines() if line.startswith("0::")]
+    most = int(re.search(r"MemTotal: +(\d+) kB",
+                         pathlib.Path("/proc/meminfo").read_text())[1]) * 1024
+    own = [line.split("::", 1)[1]
+           for line in pathlib.Path("/proc/self/cgroup").read_text().splitlines()
+           if line.startswith("0::")]
     group = pathlib.Path("/sys/fs/cgroup" + own[0]) if own else None
     while group is not None and group != pathlib.Path("/sys/fs"):
         limit = group / "memory.max"
@@ -59,7 +64,8 @@ def test_a_job_that_passes_the_limit_of_the_configuration_is_told_whose_it_is():
         client = daemon.client()
         job = submit(client, options={"sleep": 60})["job"]
         error = client.ask("WAIT", job=job, timeout_s=30)["error"]
-        assert error["code"] == "run_limit" and "0.5 s" in error["message"] and "run_limit_s" in error["message"]
+        assert (error["code"] == "run_limit" and "0.5 s" in error["message"]
+                and "run_limit_s" in error["message"])
         client.close()
 
 
@@ -69,12 +75,14 @@ def test_with_keys_a_worker_has_its_part_of_the_memory_unless_somebody_says_othe
     lab = Lab(tmp_path, {"a": "a submit"}, workers=2)
     lab.daemon.stop()
     config = lab.config.replace(FAKE, "")
-    for line, expected in (("", share), ("worker_memory = 3G\n", 3 << 30), ("worker_memory = 0\n", None)):
+    for line, expected in (("", share), ("worker_memory = 3G\n", 3 << 30),
+                           ("worker_memory = 0\n", None)):
         lab.daemon.config.write_text(config + line)
         lab.daemon.start()
         client = lab.client("a")
         found = limits_of_a_worker(client, lab.daemon)[1]
-        assert found == expected or (expected == share and abs(found - share) <= 4096), (line, found, expected)
+        assert (found == expected
+                or (expected == share and abs(found - share) <= 4096)), (line, found, expected)
         client.close()
         lab.daemon.stop()
     with Daemon() as daemon:

@@ -1,4 +1,6 @@
-"""One test a rule of proto/PROTOCOL.md, through the socket; the sentence is the name.  The workers are fake_worker.py."""
+"""One test a rule of proto/PROTOCOL.md, through the socket; the sentence is the name.  The workers
+are fake_worker.py.
+"""
 import json
 import os
 import pathlib
@@ -48,15 +50,22 @@ def test_another_version_is_answered_by_bad_version_with_those_spoken(client):
 
 
 @pytest.mark.parametrize("frames", [
-    [VERSION], [VERSION, b"HELLO"], [VERSION, b"HELLO", b'{"id":1}'] + [b"x"] * 6, [VERSION, b"", b'{"id":1}'],
-    [VERSION, b"A" * 17, b'{"id":1}'], [VERSION, b"hello", b'{"id":1}'], [VERSION, b"HELLO", b""], [VERSION, b"HELLO", b"[1]"],
-    [VERSION, b"HELLO", b"{"], [VERSION, b"HELLO", b'{"id":1,"id":2}'], [VERSION, b"HELLO", b'{"id":1e999}'],
-    [VERSION, b"HELLO", b'{"id":NaN}'], [VERSION, b"HELLO", b'{"id":1,"client":"\xff"}'], [VERSION, b"HELLO", b"{}"],
-    [VERSION, b"HELLO", b'{"id":""}'], [VERSION, b"HELLO", b'{"id":"' + b"x" * 65 + b'"}'], [VERSION, b"HELLO", b'{"id":1.5}'],
+    [VERSION], [VERSION, b"HELLO"], [VERSION, b"HELLO", b'{"id":1}'] + [b"x"] * 6,
+                                    [VERSION, b"", b'{"id":1}'],
+    [VERSION, b"A" * 17, b'{"id":1}'], [VERSION, b"hello", b'{"id":1}'], [VERSION, b"HELLO", b""],
+                                    [VERSION, b"HELLO", b"[1]"],
+    [VERSION, b"HELLO", b"{"], [VERSION, b"HELLO", b'{"id":1,"id":2}'],
+                                    [VERSION, b"HELLO", b'{"id":1e999}'],
+    [VERSION, b"HELLO", b'{"id":NaN}'], [VERSION, b"HELLO", b'{"id":1,"client":"\xff"}'],
+                                    [VERSION, b"HELLO", b"{}"],
+    [VERSION, b"HELLO", b'{"id":""}'], [VERSION, b"HELLO", b'{"id":"' + b"x" * 65 + b'"}'],
+                                    [VERSION, b"HELLO", b'{"id":1.5}'],
     [VERSION, b"HELLO", b'{"id":1,"client":"' + b"x" * 65536 + b'"}'],
     [VERSION, b"HELLO", b'{"id":1,"client":' + b"[" * 33 + b"]" * 33 + b"}"],
-], ids=["one frame", "no header", "9 frames", "empty verb", "long verb", "small letters", "empty header", "no object", "cut", "twice",
-        "overflow", "NaN", "no UTF-8", "no id", "empty id", "long id", "fraction id", "oversize header", "nested past 32"])
+], ids=["one frame", "no header", "9 frames", "empty verb", "long verb", "small letters",
+        "empty header", "no object", "cut", "twice",
+        "overflow", "NaN", "no UTF-8", "no id", "empty id", "long id", "fraction id",
+        "oversize header", "nested past 32"])
 def test_a_message_that_breaks_section_2_is_answered_by_bad_frame(client, frames):
     client.raw(*frames)
     assert client.receive().code == "bad_frame"
@@ -149,7 +158,8 @@ def test_the_order_of_options_is_no_difference(client):
     assert submit(client, key="order", options={"progress": 0.5, "say": "x"})["job"] == first["job"]
 
 
-@pytest.mark.parametrize("other", [{"options": {"say": "other"}}, {"phase": 0.7}], ids=["options", "input"])
+@pytest.mark.parametrize("other", [{"options": {"say": "other"}}, {"phase": 0.7}],
+                         ids=["options", "input"])
 def test_the_same_key_with_other_content_is_a_conflict(client, other):
     submit(client, key=f"clash{sorted(other)}")
     assert submit(client, key=f"clash{sorted(other)}", **other).code == "conflict"
@@ -157,9 +167,11 @@ def test_the_same_key_with_other_content_is_a_conflict(client, other):
 
 def test_a_repeated_submission_in_flight_is_one_job(client):
     data, described = ring_down(phase=0.31)
-    numbers = [client.send("SUBMIT", [data], kind="identify", input=described, key="burst") for _ in range(20)]
+    numbers = [client.send("SUBMIT", [data], kind="identify", input=described, key="burst")
+               for _ in range(20)]
     replies = [client.answer(n) for n in numbers]
-    assert len({r["job"] for r in replies}) == 1 and [r["duplicate"] for r in replies].count(False) == 1
+    assert (len({r["job"] for r in replies}) == 1
+            and [r["duplicate"] for r in replies].count(False) == 1)
 
 
 def parts(client, jobs, body):
@@ -177,16 +189,21 @@ def test_submissions_in_one_message_are_answered_each_as_by_submit(client):
     scene = b'{"structure":{"type":"chain","masses":[1.0],"springs":[100.0,0.0]}}'
     known = client.ask("SUBMIT", [one], kind="identify", input=described, key="together")
     job = {"kind": "identify", "input": described}
-    answers = parts(client, [{**job, "key": "together"}, {**job, "key": "together"}, {**job, "key": "new", "priority": 7}, {**job, "kind": "identfy"},
-                             {"kind": "steady", "input": {"content": "scene", "bytes": len(scene)}, "key": "scene"},
-                             {**job, "key": "new", "priority": 8}, {**job, "priority": 256}, {"kind": "identify", "input": {"sha256": "0" * 64}}],
+    answers = parts(client, [{**job, "key": "together"}, {**job, "key": "together"},
+                             {**job, "key": "new", "priority": 7}, {**job, "kind": "identfy"},
+                             {"kind": "steady", "input": {"content": "scene", "bytes": len(scene)},
+                              "key": "scene"},
+                             {**job, "key": "new", "priority": 8}, {**job, "priority": 256},
+                             {"kind": "identify", "input": {"sha256": "0" * 64}}],
                     one + two + two + one + scene + two + one)
     assert answers[0]["job"] == known["job"] and answers[0]["duplicate"] is True
     assert answers[1]["error"]["code"] == "conflict"
-    assert (answers[2]["state"], answers[2]["duplicate"], answers[2]["priority"], answers[2]["key"]) == ("queued", False, 7, "new")
+    assert ((answers[2]["state"], answers[2]["duplicate"], answers[2]["priority"],
+             answers[2]["key"]) == ("queued", False, 7, "new"))
     assert (answers[3]["error"]["code"], answers[3]["error"]["field"]) == ("bad_input", "kind")
     assert answers[4]["kind"] == "steady" and answers[4]["duplicate"] is False
-    assert answers[5]["job"] == answers[2]["job"] and answers[5]["duplicate"] is True and answers[5]["priority"] == 7
+    assert (answers[5]["job"] == answers[2]["job"] and answers[5]["duplicate"] is True
+            and answers[5]["priority"] == 7)
     assert (answers[6]["error"]["code"], answers[6]["error"]["field"]) == ("bad_input", "priority")
     assert answers[7]["error"]["code"] == "not_found"
     assert wait(client, "key:new")["state"] == "done"
@@ -197,19 +214,25 @@ def test_submissions_in_one_message_are_answered_each_as_by_submit(client):
 def test_256_submissions_go_in_one_message_and_survive_a_kill_once_they_are_answered():
     with Daemon(config=FAKE, workers=0) as d:
         c, described = d.client(), {"content": "batch", "samples": 16, "channels": 1, "dt": 1}
-        answers = parts(c, [{"kind": "identify", "input": described, "key": f"k{i}"} for i in range(256)], os.urandom(256 * 128))
+        answers = parts(c, [{"kind": "identify", "input": described, "key": f"k{i}"}
+                            for i in range(256)], os.urandom(256 * 128))
         d.kill()
         d.start()
         c = d.client()
-        assert [c.ask("STATUS", job=f"key:k{i}")["job"] for i in range(256)] == [a["job"] for a in answers]
+        assert ([c.ask("STATUS", job=f"key:k{i}")["job"] for i in range(256)]
+                == [a["job"] for a in answers])
         assert len({a["job"] for a in answers}) == 256
 
 
 def test_a_message_whose_inputs_cannot_be_told_apart_is_refused_and_nothing_of_it_taken(client):
     data, described = ring_down(samples=40, phase=0.43)
     job = {"kind": "identify", "input": described, "key": "apart"}
-    for jobs, body, field in (([job], data + b"x", "body"), ([job, {**job, "key": "b"}], data, "body"), ([job, {"kind": "steady", "input": {"content": "scene"}}], data, "jobs[1].input.bytes"),
-                              ([job, {**job, "input": {**described, "samples": 1.5}}], data, "jobs[1].input.samples"), ([job] * 257, data * 5, "jobs")):
+    for jobs, body, field in (([job], data + b"x", "body"),
+                              ([job, {**job, "key": "b"}], data, "body"),
+                              ([job, {"kind": "steady", "input": {"content": "scene"}}], data,
+                               "jobs[1].input.bytes"),
+                              ([job, {**job, "input": {**described, "samples": 1.5}}], data,
+                               "jobs[1].input.samples"), ([job] * 257, data * 5, "jobs")):
         reply = client.ask("SUBMITS", [body], jobs=jobs)
         assert (reply.code, reply["error"]["field"]) == ("bad_input", field), reply
     assert client.ask("STATUS", job="key:apart").code == "not_found"
@@ -218,12 +241,17 @@ def test_a_message_whose_inputs_cannot_be_told_apart_is_refused_and_nothing_of_i
 def test_an_unknown_kind_is_refused_with_the_accepted_ones(client):
     data, described = ring_down()
     reply = client.ask("SUBMIT", [data], kind="identfy", input=described)
-    assert reply.code == "bad_input" and reply["error"]["field"] == "kind" and "identify" in reply["error"]["message"]
+    assert (reply.code == "bad_input" and reply["error"]["field"] == "kind"
+            and "identify" in reply["error"]["message"])
 
 
 @pytest.mark.parametrize("change, field", [
-    ({"dt": 0}, "dt"), ({"dt": -1}, "dt"), ({"samples": 0}, "samples"), ({"samples": 1.5}, "samples"), ({"channels": 0}, "channels"),
-    ({"channels": 65537}, "channels"), ({"names": ["a", "b"]}, "names"), ({"period": -2}, "period"), ({"content": "song"}, "content"),
+    ({"dt": 0}, "dt"), ({"dt": -1}, "dt"), ({"samples": 0}, "samples"),
+                                           ({"samples": 1.5}, "samples"),
+                                           ({"channels": 0}, "channels"),
+    ({"channels": 65537}, "channels"), ({"names": ["a", "b"]}, "names"),
+                                           ({"period": -2}, "period"),
+                                           ({"content": "song"}, "content"),
     ({"units": 7}, "units"), ({"attributes": []}, "attributes"), ({"samples": 399}, "body"),
 ])
 def test_a_wrong_description_is_bad_input_with_its_field(client, change, field):
@@ -232,8 +260,11 @@ def test_a_wrong_description_is_bad_input_with_its_field(client, change, field):
     assert reply.code == "bad_input" and reply["error"]["field"].split(".")[-1] == field
 
 
-@pytest.mark.parametrize("member", [{"priority": 256}, {"priority": -1}, {"key": ""}, {"key": "x" * 129}, {"key": "a\nb"}, {"run_limit_s": 0},
-                                    {"deadline_s": -1}, {"max_attempts": 0}, {"max_attempts": 11}, {"not_before": "now"}, {"fresh": 1}])
+@pytest.mark.parametrize("member",
+                         [{"priority": 256}, {"priority": -1}, {"key": ""}, {"key": "x" * 129},
+                          {"key": "a\nb"}, {"run_limit_s": 0},
+                                    {"deadline_s": -1}, {"max_attempts": 0}, {"max_attempts": 11},
+                          {"not_before": "now"}, {"fresh": 1}])
 def test_a_member_out_of_range_is_bad_input_with_its_field(client, member):
     data, described = ring_down()
     reply = client.ask("SUBMIT", [data], kind="identify", input=described, **member)
@@ -242,7 +273,8 @@ def test_a_member_out_of_range_is_bad_input_with_its_field(client, member):
 
 def test_an_inline_input_over_65536_bytes_is_too_large(client):
     described = {"content": "batch", "samples": 8193, "channels": 1, "dt": 1}
-    assert client.ask("SUBMIT", [bytes(8 * 8193)], kind="identify", input=described).code == "too_large"
+    assert (client.ask("SUBMIT", [bytes(8 * 8193)], kind="identify", input=described).code
+            == "too_large")
 
 
 def test_an_equal_job_is_answered_from_the_result_and_marked_cached(client):
@@ -250,11 +282,13 @@ def test_an_equal_job_is_answered_from_the_result_and_marked_cached(client):
     wait(client, first["job"])
     again = submit(client, options={"say": "once"})
     assert again["job"] != first["job"] and again["state"] == "done" and again["cached"] is True
-    assert client.ask("RESULT", job=again["job"]).body == client.ask("RESULT", job=first["job"]).body
+    assert (client.ask("RESULT", job=again["job"]).body
+            == client.ask("RESULT", job=first["job"]).body)
     fresh = submit(client, options={"say": "once"}, fresh=True)
     assert fresh["state"] == "queued" and "cached" not in fresh.header
     client.ask("DELETE", job=first["job"])
-    assert client.ask("RESULT", job=again["job"]).ok, "a cached answer outlives the job it came from"
+    assert client.ask("RESULT",
+                      job=again["job"]).ok, "a cached answer outlives the job it came from"
 
 
 def test_an_equal_job_is_one_whose_input_has_equal_attributes_too(client):
@@ -262,7 +296,9 @@ def test_an_equal_job_is_one_whose_input_has_equal_attributes_too(client):
     data, described = ring_down()
 
     def asked(attributes, **more):
-        return client.ask("SUBMIT", [data], kind="identify", input={**described, "attributes": attributes}, options={"say": "mine"}, **more)
+        return client.ask("SUBMIT", [data], kind="identify",
+                          input={**described, "attributes": attributes}, options={"say": "mine"},
+                          **more)
     first = asked({"rig": "one", "run": 1}, key="attributes")
     wait(client, first["job"])
     assert asked({"run": 1.0, "rig": "one"})["cached"] is True, "the order of members tells nothing"
@@ -289,14 +325,17 @@ def test_an_upload_of_equal_samples_and_other_attributes_is_another_input():
             assert (again["state"], again["upload"]) == ("sealed", idents[rig])
         assert idents["one"] != idents["two"]
         for _ in range(2):                                       # before a restart and after it
-            jobs = [c.ask("SUBMIT", kind="identify", options={"say": "x"}, input=i) for i in ({"upload": idents["one"]}, {"upload": idents["two"]}, {"sha256": sha})]
+            jobs = [c.ask("SUBMIT", kind="identify", options={"say": "x"}, input=i)
+                    for i in ({"upload": idents["one"]}, {"upload": idents["two"]},
+                              {"sha256": sha})]
             assert all(wait(c, j["job"])["state"] == "done" for j in jobs)
             d.kill()
             d.start()
             c = d.client()
         assert all(j["cached"] for j in jobs), "each is known again after a restart"
         c.ask("UPLOAD", op="begin", **described, sha256=sha, attributes={"rig": "three"})
-        assert c.ask("SUBMIT", kind="identify", options={"say": "x"}, input={"sha256": sha})["cached"], "an open upload is no input"
+        assert c.ask("SUBMIT", kind="identify", options={"say": "x"},
+                     input={"sha256": sha})["cached"], "an open upload is no input"
 
 
 def test_higher_priority_is_more_urgent(daemon):
@@ -309,7 +348,8 @@ def test_higher_priority_is_more_urgent(daemon):
         assert c.ask("STATUS", job=low["job"])["position"] == 1
         gate.open()
         wait(c, low["job"])
-        assert wait(c, first)["started"] <= wait(c, high["job"])["started"] < wait(c, low["job"])["started"]
+        assert (wait(c, first)["started"] <= wait(c, high["job"])["started"]
+                < wait(c, low["job"])["started"])
 
 
 def test_not_before_delays_the_start(client):
@@ -366,7 +406,8 @@ def test_the_signals_of_a_job_are_a_part_of_its_result(client):
 def test_a_job_that_failed_answers_its_own_error(client):
     job = submit(client, options={"fail": "no_convergence"})["job"]
     done = wait(client, job)
-    assert done["state"] == "failed" and done["error"]["code"] == "no_convergence" and done["error"]["field"] == "options.fail"
+    assert (done["state"] == "failed" and done["error"]["code"] == "no_convergence"
+            and done["error"]["field"] == "options.fail")
     assert client.ask("RESULT", job=job).code == "no_convergence"
 
 
@@ -381,7 +422,8 @@ def test_a_job_that_runs_has_no_result_yet(daemon, client):
 def test_the_input_can_be_read_back(client):
     data, _ = ring_down(phase=0.11)
     job = submit(client, phase=0.11)["job"]
-    assert client.ask("RESULT", job=job, part="input", offset=100, length=64).body[0] == data[100:164]
+    assert (client.ask("RESULT", job=job, part="input", offset=100, length=64).body[0]
+            == data[100:164])
 
 
 # ---- CANCEL, RETRY, DELETE, limits
@@ -415,7 +457,8 @@ def test_cancel_of_a_job_that_ended_says_how_it_ended(client):
 def test_a_passed_run_limit_fails_a_job_that_would_run_for_ever(daemon, client):
     job = submit(client, options=daemon.gate().options, run_limit_s=0.5)["job"]
     done = wait(client, job)
-    assert done["state"] == "failed" and done["error"]["code"] == "run_limit" and done["finished"] - done["started"] >= 0.5
+    assert (done["state"] == "failed" and done["error"]["code"] == "run_limit" and done["finished"]
+            - done["started"] >= 0.5)
 
 
 def test_a_passed_deadline_fails_queued_and_running_jobs():
@@ -423,10 +466,12 @@ def test_a_passed_deadline_fails_queued_and_running_jobs():
         c, gate = d.client(), d.gate()
         running(c, gate)
         queued = submit(c, options={"say": "queued"}, deadline_s=0.4)["job"]
-        assert wait(c, queued)["error"]["code"] == "deadline" and c.ask("STATUS", job=queued)["attempts"] == 0
+        assert (wait(c, queued)["error"]["code"] == "deadline"
+                and c.ask("STATUS", job=queued)["attempts"] == 0)
         gate.open()
         ended, deadline_s = {"attempts": 0}, 1
-        while ended["attempts"] == 0:                    # one that passed before the job could start is tried with more
+        # one that passed before the job could start is tried with more
+        while ended["attempts"] == 0:
             ended = wait(c, submit(c, options=d.gate().options, deadline_s=deadline_s)["job"])
             assert ended["error"]["code"] == "deadline" and deadline_s < 100
             deadline_s *= 3
@@ -435,7 +480,8 @@ def test_a_passed_deadline_fails_queued_and_running_jobs():
 def test_a_job_whose_worker_dies_is_tried_again_and_dead_after_the_third(client):
     job = submit(client, options={"die": True, "say": "last words"})["job"]
     dead = wait(client, job)
-    assert dead["state"] == "dead" and dead["attempts"] == 3 and dead["error"]["code"] == "worker_died"
+    assert (dead["state"] == "dead" and dead["attempts"] == 3
+            and dead["error"]["code"] == "worker_died")
     assert b"last words" in client.ask("RESULT", job=job, part="stderr").body[0]
     assert client.ask("RESULT", job=job, part="input").ok
     again = client.ask("RETRY", job=job)
@@ -529,7 +575,8 @@ def test_progress_comes_as_an_event_without_a_number(client):
     watcher.ask("EVENTS")
     job = submit(client, options={"progress": 0.25, "sleep": 0.3})["job"]
     events = collect(watcher, job)
-    assert any(e["event"] == "progress" and e["progress"]["fraction"] == 0.25 and "number" not in e for e in events)
+    assert any(e["event"] == "progress" and e["progress"]["fraction"] == 0.25 and "number" not in e
+               for e in events)
 
 
 def test_a_cancelled_subscription_is_not_found_again(client):
@@ -540,7 +587,8 @@ def test_a_cancelled_subscription_is_not_found_again(client):
 
 def test_stats_count_jobs_and_rejects(client):
     stats = client.ask("STATS")
-    assert set(stats["jobs"]) == {"queued", "running", "done", "failed", "cancelled", "dead"} and stats["workers"]["total"] == 2
+    assert (set(stats["jobs"]) == {"queued", "running", "done", "failed", "cancelled", "dead"}
+            and stats["workers"]["total"] == 2)
 
 
 def test_metrics_are_prometheus_text_without_duplicate_series(client):
@@ -549,17 +597,23 @@ def test_metrics_are_prometheus_text_without_duplicate_series(client):
     series = [line.split(" ")[0] for line in lines if not line.startswith("#")]
     assert len(series) == len(set(series)) > 20
     typed = {line.split(" ")[2] for line in lines if line.startswith("# TYPE")}
-    histograms = {line.split(" ")[2] for line in lines if line.startswith("# TYPE") and line.endswith(" histogram")}
-    assert {"modald_submit_seconds", "modald_commit_seconds", "modald_commit_transactions"} <= histograms
+    histograms = {line.split(" ")[2] for line in lines if line.startswith("# TYPE")
+                  and line.endswith(" histogram")}
+    assert ({"modald_submit_seconds", "modald_commit_seconds", "modald_commit_transactions"}
+            <= histograms)
     for line in lines:                                # the text format: HELP, TYPE, then samples
         assert re.fullmatch(r'# HELP [a-z_]+ \S.*|# TYPE [a-z_]+ (gauge|counter|histogram)|[a-z_]+(\{[a-z]+="[^"\\]*"\})? \S+', line), line
     names = {s.split("{")[0] for s in series}
-    wanted = {"jobs", "jobs_kind", "queue_oldest_seconds", "submit_seconds", "commit_seconds", "commit_transactions", "ledger_bytes", "stored_bytes", "attempts_total",
-              "leases_lost_total", "worker_deaths_total", "user_cpu_seconds", "user_stored_bytes", "rejects_total", "received_bytes_total", "sent_bytes_total",
+    wanted = {"jobs", "jobs_kind", "queue_oldest_seconds", "submit_seconds", "commit_seconds",
+              "commit_transactions", "ledger_bytes", "stored_bytes", "attempts_total",
+              "leases_lost_total", "worker_deaths_total", "user_cpu_seconds", "user_stored_bytes",
+              "rejects_total", "received_bytes_total", "sent_bytes_total",
               "credit_stalls_total", "replay_seconds", "build_info"}
     assert {"modald_" + name for name in wanted} <= typed
-    assert names == typed - histograms | {h + part for h in histograms for part in ("_bucket", "_sum", "_count")}
-    values = {line.split(" ")[0]: float(line.split(" ")[1]) for line in lines if not line.startswith("#")}
+    assert (names == typed - histograms
+            | {h + part for h in histograms for part in ("_bucket", "_sum", "_count")})
+    values = {line.split(" ")[0]: float(line.split(" ")[1]) for line in lines
+              if not line.startswith("#")}
     for h in histograms:                              # cumulative, and the last holds all
         counts = [value for name, value in values.items() if name.startswith(h + "_bucket")]
         assert counts == sorted(counts) and counts[-1] == values[h + "_count"]
@@ -568,7 +622,8 @@ def test_metrics_are_prometheus_text_without_duplicate_series(client):
 
 def test_whoami_names_user_role_and_limits(client):
     who = client.ask("WHOAMI")
-    assert who["user"] == "local" and who["role"] == "admin" and "queued" in who["limits"] and "bytes" in who["used"]
+    assert (who["user"] == "local" and who["role"] == "admin" and "queued" in who["limits"]
+            and "bytes" in who["used"])
 
 
 def test_while_draining_no_job_starts_and_submits_are_refused():
@@ -594,18 +649,22 @@ def test_while_draining_no_job_starts_and_submits_are_refused():
 
 
 def upload(client, data, described, key=None, chunk=262144, upto=None, start=0, ident=None):
-    ident = ident or client.ask("UPLOAD", op="begin", **described, **({"key": key} if key else {}))["upload"]
+    ident = (ident or client.ask("UPLOAD", op="begin", **described,
+                                 **({"key": key} if key else {}))["upload"])
     numbers = []
     for at in range(start, upto or len(data), chunk):
         piece = data[at:at + chunk]
-        numbers.append(client.send("UPLOAD", [piece], op="chunk", upload=ident, offset=at, crc32c=crc32c(piece)))
+        numbers.append(client.send("UPLOAD", [piece], op="chunk", upload=ident, offset=at,
+                                   crc32c=crc32c(piece)))
     return ident, [client.answer(n) for n in numbers]
 
 
 def big(samples=40000, channels=4, seed=3):
     dice = random.Random(seed)
-    data = struct.pack(f"<{samples * channels}d", *[dice.random() for _ in range(samples * channels)])
-    return data, {"content": "batch", "samples": samples, "channels": channels, "dt": 0.001}, identity(samples, channels, 0.001, data)
+    data = struct.pack(f"<{samples * channels}d",
+                       *[dice.random() for _ in range(samples * channels)])
+    return data, {"content": "batch", "samples": samples, "channels": channels,
+                  "dt": 0.001}, identity(samples, channels, 0.001, data)
 
 
 def test_an_upload_is_sealed_by_its_sha256_and_serves_many_jobs(client):
@@ -616,11 +675,13 @@ def test_an_upload_is_sealed_by_its_sha256_and_serves_many_jobs(client):
     assert sealed["state"] == "sealed" and sealed["sha256"] == sha
     assert client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)["state"] == "sealed"
     for reference in ({"upload": ident}, {"sha256": sha}):
-        job = client.ask("SUBMIT", kind="identify", input=reference, options={"say": str(reference)})
+        job = client.ask("SUBMIT", kind="identify", input=reference,
+                         options={"say": str(reference)})
         assert wait(client, job["job"])["state"] == "done"
     part = client.ask("RESULT", job=job["job"], part="input", offset=262140, length=1000)
     assert part.body[0] == data[262140:263140]
-    assert client.ask("UPLOAD", op="begin", **described, sha256=sha)["state"] == "sealed", "what is here need not be sent"
+    assert (client.ask("UPLOAD", op="begin", **described, sha256=sha)["state"]
+            == "sealed"), "what is here need not be sent"
 
 
 def test_begin_again_with_the_same_key_resumes_after_a_kill():
@@ -640,15 +701,18 @@ def test_begin_again_with_the_same_key_resumes_after_a_kill():
 def test_the_same_upload_key_with_another_description_is_a_conflict(client):
     _, described, _ = big()
     assert client.ask("UPLOAD", op="begin", **described, key="two").ok
-    assert client.ask("UPLOAD", op="begin", **{**described, "dt": 0.5}, key="two").code == "conflict"
+    assert (client.ask("UPLOAD", op="begin", **{**described, "dt": 0.5}, key="two").code
+            == "conflict")
 
 
 @pytest.mark.parametrize("offset", [4096, 262144 * 2])
 def test_a_chunk_out_of_order_names_the_expected_offset(client, offset):
     data, described, _ = big(seed=5)
     ident, _ = upload(client, data, described, upto=262144)
-    reply = client.ask("UPLOAD", [data[:100]], op="chunk", upload=ident, offset=offset, crc32c=crc32c(data[:100]))
-    assert reply.code == "bad_input" and reply["error"]["field"] == "offset" and reply["error"]["detail"]["expected"] == 262144
+    reply = client.ask("UPLOAD", [data[:100]], op="chunk", upload=ident, offset=offset,
+                       crc32c=crc32c(data[:100]))
+    assert (reply.code == "bad_input" and reply["error"]["field"] == "offset"
+            and reply["error"]["detail"]["expected"] == 262144)
     assert client.ask("UPLOAD", op="abort", upload=ident)["state"] == "gone"
     assert client.ask("UPLOAD", op="abort", upload=ident).code == "not_found"
 
@@ -656,16 +720,19 @@ def test_a_chunk_out_of_order_names_the_expected_offset(client, offset):
 def test_a_chunk_with_a_wrong_crc_is_refused_and_can_be_sent_again(client):
     data, described, _ = big(seed=6)
     ident = client.ask("UPLOAD", op="begin", **described)["upload"]
-    wrong = client.ask("UPLOAD", [data[:1000]], op="chunk", upload=ident, offset=0, crc32c=crc32c(data[:1000]) ^ 1)
+    wrong = client.ask("UPLOAD", [data[:1000]], op="chunk", upload=ident, offset=0,
+                       crc32c=crc32c(data[:1000]) ^ 1)
     assert wrong.code == "bad_input" and wrong["error"]["field"] == "crc32c"
-    assert client.ask("UPLOAD", [data[:1000]], op="chunk", upload=ident, offset=0, crc32c=crc32c(data[:1000])).ok
+    assert client.ask("UPLOAD", [data[:1000]], op="chunk", upload=ident, offset=0,
+                      crc32c=crc32c(data[:1000])).ok
 
 
 def test_an_oversize_chunk_is_too_large(client):
     data, described, _ = big(seed=7)
     ident = client.ask("UPLOAD", op="begin", **described)["upload"]
     piece = data[:262145]
-    assert client.ask("UPLOAD", [piece], op="chunk", upload=ident, offset=0, crc32c=crc32c(piece)).code == "too_large"
+    assert (client.ask("UPLOAD", [piece], op="chunk", upload=ident, offset=0,
+                       crc32c=crc32c(piece)).code == "too_large")
 
 
 def test_a_chunk_past_the_end_is_refused(client):
@@ -680,14 +747,16 @@ def test_sealing_with_bytes_missing_says_how_many(client):
     data, described, sha = big(seed=8)
     ident, _ = upload(client, data, described, upto=262144)
     reply = client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)
-    assert reply.code == "bad_input" and reply["error"]["field"] == "present" and reply["error"]["detail"]["expected"] == len(data)
+    assert (reply.code == "bad_input" and reply["error"]["field"] == "present"
+            and reply["error"]["detail"]["expected"] == len(data))
 
 
 def test_a_wrong_sha256_ends_the_upload(client):
     data, described, sha = big(seed=9)
     ident, _ = upload(client, data, described)
     reply = client.ask("UPLOAD", op="seal", upload=ident, sha256="0" * 64)
-    assert reply.code == "bad_input" and reply["error"]["field"] == "sha256" and reply["error"]["detail"]["found"] == sha
+    assert (reply.code == "bad_input" and reply["error"]["field"] == "sha256"
+            and reply["error"]["detail"]["found"] == sha)
     until(lambda: client.ask("UPLOAD", op="seal", upload=ident, sha256=sha).code == "not_found")
 
 
@@ -707,7 +776,8 @@ def test_a_scene_comes_by_upload_too(client):
     assert client.ask("UPLOAD", op="seal", upload=ident, sha256=sha)["state"] == "sealed"
     job = client.ask("SUBMIT", kind="simulate", input={"upload": ident})["job"]
     assert wait(client, job)["state"] == "done"
-    assert client.ask("RESULT", job=job, part="input", offset=99990, length=5).body[0] == text[99990:99995]
+    assert (client.ask("RESULT", job=job, part="input", offset=99990, length=5).body[0]
+            == text[99990:99995])
 
 
 # ---- bounds and ends
@@ -754,9 +824,11 @@ def test_retention_takes_all_that_is_past_its_age_however_many():
         wait(c, submit(c, key="first")["job"])
         for numbers in [range(at, at + 500) for at in range(0, 3000, 500)]:
             data, described = ring_down()
-            asked = [c.send("SUBMIT", [data], kind="identify", options={}, input=described, key=f"again{i}") for i in numbers]
+            asked = [c.send("SUBMIT", [data], kind="identify", options={}, input=described,
+                            key=f"again{i}") for i in numbers]
             assert all(c.answer(number).ok for number in asked)
-        until(lambda: c.ask("STATS")["jobs"]["done"] == 0)      # every 10 s, and then without a pause until none is left
+        # every 10 s, and then without a pause until none is left
+        until(lambda: c.ask("STATS")["jobs"]["done"] == 0)
         assert c.ask("STATUS", job="key:again2999").code == "expired"
 
 
@@ -769,7 +841,8 @@ def test_retention_by_bytes_takes_the_oldest_results_and_no_more_than_it_must():
         assert 15 < left <= 20
         until(lambda: c.ask("STATS")["jobs"]["done"] < 30)
         assert c.ask("STATS")["jobs"]["done"] == left
-        assert c.ask("STATUS", job=f"key:k{29 - left}").code == "expired" and c.ask("STATUS", job=f"key:k{30 - left}")["state"] == "done"
+        assert (c.ask("STATUS", job=f"key:k{29 - left}").code == "expired"
+                and c.ask("STATUS", job=f"key:k{30 - left}")["state"] == "done")
 
 
 def test_a_restart_takes_up_everything_that_was_acknowledged():
@@ -779,7 +852,8 @@ def test_a_restart_takes_up_everything_that_was_acknowledged():
         document = wait(c, done, result=True).body
         gate = d.gate()
         first = running(c, gate, key="r")
-        queued = [submit(c, key=f"q{i}", options={"say": str(i)}, priority=i)["job"] for i in range(10)]
+        queued = [submit(c, key=f"q{i}", options={"say": str(i)}, priority=i)["job"]
+                  for i in range(10)]
         d.kill()
         d.start()
         c = d.client()
@@ -802,7 +876,8 @@ def test_sigterm_lets_running_jobs_finish_and_keeps_queued_ones():
         assert d.process.wait(PATIENCE_S) == 0
         d.start()
         c = d.client()
-        assert c.ask("STATUS", job=first)["state"] == "done" and c.ask("STATUS", job=first)["attempts"] == 1
+        assert (c.ask("STATUS", job=first)["state"] == "done"
+                and c.ask("STATUS", job=first)["attempts"] == 1)
         assert wait(c, queued)["state"] == "done"
 
 
@@ -823,7 +898,9 @@ def test_a_bad_configuration_is_refused_at_reload_and_the_old_one_stays():
         d.process.send_signal(signal.SIGHUP)
         until(lambda: "event=reload_refused" in d.text())
         assert "queue_jbos" in d.text() and alive(d.client())
-        for wrong, said in (("connections = many\n", "connections is"), ("result_age_s = 0\n", "result_age_s is"), ("\0\0\0\0", "zero byte"), ("x" * 1100000, "1048576")):
+        for wrong, said in (("connections = many\n", "connections is"),
+                            ("result_age_s = 0\n", "result_age_s is"), ("\0\0\0\0", "zero byte"),
+                            ("x" * 1100000, "1048576")):
             d.config.write_text(FAKE + wrong)
             d.process.send_signal(signal.SIGHUP)
             until(lambda: said in d.text())
@@ -832,7 +909,8 @@ def test_a_bad_configuration_is_refused_at_reload_and_the_old_one_stays():
         d.config.write_text(FAKE + "queue_jobs = 7\n")
         d.process.send_signal(signal.SIGHUP)
         until(lambda: "event=reload accounts" in d.text())
-        assert d.client().ask("HELLO")["limits"]["queue_jobs"] == 7 and "event=reload_later" not in d.text()
+        assert (d.client().ask("HELLO")["limits"]["queue_jobs"] == 7
+                and "event=reload_later" not in d.text())
         d.config.write_text(FAKE + "bind = ipc:///nowhere/else.ipc\nipc_mode = 0660\n")
         d.process.send_signal(signal.SIGHUP)
         until(lambda: "event=reload_later" in d.text())
@@ -860,7 +938,8 @@ def test_loopback_is_bound_when_told_to():
 # ---- every member of every verb, with values of every type
 
 
-WRONG = [None, True, 0, -1, 1.5, 1e308, -1e308, 2**53, 2**53 + 2, "", "x", "x" * 200, "\x7f", "a\u0001", "key:", "key:x", [], [1], {}, {"a": 1},
+WRONG = [None, True, 0, -1, 1.5, 1e308, -1e308, 2**53, 2**53 + 2, "", "x", "x" * 200, "\x7f",
+         "a\u0001", "key:", "key:x", [], [1], {}, {"a": 1},
          {"content": "batch"}, {"upload": "x"}, {"sha256": "0" * 64}, "\u00e9" * 100]
 MEMBERS = {
     "HELLO": ({}, "versions client"), "STATUS": ({"job": "key:a"}, "job"), "WAIT": ({"job": "key:a", "timeout_s": 0}, "job timeout_s result"),
@@ -874,7 +953,9 @@ MEMBERS = {
     "STREAM open": ({"op": "open", "name": "n", "channels": 1, "dt": 0.1}, "op name channels dt period names units attributes window"),
     "STREAM push": ({"op": "push", "epoch": 0, "first": 0, "count": 10, "crc32c": 0}, "stream epoch first count crc32c"),
 }
-BODIES = {"SUBMIT": [[ring_down()[0]]], "UPLOAD chunk": [[], [b""], [b"x"], [b"x" * 300000], [b"x", b"y"]], "STREAM push": [[], [b"x" * 160], [b"x" * 300000], [b"x", b"y"]]}
+BODIES = {"SUBMIT": [[ring_down()[0]]],
+          "UPLOAD chunk": [[], [b""], [b"x"], [b"x" * 300000], [b"x", b"y"]],
+          "STREAM push": [[], [b"x" * 160], [b"x" * 300000], [b"x", b"y"]]}
 
 
 def put_away(client, reply):
@@ -894,9 +975,11 @@ def test_a_wrong_member_is_answered_by_its_name_and_what_is_accepted(what):
         client = d.client()
         assert submit(client, key="a").ok
         if what == "UPLOAD chunk":
-            usual = {**usual, "upload": client.ask("UPLOAD", op="begin", content="batch", samples=100, channels=2, dt=0.1)["upload"]}
+            usual = {**usual, "upload": client.ask("UPLOAD", op="begin", content="batch",
+                                                   samples=100, channels=2, dt=0.1)["upload"]}
         if what == "STREAM push":
-            usual = {**usual, "stream": client.ask("STREAM", op="open", name="n", channels=2, dt=0.1)["stream"]}
+            usual = {**usual, "stream": client.ask("STREAM", op="open", name="n", channels=2,
+                                                   dt=0.1)["stream"]}
         if what == "SUBMIT":
             usual = {**usual, "input": ring_down()[1]}
         for member in [*members.split(), "misspelt"]:
@@ -905,8 +988,12 @@ def test_a_wrong_member_is_answered_by_its_name_and_what_is_accepted(what):
                     reply = client.ask(what.split()[0], body, **{**usual, member: value})
                     assert reply.code != "internal", (member, value, reply)
                     if reply.code in ("bad_input", "too_large"):
-                        assert reply["error"]["field"] and any(word in reply["error"]["message"] for word in ("accepted", "must be")), (member, value, reply)
+                        assert (reply["error"]["field"]
+                                and any(word in reply["error"]["message"]
+                                        for word in ("accepted", "must be"))), (member, value,
+                                                                                reply)
                     if what not in ("UPLOAD chunk", "STREAM push"):
                         put_away(client, reply)
-            assert member != "misspelt" or reply.code == "bad_input" and reply["error"]["field"] == "misspelt"
+            assert (member != "misspelt" or reply.code == "bad_input"
+                    and reply["error"]["field"] == "misspelt")
         assert d.process.poll() is None

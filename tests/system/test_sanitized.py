@@ -1,12 +1,16 @@
-"""The net under all other tests: a planted fault in any process is a report that its test would fail by."""
+"""The net under all other tests: a planted fault in any process is a report that its test would
+fail by.
+"""
 import subprocess
 
 import pytest
 import sanitized
 from wire import Daemon
 
-pytestmark = pytest.mark.skipif(not sanitized.SANITIZED, reason="a build without sanitizers reports nothing")
-PLANTED = {"overflow": "volatile char *p = malloc(7); return p[7];", "leak": "volatile char *p = malloc(7); p = 0; return 0;",
+pytestmark = pytest.mark.skipif(not sanitized.SANITIZED,
+                                reason="a build without sanitizers reports nothing")
+PLANTED = {"overflow": "volatile char *p = malloc(7); return p[7];",
+           "leak": "volatile char *p = malloc(7); p = 0; return 0;",
            "undefined": "volatile int n = 2147483647; n++; return 0;"}
 SAID = {"overflow": "heap-buffer-overflow", "leak": "LeakSanitizer", "undefined": "runtime error"}
 
@@ -15,8 +19,10 @@ SAID = {"overflow": "heap-buffer-overflow", "leak": "LeakSanitizer", "undefined"
 def planted(tmp_path):
     def build(fault, name):
         """A program as ours are made, called NAME so that it reports as that one does."""
-        subprocess.run(["cc", "-x", "c", "-", "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-o", tmp_path / name], check=True,
-                       input=f"#include <stdlib.h>\nint main(void) {{ {PLANTED[fault]} }}\n", text=True)
+        subprocess.run(["cc", "-x", "c", "-", "-fsanitize=address,undefined",
+                        "-fno-sanitize-recover=undefined", "-o", tmp_path / name], check=True,
+                       input=f"#include <stdlib.h>\nint main(void) {{ {PLANTED[fault]} }}\n",
+                       text=True)
         return tmp_path / name
     return build
 
@@ -24,7 +30,8 @@ def planted(tmp_path):
 @pytest.mark.parametrize("fault", ["overflow", "leak"])
 @pytest.mark.parametrize("name", ["modald", "modalctl"])
 def test_a_fault_of_a_program_is_reported_though_nobody_reads_its_stderr(name, fault, planted):
-    assert subprocess.run([planted(fault, name)], stderr=subprocess.DEVNULL).returncode == sanitized.STATUS
+    assert (subprocess.run([planted(fault, name)], stderr=subprocess.DEVNULL).returncode
+            == sanitized.STATUS)
     report, = sanitized.reports()
     assert SAID[fault] in report
 

@@ -1,4 +1,6 @@
-"""A sweep through the daemon: shared over the workers, the table of --local, a kill -9 in the middle, cancel."""
+"""A sweep through the daemon: shared over the workers, the table of --local, a kill -9 in the
+middle, cancel.
+"""
 import csv
 import json
 import math
@@ -15,15 +17,22 @@ W1, P1 = math.pi ** 2 * math.sqrt(EI / M), math.pi ** 2 * EI
 
 
 def strutt(points, elements=0, **options):
-    """Strutt's diagram, POINTS x POINTS over mu and omega: of one damped mode, or of the beam of ELEMENTS."""
-    mu, omega = ([low + (high - low) * (i + 0.5) / points for i in range(points)] for low, high in ((0, 0.45), (0.4, 1.4)))
+    """Strutt's diagram, POINTS x POINTS over mu and omega: of one damped mode, or of the beam of
+    ELEMENTS.
+    """
+    mu, omega = ([low + (high - low) * (i + 0.5) / points for i in range(points)]
+                 for low, high in ((0, 0.45), (0.4, 1.4)))
     if elements:
-        structure = {"type": "beam", "length": 1, "elements": elements, "EI": EI, "mass_per_length": M}
+        structure = {"type": "beam", "length": 1, "elements": elements, "EI": EI,
+                     "mass_per_length": M}
         effect, key, scale = {"type": "axial_load", "amplitude": P1}, "amplitude", 2 * P1
     else:
         structure = {"type": "matrices", "M": [[1]], "K": [[W1 ** 2]], "C": [[12.57]]}
-        effect, key, scale = {"type": "parametric_stiffness", "dof": "x1", "stiffness": 1}, "stiffness", -2 * W1 ** 2
-    return {"verb": "floquet", "scene": {"structure": structure, "omega": 2 * W1, "effects": [effect]}, "options": options,
+        effect, key, scale = {"type": "parametric_stiffness", "dof": "x1",
+                              "stiffness": 1}, "stiffness", -2 * W1 ** 2
+    return {"verb": "floquet",
+            "scene": {"structure": structure, "omega": 2 * W1, "effects": [effect]},
+            "options": options,
             "grid": [{"path": f"effects[0].{key}", "values": [scale * m for m in mu]},
                      {"path": "omega", "values": [2 * W1 * o for o in omega]}]}
 
@@ -35,7 +44,8 @@ def write(tmp_path, document):
 
 
 def start(daemon, path):
-    return subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "sweep", str(path), "--wait"],
+    return subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint,
+                             "--json", "sweep", str(path), "--wait"],
                             stdout=subprocess.PIPE, text=True, env=environment())
 
 
@@ -58,10 +68,12 @@ def until_done(client, count):
 
 def test_the_shares_give_the_table_of_one_process(ctl, own_daemon, tmp_path):
     daemon, path = own_daemon(), write(tmp_path, strutt(13))
-    local, served = ctl("sweep", path).document, ctl("sweep", path, "--wait", server=daemon).document
+    local, served = ctl("sweep", path).document, ctl("sweep", path, "--wait",
+                                                     server=daemon).document
     assert table(served) == table(local) and len(local["points"]) == 169
     assert [p["index"] for p in served["points"]] == [[i, j] for i in range(13) for j in range(13)]
-    # the first tongue is around omega = 1, half as wide as mu: unstable at the diagram's middle, stable left of it
+    # the first tongue is around omega = 1, half as wide as mu: unstable at the diagram's middle,
+    # stable left of it
     stable = {tuple(p["index"]): p["stability"]["stable"] for p in served["points"]}
     assert stable[6, 7] is False and stable[6, 3] is True
     with daemon.client() as client:
@@ -71,7 +83,8 @@ def test_the_shares_give_the_table_of_one_process(ctl, own_daemon, tmp_path):
 
 def test_a_grid_of_one_point_is_a_sweep(ctl, daemon, tmp_path):
     path = write(tmp_path, strutt(1))
-    assert table(ctl("sweep", path, "--wait", server=daemon).document) == table(ctl("sweep", path).document)
+    assert (table(ctl("sweep", path, "--wait", server=daemon).document)
+            == table(ctl("sweep", path).document))
 
 
 def test_a_share_is_a_job_of_its_own(ctl, daemon, tmp_path):
@@ -84,7 +97,8 @@ def test_an_error_of_a_point_stays_in_its_row(ctl, daemon, tmp_path):
     document = strutt(3)
     document["grid"][1]["values"][1] = -1
     path = write(tmp_path, document)
-    local, served = ctl("sweep", path).document, ctl("sweep", path, "--wait", server=daemon).document
+    local, served = ctl("sweep", path).document, ctl("sweep", path, "--wait",
+                                                     server=daemon).document
     assert table(served) == table(local)
     assert [p["index"] for p in served["points"] if "error" in p] == [[i, 1] for i in range(3)]
 
@@ -102,10 +116,12 @@ def test_a_bad_document_is_2_by_name_and_no_job(ctl, own_daemon, tmp_path):
 def test_without_wait_the_jobs_are_named_and_found_again(ctl, own_daemon, tmp_path):
     daemon, path = own_daemon(), write(tmp_path, strutt(13))
     first = ctl("sweep", path, server=daemon).document
-    assert first["kind"] == "sweep" and first["points"] == 169 and all(job["state"] for job in first["jobs"])
+    assert (first["kind"] == "sweep" and first["points"] == 169
+            and all(job["state"] for job in first["jobs"]))
     served = ctl("sweep", path, "--wait", server=daemon).document
     again = ctl("sweep", path, server=daemon).document
-    assert [j["job"] for j in again["jobs"]] == [j["job"] for j in first["jobs"]] and again["done"] == 169
+    assert ([j["job"] for j in again["jobs"]] == [j["job"] for j in first["jobs"]]
+            and again["done"] == 169)
     assert all(j["attempts"] == 1 and j["duplicate"] for j in again["jobs"])
     with daemon.client() as client:
         assert jobs(client).keys() == {j["job"] for j in first["jobs"]}
@@ -145,7 +161,8 @@ def test_a_kill_in_the_middle_computes_no_finished_share_again(ctl, own_daemon, 
         out, _ = waiting.communicate(timeout=PATIENCE)
         after = jobs(client)
     assert waiting.returncode == 0
-    assert all((after[job]["attempts"], after[job]["finished"]) == (1, doc["finished"]) for job, doc in before.items())
+    assert all((after[job]["attempts"], after[job]["finished"]) == (1, doc["finished"])
+               for job, doc in before.items())
     # no share twice, and those that ran at the kill once more: at most one a worker
     assert len(after) == 64 and {job["state"] for job in after.values()} == {"done"}
     assert sum(job["attempts"] for job in after.values()) <= 64 + daemon.workers
@@ -161,15 +178,18 @@ def test_cancel_ends_the_sweep_and_another_goes_on_from_there(ctl, own_daemon, t
         while len(jobs(client)) < 64:
             time.sleep(0.02)
         said = ctl("sweep", path, "--cancel", server=daemon)
-        assert said.status == 0 and {job["state"] for job in said.document["jobs"]} == {"done", "cancelled"}
+        assert (said.status == 0
+                and {job["state"] for job in said.document["jobs"]} == {"done", "cancelled"})
         out, _ = waiting.communicate(timeout=PATIENCE)
         assert waiting.returncode == 1 and json.loads(out)["error"]["code"] == "cancelled"
         done = jobs(client, state="done")
-        assert 4 <= len(done) < 64 and not jobs(client, state="queued") and not jobs(client, state="running")
+        assert (4 <= len(done) < 64 and not jobs(client, state="queued")
+                and not jobs(client, state="running"))
         served = ctl("sweep", path, "--wait", server=daemon)
         assert served.status == 0 and len(served.document["points"]) == 1024
         after = jobs(client, state="done")
-        assert len(after) == 64 and all(after[job]["finished"] == doc["finished"] for job, doc in done.items())
+        assert (len(after) == 64
+                and all(after[job]["finished"] == doc["finished"] for job, doc in done.items()))
 
 
 def test_a_passed_timeout_is_5_and_leaves_the_jobs(ctl, own_daemon, tmp_path):
@@ -181,16 +201,22 @@ def test_a_passed_timeout_is_5_and_leaves_the_jobs(ctl, own_daemon, tmp_path):
         assert ctl("sweep", path, "--cancel", server=daemon).status == 0
 
 
-def test_strutt_s_diagram_of_40000_points_lies_within_the_reference_boundaries(ctl, own_daemon, tmp_path):
-    """At the reference's mu each point 1e-6 inside a tongue is unstable, each 1e-6 outside of all is not."""
+def test_strutt_s_diagram_of_40000_points_lies_within_the_reference_boundaries(ctl, own_daemon,
+                                                                               tmp_path):
+    """At the reference's mu each point 1e-6 inside a tongue is unstable, each 1e-6 outside of all
+    is not.
+    """
     with open(TOP / "tests/data/beam/strutt_undamped.csv") as file:
-        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file) if row["omega_low"]]
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)
+                if row["omega_low"]]
     known = {row["mu"] for row in rows}
     mu = sorted(known | {0.45 * (i + 0.31) / (200 - len(known)) for i in range(200 - len(known))})
     omega = [0.3 + 1.1 * (i + 0.5) / 200 for i in range(200)]
     document = strutt(1)
     del document["scene"]["structure"]["C"]
-    document["grid"][0]["values"], document["grid"][1]["values"] = [-2 * W1 ** 2 * m for m in mu], [2 * W1 * o for o in omega]
+    document["grid"][0]["values"], document["grid"][1]["values"] = [-2 * W1 ** 2 * m
+                                                                    for m in mu], [2 * W1 * o
+                                                                                   for o in omega]
     daemon = own_daemon()
     served = ctl("sweep", write(tmp_path, document), "--wait", server=daemon).document
     assert len(served["points"]) == len(mu) * len(omega) == 40000
@@ -200,6 +226,7 @@ def test_strutt_s_diagram_of_40000_points_lies_within_the_reference_boundaries(c
         tongues = [(row["omega_low"], row["omega_high"]) for row in rows if row["mu"] == m]
         if m not in known or any(abs(o - edge) < 1e-6 for tongue in tongues for edge in tongue):
             continue
-        assert (point["stability"]["stable"] is False) == any(low < o < high for low, high in tongues), (m, o, point)
+        assert ((point["stability"]["stable"] is False)
+                == any(low < o < high for low, high in tongues)), (m, o, point)
         checked += 1
     assert checked > 0.99 * len(known) * len(omega)

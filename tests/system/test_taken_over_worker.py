@@ -1,4 +1,6 @@
-"""What the daemon believes of a worker that somebody else has taken over: only what fits the job that it was given, within limits."""
+"""What the daemon believes of a worker that somebody else has taken over: only what fits the job
+that it was given, within limits.
+"""
 import json
 import pathlib
 
@@ -20,8 +22,11 @@ def daemon():
 
 
 def end_of(client, *messages, key=None):
-    """The document of a job whose worker sends MESSAGES: [verb, members, [bytes of each body frame]]."""
-    job = submit(client, options={"send": [list(m) for m in messages]}, max_attempts=1, fresh=True)["job"]
+    """The document of a job whose worker sends MESSAGES: [verb, members, [bytes of each body
+    frame]].
+    """
+    job = submit(client, options={"send": [list(m) for m in messages]}, max_attempts=1,
+                 fresh=True)["job"]
     return client.ask("WAIT", job=job, timeout_s=15, result=True)
 
 
@@ -32,7 +37,8 @@ def part(offset, total, *bodies, part="document", **members):
 DONE = ["DONE", {"cpu_s": 0.01}, []]
 
 REFUSED = {
-    "more than its total after an empty one of another": [part(0, 10), part(0, 60000000, MIB, MIB), part(0, 60000000, MIB, MIB)],
+    "more than its total after an empty one of another": [part(0, 10), part(0, 60000000, MIB, MIB),
+                                                          part(0, 60000000, MIB, MIB)],
     "another total at offset 0": [part(0, 10, 4), part(4, 10, 3), part(0, 60000000, MIB)],
     "another total later": [part(0, 10, 4), part(4, 11, 7), DONE],
     "past the total": [part(0, 10, 11), DONE],
@@ -52,9 +58,12 @@ REFUSED = {
     "signals without a body": [part(0, 128, part="batch", batch=SIGNALS), ["DONE", {}, [2]]],
     "signals of another total": [part(0, 120, 8, part="batch", batch=SIGNALS), ["DONE", {}, [2]]],
     "signals past their end": [part(0, 128, 129, part="batch", batch=SIGNALS), ["DONE", {}, [2]]],
-    "signals whose end is missing": [part(0, 128, 64, part="batch", batch=SIGNALS), ["DONE", {}, [2]]],
+    "signals whose end is missing": [part(0, 128, 64, part="batch", batch=SIGNALS),
+                                     ["DONE", {}, [2]]],
     "signals that nothing describes": [part(0, 128, 64, part="batch"), ["DONE", {}, [2]]],
-    "more than four without a GO": [part(8 * i, 8 * 600, 8, part="batch", **({"batch": {**SIGNALS, "samples": 600}} if i == 0 else {})) for i in range(600)],
+    "more than four without a GO": [part(8 * i, 8 * 600, 8, part="batch",
+                                         **({"batch": {**SIGNALS, "samples": 600}} if i == 0
+                                            else {})) for i in range(600)],
     "a message that is none": [["done", {}, [2]]],
     "a message of unknown verb": [["OPEN", {}, []]],
 }
@@ -65,15 +74,19 @@ def test_parts_that_do_not_fit_end_the_worker_and_nothing_else(daemon, client, m
     before = daemon.text().count("event=worker_protocol")
     end = end_of(client, *messages)
     assert end["state"] == "dead" and end["error"]["code"] == "worker_died"
-    assert daemon.process.poll() is None and daemon.text().count("event=worker_protocol") == before + 1
-    assert end_of(client, ["DONE", {"cpu_s": 0}, [7]]).body == [b"A" * 7]      # the next worker, the next job
+    assert (daemon.process.poll() is None
+            and daemon.text().count("event=worker_protocol") == before + 1)
+    # the next worker, the next job
+    assert end_of(client, ["DONE", {"cpu_s": 0}, [7]]).body == [b"A" * 7]
 
 
 def test_an_error_of_a_worker_is_cut_to_what_an_error_may_be(daemon, client):
-    error = {"code": "bad_input", "message": {"text": "ö", "times": 3000}, "field": {"text": "é", "times": 3000},
+    error = {"code": "bad_input", "message": {"text": "ö", "times": 3000},
+             "field": {"text": "é", "times": 3000},
              "detail": {"x": {"text": "y", "times": 900000}}}
     end = end_of(client, ["FAILED", {"cpu_s": 0.1, "error": error}, []])
-    assert end["state"] == "failed" and end["error"]["code"] == "bad_input" and "detail" not in end["error"]
+    assert (end["state"] == "failed" and end["error"]["code"] == "bad_input"
+            and "detail" not in end["error"])
     assert set(end["error"]["message"]) == {"ö"} and set(end["error"]["field"]) == {"é"}
     assert len(json.dumps(end.header)) < 8192
     assert "event=detail_left_out" in daemon.text()
@@ -81,11 +94,18 @@ def test_an_error_of_a_worker_is_cut_to_what_an_error_may_be(daemon, client):
 
 def test_a_detail_of_4_kB_is_kept(client):
     detail = {"x": "y" * (4096 - len('{"x":""}'))}
-    assert end_of(client, ["FAILED", {"error": {"code": "bad_input", "message": "m", "detail": detail}}, []])["error"]["detail"] == detail
-    assert "detail" not in end_of(client, ["FAILED", {"error": {"code": "bad_input", "message": "m", "detail": {"x": detail["x"] + "y"}}}, []])["error"]
+    assert (end_of(client,
+                   ["FAILED", {"error": {"code": "bad_input", "message": "m", "detail": detail}},
+                    []])["error"]["detail"] == detail)
+    assert ("detail" not in end_of(client,
+                                   ["FAILED", {"error": {"code": "bad_input", "message": "m",
+                                                         "detail": {"x": detail["x"] + "y"}}},
+                                    []])["error"])
 
 
-@pytest.mark.parametrize("error", [{"code": "ok", "message": "x"}, {"code": "none such", "message": "x"}, {}, [], "text", None])
+@pytest.mark.parametrize("error",
+                         [{"code": "ok", "message": "x"}, {"code": "none such", "message": "x"},
+                          {}, [], "text", None])
 def test_a_failure_without_a_code_of_this_protocol_is_internal(client, error):
     end = end_of(client, ["FAILED", {"error": error}, []])
     assert end["state"] == "failed" and end["error"]["code"] == "internal"
@@ -96,7 +116,9 @@ def test_no_more_cpu_time_is_booked_than_the_cores_of_the_job_can_have_given(cli
     used = client.ask("WHOAMI")["used"]["cpu_s_day"]
     end = end_of(client, ["DONE", {"cpu_s": claimed}, [7]])
     assert end["state"] == "done"
-    failed = end_of(client, ["FAILED", {"cpu_s": claimed, "error": {"code": "bad_input", "message": "m"}}, []])
+    failed = end_of(client,
+                    ["FAILED", {"cpu_s": claimed, "error": {"code": "bad_input", "message": "m"}},
+                     []])
     assert failed["state"] == "failed"
     assert client.ask("WHOAMI")["used"]["cpu_s_day"] - used < 60
 

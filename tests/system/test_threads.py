@@ -1,4 +1,6 @@
-"""One Python Client in many threads: each gets its own answers, whoever else asks, gives up, fails, forks or closes."""
+"""One Python Client in many threads: each gets its own answers, whoever else asks, gives up, fails,
+forks or closes.
+"""
 import os
 import signal
 import subprocess
@@ -28,30 +30,38 @@ def numbers_of_threads():
 def test_eight_threads_of_a_client_run_a_hundred_jobs_each(client):
     """The frequency of each tells whose it is."""
     def one(k):
-        mode = client.identify(decay(k), 0.01, options={"rank.fixed": 2}, key=f"threads-{k}", timeout=PATIENCE)["modes"][0]
+        mode = client.identify(decay(k), 0.01, options={"rank.fixed": 2}, key=f"threads-{k}",
+                               timeout=PATIENCE)["modes"][0]
         return mode["frequency_hz"]
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(one, range(THREADS * JOBS)))
-    assert np.allclose(found, [np.hypot(5 + 0.01 * k, 0.5 / (2 * np.pi)) for k in range(THREADS * JOBS)], rtol=1e-6)
+    assert np.allclose(found,
+                       [np.hypot(5 + 0.01 * k, 0.5 / (2 * np.pi)) for k in range(THREADS * JOBS)],
+                       rtol=1e-6)
 
 
 def test_uploads_lists_events_and_waits_of_other_threads_do_not_meet(client):
     large = np.random.default_rng(3).standard_normal((40000, 2))
 
     def upload(k):
-        return client.upload(modald.Batch(large + k, 0.01), timeout=PATIENCE) == modald.Batch(large + k, 0.01).sha256()
+        return client.upload(modald.Batch(large + k, 0.01),
+                             timeout=PATIENCE) == modald.Batch(large + k, 0.01).sha256()
 
     def events(k):
-        return len([client.submit("identify", modald.Batch(decay(k), 0.01), key=f"met-{k}") for _ in range(3)]) == 3
+        return len([client.submit("identify", modald.Batch(decay(k), 0.01), key=f"met-{k}")
+                    for _ in range(3)]) == 3
 
     def listing(k):
-        return all(job["state"] in ("queued", "running", "done", "failed") for job in client.list(limit=50))
+        return all(job["state"] in ("queued", "running", "done", "failed")
+                   for job in client.list(limit=50))
 
     def many(k):
-        jobs = client.submit_many([("identify", modald.Batch(decay(i), 0.01), None, f"many-{k}-{i}") for i in range(50)], timeout=PATIENCE)
+        jobs = client.submit_many([("identify", modald.Batch(decay(i), 0.01), None,
+                                    f"many-{k}-{i}") for i in range(50)], timeout=PATIENCE)
         return [job.document["key"] for job in jobs] == [f"many-{k}-{i}" for i in range(50)]
     with ThreadPoolExecutor(THREADS) as pool:
-        assert all([f.result(PATIENCE) for k in range(4) for f in [pool.submit(what, k) for what in (upload, events, listing, many)]])
+        assert all([f.result(PATIENCE) for k in range(4)
+                    for f in [pool.submit(what, k) for what in (upload, events, listing, many)]])
 
 
 def test_an_error_is_raised_where_it_was_asked_for_and_nowhere_else(client):
@@ -69,7 +79,8 @@ def test_an_error_is_raised_where_it_was_asked_for_and_nowhere_else(client):
 def test_who_waits_when_the_client_is_closed_is_told_so(daemon):
     c, said = daemon.client(), []
     held = daemon.client()
-    job = held.submit("identify", modald.Batch(decay(1), 0.01), not_before=time.time() + 3600, fresh=True, key="closed-wait")
+    job = held.submit("identify", modald.Batch(decay(1), 0.01), not_before=time.time() + 3600,
+                      fresh=True, key="closed-wait")
     started = threading.Barrier(THREADS + 1)
 
     def hold():
@@ -123,7 +134,8 @@ def test_a_client_that_nobody_holds_takes_its_thread_with_it(daemon):
 
 
 def test_a_timeout_of_one_leaves_the_others_and_the_client_as_they_were(client):
-    job = client.submit("identify", modald.Batch(decay(2), 0.01), not_before=time.time() + 3600, fresh=True, key="one-times-out")
+    job = client.submit("identify", modald.Batch(decay(2), 0.01), not_before=time.time() + 3600,
+                        fresh=True, key="one-times-out")
     for _ in range(20):
         with pytest.raises(modald.Error, match="timeout"):
             client.wait(job.id, timeout=0.01)
@@ -134,8 +146,10 @@ def test_a_timeout_of_one_leaves_the_others_and_the_client_as_they_were(client):
 def script(text, *words, **more):
     code = "import os, signal, sys, threading, time\nimport modald\nc = modald.connect(sys.argv[1], timeout=20)\n" + text
     import pathlib
-    return subprocess.Popen(["/usr/bin/python3", "-c", code, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                            env=environment(PYTHONPATH=pathlib.Path(modald.__file__).parents[1]), **more)
+    return subprocess.Popen(["/usr/bin/python3", "-c", code, *words], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True,
+                            env=environment(PYTHONPATH=pathlib.Path(modald.__file__).parents[1]),
+                            **more)
 
 
 def test_a_child_is_told_that_it_needs_a_client_of_its_own(daemon):
@@ -155,7 +169,8 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), sorted(c.whoami())[0],
 """, daemon.endpoint)
     out, err = run.communicate(timeout=PATIENCE)
     first, second, third = out.splitlines()
-    assert first == "client this client was made before a fork; a child makes its own" and third == f"0 {second}", err
+    assert (first == "client this client was made before a fork; a child makes its own"
+            and third == f"0 {second}"), err
     assert run.returncode == 0 and err == ""
 
 
@@ -189,7 +204,8 @@ def test_threads_go_on_over_restarts_of_the_daemon(own_daemon):
         def one(k):
             if k == 40:
                 ready.set()
-            return c.submit("identify", modald.Batch(decay(k), 0.01), key=f"restart-{k}", timeout=PATIENCE).id
+            return c.submit("identify", modald.Batch(decay(k), 0.01), key=f"restart-{k}",
+                            timeout=PATIENCE).id
         jobs = [pool.submit(one, k) for k in range(THREADS * 30)]
         ready.wait(PATIENCE)
         daemon.kill()

@@ -1,4 +1,6 @@
-"""The vectors and schemas of proto/, replayed from Python against a live daemon (tests/unit/wire/test_wire.c does it from C)."""
+"""The vectors and schemas of proto/, replayed from Python against a live daemon
+(tests/unit/wire/test_wire.c does it from C).
+"""
 import json
 import pathlib
 
@@ -16,7 +18,8 @@ CHECKED_BEFORE_ALL = {"bad_frame", "bad_version", "unknown_verb", "bad_input", "
 def data_of(frame):
     if "text" in frame:
         return frame["text"].encode()
-    return bytes.fromhex(frame["hex"]) if "hex" in frame else frame["repeat"].encode() * frame["times"]
+    return (bytes.fromhex(frame["hex"]) if "hex" in frame else frame["repeat"].encode()
+            * frame["times"])
 
 
 def schema(name):
@@ -29,29 +32,36 @@ def daemon():
         yield d
 
 
-@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["name"] != "an oversize body frame"], ids=lambda v: v["name"])
+@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["name"] != "an oversize body frame"],
+                         ids=lambda v: v["name"])
 def test_a_request_vector_gets_its_code_through_the_socket(daemon, vector):
     client = daemon.client()
     client.raw(*[data_of(f) for f in vector["frames"]])
     reply = client.receive()
-    if vector["code"] == "ok":                       # well formed: at most about something that is not there
+    # well formed: at most about something that is not there
+    if vector["code"] == "ok":
         assert reply.code not in CHECKED_BEFORE_ALL or reply["error"].get("field") == "kind", reply
     else:
         assert reply.code == vector["code"], reply
-        assert reply["error"].get("field", "") == vector.get("field", reply["error"].get("field", ""))
+        assert (reply["error"].get("field",
+                                   "") == vector.get("field", reply["error"].get("field", "")))
         jsonschema.validate(reply.header, schema("error"))
     if vector["name"] == "drain":
         client.ask("UNDRAIN")
     client.close()
 
 
-@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["code"] == "ok"], ids=lambda v: v["name"])
+@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["code"] == "ok"],
+                         ids=lambda v: v["name"])
 def test_a_good_request_meets_its_schema(vector):
     verb, header = data_of(vector["frames"][1]).decode(), json.loads(data_of(vector["frames"][2]))
     jsonschema.validate(header, schema(f"{verb.lower()}.request"))
 
 
-@pytest.mark.parametrize("vector", [v for v in REQUESTS if v["code"] == "bad_input" and v.get("field") not in ("body", "names", None)], ids=lambda v: v["name"])
+@pytest.mark.parametrize("vector",
+                         [v for v in REQUESTS if v["code"] == "bad_input"
+                          and v.get("field") not in ("body", "names", None)],
+                         ids=lambda v: v["name"])
 def test_a_bad_request_does_not_meet_its_schema(vector):
     verb, header = data_of(vector["frames"][1]).decode(), json.loads(data_of(vector["frames"][2]))
     with pytest.raises(jsonschema.ValidationError):
@@ -67,20 +77,25 @@ def test_the_daemon_knows_inputs_by_the_identity_vectors(daemon):
     client = daemon.client()
     for vector in json.loads((PROTO / "vectors" / "identity.json").read_text()):
         sha = vector.pop("sha256")
-        body = bytes.fromhex(vector.pop("data")) if "data" in vector else vector.pop("text").encode()
+        body = (bytes.fromhex(vector.pop("data")) if "data" in vector
+                else vector.pop("text").encode())
         if vector["content"] == "batch":
             assert identity(data=body, **{k: v for k, v in vector.items() if k != "content"}) == sha
         assert client.ask("SUBMIT", [body], kind="identify", input=vector).ok
-        assert client.ask("SUBMIT", kind="identify", input={"sha256": sha}, options={"say": "by hash"}).ok
+        assert client.ask("SUBMIT", kind="identify", input={"sha256": sha},
+                          options={"say": "by hash"}).ok
 
 
 def test_every_answer_meets_its_schema(daemon):
     client = daemon.client()
     job = submit(client, key="schema", options={"progress": 0.5})
     ident = job["job"]
-    asked = [("HELLO", {}), ("STATUS", {"job": ident}), ("WAIT", {"job": ident}), ("RESULT", {"job": ident}), ("LIST", {}), ("STATS", {}),
-             ("METRICS", {}), ("WHOAMI", {}), ("EVENTS", {"from": 1}), ("CANCEL", {"job": ident}), ("DRAIN", {}), ("UNDRAIN", {}),
-             ("UPLOAD", {"op": "begin", "content": "batch", "samples": 9, "channels": 1, "dt": 1}), ("DELETE", {"job": ident})]
+    asked = [("HELLO", {}), ("STATUS", {"job": ident}), ("WAIT", {"job": ident}),
+             ("RESULT", {"job": ident}), ("LIST", {}), ("STATS", {}),
+             ("METRICS", {}), ("WHOAMI", {}), ("EVENTS", {"from": 1}), ("CANCEL", {"job": ident}),
+             ("DRAIN", {}), ("UNDRAIN", {}),
+             ("UPLOAD", {"op": "begin", "content": "batch", "samples": 9, "channels": 1, "dt": 1}),
+             ("DELETE", {"job": ident})]
     jsonschema.validate(job.header, schema("submit.reply"))
     for verb, header in asked:
         reply = client.ask(verb, **header)
@@ -126,9 +141,12 @@ class Checked(Client):
 
 
 def test_messages_of_whole_lives_meet_their_schemas():
-    """With real workers: jobs to each end, an upload and its abort, a batch as a result, a stream with live modes and a gap."""
+    """With real workers: jobs to each end, an upload and its abort, a batch as a result, a stream
+    with live modes and a gap.
+    """
     data, described = ring_down(samples=400)
-    scene = json.dumps({"structure": {"type": "chain", "masses": [1.0], "springs": [100.0, 0.0]}, "initial": {"x": {"x1": 0.3}},
+    scene = json.dumps({"structure": {"type": "chain", "masses": [1.0], "springs": [100.0, 0.0]},
+                        "initial": {"x": {"x1": 0.3}},
                         "time": {"dt": 0.01, "duration": 1.0}}).encode()
     with Daemon(workers=1) as d:
         c = Checked(d.endpoint)
@@ -138,28 +156,39 @@ def test_messages_of_whole_lives_meet_their_schemas():
         c.ask("UPLOAD", [data], op="chunk", upload=begun["upload"], offset=0, crc32c=crc32c(data))
         sha = identity(400, 1, 0.01, data, units="m", names=["a"])
         c.ask("UPLOAD", op="seal", upload=begun["upload"], sha256=sha)
-        c.ask("UPLOAD", op="abort", upload=c.ask("UPLOAD", op="begin", key="v", **described)["upload"])
+        c.ask("UPLOAD", op="abort",
+              upload=c.ask("UPLOAD", op="begin", key="v", **described)["upload"])
         ends = {}
-        for name, options, given, body, kind in [("done", {"rank.fixed": 2}, {"upload": begun["upload"]}, [], "identify"),
-                                                 ("failed", {"rank.fixed": -1}, {"sha256": sha}, [], "identify"),
-                                                 ("batch", {}, {"content": "scene"}, [scene], "simulate")]:
-            job = c.ask("SUBMIT", body, kind=kind, options=options, input=given, key=name, priority=5, run_limit_s=60.5, deadline_s=90, max_attempts=2)
+        for name, options, given, body, kind in [("done", {"rank.fixed": 2},
+                                                  {"upload": begun["upload"]}, [], "identify"),
+                                                 ("failed", {"rank.fixed": -1}, {"sha256": sha},
+                                                  [], "identify"),
+                                                 ("batch", {}, {"content": "scene"}, [scene],
+                                                  "simulate")]:
+            job = c.ask("SUBMIT", body, kind=kind, options=options, input=given, key=name,
+                        priority=5, run_limit_s=60.5, deadline_s=90, max_attempts=2)
             ends[name] = c.ask("WAIT", job=job["job"], timeout_s=250, result=True)["state"]
         assert ends == {"done": "done", "failed": "failed", "batch": "done"}
         assert c.ask("RESULT", job="key:failed").code == "bad_input"
-        for part in ({"part": "batch", "length": 80}, {"part": "input"}, {"part": "document", "offset": 1}):
+        for part in ({"part": "batch", "length": 80}, {"part": "input"},
+                     {"part": "document", "offset": 1}):
             assert c.ask("RESULT", job="key:batch", **part).ok, part
         assert c.ask("RETRY", job="key:done").code == "conflict"
-        late = c.ask("SUBMIT", kind="identify", input={"sha256": sha}, key="late", not_before=4e9, fresh=True)
+        late = c.ask("SUBMIT", kind="identify", input={"sha256": sha}, key="late", not_before=4e9,
+                     fresh=True)
         assert c.ask("CANCEL", job=late["job"])["state"] == "cancelled"
-        stream = c.ask("STREAM", op="open", name="live", channels=1, dt=0.01, window={"samples": 300, "hop": 100, "options": {"rank.fixed": 2}})
+        stream = c.ask("STREAM", op="open", name="live", channels=1, dt=0.01,
+                       window={"samples": 300, "hop": 100, "options": {"rank.fixed": 2}})
         c.ask("EVENTS", stream="live")
-        c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=0, count=400, crc32c=crc32c(data))
+        c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=0, count=400,
+              crc32c=crc32c(data))
         while not any(r.verb == "EVENT" and r["event"] == "modes" for r in c.early):
             c.early.append(c.receive())
-        c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=500, count=400, crc32c=crc32c(data))
+        c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=500, count=400,
+              crc32c=crc32c(data))
         assert c.ask("STREAM", op="close", stream=stream["stream"])["gaps"] == [[400, 500]]
         for verb in ("STATS", "WHOAMI", "METRICS", "LIST"):
             assert c.ask(verb).ok
-        assert {"event", "error", "upload.request", "stream.reply", "result.reply", "submit.request"} <= c.checked
+        assert ({"event", "error", "upload.request", "stream.reply", "result.reply",
+                 "submit.request"} <= c.checked)
         c.close()

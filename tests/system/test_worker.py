@@ -1,4 +1,6 @@
-"""modald-worker spoken to as the daemon does: proto/PROTOCOL.md, section 13, over a ROUTER of our own."""
+"""modald-worker spoken to as the daemon does: proto/PROTOCOL.md, section 13, over a ROUTER of our
+own.
+"""
 # Tests as well: descriptors.c inputs.c link.c serve.c
 import json
 import math
@@ -16,7 +18,8 @@ import pytest
 import sanitized
 import zmq
 
-BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
+BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2]
+                                    / "build"))
 WORKER = BUILD / "bin" / "modald-worker"
 VERSION = b"MODALW1"
 PATIENCE_S = 300
@@ -43,9 +46,13 @@ class Daemon:
         self.endpoint = f"ipc://{self.dir}/w"
         self.router.bind(self.endpoint)
         self.inputs, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:                                 # descriptor 3 of the worker, whatever is this process's
-            self.process = subprocess.Popen(["/bin/bash", "-c", 'exec 3<&"$0" && exec "$@"', str(theirs.fileno()), WORKER, "--connect", self.endpoint,
-                                             "--inputs", "--data", f"{self.dir}/data", *arguments], pass_fds=[theirs.fileno()], stderr=subprocess.PIPE)
+        # descriptor 3 of the worker, whatever is this process's
+        with theirs:
+            self.process = subprocess.Popen(["/bin/bash", "-c", 'exec 3<&"$0" && exec "$@"',
+                                             str(theirs.fileno()), WORKER, "--connect",
+                                             self.endpoint,
+                                             "--inputs", "--data", f"{self.dir}/data", *arguments],
+                                            pass_fds=[theirs.fileno()], stderr=subprocess.PIPE)
         self.peer = None
 
     def next(self, *verbs):
@@ -74,16 +81,21 @@ class Daemon:
             socket.send_fds(self.inputs, [f"{job} {attempt}".encode()], [file.fileno()])
 
     def send(self, verb, header, *body):
-        self.router.send_multipart([self.peer, VERSION, verb.encode(), json.dumps(header).encode(), *body])
+        self.router.send_multipart([self.peer, VERSION, verb.encode(), json.dumps(header).encode(),
+                                    *body])
 
     def run(self, job, kind, samples, options=None, **more):
-        header = {"job": job, "attempt": 1, "kind": kind, "options": options or {}, "run_limit_s": 0,
-                  "input": {"content": "batch", "samples": len(samples), "channels": 1, "dt": 0.05, **more}}
-        self.send("RUN", header, *([] if "file" in more else [struct.pack(f"<{len(samples)}d", *samples)]))
+        header = {"job": job, "attempt": 1, "kind": kind, "options": options or {},
+                  "run_limit_s": 0,
+                  "input": {"content": "batch", "samples": len(samples), "channels": 1, "dt": 0.05,
+                            **more}}
+        self.send("RUN", header,
+                  *([] if "file" in more else [struct.pack(f"<{len(samples)}d", *samples)]))
 
     def run_scene(self, job, kind, scene, options=None):
         text = json.dumps(scene).encode()
-        self.send("RUN", {"job": job, "attempt": 1, "kind": kind, "options": options or {}, "run_limit_s": 0,
+        self.send("RUN", {"job": job, "attempt": 1, "kind": kind, "options": options or {},
+                          "run_limit_s": 0,
                           "input": {"content": "scene", "bytes": len(text)}}, text)
 
     def answer(self, job, go=True):
@@ -94,8 +106,10 @@ class Daemon:
             assert header["job"] == job and header["attempt"] == 1
             if verb != "PART":
                 document = b"".join(body) or parts["document"]
-                return verb, header, json.loads(document) if document else None, (description, parts["batch"])
-            assert header["offset"] == len(parts[header["part"]]) and len(body) == 1 and len(body[0]) <= 1 << 20
+                return verb, header, json.loads(document) if document else None, (description,
+                                                                                  parts["batch"])
+            assert (header["offset"] == len(parts[header["part"]]) and len(body) == 1
+                    and len(body[0]) <= 1 << 20)
             description = header.get("batch", description)
             parts[header["part"]] += body[0]
             assert len(parts[header["part"]]) <= header["total"]
@@ -128,7 +142,8 @@ def test_a_worker_says_ready_and_which_kernels_it_uses(daemon):
 
 def test_the_heart_beats_every_second_idle(daemon):
     """Beats come on and on, and never more of them than seconds have passed since it was ready."""
-    begin = time.monotonic()                        # before it was started: the fixture has just done so
+    # before it was started: the fixture has just done so
+    begin = time.monotonic()
     daemon.next("READY")
     for n in range(4):
         _, header, _ = daemon.next("BEAT")
@@ -157,7 +172,8 @@ def test_an_input_that_does_not_match_its_checksum_is_corrupt(daemon):
     assert header["error"]["code"] == "corrupt" and path in header["error"]["message"]
     daemon.next("READY")
     daemon.hand("b", path)
-    daemon.run("b", "identify", [0.0] * 21, file=path, offset=4096, crc32c=12345)      # the file ends before
+    # the file ends before
+    daemon.run("b", "identify", [0.0] * 21, file=path, offset=4096, crc32c=12345)
     assert daemon.next("DONE", "FAILED")[1]["error"]["code"] == "corrupt"
 
 
@@ -166,17 +182,22 @@ def test_a_worker_takes_the_input_of_its_attempt_and_opens_none_itself(daemon):
     for name, data in (("1", raw), ("2", other)):
         pathlib.Path(f"{daemon.dir}/data/spool/{name}.h5").write_bytes(data)
     daemon.next("READY")
-    daemon.run("a", "identify", [0.0] * 20, file=f"{daemon.dir}/data/spool/1.h5", offset=0, crc32c=crc32c(raw))
+    daemon.run("a", "identify", [0.0] * 20, file=f"{daemon.dir}/data/spool/1.h5", offset=0,
+               crc32c=crc32c(raw))
     error = daemon.next("DONE", "FAILED")[1]["error"]
-    assert error["code"] == "io_error" and "handed over no input for attempt 1 of job a" in error["message"]
+    assert (error["code"] == "io_error"
+            and "handed over no input for attempt 1 of job a" in error["message"])
     daemon.next("READY")
-    for job, attempt, name in (("a", 1, "2"), ("b", 2, "2"), ("b", 1, "1")):        # those of another job and another attempt first
+    # those of another job and another attempt first
+    for job, attempt, name in (("a", 1, "2"), ("b", 2, "2"), ("b", 1, "1")):
         daemon.hand(job, f"{daemon.dir}/data/spool/{name}.h5", attempt)
-    daemon.run("b", "identify", [0.0] * 20, {"rank.fixed": 1}, file="1.h5", offset=0, crc32c=crc32c(raw))
+    daemon.run("b", "identify", [0.0] * 20, {"rank.fixed": 1}, file="1.h5", offset=0,
+               crc32c=crc32c(raw))
     verb, header = daemon.next("DONE", "FAILED")[:2]
     assert verb == "DONE" or header["error"]["code"] != "corrupt", header
     fds = os.listdir(f"/proc/{daemon.process.pid}/fd")
-    assert not [fd for fd in fds if os.readlink(f"/proc/{daemon.process.pid}/fd/{fd}").endswith(".h5")]
+    assert not [fd for fd in fds if os.readlink(f"/proc/{daemon.process.pid}/fd/{fd}").endswith(
+        ".h5")]
 
 
 def test_a_worker_whose_daemon_is_gone_ends_whatever_it_is_doing(daemon):
@@ -189,15 +210,20 @@ def test_a_worker_whose_daemon_is_gone_ends_whatever_it_is_doing(daemon):
 def test_a_worker_whose_parent_is_not_the_maker_of_its_socket_does_not_begin():
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
-        done = subprocess.run(["/bin/bash", "-c", 'exec 3<&"$0"; "$@"; exit $?', str(theirs.fileno()), WORKER, "--connect", "ipc:///nowhere", "--inputs"],
-                              pass_fds=[theirs.fileno()], capture_output=True, text=True, timeout=30)
+        done = subprocess.run(["/bin/bash", "-c", 'exec 3<&"$0"; "$@"; exit $?',
+                               str(theirs.fileno()), WORKER, "--connect", "ipc:///nowhere",
+                               "--inputs"],
+                              pass_fds=[theirs.fileno()], capture_output=True, text=True,
+                              timeout=30)
     assert done.returncode == 1 and "the daemon has ended" in done.stderr
 
 
 def test_a_run_of_the_wrong_length_is_a_bad_frame(daemon):
     daemon.next("READY")
-    daemon.send("RUN", {"job": "a", "attempt": 1, "kind": "identify", "options": {}, "run_limit_s": 0,
-                        "input": {"content": "batch", "samples": 20, "channels": 1, "dt": 0.05}}, b"\0" * 152)
+    daemon.send("RUN", {"job": "a", "attempt": 1, "kind": "identify", "options": {},
+                        "run_limit_s": 0,
+                        "input": {"content": "batch", "samples": 20, "channels": 1, "dt": 0.05}},
+                b"\0" * 152)
     assert daemon.next("DONE", "FAILED")[1]["error"]["code"] == "bad_frame"
 
 
@@ -215,7 +241,8 @@ def test_stop_ends_it_with_0_and_sigterm_ends_it(daemon):
 def test_it_is_nice_confined_and_alone_in_its_group(daemon):
     daemon.next("READY")
     pid = daemon.process.pid
-    status = dict(line.split(":\t", 1) for line in open(f"/proc/{pid}/status").read().splitlines() if ":\t" in line)
+    status = dict(line.split(":\t", 1) for line in open(f"/proc/{pid}/status").read().splitlines()
+                  if ":\t" in line)
     assert os.getpriority(os.PRIO_PROCESS, pid) == 10
     assert os.getpgid(pid) == pid
     if b"__asan_init" not in WORKER.read_bytes():
@@ -226,12 +253,14 @@ def test_it_is_nice_confined_and_alone_in_its_group(daemon):
 
 def test_without_a_daemon_it_ends_and_says_why():
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run([WORKER, "--connect", f"ipc://{folder}/nobody"], capture_output=True, text=True, timeout=PATIENCE_S)
+        done = subprocess.run([WORKER, "--connect", f"ipc://{folder}/nobody"], capture_output=True,
+                              text=True, timeout=PATIENCE_S)
     assert done.returncode == 1 and "nobody answers" in done.stderr
 
 
 def test_wrong_usage_ends_with_2():
-    for arguments in ([], ["--connect"], ["--connect", "ipc://x", "y"], ["--connect", "ipc://x", "--memory", "much"], ["--what"]):
+    for arguments in ([], ["--connect"], ["--connect", "ipc://x", "y"],
+                      ["--connect", "ipc://x", "--memory", "much"], ["--what"]):
         assert subprocess.run([WORKER, *arguments], capture_output=True).returncode == 2
 
 
@@ -259,7 +288,8 @@ def decay(count=600):
     return [math.exp(-0.1 * 0.05 * k) * math.cos(6.0 * 0.05 * k) for k in range(count)]
 
 
-OSCILLATOR = {"structure": {"type": "matrices", "M": [[1.0]], "C": [[0.2]], "K": [[9.0]]}, "effects": [],
+OSCILLATOR = {"structure": {"type": "matrices", "M": [[1.0]], "C": [[0.2]], "K": [[9.0]]},
+              "effects": [],
               "excitation": [{"type": "harmonic", "dof": "x1", "k": 1, "cos": 1.0}], "omega": 2.0,
               "initial": {"x": {"x1": 1.0}}, "time": {"dt": 0.01, "duration": 5.0}}
 
@@ -290,17 +320,20 @@ def test_the_signals_of_simulate_come_in_parts_of_at_most_a_mebibyte(daemon):
     daemon.run_scene("s", "simulate", scene)
     verb, header, document, (description, raw) = daemon.answer("s")
     assert verb == "DONE", header
-    assert document["kind"] == "simulate" and description["samples"] == 200001 and len(raw) == 8 * description["samples"] * description["channels"]
+    assert (document["kind"] == "simulate" and description["samples"] == 200001 and len(raw) == 8
+            * description["samples"] * description["channels"])
     assert description["dt"] == 1e-4 and struct.unpack_from("<d", raw)[0] == 1.0
 
 
 def test_no_more_than_four_parts_wait_for_their_go(daemon):
     daemon.next("READY")
-    daemon.run_scene("s", "simulate", {**OSCILLATOR, "time": {"dt": 2e-5, "duration": 20.0}})      # 8 MB
+    # 8 MB
+    daemon.run_scene("s", "simulate", {**OSCILLATOR, "time": {"dt": 2e-5, "duration": 20.0}})
     for _ in range(4):
         daemon.next("PART", "DONE", "FAILED")
     daemon.next("BEAT")
-    daemon.next("BEAT")                      # two seconds later the heart still beats, and no fifth has come
+    # two seconds later the heart still beats, and no fifth has come
+    daemon.next("BEAT")
     assert not any(verb in ("PART", "DONE") for verb in daemon.drain())
     for _ in range(9):
         daemon.send("GO", {"job": "s", "attempt": 1})
@@ -328,10 +361,12 @@ def test_the_heart_beats_with_the_job_while_it_works(daemon):
     daemon.next("READY")
     daemon.run_scene("long", "simulate", {**OSCILLATOR, "time": {"dt": 1e-6, "duration": 30.0}})
     seen = [daemon.next("BEAT", "PART", "DONE", "FAILED") for _ in range(2)]
-    assert any(verb == "BEAT" and header == {"job": "long", "attempt": 1} for verb, header, _ in seen) or seen[0][0] != "BEAT", seen
+    assert (any(verb == "BEAT" and header == {"job": "long", "attempt": 1}
+                for verb, header, _ in seen) or seen[0][0] != "BEAT"), seen
 
 
-LUA = [("", "DONE"), ("io.open('/etc/passwd')", "FAILED"), ("os.execute('true')", "FAILED"), ("os.exit(3)", "FAILED"),
+LUA = [("", "DONE"), ("io.open('/etc/passwd')", "FAILED"), ("os.execute('true')", "FAILED"),
+       ("os.exit(3)", "FAILED"),
        ("require('socket')", "FAILED"), ("dofile('/etc/passwd')", "FAILED")]
 
 
@@ -339,7 +374,9 @@ def test_a_lua_force_reaches_neither_files_nor_programs_nor_the_network(daemon):
     for attack, expected in LUA:
         daemon.next("READY")
         source = f"function force(t, x, v, memory) {attack}; return 0.1 * x^3 end"
-        daemon.run_scene("l", "steady", {**OSCILLATOR, "effects": [{"type": "lua", "dof": "x1", "source": source}]})
+        daemon.run_scene("l", "steady",
+                         {**OSCILLATOR, "effects": [{"type": "lua", "dof": "x1",
+                                                     "source": source}]})
         verb, header, _, _ = daemon.answer("l")
         assert verb == expected, (attack, header)
         assert expected == "DONE" or header["error"]["code"] == "element_failed", (attack, header)
@@ -351,7 +388,8 @@ def test_a_job_that_wants_more_memory_than_its_worker_may_have_fails_with_the_li
     daemon = Daemon("--memory", str(400 << 20))
     for _ in range(2):
         daemon.next("READY")
-        daemon.run_scene("m", "simulate", {**OSCILLATOR, "time": {"dt": 1e-6, "duration": 90.0}})        # 90,000,001 samples: 720 MB
+        # 90,000,001 samples: 720 MB
+        daemon.run_scene("m", "simulate", {**OSCILLATOR, "time": {"dt": 1e-6, "duration": 90.0}})
         verb, header, _, _ = daemon.answer("m")
         assert verb == "FAILED" and header["error"]["code"] == "no_memory", header
         assert "a worker has at most 419430400 bytes (worker_memory)" in header["error"]["message"]

@@ -1,4 +1,6 @@
-"""A daemon of one test's own, and raw frames to it: nothing between the test and the protocol but pyzmq."""
+"""A daemon of one test's own, and raw frames to it: nothing between the test and the protocol but
+pyzmq.
+"""
 import fcntl
 import hashlib
 import json
@@ -15,9 +17,12 @@ import zmq
 
 import sanitized
 
-BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2] / "build"))
+BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2]
+                                    / "build"))
 VERSION = b"MODALD1"
-PATIENCE_S = 300        # for what must come: a machine that does something else makes it later, and only its absence is a failure
+# for what must come: a machine that does something else makes it later, and only its absence is a
+# failure
+PATIENCE_S = 300
 
 
 def until(predicate, what="it did not become true"):
@@ -83,7 +88,8 @@ class Reply:
 def woken(pid):
     """How often its threads have gone to sleep."""
     status = [(task / "status").read_text() for task in pathlib.Path(f"/proc/{pid}/task").iterdir()]
-    return sum(int(re.search(r"^voluntary_ctxt_switches:\s*(\d+)", text, re.MULTILINE)[1]) for text in status)
+    return sum(int(re.search(r"^voluntary_ctxt_switches:\s*(\d+)", text, re.MULTILINE)[1])
+               for text in status)
 
 
 class Client:
@@ -130,7 +136,9 @@ class Client:
 
 
 class Gate:
-    """Jobs of fake_worker.py with its options run until it is opened: no job is over before a test has looked, on the slowest machine."""
+    """Jobs of fake_worker.py with its options run until it is opened: no job is over before a test
+    has looked, on the slowest machine.
+    """
 
     def __init__(self, path):
         self.path, self.options = path, {"until": str(path)}
@@ -140,13 +148,15 @@ class Gate:
 
 
 class Daemon:
-    def __init__(self, folder=None, workers=1, config="", endpoint=None, wrap=(), env=None, build=None):
+    def __init__(self, folder=None, workers=1, config="", endpoint=None, wrap=(), env=None,
+                 build=None):
         self.own = tempfile.TemporaryDirectory(prefix="md") if folder is None else None
         self.folder = pathlib.Path(folder or self.own.name)
         self.endpoint = endpoint or f"ipc://{self.folder}/s.ipc"
         self.config = self.folder / "modald.conf"
         self.config.write_text(config)
-        self.workers, self.wrap, self.env, self.build = workers, list(wrap), env, pathlib.Path(build or BUILD)
+        self.workers, self.wrap, self.env, self.build = workers, list(wrap), env, pathlib.Path(
+            build or BUILD)
         self.log_path = self.folder / "log"
         self.process, self.gates = None, 0
         self.start()
@@ -158,9 +168,11 @@ class Daemon:
     def start(self, ready=True):
         self.log = open(self.log_path, "ab")
         mark = self.log_path.stat().st_size
-        command = [*self.wrap, str(self.build / "bin" / "modald"), "--data", str(self.folder / "data"), "--bind", self.endpoint,
+        command = [*self.wrap, str(self.build / "bin" / "modald"), "--data",
+                   str(self.folder / "data"), "--bind", self.endpoint,
                    "--workers", str(self.workers), "--config", str(self.config)]
-        self.process = subprocess.Popen(command, stderr=self.log, stdin=subprocess.DEVNULL, env={**os.environ, **(self.env or {})})
+        self.process = subprocess.Popen(command, stderr=self.log, stdin=subprocess.DEVNULL,
+                                        env={**os.environ, **(self.env or {})})
         deadline = time.monotonic() + PATIENCE_S
         while ready:
             if b"event=ready" in self.log_path.read_bytes()[mark:]:
@@ -195,7 +207,8 @@ class Daemon:
         return status
 
     def children(self):
-        out = subprocess.run(["ps", "-o", "pid=", "--ppid", str(self.pid)], capture_output=True, text=True).stdout.split()
+        out = subprocess.run(["ps", "-o", "pid=", "--ppid", str(self.pid)], capture_output=True,
+                             text=True).stdout.split()
         return [int(pid) for pid in out]
 
     def __enter__(self):
@@ -208,7 +221,8 @@ class Daemon:
             command = pathlib.Path(f"/proc/{pid}/cmdline")
             if b"modald" in command.read_bytes():
                 os.kill(pid, signal.SIGKILL)
-                with open(self.folder / "data" / "LOCK") as lock:            # held until the last of its threads is gone
+                # held until the last of its threads is gone
+                with open(self.folder / "data" / "LOCK") as lock:
                     signal.alarm(PATIENCE_S)
                     fcntl.flock(lock, fcntl.LOCK_EX)
                     signal.alarm(0)
@@ -231,7 +245,8 @@ class Daemon:
 def ring_down(samples=400, dt=0.01, damping=0.8, omega=31.0, phase=0.0):
     """One decaying cosine, and its description."""
     import math
-    data = b"".join(struct.pack("<d", math.exp(-damping * dt * k) * math.cos(omega * dt * k + phase)) for k in range(samples))
+    data = b"".join(struct.pack("<d", math.exp(-damping * dt * k)
+                                * math.cos(omega * dt * k + phase)) for k in range(samples))
     return data, {"content": "batch", "samples": samples, "channels": 1, "dt": dt}
 
 
@@ -244,7 +259,9 @@ def submit(client, key=None, phase=0.0, options=None, **more):
 
 
 def scene_job(client, seconds=30.0, **more):
-    """A job that takes about SECONDS: a chain stepped very finely; one that only its worker's end can end early."""
+    """A job that takes about SECONDS: a chain stepped very finely; one that only its worker's end
+    can end early.
+    """
     scene = {"structure": {"type": "chain", "masses": [1.0, 2.0], "springs": [100.0, 50.0, 0.0]},
              "effects": [{"type": "cubic_spring", "dof": "x1", "coefficient": 5.0}],
              "initial": {"x": {"x1": 0.3}}, "time": {"dt": 0.001, "duration": 3000.0 * seconds}}

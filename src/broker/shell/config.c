@@ -27,7 +27,7 @@
 #define DAY_NS (86400 * INT64_C(1000000000))   /* of UTC, which has no leap seconds here */
 #define WORKERS_MOST 256         /* as the pool has slots */
 #define SOCKET_PATH_MOST 107     /* bytes of sun_path but its end (unix(7)) */
-#define RUNTIME_ROOM 80          /* of that, chosen: it leaves 18 for "/modald/modald.ipc", and more */
+#define RUNTIME_ROOM 80          /* of that, chosen: with "/modald/modald.ipc", 18, it fits */
 #define FILE_MOST 1048576        /* bytes of a file: keys of 10,000 users, 100 bytes each */
 #define LIMIT_MOST 1e15          /* a double below has all whole numbers, and bytes of a petabyte */
 #define NOT_SAID (-1)   /* of settings that are 0 or more */

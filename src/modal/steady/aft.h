@@ -44,8 +44,8 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
 int aft_samples(const struct aft *w);
 /* Discrete transforms made so far. */
 long aft_transforms(const struct aft *w);
-/* Turns of the laws' motions and events of their pieces in the last force: each is a root of a sum of
- * H terms. */
+/* Turns of the laws' motions and events of their pieces in the last force: each is a root of a sum
+ * of H terms. */
 long aft_events(const struct aft *w);
 /* Of law LAW so far: one a sample, or N for the pieces of a period. */
 long aft_evaluations(const struct aft *w, int law);

@@ -36,7 +36,8 @@
 #include "modal/steady/session.h"
 #include "modal/steady/stiffness.h"
 
-/* Of the largest low harmonic, what a round moves them by once it has nothing to add but rounding. */
+/* Of the largest low harmonic, what a round moves them by once it has nothing to add but
+ * rounding. */
 static const double STILL = 4 * DBL_EPSILON;
 enum {
     EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are

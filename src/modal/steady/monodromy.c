@@ -45,7 +45,8 @@ enum {
     SAMPLES_LEAST = 64,   /* where the motion has few harmonics: its laws have more */
     PADE = 6,   /* rounding at PADE_NORM */
     SQUARINGS_MOST = 1000,   /* halvings of a norm that is finite */
-    PRODUCTS_STEP = 8,       /* of matrices of the order: 5 of the approximant, a solve, the map's */
+    /* of matrices of the order: 5 of the approximant, a solve, the map's */
+    PRODUCTS_STEP = 8,
     PRODUCTS_MAGNUS = 6,     /* of (1) */
     SMALL_ORDER = 8          /* up to which a call of BLAS costs more than its sums */
 };

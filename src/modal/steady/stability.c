@@ -10,8 +10,8 @@
  *
  *     e_m <= max(SETTLED, 16 eps steps) max(1, |rho_1|)   or   e_m > e_{m-1} / 2,               (1)
  *
- * settled, or rounding.  The work allowed is that of a solution, point.c (1): a scene whose map costs
- * more has no verdict, one whose second map does has a verdict without its error.
+ * settled, or rounding.  The work allowed is that of a solution, point.c (1): a scene whose map
+ * costs more has no verdict, one whose second map does has a verdict without its error.
  */
 #include "modal/steady/stability.h"
 #include <float.h>

@@ -30,11 +30,11 @@ endforeach()
 target_link_options(modald_stream_shared PRIVATE -Wl,-z,nodelete)       # a thread may still be in it when a host takes its plug-in out
 
 # modalctl: a library, so that the unit tests reach it, and its main.
-file(GLOB ctl_sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/clients/ctl/*.c)
+file(GLOB_RECURSE ctl_sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/clients/ctl/*.c)
 list(FILTER ctl_sources EXCLUDE REGEX "/main\\.c$")
 add_library(ctl STATIC ${ctl_sources})
 target_include_directories(ctl PUBLIC ${CMAKE_SOURCE_DIR}/clients)
-target_link_libraries(ctl PUBLIC house modald_client modald_stream_static job store wire PkgConfig::SNDFILE)
+target_link_libraries(ctl PUBLIC house modald_client modald_stream_static job store wire PkgConfig::SNDFILE PkgConfig::ZLIB)
 program(modalctl clients/ctl/main.c ctl)
 
 # Examples: time-stepping loops with the three calls.  Those whose other half is not installed are left out.

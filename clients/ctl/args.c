@@ -34,6 +34,8 @@ static const struct row {
       "an option of the job; numbers, words, true, false, lists a,b" },
     { "dt", 0, NUMBER, offsetof(struct args, dt), 1e-300, 1e300, TAKES_SIGNALS, "SECONDS",
       "time between samples, for files that do not say" },
+    { "dataset", 0, TEXT, offsetof(struct args, dataset), 0, 0, TAKES_SIGNALS, "PATH",
+      "the array that is the signals, in files that have several" },
     { "ignore-time", 0, FLAG,   offsetof(struct args, ignore_time), 0, 0,    TAKES_SIGNALS, "",
       "rows are --dt apart, whatever the file says of time" },
     { "scale", 0, NUMBER, offsetof(struct args, scale), 1e-300, 1e300, TAKES_SIGNALS, "FACTOR",

@@ -15,7 +15,7 @@
 enum {
     TAKES_ALWAYS  = 1 << 0,    /* --server --local --json --keyfile --help --version */
     TAKES_OPTIONS = 1 << 1,    /* -o */
-    TAKES_SIGNALS = 1 << 2,    /* --dt --ignore-time --scale: how a file of signals is read */
+    TAKES_SIGNALS = 1 << 2,    /* --dt --dataset --ignore-time --scale: of files of signals */
     TAKES_CURVE   = 1 << 3,    /* --sweep --continue */
     TAKES_OUTPUT  = 1 << 4,    /* -O */
     TAKES_SUBMIT  = 1 << 5,    /* --key --priority --run-limit --deadline */
@@ -36,7 +36,7 @@ enum { ARGS_WORDS_MOST = 16 };
 
 struct args {
     const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep,
-        *follow, *from, *data, *name;
+        *follow, *from, *data, *name, *dataset;
     bool local, json, help, version, wait, resume, cancel, ignore_time;
     double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not
                                                                given */

@@ -1,8 +1,6 @@
 /* csv.c - see csv.h
  *
- * Time t_k, k = 0 .. n-1, is taken as t_0 + k dt with dt = (t_{n-1} - t_0) / (n - 1); the deviation
- * is max_k |t_k - t_0 - k dt| / dt, in steps.  The file is refused where it passes CSV_UNEVEN_MOST:
- * a sample displaced by a part d of a step is wrong by about omega dt d of its amplitude.
+ * Whether a column is time, and even, is files/steps.h's to say.
  *
  * What is printed to a unit u of its last digit is off by u/2 at most, and dt then by
  * u / 2 / (n - 1).  u is the finest unit of the last TAIL rows: a printer that drops zeros at the
@@ -17,6 +15,7 @@
 #include <string.h>
 #include <strings.h>
 #include "base/utf8.h"
+#include "files/steps.h"
 
 enum { TAIL = 10 };              /* rows: one in ten ends in a digit that is not 0 */
 
@@ -26,6 +25,7 @@ struct table {
     size_t columns, rows, room; /* room: doubles allocated */
     double *x;
     char **names, **units;      /* columns each, or NULL */
+    size_t preamble;            /* lines before names and numbers */
     size_t watched;             /* the column that may be time */
     double unit[TAIL];          /* of its last rows: of the last digit printed */
 };
@@ -224,19 +224,115 @@ static void read_remark(struct table *table, char *remark)
         table->names = split_words(remark, table->separator, table->columns);
 }
 
+/* Columns of LINE, whose separator goes to *SEPARATOR; a separator at its end makes none. */
+static size_t count_columns(const char *line, char *separator, size_t *numbers)
+{
+    size_t columns;
+
+    *separator = separator_of(line);
+    *numbers = count_numbers(line, *separator, &columns);
+    return columns - (columns > 1 && *separator != ' ' && line[strlen(line) - 1] == *separator);
+}
+
+/* A line that says something, as it lies in the text. */
+struct seen { char *at; size_t number; char *copy; };
+
+/* The next such line from *AT on, which is line *NUMBER + 1; the copy is the caller's. */
+static bool look_on(char **at, size_t *number, struct seen *out)
+{
+    while (*at != NULL && **at != 0) {
+        char *line = *at, *end = strchr(line, '\n');
+        size_t length = end != NULL ? (size_t)(end - line) : strlen(line);
+        ++*number;
+        *at = end != NULL ? end + 1 : NULL;
+        length -= length > 0 && line[length - 1] == '\r';
+        if (line[0] == '#' || line[0] == '%' || strspn(line, " \t") >= length)
+            continue;
+        *out = (struct seen) { line, *number, strndup(line, length) };
+        return out->copy != NULL;
+    }
+    return false;
+}
+
+/* Nothing but numbers, and so is the line behind it. */
+static bool begins_rows(const char *line, char *at, size_t number)
+{
+    struct seen next;
+    char separator;
+    size_t numbers, more, columns = count_columns(line, &separator, &numbers);
+    bool same;
+
+    if (columns == 0 || numbers != columns || !look_on(&at, &number, &next))
+        return false;
+    same = count_columns(next.copy, &separator, &more) == columns && more == columns;
+    free(next.copy);
+    return same;
+}
+
+/* Could LINE be names or units of COLUMNS columns?  *BROKEN: it looks like a row, or like names,
+ * but not of this table, and who reads from it on says what is wrong. */
+static bool is_head(const char *line, char separator, size_t columns, bool *broken)
+{
+    size_t fields, numbers = count_numbers(line, separator, &fields);
+
+    fields -= fields > 1 && separator != ' ' && line[strlen(line) - 1] == separator;
+    *broken = (fields == columns) == (numbers > 0) && fields > 1 && separator != ' ';
+    return numbers == 0 && fields == columns;
+}
+
+/*
+ * Where the table in TEXT begins, with its names and units: behind a preamble, whose lines are
+ * counted in *PREAMBLE and passed in *NUMBER.  It is the begin of the text where that is a row, or
+ * names of the rows that follow, or where no line is a row.
+ */
+static char *begin_of_table(char *text, size_t *number, size_t *preamble)
+{
+    enum { HEAD = 2 };                         /* lines: names, units */
+    struct seen above[HEAD + 1] = { 0 }, line;
+    size_t count = 0, n = *number, passed = n;
+    char *at = text, *begin = text, *first = NULL;
+
+    while (look_on(&at, &n, &line)) {
+        bool found = begins_rows(line.copy, at, n), broken = false;
+        char separator;
+        size_t numbers, columns = count_columns(line.copy, &separator, &numbers), head = 0;
+        while (found && head < count && head <= HEAD
+               && is_head(above[head].copy, separator, columns, &broken))
+            head++;
+        bool named = found && first != NULL && is_head(first, separator, columns, &(bool) { 0 });
+        if (count == 0)
+            first = strdup(line.copy);
+        free(above[HEAD].copy);
+        memmove(above + 1, above, HEAD * sizeof *above);
+        above[0] = line;
+        if (found && head < count && head <= HEAD && !named && !(head == 0 && broken)) {
+            *preamble = count - head;
+            begin = above[head].at;
+            passed = above[head].number - 1;
+        }
+        if (found || (count == 0 && numbers == columns))
+            break;
+        count++;
+    }
+    for (size_t i = 0; i <= HEAD; i++)
+        free(above[i].copy);
+    free(first);
+    *number = passed;
+    return begin;
+}
+
 /* Names, where the first line has no number at all; then units, where the second has none
  * either.  Gives the first line of numbers, NULL where there is none. */
 static char *read_head(struct table *table, char **rest, size_t *number)
 {
-    char *remark = NULL, *line = next_line(rest, number, &remark);
-    size_t fields = 0;
+    char *remark = NULL, *line;
+    size_t fields = 0, numbers;
 
+    *rest = begin_of_table(*rest, number, &table->preamble);
+    line = next_line(rest, number, &remark);
     if (line == NULL)
         return NULL;
-    table->separator = separator_of(line);
-    size_t numbers = count_numbers(line, table->separator, &table->columns);
-    if (table->columns > 1 && table->separator != ' ' && line[strlen(line) - 1] == table->separator)
-        table->columns--;                                       /* a separator at the line's end */
+    table->columns = count_columns(line, &table->separator, &numbers);
     if (numbers > 0) {
         read_remark(table, remark);
         return line;
@@ -287,8 +383,7 @@ static enum modal_status read_table(char *text, struct table *table, struct moda
     line = read_head(table, &rest, &number);
     if (line == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                "%s: no line of numbers; accepted: HDF5, CSV, WAV, FLAC",
-                                table->path);
+                                "%s: no line of numbers; accepted: " SIGNALS_FILES, table->path);
     if (table->columns > SIGNALS_CHANNELS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: %zu columns; at most %d",
                                 table->path, table->columns, SIGNALS_CHANNELS_MOST);
@@ -296,50 +391,6 @@ static enum modal_status read_table(char *text, struct table *table, struct moda
     for (; line != NULL && rc == MODAL_OK; line = next_line(&rest, &number, &remark))
         rc = add_row(table, line, number, err);
     return rc;
-}
-
-/* The first row whose time is not after the one before, or 0. */
-static size_t turns_back(const struct table *table, size_t column)
-{
-    const double *t = table->x + column;
-
-    for (size_t k = 1; k < table->rows; k++)
-        if (!(t[k * table->columns] > t[(k - 1) * table->columns]))
-            return k;
-    return 0;
-}
-
-static double deviation_of(const struct table *table, size_t column, double *dt)
-{
-    const double *t = table->x + column;
-    size_t n = table->rows, c = table->columns;
-    double most = 0;
-
-    *dt = n < 2 ? 0 : (t[(n - 1) * c] - t[0]) / (double)(n - 1);
-    for (size_t k = 0; k < n && *dt > 0; k++) {
-        double off = fabs(t[k * c] - t[0] - (double)k * *dt) / *dt;
-        if (!(off <= most))
-            most = off;
-    }
-    return *dt > 0 ? most : HUGE_VAL;
-}
-
-static enum modal_status uneven(const struct table *table, const struct signals_options *options,
-                                double off, struct modal_error *err)
-{
-    const char *field = options->dt > 0 ? "dt" : "time";
-    const char *way = options->dt > 0 ? "--ignore-time takes the rows as even"
-                                      : "or --dt SECONDS with --ignore-time";
-    size_t column = table->watched, back = turns_back(table, column);
-
-    if (back > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but it does "
-                                "not grow at sample %zu; accepted: even steps forward; %s",
-                                table->path, column + 1, back, way);
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: column %zu is time, but its steps "
-                            "are uneven: a sample is %.3g steps from its place, "
-                            "accepted: %g; resample; %s", table->path, column + 1, off,
-                            CSV_UNEVEN_MOST, way);
 }
 
 /* What the digits of the column leave open of its step; not less than a binary number's own. */
@@ -358,14 +409,17 @@ static enum modal_status find_time(const struct table *table, const struct signa
 {
     size_t at;
     bool named = find_name(table, &at);
-    double dt, off = deviation_of(table, at, &dt);
+    double dt, off = steps_deviation(table->x + at, table->rows, table->columns, &dt);
+    char what[64];
 
-    *column = named || (table->names == NULL && table->columns > 1 && off <= CSV_UNEVEN_MOST)
+    *column = named || (table->names == NULL && table->columns > 1 && off <= STEPS_UNEVEN_MOST)
                   ? (int)at : -1;
     if (*column < 0 || options->ignore_time)
         return MODAL_OK;
-    if (!(off <= CSV_UNEVEN_MOST))
-        return uneven(table, options, off, err);
+    snprintf(what, sizeof what, "column %zu", at + 1);
+    if (!(off <= STEPS_UNEVEN_MOST))
+        return steps_refuse(table->x + at, table->rows, table->columns, off, table->path, what,
+                            options, err);
     out->dt = dt;
     out->dt_off = step_off(table, dt);
     out->dt_from = "its column of time";
@@ -408,6 +462,7 @@ static enum modal_status move_signals(struct table *table, int time, struct sign
         for (size_t i = 0; i < table->columns; i++)
             if ((int)i != time)
                 table->x[to++] = table->x[k * table->columns + i];
+    out->preamble = table->preamble;
     out->samples = table->rows;
     out->channels = channels;
     out->x = table->x;

@@ -1,5 +1,6 @@
 /* input.c - see input.h */
 #include "input.h"
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/sha256.h"
@@ -62,11 +63,18 @@ static enum modal_status read_scene(const char *path, struct input *out, struct 
 static enum modal_status read_batch(const char *path, const struct args *args, struct input *out,
                                     struct modal_error *err)
 {
-    struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time,
+    struct signals_options options = { .dataset = args->dataset, .dt = args->dt,
+                                       .ignore_time = args->ignore_time,
                                        .scale = args->scale, .map = args->local };
     enum modal_status rc = signals_read(path, &options, &out->signals, err);
 
     out->batch = signals_batch(&out->signals);
+    if (rc == MODAL_OK && out->signals.preamble > 0)
+        fprintf(stderr, "modalctl: %s: %zu lines before the columns were passed over\n", path,
+                out->signals.preamble);
+    if (rc == MODAL_OK && out->signals.open_end)
+        fprintf(stderr, "modalctl: %s: its last line has no end, so it may be cut short: %zu "
+                "samples were read\n", path, out->signals.samples);
     return rc;
 }
 

@@ -21,7 +21,7 @@ static int run_sweep(const struct verb *verb, const struct args *args)
 }
 
 static const struct verb verbs[] = {
-    { "identify", "BATCH", "modes of a batch of signals (HDF5, CSV, WAV, FLAC)", 1, 1,
+    { "identify", "BATCH", "modes of a batch of signals; see FILES in modalctl(1)", 1, 1,
       JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
     { "steady", "SCENE.json", "steady-state response of a scene", 1, 1,
       JOB_TAKES | TAKES_CURVE | TAKES_PLOT | TAKES_OUTPUT, run_job },

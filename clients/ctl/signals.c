@@ -7,10 +7,15 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "csv.h"
+#include "files/hdf5.h"
+#include "files/matlab.h"
+#include "files/numpy.h"
+#include "files/outb.h"
+#include "files/uff.h"
 #include "sound.h"
-#include "store/batch_file.h"
 
-enum { TEXT_MOST = 1 << 30 };     /* bytes: some 100 million numbers */
+enum { TEXT_MOST = 1 << 30 };             /* bytes: some 100 million numbers */
+#define FILE_MOST ((size_t)1 << 32)       /* bytes of a file that is read into memory as a whole */
 
 static enum modal_status no_file(const char *path, struct modal_error *err)
 {
@@ -63,58 +68,81 @@ enum modal_status signals_read_text(const char *path, size_t most, char **text, 
     return rc;
 }
 
-static enum modal_status read_hdf5(const char *path, const struct signals_options *options,
-                                   struct signals *out, struct modal_error *err)
-{
-    struct batch_file file;
-    enum modal_status rc = options->map && !(options->scale > 0)
-                               ? batch_file_map(path, options->dt, mapping_resident_most(), &file,
-                                                err)
-                               : batch_file_read(path, options->dt, &file, err);
+/* Files by what they are: read by a library from their place, or here from memory. */
+static const struct format {
+    bool (*is)(const unsigned char *head, size_t length);
+    enum modal_status (*open)(const char *path, const struct signals_options *options,
+                              struct signals *out, struct modal_error *err);
+    enum modal_status (*read)(struct bytes file, const char *path,
+                              const struct signals_options *options, struct signals *out,
+                              struct modal_error *err);
+    bool arrays;                               /* several, with names: --dataset */
+} formats[] = {
+    { hdf5_is,   hdf5_read,  NULL,        true },
+    { sound_is,  sound_read, NULL,        false },
+    { matlab_is, NULL,       matlab_read, true },
+    { npy_is,    NULL,       npy_read,    false },
+    { npz_is,    NULL,       npz_read,    true },
+    { uff_is,    NULL,       uff_read,    false },
+    { outb_is,   NULL,       outb_read,   false },
+};
 
-    if (rc != MODAL_OK)
-        return rc;
-    *out = (struct signals){ .samples = file.batch.samples, .channels = file.batch.channels,
-                             .x = file.signals, .map = file.map, .dt = file.batch.dt,
-                             .dt_off = SIGNALS_DT_OFF * file.batch.dt,
-                             .dt_from = "its attribute `dt`", .period = file.batch.period,
-                             .names = file.names, .units = file.units,
-                             .attributes = file.attributes };
-    return MODAL_OK;                                    /* everything the file held has moved */
+/* NULL: text. */
+static const struct format *format_of(const unsigned char *head, size_t length)
+{
+    for (size_t i = 0; i < sizeof formats / sizeof *formats; i++)
+        if (formats[i].is(head, length))
+            return &formats[i];
+    return NULL;
 }
 
-enum file_kind { FILE_HDF5, FILE_SOUND, FILE_TEXT };
-
-/* By its first bytes. */
-static enum file_kind kind_of(const char *head, size_t length)
+static enum modal_status check_dataset(const char *path, const struct format *format,
+                                       const struct signals_options *options,
+                                       struct modal_error *err)
 {
-    static const struct { const char *magic; size_t length; enum file_kind kind; } kinds[] = {
-        { "\x89HDF\r\n\x1a\n", 8, FILE_HDF5 }, { "RIFF", 4, FILE_SOUND }, { "RF64", 4, FILE_SOUND },
-        { "fLaC", 4, FILE_SOUND }, { "FORM", 4, FILE_SOUND }, { "OggS", 4, FILE_SOUND },
-    };
-
-    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
-        if (length >= kinds[i].length && memcmp(head, kinds[i].magic, kinds[i].length) == 0)
-            return kinds[i].kind;
-    return FILE_TEXT;
+    if (options->dataset == NULL || (format != NULL && format->arrays))
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "dataset", "%s: no file of named arrays; "
+                            "accepted: --dataset with HDF5, MATLAB and NPZ", path);
 }
 
-static enum modal_status read_csv(const char *path, const struct signals_options *options,
-                                  struct signals *out, struct modal_error *err)
+static enum modal_status read_text(char *text, size_t length, const char *path,
+                                   const struct signals_options *options, struct signals *out,
+                                   struct modal_error *err)
 {
+    if (length > TEXT_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "file", "%s: more than %d bytes of text",
+                                path, TEXT_MOST);
+    if (memchr(text, 0, length) != NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither text in UTF-8 or "
+                                "Latin-1 nor anything else that is known; accepted: "
+                                SIGNALS_FILES, path);
+    out->open_end = length > 0 && text[length - 1] != '\n';
+    return csv_read(text, path, options, out, err);
+}
+
+/* What is read into memory first: also of a pipe. */
+static enum modal_status read_bytes(const char *path, const struct signals_options *options,
+                                    struct signals *out, struct modal_error *err)
+{
+    const struct format *format = NULL;
     char *text = NULL;
     size_t length = 0;
-    enum modal_status rc = signals_read_text(path, TEXT_MOST, &text, &length, err);
+    enum modal_status rc = signals_read_text(path, FILE_MOST, &text, &length, err);
 
-    if (rc == MODAL_OK && kind_of(text, length) != FILE_TEXT)
+    if (rc == MODAL_OK) {
+        format = format_of((const unsigned char *)text, length);
+        rc = check_dataset(path, format, options, err);
+    }
+    if (rc == MODAL_OK && format != NULL && format->read == NULL)
         rc = modal_fail_field(
             err, MODAL_BAD_INPUT, "file",
-            "%s: HDF5 and sound cannot be read from a pipe; accepted: text, or a file", path);
-    if (rc == MODAL_OK && memchr(text, 0, length) != NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                              "%s: neither HDF5, WAV, FLAC nor text in UTF-8 or Latin-1", path);
+            "%s: HDF5 and sound cannot be read from a pipe; accepted: any other, or a file", path);
     if (rc == MODAL_OK)
-        rc = csv_read(text, path, options, out, err);
+        rc = format == NULL
+                 ? read_text(text, length, path, options, out, err)
+                 : format->read((struct bytes) { (unsigned char *)text, length, 0 }, path, options,
+                                out, err);
     free(text);
     return rc;
 }
@@ -126,15 +154,16 @@ static bool ends_in(const char *path, const char *end)
     return length > n && strcmp(path + length - n, end) == 0;
 }
 
-/* What PATH is, looked into only where that takes nothing away: a pipe is text. */
-static enum modal_status look_at(const char *path, enum file_kind *kind, struct modal_error *err)
+/* Who opens PATH itself, or NULL; looked into only where that takes nothing away. */
+static enum modal_status look_at(const char *path, const struct format **out,
+                                 struct modal_error *err)
 {
-    char head[8] = "";
+    unsigned char head[HDF5_HEAD_BYTES];
     struct stat about;
     FILE *file;
     size_t got;
 
-    *kind = FILE_TEXT;
+    *out = NULL;
     if (strcmp(path, "-") == 0)
         return MODAL_OK;
     if (stat(path, &about) != 0 || (S_ISDIR(about.st_mode) && (errno = EISDIR)))
@@ -146,10 +175,11 @@ static enum modal_status look_at(const char *path, enum file_kind *kind, struct 
         return no_file(path, err);
     got = fread(head, 1, sizeof head, file);
     fclose(file);
-    *kind = kind_of(head, got);
-    if (*kind == FILE_TEXT && (ends_in(path, ".h5") || ends_in(path, ".hdf5")))
-        /* let the reader say what is wrong with it */
-        *kind = FILE_HDF5;
+    *out = format_of(head, got);
+    if (*out == NULL && (ends_in(path, ".h5") || ends_in(path, ".hdf5")))
+        *out = &formats[0];                    /* let the reader say what is wrong with it */
+    if (*out != NULL && (*out)->open == NULL)
+        *out = NULL;
     return MODAL_OK;
 }
 
@@ -163,8 +193,9 @@ static enum modal_status settle_step(const char *path, const struct signals_opti
         return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --ignore-time needs --dt SECONDS",
                                 path);
     if (!(given > 0) && !(read->dt > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: no column of time; accepted: one "
-                                "named t or time, or --dt SECONDS", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: nothing says the step; accepted: "
+                                "a column or an array named t or time, a dt, fs or Fs beside the "
+                                "array, or --dt SECONDS", path);
     if (given > 0 && read->dt > 0 && !options->ignore_time
         && !(fabs(given - read->dt) <= read->dt_off))
         return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "%s: --dt is %.9g s, but %s says %.9g "
@@ -179,13 +210,14 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
                                struct signals *out, struct modal_error *err)
 {
     struct signals read = { 0 };
-    enum file_kind kind;
-    enum modal_status rc = look_at(path, &kind, err);
+    const struct format *format;
+    enum modal_status rc = look_at(path, &format, err);
 
+    if (rc == MODAL_OK && format != NULL)
+        rc = check_dataset(path, format, options, err);
     if (rc == MODAL_OK)
-        rc = kind == FILE_HDF5    ? read_hdf5(path, options, &read, err)
-             : kind == FILE_SOUND ? sound_read(path, &read, err)
-                                  : read_csv(path, options, &read, err);
+        rc = format != NULL ? format->open(path, options, &read, err)
+                            : read_bytes(path, options, &read, err);
     if (rc == MODAL_OK)
         rc = settle_step(path, options, &read, err);
     for (size_t i = 0; rc == MODAL_OK && options->scale > 0 && i < read.samples * read.channels;

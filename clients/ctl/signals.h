@@ -1,13 +1,19 @@
-/* signals.h - a user's file of signals, read here, on the user's side: HDF5, CSV, WAV, FLAC
+/* signals.h - a user's file of signals, read here, on the user's side
  *
- * The kind of a file is told by its first bytes: HDF5's signature, RIFF or fLaC; text is CSV.
+ * What a file is, is told by its first bytes, not by its name: HDF5 (with it MATLAB 7.3), MATLAB 5
+ * to 7, NPY, NPZ, UFF 58 and 58b, OpenFAST's .outb, sound (WAV, FLAC); else it is text, CSV or
+ * OpenFAST's .out.  Each has a reader of its own in files/.
  */
 #ifndef CTL_SIGNALS_H
 #define CTL_SIGNALS_H
+#include <stdbool.h>
 #include "modal/batch.h"
 #include "base/error.h"
 #include "base/json.h"
 #include "store/mapping.h"
+
+/* The kinds, for messages. */
+#define SIGNALS_FILES "HDF5, MATLAB, NPY, NPZ, UFF 58, OpenFAST, CSV, WAV, FLAC"
 
 /* Limits of a file read here. */
 #define SIGNALS_VALUES_MOST ((size_t)1 << 31)      /* doubles: 16 GB */
@@ -26,10 +32,13 @@ struct signals {
     const char *dt_from;        /* what says it: "its column of time" */
     char **names;               /* channels, or NULL */
     char *units;                /* or NULL */
+    size_t preamble;            /* lines of text passed over before names or numbers */
+    bool open_end;              /* text whose last line has no end: it may be cut */
     cJSON *attributes;          /* anything else that the file says: provenance; or NULL */
 };
 
 struct signals_options {
+    const char *dataset;        /* which array, of files that have several; NULL: see arrays.h */
     double dt;                  /* 0: from the file; else the file must not say another */
     bool ignore_time;           /* whatever it says: rows are even, dt apart */
     double scale;               /* 0: 1 */
@@ -37,9 +46,10 @@ struct signals_options {
 };
 
 /*
- * Read PATH into *OUT; signals_done frees what it holds.  MODAL_BAD_INPUT: no such file, not one of
- * the kinds, damaged, not numbers, uneven time (with its deviation), another dt than the one given
- * (field "dt").  What a batch must be beyond that (length, dt, finite values) is identify's to
+ * Read PATH ("-": stdin, not for HDF5 and sound) into *OUT; signals_done frees what it holds.
+ * MODAL_BAD_INPUT: no such file, not one of the kinds, damaged, cut short, not numbers, uneven time
+ * (with its deviation), another dt than the one given (field "dt"), several arrays and none named
+ * (field "dataset").  What a batch must be beyond that (length, dt, finite values) is identify's to
  * check.
  */
 enum modal_status signals_read(const char *path, const struct signals_options *options,

@@ -2,6 +2,7 @@
 #include "sound.h"
 #include <sndfile.h>
 #include <stdlib.h>
+#include <string.h>
 
 static enum modal_status check(const SF_INFO *info, const char *path, struct modal_error *err)
 {
@@ -13,12 +14,24 @@ static enum modal_status check(const SF_INFO *info, const char *path, struct mod
     return MODAL_OK;
 }
 
-enum modal_status sound_read(const char *path, struct signals *out, struct modal_error *err)
+bool sound_is(const unsigned char *head, size_t length)
+{
+    static const char *const magic[] = { "RIFF", "RF64", "fLaC", "FORM", "OggS" };
+
+    for (size_t i = 0; i < sizeof magic / sizeof *magic; i++)
+        if (length >= strlen(magic[i]) && memcmp(head, magic[i], strlen(magic[i])) == 0)
+            return true;
+    return false;
+}
+
+enum modal_status sound_read(const char *path, const struct signals_options *options,
+                             struct signals *out, struct modal_error *err)
 {
     SF_INFO info = { 0 };
     SNDFILE *file = sf_open(path, SFM_READ, &info);
     enum modal_status rc;
 
+    (void)options;
     if (file == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: %s", path, sf_strerror(NULL));
     rc = check(&info, path, err);

@@ -6,6 +6,8 @@
 
 /* PATH into *OUT (signals_done frees it).  MODAL_BAD_INPUT, field "file": no sound file, damaged,
  * too large; MODAL_NO_MEMORY. */
-enum modal_status sound_read(const char *path, struct signals *out, struct modal_error *err);
+enum modal_status sound_read(const char *path, const struct signals_options *options,
+                             struct signals *out, struct modal_error *err);
+bool sound_is(const unsigned char *head, size_t length);
 
 #endif

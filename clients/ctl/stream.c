@@ -259,7 +259,8 @@ static const char *stream_name(const struct args *args)
 static enum modal_status push_file(const struct args *args, const char *name, struct live *live,
                                    modald_stream **out, size_t *samples, struct modal_error *err)
 {
-    struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time,
+    struct signals_options options = { .dataset = args->dataset, .dt = args->dt,
+                                       .ignore_time = args->ignore_time,
                                        .scale = args->scale };
     struct signals in = { 0 };
     enum modal_status rc = signals_read(args->word[1], &options, &in, err);

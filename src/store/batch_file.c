@@ -171,7 +171,7 @@ static enum modal_status read_time(hid_t set, hid_t root, const char *name, bool
     values_done(&values);
     if (!there && required)
         return modal_fail_field(err, MODAL_BAD_INPUT, name,
-                                "attribute `%s` is missing on `signals` and on the root; accepted: "
+                                "attribute `%s` is missing on signals and root; accepted: "
                                 "a positive number of seconds",
                                 name);
     if (!there)
@@ -294,9 +294,10 @@ static cJSON *read_attributes(hid_t set, hid_t root)
 
 /* --- signals --- */
 
-struct source { const char *path; double dt; uint64_t kept; };     /* arguments of batch_file_map */
+struct source { const char *path, *set; double dt; uint64_t kept; };  /* those of batch_file_map */
 
-static enum modal_status check_set(hid_t set, hsize_t dims[2], double most, struct modal_error *err)
+static enum modal_status check_set(hid_t set, const char *name, hsize_t dims[2], double most,
+                                   struct modal_error *err)
 {
     hid_t type = H5Dget_type(set), space = H5Dget_space(set);
     H5T_class_t class = type >= 0 ? H5Tget_class(type) : H5T_NO_CLASS;
@@ -306,21 +307,21 @@ static enum modal_status check_set(hid_t set, hsize_t dims[2], double most, stru
 
     if (class != H5T_INTEGER && class != H5T_FLOAT)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                              "dataset `signals` does not hold numbers; accepted: any integer or "
-                              "floating-point type");
-    else if (rank != 2)
+                              "dataset `%s` does not hold numbers; accepted: any integer or "
+                              "floating-point type", name);
+    else if (rank != 1 && rank != 2)
         rc = modal_fail_field(
             err, MODAL_BAD_INPUT, "signals",
-            "dataset `signals` has %d dimensions; accepted: 2, n_samples x n_channels",
-            rank < 0 ? 0 : rank);
+            "dataset `%s` has %d dimensions; accepted: 2, n_samples x n_channels, or 1",
+            name, rank < 0 ? 0 : rank);
     else if (H5Sget_simple_extent_dims(space, dims, NULL) < 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                              "the shape of dataset `signals` cannot be read");
+                              "the shape of dataset `%s` cannot be read", name);
     bytes = rc == MODAL_OK ? 8.0 * (double)dims[0] * (double)dims[1] : 0;
     if (rc == MODAL_OK && bytes > most)
         rc = modal_fail_field(
             err, MODAL_TOO_LARGE, "signals",
-            "dataset `signals` of %llu x %llu takes %.3g bytes, this machine has %.3g",
+            "dataset `%s` of %llu x %llu takes %.3g bytes, this machine has %.3g", name,
             (unsigned long long)dims[0], (unsigned long long)dims[1], bytes, most);
     if (space >= 0)
         H5Sclose(space);
@@ -352,19 +353,20 @@ static uint64_t place_of(hid_t set)
     return place != HADDR_UNDEF && place % sizeof(double) == 0 ? place : 0;
 }
 
-static enum modal_status map_signals(const char *path, uint64_t place, size_t bytes,
+static enum modal_status map_signals(const struct source *from, uint64_t place, size_t bytes,
                                      struct batch_file *out, struct modal_error *err)
 {
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = open(from->path, O_RDONLY | O_CLOEXEC);
     enum modal_status rc;
 
     if (fd < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", path, strerror(errno));
-    rc = mapping_open(fd, path, place, bytes, &out->map, err);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", from->path,
+                                strerror(errno));
+    rc = mapping_open(fd, from->path, place, bytes, &out->map, err);
     close(fd);
     if (rc == MODAL_CORRUPT)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                "dataset `signals` cannot be read: the file is truncated");
+                                "dataset `%s` cannot be read: the file is truncated", from->set);
     out->batch.signals = out->map.data;
     out->batch.release = mapping_release;
     return rc;
@@ -375,8 +377,9 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
 {
     uint64_t place = from->kept < UINT64_MAX ? place_of(set) : 0;
     double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
-    hsize_t dims[2] = { 0, 0 };
-    enum modal_status rc = check_set(set, dims, place > 0 ? (double)(SIZE_MAX / 4) : memory, err);
+    hsize_t dims[2] = { 0, 1 };
+    double most = place > 0 ? (double)(SIZE_MAX / 4) : memory;
+    enum modal_status rc = check_set(set, from->set, dims, most, err);
     size_t count;
 
     if (rc != MODAL_OK)
@@ -384,7 +387,7 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
     out->batch.samples = (size_t)dims[0];
     out->batch.channels = (size_t)dims[1];
     if (place > 0 && dims[0] * dims[1] * sizeof(double) > from->kept)
-        return map_signals(from->path, place, (size_t)(dims[0] * dims[1] * sizeof(double)), out,
+        return map_signals(from, place, (size_t)(dims[0] * dims[1] * sizeof(double)), out,
                            err);
     count = (size_t)(dims[0] * dims[1]);
     out->signals = malloc((count > 0 ? count : 1) * sizeof *out->signals);
@@ -393,8 +396,8 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
     if (count > 0
         && H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, out->signals) < 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                "dataset `signals` cannot be read: the file is truncated, damaged, "
-                                "or compressed by a filter that is not built in");
+                                "dataset `%s` cannot be read: the file is truncated, damaged, "
+                                "or compressed by a filter that is not built in", from->set);
     out->batch.signals = out->signals;
     return MODAL_OK;
 }
@@ -418,12 +421,13 @@ static enum modal_status open_file(const char *path, hid_t *out, struct modal_er
     return MODAL_OK;
 }
 
-static enum modal_status open_set(const char *path, hid_t file, hid_t *out, struct modal_error *err)
+static enum modal_status open_set(const struct source *from, hid_t file, hid_t *out,
+                                  struct modal_error *err)
 {
-    *out = H5Dopen2(file, "signals", H5P_DEFAULT);
+    *out = H5Dopen2(file, from->set, H5P_DEFAULT);
     if (*out < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s has no dataset `signals`",
-                                path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s has no dataset `%s`",
+                                from->path, from->set);
     return MODAL_OK;
 }
 
@@ -451,10 +455,10 @@ static enum modal_status read_all(hid_t set, hid_t root, const struct source *fr
                : modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for its attributes");
 }
 
-enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, struct batch_file *out,
-                                 struct modal_error *err)
+enum modal_status batch_file_map(const char *path, const char *set_name, double dt,
+                                 uint64_t kept, struct batch_file *out, struct modal_error *err)
 {
-    const struct source from = { path, dt, kept };
+    const struct source from = { path, set_name, dt, kept };
     hid_t file = H5I_INVALID_HID, root = H5I_INVALID_HID, set = H5I_INVALID_HID;
     struct batch_file read = { 0 };
     enum modal_status rc;
@@ -462,7 +466,7 @@ enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, str
     batch_h5_lock();
     rc = open_file(path, &file, err);
     if (rc == MODAL_OK)
-        rc = open_set(path, file, &set, err);
+        rc = open_set(&from, file, &set, err);
     if (rc == MODAL_OK) {
         root = H5Gopen2(file, "/", H5P_DEFAULT);
         rc = read_all(set, root, &from, &read, err);
@@ -481,10 +485,10 @@ enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, str
     return rc;
 }
 
-enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out,
-                                  struct modal_error *err)
+enum modal_status batch_file_read(const char *path, const char *set, double dt,
+                                  struct batch_file *out, struct modal_error *err)
 {
-    return batch_file_map(path, dt, UINT64_MAX, out, err);
+    return batch_file_map(path, set, dt, UINT64_MAX, out, err);
 }
 
 void batch_file_done(struct batch_file *file)

@@ -1,7 +1,8 @@
 /* batch_file.h - a user's batch: an HDF5 file read into memory or mapped, and one written
  *
  * For clients only: the daemon opens no file it did not write.  The file's layout is that of the
- * contract: dataset `signals`, n_samples x n_channels of any number type, with attributes `dt` [s],
+ * contract: dataset `signals`, or another that is named, n_samples x n_channels (or n_samples: one
+ * channel) of any number type, with attributes `dt` [s],
  * `period` [s], `units` and `channels` (names) on it or on the file's root; other attributes are
  * kept as provenance.
  */
@@ -23,21 +24,21 @@ struct batch_file {
 };
 
 /*
- * Read PATH; the caller ends *OUT with batch_file_done.  DT [s] holds where the file says none; 0:
- * the file must say it. MODAL_BAD_INPUT, with the dataset or attribute in err->field, for what is
- * not such a file: no HDF5 file, truncated, no dataset `signals` (field "signals"), its type or
- * rank wrong, `dt` missing or not one positive number, names that are not one for each channel, no
- * such file (field "file").  MODAL_TOO_LARGE, MODAL_NO_MEMORY.  The samples themselves are judged
- * by the job.
+ * Read dataset SET of PATH; the caller ends *OUT with batch_file_done.  DT [s] holds where the file
+ * says none; 0: the file must say it. MODAL_BAD_INPUT, with the dataset or attribute in err->field,
+ * for what is not such a file: no HDF5 file, truncated, no dataset SET (field "signals"), its type
+ * or rank wrong, `dt` missing or not one positive number, not one name for each channel, no such
+ * file (field "file").  MODAL_TOO_LARGE, MODAL_NO_MEMORY.  The samples themselves are judged by the
+ * job.
  */
-enum modal_status batch_file_read(const char *path, double dt, struct batch_file *out,
-                                  struct modal_error *err);
+enum modal_status batch_file_read(const char *path, const char *set, double dt,
+                                  struct batch_file *out, struct modal_error *err);
 /*
  * The same, but signals of more than KEPT bytes are not read: where they lie in the file in one
  * piece, as this machine's doubles, they are mapped, and batch.release is set.
  */
-enum modal_status batch_file_map(const char *path, double dt, uint64_t kept, struct batch_file *out,
-                                 struct modal_error *err);
+enum modal_status batch_file_map(const char *path, const char *set, double dt, uint64_t kept,
+                                 struct batch_file *out, struct modal_error *err);
 void batch_file_done(struct batch_file *file);
 
 /* Write BATCH to PATH with ATTRIBUTES (an object, or NULL), by PATH.tmp and rename. */

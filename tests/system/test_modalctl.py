@@ -152,6 +152,7 @@ def bad_files(folder):
     write_batch(folder / "cube.h5", np.zeros((20, 2, 2)))
     with h5py.File(folder / "other.h5", "w") as file:
         file.create_dataset("data", data=good).attrs["dt"] = 0.1
+        file["more"] = good
     write_batch(folder / "short.h5", good[:5])
     write_batch(folder / "flat.h5", np.ones((100, 2)))
     write_batch(folder / "period.h5", good, period=4.0)
@@ -166,7 +167,7 @@ def bad_files(folder):
 
 @pytest.mark.parametrize("name, options, field", [
     ("absent.h5", [], "file"), (".", [], "file"), ("text.h5", [], None), ("cut.h5", [], None), ("words.h5", [], "signals"), ("cube.h5", [], "signals"),
-    ("other.h5", [], "signals"), ("short.h5", [], "signals"), ("flat.h5", [], "signals"), ("period.h5", [], "period"),
+    ("other.h5", [], "dataset"), ("short.h5", [], "signals"), ("flat.h5", [], "signals"), ("period.h5", [], "period"),
     ("good.h5", ["no.such=1"], "no.such"), ("good.h5", ["rank.fixed=-1"], "rank.fixed"), ("good.h5", ["rank.fixed=1e999"], "rank.fixed"),
     ("good.h5", ["rank.fixed=many"], "rank.fixed"), ("good.h5", ["method=magic"], "method"), ("good.h5", ["rows=200"], "rows"),
     ("good.h5", ["columns=5000"], "columns"), ("good.h5", ["band=5"], "band"), ("good.h5", ["window=9,1"], "window"), ("good.h5", ["band=-1,5"], "band"), ("good.h5", ["period=1000"], "period"),

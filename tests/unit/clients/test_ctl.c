@@ -227,6 +227,42 @@ TEST(a_line_that_is_no_row_of_numbers_is_named)
     }
 }
 
+TEST(lines_before_a_table_are_passed_over_and_counted)
+{
+    static const struct { const char *text; size_t lines; const char *name; } texts[] = {
+        { "\nMade on 22-Nov-2026, 12:00\n 3.5 m\n\nTime\ttip\n(s)\t(m)\n0\t1\n1\t2\n", 2, "tip" },
+        { "Rate [Hz],100\nOperator,Ann,B\nt,tip\n0,1\n1,2\n", 2, "tip" },
+        { "a title of mine\n0 1\n1 2\n", 1, NULL },
+        { "t,tip\n0,1\n1,2\n", 0, "tip" },
+    };
+
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        struct signals s;
+        CHECK(read_csv(texts[i].text, 0, &s, NULL) == MODAL_OK);
+        CHECK(s.preamble == texts[i].lines && s.samples == 2 && s.channels == 1 && s.x[1] == 2);
+        CHECK((s.names != NULL) == (texts[i].name != NULL));
+        if (s.names != NULL)
+            CHECK_STRING(s.names[0], texts[i].name);
+        signals_done(&s);
+    }
+}
+
+TEST(a_broken_row_before_whole_ones_is_no_preamble)
+{
+    static const struct { const char *text, *says; } wrong[] = {
+        { "t,a\n0,x\n1,2\n2,3\n", "line 2, column 2" }, { "t,a\n0\n1,2\n2,3\n", "line 2" },
+        { "t,a,b\n0,1\n1,2\n2,3\n", "line 2" },         { "0,1,7\n1,2\n2,3\n", "line 2" },
+        { "a title\n0,x\n1,2\n2,3\n", "line 2" },
+    };
+
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        struct modal_error err = { 0 };
+        struct signals s;
+        CHECK(read_csv(wrong[i].text, 0.1, &s, &err) == MODAL_BAD_INPUT);
+        CHECK(strstr(err.message, wrong[i].says) != NULL);
+    }
+}
+
 TEST(text_without_numbers_is_no_batch)
 {
     static const char *const wrong[] = { "", "\n\n", "# nothing\n", "just,names\n",

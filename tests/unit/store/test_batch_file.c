@@ -71,7 +71,7 @@ static void check_refused(enum modal_status status, const char *field)
 
     memset(&got, 0x5a, sizeof got);
     before = got;
-    CHECK(batch_file_read(path, 0, &got, &err) == status);
+    CHECK(batch_file_read(path, "signals", 0, &got, &err) == status);
     CHECK_STRING(err.field, field);
     CHECK(err.message[0] != 0);
     CHECK(memcmp(&got, &before, sizeof got) == 0);
@@ -96,7 +96,7 @@ TEST(what_is_written_is_read_back_bit_for_bit)
 
     start();
     CHECK(batch_file_write(path, &batch, attributes, NULL) == MODAL_OK);
-    CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, "signals", 0, &got, NULL) == MODAL_OK);
     CHECK(got.batch.samples == 3 && got.batch.channels == 2);
     CHECK(memcmp(got.batch.signals, x, sizeof x) == 0);
     CHECK(got.batch.dt == 0.1 + 0.2 && got.batch.period == 7.7);
@@ -131,7 +131,7 @@ TEST(numbers_of_every_type_and_attributes_on_the_root_are_taken)
         put(set, "run", H5T_NATIVE_INT, 0, &values[3]);
         H5Tclose(text);
         close_all(set, file);
-        CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
+        CHECK(batch_file_read(path, "signals", 0, &got, NULL) == MODAL_OK);
         for (int i = 0; i < 6; i++)
             CHECK(got.signals[i] == values[i]);
         CHECK(got.batch.dt == 0.25 && got.batch.period == 0);
@@ -157,7 +157,7 @@ TEST(a_step_that_the_file_does_not_say_may_be_given)
         if (said)
             put(set, "dt", H5T_NATIVE_DOUBLE, 0, &own);
         close_all(set, file);
-        CHECK(batch_file_read(path, 0.0625, &got, NULL) == MODAL_OK);
+        CHECK(batch_file_read(path, "signals", 0.0625, &got, NULL) == MODAL_OK);
         CHECK(got.batch.dt == (said ? own : 0.0625));
         batch_file_done(&got);
         stop();
@@ -177,7 +177,7 @@ TEST(an_attribute_of_the_dataset_goes_before_one_of_the_root)
     put(file, "note", H5T_NATIVE_DOUBLE, 0, &far);
     put(set, "note", H5T_NATIVE_DOUBLE, 0, &near);
     close_all(set, file);
-    CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, "signals", 0, &got, NULL) == MODAL_OK);
     CHECK(got.batch.dt == near);
     CHECK(cJSON_GetObjectItem(got.attributes, "note")->valuedouble == near);
     batch_file_done(&got);
@@ -196,7 +196,7 @@ TEST(text_that_is_latin_1_becomes_utf_8)
     put(set, "units", text, 0, "\xb5m/s\0\0\0");
     H5Tclose(text);
     close_all(set, file);
-    CHECK(batch_file_read(path, 0, &got, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, "signals", 0, &got, NULL) == MODAL_OK);
     CHECK_STRING(got.batch.units, "\xc2\xb5m/s");
     batch_file_done(&got);
     stop();
@@ -231,7 +231,7 @@ TEST(a_file_cut_anywhere_is_refused_or_read_as_it_was)
     fclose(file);
     for (long length = size - 1; length >= 0; length -= 7) {
         CHECK(truncate(path, length) == 0);
-        if (batch_file_read(path, 0, &got, NULL) == MODAL_OK) {
+        if (batch_file_read(path, "signals", 0, &got, NULL) == MODAL_OK) {
             CHECK(memcmp(got.signals, x, sizeof x) == 0);
             batch_file_done(&got);
         } else {
@@ -244,12 +244,13 @@ TEST(a_file_cut_anywhere_is_refused_or_read_as_it_was)
 
 TEST(a_dataset_that_is_absent_or_of_the_wrong_type_or_rank_is_named)
 {
-    static const hsize_t one[1] = { 6 }, three[3] = { 1, 3, 2 };
+    static const hsize_t three[3] = { 1, 3, 2 };
     const double dt = 0.5;
     hid_t set, file, text = text_type(4);
     const struct { const char *name; hid_t type; int rank; const hsize_t *dims; } cases[] = {
-        { "signal", H5T_IEEE_F64LE, 2, three_by_two }, { "signals", H5T_IEEE_F64LE, 1, one },
-        { "signals", H5T_IEEE_F64LE, 3, three },       { "signals", text, 2, three_by_two },
+        { "signal", H5T_IEEE_F64LE, 2, three_by_two },
+        { "signals", H5T_IEEE_F64LE, 3, three },
+        { "signals", text, 2, three_by_two },
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -261,6 +262,24 @@ TEST(a_dataset_that_is_absent_or_of_the_wrong_type_or_rank_is_named)
         stop();
     }
     H5Tclose(text);
+}
+
+TEST(a_dataset_of_one_dimension_and_of_another_name_is_one_channel)
+{
+    static const hsize_t six[1] = { 6 };
+    const double dt = 0.5;
+    struct batch_file got;
+    hid_t set, file;
+
+    start();
+    file = make(&set, "tip", H5T_IEEE_F64LE, 1, six, x, H5T_NATIVE_DOUBLE);
+    put(set, "dt", H5T_NATIVE_DOUBLE, 0, &dt);
+    close_all(set, file);
+    CHECK(batch_file_read(path, "tip", 0, &got, NULL) == MODAL_OK);
+    CHECK(got.batch.samples == 6 && got.batch.channels == 1 && got.batch.dt == dt);
+    CHECK(got.batch.signals[5] == x[5]);
+    batch_file_done(&got);
+    stop();
 }
 
 TEST(a_shape_past_this_machines_memory_is_refused_before_it_is_allocated)

@@ -1,0 +1,250 @@
+/* hdf5.c - see hdf5.h */
+#include "hdf5.h"
+#include <string.h>
+#include "arrays.h"
+#include "store/batch_file.h"
+#include "store/batch_h5.h"
+
+enum {
+    USER_BLOCK_LEAST = 512,       /* bytes: the format's */
+    MATRIX           = 2,         /* dimensions */
+};
+
+/* Where a number of the list is: struct array.at. */
+enum place { IN_DATASET, IN_ROOT, ON_SIGNALS };
+
+static const char matlab_begin[] = "MATLAB 7.3 MAT-file";
+
+bool hdf5_is(const unsigned char *head, size_t length)
+{
+    static const char signature[8] = "\x89HDF\r\n\x1a\n";
+
+    if (length >= strlen(matlab_begin) && memcmp(head, matlab_begin, strlen(matlab_begin)) == 0)
+        return true;
+    for (size_t at = 0; at + sizeof signature <= length; at = at > 0 ? 2 * at : USER_BLOCK_LEAST)
+        if (memcmp(head + at, signature, sizeof signature) == 0)
+            return true;
+    return false;
+}
+
+/* ---- the list ---- */
+
+/* What MATLAB says that SET is, or "" for another's dataset. */
+static void matlab_class(hid_t set, char *class, size_t room)
+{
+    hid_t attribute = H5Aexists(set, "MATLAB_class") > 0
+                          ? H5Aopen(set, "MATLAB_class", H5P_DEFAULT) : H5I_INVALID_HID;
+    hid_t type = attribute >= 0 ? H5Aget_type(attribute) : H5I_INVALID_HID;
+
+    memset(class, 0, room);
+    if (type >= 0 && H5Tget_class(type) == H5T_STRING && H5Tis_variable_str(type) == 0
+        && H5Tget_size(type) < room)
+        H5Aread(attribute, type, class);
+    if (type >= 0)
+        H5Tclose(type);
+    if (attribute >= 0)
+        H5Aclose(attribute);
+}
+
+static void shape_of(hid_t set, bool matlab, struct array *out)
+{
+    hid_t space = H5Dget_space(set);
+    hsize_t dims[H5S_MAX_RANK] = { 1, 1 };
+    int rank = space >= 0 ? H5Sget_simple_extent_dims(space, dims, NULL) : -1;
+
+    if (space >= 0)
+        H5Sclose(space);
+    out->numbers = rank >= 0 && rank <= MATRIX;
+    out->type = "of more than two dimensions";
+    out->rows = dims[0];
+    out->columns = rank == MATRIX ? dims[1] : 1;
+    out->by_columns = matlab && rank == MATRIX;
+    if (out->by_columns) {
+        out->rows = dims[1];
+        out->columns = dims[0];
+    }
+}
+
+static herr_t list_object(hid_t from, const char *name, const H5O_info_t *info, void *context)
+{
+    struct arrays *arrays = context;
+    char class[32];
+
+    if (info->type != H5O_TYPE_DATASET)
+        return 0;
+    struct array *a = arrays_add(arrays, name, strlen(name));
+    hid_t set = a != NULL ? H5Dopen2(from, name, H5P_DEFAULT) : H5I_INVALID_HID;
+    if (set < 0)
+        return -1;
+    hid_t type = H5Dget_type(set);
+    H5T_class_t kind = type >= 0 ? H5Tget_class(type) : H5T_NO_CLASS;
+    matlab_class(set, class, sizeof class);
+    if (kind != H5T_INTEGER && kind != H5T_FLOAT)
+        a->type = kind == H5T_STRING ? "text" : kind == H5T_COMPOUND ? "a compound" : "no numbers";
+    else if (strcmp(class, "char") == 0)
+        a->type = "text";
+    else
+        shape_of(set, class[0] != 0, a);
+    a->single = kind == H5T_FLOAT && H5Tget_size(type) <= sizeof(float);
+    if (type >= 0)
+        H5Tclose(type);
+    H5Dclose(set);
+    return 0;
+}
+
+/* The attributes of OBJECT that can say a step. */
+static void list_attributes(hid_t object, enum place place, struct arrays *arrays)
+{
+    static const char *const names[] = { "dt", "fs", "Fs" };
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        hid_t a = H5Aexists(object, names[i]) > 0 ? H5Aopen(object, names[i], H5P_DEFAULT)
+                                                  : H5I_INVALID_HID;
+        hid_t type = a >= 0 ? H5Aget_type(a) : H5I_INVALID_HID;
+        hid_t space = a >= 0 ? H5Aget_space(a) : H5I_INVALID_HID;
+        H5T_class_t kind = type >= 0 ? H5Tget_class(type) : H5T_NO_CLASS;
+        struct array *one = NULL;
+        if ((kind == H5T_INTEGER || kind == H5T_FLOAT) && space >= 0
+            && H5Sget_simple_extent_npoints(space) == 1)
+            one = arrays_add(arrays, names[i], strlen(names[i]));
+        if (one != NULL) {
+            one->numbers = true;
+            one->rows = one->columns = 1;
+            one->at = place;
+            one->single = kind == H5T_FLOAT && H5Tget_size(type) <= sizeof(float);
+        }
+        if (space >= 0)
+            H5Sclose(space);
+        if (type >= 0)
+            H5Tclose(type);
+        if (a >= 0)
+            H5Aclose(a);
+    }
+}
+
+/* The file, and the name of the dataset whose attributes are in the list. */
+struct source { hid_t file; const char *signals; };
+
+static enum modal_status load(const struct arrays *arrays, const struct array *array, double *to,
+                              struct modal_error *err)
+{
+    const struct source *from = arrays->from;
+    const char *set = array->at == ON_SIGNALS ? from->signals : array->name;
+    hid_t own = array->at == IN_DATASET || array->at == ON_SIGNALS
+                    ? H5Dopen2(from->file, set, H5P_DEFAULT) : H5I_INVALID_HID;
+    hid_t object = array->at == IN_ROOT ? from->file : own;
+    hid_t a = array->at != IN_DATASET ? H5Aopen(object, array->name, H5P_DEFAULT) : H5I_INVALID_HID;
+    bool ok = a >= 0 ? H5Aread(a, H5T_NATIVE_DOUBLE, to) >= 0
+                     : own >= 0 && H5Dread(own, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT,
+                                           to) >= 0;
+
+    if (a >= 0)
+        H5Aclose(a);
+    if (own >= 0)
+        H5Dclose(own);
+    return ok ? MODAL_OK
+              : modal_fail_field(err, MODAL_BAD_INPUT, array->name, "%s: `%s` cannot be read: the "
+                                 "file is truncated, damaged, or compressed by a filter that is "
+                                 "not built in", arrays->path, array->name);
+}
+
+/* ---- the signals ---- */
+
+/* What to read of a file, and what it says of their step. */
+struct plan { char name[256]; size_t rows, columns; bool turned, by_columns; struct signals step; };
+
+static enum modal_status plan_signals(struct arrays *arrays, struct source *from,
+                                      const struct signals_options *options, struct plan *plan,
+                                      struct modal_error *err)
+{
+    const struct array *picked;
+    enum modal_status rc = arrays_pick(arrays, options->dataset, &picked, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if ((size_t)snprintf(plan->name, sizeof plan->name, "%s", picked->name) >= sizeof plan->name)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dataset", "%s: a name of more than %zu "
+                                "bytes", arrays->path, sizeof plan->name - 1);
+    size_t at = (size_t)(picked - arrays->list);
+    hid_t set = H5Dopen2(from->file, plan->name, H5P_DEFAULT);
+    from->signals = plan->name;
+    if (set >= 0) {
+        list_attributes(set, ON_SIGNALS, arrays);           /* the list may move */
+        H5Dclose(set);
+    }
+    picked = &arrays->list[at];
+    plan->rows = picked->rows;
+    plan->columns = picked->columns;
+    plan->by_columns = picked->by_columns;
+    return arrays_step(arrays, picked, options, &plan->step, &plan->turned, err);
+}
+
+static enum modal_status look_into(const char *path, const struct signals_options *options,
+                                   struct plan *plan, struct modal_error *err)
+{
+    struct source from = { .file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT) };
+    struct arrays arrays = { .path = path, .from = &from, .load = load };
+    enum modal_status rc = MODAL_OK;
+
+    snprintf(plan->name, sizeof plan->name, "signals");
+    if (from.file < 0)
+        return MODAL_OK;                                    /* who reads it says why not */
+    if (H5Ovisit(from.file, H5_INDEX_NAME, H5_ITER_INC, list_object, &arrays) < 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s cannot be read as HDF5: it is "
+                              "truncated or damaged, or has more than %d datasets", path,
+                              ARRAYS_MOST);
+    if (rc == MODAL_OK) {
+        list_attributes(from.file, IN_ROOT, &arrays);
+        rc = plan_signals(&arrays, &from, options, plan, err);
+    }
+    arrays_done(&arrays);
+    H5Fclose(from.file);
+    return rc;
+}
+
+/* The array as it lies into samples x channels. */
+static enum modal_status turn(const struct plan *plan, struct signals *out, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    size_t rows = out->samples, columns = out->channels;    /* as they lie */
+
+    if (plan->by_columns != plan->turned)
+        rc = arrays_turn(&out->x, rows, columns, err);
+    if (rc == MODAL_OK && plan->rows > 0) {
+        out->samples = plan->turned ? plan->columns : plan->rows;
+        out->channels = plan->turned ? plan->rows : plan->columns;
+    }
+    return rc;
+}
+
+enum modal_status hdf5_read(const char *path, const struct signals_options *options,
+                            struct signals *out, struct modal_error *err)
+{
+    struct plan plan = { 0 };
+    struct batch_file file;
+    enum modal_status rc;
+
+    batch_h5_lock();
+    rc = look_into(path, options, &plan, err);
+    batch_h5_unlock();
+    if (rc != MODAL_OK)
+        return rc;
+    double dt = plan.step.dt > 0 ? plan.step.dt : options->dt;
+    bool mapped = options->map && !(options->scale > 0) && plan.by_columns == plan.turned;
+    rc = mapped ? batch_file_map(path, plan.name, dt, mapping_resident_most(), &file, err)
+                : batch_file_read(path, plan.name, dt, &file, err);
+    if (rc != MODAL_OK)
+        return rc;
+    *out = (struct signals){ .samples = file.batch.samples, .channels = file.batch.channels,
+                             .x = file.signals, .map = file.map, .dt = file.batch.dt,
+                             .dt_off = SIGNALS_DT_OFF * file.batch.dt,
+                             .dt_from = "its attribute `dt`", .period = file.batch.period,
+                             .names = file.names, .units = file.units,
+                             .attributes = file.attributes };
+    if (plan.step.dt > 0) {
+        out->dt = plan.step.dt;
+        out->dt_off = plan.step.dt_off;
+        out->dt_from = plan.step.dt_from;
+    }
+    return turn(&plan, out, err);                           /* everything the file held has moved */
+}

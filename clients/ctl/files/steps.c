@@ -1,0 +1,59 @@
+/* steps.c - see steps.h */
+#include "steps.h"
+#include <math.h>
+
+size_t steps_turn_back(const double *t, size_t n, size_t stride)
+{
+    for (size_t k = 1; k < n; k++)
+        if (!(t[k * stride] > t[(k - 1) * stride]))
+            return k;
+    return 0;
+}
+
+double steps_deviation(const double *t, size_t n, size_t stride, double *dt)
+{
+    double most = 0;
+
+    *dt = n < 2 ? 0 : (t[(n - 1) * stride] - t[0]) / (double)(n - 1);
+    for (size_t k = 0; k < n && *dt > 0; k++) {
+        double off = fabs(t[k * stride] - t[0] - (double)k * *dt) / *dt;
+        if (!(off <= most))
+            most = off;
+    }
+    return *dt > 0 ? most : HUGE_VAL;
+}
+
+enum modal_status steps_refuse(const double *t, size_t n, size_t stride, double off,
+                               const char *path, const char *what,
+                               const struct signals_options *options, struct modal_error *err)
+{
+    const char *field = options->dt > 0 ? "dt" : "time";
+    const char *way = options->dt > 0 ? "--ignore-time takes the rows as even"
+                                      : "or --dt SECONDS with --ignore-time";
+    size_t back = steps_turn_back(t, n, stride);
+
+    if (back > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: %s is time, but it does "
+                                "not grow at sample %zu; accepted: even steps forward; %s",
+                                path, what, back, way);
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: %s is time, but its steps "
+                            "are uneven: a sample is %.3g steps from its place, "
+                            "accepted: %g; resample; %s", path, what, off, STEPS_UNEVEN_MOST, way);
+}
+
+enum modal_status steps_read(const double *t, size_t n, double digits, const char *path,
+                             const char *what, const struct signals_options *options,
+                             struct signals *out, struct modal_error *err)
+{
+    double dt, off = steps_deviation(t, n, 1, &dt), last;
+
+    if (options->ignore_time)
+        return MODAL_OK;
+    if (!(off <= STEPS_UNEVEN_MOST))
+        return steps_refuse(t, n, 1, off, path, what, options, err);
+    last = fmax(fabs(t[0]), fabs(t[n - 1]));
+    out->dt = dt;
+    out->dt_off = fmax(digits * last / (double)(n - 1), SIGNALS_DT_OFF * dt);
+    out->dt_from = "its times";
+    return MODAL_OK;
+}

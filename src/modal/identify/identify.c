@@ -1387,13 +1387,14 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
 
 /* Is the fit that shows growth one that may be drawing something else: not at its least, leaving
  * noise, in need of many growing modes, or of a crowd where one line that drifts may be? Of that,
- * shapes tell more than one signal does. */
+ * shapes tell more than one signal does.  Few modes draw nothing else to rounding. */
 static bool growth_is_doubtful(const struct work *w, const struct trend_input *in,
                                const struct identify_result *r)
 {
-    return !w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1
-        || w->facts.doubt.rivals || verdict_crowd_grows(r)
-        || (w->X->n < 2 && trend_crowds(in, r->modes[r->decides].exponent));
+    return !w->facts.doubt.exact
+        && (!w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1
+            || w->facts.doubt.rivals || verdict_crowd_grows(r)
+            || (w->X->n < 2 && trend_crowds(in, r->modes[r->decides].exponent)));
 }
 
 /* Where it is, parts of the record must show growth for themselves. */

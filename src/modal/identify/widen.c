@@ -220,7 +220,8 @@ enum modal_status widen_poles(const struct refine_data *d, const struct order_ch
         p->growth[j] = GROWTH_EXACT;
     if (!p->refined || p->count == 0)
         return MODAL_OK;
-    if (at_rounding(d, choice->candidates[choice->chosen].fit.residual)) {
+    out->exact = at_rounding(d, choice->candidates[choice->chosen].fit.residual);
+    if (out->exact) {
         for (int j = 0; j < p->count; j++)
             at_least(p, j, WIDEN_ROUNDING * p->std_re[j], WIDEN_ROUNDING * p->std_im[j]);
         return MODAL_OK;

@@ -542,3 +542,36 @@ TEST(a_nan_is_refused_as_a_batch_refuses_it_and_what_follows_is_updated)
         free(x);
     }
 }
+
+/* Three to five modes that all grow by 0.15 per s, in windows of 6 s, and nothing else: what fits to
+ * rounding is no motion set off anew, however many modes it takes. */
+TEST(exact_growth_of_many_modes_is_unstable_in_every_window)
+{
+    enum { L = 240, HOP = 60, WINDOWS = 9 };
+
+    for (int modes = 3; modes <= 5; modes++) {
+        struct decay d = { .modes = modes, .channels = 2, .samples = L + (WINDOWS - 1) * HOP,
+                           .dt = 6.0 / L };
+        struct moving_options opt = { .channels = 2, .window = L, .hop = HOP, .dt = d.dt };
+        struct random r = { 7 };
+        struct moving *m;
+        double *x;
+
+        for (int j = 0; j < modes; j++)
+            d.lambda[j] = CMPLX(0.15, 2 * M_PI * (1 + 0.61 * j));
+        decay_amplitudes(&d, &r);
+        x = record(&d, 0, 0);
+        CHECK(moving_new(&opt, &m, NULL) == MODAL_OK);
+        for (int i = 0; i < WINDOWS; i++) {
+            struct identify_result found;
+            int from = i == 0 ? 0 : L + (i - 1) * HOP, count = i == 0 ? L : HOP;
+
+            CHECK(moving_push(m, x + 2 * (size_t)from, (size_t)count, NULL) == MODAL_OK);
+            CHECK(moving_identify(m, &found, NULL, NULL) == MODAL_OK);
+            CHECK(found.verdict == VERDICT_UNSTABLE);
+            identify_result_done(&found);
+        }
+        moving_free(m);
+        free(x);
+    }
+}
